@@ -116,6 +116,10 @@ VEHICLE: Final[Mapping[str, Meanings]] = {
         "connect_interval_s": "how often each station is asked whether it is there",
         "connect_lost_s": "an answer to that older than this proves nothing",
         "deaf_lost_s": "a commander that is heard and has not answered for so long is lost: it hears nothing",
+        "deaf_share": "a station that answers less than this share of the questions of that time is deaf: it neither "
+        "commands nor takes the aircraft nor counts as coverage",
+        "deaf_back_share": "it counts again when it has answered this share or more, above deaf_share,",
+        "deaf_back_s": "for so long; three times as long after each further loss of command in the flight, to 300 s",
         "retry_first_s": "first retransmission of a transfer message",
         "retry_growth": "growth of the wait from one retransmission to the next",
         "retry_max_s": "the longest wait for one",

@@ -98,6 +98,9 @@ LIMIT_RANGES: Final[Ranges] = {
     "connect_interval_s": (0.2, 10),
     "connect_lost_s": (1, 60),
     "deaf_lost_s": (3, 120),
+    "deaf_share": (0.02, 0.4),
+    "deaf_back_share": (0.05, 0.6),
+    "deaf_back_s": (1, 300),
     "retry_first_s": (0.05, 5),
     "retry_growth": (1, 4),
     "retry_max_s": (0.05, 10),
@@ -152,7 +155,13 @@ def _limits(data: Mapping[str, Any], path: Path, guard_required: bool) -> Limits
         waits = Table(data.get(name, {}), name, path, _CAUSES).numbers(dict.fromkeys(_CAUSES, _WAIT_S))
         own = {Cause(key): seconds for key, seconds in waits.items()}
         values[f"{name}_s"] = {c: own[c] for c in own if own[c] != getattr(CAUSES[c], f"{name}_s")}
-    return Limits(**values)
+    limits = Limits(**values)
+    if limits.deaf_back_share <= limits.deaf_share:
+        raise ConfigError(
+            f"{path}: [limits] deaf_back_share = {limits.deaf_back_share:g} must be above deaf_share = "
+            f"{limits.deaf_share:g}"
+        )
+    return limits
 
 
 def _policies(table: Table) -> dict[Cause, str]:

@@ -389,13 +389,14 @@ class Arbiter:
     def _on_heard(self, station: int, now: float, actions: list[Action]) -> None:
         if not self._known(station):
             return
-        self._contacts.heard(station, now, actions)
+        waits = self._authority.lost and station == self._authority.owner
+        self._contacts.heard(station, now, actions, commanded=waits)
         if self._presence[station].station.standard:
             self._return(station, now, actions)
 
     def _return(self, station: int, now: float, actions: list[Action]) -> None:
-        """It is there: if it is the commander that was lost it commands again."""
-        if self._authority.waits_for(station):
+        """It is there: if it is the commander that was lost, and hears enough, it commands again."""
+        if self._authority.waits_for(station) and not self._presence[station].hearing.barred:
             self._conductor.move(Cause.COMMANDER_RETURNED, now, actions)
             self._authority.take_back(station, actions)
 
@@ -430,7 +431,8 @@ class Arbiter:
         self._conductor.results.acknowledged(station, answer)
         if answer.nonce == 0:  # unasked: it shows that a result is known, and no more
             return None
-        dropped = self._contacts.answered(station, answer, now, actions)
+        grounded = self._authority.grounded(now)
+        dropped = self._contacts.answered(station, answer, now, actions, grounded=grounded)
         if dropped is None:
             self._return(station, now, actions)
             self._authority.learn(station, answer, actions)
@@ -497,6 +499,8 @@ class Arbiter:
         self._lookout.landed()
         self._lookout.supervision.over()
         self._candidates.hold(replace(self._candidates.mission, at=0))
+        for presence in self._presence.values():
+            presence.hearing.forgive()
 
     def _look_at_rehearsal(self, now: float, actions: list[Action]) -> None:
         over = self._rehearsal.over(now)
@@ -531,9 +535,11 @@ class Arbiter:
 
     def _expire(self, now: float, actions: list[Action]) -> None:
         authority, transfer = self._authority, self._authority.transfer
+        for presence in self._presence.values():
+            presence.judge(now)
         # the partner first: from here on nothing commits to a station that is lost itself
         for station in self._asked():
-            if not self._presence[station].alive(now):
+            if not self._presence[station].alive(now) or self._presence[station].hearing.barred:
                 self._conductor.move(Cause.PARTNER_LOST, now, actions, station=station)
         if authority.owner is not None and not authority.lost and now >= self._owner_lost_at(authority.owner):
             self._lose_owner(authority.owner, now, actions)
@@ -552,7 +558,12 @@ class Arbiter:
         presence = self._presence[owner]
         # at once: the first lease that says ALONE says for how long
         self._authority.fly_alone(self._lookout.lost(now) and not self._emergency.brings_down)
-        self._authority.lose(owner, now, actions, deaf=presence.alive(now))
+        deaf = presence.alive(now)
+        answers = presence.connected(now)
+        why = self._candidates.hears_little if answers else "answers no more" if deaf else "is lost"
+        if not presence.station.standard:  # its heartbeat is all that there is
+            presence.hearing.lost(now, deaf=deaf)
+        self._authority.lose(owner, now, actions, why=why)
         # what was agreed or denied under it, or left unanswered by it, must not keep a ready partner waiting
         self._candidates.forget_pauses()
         self._conductor.seek(now, actions)

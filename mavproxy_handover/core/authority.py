@@ -186,10 +186,10 @@ class Authority:
         """Until when a successor of a lost owner is awaited before the aircraft turns home; -inf if none is lost."""
         return self._lost_at + forced_timeout_s
 
-    def lose(self, owner: int, now: float, actions: list[Action], *, deaf: bool = False) -> None:
-        """The owner is not heard any more, or (`deaf`) hears nothing any more."""
+    def lose(self, owner: int, now: float, actions: list[Action], *, why: str = "is lost") -> None:
+        """The owner is not heard any more, or hears too little; `why`: what is said of it."""
         self.lost, self._lost_at = True, now
-        text = f"{self.name(owner)} {'answers no more' if deaf else 'is lost'}: nobody commands"
+        text = f"{self.name(owner)} {why}: nobody commands"
         actions.append(Record("authority_lost", text, Reason.COMMANDER_LOST, owner))
         self.refresh(Reason.COMMANDER_LOST, actions)
 

@@ -9,6 +9,7 @@ attempt at it has just failed. Which of those should is for zones (`zones.py`) a
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from math import inf
 
 from mavproxy_handover.core.cures import cure, ended
 from mavproxy_handover.core.events import Action, Advise, Record
@@ -79,15 +80,25 @@ class Candidates:
         """For how long the station has not been heard; inf if it never was."""
         return now - self._presence[station].heard_at
 
-    def deaf_s(self, station: int, now: float) -> float | None:
-        """For how long it has not answered if it is heard and does not any more; None: it does, or is silent."""
+    def deaf_words(self, station: int, now: float) -> str:
+        """That the station is heard and hears nothing, or too little, in words; "" if that is not so."""
         presence = self._presence[station]
-        return now - presence.answered_at if presence.alive(now) and not presence.connected(now) else None
+        if not presence.alive(now):
+            return ""
+        if not presence.connected(now):
+            silent_s = now - presence.answered_at
+            return "hears nothing" + (f" for {silent_s:.0f} s" if silent_s < inf else "")
+        return self.hears_little if presence.hearing.barred else ""
+
+    @property
+    def hears_little(self) -> str:
+        """What is said of a station whose answers are too few."""
+        return f"hears less than {self._limits.deaf_share:.0%} of the aircraft".replace("%", " %")
 
     def unable(self, station: int, now: float, flying: bool) -> Reason | None:
         """Why authority must not go to this station in this moment, whatever was agreed; None if it may."""
         presence = self._presence[station]
-        if not presence.alive(now):
+        if not presence.alive(now) or not presence.hearing.enough:
             return Reason.PARTNER_SILENT
         if not flying:
             return None
@@ -105,10 +116,13 @@ class Candidates:
         """Whether this station could be partner now. If not, says why, and to both operators what to do, once."""
         presence = self._presence[station]
         why, told_why = self.unfit(station, now), presence.told_why
-        presence.told_why = why
-        if why is not None and why is not told_why:
+        words = None if why is None else in_words(why)
+        if why is Reason.PARTNER_SILENT and presence.connected(now) and not presence.hearing.enough:
+            words = f"it {self.hears_little}" if presence.hearing.barred else "it has answered too few questions"
+        presence.told_why = words
+        if why is not None and words != told_why:
             name = presence.station.name
-            actions.append(Record("partner_unfit", f"{name} cannot be partner: {in_words(why)}", why, station))
+            actions.append(Record("partner_unfit", f"{name} cannot be partner: {words}", why, station))
             told = (station,) if owner is None else (owner, station)
             actions.append(Advise(told, cure(name, why)))
         return why is None
@@ -206,6 +220,7 @@ class Candidates:
 
     def moved(self, station: int, now: float, *, flying: bool) -> None:
         """This station commands now."""
+        self._presence[station].hearing.begin()
         self.zones.moved(now)
         self.forget_pauses()
         if flying:

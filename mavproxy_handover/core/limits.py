@@ -27,6 +27,11 @@ class Limits:
     connect_lost_s: float = 5.0
     #: a commander that is heard and has not answered for so long hears nothing of the aircraft: it is lost
     deaf_lost_s: float = 10.0
+    #: and so is one that has answered less than this share of the questions of that time; see `hearing.py`
+    deaf_share: float = 0.15
+    #: it counts again when it has answered this share or more for so long
+    deaf_back_share: float = 0.3
+    deaf_back_s: float = 12.0
     #: first retransmission of a transfer message, growth from one to the next, and the longest wait
     retry_first_s: float = 0.2
     retry_growth: float = 1.5

@@ -12,9 +12,9 @@ operator, or it has sent a message of ours. A program that knows the command sho
 else proves that. A heartbeat proves nothing, and neither does a refusal: programs answer UNSUPPORTED to what they do
 not know.
 
-So must who commands. One that is heard and answers no more hears nothing of the aircraft: its operator does not see
-what he flies. After `deaf_lost_s` it is lost like one that is silent, and what brings back either is an answer. An
-answer to a question older than `connect_lost_s` is none, be it that it has only just come in.
+A commander must answer too. A commander that is heard and does not answer hears nothing of the aircraft: its operator
+does not see what happens. It is lost after `deaf_lost_s` without an answer, or when it has answered too few questions
+in that time (`hearing.py`). An answer to a question older than `connect_lost_s` does not count.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from __future__ import annotations
 from collections import deque
 from math import ceil, inf
 
+from mavproxy_handover.core.hearing import Hearing
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.messages import ConnectAck
 from mavproxy_handover.core.model import PROTOCOL_VERSION, Reason, StandingConsent, Station
@@ -39,6 +40,7 @@ class Presence:
         "ask_at",
         "asked",
         "heard_at",
+        "hearing",
         "shows_control",
         "station",
         "told_why",
@@ -56,8 +58,10 @@ class Presence:
         #: back may take longer than the pause between two questions, the shortest pause that there is (`contacts.py`)
         pause_s = min(limits.connect_interval_s, limits.retry_first_s)
         self.asked: deque[tuple[int, float]] = deque(maxlen=max(1, ceil(limits.connect_lost_s / pause_s)))
-        #: why the station was last journalled as no partner; None while it could be one
-        self.told_why: Reason | None = None
+        #: how much of its questions it answers
+        self.hearing = Hearing(limits)
+        #: why the station was last journalled as no partner, in words; None while it could be one
+        self.told_why: str | None = None
         #: its program has shown in this run that it knows operator control
         self.shows_control = False
 
@@ -70,10 +74,16 @@ class Presence:
         return self.heard_at + self._limits.heartbeat_lost_s
 
     def deaf_at(self, since: float) -> float:
-        """When it counts as one that hears nothing if it does not answer; `since`: it has commanded from then on."""
+        """When it counts as deaf if it does not answer, or since when it is; `since`: it has commanded from then on."""
         if self.station.standard:
             return inf
-        return max(self.answered_at + self._limits.deaf_lost_s, since + self._limits.connect_lost_s)
+        mute_at = max(self.answered_at + self._limits.deaf_lost_s, since + self._limits.connect_lost_s)
+        return min(mute_at, self.hearing.barred_at)
+
+    def judge(self, now: float) -> None:
+        """Look at its answers if its next question is due, and it is heard."""
+        if now >= self.ask_at and self.alive(now):
+            self.hearing.judge(now)
 
     def overdue(self, now: float) -> bool:
         """Heard, and an answer that should have come by now has not: it is to be asked more often."""
@@ -81,14 +91,21 @@ class Presence:
         waits_s = min(2.0 * limits.connect_interval_s, limits.connect_lost_s / 2.0)
         return self.alive(now) and now - self.answered_at >= waits_s
 
-    def answers(self, nonce: int, now: float) -> bool:
-        """Whether `nonce` answers an open question; that one and the older ones are closed by it."""
+    def pause_s(self, now: float, *, owner: bool) -> float:
+        """The pause before its next question. `owner`: it is asked often also when it answers none any more."""
+        share = self.hearing.share
+        if self.overdue(now) and (owner or share is None or share > 0.0):
+            return self.hearing.short_pause_s
+        return self.hearing.pause_s
+
+    def answers(self, nonce: int, now: float) -> float | None:
+        """When the open question with this `nonce` was asked, None without one; it and the older ones are closed."""
         asked_at = next((at for asked, at in self.asked if asked == nonce), None)
         if asked_at is None or now - asked_at >= self._limits.connect_lost_s:
-            return False
+            return None
         while self.asked.popleft()[0] != nonce:
             pass
-        return True
+        return asked_at
 
     def connected(self, now: float) -> bool:
         """Alive, and its answers to CONNECT come back; of a station that knows no CONNECT, alive."""
@@ -107,7 +124,7 @@ class Presence:
             return Reason.CONSENT_REFUSED
         if self.station.standard:
             return None if self.alive(now) else Reason.PARTNER_SILENT
-        if not self.connected(now) or self.answer is None:
+        if not self.connected(now) or self.answer is None or not self.hearing.enough:
             return Reason.PARTNER_SILENT
         if self.answer.protocol_version != PROTOCOL_VERSION or not self.answer.accepted:
             return Reason.VERSION_DIFFERS

@@ -5,13 +5,15 @@
 1. At most one commander: the view names one station or none, and every change of it is announced.
 2. The commander changes with one of these causes only:
    * lost: to nobody, in the same epoch, when its heartbeat has run out, or it has not answered for too long: since its
-     last answer, or since this epoch has been in this run (who commands on after a restart has commanded before it);
+     last answer, or since this epoch has been in this run (who commands on after a restart has commanded before it); or
+     when it has answered too few questions of late;
    * released: to nobody, on the ground, by its own request;
-   * back: from nobody to the one that had authority, when it is heard;
+   * back: from nobody to the one that had authority, when it is heard; in the air after a deaf time only after it has
+     answered for `deaf_back_s`;
    * parent: from nobody to the parent, on the ground and disarmed, unless control was released;
    * granted: from nobody to the station that asks for control, on the ground and disarmed;
    * transfer: to the partner of a transfer that was under way until then. The partner has confirmed this very transfer
-     and lives. The commander has consented, beforehand or in this transfer, or is lost.
+     and lives, and answers enough. The commander has consented, beforehand or in this transfer, or is lost.
 3. The epoch grows by one with every other change than a loss. After a restart it has grown already when the commander
    of before comes back. While nobody has authority, or had it, a station's memory may raise it; in a run that began
    without a state file each station's first answer may, outside transfers. Never otherwise, and it never falls.
@@ -77,6 +79,10 @@ class Watch:
         #: questions to each station that may be answered, with when they were asked, and when one last was
         self._asked: dict[int, dict[int, float]] = {}
         self._answered: dict[int, float] = {}
+        #: station -> when it was asked while it was heard -> whether it answered
+        self._fates: dict[int, dict[float, bool]] = {}
+        #: the commander was lost as one that hears too little, and when
+        self._deaf_at: float | None = None
         #: since when this epoch has been, in this run; None before its first event
         self._since: float | None = None
         #: the last position was in a declared gap
@@ -119,6 +125,8 @@ class Watch:
             self._gap = event.gap is not None and not event.gap.ahead
         heard_before = dict(self._heard)
         if isinstance(event, (StationHeard, StationMessage)):
+            if now - self._heard.get(event.station, -inf) >= self._limits.heartbeat_lost_s:
+                self._fates.pop(event.station, None)
             self._heard[event.station] = now
         epoch = self._view.epoch
         if isinstance(event, StationMessage) and not isinstance(event.message, (Connect, ConnectAck)):
@@ -128,11 +136,16 @@ class Watch:
         for action in actions:
             if isinstance(action, Send) and isinstance(action.message, Connect):
                 self._asked.setdefault(action.station, {})[action.message.nonce] = now
+                if now - self._heard.get(action.station, -inf) < self._limits.heartbeat_lost_s:
+                    self._fates.setdefault(action.station, {})[now] = False
             if isinstance(action, ViewChanged):
                 self._check_view(action.view)
                 assert action.view.lease is not LeaseState.ALONE or self._gap or in_gap
                 if action.view.commander != self._view.commander:
+                    had = self._had_authority
                     self._check_move(self._view, action.view, event, heard_before, now)
+                    if action.view.commander not in (None, had):  # it is judged anew
+                        self._fates.pop(action.view.commander, None)
                     self.moves.append((now, self._view.commander, action.view.commander, action.view.epoch))
                 elif action.view.epoch != self._view.epoch:
                     self._check_memory(self._view, action.view, event)
@@ -147,6 +160,9 @@ class Watch:
         """An answer closes its question and the older ones."""
         asked = self._asked.get(station, {})
         if nonce in asked and now - asked[nonce] < self._limits.connect_lost_s:
+            fates = self._fates.get(station, {})
+            if asked[nonce] in fates:
+                fates[asked[nonce]] = True
             while next(iter(asked)) != nonce:
                 del asked[next(iter(asked))]
             del asked[nonce]
@@ -158,7 +174,20 @@ class Watch:
         limits = self._limits
         silent = now - heard[station] >= limits.heartbeat_lost_s - 1e-9
         until = max(self._answered.get(station, -inf) + limits.deaf_lost_s, self._since + limits.connect_lost_s)
-        return silent or (station not in self._standard and now >= until - 1e-9)
+        deaf = now >= until - 1e-9 or self._hears_little(station, now)
+        return silent or (station not in self._standard and deaf)
+
+    def _hears_little(self, station: int, now: float) -> bool:
+        """Whether of the time that questions to it stand for too little was answered."""
+        limits, times = self._limits, self._fates.get(station, {})
+        since = now - limits.answer_s - limits.deaf_lost_s / (1.0 - limits.deaf_share)
+        spans = {True: 0.0, False: 0.0}
+        ends = [*times, now][1:]
+        for (at, answered), end in zip(times.items(), ends, strict=True):
+            until = min(end, at + limits.connect_interval_s, now if answered else now - limits.answer_s)
+            spans[answered] += max(0.0, until - max(at, since))
+        asked_s = spans[True] + spans[False]
+        return asked_s >= limits.deaf_lost_s / 2.0 - 1e-9 and spans[True] < limits.deaf_share * asked_s + 1e-9
 
     def _note_consent(self, event: ControlRequested) -> None:
         if event.request and event.for_station != event.station:
@@ -196,6 +225,9 @@ class Watch:
             return
         assert new.epoch == old.epoch + (0 if came_back and old.lease is LeaseState.RECOVERING else 1)
         if came_back:
+            if self._deaf_at is not None and self._armed and old.lease is not LeaseState.RECOVERING:
+                assert now - self._deaf_at >= self._limits.deaf_back_s - 1e-9, "back before it has shown that it hears"
+            self._deaf_at = None
             assert old.commander is None
             assert isinstance(event, (StationHeard, StationMessage))
             assert event.station == new.commander
@@ -241,6 +273,8 @@ class Watch:
         assert old.commander is not None
         if new.epoch == old.epoch:
             assert self._lost(old.commander, heard, now)
+            silent = now - heard[old.commander] >= self._limits.heartbeat_lost_s - 1e-9
+            self._deaf_at = None if silent else now
             return
         assert new.epoch == old.epoch + 1
         assert isinstance(event, ControlRequested)
@@ -261,6 +295,8 @@ class Watch:
         if new.commander not in self._standard:
             assert self._said(new.commander, DroneConnected, key)
         assert now - heard.get(new.commander, -inf) < self._limits.heartbeat_lost_s + 1e-9
+        # it is looked at whenever it is asked
+        assert not self._hears_little(new.commander, max(self._fates.get(new.commander, ()), default=now))
         if old.commander is not None:
             lost = self._lost(owner, heard, now)
             beforehand = bool(self._allowed & {new.commander, _ANYBODY})

@@ -325,11 +325,11 @@ class TestLoss:
 
     def test_each_loss_is_an_emergency_of_its_own(self) -> None:
         bench = Bench().on_mission()
-        for _ in range(3):
+        for back_s in (10.0, 45.0, 120.0):  # after each loss but the first it has to answer well for longer
             bench.alive = {B}
             bench.run(10.0)
             bench.alive = {A, B}
-            bench.run(10.0)
+            bench.run(back_s)
         assert bench.arbiter.view == AuthorityView(Phase.ON_MISSION, A, None, 4, LeaseState.HELD, True, 0)
         assert bench.flights() == [Fly(FlightAction.RETURN, Reason.COMMANDER_LOST)] * 3
 

@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from math import inf
+
 import pytest
 
 from mavproxy_handover.core.candidates import Candidates
@@ -147,3 +149,23 @@ def test_of_two_with_good_links_the_next_on_the_route_and_the_reason_is_the_link
     assert made.wanted(A, NOW, []) == (C, Reason.LINK_QUALITY)
     made.pause(C, Reason.LINK_QUALITY, Reason.PARTNER_SILENT, NOW)
     assert made.wanted(A, NOW, []) == (B, Reason.LINK_QUALITY)
+
+
+@pytest.mark.parametrize(
+    ("heard_s", "answered_s", "barred", "words"),
+    [
+        (0.5, 0.5, False, ""),
+        (0.5, 10.4, False, "hears nothing for 10 s"),
+        (0.5, inf, False, "hears nothing"),
+        (0.5, 0.5, True, "hears less than 15 % of the aircraft"),
+        (6.0, 6.0, True, ""),
+    ],
+)
+def test_what_is_said_of_a_station_that_hears_little(
+    heard_s: float, answered_s: float, barred: bool, words: str
+) -> None:
+    presence = Presence(Station(251, "GCSA"), Limits())
+    presence.heard_at, presence.answered_at = 100.0 - heard_s, 100.0 - answered_s
+    if barred:
+        presence.hearing.barred_at = 99.0
+    assert Candidates({251: presence}, Limits()).deaf_words(251, 100.0) == words

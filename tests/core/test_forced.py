@@ -454,7 +454,7 @@ class TestNot:
         bench.run(12.0)
         assert begun(bench) == []
         bench.deaf = set()
-        bench.run(1.5)
+        bench.run(18.0)  # until it has shown that it hears
         assert bench.arbiter.view.partner == B
 
     def test_on_the_ground(self) -> None:

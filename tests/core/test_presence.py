@@ -86,47 +86,47 @@ def test_what_makes_a_partner_unfit(answer: ConnectAck, why: Reason | None) -> N
 
 
 def test_no_question_is_answered_before_one_is_asked() -> None:
-    assert not presence().answers(0, 0.0)
+    assert presence().answers(0, 0.0) is None
 
 
 def test_a_question_is_answered_once() -> None:
     station = presence()
     station.asked.append((11, 0.0))
-    assert not station.answers(12, 0.0)
-    assert station.answers(11, 0.0)
-    assert not station.answers(11, 0.0)
+    assert station.answers(12, 0.0) is None
+    assert station.answers(11, 0.0) == 0.0
+    assert station.answers(11, 0.0) is None
 
 
 def test_an_answer_may_come_after_the_next_question() -> None:
     # one question a second, 1.5 s there and back
     station = presence()
     station.asked.extend((nonce, 0.0) for nonce in (11, 12))
-    assert station.answers(11, 0.0)
-    assert station.answers(12, 0.0)
+    assert station.answers(11, 0.0) == 0.0
+    assert station.answers(12, 0.0) == 0.0
 
 
 def test_an_answer_closes_the_older_questions() -> None:
     station = presence()
     station.asked.extend((nonce, 0.0) for nonce in (11, 12, 13))
-    assert station.answers(12, 0.0)
-    assert not station.answers(11, 0.0)
-    assert station.answers(13, 0.0)
+    assert station.answers(12, 0.0) == 0.0
+    assert station.answers(11, 0.0) is None
+    assert station.answers(13, 0.0) == 0.0
 
 
 def test_a_question_stays_open_as_long_as_its_answer_would_prove_something() -> None:
     # after a restart there are five questions a second, each of them good for connect_lost_s = 5 s
     station = presence()
     station.asked.extend((nonce, 0.0) for nonce in range(1, 27))
-    assert not station.answers(1, 0.0)
-    assert station.answers(2, 0.0)
+    assert station.answers(1, 0.0) is None
+    assert station.answers(2, 0.0) == 0.0
 
 
 def test_an_answer_to_a_question_of_long_ago_proves_nothing() -> None:
     """At one question a second 25 of them are open: an answer that took 20 s brought back a commander that was deaf."""
     station = presence()
     station.asked.extend([(11, 100.0), (12, 101.0)])
-    assert not station.answers(11, 105.0)
-    assert station.answers(12, 105.0)
+    assert station.answers(11, 105.0) is None
+    assert station.answers(12, 105.0) == 101.0
 
 
 def test_an_answer_is_overdue_when_two_questions_have_none_and_it_is_heard() -> None:
@@ -139,8 +139,8 @@ def test_an_answer_is_overdue_when_two_questions_have_none_and_it_is_heard() -> 
 def test_where_an_answer_proves_something_no_longer_than_one_question_lasts_only_the_last_is_open() -> None:
     station = Presence(Station(252, "GCSB"), replace(Limits(), connect_lost_s=1.0, retry_first_s=1.0))
     station.asked.extend((nonce, 0.0) for nonce in (1, 2))
-    assert not station.answers(1, 0.0)
-    assert station.answers(2, 0.0)
+    assert station.answers(1, 0.0) is None
+    assert station.answers(2, 0.0) == 0.0
 
 
 def test_a_station_of_the_standard_is_connected_while_it_is_heard() -> None:

@@ -34,6 +34,7 @@ from mavproxy_handover.core.contacts import Contacts
 from mavproxy_handover.core.control import Echo
 from mavproxy_handover.core.flight import Flight
 from mavproxy_handover.core.foresight import Foresight
+from mavproxy_handover.core.hearing import Hearing
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.links import Links
 from mavproxy_handover.core.presence import Presence
@@ -162,6 +163,16 @@ class _Epoch(_Number):
         return None if value is None else super().pack(value, shift)
 
 
+class _Most(_Kind):
+    """A count that is not told apart beyond a number."""
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+
+    def pack(self, value: Any, shift: Shift) -> Any:
+        return min(value, self._most)
+
+
 class _Times(_Kind):
     """A map to times in the future; what has passed is gone. With `oldest_s`: a map to times in the past."""
 
@@ -274,6 +285,26 @@ class _Asked(_Kind):
 
     def unpack(self, value: Any) -> Any:
         return deque([(NONCE, NOW)] if value else [], maxlen=5)
+
+
+class _Fates(_Kind):
+    """Which questions were answered. One is asked each second, so older ones than the window holds play no part."""
+
+    def __init__(self, limits: Limits) -> None:
+        window_s = limits.answer_s + limits.deaf_lost_s / (1.0 - limits.deaf_share)
+        self._full = NOW - window_s
+        self._oldest = self._full - limits.connect_interval_s
+
+    def pack(self, value: Any, shift: Shift) -> Any:
+        moved = tuple((at - shift.time_s, answered) for at, answered in value)
+        kept = tuple(entry for entry in moved if entry[0] > self._oldest)
+        whole = bool(kept) and kept[0][0] <= self._full
+        return kept[-1][0] if whole and all(answered for _at, answered in kept) else kept
+
+    def unpack(self, value: Any) -> Any:
+        if isinstance(value, float):
+            value = [(value - ago, True) for ago in range(9) if value - ago > self._oldest][::-1]
+        return deque(value, maxlen=256)
 
 
 class _Object(_Kind):
@@ -403,8 +434,18 @@ class Packer:
         longest_s = max(limits.heartbeat_lost_s, limits.connect_lost_s, limits.dwell_s) + 1.0
         time = _Time(longest_s)
         names_fixed = _Fixed(lambda: names)
+        hearing = _Class(
+            Hearing,
+            _fates=_Fates(limits),
+            _good_since=_Time(limits.deaf_back_s * 27.0),
+            _limits=the_limits,
+            barred_at=_Time(0.0),
+            losses=_Most(4),
+            share=plain,
+        )
         presence = _Class(
             Presence,
+            hearing=_Object(hearing),
             _limits=the_limits,
             station=plain,
             heard_at=_Ago(limits.heartbeat_lost_s),

@@ -92,6 +92,8 @@ class Books:
     silent: tuple[tuple[int, int], ...] = ()
     #: ticks since the one that had authority last answered CONNECT, or since this epoch began
     unanswered: int = 0
+    #: station -> ticks since it was asked CONNECT while it was heard, and whether it answered; oldest first
+    fates: tuple[tuple[int, tuple[tuple[int, bool], ...]], ...] = ()
     #: what stations have said in the present transfer: station, word
     words: Words = frozenset()
     #: the commander agreed to the present transfer by other means than OK_HANDOVER
@@ -138,6 +140,7 @@ class Books:
             self,
             silent=tuple((station, min(age + 1, most)) for station, age in self.silent),
             unanswered=min(self.unanswered + 1, int(limits.deaf_lost_s)),
+            fates=tuple((station, _later(fates, limits)) for station, fates in self.fates),
             connected=None if self.connected is None else min(self.connected + 1, int(limits.release_timeout_s)),
             recovering=None if self.recovering is None else min(self.recovering + 1, most),
             alone=None if self.alone is None else min(self.alone + 1, int(GAP_S)),
@@ -159,11 +162,45 @@ class Books:
     def lost(self, station: int, limits: Limits, standard: frozenset[int]) -> bool:
         """Whether that commander counts as lost: it is silent, or hears nothing."""
         deaf = station == self.had and station not in standard and self.unanswered >= int(limits.deaf_lost_s)
+        deaf = deaf or self.hears_little(station, limits)
         return deaf or self.age(station, limits) >= int(limits.heartbeat_lost_s)
+
+    def hears_little(self, station: int, limits: Limits) -> bool:
+        """Whether it has answered too few questions of late."""
+        fates = dict(self.fates).get(station, ())
+        spans = {True: 0.0, False: 0.0}
+        for (age, answered), (ends, _) in zip(fates, (*fates[1:], (0, False)), strict=True):
+            until = max(ends, age - limits.connect_interval_s, 0.0 if answered else limits.answer_s)
+            spans[answered] += max(0.0, min(age, _window_s(limits)) - until)
+        asked_s = spans[True] + spans[False]
+        return asked_s >= limits.deaf_lost_s / 2.0 and spans[True] < limits.deaf_share * asked_s
+
+    def asked_now(self, station: int, limits: Limits) -> Books:
+        """It is asked whether it is there; that counts if it is heard."""
+        if self.age(station, limits) >= int(limits.heartbeat_lost_s):
+            return self
+        fates = dict(self.fates)
+        fates[station] = (*fates.get(station, ()), (0, False))
+        return replace(self, fates=tuple(sorted(fates.items())))
+
+    def answers_now(self, station: int) -> Books:
+        """It has answered what it was asked last, which was now."""
+        fates = dict(self.fates)
+        if fates.get(station) and fates[station][-1][0] == 0:
+            fates[station] = (*fates[station][:-1], (0, True))
+        return replace(self, fates=tuple(sorted(fates.items())))
 
     def age(self, station: int, limits: Limits) -> int:
         """Ticks since the station was heard."""
         return dict(self.silent).get(station, int(limits.heartbeat_lost_s))
+
+
+def _window_s(limits: Limits) -> float:
+    return limits.answer_s + limits.deaf_lost_s / (1.0 - limits.deaf_share)
+
+
+def _later(fates: tuple[tuple[int, bool], ...], limits: Limits) -> tuple[tuple[int, bool], ...]:
+    return tuple((age + 1, answered) for age, answered in fates if age + 1 < _window_s(limits) + 1.0)
 
 
 def _key(view: AuthorityView, had: int | None) -> TransferKey | None:
@@ -193,11 +230,15 @@ def is_old(event: Event, view: AuthorityView, books: Books) -> bool:
     return event.message.key != _key(view, books.had) and not _of_candidate(event, view, books)
 
 
-def _note(books: Books, view: AuthorityView, event: Event, standard: frozenset[int]) -> Books:
+def _note(books: Books, view: AuthorityView, event: Event, standard: frozenset[int], heard_s: int) -> Books:
     """The books after what the event brought, before what the vehicle makes of it."""
     if isinstance(event, (StationHeard, StationMessage)):
+        if event.station not in dict(books.silent) or dict(books.silent)[event.station] >= heard_s:
+            books = replace(books, fates=tuple(entry for entry in books.fates if entry[0] != event.station))
         books = replace(books, silent=tuple(sorted({**dict(books.silent), event.station: 0}.items())))
     answers = isinstance(event, StationMessage) and isinstance(event.message, ConnectAck) and event.message.nonce != 0
+    if answers:
+        books = books.answers_now(event.station)  # type: ignore[union-attr]
     if answers and event.station == books.had:  # type: ignore[union-attr]
         books = replace(books, unanswered=0)
     if isinstance(event, AutopilotState):
@@ -253,7 +294,7 @@ def check_vehicle(
 
     `automatic`: commanders of the standard whose consent to a planned handover the vehicle's file gives.
     """
-    old_books, books = books, _note(books, before, event, standard)
+    old_books, books = books, _note(books, before, event, standard, int(limits.heartbeat_lost_s))
     gate = before
     for action in actions:
         if isinstance(action, ViewChanged):
@@ -261,6 +302,8 @@ def check_vehicle(
             books = _change(books, gate, action.view, event, limits)
             gate = action.view
         elif isinstance(action, Send):
+            if isinstance(action.message, Connect):
+                books = books.asked_now(action.station, limits)
             if isinstance(action.message, HandoverRequest):
                 books = replace(books, asked=books.asked | {action.station})
             epoch = getattr(action.message, "epoch", None) or action.message.key.epoch  # type: ignore[union-attr]
@@ -410,13 +453,14 @@ def _check_commit(
     said = {word for station, word in books.words if station == new}
     answered = {word for station, word in books.words if station == had}
     demand(before.age(new, limits) < limit, f"committed to station {new}, which is lost itself")
+    demand(not before.hears_little(new, limits), f"committed to station {new}, which hears too little")
     demand(new in standard or "DroneConnected" in said, f"committed without the word of station {new}")
     demand(books.grounded or new in books.zones, f"committed to station {new}, whose zone does not hold the aircraft")
     # what the commander answers, it was asked by the partner
     ready = new in standard or "OnHandover" in said or any(word.startswith("OkHandover") for word in answered)
     demand(ready, f"committed before station {new} was ready")
-    if before.lost(had, limits, standard):
-        return  # nobody is left to ask, or both had agreed
+    if before.lost(had, limits, standard) or old.commander is None:
+        return  # nobody is left to ask, or both had agreed; one that is back has still to show that it hears
     demand(old.commander == had, f"a forced transfer while station {had} lives")
     standing = had in automatic and old.why in PLANNED
     demand(books.agreed or standing or "OkHandover" in answered, f"committed without the consent of station {had}")
@@ -441,7 +485,8 @@ def _change(books: Books, old: AuthorityView, new: AuthorityView, event: Event, 
     if new.commander is not None and new.commander != old.commander:
         books = replace(books, recovering=None, blank=False)
         if new.commander != books.had:
-            books = replace(books, had=new.commander, entered=frozenset(), held=False, stood=False)
+            kept = tuple(entry for entry in books.fates if entry[0] != new.commander)
+            books = replace(books, fates=kept, had=new.commander, entered=frozenset(), held=False, stood=False)
     if new.lease in (LeaseState.LOST, LeaseState.ALONE) and books.recovering is not None:
         demand(books.recovering >= int(limits.recovery_s), f"given up {books.recovering} s after the restart")
         # it was not heard in the time it had, so it counts as lost, whenever it was heard before the restart; and as

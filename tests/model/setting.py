@@ -52,6 +52,7 @@ class Request(Enum):
 LIMITS = Limits(
     recovery_s=2.0,
     deaf_lost_s=5.0,
+    deaf_back_s=2.0,
     retry_first_s=1.0,
     retry_growth=1.0,
     retry_max_s=1.0,

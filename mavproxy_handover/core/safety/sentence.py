@@ -71,9 +71,9 @@ class Figures:
 
     def _commander(self, _told: SignsSeen, now: float) -> str:
         owner = self._authority.owner
-        deaf_s = None if owner is None else self._candidates.deaf_s(owner, now)
-        if deaf_s is not None:
-            return f"{self._owner()} hears nothing" + (f" for {deaf_s:.0f} s" if deaf_s < inf else "")
+        deaf = "" if owner is None else self._candidates.deaf_words(owner, now)
+        if deaf:
+            return f"{self._owner()} {deaf}"
         silent_s = inf if owner is None else self._candidates.silent_s(owner, now)
         return f"{self._owner()} silent {silent_s:.0f} s" if silent_s < inf else ""
 

@@ -70,7 +70,7 @@ class Known:
 
     def __init__(self) -> None:
         self.owner: int | None = 251
-        self.deaf: float | None = None
+        self.deaf = ""
         self.silent = self.ends = self.position = self.autopilot = self.guard_silent = inf
         self.guard_state = GuardState.LIVE
         self.near: tuple[int, float] | None = None
@@ -84,7 +84,7 @@ class Known:
         assert station == self.owner
         return self.silent
 
-    def deaf_s(self, station: int, _now: float) -> float | None:
+    def deaf_words(self, station: int, _now: float) -> str:
         assert station == self.owner
         return self.deaf
 
@@ -115,8 +115,7 @@ class Known:
     ("cause", "known", "words"),
     [
         (Cause.COMMANDER_LOST, {"silent": 5.2}, "GCSA silent 5 s"),
-        (Cause.COMMANDER_LOST, {"silent": 0.4, "deaf": 10.4}, "GCSA hears nothing for 10 s"),
-        (Cause.COMMANDER_LOST, {"silent": 0.4, "deaf": inf}, "GCSA hears nothing"),
+        (Cause.COMMANDER_LOST, {"silent": 0.4, "deaf": "hears nothing for 10 s"}, "GCSA hears nothing for 10 s"),
         (Cause.COMMANDER_LOST, {}, "commander lost"),
         (Cause.COMMANDER_LOST, {"owner": None}, "commander lost"),
         (Cause.OUT_OF_COVERAGE, {"near": (252, -41.6)}, "out of coverage, 42 m outside the zone of GCSB"),
