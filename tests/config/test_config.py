@@ -466,8 +466,8 @@ VEHICLE_MISTAKES: dict[str, tuple[str, str, str]] = {
     ),
     "deaf and back at the same share": (
         "dwell_s = 7.5",
-        "deaf_share = 0.3\ndeaf_back_share = 0.3",
-        "[limits] deaf_back_share = 0.3 must be above deaf_share = 0.3",
+        "deaf_share = 0.25\ndeaf_back_share = 0.22",
+        "[limits] deaf_back_share = 0.22 must be above deaf_share = 0.25",
     ),
     "limit not a number": ("dwell_s = 7.5", "dwell_s = nan", "[limits] dwell_s: nan must be 0 to 600"),
     "limit without an end": ("dwell_s = 7.5", "dwell_s = inf", "[limits] dwell_s: inf must be 0 to 600"),
