@@ -244,6 +244,14 @@ class Arbiter:
         """Whether messages to and from the station get through."""
         return station in self._presence and self._presence[station].connected(now)
 
+    def wavers(self, now: float) -> bool:
+        """Whether a station that is heard answers a part of its questions: the next one may change what counts."""
+        return any(each.alive(now) and each.hearing.wavering for each in self._presence.values())
+
+    def settled(self, now: float) -> bool:
+        """Whether nothing changes what is known of the stations while each goes on as it does."""
+        return all(each.hearing.settled or not each.alive(now) for each in self._presence.values())
+
     def heard_ago_s(self, station: int, now: float) -> float | None:
         """Seconds since the station was heard; None if never."""
         heard_at = self._presence[station].heard_at
@@ -535,8 +543,10 @@ class Arbiter:
 
     def _expire(self, now: float, actions: list[Action]) -> None:
         authority, transfer = self._authority, self._authority.transfer
-        for presence in self._presence.values():
-            presence.judge(now)
+        for station, presence in self._presence.items():
+            if presence.judge(now):
+                text = f"{presence.station.name} {self._candidates.hears_little}"
+                actions.append(Record("deaf", text, station=station))
         # the partner first: from here on nothing commits to a station that is lost itself
         for station in self._asked():
             if not self._presence[station].alive(now) or self._presence[station].hearing.barred:

@@ -220,7 +220,7 @@ class Candidates:
 
     def moved(self, station: int, now: float, *, flying: bool) -> None:
         """This station commands now."""
-        self._presence[station].hearing.begin()
+        self._presence[station].hearing.trust(now)
         self.zones.moved(now)
         self.forget_pauses()
         if flying:

@@ -13,7 +13,7 @@ not deaf.
 A share below `deaf_share` bars the station: it can neither command nor take the aircraft nor count as coverage. One
 lucky answer in ten seconds is 2 to 10 % of the time and lifts nothing. To be given the aircraft a station needs
 `deaf_back_share`, so that it is not lost again at once. A station that was heard for the first time or again after a
-silence, or that has just taken the aircraft, is judged from half of `deaf_lost_s` on.
+silence is judged from half of `deaf_lost_s` on. One that has just taken the aircraft starts as one that answers all.
 
 The share is that of the round trip. An answer that is lost on its way up lowers it as a lost question does, on purpose:
 a station whose answers do not arrive cannot take the aircraft either, and the transfer needs both ways. The limit is so
@@ -50,7 +50,7 @@ _GROWTH, _LONGEST_S = 3.0, 300.0
 class Hearing:
     """The answers of one station. Times are monotonic seconds."""
 
-    __slots__ = ("_fates", "_good_since", "_limits", "barred_at", "losses", "share")
+    __slots__ = ("_asked_s", "_fates", "_good_since", "_limits", "barred_at", "losses", "share")
 
     def __init__(self, limits: Limits) -> None:
         self._limits = limits
@@ -58,6 +58,8 @@ class Hearing:
         self._fates: deque[tuple[float, bool]] = deque(maxlen=256)
         #: since when the share of a barred station has been good enough to come back; inf: it is not
         self._good_since = inf
+        #: for how long (s) there were questions in the time that counts
+        self._asked_s = 0.0
         #: the answered part of the time that counted when it was looked at last; None: no question counted yet
         self.share: float | None = None
         #: since when the station is barred; inf: it is not
@@ -69,6 +71,17 @@ class Hearing:
     def barred(self) -> bool:
         """Whether the station hears too little, or has not shown for long enough that it hears again."""
         return self.barred_at < inf
+
+    @property
+    def wavering(self) -> bool:
+        """Whether the next question may change what counts: it answers some of them, or has to show that it hears."""
+        between = self.share is not None and 0.0 < self.share < 1.0
+        return between or self._good_since < inf or (self.share == 0.0 and not self.barred)
+
+    @property
+    def settled(self) -> bool:
+        """Whether another while of the same changes nothing."""
+        return not self.wavering and self._asked_s >= self._window_s - self._limits.connect_interval_s
 
     @property
     def short_pause_s(self) -> float:
@@ -132,18 +145,20 @@ class Hearing:
         if self.barred and now - self._good_since >= self._back_s:
             self.barred_at = self._good_since = inf
 
-    def judge(self, now: float) -> None:
-        """Look at the share: before each question, and at each answer."""
+    def judge(self, now: float) -> bool:
+        """Look at the share: before each question, and at each answer. Returns whether the station is barred by it."""
         limits = self._limits
         share, asked_s = self._measure(now)
-        self.share = share
+        self.share, self._asked_s = share, asked_s
         known = share is not None and asked_s >= limits.deaf_lost_s / 2.0  # few questions say little
-        if known and share is not None and share < limits.deaf_share:
-            self.barred_at = min(self.barred_at, now)
+        bars = known and share is not None and share < limits.deaf_share and not self.barred
+        if bars:
+            self.barred_at = now
         if not self.barred or not known or share is None or share < limits.deaf_back_share:
             self._good_since = inf
         else:
             self._good_since = min(self._good_since, now)
+        return bars
 
     @property
     def _back_s(self) -> float:
@@ -151,14 +166,22 @@ class Hearing:
         return max(self._limits.deaf_back_s, min(self._limits.deaf_back_s * longer, _LONGEST_S))
 
     def begin(self, *, commanded: bool = False) -> None:
-        """Judge it from now on only: it was silent and is heard again, or has just shown both ways in a transfer.
+        """Judge it from now on only: it was silent and is heard again.
 
         `commanded`: it has lost command and waits for it, so it stays barred.
         """
         self._fates.clear()
-        self.share, self._good_since = None, inf
+        self.share, self._asked_s, self._good_since = None, 0.0, inf
         if not commanded:
             self.barred_at = inf
+
+    def trust(self, now: float) -> None:
+        """The station takes the aircraft. It has just shown both ways, so what it did not answer is forgotten."""
+        self.begin()
+        pause_s = self._limits.connect_interval_s
+        count = min(256, int((self._window_s + self._limits.answer_s) / pause_s) + 1)
+        self._fates.extend((now - number * pause_s, True) for number in range(count, 0, -1))
+        self.judge(now)
 
     def lost(self, now: float, *, deaf: bool) -> None:
         """The station has lost command: it did not answer (`deaf`), or was not heard."""
@@ -169,6 +192,6 @@ class Hearing:
     def forgive(self) -> None:
         """The flight is over, or none is under way: nothing that was counts."""
         self._fates.clear()
-        self.share = None
+        self.share, self._asked_s = None, 0.0
         self.barred_at = self._good_since = inf
         self.losses = 0

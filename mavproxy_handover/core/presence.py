@@ -80,10 +80,9 @@ class Presence:
         mute_at = max(self.answered_at + self._limits.deaf_lost_s, since + self._limits.connect_lost_s)
         return min(mute_at, self.hearing.barred_at)
 
-    def judge(self, now: float) -> None:
-        """Look at its answers if its next question is due, and it is heard."""
-        if now >= self.ask_at and self.alive(now):
-            self.hearing.judge(now)
+    def judge(self, now: float) -> bool:
+        """Look at its answers if its next question is due, and it is heard. Returns whether it is deaf from now on."""
+        return now >= self.ask_at and self.alive(now) and self.hearing.judge(now)
 
     def overdue(self, now: float) -> bool:
         """Heard, and an answer that should have come by now has not: it is to be asked more often."""

@@ -442,6 +442,7 @@ class Packer:
             barred_at=_Time(0.0),
             losses=_Most(4),
             share=plain,
+            _asked_s=plain,
         )
         presence = _Class(
             Presence,
