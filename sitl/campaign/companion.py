@@ -186,6 +186,14 @@ class Companion:
         answered = self._answered.get(commander) if commander is not None else NEVER
         return answered is not None and in_ticks(self._core_s(now)) < answered + _LATELY
 
+    def wavers(self, now: int) -> bool:
+        """`Arbiter.wavers`."""
+        return self.arbiter is not None and self.arbiter.wavers(self._core_s(now))
+
+    def settled(self, now: int) -> bool:
+        """`Arbiter.settled`."""
+        return self.arbiter is None or self.arbiter.settled(self._core_s(now))
+
     def only_asks(self, due: float) -> bool:
         """Whether what is due then is a question to a station, with no transfer under way that could run out."""
         return self.view.partner is None and due in self._asks.values()

@@ -18,6 +18,8 @@ class Fault(Enum):
     DEAD = "its program dies, and comes back knowing nothing"
     DEAF = "it hears nothing of the vehicle"
     MUTE = "the vehicle hears nothing of it"
+    THIN = "it hears a part of what the vehicle says, and is heard"
+    RHYTHM = "it hears the vehicle for a while, then not, again and again, and is heard"
     BURST = "nothing gets through, either way"
     WEAK = "a third of the messages of its link is lost"
     ATTACK = "somebody commands in its name, with bad signatures"
@@ -74,6 +76,8 @@ class Strike:
     border: bool = False
     bare: bool = False
     late: bool = False
+    #: of RHYTHM: for how many ticks it hears, and for how many not
+    rhythm: tuple[int, int] = (0, 0)
 
     @property
     def words(self) -> str:

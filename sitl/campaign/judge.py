@@ -55,6 +55,8 @@ OUTSIDE_S: Final = 30
 #: changes between the same two stations, and in how many seconds; whoever flies the aircraft on over their border, from
 #: which it is brought back, has it change twice
 PING_PONG, PING_PONG_S = 4, 60
+#: how often a station may lose command and have it back, and in how many seconds
+FLAPS, FLAPS_S = 5, 600
 #: so long (s) what can be known of a place has to be so: 5 s until a station is lost, 20 s until one counts again, 5 s
 #: between two writes of the rally list
 KNOWN_S: Final = 32
@@ -158,6 +160,22 @@ def _ping_pong(_plan: FlightPlan, log: FlightLog, _moments: tuple[Moment, ...]) 
         turned = sum(lately[0] < begun <= at for begun, _mode, _by in log.modes)
         if len(lately) - 2 * turned >= PING_PONG:
             return Found("ping-pong", at, f"{len(lately)} changes between {old} and {new} within {PING_PONG_S} s")
+    return None
+
+
+def _flaps(plan: FlightPlan, log: FlightLog, _moments: tuple[Moment, ...]) -> Found | None:
+    """The same station commands, then nobody, then it again, and so on. What a companion that dies has to do with it
+    does not count: each of its runs begins anew."""
+    back: dict[int, list[int]] = {}
+    values, had = zip(log.commander.times, log.commander.values, strict=True), None
+    for at, commander in values:
+        if commander is not None and commander == had and log.companion.since(at) < at - SECOND:
+            times = back.setdefault(commander, [])
+            times.append(at)
+            if sum(at - each < FLAPS_S * SECOND for each in times) > FLAPS:
+                name = next(station.name for station in plan.stations if station.sysid == commander)
+                return Found("flapping", at, f"{name} lost command and had it back more than {FLAPS} times")
+        had = commander if commander is not None else had
     return None
 
 
@@ -405,6 +423,12 @@ UNSAFE: Final = (
         "authority goes to and fro between two stations",
         f"{PING_PONG} in {PING_PONG_S} s, and two for each time that the aircraft is sent elsewhere meanwhile",
         _ping_pong,
+    ),
+    _row(
+        "flapping",
+        "a station loses command and has it back, again and again",
+        f"{FLAPS} in {FLAPS_S} s",
+        _flaps,
     ),
     _row(
         "landed uncovered",

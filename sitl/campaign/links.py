@@ -35,7 +35,7 @@ def _mixed(number: int) -> float:
 class Link:
     """One way of one link. Times are ticks."""
 
-    __slots__ = ("_at", "_count", "_key", "cut", "delay", "edge_loss", "loss", "zone")
+    __slots__ = ("_at", "_count", "_key", "cut", "delay", "edge_loss", "loss", "off", "zone")
 
     def __init__(self, seed: int, number: int, zone: Circle | None, delay: int, edge_loss: float) -> None:
         """`edge_loss`: part that is lost near the border. `zone` None: the aircraft's place plays no part."""
@@ -46,10 +46,12 @@ class Link:
         self.loss = 0.0
         #: how many faults cut it
         self.cut = 0
+        #: how many have it off for a moment, as part of a rhythm
+        self.off = 0
 
     def lost_part(self, x_m: float, y_m: float) -> float:
         """What part of the messages is lost with the aircraft there."""
-        if self.cut:
+        if self.cut or self.off:
             return 1.0
         if self.zone is None:
             return self.loss
@@ -61,7 +63,7 @@ class Link:
     def fades(self, x_m: float, y_m: float, vx: float, vy: float) -> bool:
         """Whether it gets no better for an aircraft there that flies on, or a fault is at it."""
         zone = self.zone
-        return zone is None or self.loss > 0.0 or (x_m - zone.x_m) * vx + (y_m - zone.y_m) * vy >= 0.0
+        return zone is None or self.loss > 0.0 or self.off > 0 or (x_m - zone.x_m) * vx + (y_m - zone.y_m) * vy >= 0.0
 
     def steady(self, x_m: float, y_m: float) -> bool:
         """Whether everything gets through, or nothing."""

@@ -14,7 +14,7 @@ from sitl.campaign.compare import compare
 from sitl.campaign.figures import figures
 from sitl.campaign.judge import ended, judge
 from sitl.campaign.page import summary, write_page
-from sitl.campaign.plan import HARD, draw
+from sitl.campaign.plan import DOWNLINK, HARD, draw
 from sitl.campaign.times import SECOND
 from sitl.campaign.work import Campaign, CampaignError, Flights, fly_all
 from sitl.campaign.world import World
@@ -39,6 +39,11 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
         action="store_true",
         help=f"flights in which two or three pairs of causes strike: seeds from {HARD} on",
     )
+    parser.add_argument(
+        "--downlink",
+        action="store_true",
+        help=f"flights in which only the downlinks of stations fail: seeds from {DOWNLINK} on",
+    )
     parser.add_argument("--story", action="store_true", help="tell the flight of --seed in sentences, and fly no other")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="of Dask: its workers fly")
     parser.add_argument(
@@ -56,6 +61,8 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
         parser.error("--story tells of one flight: without --runs and --compare")
     if arguments.hard and arguments.seed < HARD:
         arguments.seed += HARD
+    if arguments.downlink and arguments.seed < DOWNLINK:
+        arguments.seed += DOWNLINK
     return arguments
 
 

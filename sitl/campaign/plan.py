@@ -11,7 +11,8 @@ what the battery says, is not quite what is believed of it.
 
 A flight aims at two causes. From seed `HARD` on, at two or three pairs of them: such flights find faults sooner, and
 more than the rules promise (a failsafe of the autopilot that flies home what cannot get there is not overruled), so
-they are for looking for faults, and no measure of safety.
+they are for looking for faults, and no measure of safety. From seed `DOWNLINK` on only the downlinks of stations fail,
+in a rhythm or by chance, of one station or of all, and no policy excuses anything.
 """
 
 from __future__ import annotations
@@ -30,12 +31,14 @@ from mavproxy_handover.core.safety.energy_prior import EnergySettings
 from sitl.campaign.faults import Insists, Strike
 from sitl.campaign.gaps import GapPlan, find_gaps
 from sitl.campaign.plane import HOME, Circle, Spot, bearing_deg
-from sitl.campaign.steering import CELLS, Cell, policies_for, strikes_for
+from sitl.campaign.steering import CELLS, Cell, downlink_strikes, policies_for, strikes_for
 
-__all__ = ["HARD", "LEAST_HANDOVERS", "FlightPlan", "StationPlan", "Truth", "draw", "left_at"]
+__all__ = ["DOWNLINK", "HARD", "LEAST_HANDOVERS", "FlightPlan", "StationPlan", "Truth", "draw", "left_at"]
 
 #: the first seed of flights in which more than two causes strike
 HARD: Final = 1_000_000_000
+#: the first seed of flights in which nothing but the downlink fails
+DOWNLINK: Final = 2_000_000_000
 #: how many pairs of causes more, with their odds
 _MORE: Final = (1, 1, 2)
 #: system id of the first station, the parent
@@ -194,6 +197,13 @@ def draw(seed: int) -> FlightPlan:
     gaps = _gaps(chance, stations, way, speed, model)
     longest_s = max((each.limit_s for each in gaps), default=0.0)
     farthest = max(spot.away_m(0.0, 0.0) for spot in (*way, *spots))
+    if seed >= DOWNLINK:
+        policies: Mapping[Cause, str] = {}
+        strikes = downlink_strikes(Random(0x5EED_D0D0 + seed))
+    else:
+        policies = policies_for(chance, cell)
+        strikes = strikes_for(chance, cell, late=late, gap=bool(gaps))
+        strikes += _more(seed, late=late) if seed >= HARD else ()
     return FlightPlan(
         seed,
         stations,
@@ -206,8 +216,8 @@ def draw(seed: int) -> FlightPlan:
         truth,
         Circle(0.0, 0.0, farthest + 60.0),
         max(way[0].alt_m, model.return_alt_m) + 15.0,
-        policies_for(chance, cell),
-        (*strikes_for(chance, cell, late=late, gap=bool(gaps)), *(_more(seed, late=late) if seed >= HARD else ())),
+        policies,
+        strikes,
         resumes=chance.choice((1, 2, 4)) if chance.random() < 0.3 else 0,
         resumes_after_s=chance.uniform(4.0, 40.0),
         insists=chance.choice(tuple(Insists)),

@@ -20,7 +20,17 @@ from mavproxy_handover.core.safety.causes import CAUSES, Cause
 from sitl.campaign.faults import Fault, Strike, Target
 from sitl.campaign.times import NEVER, SECOND
 
-__all__ = ["CELLS", "NEVER_IN", "NEVER_MEET", "PHASES", "Cell", "never", "policies_for", "strikes_for"]
+__all__ = [
+    "CELLS",
+    "NEVER_IN",
+    "NEVER_MEET",
+    "PHASES",
+    "Cell",
+    "never",
+    "downlink_strikes",
+    "policies_for",
+    "strikes_for",
+]
 
 
 #: a phase that begins and how often it has, or that the aircraft is about to leave its commander's zone
@@ -186,6 +196,11 @@ _LEAVES_HANDS: Final = frozenset(
 _TOO_LITTLE: Final = (0.1, 0.75)
 
 
+#: parts of the downlink that are lost by chance; how long it is heard and not heard (s), and what an attack did once
+_THIN: Final = (0.2, 0.4, 0.6, 0.8, 0.95, 0.97, 0.99)
+_HEARS_S, _HEARS_NOT_S, _ATTACK_S = (0.2, 30.0), (1.0, 40.0), (0.3, 4.7)
+
+
 def _strike(
     chance: Random,
     how: tuple[Fault, Target, float, float],
@@ -234,6 +249,33 @@ def strikes_for(chance: Random, cell: Cell, *, late: bool, gap: bool) -> tuple[S
         dies = _strike(chance, chance.choice(_DIES), chance.uniform(2.0, 50.0), (None, 1, True), late=late)
         return (*found, replace(dies, bare=any(strike.bare for strike in found)))
     return (*found, *_on_top(chance, when, at_s, late=late))
+
+
+def downlink_strikes(chance: Random) -> tuple[Strike, ...]:
+    """One or two faults of downlinks alone, at any time in flight: in a rhythm or by chance, of one station or all."""
+    return tuple(_of_a_downlink(chance) for _ in range(chance.choice((1, 1, 2))))
+
+
+def _of_a_downlink(chance: Random) -> Strike:
+    target = chance.choice((Target.COMMANDER, Target.COMMANDER, Target.NEXT, Target.ALL, Target.ALL))
+    after, lasts = int(chance.uniform(10.0, 500.0) * SECOND), int(chance.uniform(40.0, 600.0) * SECOND)
+    if chance.random() < 0.3:
+        lasts = NEVER
+    if chance.random() < 0.4:
+        return Strike(Fault.THIN, after, lasts, target, amount=chance.choice(_THIN))
+    hears_s, hears_not_s = (
+        _ATTACK_S if chance.random() < 0.3 else (_log(chance, *_HEARS_S), _log(chance, *_HEARS_NOT_S))
+    )
+    return Strike(Fault.RHYTHM, after, lasts, target, rhythm=(_ticks(hears_s), _ticks(hears_not_s)))
+
+
+def _log(chance: Random, shortest: float, longest: float) -> float:
+    """Evenly on a scale of times as long."""
+    return float(shortest * (longest / shortest) ** chance.random())
+
+
+def _ticks(seconds: float) -> int:
+    return max(1, int(seconds * SECOND))
 
 
 def _brings(chance: Random, cell: Cell, cause: Cause, when: _When, at_s: float, *, late: bool) -> tuple[Strike, ...]:

@@ -4,10 +4,12 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from math import cos, radians, sin
-from typing import Protocol
+from typing import Final, Protocol
 
 from mavproxy_handover.core import events
 from mavproxy_handover.core.model import AuthorityView
@@ -25,7 +27,17 @@ from sitl.campaign.plane import Spot, bearing_deg
 from sitl.campaign.stations import Ground
 from sitl.campaign.times import NEVER, SECOND, in_ticks
 
-__all__ = ["Strikes"]
+__all__ = ["NEXT_TO_NOTHING", "Strikes"]
+
+#: a station that hears no more than this part of the downlink does not work: well below the limit of the rules (0.15),
+#: so that the rules notice it within their time whatever the luck
+NEXT_TO_NOTHING: Final = 0.06
+#: the companion measures the loss of a downlink of which no more than this part arrives, and after so long
+_MEASURED, _MEASURES = 0.5, in_ticks(9.0)
+#: a commander that hears nothing for so long is lost
+_TOTAL: Final = in_ticks(10.0)
+#: the longest that a station has to answer well before it counts again, and a little
+_TRUSTED: Final = in_ticks(330.0)
 
 #: a main loop that stands still is killed after this long, and a new one goes round so much later
 _SUPERVISED, _FORKED = in_ticks(1.2), in_ticks(0.6)
@@ -62,6 +74,14 @@ class Struck(Protocol):
         """Whether the gate lets a command of this station through."""
 
 
+@dataclass(slots=True)
+class _Beat:
+    """Where a rhythm is: the links are off, and it is over."""
+
+    off: bool = False
+    over: bool = False
+
+
 class Strikes:
     """Lets faults strike one world."""
 
@@ -69,6 +89,9 @@ class Strikes:
         self._world = world
         #: how many faults make a station's links weak, and how many attack it
         self._links_wrong: dict[int, list[int]] = {}
+        #: how many faults let a station hear next to nothing, and how many let it hear a part, or did of late
+        self._deafened: Counter[int] = Counter()
+        self._thinned: Counter[int] = Counter()
 
     def strike(self, strike: Strike, now: int) -> None:
         """A fault strikes; its end is planned with it."""
@@ -116,6 +139,10 @@ class Strikes:
                 return self._cut([self._world.downlinks[each] for each in whom], whom, now)
             case Fault.MUTE:
                 return self._cut([self._world.uplinks[each] for each in whom], whom, now)
+            case Fault.THIN:
+                return self._thin(strike, whom, now)
+            case Fault.RHYTHM:
+                return self._in_rhythm(strike, whom, now)
             case Fault.BURST:
                 both = [link for each in whom for link in (self._world.uplinks[each], self._world.downlinks[each])]
                 return self._cut(both, whom, now)
@@ -179,7 +206,7 @@ class Strikes:
 
     def _know_working(self, whom: list[int], now: int) -> None:
         for each in whom:
-            cut = self._world.uplinks[each].cut or self._world.downlinks[each].cut
+            cut = self._world.uplinks[each].cut or self._world.downlinks[each].cut or self._deafened[each] > 0
             self._world.log.working[each].set(now, self._world.ground[each].core is not None and not cut)
 
     def _cut(self, links: list[Link], whom: list[int], now: int) -> Callable[[int], None]:
@@ -211,7 +238,77 @@ class Strikes:
 
     def _know_weak(self, whom: list[int], now: int) -> None:
         for each in whom:
-            self._world.log.weak[each].set(now, self._world.uplinks[each].loss > 0.0)
+            self._world.log.weak[each].set(now, self._world.uplinks[each].loss > 0.0 or self._thinned[each] > 0)
+
+    def _hears_part(self, whom: list[int], heard: float, now: int) -> Callable[[int], None]:
+        """These stations hear that part of the downlink; returns what ends it.
+
+        A station that hears next to nothing does not work. The vehicle may trust one that was deaf again only after
+        minutes. Until then nothing is demanded of its link.
+        """
+        deaf, weak = heard <= NEXT_TO_NOTHING, heard <= _MEASURED
+        self._deafened.update(whom if deaf else ())
+        self._thinned.update(whom)
+        self._know_working(whom, now)
+        self._know_weak(whom, now)
+        over = self._judge_links(whom, weak=True, now=now + _MEASURES) if weak else None
+
+        def forgotten(now: int) -> None:
+            self._thinned.subtract(whom)
+            self._know_weak(whom, now)
+
+        def end(now: int) -> None:
+            self._deafened.subtract(whom if deaf else ())
+            self._know_working(whom, now)
+            self._world.plan_at(now + _TRUSTED, forgotten)
+            if over is not None:
+                over(now)
+
+        return end
+
+    def _thin(self, strike: Strike, whom: list[int], now: int) -> Callable[[int], None]:
+        links = [self._world.downlinks[each] for each in whom]
+        for link in links:
+            link.loss += strike.amount
+        over = self._hears_part(whom, 1.0 - strike.amount, now)
+
+        def end(now: int) -> None:
+            for link in links:
+                link.loss = max(0.0, link.loss - strike.amount)
+            over(now)
+
+        return end
+
+    def _in_rhythm(self, strike: Strike, whom: list[int], now: int) -> Callable[[int], None]:
+        links = [self._world.downlinks[each] for each in whom]
+        hears, hears_not = strike.rhythm
+        over = self._hears_part(whom, hears / (hears + hears_not), now)
+        beat = _Beat()
+
+        def turn(now: int) -> None:
+            if beat.over:
+                return
+            beat.off = not beat.off
+            for link in links:
+                link.off += 1 if beat.off else -1
+            self._off_long(whom, hears_not, off=beat.off, now=now)
+            self._world.plan_at(now + (hears_not if beat.off else hears), turn)
+
+        turn(now)
+
+        def end(now: int) -> None:
+            if beat.off:
+                turn(now)
+            beat.over = True
+            over(now)
+
+        return end
+
+    def _off_long(self, whom: list[int], hears_not: int, *, off: bool, now: int) -> None:
+        """A pause that is longer than a total loss may be is one: the station does not work in it."""
+        if hears_not > _TOTAL:
+            (self._deafened.update if off else self._deafened.subtract)(whom)
+            self._know_working(whom, now)
 
     def _judge_links(
         self, whom: list[int], *, weak: bool = False, attacked: bool = False, now: int

@@ -210,7 +210,7 @@ class World:
         if of != self._restless_of or restless <= following or self.aircraft.drift != (0.0, 0.0):
             restless = self.pace.restless(following, planned, companion.view.commander, silent)
             self._restless_of, self._restless = of, restless
-        if restless <= following:
+        if restless <= following or companion.wavers(following):
             self._looks_at = following
             return following
         if companion.handled != self._due_of:
@@ -277,6 +277,7 @@ class World:
         while (
             companion.view.partner is None
             and companion.answers(now)
+            and companion.settled(now)
             and self.pace.quiet(now, self._links, companion.view.commander)
         ):
             left_out = min(self._nothing_until(now, companion), companion.places.due) - now

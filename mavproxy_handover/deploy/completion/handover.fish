@@ -106,6 +106,7 @@ complete -c handover -n '_shtab_handover_using campaign' -l runs -x -d 'how many
 complete -c handover -n '_shtab_handover_using campaign' -l jobs -x -d 'processes on this machine (1)'
 complete -c handover -n '_shtab_handover_using campaign' -l seed -x -d 'of the first flight (0)'
 complete -c handover -n '_shtab_handover_using campaign' -l hard -d 'flights in which two or three pairs of causes strike: seeds from 1000000000 on'
+complete -c handover -n '_shtab_handover_using campaign' -l downlink -d 'flights in which only the downlinks of stations fail: seeds from 2000000000 on'
 complete -c handover -n '_shtab_handover_using campaign' -l story -d 'tell the flight of --seed in sentences, and fly no other'
 complete -c handover -n '_shtab_handover_using campaign' -l scheduler -x -d 'of Dask: its workers fly'
 complete -c handover -n '_shtab_handover_using campaign' -l out -xka "(__fish_complete_directories)" -d 'folder; one that is there goes on (runs/campaign-TIME)'
