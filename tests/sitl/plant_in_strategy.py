@@ -27,6 +27,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from sitl.campaign.plan import DOWNLINK
+
 __all__ = ["PLANTED", "Planted"]
 
 ROOT = Path(__file__).parents[2]
@@ -170,6 +172,7 @@ def _flown(home: Path, out: Path, first: int, runs: int, jobs: int) -> list[dict
 def main(arguments: Sequence[str]) -> int:
     """Plant, fly, tell; 1 if a fault was not found, or something was found without any."""
     from tests.sitl.planted_by_others import PLANTED_BY_OTHERS  # it is written in the terms of this file
+    from tests.sitl.planted_in_hearing import PLANTED_IN_HEARING
 
     options = argparse.ArgumentParser(prog="plant_in_strategy", description=__doc__)
     options.add_argument("--runs", type=int, default=2000, help="flights for each fault (2000)")
@@ -177,9 +180,14 @@ def main(arguments: Sequence[str]) -> int:
     options.add_argument("--seed", type=int, default=500_000, help="of the first flight (500000)")
     options.add_argument("--until-found", action="store_true", help=f"{PIECE} flights at a time, until it is found")
     options.add_argument("--by-others", action="store_true", help="the ten of planted_by_others.py in place of these")
+    options.add_argument(
+        "--downlink", action="store_true", help="those of planted_in_hearing.py, in flights whose downlinks fail"
+    )
     options.add_argument("parts", nargs="*", metavar="PART", help="only faults with one of these in their name")
     chosen = options.parse_args(arguments)
     planted = PLANTED_BY_OTHERS if chosen.by_others else PLANTED
+    if chosen.downlink:
+        planted, chosen.seed = PLANTED_IN_HEARING, max(chosen.seed, DOWNLINK)
     wanted = [fault for fault in planted if not chosen.parts or any(part in fault.name for part in chosen.parts)]
     wrong = 0
     for fault in (None, *wanted):
