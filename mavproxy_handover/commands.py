@@ -174,6 +174,8 @@ def _measured(port: StationPort, link: Device, now: float) -> str:
     words.append("never heard" if quality.heard_ago_s is None else f"heard {quality.heard_ago_s:.1f} s ago")
     if quality.loss is not None:
         words.append(f"{quality.loss:.0%} lost")
+    if quality.downlink_loss is not None:
+        words.append(f"{quality.downlink_loss:.0%} of the downlink lost")
     if quality.round_trip_s is not None and quality.jitter_s is not None:
         words.append(f"round trip {quality.round_trip_s * 1000:.0f} ms (jitter {quality.jitter_s * 1000:.0f} ms)")
     counted = {

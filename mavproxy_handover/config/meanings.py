@@ -152,7 +152,7 @@ VEHICLE: Final[Mapping[str, Meanings]] = {
     "clear": _CAUSES,
     "links": {
         "silence_s": "nothing genuine heard for this long",
-        "loss": "share of frames lost; 1 is never exceeded",
+        "loss": "share of frames lost, up or down; 1 is never exceeded",
         "round_trip_s": "median of the probes' round trips",
         "bad_signatures": "in the last 10 s: somebody tries to speak as this station",
         "hold_s": "a value must be over its limit, or well below it again, this long",

@@ -26,7 +26,7 @@ from mavproxy_handover.wire.signing import SignatureVerdict
 
 __all__ = ["stations"]
 
-#: heartbeats come once a second, and a single link is probed as often
+#: heartbeats come once a second, and a single link is probed twice as often
 _LISTEN_S: Final = 4.0
 _TICK_S: Final = 0.05
 _SILENT: Final = "Start 'handover station' there; then look at its address, its firewall and the link between."

@@ -21,7 +21,7 @@ programs judge a link by them. The rest goes out on the best link that is known 
 * A link of several is probed (`timesync`) 10 times a second. Once a second, as heartbeats come, could not show within a
   second that a link is gone. Probe and answer have 41 bytes each, signed; with two links, and each answer coming back
   on both, a link carries 0.4 kB/s down and 0.8 kB/s up for it, a tenth of the telemetry that it looks after. A single
-  link is probed once a second, for its round trip only.
+  link is probed twice a second, for its round trip and the loss of its downlink.
 * A link works if the proof that it does is younger than FRESH_S. That is 6 probes: with 20 % loss each way, 5 in a row
   go unanswered once in half a minute, and all that happens then is a change to another link that works. A link that is
   cut is left after FRESH_S and a bit, so well within a second; if only the way down is cut, half a round trip later.
@@ -56,7 +56,7 @@ FRESH_S: Final = 0.6
 DWELL_S: Final = 3.0
 
 _PROBE_SEVERAL_S: Final = 0.1
-_PROBE_SINGLE_S: Final = 1.0
+_PROBE_SINGLE_S: Final = 0.5
 _CHECK_S: Final = 0.2
 #: frames remembered for each link: two seconds of 250 a second
 _REMEMBERED: Final = 512

@@ -10,6 +10,13 @@ measurement), the device's byte and CRC counts, signatures that were wrong. What
   starts anew looks like one gap, or like late frames; after some in a row that follow each other it is believed. What
   a program sends on a link must be counted in one sequence, or loss is seen where there is none; MAVProxy does so.
   What is missing after a silence is no loss: it was silence.
+* **Loss of the downlink** from the probes that stay without an answer. Question and answer may be lost, so of the probes
+  the share `(1 - downlink loss) (1 - uplink loss)` is answered. The uplink loss is known from the sequence numbers, and
+  is taken out: what the uplink loses does not count a second time. Where the uplink loss is not known, neither is this.
+  Ten seconds hold 20 probes of a single link, which is few: a link counts as over the limit when the loss is above it
+  by 2.5 standard deviations, and as good again when the estimate itself is below. Probes that went unanswered in a
+  silence of the uplink say nothing. A station that answers no probes (a program of the standard by itself) has no
+  measure of its downlink.
 * **Round trip and jitter** from TIMESYNC probes. A stamp is good for one answer, so a forged answer spoils at most one
   sample, and medians do not follow one sample.
 * **Silence**: time since the last genuine frame; and since the newest probe that was answered, which alone proves that
@@ -23,6 +30,7 @@ from __future__ import annotations
 from collections import OrderedDict, deque
 from collections.abc import Callable
 from dataclasses import dataclass, fields
+from math import sqrt
 from operator import attrgetter
 from statistics import median
 from typing import Final
@@ -37,6 +45,8 @@ WINDOW_S: Final = 10
 #: frames that must have been due before a share of lost ones means anything
 _ENOUGH_FRAMES: Final = 8
 _ENOUGH_PROBES: Final = 4
+#: standard deviations by which a loss that few probes show has to be above its limit
+_CERTAIN: Final = 2.5
 #: a probe without an answer for so long is lost; an answer later than that is not taken any more
 _PROBE_LOST_S: Final = 3.0
 _STREAMS: Final = 16
@@ -79,6 +89,11 @@ class _Window:
         while self._buckets[0][0] <= second - WINDOW_S:
             self._buckets.popleft()
         return self._buckets[-1][1]
+
+    def forget_probes(self) -> None:
+        """What became of probes so far says nothing of the downlink."""
+        for _second, bucket in self._buckets:
+            bucket.probes = bucket.probes_lost = 0
 
     def sum(self, now: float) -> _Bucket:
         """All of them together."""
@@ -139,6 +154,7 @@ class LinkMonitor:
         self._watches = {
             Measure.SILENCE: LimitWatch(device, Measure.SILENCE, limits.silence_s, 0.0),
             Measure.LOSS: LimitWatch(device, Measure.LOSS, limits.loss, limits.hold_s),
+            Measure.DOWNLINK_LOSS: LimitWatch(device, Measure.DOWNLINK_LOSS, limits.loss, limits.hold_s),
             Measure.ROUND_TRIP: LimitWatch(device, Measure.ROUND_TRIP, limits.round_trip_s, limits.hold_s),
             Measure.BAD_SIGNATURES: LimitWatch(device, Measure.BAD_SIGNATURES, limits.bad_signatures, 0.0),
         }
@@ -149,6 +165,8 @@ class LinkMonitor:
         """A genuine frame of the station came in on this link, be it a copy of one that came by another."""
         if self._heard_at is not None and now - self._heard_at > self._limits.silence_s:
             self._streams.clear()  # told as silence already, and the numbers may have gone round in between
+            self._window.forget_probes()
+            self._waiting.clear()
         self._heard_at = now
         bucket = self._window.at(now)
         bucket.frames += 1
@@ -239,12 +257,16 @@ class LinkMonitor:
         counts = self._window.sum(now)
         recent = [sample for at, sample in self._samples if now - at <= WINDOW_S]
         middle = median(recent) if recent else None
+        loss = max(0, counts.lost) / counts.due if counts.due >= _ENOUGH_FRAMES else None
+        downlink_loss, downlink_loss_least = self._downlink_loss(counts, loss)
         return LinkQuality(
             window_s=WINDOW_S,
             heard_ago_s=self.heard_ago_s(now),
             answered_ago_s=None if self._answered_sent_at is None else self.down_ago_s(now),
-            loss=max(0, counts.lost) / counts.due if counts.due >= _ENOUGH_FRAMES else None,
+            loss=loss,
             probes_lost=self._probes_lost(counts),
+            downlink_loss=downlink_loss,
+            downlink_loss_least=downlink_loss_least,
             round_trip_s=middle,
             jitter_s=None if middle is None else median(abs(sample - middle) for sample in recent),
             frames=counts.frames,
@@ -262,12 +284,27 @@ class LinkMonitor:
             return None
         return counts.probes_lost / counts.probes
 
+    def _downlink_loss(self, counts: _Bucket, uplink_loss: float | None) -> tuple[float | None, float | None]:
+        """Share of the downlink that is lost, and what of it is certain; None: not known."""
+        lost = self._probes_lost(counts)
+        if lost is None or uplink_loss is None or uplink_loss >= 1.0:
+            return None, None
+        arrives = 1.0 - uplink_loss
+        loss = min(1.0, max(0.0, 1.0 - (1.0 - lost) / arrives))
+        # of the count plus two lost and two answered ones (Agresti and Coull), so that it is not 0 at the ends
+        counted = counts.probes + 4
+        share = (counts.probes_lost + 2) / counted
+        return loss, max(0.0, loss - _CERTAIN * sqrt(share * (1.0 - share) / counted) / arrives)
+
     def check(self, now: float) -> list[LinkEvent]:
         """The limits that were passed, either way, since the last call."""
         quality = self.quality(now)
         values = {
             Measure.SILENCE: quality.heard_ago_s,
             Measure.LOSS: quality.loss,
+            Measure.DOWNLINK_LOSS: (
+                quality.downlink_loss if Measure.DOWNLINK_LOSS in self.degraded else quality.downlink_loss_least
+            ),
             Measure.ROUND_TRIP: quality.round_trip_s,
             Measure.BAD_SIGNATURES: float(quality.bad_signatures),
         }

@@ -27,6 +27,8 @@ class LinkQuality:
     answered_ago_s: float | None  #: since the newest probe that was answered was sent, less the usual round trip
     loss: float | None  #: share of the station's frames that never came, by sequence numbers
     probes_lost: float | None  #: share of probes without an answer
+    downlink_loss: float | None  #: share of what the vehicle sends that never arrives, as far as probes show it
+    downlink_loss_least: float | None  #: the same less 2.5 standard deviations: so much of it is certain
     round_trip_s: float | None  #: median
     jitter_s: float | None  #: median distance of the round trips from their median
     frames: int = 0
@@ -43,6 +45,7 @@ class Measure(Enum):
 
     SILENCE = "silence"
     LOSS = "loss"
+    DOWNLINK_LOSS = "downlink loss"
     ROUND_TRIP = "round trip"
     BAD_SIGNATURES = "bad signatures"
 
@@ -51,8 +54,8 @@ class Measure(Enum):
 class LinkLimits:
     """From when on a link is called bad. Raises ValueError for a limit that is not above 0.
 
-    The round trip is limited to what STANAG 4586 #1-#5 allow a message one way; the heartbeat of a ground station
-    comes once a second, so silence of 3 s is three of them.
+    `loss` limits the loss of the uplink, and that of the downlink. The round trip is limited to what STANAG 4586 #1-#5
+    allow a message one way. The heartbeat of a ground station comes once a second, so silence of 3 s is three of them.
     """
 
     silence_s: float = 3.0
@@ -118,6 +121,6 @@ class LimitWatch:
 
 
 def _shown(measure: Measure, value: float) -> str:
-    if measure is Measure.LOSS:
+    if measure in (Measure.LOSS, Measure.DOWNLINK_LOSS):
         return f"{value:.0%}"
     return f"{value:g}" if measure is Measure.BAD_SIGNATURES else f"{value:.2f} s"

@@ -333,3 +333,73 @@ def test_it_is_restored_only_well_below_the_limit_and_after_a_while() -> None:
 def test_a_limit_of_nothing_is_refused(name: str) -> None:
     with pytest.raises(ValueError, match=f"^{name} = 0: must be above 0$"):
         LinkLimits(**{name: 0})
+
+
+# ---- the way down -------------------------------------------------------------------------------------------------
+
+
+def fly(
+    monitor: LinkMonitor, seconds: int, down: float, up: float, seed: int = 1, begin_s: float = 0.0
+) -> list[LinkEvent]:
+    """A link that loses these parts of what goes down and up; the station sends ten frames a second and answers."""
+    luck, events = random.Random(seed), []
+    for tenth in range(seconds * 10):
+        now = begin_s + tenth / 10
+        stamp = monitor.probe(now)
+        if luck.random() >= up:
+            monitor.on_frame(heartbeat(round(now * 10) & 0xFF), now)
+        if stamp is not None and luck.random() >= down and luck.random() >= up:
+            monitor.on_answer(stamp, now + 0.05)
+        if tenth % 2 == 0:
+            events += monitor.check(now + 0.06)
+    return events
+
+
+def answered_before(monitor: LinkMonitor) -> LinkMonitor:
+    assert fly(monitor, 20, 0.0, 0.0) == []
+    return monitor
+
+
+def test_a_link_that_loses_most_of_the_downlink_is_over_its_limit(monitor: LinkMonitor) -> None:
+    """Attack 5: stations heard 4 % of the vehicle, and no link was called bad."""
+    events = fly(answered_before(monitor), 30, 0.96, 0.0, begin_s=20.0)
+    assert kinds(events) == [(DEGRADED, Measure.DOWNLINK_LOSS)]
+    assert events[0].limit == 0.25
+    assert events[0].text.startswith("link wifi degraded: downlink loss ")
+    assert monitor.quality(50.0).downlink_loss == pytest.approx(0.96, abs=0.08)
+
+
+def test_what_the_uplink_loses_is_no_loss_of_the_downlink(monitor: LinkMonitor) -> None:
+    events = fly(answered_before(monitor), 300, 0.0, 0.5, begin_s=20.0)
+    assert (DEGRADED, Measure.DOWNLINK_LOSS) not in kinds(events)
+    assert (DEGRADED, Measure.LOSS) in kinds(events)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_fifth_lost_each_way_is_no_loss_of_the_downlink_that_counts(monitor: LinkMonitor, seed: int) -> None:
+    events = fly(answered_before(monitor), 600, 0.2, 0.2, seed, begin_s=20.0)
+    assert sum(event.measure is Measure.DOWNLINK_LOSS and event.kind is DEGRADED for event in events) <= 1
+
+
+def test_it_is_good_again_when_it_is_clearly_better(monitor: LinkMonitor) -> None:
+    fly(answered_before(monitor), 30, 0.9, 0.0, begin_s=20.0)
+    assert fly(monitor, 20, 0.5, 0.0, begin_s=50.0) == []
+    events = fly(monitor, 30, 0.0, 0.0, begin_s=70.0)
+    assert kinds(events) == [(RESTORED, Measure.DOWNLINK_LOSS)]
+
+
+def test_probes_in_a_silence_of_the_uplink_say_nothing_of_the_downlink(monitor: LinkMonitor) -> None:
+    answered_before(monitor)
+    for half in range(12):  # nothing comes up for six seconds
+        monitor.probe(20.0 + half / 2)
+        monitor.check(20.2 + half / 2)
+    events = fly(monitor, 20, 0.0, 0.0, begin_s=26.0)
+    assert (DEGRADED, Measure.DOWNLINK_LOSS) not in kinds(events)
+
+
+def test_of_a_station_that_answers_no_probes_nothing_is_known(monitor: LinkMonitor) -> None:
+    for tenth in range(300):
+        monitor.probe(tenth / 10)
+        monitor.on_frame(heartbeat(tenth & 0xFF), tenth / 10)
+    assert monitor.quality(30.0).downlink_loss is None
+    assert kinds(monitor.check(30.0)) == []
