@@ -10,13 +10,12 @@ measurement), the device's byte and CRC counts, signatures that were wrong. What
   starts anew looks like one gap, or like late frames; after some in a row that follow each other it is believed. What
   a program sends on a link must be counted in one sequence, or loss is seen where there is none; MAVProxy does so.
   What is missing after a silence is no loss: it was silence.
-* **Loss of the downlink** from the probes that stay without an answer. Question and answer may be lost, so of the probes
-  the share `(1 - downlink loss) (1 - uplink loss)` is answered. The uplink loss is known from the sequence numbers, and
-  is taken out: what the uplink loses does not count a second time. Where the uplink loss is not known, neither is this.
-  Ten seconds hold 20 probes of a single link, which is few: a link counts as over the limit when the loss is above it
-  by 2.5 standard deviations, and as good again when the estimate itself is below. Probes that went unanswered in a
-  silence of the uplink say nothing. A station that answers no probes (a program of the standard by itself) has no
-  measure of its downlink.
+* **Loss of the downlink** from the probes that stay without an answer. A question or its answer may be lost: the share
+  `(1 - downlink loss) (1 - uplink loss)` is answered. The uplink loss is known from the sequence numbers, and is taken
+  out, so that it does not count twice. Where the uplink loss is not known, neither is this. Ten seconds hold 20 probes
+  of a single link, which is few. So a link counts as over the limit when the loss is above it by 2.5 standard
+  deviations, and as good again when the estimate itself is well below. Probes of a time in which the uplink was silent
+  say nothing. A station that answers no probes (a program of the standard by itself) has no measure of its downlink.
 * **Round trip and jitter** from TIMESYNC probes. A stamp is good for one answer, so a forged answer spoils at most one
   sample, and medians do not follow one sample.
 * **Silence**: time since the last genuine frame; and since the newest probe that was answered, which alone proves that
