@@ -61,6 +61,7 @@ FIRST = {
     "requests": ("test_control.py", "test_standard_stations.py", "test_forced.py"),
     "start": ("test_start.py", "test_arbiter_start.py", "test_control.py", "test_arbiter_safety.py"),
     "flight": ("test_arbiter_start.py", "test_arbiter_safety.py", "test_arbiter_authority.py"),
+    "hearing": ("test_hearing.py", "test_deaf_commander.py"),
     "links": ("test_link_quality.py",),
     "zones": ("test_zones.py", "test_arbiter_safety.py"),
     "phases": ("test_phases.py",),
