@@ -12,8 +12,9 @@ not deaf.
 
 A share below `deaf_share` bars the station: it can neither command nor take the aircraft nor count as coverage. One
 lucky answer in ten seconds is 2 to 10 % of the time and lifts nothing. To be given the aircraft a station needs
-`deaf_back_share`, so that it is not lost again at once. A station that was heard for the first time or again after a
-silence is judged from half of `deaf_lost_s` on. One that has just taken the aircraft starts as one that answers all.
+`deaf_back_share`, so that it is not lost again at once. A station that is heard for the first time, or again after a
+silence, is not barred before it was asked for `deaf_lost_s`. So a station that comes into range does not wait
+`deaf_back_s`. A station that has just taken the aircraft starts as one that answers all.
 
 The share is that of the round trip. An answer that is lost on its way up lowers it as a lost question does, on purpose:
 a station whose answers do not arrive cannot take the aircraft either, and the transfer needs both ways. The limit is so
@@ -150,7 +151,7 @@ class Hearing:
         limits = self._limits
         share, asked_s = self._measure(now)
         self.share, self._asked_s = share, asked_s
-        known = share is not None and asked_s >= limits.deaf_lost_s / 2.0  # few questions say little
+        known = share is not None and asked_s >= limits.deaf_lost_s  # few questions say little
         bars = known and share is not None and share < limits.deaf_share and not self.barred
         if bars:
             self.barred_at = now

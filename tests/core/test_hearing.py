@@ -263,11 +263,11 @@ def test_a_question_counts_after_a_second() -> None:
 
 
 def test_few_questions_bar_nobody() -> None:
-    hearing = asked({100.0 + number: False for number in range(6)})
-    hearing.judge(105.9)
+    hearing = asked({100.0 + number: False for number in range(12)})
+    hearing.judge(110.9)
     assert not hearing.barred
-    hearing.judge(106.0)
-    assert hearing.barred_at == 106.0
+    hearing.judge(111.0)
+    assert hearing.barred_at == 111.0
 
 
 def test_each_loss_of_command_makes_the_way_back_longer() -> None:

@@ -655,6 +655,7 @@ class Packer:
             _limits=the_limits,
             _motion=plain,
             _nearest_m=plain,
+            _refused=plain,
             _shown=plain,
             _since=_Time(max(limits.obey_s, limits.stuck_s)),
             _tries=plain,

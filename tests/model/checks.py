@@ -173,7 +173,7 @@ class Books:
             until = max(ends, age - limits.connect_interval_s, 0.0 if answered else limits.answer_s)
             spans[answered] += max(0.0, min(age, _window_s(limits)) - until)
         asked_s = spans[True] + spans[False]
-        return asked_s >= limits.deaf_lost_s / 2.0 and spans[True] < limits.deaf_share * asked_s
+        return asked_s >= limits.deaf_lost_s / 2.0 and spans[True] < limits.deaf_share * asked_s + 1e-9
 
     def asked_now(self, station: int, limits: Limits) -> Books:
         """It is asked whether it is there; that counts if it is heard."""

@@ -10,7 +10,7 @@ any time, the aircraft may fly on at any time, and operators answer at any time 
 from __future__ import annotations
 
 from mavproxy_handover.core.model import StandingConsent
-from tests.model.setting import IMPATIENT, Fault, Request, Setting
+from tests.model.setting import IMPATIENT, LUCKY, Fault, Request, Setting
 
 __all__ = ["DEEP", "QUICK"]
 
@@ -22,7 +22,7 @@ ASKED = frozenset(Request) - {Request.WISH}
 TAKES = frozenset({Request.CONTROL, Request.GIVE})
 GAPS = CRASHES | {Fault.CUT}
 LOST, WEAK, DEATHS = frozenset({Fault.LOSE}), frozenset({Fault.WEAK}), frozenset({Fault.KILL_STATION})
-SHORT = frozenset({Fault.SHORT})
+SHORT, DEAF = frozenset({Fault.SHORT}), frozenset({Fault.DEAF})
 #: a zone calls while another station may ask, then the commander's ends
 PAIRS = ("AC", "ABC", "aBC")
 
@@ -30,6 +30,7 @@ QUICK = (
     Setting("transfer", faults=1),
     Setting("transfer, messages", faults=2, kinds=MESSAGES, limits=IMPATIENT),
     Setting("transfer, crashes", path=("AB",), faults=2, kinds=CRASHES),
+    Setting("downlinks", faults=2, kinds=DEAF, limits=LUCKY, depth=9),
     Setting("liars", faults=2, kinds=frozenset({Fault.LIE})),
     Setting("weak links", faults=1, kinds=WEAK),
     Setting("energy", path=("AB", "aB", "B"), faults=1, kinds=SHORT, depth=20),
@@ -81,6 +82,7 @@ DEEP = (
     Setting("transfer, messages", faults=3, kinds=MESSAGES, limits=IMPATIENT),
     Setting("transfer, crashes", faults=3, kinds=CRASHES, path=("AB",)),
     Setting("transfer, crashes from afar", faults=2, kinds=CRASHES),
+    Setting("downlinks", faults=3, kinds=DEAF, limits=LUCKY, depth=30),
     Setting("transfer, cuts", faults=2, kinds=frozenset({Fault.CUT, Fault.LOSE, Fault.KILL_STATION})),
     Setting("liars", faults=3, kinds=frozenset({Fault.LIE, Fault.HOLD})),
     Setting("weak links", faults=2, kinds=frozenset({Fault.WEAK, Fault.LOSE, Fault.KILL_STATION})),

@@ -10,7 +10,7 @@ from enum import Enum
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import StandingConsent
 
-__all__ = ["FAULTS", "IMPATIENT", "LIMITS", "PARENT", "Fault", "Request", "Setting"]
+__all__ = ["FAULTS", "IMPATIENT", "LIMITS", "LUCKY", "PARENT", "Fault", "Request", "Setting"]
 
 PARENT = 251
 
@@ -27,13 +27,14 @@ class Fault(Enum):
     KILL_VEHICLE = "the companion dies; it may come back from its state file"
     BLANK_VEHICLE = "the companion restarts and its state file is lost"
     CUT = "a link is cut in one direction; it may heal"
+    DEAF = "a station hears nothing of the vehicle, and is heard; it may hear again"
     WEAK = "the links of a station are over a limit; they may become good again"
     SHORT = "no more energy is left than the way to the best place needs"
     LIE = "a station says a word of the present transfer that may not be its to say"
 
 
 #: what is explored by default
-FAULTS = frozenset(Fault) - {Fault.BLANK_VEHICLE, Fault.WEAK, Fault.SHORT, Fault.LIE}
+FAULTS = frozenset(Fault) - {Fault.BLANK_VEHICLE, Fault.DEAF, Fault.WEAK, Fault.SHORT, Fault.LIE}
 
 
 class Request(Enum):
@@ -64,6 +65,9 @@ LIMITS = Limits(
     link_steady_s=4.0,
     hold_s=3.0,
 )
+
+#: One answer in five bars a station still, two do not: with one question a tick that is as fine as it gets.
+LUCKY = replace(LIMITS, deaf_share=0.25, deaf_back_share=0.5)
 
 #: A step has two tries: where only messages go wrong, two faults are enough for a step to fail.
 IMPATIENT = replace(LIMITS, step_timeout_s=2.0)

@@ -169,6 +169,9 @@ class Graph(World):
                 yield "fault", kind, -1
         if Fault.CUT in kinds:
             yield from (("fault", Fault.CUT, n) for n in range(len(self.channels)) if n not in state.cuts)
+        if Fault.DEAF in kinds:
+            downlinks = [n for n, (sender, _receiver) in enumerate(self.channels) if sender < 0]
+            yield from (("fault", Fault.DEAF, n) for n in downlinks if n not in state.cuts)
         if Fault.WEAK in kinds and up:
             weak = self.vehicles[state.vehicle].books.weak
             yield from (("fault", Fault.WEAK, n) for n, sysid in enumerate(self.sysids) if sysid not in weak)
@@ -270,7 +273,7 @@ class Graph(World):
         elif kind in (Fault.RESTART_VEHICLE, Fault.BLANK_VEHICLE):
             draft.vehicle = self.vehicles.down(draft.vehicle)
             self._revive(draft, blank=kind is Fault.BLANK_VEHICLE)
-        elif kind is Fault.CUT:
+        elif kind in (Fault.CUT, Fault.DEAF):
             draft.cuts = tuple(sorted((*draft.cuts, which)))
             draft.queues[which] = ()
         elif kind is Fault.WEAK:
@@ -343,7 +346,7 @@ class Graph(World):
             return f"{what} {sender} -> {receiver}"
         if what == "fault":
             kind, which, *word = rest
-            on_channel = kind in (Fault.LOSE, Fault.DOUBLE, Fault.HOLD, Fault.CUT)
+            on_channel = kind in (Fault.LOSE, Fault.DOUBLE, Fault.HOLD, Fault.CUT, Fault.DEAF)
             ends = self.channels[which] if on_channel else (which,)
             said = (word[0], "to", self._name(word[1])) if word else ()
             return " ".join((f"FAULT {kind.name}", " -> ".join(self._name(end) for end in ends), *said))
