@@ -648,7 +648,6 @@ class Packer:
             Supervision,
             _interrupted=plain,
             _deaf=plain,
-            _refused=plain,
             _excused=plain,
             _first_speed=plain,
             _last_m=plain,
