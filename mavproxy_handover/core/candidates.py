@@ -161,8 +161,8 @@ class Candidates:
     def _tell_kept(self, owner: int, partner: int, actions: list[Action]) -> None:
         """Tell both operators, once, that no handover begins because of that."""
         presence, why = self._presence[owner], Reason.CONSENT_REFUSED
-        if presence.told_why is not why:
-            presence.told_why = why
+        if presence.told_why != in_words(why):
+            presence.told_why = in_words(why)
             text = f"No handover: {ended(why, presence.station.name, self._name(partner))}"
             actions.append(Record("handover_refused", text, why, owner))
             actions.append(Advise((owner, partner), text))
