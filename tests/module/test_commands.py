@@ -86,7 +86,7 @@ def test_status_when_all_is_ready(bench: Bench, delivery: MissionPackage) -> Non
         "energy    126.0 Wh of 126.0 Wh left, 0 W, wind not known, 3.0 m/s from ahead, as configured",
         "place     home: 0 m, needs 3 % of 100 %, covered by GCSA",
         "START     ready",
-        "preflight WARNING: the autopilot answers no request for parameters: nothing could be checked",
+        "preflight guard, parameters and firmware fit",
     ]
 
 
