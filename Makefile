@@ -85,7 +85,7 @@ soak: $(VENV)/installed
 	$(BIN)/python -m tests.sitl.soak_guard $(ARGS)
 
 flights: $(VENV)/installed
-	$(BIN)/pytest -n 2 -m sitl --long $(sort $(wildcard tests/sitl/test_guard_*.py)) tests/sitl/test_energy_arducopter.py \
+	$(BIN)/pytest -n 2 -m sitl --long $(sort $(wildcard tests/sitl/test_guard_*.py)) tests/sitl/test_starts_of_the_guard.py tests/sitl/test_energy_arducopter.py \
 	  --flown ardupilot_lua/handover_guard.md $(ARGS)
 
 # each in an environment of its own: the two have one name, and nothing in common

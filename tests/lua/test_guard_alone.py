@@ -226,3 +226,12 @@ class TestRecordings:
         self.play(bench, recorded)
         assert bench.vehicle.mode == RTL
         assert bench.status.nonce == 0
+
+    def test_a_guard_that_starts_again_in_the_gap_gives_no_more_than_the_companion_has_left(self, bench: Bench) -> None:
+        first_ms = alone(bench, 30)
+        bench.run(10_000)
+        bench.scripting.restart()
+        bench.companion.left_s = 20
+        bench.run(1000)
+        assert bench.status.state == LIVE_STATE
+        assert 30_000 <= returned_at(bench) - first_ms <= 34_000

@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""A guard that starts again, and two guards on one card: which leases count then, in ArduCopter."""
+"""A guard that starts again, and two guards on one card: which leases count then, in ArduCopter.
+
+Not in the table "Flown" of the guard's page yet: its rows are those of all three versions.
+"""
 
 from __future__ import annotations
 
