@@ -144,7 +144,7 @@ def refused_by_every_way(flight: Flight, text: str) -> None:
 
 def without_lease(flight: Flight) -> Outcome:
     assert flight.status[1] == WAITING
-    assert flight.status[8:] == flight.firmware.numbers
+    assert flight.status[8:10] == flight.firmware.numbers
     ready(flight)
     assert flight.arm() == FAILED
     refused_by_every_way(flight, "HNDO: no lease from companion")
