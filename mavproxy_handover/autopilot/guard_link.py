@@ -24,7 +24,7 @@ from mavproxy_handover.wire.lease import (
 from mavproxy_handover.wire.lease_tag import TAG_BYTES, lease_tag
 from mavproxy_handover.wire.status import LeaseSequence
 
-__all__ = ["GuardLink"]
+__all__ = ["GuardLink", "misfit_of"]
 
 #: a guard that was heard within this time (s) still runs
 _RUNS_S: Final = 3.0
@@ -43,6 +43,17 @@ _NO_KEY: Final = "the guard has no key: put handover.key on its card, beside the
 _OTHER_KEY: Final = "the guard's status does not fit guard_key: its handover.key is another key, or a stranger sends it"
 _KEYED: Final = "the guard has a key: set guard_key in the vehicle's configuration"
 _TWO: Final = "two guards answer: remove one of the two scripts from the card"
+
+
+def misfit_of(status: GuardStatus, *, keyed: bool) -> str:
+    """What a status shows by itself that does not fit, in words; "" if it fits. `keyed`: this companion has a key."""
+    if status.version < LEASE_VERSION:
+        return _OLDER
+    if status.second:
+        return _TWO
+    if status.tagged is not keyed:
+        return _NO_KEY if keyed else _KEYED
+    return ""
 
 
 class GuardLink:

@@ -15,6 +15,7 @@ from typing import Any, Final
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot import preflight
+from mavproxy_handover.autopilot.guard_link import misfit_of
 from mavproxy_handover.autopilot.mission_protocol import MissionProtocol
 from mavproxy_handover.autopilot.own_failsafes import plan_facts
 from mavproxy_handover.cli.guard import version_of
@@ -280,6 +281,9 @@ class _Visit:
         if status is None:
             do = "Set HNDO_CHAN to the number of this port among the autopilot's MAVLink ports (handover_guard.md)."
             return warning("guard", "it has parameters, and says nothing on this port", do)
+        misfit = misfit_of(status, keyed=self._vehicle.guard_key is not None)
+        if misfit:
+            return error("guard", misfit, advice("", misfit))
         state = f"{status.state.name.lower()}, {status.rejected} leases refused so far"
         if status.tampered:
             return error(

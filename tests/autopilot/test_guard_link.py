@@ -8,7 +8,9 @@ import struct
 
 import pytest
 
-from mavproxy_handover.autopilot.guard_link import GuardLink
+from mavproxy_handover.autopilot.guard_link import GuardLink, misfit_of
+from mavproxy_handover.doctor.advice import advice
+from mavproxy_handover.wire.lease import unpack_guard_status
 from mavproxy_handover.wire.lease_tag import lease_tag
 from mavproxy_handover.wire.status import LeaseSequence
 
@@ -163,3 +165,21 @@ class TestKey:
         link = GuardLink(1, None, leases())
         assert link.take(status(5, key=KEY), 10.0) is not None
         assert link.problem(10.0) == KEYED
+
+
+@pytest.mark.parametrize(
+    ("payload", "keyed", "text"),
+    [
+        (status(5), False, ""),
+        (status(5, key=KEY), True, ""),
+        (status(5), True, NO_KEY),
+        (status(5, key=KEY), False, KEYED),
+        (status(5, flags=64), False, TWO),
+        (struct.pack("<BBBBIIIHBB", 1, 3, 0, 0, OURS, 9, 7, 0, 4, 7), False, OLDER),
+    ],
+)
+def test_one_status_shows_the_doctor_what_does_not_fit(payload: bytes, keyed: bool, text: str) -> None:
+    told = unpack_guard_status(payload)
+    assert told is not None
+    assert misfit_of(told, keyed=keyed) == text
+    assert advice("", text) != "Read ardupilot_lua/handover_guard.md." or text == ""
