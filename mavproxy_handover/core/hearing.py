@@ -151,11 +151,11 @@ class Hearing:
         limits = self._limits
         share, asked_s = self._measure(now)
         self.share, self._asked_s = share, asked_s
-        known = share is not None and asked_s >= limits.deaf_lost_s  # few questions say little
+        known = asked_s >= limits.deaf_lost_s  # few questions say little
         bars = known and share is not None and share < limits.deaf_share and not self.barred
         if bars:
             self.barred_at = now
-        if not self.barred or not known or share is None or share < limits.deaf_back_share:
+        if not self.barred or share is None or share < limits.deaf_back_share:
             self._good_since = inf
         else:
             self._good_since = min(self._good_since, now)
