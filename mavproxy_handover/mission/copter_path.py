@@ -56,7 +56,7 @@ from mavproxy_handover.mission.plan import Route
 __all__ = ["MOST_PIECES", "copter_legs", "pieces_lacking"]
 
 #: legs for curves, and over terrain, of one route
-MOST_PIECES: Final = 2000
+MOST_PIECES: Final = 1000
 #: nearer to the middle than that (m) ArduCopter does not fly to the circle first
 _IN_THE_MIDDLE_M: Final = 3.0
 #: a way over the ground is cut into pieces of half a cell, or of that (m), whichever is longer

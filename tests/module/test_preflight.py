@@ -30,6 +30,7 @@ from mavproxy_handover.autopilot.preflight import (
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import GuardState, Kind
 from mavproxy_handover.core.safety.energy_prior import EnergySettings
+from mavproxy_handover.mission.items import MissionItem
 from mavproxy_handover.mission.package import MissionPackage, load
 from mavproxy_handover.wire.conversation import Conversations
 from tests.autopilot.test_copter import talk
@@ -613,6 +614,76 @@ def flown(clock: Clock, tmp_path: Path) -> Iterator[Bench]:
     yield bench
     bench.close()
     assert bench.mpstate.escaped == []
+
+
+ABOVE_TERRAIN = MissionItem(2, 16, 10, 0, 0, 0, 0, 52.0, 5.0, 30.0)
+ABOVE_SEA = MissionItem(3, 16, 0, 0, 0, 0, 0, 52.0, 5.0, 630.0)
+
+
+@pytest.mark.parametrize(
+    ("changes", "texts"),
+    [
+        (
+            {"CIRCLE_RATE": 5.0},
+            [
+                "CIRCLE_RATE is 5 degrees/s: a circle of the mission takes longer, and more energy, than was counted "
+                "(11.5 were counted)"
+            ],
+        ),
+        (
+            {"CIRCLE_RATE": 0.0},
+            ["CIRCLE_RATE is 0 degrees/s: a circle of the mission never ends (11.5 were counted)"],
+        ),
+        ({"CIRCLE_RATE": -11.5}, []),
+    ],
+)
+def test_circles_take_as_long_as_they_were_counted(changes: dict[str, float], texts: list[str]) -> None:
+    plan = PlanFacts(True, 1, 200.0, 50.0, circle_deg_s=11.5)
+    assert [finding.text for finding in judge(found(plan=plan, **changes), Limits())] == texts
+    assert judge(found(plan=PlanFacts(True, 1, 200.0, 50.0), **changes), Limits()) == ()
+
+
+@pytest.mark.parametrize(
+    ("changes", "texts"),
+    [
+        ({}, []),
+        (
+            {"TERRAIN_ENABLE": 0.0},
+            [
+                "item 2 (NAV_WAYPOINT) above terrain: TERRAIN_ENABLE is not 1 and there is no range finder. Set it to "
+                "1, or plan heights above home; START is refused"
+            ],
+        ),
+        ({"TERRAIN_ENABLE": 0.0, "RNGFND1_TYPE": 8.0}, []),
+    ],
+)
+def test_heights_above_terrain_need_terrain(changes: dict[str, float], texts: list[str]) -> None:
+    plan = PlanFacts(True, 1, 200.0, 50.0, above_terrain=(ABOVE_TERRAIN,), ground=True)
+    assert [finding.text for finding in judge(found(plan=plan, **changes), Limits())] == texts
+
+
+def test_heights_above_terrain_without_heights_of_the_ground_are_told() -> None:
+    plan = PlanFacts(True, 1, 200.0, 50.0, above_terrain=(ABOVE_TERRAIN,))
+    assert [finding.text for finding in judge(found(plan=plan), Limits())] == [
+        "item 2 (NAV_WAYPOINT) above terrain: the mission has no heights of the ground, so its heights above home are "
+        "not known"
+    ]
+
+
+def test_heights_above_the_sea_need_both_homes_at_the_same_height() -> None:
+    plan = PlanFacts(True, 1, 200.0, 50.0, home_alt_m=0.0, above_sea=(ABOVE_SEA,))
+    texts = {
+        home_m: [finding.text for finding in judge(replace(found(plan=plan), home_alt_m=home_m), Limits())]
+        for home_m in (5.0, 600.0, None)
+    }
+    assert texts == {
+        5.0: [],
+        600.0: [
+            "item 3 (NAV_WAYPOINT) above sea: home is at 0 m in the plan and at 600 m in the autopilot (allowed: 10 m "
+            "apart). Plan heights above home, or home at its height; START is refused"
+        ],
+        None: ["item 3 (NAV_WAYPOINT) above sea: the height of the autopilot's home is not known; START is refused"],
+    }
 
 
 def said(bench: Bench) -> list[tuple[str, bool]]:

@@ -27,7 +27,7 @@ from mavproxy_handover.mission.geodesy import bearing_deg, distance_m, offset
 from sitl.vehicles import VehicleSpec, launch
 from tests.sitl.guard_flight import HOME, Wire
 
-__all__ = ["Flown", "fly"]
+__all__ = ["Flight", "Flown", "arm", "fly"]
 
 ALTITUDE_M = 20.0
 AUTO, GUIDED = 3, 4
@@ -51,8 +51,8 @@ class Flown:
     fact: EnergyFact
 
 
-class _Flight:
-    """Time is the autopilot's, in seconds."""
+class Flight:
+    """One flight, followed. Time is the autopilot's, in seconds."""
 
     def __init__(self, address: str, settings: EnergySettings) -> None:
         self.wire = Wire(address, 255, 190)
@@ -168,7 +168,7 @@ def fly(
     vehicle = launch("arducopter", spec, folder)
     flight = None
     try:
-        flight = _Flight(vehicle.address(1), settings)
+        flight = Flight(vehicle.address(1), settings)
         return _fly(flight, settings, place, wind, return_mps)
     finally:
         if flight is not None:
@@ -177,7 +177,7 @@ def fly(
 
 
 def _fly(
-    flight: _Flight, settings: EnergySettings, place: tuple[float, float], wind: Wind, return_mps: float | None
+    flight: Flight, settings: EnergySettings, place: tuple[float, float], wind: Wind, return_mps: float | None
 ) -> Flown:
     length, bearing = distance_m(*HOME[:2], *place), bearing_deg(*HOME[:2], *place)
     flight.until(lambda: flight.now > 0.0 or flight.aircraft.heartbeat_at >= 0.0, 60, "the autopilot")
@@ -194,7 +194,7 @@ def _fly(
         flight.until(lambda: any("grabbed" in text for text in flight.texts), 30, "the payload in the gripper")
         end = flight.now + 5.0
         flight.until(lambda: flight.now >= end, 10, "the jaws to close")
-    _arm(flight)
+    arm(flight)
     began_wh = flight.used_wh
     assert flight.command(300)
     flight.until(lambda: flight.reached >= 2, 900, "the way out")
@@ -221,7 +221,7 @@ def _home(model: EnergyModel, length: float, bearing: float, speed_mps: float | 
     return way_home(length, bearing, ALTITUDE_M, 0.0, model.return_alt_m, speed_mps=speed_mps)
 
 
-def _arm(flight: _Flight) -> None:
+def arm(flight: Flight) -> None:
     """Armed in GUIDED, as soon as the autopilot can."""
     for _ in range(60):
         if flight.command(176, 1, GUIDED) and flight.command(400, 1):

@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Flies a mission on ArduCopter and records where it goes, item by item. Tests use it with an ArduCopter SITL program."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+from mavproxy_handover.core.safety.energy_prior import EnergySettings
+from mavproxy_handover.gate.mission_items import item_message
+from mavproxy_handover.mission.geodesy import distance_m
+from mavproxy_handover.mission.leg import Leg
+from mavproxy_handover.mission.pieces import Line
+from mavproxy_handover.mission.plan import Route
+from sitl.vehicles import VehicleSpec, launch
+from tests.sitl.energy_flight import Flight, arm
+from tests.sitl.guard_flight import HOME
+
+__all__ = ["Flown", "Place", "fly", "hold_against"]
+
+#: message id -> times a second, in the autopilot's time
+_RATES = {33: 10, 42: 10}
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where the aircraft was, when (s), and the item that it flew to."""
+
+    time_s: float
+    lat_deg: float
+    lon_deg: float
+    alt_m: float
+    seq: int
+
+
+@dataclass(frozen=True, slots=True)
+class Flown:
+    """What is flown of an item against its legs: how far a place was from them at the most, and a leg's end from every
+    place (m); lengths (m) and times (s) of both."""
+
+    beside_m: float
+    missed_m: float
+    flown_m: float
+    walked_m: float
+    flown_s: float
+    walked_s: float
+
+
+def fly(folder: Path, route: Route, speedup: float = 10.0) -> list[Place]:
+    """All places from take-off until the last item is flown to."""
+    spec = VehicleSpec(home=HOME, speedup=speedup, parameters={"SCR_ENABLE": 0.0})
+    vehicle = launch("arducopter", spec, folder)
+    flight = None
+    found: list[Place] = []
+    try:
+        flight = Flight(vehicle.address(1), EnergySettings())
+        flight.until(lambda: flight.now > 0.0 or flight.aircraft.heartbeat_at >= 0.0, 60, "the autopilot")
+        for message, hertz in _RATES.items():
+            flight.command(511, message, 1e6 / hertz)
+        flight.until(lambda: flight.now > 15.0, 60, "room for a mission")
+        flight.upload([item_message(item, (1, 1), 0) for item in route.upload_items()])
+        arm(flight)
+        assert flight.command(300)
+        last = route.items[-1].seq
+
+        def there() -> bool:
+            aircraft = flight.aircraft
+            if aircraft.where is not None and (not found or aircraft.position_at > found[-1].time_s):
+                found.append(Place(aircraft.position_at, *aircraft.where, aircraft.waypoint))
+            return aircraft.waypoint >= last or not aircraft.armed
+
+        flight.until(there, 3000, "the mission")
+        assert flight.aircraft.armed, flight.texts
+    finally:
+        if flight is not None:
+            flight.wire.socket.close()
+        vehicle.stop()
+    return found
+
+
+def hold_against(legs: Sequence[Leg], places: Sequence[Place], seq: int) -> Flown:
+    """What was flown to an item against the legs to it."""
+    ours = [leg for leg in legs if leg.seq == seq and leg.length_m > 0.0]
+    theirs = [place for place in places if place.seq == seq]
+    lines = [Line(leg.start[:2], leg.end[:2]) for leg in ours]
+    return Flown(
+        beside_m=max(min(abs(line.measure((p.lat_deg, p.lon_deg))[1]) for line in lines) for p in theirs),
+        missed_m=max(min(distance_m(*leg.end[:2], p.lat_deg, p.lon_deg) for p in theirs) for leg in ours),
+        flown_m=sum(distance_m(a.lat_deg, a.lon_deg, b.lat_deg, b.lon_deg) for a, b in pairwise(theirs)),
+        walked_m=sum(leg.times * leg.length_m for leg in ours),
+        flown_s=theirs[-1].time_s - theirs[0].time_s,
+        walked_s=sum(leg.times * leg.duration_s + leg.hold_s for leg in ours),
+    )
