@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Flies a mission on ArduCopter and records where it goes, item by item. Tests use it with an ArduCopter SITL program."""
+"""Flies a mission on ArduCopter and records where it goes, item by item. It needs an ArduCopter SITL program."""
 
 from __future__ import annotations
 
@@ -82,10 +82,10 @@ def fly(folder: Path, route: Route, speedup: float = 10.0) -> list[Place]:
 
 
 def hold_against(legs: Sequence[Leg], places: Sequence[Place], seq: int) -> Flown:
-    """What was flown to an item against the legs to it."""
+    """What was flown to an item against the legs to it; at its beginning the legs before count as well."""
     ours = [leg for leg in legs if leg.seq == seq and leg.length_m > 0.0]
     theirs = [place for place in places if place.seq == seq]
-    lines = [Line(leg.start[:2], leg.end[:2]) for leg in ours]
+    lines = [Line(leg.start[:2], leg.end[:2]) for leg in legs if leg.seq in (seq - 1, seq) and leg.length_m > 0.0]
     return Flown(
         beside_m=max(min(abs(line.measure((p.lat_deg, p.lon_deg))[1]) for line in lines) for p in theirs),
         missed_m=max(min(distance_m(*leg.end[:2], p.lat_deg, p.lon_deg) for p in theirs) for leg in ours),
