@@ -56,6 +56,8 @@ _OWN: Final = {
     "BATT_LOW_VOLT": "Set BATT_LOW_VOLT to the voltage at which this battery has to be on its way home.",
     "FS_DR_ENABLE": "Set FS_DR_ENABLE to 2 (RTL), or 1 (land).",
     "FENCE_ENABLE": "Set FENCE_ENABLE to 1.",
+    "TERRAIN_ENABLE": "Set TERRAIN_ENABLE to 1 and let it load the heights of the ground, or plan heights above home.",
+    "CIRCLE_RATE": "Set CIRCLE_RATE to 20.",
     "FENCE_TYPE": "Set FENCE_TYPE to 4, or 5 with a ceiling.",
     "FENCE_ACTION": "Set FENCE_ACTION to 1.",
 }
@@ -67,6 +69,7 @@ _WORDS: Final = (
         "does not land",
         "Set Q_RTL_MODE to 1, or give the mission a DO_LAND_START with its landing and set RTL_AUTOLAND to 1.",
     ),
+    ("above sea", "Plan heights above home, or set the plan's home to its height above the sea."),
     ("scripting is off", "Set SCR_ENABLE to 1 and start the autopilot anew."),
     ("guard is not loaded", "Put the guard on the SD card with 'handover guard CARD', start the autopilot anew."),
     ("guard is older", "Put the guard on the SD card with 'handover guard CARD --force', start the autopilot anew."),

@@ -30,6 +30,7 @@ from mavproxy_handover.doctor.line import RATES, here, line_findings, usable
 from mavproxy_handover.doctor.patient import Patient
 from mavproxy_handover.doctor.talk import Talk
 from mavproxy_handover.link.devices import DeviceSpec, Kind, LinkError, open_device, parse_device
+from mavproxy_handover.mission.heights import above_sea
 from mavproxy_handover.store.keys import KeysError, load_key
 from mavproxy_handover.wire.conversation import Ask, Asking, NoAnswer, command_long
 from mavproxy_handover.wire.file_transfer import checksum
@@ -218,7 +219,9 @@ class _Visit:
             yield warning("firmware", "it does not tell its version", do)
         if self._ahead_s is None:
             self.talk.ask(_message(sysid, "SYSTEM_TIME"))
-        if self._vehicle.position.box and self._aircraft.own_position is None:
+        package = self._patient.package
+        high = package is not None and bool(above_sea(package.route))
+        if (high or self._vehicle.position.box) and self._aircraft.own_position is None:
             self.talk.ask(_message(sysid, "GLOBAL_POSITION_INT"))
         yield self._time()
         names = preflight.names_of(self._aircraft.vehicle, self._batteries)
@@ -254,6 +257,7 @@ class _Visit:
             gap_s=0.0 if package is None else max((gap.limit_s for gap in package.gaps), default=0.0),
             kind=self._aircraft.kind,
             batteries=self._batteries,
+            home_alt_m=self._aircraft.home_alt_m,
         )
         wrong = preflight.judge(found, self._vehicle.limits)
         for each in wrong:

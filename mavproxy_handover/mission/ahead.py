@@ -8,7 +8,7 @@ Rules that live here
   the mission declares: a station down the route need not be there yet.
 * A gap that the mission declares is no hole in the coverage: it was judged before take-off, and its limit is kept.
 * What lies outside at the beginning does not count: whoever brings an aircraft back inside may do so. But inside it
-  has to come with the first leg, and to stay there.
+  has to come with the first leg, or on the first curve, and to stay there.
 * The vertical pieces of a way, take-off and landing, leave nothing that their place does not.
 * What wings fly to they circle, as far away as the radius says: once around counts (`around`). Another height alone is
   a metre of way to it: they climb on their way, wherever that leads.
@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterator, Sequence
-from itertools import pairwise
+from itertools import pairwise, takewhile
 
 from mavproxy_handover.mission.fence import Fence
 from mavproxy_handover.mission.gaps import Stretch
@@ -91,15 +91,24 @@ def _within_gap(gap: Stretch, seq: int, place: _Place) -> bool:
 
 def leaves_fence(legs: Sequence[Leg], fence: Fence, ceiling_m: float | None = None) -> str:
     """Where a way breaks the geofence, in words; "" where it does not. `ceiling_m`: above home."""
-    gone_m = 0.0
-    for leg in legs:
+    gone_m, inside = 0.0, bool(legs) and fence.holds(legs[0].start[:2])
+    joins = _first_way(legs)
+    for number, leg in enumerate(legs):
         if ceiling_m is not None and leg.end[2] > ceiling_m:
             return f"climbs above the fence's ceiling of {ceiling_m:g} m"
         start, end = leg.start[:2], leg.end[:2]
-        if not fence.holds(end) or (fence.holds(start) and not fence.holds_way(start, end)):
+        held = fence.holds(end)
+        comes_back = not inside and number + 1 < joins
+        if not (held or comes_back) or (fence.holds(start) and not fence.holds_way(start, end)):
             return f"breaks the geofence {_within(gone_m + leg.length_m)}{_item(leg.seq)}"
-        gone_m += leg.length_m
+        gone_m, inside = gone_m + leg.length_m, inside or held
     return ""
+
+
+def _first_way(legs: Sequence[Leg]) -> int:
+    """How many legs are the way to the first item, where that is a curve or follows the ground; else 1."""
+    in_pieces = takewhile(lambda leg: leg.seq == legs[0].seq and (leg.curved or leg.follows), legs)
+    return max(1, sum(1 for _leg in in_pieces))
 
 
 def _places(legs: Sequence[Leg]) -> Iterator[tuple[float, _Place, int, bool]]:
@@ -109,14 +118,18 @@ def _places(legs: Sequence[Leg]) -> Iterator[tuple[float, _Place, int, bool]]:
     """
     level = [(leg, leg.length_m) for leg in legs]
     step_m = max(STEP_M, sum(length for _leg, length in level) / MOST_STEPS)
-    gone_m = 0.0
+    gone_m = looked_at_m = 0.0
     if legs:
         yield 0.0, legs[0].start, 0, True
-    for leg, length_m in level:
-        first = gone_m == 0.0
-        steps = math.ceil(length_m / step_m)
+    joins = _first_way(legs)
+    for number, (leg, length_m) in enumerate(level):
+        first = gone_m == 0.0 or number < joins
+        # of curves not every piece is looked at, but the last one is
+        goes_on = (leg.curved or leg.follows) and number + 1 < len(level) and level[number + 1][0].seq == leg.seq
+        steps = 0 if goes_on and gone_m + length_m - looked_at_m < step_m else math.ceil(length_m / step_m)
         for step in range(1, steps + 1):
-            yield gone_m + length_m * step / steps, leg.at(step / steps), leg.seq, first
+            looked_at_m = gone_m + length_m * step / steps
+            yield looked_at_m, leg.at(step / steps), leg.seq, first
         gone_m += length_m
 
 

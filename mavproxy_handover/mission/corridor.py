@@ -42,9 +42,9 @@ def covered_area(where: Where, route: Route, waypoints: Collection[int], corrido
             raise where.error(f"waypoint {seq} is {command.name} (allowed: an item that is flown to)")
     per_lat, per_lon = degree_lengths_m(route.home.lat_deg)
     runs: list[list[tuple[float, float]]] = [[]]
-    for seq, (lat, lon) in _flown_places(route).items():
+    for seq, places in _flown_places(route).items():
         if seq in listed:
-            runs[-1].append((beside_deg(lon, route.home.lon_deg) * per_lon, lat * per_lat))
+            runs[-1] += [(beside_deg(lon, route.home.lon_deg) * per_lon, lat * per_lat) for lat, lon in places]
         elif runs[-1]:
             runs.append([])
     lines = [LineString(run) if len(set(run)) > 1 else Point(run[0]) for run in runs if run]
@@ -54,12 +54,14 @@ def covered_area(where: Where, route: Route, waypoints: Collection[int], corrido
     return area
 
 
-def _flown_places(route: Route) -> dict[int, tuple[float, float]]:
-    """Latitude and longitude where each flown item ends, in the order flown."""
-    ends = {leg.seq: (leg.end[0], leg.end[1]) for leg in legs_of(route)}
-    place = (route.home.lat_deg, route.home.lon_deg)
+def _flown_places(route: Route) -> dict[int, tuple[tuple[float, float], ...]]:
+    """Latitude and longitude where each flown item ends, in the order flown; of circles and splines the whole curve."""
+    ends: dict[int, tuple[tuple[float, float], ...]] = {}
+    for leg in legs_of(route):
+        ends[leg.seq] = (*(ends.get(leg.seq, ()) if leg.curved else ()), leg.end[:2])
+    before: tuple[tuple[float, float], ...] = ((route.home.lat_deg, route.home.lon_deg),)
     places = {}
     for item in route.items:
         if COMMANDS[item.command].flown:
-            place = places[item.seq] = ends.get(item.seq, place)
+            before = places[item.seq] = ends.get(item.seq, before[-1:])
     return places

@@ -49,6 +49,39 @@ def path(*places: tuple[float, float, float]) -> tuple[Leg, ...]:
     return tuple(Leg(n, start, end, 0.0) for n, (start, end) in enumerate(pairwise(places), 1))
 
 
+def in_pieces(start_m: float, end_m: float, seq: int = 1, pieces: int = 20) -> tuple[Leg, ...]:
+    """A way to the east that stands for a curve."""
+    places = [at(start_m + (end_m - start_m) * n / pieces) for n in range(pieces + 1)]
+    return tuple(Leg(seq, start, end, 0.0, curved=True) for start, end in pairwise(places))
+
+
+def test_a_curve_may_lead_back_inside() -> None:
+    """From 200 m outside of zone and fence; the way of the next item may not be outside."""
+    back, finder = in_pieces(-1190.0, 0.0), zones((A, 0.0, 990.0))
+    fence = Fence((circle(0.0, 990.0),))
+    assert leaves_coverage(back, finder, {A}) == ""
+    assert leaves_fence(back, fence) == ""
+    short = in_pieces(-1190.0, -1100.0)
+    assert leaves_coverage(short, finder, {A}) == "leads out of coverage (item 1)"
+    assert leaves_fence(short, fence) == "breaks the geofence within 90 m (item 1)"
+    away = (*in_pieces(-1190.0, 0.0), *in_pieces(0.0, -1190.0, 2))
+    assert leaves_coverage(away, finder, {A}).startswith("leaves coverage in")
+    assert leaves_fence(away, fence).startswith("breaks the geofence within 2")
+
+
+def test_of_a_curve_of_many_pieces_places_are_looked_at_in_steps() -> None:
+    class Counting(ZoneFinder):
+        asked = 0
+
+        def holding(self, *place: float) -> frozenset[int]:  # type: ignore[override]
+            Counting.asked += 1
+            return super().holding(*place)
+
+    finder = Counting(zones((A, 0.0, 990.0)).zones)
+    assert leaves_coverage(in_pieces(-900.0, 900.0, pieces=1800), finder, {A}) == ""
+    assert Counting.asked <= 95
+
+
 @pytest.mark.parametrize(
     ("spans", "places", "usable", "words"),
     [
