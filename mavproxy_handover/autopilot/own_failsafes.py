@@ -40,7 +40,7 @@ from mavproxy_handover.core.safety.energy import (
 from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.gate.policy.switches import switch_name, switch_rule
 from mavproxy_handover.mission.geodesy import distance_m
-from mavproxy_handover.mission.heights import above_sea, above_terrain, named
+from mavproxy_handover.mission.heights import above_sea, above_terrain, low_ways, named
 from mavproxy_handover.mission.items import LANDINGS, LOITER_TURNS, MissionItem, stored_radius_m
 from mavproxy_handover.mission.leg import Leg
 from mavproxy_handover.mission.plan import Route, ways_from_land_starts
@@ -125,13 +125,15 @@ class PlanFacts:
     circle_deg_s: float = 0.0
     #: the speed that it was checked with (m/s), of wings through the air; None: not known
     cruise_mps: float | None = None
+    #: which ways are at home's height or near it, in words; "": none
+    low: str = ""
 
 
 def plan_facts(route: Route, cruise_mps: float | None = None) -> PlanFacts:
     """The facts of a route, checked with that speed. It has at most MAX_ITEMS items, so this takes a few
     milliseconds."""
     home = route.home.lat_deg, route.home.lon_deg
-    legs = legs_of(route)
+    legs = legs_of(route, cruise_mps)
     farthest_m = max(distance_m(*home, *leg.end[:2]) for leg in legs)
     highest_m = max(leg.end[2] for leg in legs)
     inclusions, ways = sum(part.inclusion for part in route.fence), ways_from_land_starts(route.items)
@@ -149,6 +151,7 @@ def plan_facts(route: Route, cruise_mps: float | None = None) -> PlanFacts:
         route.ground is not None,
         0.0 if route.kind.winged else _circle_deg_s(route, legs),
         cruise_mps,
+        next((low.text for low in low_ways(route, legs)), ""),
     )
 
 
@@ -275,6 +278,10 @@ def _terrain(p: Parameters, plan: PlanFacts | None) -> str | None:
         return None
     what = f"{named(plan.above_terrain[0])} above terrain"
     return f"{what}: the mission has no heights of the ground, so its heights above home are not known"
+
+
+def _low_way(p: Parameters, plan: PlanFacts | None) -> str | None:
+    return None if plan is None or not plan.low else plan.low
 
 
 def _circle_rate(p: Parameters, plan: PlanFacts | None) -> str | None:
@@ -646,4 +653,5 @@ RULES: Final[tuple[Row, ...]] = (
     ("RALLY_INCL_HOME", _home, EVERY),
     ("TERRAIN_ENABLE", _terrain, EVERY),
     ("CIRCLE_RATE", _circle_rate, COPTERS),
+    ("", _low_way, EVERY),
 )

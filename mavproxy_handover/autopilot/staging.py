@@ -43,7 +43,7 @@ from mavproxy_handover.gate.mission_server import MissionServer, Turn, Upload
 from mavproxy_handover.mission.ahead import Ahead
 from mavproxy_handover.mission.crossings import WayAhead
 from mavproxy_handover.mission.errors import MissionError
-from mavproxy_handover.mission.heights import above_ground_m, low_ways, named
+from mavproxy_handover.mission.heights import above_ground_m, named
 from mavproxy_handover.mission.items import COMMANDS, RETURN_TO_LAUNCH, MissionItem
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.mission.plan import MAX_CORNERS, MAX_ITEMS, Route, with_items
@@ -76,8 +76,6 @@ class Rerouted:
     facts: PlanFacts
     #: with its borders; None: it leads nowhere
     way: WayAhead | None = None
-    #: which items are near the height of home, in words; "": none is
-    low: str = ""
 
 
 def _mission_flaw(item: MissionItem) -> Flaw | None:
@@ -227,8 +225,8 @@ class Staging:
             self._ties.narrator.rerouted(port.name, len(items) - 1, read.commanders)
             self._rerouted(read, now)
             self._conclude(port, _MISSION, mavlink.MAV_MISSION_ACCEPTED, "", now)
-            if read.low:
-                self._ties.voice.say(port, f"mission, warning: {read.low}")
+            if read.facts.low:
+                self._ties.voice.say(port, f"mission, warning: {read.facts.low}")
 
         self._conversations.begin(_WRITE, self._procedures().replace_mission(items), done, now)
 
@@ -251,5 +249,4 @@ def _read_route(
         if above_ground_m(relief, leg) < 0.0:
             raise MissionError(f"the way to {named(item)} leads into the ground. Plan it higher")
     walk = walk_legs(legs, package.zone_finder(), commander)
-    low = next((each.text for each in low_ways(route, legs)), "")
-    return Rerouted(ahead, walk.commanders, facts, WayAhead(walk), low)
+    return Rerouted(ahead, walk.commanders, facts, WayAhead(walk))

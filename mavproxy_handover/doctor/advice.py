@@ -69,6 +69,7 @@ _WORDS: Final = (
         "does not land",
         "Set Q_RTL_MODE to 1, or give the mission a DO_LAND_START with its landing and set RTL_AUTOLAND to 1.",
     ),
+    ("bring the heights of the ground", "Plan this way higher, or give the mission a file of heights (key 'terrain')."),
     ("above sea", "Plan heights above home, or set the plan's home to its height above the sea."),
     ("scripting is off", "Set SCR_ENABLE to 1 and start the autopilot anew."),
     ("guard is not loaded", "Put the guard on the SD card with 'handover guard CARD', start the autopilot anew."),

@@ -12,7 +12,8 @@ Rules
   direction is that from the beginning of the first to the end of the second.
 * NAV_DELAY waits parameter 1 in seconds, or else until a second of the minute, which takes 60 s at the most. Other
   times of day are refused (`plan.py`).
-* A height of 0 is no height to ArduCopter: the one before is kept.
+* A height of 0 is no height to ArduCopter: the one before is kept. So it is on the way to NAV_LAND and
+  NAV_PAYLOAD_PLACE, from where it climbs back to that.
 * Heights above terrain: on a straight leg the height above the ground changes evenly, and the aircraft follows the
   ground. This needs the heights of a terrain file. Without one they count as heights above home, and the check says so.
   Where the frame changes, a spline begins or ends with a stop.
@@ -136,7 +137,7 @@ class _Flight:
 
     def _to_place(self, item: MissionItem, speed_mps: float) -> Iterator[_Part]:
         start, place = self._here, self._place(item)
-        up = self._up(item, item.command == LAND)
+        up = self._up(item, item.command in (LAND, PAYLOAD_PLACE))
         end = (*place, self._height(item, up, place))
         hold_s = max(0.0, item.param1) if item.command in _HOLDING else 0.0
         yield from self._straight(item, end, speed_mps, hold_s=hold_s)
@@ -144,9 +145,9 @@ class _Flight:
             yield from self._landing(item)
         elif item.command == PAYLOAD_PLACE:
             yield from self._landing(item)
-            rise_s = end[2] / CLIMB_MPS if end[2] > 0.0 else 0.0
-            yield _one(Leg(item.seq, (*place, 0.0), end, rise_s))
-            self._here = end
+            if end[2] > 0.0:
+                yield _one(Leg(item.seq, self._here, end, end[2] / CLIMB_MPS))
+                self._here = end
         elif item.command == WAYPOINT and int(item.param1) == 0:
             self._leaves = self._way(start, end)
 

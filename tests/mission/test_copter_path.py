@@ -13,6 +13,8 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from mavproxy_handover.core.model import Kind
 from mavproxy_handover.mission import load, read_route
@@ -303,6 +305,12 @@ def test_a_height_of_0_keeps_the_one_before() -> None:
             assert places(legs, 2)[-1] == spot(100.0, 0.0, 30.0)
 
 
+def test_a_payload_is_placed_from_the_height_that_the_aircraft_has() -> None:
+    """30 m, whatever height the item has, straight down and up again."""
+    legs = legs_of(route(item(94, (100.0, 0.0), 80.0), item(WAYPOINT, (200.0, 0.0))), 10.0)
+    assert [up for *_place, up in places(legs, 2)] == [pytest.approx(each) for each in (30.0, 10.0, 0.0, 30.0)]
+
+
 class Slope:
     """Ground that rises to the east, a metre in ten."""
 
@@ -397,3 +405,48 @@ def test_heights_above_terrain_follow_the_mission_s_ground() -> None:
 def test_a_jump_is_refused() -> None:
     with pytest.raises(MissionError, match="command 530 is not one a mission package may hold"):
         load(DATA / "jump")
+
+
+# ---- whatever is flown --------------------------------------------------------------------------------------------
+
+_METRES = st.integers(-3000, 3000)
+_ITEMS = st.one_of(
+    st.builds(
+        item,
+        st.sampled_from([WAYPOINT, TIME, SPLINE, LAND, LOITER_UNLIMITED, 31, 94]),
+        st.none() | st.tuples(_METRES, _METRES),
+        st.sampled_from([0.0, -50.0, 30.0, 120.0]),
+        params=st.sampled_from([(0.0, 0.0, 0.0, 0.0), (5.0, 0.0, 0.0, 0.0)]),
+        frame=st.sampled_from([ABOVE_SEA, ABOVE_HOME, ABOVE_TERRAIN]),
+    ),
+    st.builds(
+        item,
+        st.just(TURNS),
+        st.none() | st.tuples(_METRES, _METRES),
+        st.sampled_from([0.0, 30.0]),
+        params=st.tuples(
+            st.sampled_from([0.0, 0.3, 1.0, 7.0, 255.0]),
+            st.just(0.0),
+            st.sampled_from([-2000.0, -3.0, 1.0, 90.0]),
+            st.just(0.0),
+        ),
+        frame=st.sampled_from([ABOVE_SEA, ABOVE_HOME, ABOVE_TERRAIN]),
+    ),
+    st.just(item(DELAY, params=(0.0, -1.0, -1.0, 5.0))),
+    st.just(item(RTL)),
+)
+
+
+@settings(deadline=None)
+@given(items=st.lists(_ITEMS, min_size=1, max_size=8), slope=st.booleans())
+def test_every_path_is_in_one_piece_and_takes_a_finite_time(items: list[MissionItem], slope: bool) -> None:
+    flown = route(*items, ground=Slope() if slope else None)
+    legs = legs_of(flown, 10.0)
+    rounds = round_by_round(legs)
+    assert all(before.end == after.start for before, after in pairwise(rounds))
+    for leg in legs:
+        assert all(map(math.isfinite, (*leg.start, *leg.end, leg.duration_s, leg.hold_s, leg.speed_mps)))
+        assert leg.duration_s >= 0.0
+        assert leg.hold_s >= 0.0
+        assert leg.times >= 1
+    assert [leg.seq for leg in legs] == sorted(leg.seq for leg in legs)

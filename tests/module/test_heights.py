@@ -115,6 +115,23 @@ def test_heights_above_terrain_need_an_autopilot_that_knows_the_ground(
     assert any("above terrain" in text for text in told), "the mission has no heights of the ground either"
 
 
+@pytest.mark.parametrize(
+    ("alt_m", "words"), [(-50.0, "down to 50 m below home"), (0.5, "0.5 m above home, less than 5")]
+)
+def test_a_way_near_the_height_of_home_is_told_before_start(
+    bench: Bench, delivery: MissionPackage, alt_m: float, words: str
+) -> None:
+    def low(mission: dict[str, Any]) -> None:
+        mission["items"][1]["params"][6] = alt_m
+
+    bench.autopilot.parameters["FS_OPTIONS"] = 0.0
+    bench.connect()
+    bench.share(changed(delivery, low))
+    bench.until(lambda: bench.companion.autopilot.findings is not None, 60.0)
+    told = [finding.text for finding in bench.companion.autopilot.findings or ()]
+    assert any(text.startswith(f"item 2 (NAV_WAYPOINT): {words}") for text in told)
+
+
 # ---- uploads in flight --------------------------------------------------------------------------------------------
 
 
