@@ -154,7 +154,7 @@ class _Flight:
     def _landing(self, item: MissionItem) -> Iterator[_Part]:
         for leg in down(item.seq, self._here):
             yield _one(leg)
-        self._here = (*self._here[:2], 0.0)
+        self._here = (*self._here[:2], min(self._here[2], 0.0))
         self._above_terrain = False
 
     # ---- where an item is -----------------------------------------------------------------------------------------
