@@ -720,7 +720,7 @@ def test_the_guards_own_words_name_the_right_channel(flown: Bench) -> None:
     flown.autopilot.say(stock.MAVLink_statustext_message(4, b"HNDO: lease refused, channel 2 not 1"))
     for message in flown.autopilot._out:
         flown.mpstate.deliver(message)
-    flown.run(15.0)
+    flown.run(20.0)
     assert said(flown) == [("HNDO_CHAN is 1, but this companion is on channel 2", False)]
 
 
@@ -738,7 +738,7 @@ def test_a_reading_that_a_start_overtakes_is_finished(flown: Bench) -> None:
     flown.connect()
     flown.until(lambda: "preflight" in flown.companion.autopilot.conversations)
     flown.autopilot.armed = True
-    flown.run(5.0)
+    flown.run(8.0)
     assert len(said(flown)) == 1
 
 
