@@ -416,7 +416,7 @@ class StationCore:
         actions.append(notice)
 
     def _doubt(self, epoch: int) -> None:
-        """The vehicle says `epoch`. Is the one that was heard before none of any flight, all is believed anew."""
+        """The vehicle says `epoch`. If the epoch heard before is of no flight, believe everything anew."""
         if self.epoch > EPOCH_MAX >= epoch:
             self.epoch, self._stage = 0, _Stage.NOBODY_YET
             self._part = self._latest = self._announced = self._over = None

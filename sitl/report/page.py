@@ -19,6 +19,7 @@ from html import escape
 from pathlib import Path
 from urllib.parse import quote
 
+from mavproxy_handover.core.model import journal_in_words
 from sitl.report.exchange import Exchange, exchanges
 from sitl.report.export import write_csv, write_kml
 from sitl.report.flight import Story
@@ -217,7 +218,11 @@ def _handovers(story: Story, transfers: Sequence[Exchange], times: Times) -> str
     for transfer in transfers:
         ended = transfer.ended_t is not None
         outcome = (
-            "committed" if transfer.committed else f"aborted ({_words(transfer.reason)})" if ended else "not ended"
+            "committed"
+            if transfer.committed
+            else f"aborted ({journal_in_words(transfer.reason)})"
+            if ended
+            else "not ended"
         )
         tries = max((flight.attempt for flight in transfer.flights), default=1)
         rows.append(
@@ -268,7 +273,7 @@ def _refusals(story: Story, times: Times) -> str:
                 *_clock(times, entry.t),
                 str(entry.get("station", "?")),
                 str(entry.get("what", "")),
-                _words(str(entry.get("reason", ""))),
+                journal_in_words(str(entry.get("reason", ""))),
                 f"and {entry.get('also')} more" if entry.get("also") else "",
             ),
         )

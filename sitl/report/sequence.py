@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from html import escape
 
+from mavproxy_handover.core.model import journal_in_words
 from sitl.report.exchange import Exchange, Flight, lanes
 from sitl.report.kinds import Row, rows
 from sitl.report.times import duration
@@ -102,7 +103,7 @@ def _end(transfer: Exchange, y: int) -> str:
     if transfer.committed:
         text = f"{transfer.partner} commands" + (f", epoch {transfer.epoch}" if transfer.epoch is not None else "")
     else:
-        text = f"aborted, {transfer.commander} stays: {transfer.reason.replace('_', ' ')}"
+        text = f"aborted, {transfer.commander} stays: {journal_in_words(transfer.reason)}"
     kind = "held" if transfer.committed else "failed"
     clock = "" if transfer.ended_t is None else _clock(transfer, transfer.ended_t)
     return (

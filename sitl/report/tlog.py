@@ -19,6 +19,7 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
+from mavproxy_handover.core.model import journal_in_words
 from mavproxy_handover.wire.frames import MAX_FRAME_BYTES, Frame, parse_one
 from mavproxy_handover.wire.ids import GUARD_STATUS_TUNNEL, LEASE_TUNNEL
 from mavproxy_handover.wire.lease import unpack_guard_status, unpack_lease
@@ -325,7 +326,7 @@ class _Authority:
             values = {"handover_id": number, "epoch": message.epoch, "reason": reason, "station": message.to_station}
             if done and t > self._begun[number]:
                 values["duration_s"] = round(t - self._begun[number], 4)
-            text = f"handover {number} " + ("committed" if done else f"aborted: {reason.replace('_', ' ')}")
+            text = f"handover {number} " + ("committed" if done else f"aborted: {journal_in_words(reason)}")
             self._told.append((t, "transfer_committed" if done else "transfer_aborted", text, values))
 
     def entries(self, strand: Strand) -> list[Entry]:
