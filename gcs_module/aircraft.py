@@ -280,7 +280,9 @@ class Aircraft:
             return
         kind = message.get_type()
         if kind in ("MISSION_PACKAGE", "MISSION_CHUNK", "MISSION_PACKAGE_ACK"):
-            if message.target_system in (0, self.config.station.sysid):
+            # the vehicle sends back the package that it flies, and no other
+            other = kind == "MISSION_PACKAGE" and bytes(message.mission_digest) != self.core.vehicle_digest
+            if not other and message.target_system in (0, self.config.station.sysid):
                 self.on_package(frame, message)
         elif kind == "AUTHORITY_STATUS":
             phase = Phase(message.phase) if message.phase in list(Phase) else Phase.EMERGENCY

@@ -668,14 +668,23 @@ def test_the_operator_may_take_an_offer_by_name(station: StationBench, delivery:
     assert station.mpstate.type("handover share")[-1].endswith("Sharing mission 'delivery'.")
 
 
-def test_packages_that_claim_to_come_from_the_vehicle_are_none(station: StationBench, delivery: MissionPackage) -> None:
+@pytest.mark.parametrize("announced", [True, False])
+def test_of_the_vehicle_a_station_takes_the_package_that_it_announces_and_no_other(
+    station: StationBench, delivery: MissionPackage, announced: bool
+) -> None:
     station.configure(mission=None)
     station.load()
+    station.hear(connect_message(digest=delivery.digest if announced else bytes(32)))
     sender = PackageSender(delivery.to_bytes(), delivery.digest, delivery.name, (251, 0))
-    for message in sender.tick(0.0):
-        station.hear(message)
-    station.run(0.2)
-    assert [m for m in station.sent() if m.get_type() == "MISSION_PACKAGE_ACK"] == []
+    messages = sender.tick(0.0)
+    for _ in range(20):
+        for message in messages:
+            station.hear(message)
+        station.run(0.2)
+        acks = [m for m in station.sent() if m.get_type() == "MISSION_PACKAGE_ACK"]
+        messages = [message for ack in acks for message in sender.on_ack(ack, 0.0)]
+    held = station.module.aircraft[0].desk.held
+    assert held == (delivery if announced else None)
 
 
 # ---- faults -------------------------------------------------------------------------------------------------------
