@@ -106,17 +106,26 @@ def test_a_flight_begins_with_both_stations_the_mission_and_start() -> None:
     ]
 
 
-def test_stations_of_the_standard_with_a_mission_on_board_are_only_heard() -> None:
-    assert opened('begin = "start"\non_board = true\nstandard = ["GCSA", "GCSB"]\n') == [
+def test_stations_of_the_standard_show_operator_control_unless_their_consent_is_configured() -> None:
+    standard = 'begin = "start"\non_board = true\nstandard = ["GCSA", "GCSB"]\n'
+    heard = [
         "station heard, station GCSA (drone-1)",
         "station heard, station GCSB (drone-1)",
         "authority, station GCSA (drone-1)",
         "the autopilot's position estimate",
         "mission loaded (drone-1)",
         "zone entered, station GCSA (drone-1)",
-        "GCSA types: start",
-        "started (drone-1)",
     ]
+    start = ["GCSA types: start", "started (drone-1)"]
+    shows = [
+        "GCSA types: request",
+        "control, station GCSA (drone-1)",
+        "GCSB types: release",
+        "control, station GCSB (drone-1)",
+    ]
+    assert opened(standard) == [*heard, *shows, *start]
+    assert opened(standard + 'consent = {GCSA = "automatic"}\n') == [*heard, *shows[2:], *start]
+    assert opened(standard + 'consent = {GCSA = "automatic", GCSB = "refuse"}\n') == [*heard, *start]
 
 
 def test_all_four_stations_of_a_corridor_get_the_mission_before_start() -> None:
