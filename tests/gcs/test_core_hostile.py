@@ -89,7 +89,7 @@ def test_anything(story: list[tuple[float, Event]], asks: bool) -> None:
         epoch = core.epoch
         asked = core.question
         actions = core.handle(event, now) + core.tick(now)
-        assert core.epoch >= epoch
+        assert core.epoch >= epoch or epoch > 0x7FFFFFFF, "only an epoch of no flight is forgotten"
         said_yes = said_yes or (isinstance(event, Answer) and event.yes and asked is not None)
         for action in actions:
             if isinstance(action, Notice):
@@ -101,7 +101,7 @@ def test_anything(story: list[tuple[float, Event]], asks: bool) -> None:
             if isinstance(word, ConnectAck):
                 assert word.station == ME
                 continue
-            assert word.key.epoch >= epoch
+            assert word.key.epoch >= epoch or epoch > 0x7FFFFFFF
             if isinstance(word, (OnHandover, DroneConnected)):
                 assert word.key.to_station == ME
             else:
