@@ -13,7 +13,7 @@ commander who made it, and the next one flies with a failsafe that is not there.
    that the energy is counted for. The commander changes its speed by DO_CHANGE_SPEED, which is judged.
 3. A parameter is the commander's at any time if it is known to do neither: gains, telemetry, logs, payload, and the
    pilot's own modes. Such a parameter has a row that says so.
-4. A parameter without a row is a safeguard. Nobody here has judged what it does to a return.
+4. A parameter without a row is a safeguard: what it does to a return is not known.
 5. `*` stands for any characters. Case does not matter, because it does not to ArduPilot. The first row that fits
    counts.
 6. A message that sets parameters without naming them cannot be judged here: see `command_rules`, `files`.
@@ -40,7 +40,11 @@ PARAMETER_RULES: Final = (
         "the length of the autopilot's own rally list: 0 sends a return home, more brings back points of other flights",
         names("RALLY_TOTAL"),
     ),
-    Rule(Access.SAFEGUARD, "the guard's own", names("HNDO_*")),
+    Rule(
+        Access.SAFEGUARD,
+        "the guard's own, and the count of starts that its nonce is drawn from",
+        names("HNDO_* STAT_*"),
+    ),
     Rule(Access.SAFEGUARD, "scripting, which the guard runs in: SCR_ENABLE 0 ends it in a second", names("SCR_*")),
     Rule(
         Access.SAFEGUARD,
@@ -185,7 +189,7 @@ PARAMETER_RULES: Final = (
         Access.COMMAND,
         "logs, displays, lights and sounds, and how the aircraft shows itself to others",
         names("""
-            LOG_* OSD* NTF_* VTX_* MSP_* FRSKY_* GCS_PID_MASK STAT_* DID_* TELEM_DELAY ADSB_EMIT_TYPE ADSB_ICAO_*
+            LOG_* OSD* NTF_* VTX_* MSP_* FRSKY_* GCS_PID_MASK DID_* TELEM_DELAY ADSB_EMIT_TYPE ADSB_ICAO_*
             ADSB_LEN_WIDTH ADSB_LOG ADSB_OFFSET_* ADSB_OPTIONS ADSB_RF_* ADSB_SQUAWK
         """),
     ),
@@ -203,9 +207,7 @@ PARAMETER_RULES: Final = (
 )
 
 #: Every other parameter.
-OTHER_PARAMETERS: Final = Rule(
-    Access.SAFEGUARD, "any other parameter: nobody here has judged what it does to a return", (ANY,)
-)
+OTHER_PARAMETERS: Final = Rule(Access.SAFEGUARD, "any other parameter: what it does to a return is not known", (ANY,))
 
 
 def _matcher(rules: tuple[Rule, ...]) -> re.Pattern[str]:

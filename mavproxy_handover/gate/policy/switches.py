@@ -3,7 +3,7 @@
 """The policy of auxiliary functions: what DO_AUX_FUNCTION switches, by the number in its first parameter.
 
 A switch of this kind does what a parameter, a command or a mode does. So it has the class of that. A number without a
-row is locked while the vehicle is armed: nobody here has judged what it does to a return.
+row is locked while the vehicle is armed: what it does to a return is not known.
 
 Names and numbers of ArduCopter and ArduPlane 4.5 to 4.7 (RCn_OPTION); where two versions differ, the newer name.
 """
@@ -116,9 +116,7 @@ SWITCH_RULES: Final = (
 )
 
 #: Every other number.
-OTHER_SWITCHES: Final = Rule(
-    Access.SAFEGUARD, "any other switch: nobody here has judged what it does to a return", (ANY,)
-)
+OTHER_SWITCHES: Final = Rule(Access.SAFEGUARD, "any other switch: what it does to a return is not known", (ANY,))
 
 #: name -> number
 SWITCH_NUMBERS: Final = {
