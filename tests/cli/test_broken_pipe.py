@@ -79,13 +79,13 @@ def test_it_ends_quietly(places: dict[str, str], words: str, buffered: bool) -> 
 
 
 @pytest.mark.parametrize(
-    "words", [["policy", "NO_SUCH_THING"], ["check", "nowhere"], ["nosuch"], ["policy", "--nosuch"]]
+    "words", [["policy", "no-such-thing"], ["check", "nowhere"], ["nosuch"], ["policy", "--nosuch"]]
 )
 def test_if_errors_go_the_same_way_too(words: list[str]) -> None:
     assert ends(words, errors_too=True)[0] == PIPE
 
 
-@pytest.mark.parametrize(("words", "code"), [(["policy"], 0), (["policy", "NO_SUCH_THING"], 1), ([], 2)])
+@pytest.mark.parametrize(("words", "code"), [(["policy"], 0), (["policy", "no-such-thing"], 1), ([], 2)])
 def test_without_any_output_at_all_it_still_says_by_its_code_how_it_went(words: list[str], code: int) -> None:
     shell = ["sh", "-c", 'exec "$@" >&- 2>&-', "sh", sys.executable, "-c", PROGRAM, *words]
     assert subprocess.run(shell, timeout=60, check=False).returncode == code
