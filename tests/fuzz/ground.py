@@ -83,6 +83,7 @@ class Socket:
     """As much of a UDP socket as `link.udp` asks for. What is written is kept in `written`."""
 
     written: ClassVar[deque[tuple[bytes, tuple[str, int]]]] = deque()
+    family = socket.AF_INET
     _next = 10_000
 
     def __init__(self, *_kind: int) -> None:
@@ -150,7 +151,7 @@ class _NoStore:
 def _alone(clock: Clock) -> Iterator[None]:
     """Our code, and nothing of the system around it."""
     sockets = SimpleNamespace(**{name: getattr(socket, name) for name in dir(socket) if name.isupper()})
-    sockets.socket, sockets.gethostbyname, sockets.inet_aton = Socket, lambda host: host, socket.inet_aton
+    sockets.socket, sockets.inet_pton = Socket, socket.inet_pton
     with (
         mock.patch.object(udp, "socket", sockets),
         mock.patch.object(gcs_module, "time", clock),

@@ -102,7 +102,8 @@ def test_the_plans_that_fuzzing_begins_with_hold() -> None:
 
 def test_the_harness_lets_something_through_and_would_notice() -> None:
     """A harness that forwards nothing, or checks nothing, proves nothing."""
-    assert run(instruction(FRAME, "PARAM_SET", b"") * 3).forwarded == 3  # of the commander
+    open_parameter = bytes(6) + b"LOG_BITMASK"
+    assert run(instruction(FRAME, "PARAM_SET", open_parameter) * 3).forwarded == 3  # of the commander
     assert run(instruction(FRAME, "MISSION_COUNT", b"") * 3).forwarded == 0, "in flight it ends at the companion"
     b_commands = VIEWS[6]
     with pytest.raises(AssertionError):
