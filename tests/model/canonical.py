@@ -21,6 +21,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cache
+from itertools import pairwise
 from math import inf
 from typing import Any
 
@@ -115,6 +116,13 @@ class _Kind:
 
     def unpack(self, value: Any) -> Any:
         return value
+
+
+class _Measured(_Kind):
+    """A difference of times, worked out anew at each look: its last digits depend on how far from 0 the times are."""
+
+    def pack(self, value: Any, shift: Shift) -> Any:
+        return value and round(value, 6)
 
 
 class _Value(_Kind):
@@ -288,18 +296,21 @@ class _Asked(_Kind):
 
 
 class _Fates(_Kind):
-    """Which questions were answered. One is asked each second, so older ones than the window holds play no part."""
+    """Which questions were answered. Older ones than the window holds play no part. A whole window of answers, one each
+    second, is packed as the time of the last one."""
 
     def __init__(self, limits: Limits) -> None:
         window_s = limits.answer_s + limits.deaf_lost_s / (1.0 - limits.deaf_share)
         self._full = NOW - window_s
         self._oldest = self._full - limits.connect_interval_s
+        self._interval_s = limits.connect_interval_s
 
     def pack(self, value: Any, shift: Shift) -> Any:
         moved = tuple((at - shift.time_s, answered) for at, answered in value)
         kept = tuple(entry for entry in moved if entry[0] > self._oldest)
-        whole = bool(kept) and kept[0][0] <= self._full
-        return kept[-1][0] if whole and all(answered for _at, answered in kept) else kept
+        whole = bool(kept) and kept[0][0] <= self._full and all(answered for _at, answered in kept)
+        whole = whole and all(after - before == self._interval_s for (before, _), (after, _) in pairwise(kept))
+        return kept[-1][0] if whole else kept
 
     def unpack(self, value: Any) -> Any:
         if isinstance(value, float):
@@ -441,8 +452,8 @@ class Packer:
             _limits=the_limits,
             barred_at=_Time(0.0),
             losses=_Most(4),
-            share=plain,
-            _asked_s=plain,
+            share=_Measured(),
+            _asked_s=_Measured(),
         )
         presence = _Class(
             Presence,

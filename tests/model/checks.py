@@ -168,6 +168,8 @@ class Books:
     def hears_little(self, station: int, limits: Limits) -> bool:
         """Whether it has answered too few questions of late."""
         fates = dict(self.fates).get(station, ())
+        if not fates:
+            return False
         spans = {True: 0.0, False: 0.0}
         for (age, answered), (ends, _) in zip(fates, (*fates[1:], (0, False)), strict=True):
             until = max(ends, age - limits.connect_interval_s, 0.0 if answered else limits.answer_s)
