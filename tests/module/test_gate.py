@@ -203,9 +203,10 @@ def test_authority_status_comes_twice_a_second_and_leases_five_times(flight: Ben
     leases = flight.autopilot.leases()
     assert 49 <= len(leases) <= 51
     first = leases[0]
-    assert first[:4] == (1, 1, 251, 0)
-    assert first[6:] == (1, 3000, 0)
+    assert first[:4] == (2, 1, 251, 0)
+    assert first[6:9] == (1, 3000, 0)
     assert first[4] != 0
+    assert first[9] == flight.autopilot.guard_nonce
     assert [lease[5] for lease in leases] == list(range(first[5], first[5] + len(leases)))
 
 
