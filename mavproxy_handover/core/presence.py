@@ -91,7 +91,12 @@ class Presence:
         return self.alive(now) and now - self.answered_at >= waits_s
 
     def pause_s(self, now: float, *, owner: bool) -> float:
-        """The pause before its next question. `owner`: it is asked often also when it answers none any more."""
+        """The pause before its next question. `owner`: it is asked often also when it answers none any more.
+
+        A station that is not heard is asked at the usual pace, whatever it answered before.
+        """
+        if not self.alive(now):
+            return self._limits.connect_interval_s
         share = self.hearing.share
         if self.overdue(now) and (owner or share is None or share > 0.0):
             return self.hearing.short_pause_s

@@ -9,10 +9,10 @@ from math import inf
 
 import pytest
 
-from mavproxy_handover.core.events import Announce, Fly
+from mavproxy_handover.core.events import Announce, Fly, Send
 from mavproxy_handover.core.hearing import Hearing
 from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.messages import DisconnectHandover, DroneConnected, OnHandover, TransferKey
+from mavproxy_handover.core.messages import Connect, DisconnectHandover, DroneConnected, OnHandover, TransferKey
 from mavproxy_handover.core.model import FlightAction, Reason
 from tests.core.bench import KEY, A, B, Bench, far, inside
 from tests.core.network import Network, lossy
@@ -168,6 +168,18 @@ def test_a_station_that_is_not_heard_is_silent_and_not_deaf() -> None:
 
 
 # ---- coming back -----------------------------------------------------------------------------------------------------
+
+
+def test_a_station_that_is_not_heard_is_asked_once_a_second_whatever_it_answered_before() -> None:
+    """Half-answered questions made it one of those that are asked four times a second; silence kept that pace."""
+    bench = on_mission(B)
+    fly(bench, 10.0, rhythm(1.0, 1.0), B)
+    bench.alive = {A}
+    bench.run(8.0)
+    bench.log.clear()
+    bench.run(10.0)
+    asked = [action for _at, action in bench.log if isinstance(action, Send) and action.station == B]
+    assert 9 <= sum(isinstance(each.message, Connect) for each in asked) <= 11
 
 
 def test_a_commander_that_was_deaf_is_back_when_it_has_answered_well_for_longer_than_it_took() -> None:
