@@ -22,7 +22,7 @@ from mavproxy_handover.core.events import HandSeen
 from mavproxy_handover.core.model import LeaseState
 from mavproxy_handover.wire.frames import Frame
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, COMPANION_COMPID, GUARD_STATUS_TUNNEL, LEASE_TUNNEL
-from mavproxy_handover.wire.lease import Lease, unpack_guard_status, unpack_lease
+from mavproxy_handover.wire.lease import LEASE_VERSION, Lease, guard_status_version, unpack_guard_status, unpack_lease
 from sitl.report.strand import Stamps
 from sitl.report.tlog import frames
 
@@ -123,9 +123,10 @@ def read_tlog(path: Path) -> Recording:
 def _sort(recording: Recording, at: float, message: Any, frame: Frame) -> None:
     system, component, kind = message.get_srcSystem(), message.get_srcComponent(), message.get_type()
     if system == recording.sysid and component == AUTOPILOT_COMPID:
-        recording.messages.append((at, message))
         if kind == "TUNNEL" and message.payload_type == GUARD_STATUS_TUNNEL:
+            message = _in_todays_layout(message)
             recording.guarded |= unpack_guard_status(bytes(message.payload)[: message.payload_length]) is not None
+        recording.messages.append((at, message))
     elif system == recording.sysid and component == COMPANION_COMPID:
         if kind == "HEARTBEAT":
             recording.beats.append(at)
@@ -141,3 +142,17 @@ def _sort(recording: Recording, at: float, message: Any, frame: Frame) -> None:
         hand = hands.of_command(frame) if addressed else None
         if hand is not None:
             recording.hands.append((at, hand))
+
+
+def _in_todays_layout(message: Any) -> Any:
+    """A guard's status of layout 1 as a guard of today would say it: the companion of a replay is of today, and would
+    find the guard of the recording older than itself. Its nonce, which layout 1 has not, is 1."""
+    body = bytes(message.payload)[: message.payload_length]
+    if guard_status_version(body) != 1:
+        return message
+    today = bytes([LEASE_VERSION]) + body[1:] + (1).to_bytes(4, "little")
+    told = mavlink.MAVLink_tunnel_message(
+        message.target_system, message.target_component, message.payload_type, len(today), list(today.ljust(128, b"\0"))
+    )
+    told._header, told._timestamp = message.get_header(), getattr(message, "_timestamp", 0.0)
+    return told

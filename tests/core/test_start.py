@@ -18,7 +18,7 @@ READY = StartFacts(
     in_transfer=False,
     autopilot_alive=True,
     foreign="",
-    guarded=True,
+    guard_lacks="",
     position_known=True,
     in_zone=True,
 )
@@ -29,7 +29,6 @@ NEEDS = {
     "mission_loaded": "no mission loaded",
     "in_transfer": "a handover is under way",
     "autopilot_alive": "no autopilot",
-    "guarded": "the guard does not answer the lease",
     "position_known": "no position",
     "in_zone": "outside the zone of GCSA",
 }
@@ -42,6 +41,12 @@ def test_with_everything_there_nothing_is_needed() -> None:
 @pytest.mark.parametrize("fact", NEEDS)
 def test_each_fact_alone_is_named(fact: str) -> None:
     assert start_needs(replace(READY, **{fact: not getattr(READY, fact)})) == (NEEDS[fact],)
+
+
+def test_what_the_guard_lacks_is_said_in_its_words() -> None:
+    assert start_needs(replace(READY, guard_lacks="the guard is older than this companion")) == (
+        "the guard is older than this companion",
+    )
 
 
 def test_what_is_no_arducopter_does_not_start() -> None:
