@@ -117,14 +117,18 @@ class Candidates:
         presence = self._presence[station]
         why, told_why = self.unfit(station, now), presence.told_why
         words = None if why is None else in_words(why)
+        # it comes into range: in a few seconds it answers enough, or it is barred, and both operators hear of that
+        comes = False
         if why is Reason.PARTNER_SILENT and presence.connected(now) and not presence.hearing.enough:
-            words = f"it {self.hears_little}" if presence.hearing.barred else "it has answered too few questions"
+            comes = not presence.hearing.barred
+            words = "it has answered too few questions" if comes else f"it {self.hears_little}"
         presence.told_why = words
         if why is not None and words != told_why:
             name = presence.station.name
             actions.append(Record("partner_unfit", f"{name} cannot be partner: {words}", why, station))
             told = (station,) if owner is None else (owner, station)
-            actions.append(Advise(told, cure(name, why)))
+            if not comes:
+                actions.append(Advise(told, cure(name, why)))
         return why is None
 
     def usable(self, owner: int | None, reason: Reason, now: float, actions: list[Action]) -> Sequence[int]:

@@ -9,7 +9,7 @@ from math import inf
 
 import pytest
 
-from mavproxy_handover.core.events import Announce, Fly, Send
+from mavproxy_handover.core.events import Advise, Announce, Fly, Send
 from mavproxy_handover.core.hearing import Hearing
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.messages import Connect, DisconnectHandover, DroneConnected, OnHandover, TransferKey
@@ -117,6 +117,22 @@ def test_what_is_said_of_such_a_partner() -> None:
     assert [record.text for record in bench.records("partner_unfit")] == [
         "GCSB cannot be partner: it hears less than 15 % of the aircraft"
     ]
+
+
+def test_the_operators_get_no_advice_about_a_partner_that_comes_into_range() -> None:
+    """At the entry of its zone it has answered one question of several. Soon it has answered enough, or it is barred."""
+    bench = on_mission(B)
+    bench.facts = (inside(A), *far(B, 253, 254))
+    bench.alive = {A}
+    bench.run(8.0)
+    bench.alive = {A, B}
+    fly(bench, 5.0, rhythm(0.2, 0.8), B)
+    bench.log.clear()
+    bench.position(inside(A), inside(B), *far(253, 254))
+    assert [record.text for record in bench.records("partner_unfit")] == [
+        "GCSB cannot be partner: it has answered too few questions"
+    ]
+    assert [action for _at, action in bench.log if isinstance(action, Advise)] == []
 
 
 def test_a_transfer_to_a_partner_that_goes_deaf_does_not_commit() -> None:
