@@ -120,7 +120,7 @@ def test_what_is_said_of_such_a_partner() -> None:
 
 
 def test_the_operators_get_no_advice_about_a_partner_that_comes_into_range() -> None:
-    """At the entry of its zone it has answered one question of several. Soon it has answered enough, or it is barred."""
+    """At the entry of its zone it has answered too few questions yet. Soon it is partner, or barred."""
     bench = on_mission(B)
     bench.facts = (inside(A), *far(B, 253, 254))
     bench.alive = {A}
