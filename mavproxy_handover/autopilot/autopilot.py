@@ -240,7 +240,7 @@ class Autopilot:
         if known and aircraft.flies_mission is not on_mission:
             self._mission_flown(now)
         if known and aircraft.custom_mode != mode:
-            self._keeps_speed(now)  # behind that, which gives up what the mission's speed was said for
+            self._keeps_speed(now)  # after that call, which forgets the speed of the mission
         if aircraft.waypoint != waypoint:
             narrator.waypoint(aircraft.waypoint)
             self._waypoints.flies_on()

@@ -11,7 +11,7 @@ The rules are `core/safety/commands.py`, the geometry `mission/ahead.py`; here t
 * What wings fly to they circle: by the radius that DO_REPOSITION asks for, which ArduPlane keeps until it leaves
   GUIDED, else by WP_LOITER_RAD or what the mission counts on, and never narrower than a turn (`mission/wings.py`). The
   ceiling of the autopilot's own fence is looked at for them alone: a copter refuses such a target itself.
-* A return keeps its speed: DO_CHANGE_SPEED is refused in it, whoever has ordered it. Nor may a command change a
+* A return keeps its speed: DO_CHANGE_SPEED is refused in it, whatever ordered the return. Nor may a command change a
   parameter of a plane's that outlives the mode: its least ground speed, its throttle. In AUTO the rest of the mission
   is judged at the new speed, in GUIDED the way to the target, and each target behind it. Climb and descent are not to
   be slower than the energy rule counts them.

@@ -26,7 +26,7 @@ def locked() -> str:
     """The page."""
     return page(
         "What is locked while armed",
-        "A return is flown when nobody commands any more. So it has to be the one that was checked before take-off, "
+        "A return is flown when no station has authority. So it has to be the one that was checked before take-off, "
         "and the one that the energy is counted for. This is the table by which the gate judges: parameters, commands, "
         "messages and auxiliary functions that shape a return, or that a failsafe, the guard or authority rests on. "
         "While the vehicle is armed nobody sets them, the commander included: the answer says `locked while armed`. On "
