@@ -50,6 +50,10 @@ _ANYBODY = "anybody"
 #: reasons of a planned handover: what the vehicle's file may consent to
 _PLANNED = (Reason.ZONE, Reason.ZONE_ENDS, Reason.LINK_QUALITY)
 
+#: how far the share that is counted here may be from the one of the rules: they count at other moments, and forget on
+#: the ground what was asked before an answer that brings a commander back
+_APART = 0.05
+
 
 class Watch:
     """Looks over an arbiter's shoulder. Keeps books of its own: nothing is asked of the arbiter but its view.
@@ -81,6 +85,8 @@ class Watch:
         self._answered: dict[int, float] = {}
         #: station -> when it was asked while it was heard -> whether it answered
         self._fates: dict[int, dict[float, bool]] = {}
+        #: the same, and what was before a station was judged anew: whether it could be lost is asked of these
+        self._all_fates: dict[int, dict[float, bool]] = {}
         #: the commander was lost as one that hears too little, and when
         self._deaf_at: float | None = None
         #: since when this epoch has been, in this run; None before its first event
@@ -137,7 +143,8 @@ class Watch:
             if isinstance(action, Send) and isinstance(action.message, Connect):
                 self._asked.setdefault(action.station, {})[action.message.nonce] = now
                 if now - self._heard.get(action.station, -inf) < self._limits.heartbeat_lost_s:
-                    self._fates.setdefault(action.station, {})[now] = False
+                    for fates in (self._fates, self._all_fates):
+                        fates.setdefault(action.station, {})[now] = False
             if isinstance(action, ViewChanged):
                 self._check_view(action.view)
                 assert action.view.lease is not LeaseState.ALONE or self._gap or in_gap
@@ -160,9 +167,9 @@ class Watch:
         """An answer closes its question and the older ones."""
         asked = self._asked.get(station, {})
         if nonce in asked and now - asked[nonce] < self._limits.connect_lost_s:
-            fates = self._fates.get(station, {})
-            if asked[nonce] in fates:
-                fates[asked[nonce]] = True
+            for fates in (self._fates.get(station, {}), self._all_fates.get(station, {})):
+                if asked[nonce] in fates:
+                    fates[asked[nonce]] = True
             while next(iter(asked)) != nonce:
                 del asked[next(iter(asked))]
             del asked[nonce]
@@ -174,12 +181,13 @@ class Watch:
         limits = self._limits
         silent = now - heard[station] >= limits.heartbeat_lost_s - 1e-9
         until = max(self._answered.get(station, -inf) + limits.deaf_lost_s, self._since + limits.connect_lost_s)
-        deaf = now >= until - 1e-9 or self._hears_little(station, now)
+        fates = self._all_fates.get(station, {})
+        deaf = now >= until - 1e-9 or self._hears_little(fates, now, limits.deaf_share + _APART)
         return silent or (station not in self._standard and deaf)
 
-    def _hears_little(self, station: int, now: float) -> bool:
-        """Whether of the time that questions to it stand for too little was answered."""
-        limits, times = self._limits, self._fates.get(station, {})
+    def _hears_little(self, times: dict[float, bool], now: float, share: float) -> bool:
+        """Whether less than this share was answered of the time that questions to it stand for."""
+        limits = self._limits
         since = now - limits.answer_s - limits.deaf_lost_s / (1.0 - limits.deaf_share)
         spans = {True: 0.0, False: 0.0}
         ends = [*times, now][1:]
@@ -187,7 +195,7 @@ class Watch:
             until = min(end, at + limits.connect_interval_s, now if answered else now - limits.answer_s)
             spans[answered] += max(0.0, until - max(at, since))
         asked_s = spans[True] + spans[False]
-        return asked_s >= limits.deaf_lost_s / 2.0 - 1e-9 and spans[True] < limits.deaf_share * asked_s + 1e-9
+        return asked_s >= limits.deaf_lost_s / 2.0 - 1e-9 and spans[True] < share * asked_s + 1e-9
 
     def _note_consent(self, event: ControlRequested) -> None:
         if event.request and event.for_station != event.station:
@@ -296,7 +304,8 @@ class Watch:
             assert self._said(new.commander, DroneConnected, key)
         assert now - heard.get(new.commander, -inf) < self._limits.heartbeat_lost_s + 1e-9
         # it is looked at whenever it is asked
-        assert not self._hears_little(new.commander, max(self._fates.get(new.commander, ()), default=now))
+        fates = self._fates.get(new.commander, {})
+        assert not self._hears_little(fates, max(fates, default=now), self._limits.deaf_share - _APART)
         if old.commander is not None:
             lost = self._lost(owner, heard, now)
             beforehand = bool(self._allowed & {new.commander, _ANYBODY})

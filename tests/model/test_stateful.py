@@ -472,6 +472,10 @@ class World(RuleBasedStateMachine):
             self._give(LinkJudged(sysid, False, False, "healed"))
             self._at(self.now + 0.1, lambda sysid=sysid: self._answer(sysid, yes=True))
         self._pass(12.0)
+        # a commander that was lost several times has to answer for up to five minutes before it commands again
+        for _ in range(33):
+            if self.arbiter.view.commander is None and self.arbiter.snapshot().owner is not None:
+                self._pass(10.0)
         self._somebody_commands()
         self._agree()
         for _ in range(2):
