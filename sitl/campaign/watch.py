@@ -175,14 +175,17 @@ class Watch:
             del asked[nonce]
             self._answered[station] = now
 
-    def _lost(self, station: int, heard: dict[int, float], now: float) -> bool:
-        """Whether that commander is silent, or answers no more."""
+    def _lost(self, station: int, heard: dict[int, float], now: float, *, could_be: bool = False) -> bool:
+        """Whether that commander is silent, or answers no more. `could_be`: by the count of the rules, which may be a
+        little apart from this one."""
         assert self._since is not None
         limits = self._limits
         silent = now - heard[station] >= limits.heartbeat_lost_s - 1e-9
         until = max(self._answered.get(station, -inf) + limits.deaf_lost_s, self._since + limits.connect_lost_s)
-        fates = self._all_fates.get(station, {})
-        deaf = now >= until - 1e-9 or self._hears_little(fates, now, limits.deaf_share + _APART)
+        fates, share = self._fates.get(station, {}), limits.deaf_share
+        if could_be:
+            fates, share = self._all_fates.get(station, {}), share + _APART
+        deaf = now >= until - 1e-9 or self._hears_little(fates, now, share)
         return silent or (station not in self._standard and deaf)
 
     def _hears_little(self, times: dict[float, bool], now: float, share: float) -> bool:
@@ -280,7 +283,7 @@ class Watch:
     ) -> None:
         assert old.commander is not None
         if new.epoch == old.epoch:
-            assert self._lost(old.commander, heard, now)
+            assert self._lost(old.commander, heard, now, could_be=True)
             silent = now - heard[old.commander] >= self._limits.heartbeat_lost_s - 1e-9
             self._deaf_at = None if silent else now
             return
