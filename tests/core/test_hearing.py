@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from math import inf
+from random import Random
 
 import pytest
 
@@ -14,7 +15,8 @@ from mavproxy_handover.core.hearing import Hearing
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.messages import Connect, DisconnectHandover, DroneConnected, OnHandover, TransferKey
 from mavproxy_handover.core.model import FlightAction, Reason
-from tests.core.bench import KEY, A, B, Bench, far, inside
+from mavproxy_handover.core.presence import Presence
+from tests.core.bench import KEY, STATIONS, A, B, Bench, far, inside
 from tests.core.network import Network, lossy
 
 RETURN = Fly(FlightAction.RETURN, Reason.COMMANDER_LOST)
@@ -181,6 +183,52 @@ def test_a_station_that_is_not_heard_is_silent_and_not_deaf() -> None:
     bench.alive = {A, B}
     bench.run(1.0)
     assert bench.arbiter.unfit(B, bench.now) is None
+
+
+# ---- by chance ------------------------------------------------------------------------------------------------------
+
+
+def lost_after(seed: int, heard: float, within_s: float) -> float:
+    """When a commander is lost (s) that is heard well, and hears each question by chance from 0 on; inf: it is not."""
+    chance, limits, delay_s = Random(seed), Limits(), 0.3
+    presence = Presence(STATIONS[0], limits)
+    presence.hearing.trust(0.0)
+    presence.heard_at, presence.answered_at = inf, 0.0
+    presence.ask_at = chance.random()
+    answers: list[tuple[float, int]] = []
+    now, nonce = 0.0, 0
+    while now < within_s:
+        now = min([presence.ask_at, *(at for at, _nonce in answers[:1])])
+        if presence.deaf_at(-100.0) <= now or presence.judge(now):
+            return now
+        if answers and answers[0][0] == now:
+            asked_at = presence.answers(answers.pop(0)[1], now)
+            assert asked_at is not None
+            presence.answered_at = now
+            presence.hearing.answered(asked_at, now)
+            continue
+        nonce += 1
+        presence.asked.append((nonce, now))
+        presence.hearing.asked(now)
+        presence.ask_at = now + presence.pause_s(now, owner=True)
+        if chance.random() < heard:
+            answers.append((now + delay_s, nonce))
+    return inf
+
+
+@pytest.mark.parametrize(("heard", "longest_s"), [(0.0, 11.0), (0.03, 15.0), (0.05, 16.0), (0.06, 17.0)])
+def test_whom_chance_lets_hear_next_to_nothing_is_lost_in_time_in_99_of_100_trials(
+    heard: float, longest_s: float
+) -> None:
+    """Not in all: lucky answers count until they leave the time that is looked at."""
+    after_s = sorted(lost_after(seed, heard, 60.0) for seed in range(400))
+    assert after_s[395] <= longest_s
+    assert after_s[399] <= 24.0
+    assert after_s[0] >= 8.9  # the last answer came up to a second before
+
+
+def test_whom_chance_lets_hear_half_of_it_commands() -> None:
+    assert [lost_after(seed, 0.5, 600.0) for seed in range(20)] == [inf] * 20
 
 
 # ---- coming back -----------------------------------------------------------------------------------------------------
