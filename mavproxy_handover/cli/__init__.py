@@ -39,7 +39,7 @@ _EXTRAS: Final = {
 #: word -> (module, function, what it does): what `handover`, its manual and its completion know
 COMMANDS: Final = {
     "sim": ("sitl.main", "main", "fly a scenario in simulation, all real processes, and write a report"),
-    "check": ("mavproxy_handover.mission.check", "main", "check a mission package before flight"),
+    "check": ("mavproxy_handover.cli.check", "main", "check a mission package before flight"),
     "report": (
         "sitl.report.page",
         "main_report",

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from math import inf
 
+from mavproxy_handover.core.consent import refused_on_route, without_consent
 from mavproxy_handover.core.cures import cure, ended
 from mavproxy_handover.core.events import Action, Advise, Record
 from mavproxy_handover.core.limits import Limits
@@ -56,21 +57,9 @@ class Candidates:
 
         With one station there is no handover, and nothing to consent to.
         """
-        lacks = []
-        for presence in self._presence.values() if len(self._presence) > 1 else ():
-            station = presence.station
-            if station.consent is None and not presence.can_be_asked:
-                lacks.append(
-                    f'{station.name} cannot be asked for consent: write consent = "automatic" or consent = '
-                    f'"refuse" in its [[station]] of the vehicle\'s file'
-                )
-        for commander, partner in zip(self.mission.route, self.mission.route[1:], strict=False):
-            for sysid in (commander, partner):
-                found = self._presence.get(sysid)
-                if found is not None and found.station.consent is StandingConsent.REFUSE:
-                    names = f"{self._name(commander)} -> {self._name(partner)}"
-                    lacks.append(f'{found.station.name} has consent = "refuse", and the route needs {names}')
-        return tuple(lacks)
+        stations = [presence.station for presence in self._presence.values()]
+        shown = [sysid for sysid, presence in self._presence.items() if presence.can_be_asked]
+        return without_consent(stations, shown) + refused_on_route(stations, self.mission.route)
 
     def _name(self, station: int) -> str:
         presence = self._presence.get(station)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from mavproxy_handover.config.vehicle import VehicleConfig
+from mavproxy_handover.core.consent import refused_on_route, without_consent
 from mavproxy_handover.doctor.finding import Finding, error, ok, warning
 from mavproxy_handover.doctor.patient import Patient
 from mavproxy_handover.mission.errors import MissionError
@@ -61,6 +62,18 @@ def _of_vehicle(patient: Patient, vehicle: VehicleConfig) -> Iterator[Finding]:
         yield ok("mission on board", "none in the configuration: the parent sends it")
     if vehicle.state is not None:
         yield from _held(patient, StateStore(patient.at(vehicle.state), vehicle.name))
+    yield from _consent(patient, vehicle)
+
+
+def _consent(patient: Patient, vehicle: VehicleConfig) -> Iterator[Finding]:
+    """What START refuses because handovers cannot have consent."""
+    stations = [each.station for each in vehicle.stations]
+    for text in without_consent(stations):
+        do = f"Write the line in {patient.path}. Else START needs its program to show operator control first."
+        yield warning("consent", text, do)
+    if patient.package is not None:
+        for text in refused_on_route(stations, patient.package.walk().commanders):
+            yield error("consent", text, f'Write consent = "automatic" in {patient.path}, or fly another route.')
 
 
 def _held(patient: Patient, store: StateStore) -> Iterator[Finding]:

@@ -2,29 +2,26 @@
 
 """`handover check MISSION`: finds before flight what would go wrong in it.
 
-`check` judges, `report_text` prints, `main` is the command; the energy budget is that of `energy.py`. An error is what
-would leave the aircraft without a commander, with less time for a transfer than it needs, or without the energy to come
-down where it should; a warning is what costs reserve; an info is worth knowing.
+`check` judges, `report_text` prints; the command is `cli/check.py`, and the energy budget is that of `energy.py`. An
+error is what would leave the aircraft without a commander, with less time for a transfer than it needs, or without the
+energy to come down where it should; a warning is what costs reserve; an info is worth knowing.
 """
 
 from __future__ import annotations
 
-import argparse
-import sys
 from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from math import cos, inf, isclose, isfinite, radians, sin
-from pathlib import Path
 
+from mavproxy_handover.core.consent import refused_on_route, without_consent
 from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import Kind
+from mavproxy_handover.core.model import Kind, Station
 from mavproxy_handover.core.safety.energy import Wind
 from mavproxy_handover.core.safety.energy_prior import RETURN_ALT_M, WINGED_RETURN_ALT_M
 from mavproxy_handover.mission.curves import WITHIN_M
 from mavproxy_handover.mission.energy import Budget, budget_of, places_inside, places_of, released_at
-from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.fence import outside_fence
 from mavproxy_handover.mission.gaps import Stretch, undeclared
 from mavproxy_handover.mission.geodesy import distance_m, offset
@@ -38,9 +35,8 @@ from mavproxy_handover.mission.heights import (
     named,
 )
 from mavproxy_handover.mission.items import MissionItem
-from mavproxy_handover.mission.package import MISSION_FILE, MissionPackage, load
-from mavproxy_handover.mission.path import Path as FlownPath
-from mavproxy_handover.mission.path import Turn
+from mavproxy_handover.mission.package import MISSION_FILE, MissionPackage
+from mavproxy_handover.mission.path import Path, Turn
 from mavproxy_handover.mission.plan import Route
 from mavproxy_handover.mission.terrain import CLEAR_M
 from mavproxy_handover.mission.walk import (
@@ -54,7 +50,7 @@ from mavproxy_handover.mission.walk import (
 from mavproxy_handover.mission.wings import Air
 from mavproxy_handover.mission.zones import overlap
 
-__all__ = ["CheckReport", "Finding", "Severity", "check", "main", "report_text"]
+__all__ = ["OPERATOR_S", "REACH_M", "TRANSFER_S", "CheckReport", "Finding", "Severity", "check", "report_text"]
 
 #: what a transfer needs over a link that loses every fifth message each way, 99 times of 100
 TRANSFER_S = 3.0
@@ -100,7 +96,7 @@ class CheckReport:
     #: the declared gaps that are on the route
     crossed: tuple[Stretch, ...] = ()
     #: what wings fly, and in what; None: the aircraft has none
-    path: FlownPath | None = None
+    path: Path | None = None
     air: Air | None = None
 
     def count(self, severity: Severity) -> int:
@@ -120,12 +116,13 @@ def check(
     operator_s: float = OPERATOR_S,
     reach_m: float = REACH_M,
     wind: Wind | None = None,
+    stations: Sequence[Station] = (),
 ) -> CheckReport:
     """Walk the mission and judge it.
 
     `transfer_s`: time that a transfer needs; `operator_s`: that an operator who is asked may take to answer. `reach_m`:
     how far off the route a rally point may lie. `wind`: that the energy is counted with, and that wings fly in; None:
-    what [energy] has for a wind that is not known.
+    what [energy] has for a wind that is not known. `stations`: those of the vehicle's file, if it is known.
     """
     walk = package.walk(wind)
     path = package.path(wind)
@@ -143,6 +140,7 @@ def check(
         *_handovers(package, walk, crossed, transfer_s),
         *_waypoints(package, walk),
         *_operators(walk, transfer_s, operator_s),
+        *_consent(walk, stations),
         *_lonely_zones(package, crossed),
         *_rally(package, walk, reach_m, return_alt_m),
         *_fence(package, walk),
@@ -166,7 +164,7 @@ def _start(package: MissionPackage, walk: Walk) -> Iterator[Finding]:
         yield Finding(Severity.ERROR, text)
 
 
-def _gaps(package: MissionPackage, walk: Walk, path: FlownPath | None) -> Iterator[Finding]:
+def _gaps(package: MissionPackage, walk: Walk, path: Path | None) -> Iterator[Finding]:
     # a mission that only warns out there has decided to fly its gaps
     warns = package.policies.get("on_out_of_coverage") == "warn"
     found = undeclared(package.gaps, walk)
@@ -193,7 +191,7 @@ def _turn_words(turn: Turn) -> str:
     return f"the turn at item {turn.seq} ({turn.angle_deg:.0f} degrees, radius {turn.radius_m:.0f} m{outside})"
 
 
-def _turns(path: FlownPath) -> Iterator[Finding]:
+def _turns(path: Path) -> Iterator[Finding]:
     """Legs and directions that wings cannot fly."""
     for seq in path.unflown:
         yield Finding(Severity.ERROR, f"the wind does not let the way to item {seq} be flown")
@@ -317,6 +315,14 @@ def _operators(walk: Walk, transfer_s: float, operator_s: float) -> Iterator[Fin
             f"is asked beforehand: {least_s:.1f} s at the least"
         )
         yield Finding(Severity.INFO, text)
+
+
+def _consent(walk: Walk, stations: Sequence[Station]) -> Iterator[Finding]:
+    """What START refuses because handovers of the route cannot have consent."""
+    for text in refused_on_route(stations, walk.commanders):
+        yield Finding(Severity.ERROR, text)
+    for text in without_consent(stations):
+        yield Finding(Severity.WARNING, f"{text}. Else START needs its program to show operator control first")
 
 
 def _lonely_zones(package: MissionPackage, crossed: Sequence[Stretch]) -> Iterator[Finding]:
@@ -534,7 +540,7 @@ def _wings_lines(report: CheckReport) -> Iterator[str]:
     )
 
 
-def _turn_rows(path: FlownPath) -> list[tuple[str, ...]]:
+def _turn_rows(path: Path) -> list[tuple[str, ...]]:
     rows: list[tuple[str, ...]] = [("at item", "turn", "radius", "outside", "begins")]
     for turn in path.turns:
         angle = "circle" if turn.circle else f"{turn.angle_deg:.0f} deg"
@@ -635,81 +641,3 @@ def report_text(report: CheckReport) -> str:
     errors, warnings = report.count(Severity.ERROR), report.count(Severity.WARNING)
     lines += ["", f"check {'failed' if errors else 'passed'}: {errors} errors, {warnings} warnings"]
     return "\n".join(lines)
-
-
-# --- command ---
-
-
-def _above_zero(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = 0.0
-    if not 0.0 < value < 1e6:
-        raise argparse.ArgumentTypeError(f"{text} (allowed: a number above 0)")
-    return value
-
-
-def _wind(text: str) -> Wind:
-    speed, _comma, direction = text.partition(",")
-    try:
-        wind = Wind(float(speed), float(direction))
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text} (allowed: SPEED,DIRECTION, as in 8,270)") from None
-    if not (0.0 <= wind.speed_mps <= 60.0 and 0.0 <= wind.from_deg <= 360.0):
-        raise argparse.ArgumentTypeError(f"{text} (allowed: 0 to 60 m/s, 0 to 360 degrees)")
-    return wind
-
-
-def main(args: Sequence[str]) -> int:
-    """The command `handover check`. Returns 0 passed, 1 errors found, 2 bad input."""
-    parser = argparse.ArgumentParser(
-        prog="handover check",
-        description="Check a mission package before flight: coverage, handovers, rally points, energy.",
-        epilog="Exit code: 0 passed, 1 errors found, 2 the mission or the command cannot be read.",
-    )
-    parser.add_argument("mission", metavar="MISSION", help=f"folder of the mission package, or its {MISSION_FILE}")
-    parser.add_argument("--map", metavar="FILE", help="draw a map of the mission (.png, .svg or .pdf)")
-    parser.add_argument(
-        "--transfer", type=_above_zero, default=TRANSFER_S, metavar="S", help="seconds a transfer needs (%(default)g)"
-    )
-    parser.add_argument(
-        "--operator",
-        type=_above_zero,
-        default=OPERATOR_S,
-        metavar="S",
-        help="seconds an operator may take to answer (%(default)g)",
-    )
-    parser.add_argument(
-        "--reach", type=_above_zero, default=REACH_M, metavar="M", help="metres off the route for rally (%(default)g)"
-    )
-    parser.add_argument(
-        "--wind",
-        type=_wind,
-        metavar="SPEED,DIRECTION",
-        help="count the energy with this wind, and the turns of wings: m/s, degrees that it comes from (else: "
-        "headwind_mps of [energy])",
-    )
-    try:
-        options = parser.parse_args(list(args))
-    except SystemExit as stop:  # argparse has said what it had to say
-        return 0 if stop.code in (0, None) else 2
-    folder = Path(options.mission)
-    try:
-        package = load(folder.parent if folder.name == MISSION_FILE else folder)
-        report = check(
-            package,
-            transfer_s=options.transfer,
-            operator_s=options.operator,
-            reach_m=options.reach,
-            wind=options.wind,
-        )
-        print(report_text(report))
-        if options.map:
-            from mavproxy_handover.mission.picture import draw
-
-            draw(package, Path(options.map), report.walk)
-    except MissionError as error:
-        print(f"handover check: {error}", file=sys.stderr)
-        return 2
-    return report.exit_code

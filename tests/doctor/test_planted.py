@@ -287,6 +287,30 @@ def test_a_unit_that_is_not_enabled_is_a_warning(machine: Machine, capsys: pytes
     assert [each for each in found.lines("warning") if "-> Run: systemctl enable --now handover-companion." in each]
 
 
+def test_a_station_that_cannot_be_asked_and_has_no_consent_is_a_warning(
+    machine: Machine, capsys: pytest.CaptureFixture[str]
+) -> None:
+    replaced(machine, 'name = "GCSB"', 'name = "GCSB"\nmodule = false')
+    found = machine.doctor(capsys, "--no-links")
+    (said,) = [each for each in found.lines("warning") if each.startswith("mission: consent: ")]
+    assert said == (
+        'mission: consent: GCSB cannot be asked for consent: write consent = "automatic" or consent = "refuse" in its '
+        f"[[station]] of the vehicle's file -> Write the line in {machine.config}. Else START needs its program to show "
+        "operator control first."
+    )
+    replaced(machine, "module = false", 'module = false\nconsent = "automatic"')
+    assert machine.doctor(capsys, "--no-links").of("mission", "warning") == []
+
+
+def test_consent_that_is_refused_where_the_route_needs_it_is_found(
+    machine: Machine, capsys: pytest.CaptureFixture[str]
+) -> None:
+    replaced(machine, 'name = "GCSB"', 'name = "GCSB"\nmodule = false\nconsent = "refuse"')
+    found = machine.doctor(capsys, "--no-links")
+    assert found.of("mission", "error")[0] == ('consent: GCSB has consent = "refuse", and the route needs GCSA -> GCSB')
+    assert found.code == 1
+
+
 def test_a_drop_in_says_who_runs_it_and_how(machine: Machine, capsys: pytest.CaptureFixture[str]) -> None:
     folder = machine.path("etc/systemd/system/handover-companion.service.d")
     folder.mkdir()

@@ -9,8 +9,9 @@ import sys
 import pytest
 from matplotlib.figure import Figure
 
+from mavproxy_handover.cli.check import main
 from mavproxy_handover.mission import load
-from mavproxy_handover.mission.check import Severity, check, main, report_text
+from mavproxy_handover.mission.check import Severity, check, report_text
 from mavproxy_handover.mission.picture import MapSheet, draw
 
 PNG = b"\x89PNG\r\n\x1a\n"
@@ -317,3 +318,77 @@ def test_map_without_matplotlib_says_which_extra_brings_it(small, tmp_path, caps
     assert capsys.readouterr().err == (
         f"handover check: {tmp_path}/map.png: a map needs matplotlib (install the extra 'sim')\n"
     )
+
+
+# --- what the vehicle's file says of consent ---
+
+
+def vehicle_file(folder, consent):
+    folder.joinpath("handover.toml").write_text(
+        f"""
+        [vehicle]
+        name = "drone-1"
+        parent = "A"
+        allow_unsigned = true
+        [[station]]
+        name = "A"
+        sysid = 251
+        links = ["udpout:127.0.0.1:9"]
+        [[station]]
+        name = "B"
+        sysid = 252
+        module = false
+        {consent}
+        links = ["udpout:127.0.0.1:10"]
+        """
+    )
+
+
+def checked(small, capsys, *words):
+    code = main([str(small.write()), *words])
+    said = capsys.readouterr()
+    return code, [line for line in said.out.splitlines() if "consent" in line], said.err
+
+
+def test_a_station_that_cannot_be_asked_and_has_no_consent_is_a_warning(small, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    vehicle_file(tmp_path, "")
+    assert checked(small, capsys) == (
+        0,
+        [
+            'warning: B cannot be asked for consent: write consent = "automatic" or consent = "refuse" in its '
+            "[[station]] of the vehicle's file. Else START needs its program to show operator control first"
+        ],
+        "",
+    )
+
+
+def test_consent_that_is_refused_where_the_route_needs_it_is_an_error(small, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    vehicle_file(tmp_path, 'consent = "refuse"')
+    assert checked(small, capsys) == (
+        1,
+        ['error:   B has consent = "refuse", and the route needs A -> B'],
+        "",
+    )
+
+
+def test_with_consent_or_with_the_file_of_another_vehicle_nothing_is_said(small, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    vehicle_file(tmp_path, 'consent = "automatic"')
+    assert checked(small, capsys) == (0, [], "")
+    vehicle_file(tmp_path, "")
+    text = tmp_path.joinpath("handover.toml").read_text()
+    tmp_path.joinpath("handover.toml").write_text(text.replace('"A"', '"C"'))
+    assert checked(small, capsys) == (0, [], "")
+
+
+def test_a_named_file_counts_whatever_its_stations_are_called(small, tmp_path, capsys):
+    vehicle_file(tmp_path, "")
+    path = tmp_path / "handover.toml"
+    path.write_text(path.read_text().replace('"A"', '"C"'))
+    assert len(checked(small, capsys, "--config", str(path))[1]) == 1
+    path.write_text("[vehicle]")
+    code, _lines, error = checked(small, capsys, "--config", str(path))
+    assert (code, error.count("\n")) == (2, 1)
+    assert error.startswith(f"handover check: {path}: ")

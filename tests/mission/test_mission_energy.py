@@ -11,10 +11,11 @@ from __future__ import annotations
 
 import pytest
 
+from mavproxy_handover.cli.check import main
 from mavproxy_handover.core.safety.energy import Piece, Wind
 from mavproxy_handover.core.safety.energy_prior import ENERGY_RANGES, EnergySettings
 from mavproxy_handover.mission import MissionError, load
-from mavproxy_handover.mission.check import Severity, check, main, report_text
+from mavproxy_handover.mission.check import Severity, check, report_text
 from mavproxy_handover.mission.energy import budget_of, pieces_along, pieces_of, places_of, released_at
 from mavproxy_handover.mission.walk import legs_of
 

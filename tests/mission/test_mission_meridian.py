@@ -15,8 +15,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely.geometry import MultiPolygon, Polygon
 
+from mavproxy_handover.cli.check import main
 from mavproxy_handover.mission import load
-from mavproxy_handover.mission.check import check, main
+from mavproxy_handover.mission.check import check
 from mavproxy_handover.mission.drawing import degrees
 from mavproxy_handover.mission.fence import outside_fence
 from mavproxy_handover.mission.geodesy import beside_deg, wrap_longitude_deg

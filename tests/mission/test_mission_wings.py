@@ -12,10 +12,11 @@ import math
 
 import pytest
 
+from mavproxy_handover.cli.check import main
 from mavproxy_handover.core.model import Kind
 from mavproxy_handover.core.safety.energy import Piece, Wind, landing
 from mavproxy_handover.mission import MissionError, MissionItem, RallyPoint, load
-from mavproxy_handover.mission.check import Severity, check, main, report_text
+from mavproxy_handover.mission.check import Severity, check, report_text
 from mavproxy_handover.mission.energy import places_of, way_back
 from mavproxy_handover.mission.geodesy import east_north_m
 from mavproxy_handover.mission.path import path_of

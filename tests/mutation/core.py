@@ -109,6 +109,7 @@ FIRST = {
     "safety.battery": ("safety/test_battery.py",),
     "safety.learning": ("safety/test_learning.py",),
     "control": ("test_control.py",),
+    "consent": ("test_standing_consent.py",),
     "cures": ("test_candidates.py", "test_standing_consent.py", "test_standard_stations.py"),
     "presence": ("test_presence.py", "test_arbiter_authority.py", "test_deaf_commander.py"),
     "results": ("test_arbiter_transfer.py", "test_arbiter_deadline.py"),

@@ -81,6 +81,7 @@ complete -c handover -n '_shtab_handover_using check' -l transfer -x -d 'seconds
 complete -c handover -n '_shtab_handover_using check' -l operator -x -d 'seconds an operator may take to answer (30)'
 complete -c handover -n '_shtab_handover_using check' -l reach -x -d 'metres off the route for rally (5000)'
 complete -c handover -n '_shtab_handover_using check' -l wind -x -d 'count the energy with this wind, and the turns of wings: m/s, degrees that it comes from (else: headwind_mps of [energy])'
+complete -c handover -n '_shtab_handover_using check' -l config -xka "(__fish_complete_path (commandline -ct))" -d 'the vehicle'"'"'s configuration, for what it says of consent (default: as the companion finds it, if it has the stations of the mission)'
 complete -c handover -n '_shtab_handover_using check; and test $_shtab_handover_npos -eq 0' -ka "(__fish_complete_directories)" -d 'folder of the mission package, or its mission.toml'
 complete -c handover -n '_shtab_handover_using; and test $_shtab_handover_npos -eq 0' -a report -d 'Make the report of a run of '"'"'handover sim'"'"', or of a flight: of journals (.jsonl), telemetry logs (.tlog) and the autopilot'"'"'s logs (.bin, .log) of the vehicle and of stations, in any combination.'
 complete -c handover -n '_shtab_handover_using report' -s h -l help -d 'show this help message and exit'
