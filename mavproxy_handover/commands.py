@@ -182,5 +182,6 @@ def _measured(port: StationPort, link: Device, now: float) -> str:
         "out of order": quality.reordered,
         "twice": quality.duplicates,
         "badly signed": quality.bad_signatures,
+        "dropped by a full receive buffer": quality.overflowed,
     }
     return ", ".join([*words, *(f"{number} {what}" for what, number in counted.items() if number)])

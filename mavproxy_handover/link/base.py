@@ -52,6 +52,7 @@ class LinkCounters:
     frames_out: int = 0
     refused_out: int = 0  #: frames that could not be sent
     strangers: int = 0  #: datagrams or connections of others that were turned away unread
+    overflowed: int = 0  #: datagrams that the system dropped because they came faster than they were read
     oversize: int = 0  #: datagrams longer than any station sends
     errors: int = 0  #: what the system reported: no route, connection lost, device gone
     connects: int = 0  #: connections made, or the serial line opened
@@ -170,8 +171,12 @@ class Device(ABC):
     def _shut(self) -> None:
         """Give everything back."""
 
-    def accept_sender(self, frame: Frame) -> None:  # noqa: B027 (most devices have but one peer)
-        """`frame`, out of the last `read`, was genuine: its sender is the one to answer, where there is a choice."""
+    def accept_sender(self, _frame: Frame) -> bool:
+        """The frame, out of the last `read`, was genuine: its sender is the one to answer, where there is a choice.
+
+        Returns whether its sender is the peer now.
+        """
+        return True  # most devices have but one
 
     def close(self) -> None:
         """Close for good; may be called twice."""

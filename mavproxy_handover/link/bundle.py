@@ -32,6 +32,9 @@ programs judge a link by them. The rest goes out on the best link that is known 
 
 So stations whose programs answer no probes are never without the downlink either; they pay with double traffic
 between their heartbeats.
+
+**What counts for the quality of a link** is proven to be the station's: signed with its key or, where there is no key,
+sent by the peer that the link answers. What others send in its name to the same port counts for nothing.
 """
 
 from __future__ import annotations
@@ -81,7 +84,7 @@ class LinkDevice(Protocol):
     def open(self) -> bool: ...
     def read(self, once: bool = False) -> list[Frame]: ...
     def write(self, data: bytes) -> bool: ...
-    def accept_sender(self, frame: Frame) -> None: ...
+    def accept_sender(self, frame: Frame) -> bool: ...
     def close(self) -> None: ...
 
 
@@ -103,19 +106,23 @@ class _Link:
         self.monitor = monitor
         self.remembered: OrderedDict[bytes, _Remembered] = OrderedDict()  #: frames that came first by this link
         self.uncounted: list[tuple[Frame, float]] = []  #: genuine frames, with the time they came at
-        self._bytes_in = self._bytes_out = self._bad_crc = 0
+        self._bytes_in = self._bytes_out = self._bad_crc = self._overflowed = 0
 
     def count(self, now: float) -> None:
         """Tell the monitor what came in since the last time, and what the device counted."""
-        self.count_frames()
+        self.count_frames(now)
         seen = self.device.counters
         self.monitor.on_traffic(
             now, seen.bytes_in - self._bytes_in, seen.bytes_out - self._bytes_out, seen.bad_crc - self._bad_crc
         )
         self._bytes_in, self._bytes_out, self._bad_crc = seen.bytes_in, seen.bytes_out, seen.bad_crc
 
-    def count_frames(self) -> None:
+    def count_frames(self, now: float) -> None:
         """Many at once take a third of the time that they would take one by one, and none of them waits for it."""
+        overflowed = self.device.counters.overflowed
+        if overflowed != self._overflowed:  # before the frames, whose numbers have gaps by it
+            self.monitor.on_traffic(now, overflowed=overflowed - self._overflowed)
+            self._overflowed = overflowed
         waiting, self.uncounted = self.uncounted, []
         for frame, at in waiting:
             self.monitor.on_frame(frame, at)
@@ -235,10 +242,10 @@ class LinkBundle:
 
     def _credit(self, link: _Link, frame: Frame, now: float) -> bool:
         """A genuine frame will be counted for its link; True if it answers a probe."""
-        link.uncounted.append((frame, now))
-        if len(link.uncounted) >= _UNCOUNTED:
-            link.count_frames()
-        link.device.accept_sender(frame)
+        if link.device.accept_sender(frame) or self._seal is not None:
+            link.uncounted.append((frame, now))
+            if len(link.uncounted) >= _UNCOUNTED:
+                link.count_frames(now)
         stamp = answered_stamp(frame) if frame.msgid == TIMESYNC else None
         if stamp is None or not any(other.monitor.asked(stamp) for other in self._links):
             return False
@@ -276,7 +283,7 @@ class LinkBundle:
         To be called 20 times a second where there are several links, twice where there is one.
         """
         for link in self._links:
-            link.count_frames()
+            link.count_frames(now)
             drawn = link.monitor.probe(now) if link.device.open else None
             if drawn is not None:
                 link.outlet.send(self._probe(drawn), 0 if self._seal is None else self._seal.stamp())

@@ -18,6 +18,9 @@ measurement), the device's byte and CRC counts, signatures that were wrong. What
   say nothing. A station that answers no probes (a program of the standard by itself) has no measure of its downlink.
 * **Round trip and jitter** from TIMESYNC probes. A stamp is good for one answer, so a forged answer spoils at most one
   sample, and medians do not follow one sample.
+* **Overflow**: datagrams that our own system dropped because they came faster than they were read. Others cause it by
+  a flood, or this program by a stall. What is missing then was lost here. So for OVERFLOW_S after the last drop nothing
+  but silence is judged: no loss, no probe, no round trip. By then what waited in the full buffer has been read.
 * **Silence**: time since the last genuine frame; and since the newest probe that was answered, which alone proves that
   the way down works as well.
 
@@ -38,9 +41,10 @@ from mavproxy_handover.link.quality import LimitWatch, LinkEvent, LinkLimits, Li
 from mavproxy_handover.link.timesync import draw_stamp
 from mavproxy_handover.wire.frames import Frame
 
-__all__ = ["WINDOW_S", "LinkMonitor", "SequenceTracker"]
+__all__ = ["OVERFLOW_S", "WINDOW_S", "LinkMonitor", "SequenceTracker"]
 
 WINDOW_S: Final = 10
+OVERFLOW_S: Final = 2.0
 #: frames that must have been due before a share of lost ones means anything
 _ENOUGH_FRAMES: Final = 8
 _ENOUGH_PROBES: Final = 4
@@ -69,6 +73,7 @@ class _Bucket:
     bytes_out: int = 0
     probes: int = 0  #: answered or given up
     probes_lost: int = 0
+    overflowed: int = 0
 
 
 _counts: Final = attrgetter(*(entry.name for entry in fields(_Bucket)))
@@ -149,6 +154,8 @@ class LinkMonitor:
         self._samples: deque[tuple[float, float]] = deque(maxlen=_SAMPLES)
         self._answered_sent_at: float | None = None
         self._round_trip_s = 0.0
+        #: until then nothing but silence is judged
+        self._overflows_until = float("-inf")
         self._limits = limits
         self._watches = {
             Measure.SILENCE: LimitWatch(device, Measure.SILENCE, limits.silence_s, 0.0),
@@ -156,6 +163,7 @@ class LinkMonitor:
             Measure.DOWNLINK_LOSS: LimitWatch(device, Measure.DOWNLINK_LOSS, limits.loss, limits.hold_s),
             Measure.ROUND_TRIP: LimitWatch(device, Measure.ROUND_TRIP, limits.round_trip_s, limits.hold_s),
             Measure.BAD_SIGNATURES: LimitWatch(device, Measure.BAD_SIGNATURES, limits.bad_signatures, 0.0),
+            Measure.OVERFLOW: LimitWatch(device, Measure.OVERFLOW, 0.0, 0.0),
         }
 
     # ---- what happened --------------------------------------------------------------------------------------------
@@ -169,6 +177,8 @@ class LinkMonitor:
         self._heard_at = now
         bucket = self._window.at(now)
         bucket.frames += 1
+        if now < self._overflows_until:
+            return
         stream = (frame.sysid, frame.compid)
         tracker, heard_at = self._streams.pop(stream, (None, now))
         if tracker is None or now - heard_at > WINDOW_S:  # as above, for one component
@@ -184,9 +194,15 @@ class LinkMonitor:
             bucket.reordered += reordered
         self._streams[stream] = tracker, now
 
-    def on_traffic(self, now: float, bytes_in: int = 0, bytes_out: int = 0, bad_crc: int = 0) -> None:
+    def on_traffic(
+        self, now: float, bytes_in: int = 0, bytes_out: int = 0, bad_crc: int = 0, overflowed: int = 0
+    ) -> None:
         """What the device counted since the last call."""
         bucket = self._window.at(now)
+        if overflowed:
+            bucket.overflowed += overflowed
+            self._overflows_until = now + OVERFLOW_S
+            self._streams.clear()
         bucket.bytes_in += bytes_in
         bucket.bytes_out += bytes_out
         bucket.bad_crc += bad_crc
@@ -204,9 +220,10 @@ class LinkMonitor:
             if now - sent_at <= _PROBE_LOST_S:
                 break
             del self._waiting[stamp]
-            bucket = self._window.at(now)
-            bucket.probes += 1
-            bucket.probes_lost += 1
+            if sent_at > self._overflows_until:
+                bucket = self._window.at(now)
+                bucket.probes += 1
+                bucket.probes_lost += 1
         while self._answered and now - next(iter(self._answered.values())) > 2 * _PROBE_LOST_S:
             self._answered.popitem(last=False)
         if now < self._probe_at:
@@ -229,9 +246,10 @@ class LinkMonitor:
         if sent_at is None:
             return
         self._answered[stamp] = now
-        self._window.at(now).probes += 1
-        self._samples.append((now, now - sent_at))
-        self._round_trip_s = median(sample for _at, sample in self._samples)
+        if now >= self._overflows_until:
+            self._window.at(now).probes += 1
+            self._samples.append((now, now - sent_at))
+            self._round_trip_s = median(sample for _at, sample in self._samples)
         if self._answered_sent_at is None or sent_at > self._answered_sent_at:
             self._answered_sent_at = sent_at
 
@@ -275,6 +293,7 @@ class LinkMonitor:
             bad_signatures=counts.bad_signatures,
             bytes_in_per_s=counts.bytes_in / WINDOW_S,
             bytes_out_per_s=counts.bytes_out / WINDOW_S,
+            overflowed=counts.overflowed,
         )
 
     def _probes_lost(self, counts: _Bucket) -> float | None:
@@ -306,7 +325,10 @@ class LinkMonitor:
             ),
             Measure.ROUND_TRIP: quality.round_trip_s,
             Measure.BAD_SIGNATURES: float(quality.bad_signatures),
+            Measure.OVERFLOW: float(quality.overflowed),
         }
+        if now < self._overflows_until:
+            values |= dict.fromkeys((Measure.LOSS, Measure.DOWNLINK_LOSS, Measure.ROUND_TRIP))
         events = (self._watches[measure].update(value, now) for measure, value in values.items())
         return [event for event in events if event is not None]
 

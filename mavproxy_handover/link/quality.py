@@ -38,6 +38,7 @@ class LinkQuality:
     bad_signatures: int = 0
     bytes_in_per_s: float = 0.0
     bytes_out_per_s: float = 0.0
+    overflowed: int = 0  #: datagrams that our own system dropped because its buffer was full
 
 
 class Measure(Enum):
@@ -48,6 +49,7 @@ class Measure(Enum):
     DOWNLINK_LOSS = "downlink loss"
     ROUND_TRIP = "round trip"
     BAD_SIGNATURES = "bad signatures"
+    OVERFLOW = "receive overflow"
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,4 +125,6 @@ class LimitWatch:
 def _shown(measure: Measure, value: float) -> str:
     if measure in (Measure.LOSS, Measure.DOWNLINK_LOSS):
         return f"{value:.0%}"
+    if measure is Measure.OVERFLOW:
+        return f"{value:g} datagrams"
     return f"{value:g}" if measure is Measure.BAD_SIGNATURES else f"{value:.2f} s"

@@ -103,9 +103,8 @@ class ReopeningLink(Device):
     def write(self, data: bytes) -> bool:
         return self._refused() if self._inner is None else self._inner.write(data)
 
-    def accept_sender(self, frame: Frame) -> None:
-        if self._inner is not None:
-            self._inner.accept_sender(frame)
+    def accept_sender(self, frame: Frame) -> bool:
+        return self._inner is not None and self._inner.accept_sender(frame)
 
     def _try_to_open(self) -> LinkError | None:
         """Open it, if that can be; the error that prevented it."""

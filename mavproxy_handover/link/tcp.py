@@ -283,20 +283,21 @@ class TcpIn(Device):
             return self._refused()
         return self._sent(data)
 
-    def accept_sender(self, frame: Frame) -> None:
+    def accept_sender(self, frame: Frame) -> bool:
         client = self._senders.get(id(frame))
         if client is None or client not in self._clients:
-            return
+            return False
         now = client.heard_at = self._clock()
         before = self._proven
         if before is client:
-            return
+            return True
         if before is not None:
             if before.heard_at is not None and now - before.heard_at <= PEER_HOLD_S:
-                return
+                return False
             before.replaced = True
         client.replaced = False
         self._proven = client
+        return True
 
     def _part(self, now: float) -> None:
         """Part with those who are of no use, or too many."""

@@ -26,6 +26,10 @@ the same name.
   floods the link.
 
 Datagrams of more than 2 KiB are dropped: no station sends them, and a long one made of frame starts costs much.
+
+A flood fills the socket's buffer, and the system then drops the station's datagrams too. Linux counts what it drops,
+and what the filter of `udpout` keeps out as well. So a drop counts as overflow only if the buffer is at least half
+full. The device looks after every _LOOK datagrams, so that no full buffer is emptied without a look.
 """
 
 from __future__ import annotations
@@ -57,9 +61,15 @@ _STRANGER_BYTES: Final = 8192
 _HOST_BYTES: Final = 4096
 _SHORT_BYTES: Final = 256
 _RECEIVE_BUFFER_BYTES: Final = 1 << 20
+#: datagrams read between two looks at the buffer: far fewer than half of it holds
+_LOOK: Final = 16
 
 #: not in Python's `socket`; the same on all of Linux's common machines (asm-generic/socket.h, linux/in.h)
 _SO_ATTACH_FILTER: Final = 26
+_SO_MEMINFO: Final = 55
+#: its numbers (linux/sock_diag.h): bytes that wait to be read, the most that may, and datagrams dropped so far
+_MEMINFO: Final = struct.Struct("9I")
+_RMEM_ALLOC, _RCVBUF, _DROPS = 0, 1, 8
 _UNICAST_IF: Final = {socket.AF_INET: (socket.IPPROTO_IP, 50), socket.AF_INET6: (socket.IPPROTO_IPV6, 76)}
 #: classic BPF (linux/filter.h): load 32 or 16 bits, go on if equal, return. A socket's filter sees a datagram from its
 #: UDP header on, and the IP header from SKF_NET_OFF on.
@@ -87,6 +97,9 @@ class _Udp(Device):
         self._socket.setblocking(False)
         # more than the system allows is cut by the system; a burst must outlast one slow round of the main loop
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER_BYTES)
+        #: datagrams until the buffer is looked at again, and what had been dropped by the last look
+        self._look_in = _LOOK
+        self._dropped = 0
 
     @property
     def open(self) -> bool:
@@ -124,8 +137,22 @@ class _Udp(Device):
     def _shut(self) -> None:
         self._socket.close()
 
+    def _look_at_buffer(self) -> None:
+        """Count what the system dropped because the buffer was full."""
+        self._look_in = _LOOK
+        try:
+            told = _MEMINFO.unpack(self._socket.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, _MEMINFO.size))
+        except (OSError, struct.error):  # other systems do not tell
+            return
+        dropped, self._dropped = (told[_DROPS] - self._dropped) & 0xFFFFFFFF, told[_DROPS]
+        if 2 * told[_RMEM_ALLOC] >= told[_RCVBUF]:
+            self.counters.overflowed += dropped
+
     def _receive(self) -> tuple[bytes, Address] | None:
         """The next datagram; None when there is none. One too long comes back empty."""
+        self._look_in -= 1
+        if not self._look_in:
+            self._look_at_buffer()
         try:
             data, address = self._socket.recvfrom(_DATAGRAM_BYTES + 1)
         except OSError as error:
@@ -166,6 +193,9 @@ class UdpOut(_Udp):
 
     def read(self, once: bool = False) -> list[Frame]:
         if once and self._peer_alone:  # nearly every read: without all that the others need
+            self._look_in -= 1
+            if not self._look_in:
+                self._look_at_buffer()
             try:
                 data = self._socket.recv(_DATAGRAM_BYTES + 1)
             except OSError as error:
@@ -281,17 +311,18 @@ class UdpIn(_Udp):
         self._senders, self._last = senders, list(frames)
         return frames
 
-    def accept_sender(self, frame: Frame) -> None:
+    def accept_sender(self, frame: Frame) -> bool:
         address = self._senders.get(id(frame))
         if address is None:
-            return
+            return False
         now = self._clock()
         if address != self._peer:
             if self._peer is not None and now - self._heard_at <= PEER_HOLD_S:
-                return
+                return False
             self._peer = address
             self._splitter = FrameSplitter()
         self._heard_at = now
+        return True
 
 
 def _is_address(way: str) -> bool:

@@ -8,7 +8,7 @@ import secrets
 from collections import Counter, deque
 from collections.abc import Mapping
 from math import inf
-from typing import Any
+from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
@@ -32,6 +32,8 @@ __all__ = ["StationPort", "open_ports"]
 
 #: heartbeats come every second: a longer pause (s) is no chance loss, the way up was interrupted
 _INTERRUPTED_S = 3.5
+#: measures that say nothing of how well the link carries the station's frames: others cause them
+_OF_OTHERS: Final = {Measure.BAD_SIGNATURES, Measure.OVERFLOW}
 #: rejected frames that wait to be journalled; under a flood the newest are enough
 _REJECTED = 32
 
@@ -171,7 +173,7 @@ class StationPort:
     @property
     def weak(self) -> bool:
         """Every link is over a limit of its quality."""
-        return all(self._over.get(link.device, set()) - {Measure.BAD_SIGNATURES} for link in self.links)
+        return all(self._over.get(link.device, set()) - _OF_OTHERS for link in self.links)
 
     @property
     def attacked(self) -> bool:

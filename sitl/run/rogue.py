@@ -22,7 +22,8 @@ station's own address. So what is refused is refused for what it says and how it
 When the ports are open it takes orders, a line each, on standard input:
 
     attack LINK SYSID              every message of its repertoire once, as system SYSID
-    flood LINK SYSID RATE SECONDS  RATE datagrams a second, by turns a valid frame, a broken one and noise
+    flood LINK SYSID RATE SECONDS  RATE datagrams a second, by turns a valid frame (every other one signed with a key of
+                                   the rogue's own), a broken one and noise
     record LINK                    keep what the station sends from here on
     replay LINK                    send that again, as it was
     forge STATION SYSID            to a station's ground link, as its neighbour SYSID: a heartbeat, its words in
@@ -331,9 +332,14 @@ def _packed(messages: Sequence[Any], sysid: int) -> list[bytes]:
 
 
 def _stamped(vehicle: int, sysid: int, number: int) -> bytes:
-    """A valid frame under a sequence number of its own: a command, a question, a word of a transfer that is none."""
+    """A valid frame under a sequence number of its own: a command, a question, a word of a transfer that is none.
+
+    Every other one carries a signature, by a key that no station has.
+    """
     sender: Any = mavlink.MAVLink(None, srcSystem=sysid, srcComponent=mavlink.MAV_COMP_ID_MISSIONPLANNER)
     sender.seq = number
+    sender.signing.secret_key = bytes(range(32))
+    sender.signing.sign_outgoing = number % 2 == 1
     order = (vehicle, _AUTOPILOT, mavlink.MAV_CMD_NAV_LAND, 0, 0, 0, 0, 0, 0, 0, 0)
     messages = (
         mavlink.MAVLink_command_long_message(*order),

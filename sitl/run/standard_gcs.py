@@ -11,7 +11,10 @@ is a program that knows nothing of it. What the vehicle says in words is in its 
     upload param                              a mission of one item, a value for FS_OPTIONS, each once
     request  release                          control for this station, or for nobody
     allow                                     the answer to the question: takeover allowed
-    measure COUNT INTERVAL_S                  COUNT times CONTINUE, each once, and how long the acknowledgements take
+    measure COUNT INTERVAL_S                  COUNT times a command, each once, and how long the acknowledgements take
+
+What is measured is SET_MESSAGE_INTERVAL. The gate passes it to the autopilot if it comes from the commander. The
+companion does not judge it by the situation, as it does CONTINUE, so none is refused near a border.
 
 It ends when its input does. No code of the vehicle's or the station's module is in it.
 """
@@ -40,6 +43,9 @@ __all__ = ["StandardGcs", "main"]
 
 _COMMAND = mavlink.MAV_CMD_REQUEST_OPERATOR_CONTROL
 _PAUSE = mavlink.MAV_CMD_DO_PAUSE_CONTINUE
+_MEASURED = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
+#: the message whose default rate is asked for
+_MEASURED_PARAMETERS = (float(mavlink.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT), 0.0)
 _HEARTBEAT_S = 1.0
 _TRY_S, _TRIES = 1.5, 3
 #: a command in progress may take that long to end
@@ -74,7 +80,7 @@ class _Asked:
 
 @dataclass(slots=True)
 class _Measurement:
-    """CONTINUE in a row. `waiting`: when those were sent that are not acknowledged yet, oldest first."""
+    """The measured command in a row. `waiting`: when those were sent that are not acknowledged yet, oldest first."""
 
     left: int
     interval_s: float
@@ -82,6 +88,7 @@ class _Measurement:
     waiting: deque[float]
     times_s: list[float]
     lost: int = 0
+    refused: int = 0
 
 
 class StandardGcs:
@@ -178,8 +185,9 @@ class StandardGcs:
 
     def _on_ack(self, message: Any, now: float) -> None:
         measured = self._measurement
-        if measured is not None and message.command == _PAUSE and measured.waiting:
+        if measured is not None and message.command == _MEASURED and measured.waiting:
             measured.times_s.append(now - measured.waiting.popleft())
+            measured.refused += message.result != mavlink.MAV_RESULT_ACCEPTED
             return
         for asked in [asked for asked in self._asked if asked.command == message.command]:
             if message.result == mavlink.MAV_RESULT_IN_PROGRESS:
@@ -265,7 +273,7 @@ class StandardGcs:
             measured.left -= 1
             measured.due_at += measured.interval_s
             measured.waiting.append(now)
-            self._command(_PAUSE, (1.0,))
+            self._command(_MEASURED, _MEASURED_PARAMETERS)
         if measured.left or measured.waiting:
             return
         self._measurement = None
@@ -276,6 +284,7 @@ class StandardGcs:
             f"{len(measured.times_s)} commands: median {median * 1000:.1f} ms, 99 % {most * 1000:.1f} ms",
             count=len(measured.times_s),
             lost=measured.lost,
+            refused=measured.refused,
             median_ms=round(median * 1000, 2),
             p99_ms=round(most * 1000, 2),
             max_ms=round(times[-1] * 1000, 2),

@@ -88,8 +88,9 @@ class FakeDevice:
             self._on_write(data)
         return True
 
-    def accept_sender(self, frame: Frame) -> None:
+    def accept_sender(self, frame: Frame) -> bool:
         self.accepted.append(frame)
+        return True
 
     def close(self) -> None:
         self.closed = True

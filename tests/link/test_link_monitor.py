@@ -403,3 +403,59 @@ def test_of_a_station_that_answers_no_probes_nothing_is_known(monitor: LinkMonit
         monitor.on_frame(heartbeat(tenth & 0xFF), tenth / 10)
     assert monitor.quality(30.0).downlink_loss is None
     assert kinds(monitor.check(30.0)) == []
+
+
+# ---- an overrun receive buffer ------------------------------------------------------------------------------------
+
+
+def overrun(monitor: LinkMonitor, at: float, seconds: float) -> list[LinkEvent]:
+    """A station's frames and probes for 10 s; from `at` on most of its frames are dropped by our own full buffer."""
+    events = []
+    for step in range(200):
+        now = step * 0.05
+        full = at <= now < at + seconds
+        if full:
+            monitor.on_traffic(now, overflowed=40)
+        if not full or step % 10 == 0:
+            monitor.on_frame(heartbeat(step), now)
+        stamp = monitor.probe(now)
+        if stamp is not None and not full:
+            monitor.on_answer(stamp, now + 0.01)
+        events += monitor.check(now)
+    return events
+
+
+def test_what_our_own_full_buffer_lost_is_no_loss_of_the_link(monitor: LinkMonitor) -> None:
+    events = overrun(monitor, at=3.0, seconds=4.0)
+    assert [(event.kind, event.measure) for event in events] == [(LinkEventKind.DEGRADED, Measure.OVERFLOW)]
+    assert events[0].text == "link wifi degraded: receive overflow 40 datagrams, limit 0 datagrams"
+    assert monitor.degraded == {Measure.OVERFLOW}
+    quality = monitor.quality(9.95)
+    assert (quality.loss, quality.downlink_loss, quality.overflowed) == (0.0, 0.0, 3200)
+
+
+def test_an_overflow_is_over_when_ten_seconds_were_without_one(monitor: LinkMonitor) -> None:
+    overrun(monitor, at=3.0, seconds=1.0)
+    receive(monitor, list(range(200, 260)), 10.0, 0.1)
+    assert [(event.kind, event.measure) for event in monitor.check(16.0)] == [
+        (LinkEventKind.RESTORED, Measure.OVERFLOW)
+    ]
+
+
+def test_after_an_overflow_the_loss_of_the_link_is_judged_again(monitor: LinkMonitor) -> None:
+    overrun(monitor, at=0.0, seconds=1.0)
+    for place in range(100):  # every second frame is lost on the link
+        monitor.on_frame(heartbeat((200 + 2 * place) & 0xFF), 10.0 + place * 0.1)
+        events = monitor.check(10.0 + place * 0.1)
+        if any(event.measure is Measure.LOSS for event in events):
+            break
+    assert monitor.degraded == {Measure.LOSS}
+
+
+def test_an_overflow_does_not_hide_a_silence(monitor: LinkMonitor) -> None:
+    monitor.on_frame(heartbeat(0), 0.0)
+    events = []
+    for step in range(100):
+        monitor.on_traffic(step * 0.05, overflowed=40)
+        events += monitor.check(step * 0.05)
+    assert [event.measure for event in events] == [Measure.OVERFLOW, Measure.SILENCE]

@@ -472,3 +472,42 @@ def test_an_interface_that_comes_back_under_another_number_is_found(
     assert link.write(heartbeat().raw)
     assert asked == ["lo"]
     link.close()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems do not tell what a socket dropped")
+def test_what_the_system_dropped_because_the_buffer_was_full_is_counted(
+    listening: tuple[UdpIn, int], peers: list[Peer]
+) -> None:
+    """By the peer or by strangers: what is missing then was lost here, and not on the link."""
+    device, port = listening
+    with socket.socket(fileno=socket.dup(device.fileno())) as same:
+        same.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 32768)
+    station, stranger, _, _ = peers
+    station.send(heartbeat().raw, port)
+    device.accept_sender(device.read()[0])
+    assert device.counters.overflowed == 0
+    for _ in range(500):
+        stranger.send(b"noise of a stranger", port)
+    station.send(heartbeat(1).raw, port)
+    assert heartbeat(1) not in [frame for _ in range(10) for frame in device.read()]
+    assert 300 < device.counters.overflowed < 501
+    before = device.counters.overflowed
+    station.send(heartbeat(2).raw, port)
+    assert device.read() == [heartbeat(2)]
+    assert device.counters.overflowed == before
+
+
+def test_what_the_kernel_keeps_from_us_on_purpose_is_no_overflow(peers: list[Peer], clock: Clock) -> None:
+    """A stranger must not be able to make a link look overrun that is not."""
+    station, stranger, _, _ = peers
+    device = open_device(f"udpout:{LOOPBACK}:{station.address[1]}", clock)
+    device.write(b"hello")
+    with socket.socket(fileno=socket.dup(device.fileno())) as same:
+        port = same.getsockname()[1]
+    for number in range(500):
+        stranger.send(b"noise of a stranger", port)
+        if number % 5 == 0:
+            station.send(heartbeat(number // 5).raw, port)
+    assert len([frame for _ in range(200) for frame in device.read(once=True)]) == 100
+    assert device.counters.overflowed == 0
+    device.close()

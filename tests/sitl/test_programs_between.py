@@ -238,6 +238,8 @@ def test_a_flood_has_the_rate_that_was_asked_for_valid_and_broken(processes: Pro
         parser.robust_parsing = True
         good += [m.get_type() for m in parser.parse_buffer(data) or [] if m.get_type() in _FLOOD]
     assert 60 <= len(good) <= 70, "one in three is valid"
+    signed = [data for data in received if data[0] == 0xFD and data[2] == 1 and len(data) == 10 + data[1] + 2 + 13]
+    assert 30 <= len(signed) <= 36, "every other one of these carries a signature"
     assert all(good.count(kind) >= 15 for kind in _FLOOD), "a third of these each"
 
 

@@ -5,6 +5,9 @@
 from __future__ import annotations
 
 import random
+import socket
+import time
+from contextlib import closing
 
 import pytest
 from pymavlink.dialects.v10 import ardupilotmega as v10
@@ -13,6 +16,8 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.config.files import StationLinks
 from mavproxy_handover.core.model import Station
+from mavproxy_handover.link.devices import Device, open_device
+from mavproxy_handover.link.quality import Measure
 from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.store.keys import StationKeys
 from mavproxy_handover.wire.frames import Frame, parse_one
@@ -141,3 +146,77 @@ def test_since_when_a_station_is_heard_without_an_interruption(routed: Routed) -
     assert port.heard_since(1007.6) == 1007.6, "interrupted at this moment"
     port.heard(beat, 1008.0)
     assert port.heard_since(1009.0) == 1008.0
+
+
+# ---- whose frames count for the quality of a link -----------------------------------------------------------------
+
+HERE = "127.0.0.1"
+
+
+@pytest.mark.parametrize("scheme", ["udpin", "tcpin"])
+@pytest.mark.parametrize("signed", [False, True])
+def test_what_a_stranger_sends_to_a_stations_port_does_not_count_for_its_link(scheme: str, signed: bool) -> None:
+    """It uses the station's system id and numbers of its own, five times as often as the station speaks."""
+    probe = socket.socket()
+    probe.bind((HERE, 0))
+    number = probe.getsockname()[1]
+    probe.close()
+    now = 1000.0
+    link: Device = open_device(f"{scheme}:{HERE}:{number}", lambda: now)
+    keys = StationKeys(KEY) if signed else None
+    config = StationLinks(Station(251, "GCSA"), (link.device,), frozenset({251}))
+    port = StationPort(config, (link,), 1, keys, Clocks(lambda: UTC_S + now, lambda: now))
+    kind = socket.SOCK_DGRAM if scheme == "udpin" else socket.SOCK_STREAM
+    station, stranger = socket.socket(socket.AF_INET, kind), socket.socket(socket.AF_INET, kind)
+    own, forged = mavlink.MAVLink(None, 251, 190), mavlink.MAVLink(None, 251, 190)
+    key = SignedPeer(KEY)
+    beat = mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 4, 3)
+
+    def send(sender: socket.socket, mav: mavlink.MAVLink, step: int) -> None:
+        nonlocal now
+        data = bytes(beat.pack(mav))
+        mav.seq = (mav.seq + step) & 0xFF
+        if signed and mav is own:
+            data = key.sign(data, 1, UTC_S + now, now) or b""
+        sender.send(data)
+        deadline_s = time.monotonic() + 10.0
+        while not port.read(link, now) and not port.rejected:
+            assert time.monotonic() < deadline_s, "the frame did not arrive"
+        port.rejected.clear()
+
+    over = set()
+    with station, stranger, closing(port):
+        for sender in (station, stranger):
+            sender.connect((HERE, number))
+            if scheme == "tcpin":
+                sender.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            port.read(link, now)
+        for step in range(45):
+            now = 1000.0 + step * 0.2
+            send(station, own, 1)
+            for _ in range(5):
+                send(stranger, forged, 7)
+            over |= {event.measure for event in port.tick(now)}
+        quality = port.quality(link, now)
+    assert (quality.loss, quality.frames, quality.duplicates, quality.reordered) == (0.0, 45, 0, 0)
+    assert over == ({Measure.BAD_SIGNATURES} if signed else set())
+    assert not port.weak
+
+
+def test_a_full_receive_buffer_does_not_make_a_station_weak(routed: Routed) -> None:
+    link = routed.links[0]
+    config = StationLinks(Station(251, "GCSA"), (link.device,), frozenset({251}))
+    port = StationPort(config, (link,), 1, StationKeys(KEY), Clocks(lambda: UTC_S + routed.now, lambda: routed.now))
+    told = []
+    for step in range(200):
+        routed.now = 1000.0 + step * 0.05
+        frame = routed.frame()
+        if step < 60 or step % 10 == 0:
+            link.inbox.append(frame)
+        if step >= 60:
+            link.counters.overflowed += 40
+        assert not port.rejected
+        port.read(link, routed.now)
+        told += [event.measure for event in port.tick(routed.now)]
+    assert told == [Measure.OVERFLOW]
+    assert not port.weak
