@@ -18,6 +18,7 @@ import traceback
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from math import inf
 from typing import Any, Final, TypeVar
 
@@ -299,7 +300,8 @@ class Companion:
             case Fate.REFUSE | Fate.DROP:
                 kind, answered = (frame.msgid, verdict.reason), verdict.fate is Fate.REFUSE
                 proven = port.proves(frame)
-                self.narrator.refused(port.name, kind, verdict.what, verdict.reason.value, answered, proven, now)
+                named, why = partial(self.gate.unsaid, frame), verdict.reason.value
+                self.narrator.refused(port.name, kind, verdict.what, named, why, answered, proven, now)
                 self.rehearsal.turned_away(port.name, verdict.what, verdict.reason.value)
             case _:
                 assert_never(verdict.fate)
@@ -359,7 +361,8 @@ class Companion:
         if needs:
             orders.refuse_take_off(port, frame, needs, now)
             kind, proven = (frame.msgid, verdict.reason), port.proves(frame)
-            self.narrator.refused(port.name, kind, verdict.what, "; ".join(needs), True, proven, now)
+            named, why = partial(self.gate.unsaid, frame), "; ".join(needs)
+            self.narrator.refused(port.name, kind, verdict.what, named, why, True, proven, now)
             return
         self.handle(events.TakeOffPassed(port.sysid), now)
         self._warn()
@@ -396,7 +399,8 @@ class Companion:
             return
         refused = self.gate.turn_down(port, frame, verdict, now)
         kind, proven = (frame.msgid, refused.reason), port.proves(frame)
-        self.narrator.refused(port.name, kind, refused.what, refused.reason.value, True, proven, now)
+        named, why = partial(self.gate.unsaid, frame), refused.reason.value
+        self.narrator.refused(port.name, kind, refused.what, named, why, True, proven, now)
         self.rehearsal.turned_away(port.name, refused.what, refused.reason.value)
 
     def _on_transfer(self, port: StationPort, frame: Frame, message: Any, now: float) -> None:

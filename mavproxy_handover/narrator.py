@@ -270,18 +270,27 @@ class Narrator:
         self._journal.note("accepted", station=station, what=what)
 
     def refused(
-        self, station: str, kind: tuple[int, Enum], what: str, reason: str, answered: bool, proven: bool, now: float
+        self,
+        station: str,
+        kind: tuple[int, Enum],
+        what: str,
+        named: Callable[[], str],
+        reason: str,
+        answered: bool,
+        proven: bool,
+        now: float,
     ) -> None:
-        """A frame was refused. `kind`: message and reason; `proven`: it is certain that the station sent it."""
+        """A frame was refused. `kind`: message and reason; `proven`: it is certain that the station sent it. `named`:
+        what `what` leaves open, such as the mode; asked for only if an entry is written."""
         sampler = self._samplers.get((station, _ITS_OWN if proven else _ANYBODYS))  # it may come to this very often
         if sampler is None:
             sampler = self._sampler(station, *((_ITS_OWN, _PROVEN) if proven else (_ANYBODYS, _UNPROVEN)))
-        self._refused(self._journal, sampler, kind, station, what, reason, answered, now)
+        self._refused(self._journal, sampler, kind, station, what, named, reason, answered, now)
 
     def rejected(self, station: str, kind: tuple[int, Enum], what: str, reason: str, now: float) -> None:
         """A frame in a station's name has no signature of its, or not a good one: whoever it is."""
         sampler = self._sampler(station, _STRANGERS, _UNPROVEN)
-        self._refused(self._strangers, sampler, kind, station, what, reason, False, now)
+        self._refused(self._strangers, sampler, kind, station, what, str, reason, False, now)
 
     @staticmethod
     def _refused(
@@ -290,6 +299,7 @@ class Narrator:
         kind: tuple[int, Enum],
         station: str,
         what: str,
+        named: Callable[[], str],
         reason: str,
         answered: bool,
         now: float,
@@ -297,9 +307,10 @@ class Narrator:
         kept_back = sampler.take(now, kind)
         if kept_back is None:
             return
-        text = f"{what} of {station} refused: {reason}"
-        also = kept_back or None
-        journal.write("refused", text, station=station, what=what, reason=reason, answered=answered, also=also)
+        name = named()
+        text = f"{f'{name} ({what})' if name else what} of {station} refused: {reason}"
+        fields = {"station": station, "what": what, "named": name or None, "reason": reason, "answered": answered}
+        journal.write("refused", text, **fields, also=kept_back or None)
 
     def told(self, station: str, text: str, now: float) -> None:
         """A station was told why something is refused."""

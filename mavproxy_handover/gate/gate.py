@@ -61,7 +61,7 @@ from mavproxy_handover.gate.questions import Questions
 from mavproxy_handover.gate.refusals import OncePerCause, RefusalLimiter, has_words, line_of_text, refusal
 from mavproxy_handover.gate.targets import TargetStreams
 from mavproxy_handover.gate.tongues import Tongues
-from mavproxy_handover.gate.words import sentence, subject_of
+from mavproxy_handover.gate.words import sentence, subject_of, unsaid
 from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.frames import Frame
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, COMPANION_COMPID, LANGUAGE_COMPID, OUR_MESSAGES, PROBE_COMPID
@@ -308,6 +308,10 @@ class Gate:
             name = "" if commander is None else self._names[commander]
             words = sentence(subject, verdict.reason, name, tongues.of(sender), modes=self.modes)
             self._say(port.sysid, words, now)
+
+    def unsaid(self, frame: Frame) -> str:
+        """What the name of a refused frame leaves open, such as the mode; "" if the name says all."""
+        return unsaid(frame, modes=self.modes)
 
     def _grant_rates(self, port: Port, frame: Frame, now: float) -> None:
         answers = self._rates.asked(frame, port.sysid, now)

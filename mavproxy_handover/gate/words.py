@@ -40,6 +40,7 @@ __all__ = [
     "how_to_lift",
     "sentence",
     "subject_of",
+    "unsaid",
 ]
 
 #: What a frame is about: its word, or the number of a mode, or the name of a parameter as it came.
@@ -162,6 +163,9 @@ _MESSAGE_WORDS: Final[Mapping[int, str]] = {
     msgid: MESSAGES.get(name) or _plain(name) for msgid, name in _MESSAGE_NAMES.items()
 }
 _SWITCHED: Final = {number: SWITCHES[name] for number, name in _COMMAND_NAMES.items() if name in SWITCHES}
+#: the command's name says neither
+_PARTICULAR: Final = frozenset(word for _parameter, *words in SWITCHES.values() for word in words)
+_SWITCH: Final = f"{COMMANDS['DO_AUX_FUNCTION']} "
 _COMMAND_IDS: Final = _ids("COMMAND_LONG", "COMMAND_INT")
 _SET_MODE: Final = mavlink.MAVLINK_MSG_ID_SET_MODE
 _ITEM_IDS: Final = _ids("MISSION_ITEM", "MISSION_ITEM_INT")
@@ -241,6 +245,13 @@ _REASONS: Final[Mapping[GateReason, str]] = {
     GateReason.REHEARSAL: "a rehearsal is under way: nothing arms",
     GateReason.COMPANION_TARGET: "the companion takes none, ask the autopilot",
 }
+
+
+def unsaid(frame: Frame, *, modes: Modes = COPTER) -> str:
+    """What the name of a refused frame leaves open: which mode, parameter or switch; "" if the name says all."""
+    subject = subject_of(frame) if frame.known else ""
+    particular = not isinstance(subject, str) or subject in _PARTICULAR or subject.startswith(_SWITCH)
+    return called(subject, modes=modes) if particular else ""
 
 
 def sentence(subject: Subject, reason: GateReason, commander: str, tongue: Tongue, *, modes: Modes = COPTER) -> str:

@@ -19,7 +19,7 @@ from sitl.report.exchange import exchanges
 from sitl.report.flight import Story
 from sitl.report.journal_reader import Entry
 from sitl.report.outcome import emergencies
-from sitl.report.palette import ALARM, NOBODY_COLOUR, colours
+from sitl.report.palette import ALARM, NOBODY_COLOUR, WARNING, colours
 from sitl.report.record import RunRecord
 from sitl.report.times import Times
 from sitl.report.track import nearest, pieces
@@ -129,7 +129,8 @@ def _vehicle(document: Xml.Element, story: Story) -> None:
     for stretch in emergencies(evidence):
         piece = [sample for sample in evidence.samples if stretch.begin_t <= sample.t <= stretch.end_t]
         if len(piece) > 1:
-            _line(folder, f"emergency: {stretch.why}", piece, ALARM, 9, times)
+            name, colour = ("held", WARNING) if stretch.held else ("emergency", ALARM)
+            _line(folder, f"{name}: {stretch.why}", piece, colour, 9, times)
     for transfer in exchanges(evidence):
         sample = nearest(evidence.samples, transfer.ended_t or transfer.begun_t)
         if sample is not None:

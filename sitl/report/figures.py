@@ -10,7 +10,7 @@ writes UTC below it (`script.py`).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from itertools import combinations, pairwise
@@ -29,7 +29,7 @@ from sitl.report.evidence import NOBODY
 from sitl.report.exchange import Exchange
 from sitl.report.flight import Story
 from sitl.report.journal_reader import Entry
-from sitl.report.outcome import Stretch, emergencies
+from sitl.report.outcome import emergencies, holds
 from sitl.report.palette import (
     ALARM,
     GRID,
@@ -79,15 +79,12 @@ def _hover_label() -> dict[str, Any]:
     return {"bgcolor": PAPER, "bordercolor": SOFT, "font": {"color": INK, "size": 12}, "align": "left"}
 
 
-def _in(samples: Sequence[Sample], stretches: Iterable[Stretch]) -> list[list[Sample]]:
-    return [[each for each in samples if stretch.begin_t <= each.t <= stretch.end_t] for stretch in stretches]
-
-
 # ---- the map ------------------------------------------------------------------------------------------------------
 
 
 def map_figure(story: Story, transfers: Sequence[Exchange], times: Times) -> Any:
-    """Zones, route and the flown track in the colour of whoever commanded, an emergency's stretch in red below it.
+    """Zones, route and the flown track in the colour of whoever commanded, below it a hold in orange and an
+    emergency in red.
     None when no place is known."""
     samples = airborne(story.evidence)
     mission = story.evidence.mission
@@ -237,12 +234,17 @@ class _Map:
             )  # fmt: skip
 
     def _track(self) -> None:
-        stretches = [piece for piece in _in(self._samples, emergencies(self._evidence)) if len(piece) > 1]
-        for number, piece in enumerate(stretches):
+        shown: set[str] = set()
+        for stretch in emergencies(self._evidence):
+            piece = [each for each in self._samples if stretch.begin_t <= each.t <= stretch.end_t]
+            if len(piece) < 2:
+                continue
+            name, colour = ("held", _WARN) if stretch.held else ("emergency", ALARM)
             self._line(
-                [each.lat_deg for each in piece], [each.lon_deg for each in piece], mode="lines", name="emergency",
-                line={"color": ALARM, "width": 13}, opacity=0.45, showlegend=not number,
+                [each.lat_deg for each in piece], [each.lon_deg for each in piece], mode="lines", name=name,
+                line={"color": colour, "width": 13}, opacity=0.45, showlegend=name not in shown, legendgroup=name,
             )  # fmt: skip
+            shown.add(name)
         if len(self._samples) == 1:
             (only,) = self._samples
             self._line(
@@ -662,7 +664,7 @@ class _Timeline:
                 marker={
                     "symbol": "diamond",
                     "size": 10,
-                    "color": [_DECISIONS[entry.event] for entry in told],
+                    "color": [_colour(entry) for entry in told],
                     "line": {"color": PAPER, "width": 1},
                 },
                 hoverinfo="text",
@@ -673,8 +675,9 @@ class _Timeline:
     def _marks(self, transfers: Sequence[Exchange]) -> None:
         for stretch in emergencies(self._evidence):
             x0, x1 = self._times.plus_s(stretch.begin_t), self._times.plus_s(stretch.end_t)
+            colour = _WARN if stretch.held else ALARM
             self._figure.add_shape(
-                type="rect", x0=x0, x1=x1, y0=0, y1=1, yref="paper", fillcolor=ALARM, opacity=0.16, line_width=0,
+                type="rect", x0=x0, x1=x1, y0=0, y1=1, yref="paper", fillcolor=colour, opacity=0.16, line_width=0,
                 layer="below",
             )  # fmt: skip
         room, last = 0.035 * (self._last - self._first), float("-inf")
@@ -708,6 +711,10 @@ def _link_word(entry: Entry, station: str) -> str:
     if entry.event == "link_quality":
         return "weak" if "weak" in entry.text else "heard"
     return "silent" if entry.event in ("station_lost", "silent", "lost") else ""
+
+
+def _colour(entry: Entry) -> str:
+    return _WARN if entry.event == "emergency" and holds(entry) else _DECISIONS[entry.event]
 
 
 def _said(entry: Entry) -> str:

@@ -16,7 +16,7 @@ from sitl.report.journal_reader import Entry
 from sitl.report.times import Times, duration
 from sitl.report.watch import VEHICLE, Sample
 
-__all__ = ["Gravity", "Line", "Stretch", "emergencies", "outcome"]
+__all__ = ["Gravity", "Line", "Stretch", "emergencies", "holds", "outcome"]
 
 #: nobody commanding for less (s) than this in flight is the pause of a handover or of a restart
 _PAUSE_S = 0.5
@@ -52,24 +52,39 @@ class Stretch:
     begin_t: float
     end_t: float
     why: str
+    #: the aircraft was only held: a warning, and no emergency
+    held: bool = False
+
+
+def holds(entry: Entry) -> bool:
+    """Whether an entry "emergency" tells of a hold. That is a warning, as it is at the stations."""
+    return entry.get("action") == "hold" or entry.text.endswith(": hold")
 
 
 def emergencies(evidence: Evidence) -> list[Stretch]:
-    """The emergencies: each from its beginning to its end, or to the landing, or to the end of what is known."""
+    """Holds and emergencies: each from its beginning to its end, or to the landing, or to the end of what is known. A
+    hold that a return follows ends where the return begins."""
     found: list[Stretch] = []
     begun: Entry | None = None
     for entry in evidence.entries:
         if entry.event == "emergency" and begun is None:
             begun = entry
+        elif entry.event == "emergency" and begun is not None and holds(begun) and not holds(entry):
+            found.append(_stretch(begun, entry.t))
+            begun = entry
         elif begun is not None and (
             (entry.event == "emergency_over" and entry.who == begun.who)
             or (entry.who == VEHICLE and entry.event in ("landed", "disarmed"))
         ):
-            found.append(Stretch(begun.t, entry.t, _why(begun)))
+            found.append(_stretch(begun, entry.t))
             begun = None
     if begun is not None:
-        found.append(Stretch(begun.t, evidence.entries[-1].t, _why(begun)))
+        found.append(_stretch(begun, evidence.entries[-1].t))
     return found
+
+
+def _stretch(begun: Entry, end_t: float) -> Stretch:
+    return Stretch(begun.t, end_t, _why(begun), holds(begun))
 
 
 def _why(entry: Entry) -> str:
@@ -142,15 +157,16 @@ def _wrong(evidence: Evidence, times: Times) -> list[Line]:
     found = emergencies(evidence)
     lines = [
         Line(
-            Gravity.BAD,
-            f"Emergency at {times.plus(each.begin_t)}, for "
+            Gravity.WARNING if each.held else Gravity.BAD,
+            f"{'Held' if each.held else 'Emergency'} at {times.plus(each.begin_t)}, for "
             f"{duration(times.plus_s(each.end_t) - times.plus_s(each.begin_t))}: {each.why}.",
         )
         for each in found
     ]
     lines += [Line(Gravity.BAD, f"Internal fault: {_why(entry)}") for entry in evidence.of(event="failed_closed")]
     # leases and the guard's record say who commands, and nothing of emergencies
-    if not found and not lines and any(entry.get("phase") for entry in evidence.of(event="view")):
+    grave = any(line.gravity is Gravity.BAD for line in lines)
+    if not grave and any(entry.get("phase") for entry in evidence.of(event="view")):
         lines.append(Line(Gravity.GOOD, "No emergency."))
     modes = evidence.modes_flown()
     if modes:

@@ -23,8 +23,9 @@ from mavproxy_handover.core.model import journal_in_words
 from sitl.report.exchange import Exchange, exchanges
 from sitl.report.export import write_csv, write_kml
 from sitl.report.flight import Story
+from sitl.report.journal_reader import Entry
 from sitl.report.kinds import kinds
-from sitl.report.outcome import Gravity, outcome
+from sitl.report.outcome import Gravity, holds, outcome
 from sitl.report.record import RecordError, RunRecord, load
 from sitl.report.rehearsal import books, tables
 from sitl.report.script import figure, library
@@ -272,7 +273,7 @@ def _refusals(story: Story, times: Times) -> str:
             (
                 *_clock(times, entry.t),
                 str(entry.get("station", "?")),
-                str(entry.get("what", "")),
+                _refused_what(entry),
                 journal_in_words(str(entry.get("reason", ""))),
                 f"and {entry.get('also')} more" if entry.get("also") else "",
             ),
@@ -292,17 +293,32 @@ def _refusals(story: Story, times: Times) -> str:
     return _section("Refusals", text) if known else ""
 
 
+def _refused_what(entry: Entry) -> str:
+    """The frame that was refused; first what people call it, where its name does not say that."""
+    what, named = str(entry.get("what", "")), entry.get("named")
+    return f"{named} ({what})" if named else what
+
+
 def _decisions(story: Story, times: Times) -> str:
     stations = set(story.evidence.stations)
     rows = [
         (
-            "failed" if entry.event in ("emergency", "failed_closed") else "",
+            _gravity(entry),
             (*_clock(times, entry.t), entry.who, entry.text or _words(entry.event)),
         )
         for entry in story.evidence.entries
         if entry.event in _DECISIONS and entry.who not in stations
     ]
     return _section("Decisions and emergencies", _folded(("T+", "UTC", "who", "what"), rows)) if rows else ""
+
+
+def _gravity(entry: Entry) -> str:
+    """The wash of a decision's row."""
+    if entry.event == "failed_closed":
+        return "failed"
+    if entry.event != "emergency":
+        return ""
+    return "warned" if holds(entry) else "failed"
 
 
 def _sources(record: RunRecord) -> str:

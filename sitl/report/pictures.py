@@ -12,14 +12,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from mavproxy_handover.mission.colours import ALARM, INK, NOBODY, PAPER
+from mavproxy_handover.mission.colours import ALARM, INK, NOBODY, PAPER, WARNING
 from mavproxy_handover.mission.drawing import columns
 from mavproxy_handover.mission.picture import MapSheet
 from sitl.report.evidence import NOBODY as NOBODY_NAME
 from sitl.report.evidence import Evidence
 from sitl.report.exchange import Exchange
 from sitl.report.labels import LabelPlacer
-from sitl.report.outcome import emergencies
+from sitl.report.outcome import emergencies, holds
 from sitl.report.palette import colours
 from sitl.report.times import duration
 from sitl.report.track import airborne, nearest, pieces
@@ -72,7 +72,7 @@ class _Flown:
         return self._sheet.place(lat_deg, lon_deg)
 
     def _emergencies(self, axes: Any) -> None:
-        label: str | None = "emergency"
+        shown: set[str] = set()
         for stretch in emergencies(self._evidence):
             line = [
                 self._place(sample.lat_deg, sample.lon_deg)
@@ -80,9 +80,10 @@ class _Flown:
                 if stretch.begin_t <= sample.t <= stretch.end_t
             ]
             if len(line) > 1:
-                style = {"color": ALARM, "alpha": 0.4, "linewidth": 10, "solid_capstyle": "round", "zorder": 4.5}
-                axes.plot(*columns(line), label=label, **style)
-                label = None
+                name, colour = ("held", WARNING) if stretch.held else ("emergency", ALARM)
+                style = {"color": colour, "alpha": 0.4, "linewidth": 10, "solid_capstyle": "round", "zorder": 4.5}
+                axes.plot(*columns(line), label=None if name in shown else name, **style)
+                shown.add(name)
 
     def _track(self, axes: Any) -> None:
         """The flown track, cut where the commander changes."""
@@ -127,19 +128,20 @@ class _Flown:
         places = [self._place(sample.lat_deg, sample.lon_deg) for sample in refused if sample is not None]
         if places:
             axes.plot(*columns(places), "x", color=INK, markersize=6, label="refused", zorder=8, ls="none")
-        spots: list[tuple[float, str]] = []
+        spots: list[tuple[float, str, str]] = []
         for entry in self._evidence.of(event="emergency"):
-            spots.append((entry.t, str(entry.get("reason", "emergency")).replace("_", " ")))
+            colour = INK if holds(entry) else ALARM
+            spots.append((entry.t, str(entry.get("reason", "emergency")).replace("_", " "), colour))
         for label, t in self._evidence.notes.marks.items():
-            if not any(text == label for _, text in spots):
-                spots.append((t, label))
-        for t, text in spots:
+            if not any(text == label for _, text, _ in spots):
+                spots.append((t, label, ALARM))
+        for t, text, colour in spots:
             sample = nearest(self._evidence.samples, t)
             if sample is not None:
                 point = self._place(sample.lat_deg, sample.lon_deg)
-                axes.plot(*point, marker="X", markersize=10, markerfacecolor=ALARM, markeredgecolor=PAPER, zorder=10)
+                axes.plot(*point, marker="X", markersize=10, markerfacecolor=colour, markeredgecolor=PAPER, zorder=10)
                 self._labels.block(point, 7)
-                self._labels.add(text, point, size=9, colour=ALARM, bold=True)
+                self._labels.add(text, point, size=9, colour=colour, bold=True)
         for entry in self._evidence.of(VEHICLE, "landed")[-1:]:
             if entry.get("lat_deg") is not None:
                 point = self._place(entry.get("lat_deg"), entry.get("lon_deg"))

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
+from enum import IntEnum
 from pathlib import Path
 from typing import Any, Final
 
@@ -253,6 +254,18 @@ class _Reader:
         self._authority(sysid).decision(message, t)
 
 
+class _Alarm(IntEnum):
+    """How grave it is."""
+
+    NONE = 0
+    HOLD = 1
+    EMERGENCY = 2
+
+
+#: by the action of a decision
+_ALARMS: Final = {"hold": _Alarm.HOLD, "return": _Alarm.EMERGENCY, "land": _Alarm.EMERGENCY}
+
+
 class _Authority:
     """Who commanded one vehicle, and what was decided in it, as its frames tell it. Stations are numbers here: another
     file may know their names."""
@@ -265,8 +278,8 @@ class _Authority:
         self._begun: dict[int, float] = {}
         self._ended: set[int] = set()
         self._decision: tuple[int, str] | None = None
-        #: what says that there is an emergency: the phase, or a decision that brings the aircraft somewhere
-        self._alarms: set[str] = set()
+        #: what says that the aircraft is held, or that there is an emergency: the phase, or a decision
+        self._alarms: dict[str, _Alarm] = {}
 
     def status(self, message: Any, t: float) -> None:
         """AUTHORITY_STATUS."""
@@ -283,7 +296,8 @@ class _Authority:
         if self._changed(t, "view", values):
             self._told.append((t, "view", "", values))
         self.guarded(t, _word("HANDOVER_GUARD", message.guard))
-        self._alarm(t, "phase", phase == "emergency", values["reason"])
+        alarm = _Alarm.EMERGENCY if phase == "emergency" else _Alarm.NONE
+        self._alarm(t, "phase", alarm, values["reason"])
 
     def leased(self, t: float, commander: int, epoch: int, state: str) -> None:
         """A lease, of which the companion sends several a second."""
@@ -309,7 +323,7 @@ class _Authority:
         action = _word("HANDOVER_ACTION", message.action)
         values = {"action": action, "reason": _word("HANDOVER_REASON", message.cause), "figures": message.figures}
         self._told.append((t, "decision", message.text, values))
-        self._alarm(t, "decision", action in ("hold", "return", "land"), message.figures or values["reason"])
+        self._alarm(t, "decision", _ALARMS.get(action, _Alarm.NONE), message.figures or values["reason"])
 
     def step(self, message: Any, t: float, sender: int) -> None:
         """A message of a transfer."""
@@ -344,12 +358,15 @@ class _Authority:
         values = {"handover_id": number, "station": partner, "reason": _word("HANDOVER_REASON", reason)}
         self._told.append((t, "transfer_begun", "", {**values, "from_station": commander}))
 
-    def _alarm(self, t: float, what: str, is_on: bool, reason: str) -> None:
-        before = bool(self._alarms)
-        (self._alarms.add if is_on else self._alarms.discard)(what)
-        if bool(self._alarms) != before:
-            text = "the cause of the emergency is gone" if before else reason.replace("_", " ")
-            self._told.append((t, "emergency_over" if before else "emergency", text, {"reason": reason}))
+    def _alarm(self, t: float, what: str, alarm: _Alarm, reason: str) -> None:
+        before = max(self._alarms.values(), default=_Alarm.NONE)
+        self._alarms[what] = alarm
+        now = max(self._alarms.values())
+        if before and not now:
+            self._told.append((t, "emergency_over", "the cause of the emergency is gone", {"reason": reason}))
+        elif now > before:
+            values = {"reason": reason, **({"action": "hold"} if now is _Alarm.HOLD else {})}
+            self._told.append((t, "emergency", reason.replace("_", " "), values))
 
     def _changed(self, t: float, what: str, values: Any) -> bool:
         before = self._last.get(what)

@@ -295,8 +295,8 @@ def test_a_station_that_cannot_be_asked_and_has_no_consent_is_a_warning(
     (said,) = [each for each in found.lines("warning") if each.startswith("mission: consent: ")]
     assert said == (
         'mission: consent: GCSB cannot be asked for consent: write consent = "automatic" or consent = "refuse" in its '
-        f"[[station]] of the vehicle's file -> Write the line in {machine.config}. Else START needs its program to show "
-        "operator control first."
+        f"[[station]] of the vehicle's file -> Write the line in {machine.config}. Else START needs its program to "
+        "show operator control first."
     )
     replaced(machine, "module = false", 'module = false\nconsent = "automatic"')
     assert machine.doctor(capsys, "--no-links").of("mission", "warning") == []

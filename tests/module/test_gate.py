@@ -66,6 +66,21 @@ def test_an_observers_command_is_refused_and_does_not_reach_the_autopilot(flight
     )
 
 
+def test_the_journal_names_the_mode_that_was_refused(flight: Bench) -> None:
+    flight.b.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 5)
+    flight.run(0.3)
+    (entry,) = flight.journal("refused")
+    assert (entry["what"], entry["named"]) == ("COMMAND_LONG/MAV_CMD_DO_SET_MODE", "mode LOITER")
+    assert entry["text"] == "mode LOITER (COMMAND_LONG/MAV_CMD_DO_SET_MODE) of GCSB refused: not in control"
+
+
+def test_the_journal_names_the_switch_and_the_parameter_that_were_refused(flight: Bench) -> None:
+    flight.b.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0)
+    flight.b.send(mavlink.MAVLink_param_set_message(1, 1, b"WPNAV_SPEED", 100.0, 9))
+    flight.run(0.3)
+    assert [entry["named"] for entry in flight.journal("refused")] == ["disarm", "parameter WPNAV_SPEED"]
+
+
 def test_the_commanders_heartbeat_alone_reaches_the_autopilot(flight: Bench) -> None:
     flight.run(5.0)
     beats = [m.get_srcSystem() for m in flight.autopilot.got("HEARTBEAT")]

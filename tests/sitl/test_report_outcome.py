@@ -68,8 +68,41 @@ def test_an_emergency_lasts_until_it_is_over_or_the_aircraft_has_landed() -> Non
         (30.0, "vehicle", "landed", {}),
         (40.0, "drone-1", "emergency_over", {}),
     )
-    found = [(stretch.begin_t, stretch.end_t, stretch.why) for stretch in emergencies(evidence)]
-    assert found == [(10.0, 14.0, "coverage ends ahead: hold"), (20.0, 30.0, "commander lost")]
+    found = [(stretch.begin_t, stretch.end_t, stretch.why, stretch.held) for stretch in emergencies(evidence)]
+    assert found == [
+        (10.0, 12.0, "coverage ends ahead: hold", True),
+        (12.0, 14.0, "commander lost: return", False),
+        (20.0, 30.0, "commander lost", False),
+    ]
+
+
+def test_a_hold_is_a_warning_as_at_the_station() -> None:
+    evidence = flight(
+        (0.0, "vehicle", "airborne", {}),
+        (0.0, "drone-1", "view", {"phase": "on_mission", "commander": "GCSA", "epoch": 1}),
+        (10.0, "drone-1", "emergency", {"text": "coverage ends ahead: hold"}),
+        (12.0, "drone-1", "emergency_over", {}),
+        (30.0, "vehicle", "landed", {}),
+        sample(0.0, 3.0),
+        sample(30.0, 0.0),
+    )
+    found = said(evidence)
+    assert (Gravity.WARNING, "Held at T+0:10.0, for 2.00 s: coverage ends ahead: hold.") in found
+    assert (Gravity.GOOD, "No emergency.") in found
+
+
+def test_a_return_after_a_hold_is_an_emergency_from_the_return_on() -> None:
+    evidence = flight(
+        (0.0, "vehicle", "airborne", {}),
+        (10.0, "drone-1", "emergency", {"text": "coverage ends ahead: hold"}),
+        (70.0, "drone-1", "emergency", {"text": "coverage ends ahead: return"}),
+        (90.0, "vehicle", "landed", {}),
+        sample(0.0, 3.0),
+        sample(90.0, 0.0),
+    )
+    found = said(evidence)
+    assert (Gravity.WARNING, "Held at T+0:10.0, for 1 min 0 s: coverage ends ahead: hold.") in found
+    assert (Gravity.BAD, "Emergency at T+1:10.0, for 20.00 s: coverage ends ahead: return.") in found
 
 
 def test_nobody_commanding_in_the_air_is_told_with_its_time() -> None:
