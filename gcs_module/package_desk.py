@@ -116,6 +116,8 @@ class PackageDesk:
             return messages, f"Mission refused: {outgoing.text}"
         if outgoing.result == _RECEIVED:
             return messages, "Mission received."
+        if outgoing.text:  # in flight
+            return messages, f"The vehicle has this mission: {outgoing.text}."
         return messages, "Mission loaded: written to the autopilot, read back, equal."
 
 

@@ -44,6 +44,7 @@ from mavproxy_handover.gate.gate import Gate
 from mavproxy_handover.gate.intent import intent_of, repeats, wish_of
 from mavproxy_handover.gate.judge import Fate, Verdict, uploads
 from mavproxy_handover.gate.latent import News
+from mavproxy_handover.gate.list_changes import list_change
 from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.gate.policy.rows import begins_midway, classify
 from mavproxy_handover.gate.tongues import Tongue
@@ -98,20 +99,6 @@ _HEARS_S: Final = 2.5
 _UNJUDGED_S: Final = 5.0
 #: no time: the arbiter is to be asked
 _UNKNOWN: Final = -inf
-#: what changes the mission at the autopilot behind the companion's back
-_MISSION_WRITES: Final = (
-    "MISSION_COUNT",
-    "MISSION_CLEAR_ALL",
-    "MISSION_WRITE_PARTIAL_LIST",
-    "FILE_TRANSFER_PROTOCOL/",
-)
-#: of these, what may change the route: not fences, nor rally points
-_ROUTE_WRITES: Final = frozenset(
-    {
-        *(f"{word}/MISSION" for word in _MISSION_WRITES[:3]),
-        *(f"FILE_TRANSFER_PROTOCOL/{word}" for word in ("CreateFile", "OpenFileWO", "Rename")),
-    }
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -217,6 +204,10 @@ class Companion:
         """Beside the journal: whoever reads it later needs no more."""
         self.journal.lay_beside(f"mission-{package.digest.hex()[:8]}", package.files)
 
+    def _close_mission_files(self) -> None:
+        for station, closing in self.gate.close_mission_files():
+            self.narrator.closed(station, closing)
+
     def _ties(self, clocks: Clocks) -> Ties:
         return Ties(
             arbiter=self.arbiter,
@@ -224,6 +215,7 @@ class Companion:
             fault=self.fault,
             commands=lambda station: self.view.commander == station,
             keep=self._keep,
+            close_mission_files=self._close_mission_files,
             stale_s=self.config.limits.position_stale_s,
             narrator=self.narrator,
             voice=self._voice,
@@ -292,7 +284,7 @@ class Companion:
         """What the companion itself has to do with a frame, now that the gate is done with it."""
         match verdict.fate:
             case Fate.FORWARD:
-                self._accepted(port, verdict.what, now)
+                self._accepted(port, frame, verdict.what, now)
                 self._chosen(frame, now)
             case Fate.CONSUME:
                 if frame.sysid == port.sysid or verdict.access in _COMMANDS:
@@ -306,12 +298,11 @@ class Companion:
             case _:
                 assert_never(verdict.fate)
 
-    def _accepted(self, port: StationPort, what: str, now: float) -> None:
+    def _accepted(self, port: StationPort, frame: Frame, what: str, now: float) -> None:
         self.narrator.accepted(port.name, what)
-        if what.startswith(_MISSION_WRITES) and self.view.phase is Phase.ON_LOAD and self.arbiter.mission_digest:
-            self.handle(events.MissionLoaded(b"", ()), now)
-        if what in _ROUTE_WRITES:
-            self.autopilot.overwritten(now)
+        change = list_change(frame)
+        if change is not None:
+            self.autopilot.list_changed(port, change, self.view.phase is Phase.ON_LOAD, now)
 
     def _chosen(self, frame: Frame, now: float) -> None:
         """The commander's command goes to the autopilot: perhaps it asks for another mode."""
@@ -366,7 +357,7 @@ class Companion:
             return
         self.handle(events.TakeOffPassed(port.sysid), now)
         self._warn()
-        self._accepted(port, self.gate.release(port, frame, verdict, now).what, now)
+        self._accepted(port, frame, self.gate.release(port, frame, verdict, now).what, now)
         self._chosen(frame, now)
 
     def _warn(self) -> None:
@@ -394,7 +385,7 @@ class Companion:
                 self.narrator.accepted(port.name, verdict.what)
                 self.autopilot.orders.pause_asked(port, frame, now)
                 return
-            self._accepted(port, self.gate.release(port, frame, verdict, now).what, now)
+            self._accepted(port, frame, self.gate.release(port, frame, verdict, now).what, now)
             self._chosen(frame, now)
             return
         refused = self.gate.turn_down(port, frame, verdict, now)

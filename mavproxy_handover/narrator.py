@@ -533,6 +533,12 @@ class Narrator:
             self._journal.write("own_speed", text)
             self._tell_sentence(text)
 
+    def list_changed(self, station: str, what: str) -> None:
+        """A station's message changes the autopilot's mission or geofence on the ground; `what`: which of them."""
+        text = f"{station} changed the {what} on the autopilot: no mission package counts"
+        self._journal.write("list_changed", text, station=station, list=what)
+        self._tell_sentence(text)
+
     def mission_failed(self, why: str, source: str) -> None:
         """It does not; `source`: where the package came from."""
         self._journal.write("mission_failed", why, station=source)

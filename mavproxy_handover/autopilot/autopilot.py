@@ -29,6 +29,7 @@ from mavproxy_handover.autopilot.kinds import COPTER, PLANE
 from mavproxy_handover.autopilot.loading import Along, MissionLoader, MissionWriter, Prepared, Way, way_of
 from mavproxy_handover.autopilot.orders import Orders
 from mavproxy_handover.autopilot.own_failsafes import PlanFacts, plan_facts
+from mavproxy_handover.autopilot.package_standing import PackageStanding
 from mavproxy_handover.autopilot.places import PlaceWatch
 from mavproxy_handover.autopilot.plane import Plane
 from mavproxy_handover.autopilot.position_watch import Box, PositionWatch
@@ -55,6 +56,7 @@ from mavproxy_handover.core.events import (
 from mavproxy_handover.core.model import AuthorityView, Flown, GuardState, ZoneFact
 from mavproxy_handover.core.safety.battery import PackMemory
 from mavproxy_handover.core.safety.energy import EnergyFact
+from mavproxy_handover.gate.list_changes import ListChange
 from mavproxy_handover.mission.ahead import Ahead
 from mavproxy_handover.mission.energy import released_at
 from mavproxy_handover.mission.package import MissionPackage
@@ -137,7 +139,13 @@ class Autopilot:
         #: where a return goes
         self.places = PlaceWatch(config.sysid, self.aircraft, lambda: self._energy.fact, self.orders, talks, ties)
         self._missions = MissionWriter(
-            self._loader, self.procedures, talks, ties, self._flies_by, self.places.first_point
+            self._loader,
+            self.procedures,
+            talks,
+            ties,
+            self._flies_by,
+            self.places.first_point,
+            PackageStanding(self._on_board is not None, ties),
         )
         #: the commander's commands in flight, judged by the situation
         self.desk = CommandDesk(config.commands, self.aircraft, self._energy, self.places, ties)
@@ -402,9 +410,20 @@ class Autopilot:
         self._loader.adopt(prepared.package, prepared.finder, prepared.way, now)
         self._flies_by(prepared.package, prepared.along, now)
 
-    def overwritten(self, now: float) -> None:
-        """Somebody else begins to write a mission: what the autopilot holds is not known here any more."""
-        self._flies_by(None, Along(), now)
+    def drop_mission(self, now: float) -> None:
+        """What the autopilot holds is not known any more: in the replay of a recording."""
+        self._missions.drop(now)
+
+    def list_changed(self, port: StationPort, change: ListChange, on_ground: bool, now: float) -> None:
+        """A station's message that changes the mission or the geofence goes to the autopilot.
+
+        Other than on the ground (in a rehearsal) the package counts until the end of the phase, as after an upload in
+        flight.
+        """
+        if on_ground:
+            self._missions.list_changed(port, change, now)
+        else:
+            self._rerouted(None, now)
 
     def _flies_by(self, package: MissionPackage | None, along: Along, now: float) -> None:
         route = None if package is None else package.route
@@ -493,7 +512,8 @@ class Autopilot:
 
     def on_package(self, port: StationPort, message: Any, now: float) -> None:
         """A message of a mission package. Only the commander's is taken, on the ground."""
-        self._missions.on_message(port, message, now)
+        held = b"" if self._changed_aloft else self._ties.arbiter.mission_digest
+        self._missions.on_message(port, message, held, now)
 
     def renew_streams(self) -> None:
         """Whoever had set the rates of telemetry commands no more."""
@@ -533,8 +553,7 @@ class Autopilot:
 
     def _load_on_board(self, grounded: bool, now: float) -> None:
         if self._changed_aloft and grounded:
-            self._ties.handle(MissionLoaded(b"", ()), now)
-            self._flies_by(None, Along(), now)
+            self._missions.flight_over(now)
         if self._on_board is not None and grounded and self.aircraft.position is not None:
             self._missions.load_on_board(self._on_board, now)
 

@@ -11,15 +11,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from math import inf
 from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
+from mavproxy_handover.autopilot.package_standing import ON_BOARD_RETRY_S, PackageStanding
 from mavproxy_handover.autopilot.procedures import Plan, Procedures
 from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.config.files import VehicleConfig
 from mavproxy_handover.core.events import MissionLoaded
 from mavproxy_handover.core.safety.energy import Piece
+from mavproxy_handover.gate.list_changes import ListChange
 from mavproxy_handover.mission.crossings import WayAhead
 from mavproxy_handover.mission.energy import PreparedWay
 from mavproxy_handover.mission.errors import MissionError
@@ -44,7 +47,8 @@ _NEXT_PIECES = 40
 _RECEIVED = mavlink.HANDOVER_PACKAGE_RESULT_RECEIVED
 _LOADED = mavlink.HANDOVER_PACKAGE_RESULT_LOADED
 _REFUSED = mavlink.HANDOVER_PACKAGE_RESULT_REFUSED
-_ON_BOARD_RETRY_S = 10.0
+#: the sender of a package asks again every half second: what it was told is said again for so long (s)
+_SAID_AGAIN_S: Final = 5.0
 #: name of the conversation
 _LOAD: Final = "load"
 #: where a package came from that no station sent
@@ -143,6 +147,18 @@ class MissionLoader:
             raise MissionError(f"parent {package.parent.name} is not this vehicle's")
         return prepare(package)
 
+    def said(self, digest: bytes) -> int | None:
+        """The last result that the sender of this package was told; None: nothing that counts."""
+        return self._receiver.said(digest)
+
+    def forget(self) -> None:
+        """What senders were told does not hold any more: a package that is offered again is loaded again."""
+        self._receiver.forget()
+
+    def held_already(self, digest: bytes, target: tuple[int, int]) -> Any:
+        """The answer to the sender of the package that is held, while nothing can be written."""
+        return self._receiver.conclude(digest, _LOADED, "held already, nothing was written", target)
+
     def received(self, digest: bytes, target: tuple[int, int]) -> Any:
         """The answer to the sender of a package that is whole and fit to be loaded."""
         return self._receiver.conclude(digest, _RECEIVED, "", target)
@@ -210,6 +226,7 @@ class MissionWriter:
         ties: Ties,
         flies_by: Callable[[MissionPackage | None, Along, float], None],
         first_point: Callable[[MissionPackage], RallyPoint],
+        standing: PackageStanding,
     ) -> None:
         self._loader = loader
         self._procedures = procedures
@@ -217,12 +234,25 @@ class MissionWriter:
         self._ties = ties
         self._flies_by = flies_by
         self._first_point = first_point
+        self._standing = standing
         self._worker = Worker()
         self._on_board_at = 0.0
+        #: what is being written, and its sender; None: the package on board
+        self._writing: tuple[MissionPackage, StationPort | None] | None = None
+        #: when a package was loaded last
+        self._loaded_at = -inf
 
-    def on_message(self, port: StationPort, message: Any, now: float) -> None:
-        """A message of a package."""
-        answers, whole = self._loader.on_message(message.get_type(), message, port.target, self._welcome(port, now))
+    def on_message(self, port: StationPort, message: Any, held: bytes, now: float) -> None:
+        """A message of a package. `held`: the digest of the package that the autopilot holds unchanged."""
+        welcome = self._welcome(port, now)
+        if message.get_type() == "MISSION_PACKAGE":
+            digest = bytes(message.mission_digest)
+            if not welcome and digest == held and now - self._loaded_at > _SAID_AGAIN_S:
+                port.send(self._loader.held_already(digest, port.target))
+                return
+            if not self._still_true(digest, held, now):
+                self._loader.forget()
+        answers, whole = self._loader.on_message(message.get_type(), message, port.target, welcome)
         for answer in answers:
             port.send(answer)
         if whole is None:
@@ -243,17 +273,59 @@ class MissionWriter:
         if not self._worker.submit(lambda: self._loader.read(data, digest), read):
             port.send(self._loader.refused(digest, "another package is being read: share it again", target))
 
-    def load_on_board(self, package: MissionPackage, now: float) -> None:
-        """The package on board, now that the autopilot is ready for it; again after a while if that failed."""
-        if self._ties.arbiter.mission_digest or _LOAD in self._conversations or now < self._on_board_at:
+    def _still_true(self, digest: bytes, held: bytes, now: float) -> bool:
+        """Whether the sender of this package may be told again what it was told last: an answer was lost."""
+        said = self._loader.said(digest)
+        if said == _RECEIVED:
+            return _LOAD in self._conversations
+        if said == _LOADED:
+            return digest == held and now - self._loaded_at <= _SAID_AGAIN_S
+        return True
+
+    def list_changed(self, port: StationPort, change: ListChange, now: float) -> None:
+        """On the ground a station's message changes a list of the autopilot: no package counts any more."""
+        loaded = bool(self._ties.arbiter.mission_digest)
+        self._on_board_at = now + ON_BOARD_RETRY_S
+        self._break_off(f"{port.name} changed the {change.what} meanwhile")
+        self.drop(now)
+        self._standing.changed(port, change, loaded)
+
+    def flight_over(self, now: float) -> None:
+        """On the ground again, and the mission was changed in flight: the package does not count any more."""
+        loaded = bool(self._ties.arbiter.mission_digest)
+        self.drop(now)
+        if loaded:
+            self._standing.flight_over()
+
+    def drop(self, now: float) -> None:
+        """What the autopilot holds is not known any more."""
+        self._loader.forget()
+        if self._ties.arbiter.mission_digest:
+            self._ties.handle(MissionLoaded(b"", ()), now)
+        self._flies_by(None, Along(), now)
+
+    def _break_off(self, why: str) -> None:
+        """End the load that is under way."""
+        if not self._conversations.drop(_LOAD) or self._writing is None:
             return
-        self._on_board_at = now + _ON_BOARD_RETRY_S
+        (package, port), self._writing = self._writing, None
+        self._failed(package, why, port)
+
+    def load_on_board(self, package: MissionPackage, now: float) -> None:
+        """The package on board, now that the autopilot is ready for it; again after a while if that failed.
+
+        What a station wrote to the autopilot on the ground stays (`package_standing.py`).
+        """
+        waits = self._standing.kept or now < self._on_board_at
+        if waits or self._ties.arbiter.mission_digest or _LOAD in self._conversations:
+            return
+        self._on_board_at = now + ON_BOARD_RETRY_S
 
         def prepared(result: Prepared | Exception, now: float) -> None:
-            if isinstance(result, Prepared):
+            if not isinstance(result, Prepared):
+                self._failed(package, self._why(result), None)
+            elif not self._standing.kept and self._ties.arbiter.grounded(now):  # it took a while to prepare
                 self._load(result, None, now)
-            else:
-                self._ties.narrator.mission_failed(self._why(result), _ON_BOARD)
 
         self._worker.submit(lambda: prepare(package), prepared)
 
@@ -287,17 +359,20 @@ class MissionWriter:
         if ties.arbiter.mission_digest:  # from the first item on, the autopilot no longer holds what it held
             ties.handle(MissionLoaded(b"", ()), now)
         self._flies_by(None, Along(), now)
-        source = _ON_BOARD if port is None else port.name
+        ties.close_mission_files()
+        self._writing = package, port
 
         def done(talk: Conversation, now: float) -> None:
+            self._writing = None
             if talk.failure is not None:
-                if port is not None:
-                    port.send(loader.refused(package.digest, talk.failure, port.target))
-                ties.narrator.mission_failed(talk.failure, source)
+                self._failed(package, talk.failure, port)
                 return
             loader.adopt(package, prepared.finder, prepared.way, now)
+            loader.forget()
+            self._loaded_at = now
             if port is not None:
                 port.send(loader.loaded(prepared, port.target))
+            self._standing.loaded(package.name, port)
             ties.narrator.mission_written(package, talk.result.fence, talk.result.cruise_mps)
             ties.keep(package)
             self._flies_by(package, prepared.along, now)
@@ -305,6 +380,13 @@ class MissionWriter:
 
         asking = self._procedures().load(_plan(package, self._first_point(package)))
         self._conversations.begin(_LOAD, asking, done, now)
+
+    def _failed(self, package: MissionPackage, why: str, port: StationPort | None) -> None:
+        """Tell the sender, the other operators and the journal that a package was not loaded."""
+        if port is not None:
+            port.send(self._loader.refused(package.digest, why, port.target))
+        self._ties.narrator.mission_failed(why, _ON_BOARD if port is None else port.name)
+        self._standing.failed(package.name, why, None if port is None else port.name)
 
 
 def _plan(package: MissionPackage, place: RallyPoint) -> Plan:

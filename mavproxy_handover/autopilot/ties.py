@@ -33,6 +33,8 @@ class Ties:
     commands: Callable[[int], bool]
     #: keeps the mission package that the autopilot holds
     keep: Callable[[MissionPackage], None]
+    #: throws away the mission files that a station has open for writing at the autopilot
+    close_mission_files: Callable[[], None]
     #: an older position (s) is not known any more
     stale_s: float
     narrator: Narrator

@@ -15,7 +15,8 @@ component that began it. Rules, from ArduPilot's source:
 2. **File open for writing** (GCS_FTP): one for everybody. TerminateSession closes it, and closing is what applies
    a parameter or mission file, half-written or not. So the header of such a file is overwritten with zeros first:
    a file without its magic number is thrown away. Left alone it would be closed, and applied, whenever some
-   station next asks for a file. They are closed at arming too (`arming`: nobody may write them then).
+   station next asks for a file. They are closed at arming too (`arming`: nobody may write them then), and mission
+   files before a mission package is written (`mission_files`: closed afterwards, they would replace its mission).
    What a request says is not what has happened: a file counts as open until the autopilot has acknowledged its end,
    or refused to open it. A second one that is refused, because one is open, does not hide the first.
 3. **Sticks** (RC_CHANNELS_OVERRIDE, its second version, MANUAL_CONTROL): released; the autopilot would wait for
@@ -40,7 +41,7 @@ from typing import Final
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.gate.judge import Fate, Verdict
-from mavproxy_handover.gate.policy.files import is_upload
+from mavproxy_handover.gate.policy.files import is_mission_file, is_upload
 from mavproxy_handover.gate.policy.parts import MISSION_TYPES
 from mavproxy_handover.wire.file_transfer import DATA, Head, head_of
 from mavproxy_handover.wire.file_transfer import message as file_message
@@ -199,10 +200,17 @@ class FlushTracker:
 
     def arming(self) -> list[Closing]:
         """Throw away parameter and mission files that are being written: to be called when the vehicle is armed."""
+        return self._throw_away(is_upload)
+
+    def mission_files(self) -> list[Closing]:
+        """Throw away mission, fence and rally files that are being written."""
+        return self._throw_away(is_mission_file)
+
+    def _throw_away(self, concerned: Callable[[bytes], bool]) -> list[Closing]:
         closings = []
         for opened in self._open.values():
             for name, file in list(opened.files.items()):
-                if is_upload(name[2]):
+                if concerned(name[2]):
                     del opened.files[name]
                     closings.append(self._close_file(name, file))
         return closings

@@ -368,6 +368,15 @@ class Gate:
             closed += self._close(view.commander, self._flusher.arming())
         return closed
 
+    def close_mission_files(self) -> list[tuple[int, Closing]]:
+        """Throw away the mission files that the commander has open at the autopilot; what was closed, for the journal.
+
+        The autopilot applies such a file when it is closed: after a package was written it would replace its mission.
+        """
+        self.note()
+        commander = self.view.commander
+        return [] if commander is None else self._close(commander, self._flusher.mission_files())
+
     def distrust(self) -> None:
         """The gate begins where a flight may be under way: what stations sent before this is not known (rule 6)."""
         self._latent.distrust()

@@ -163,6 +163,14 @@ class PackageReceiver:
             return None
         return _ack(target, *_said(self._done))
 
+    def said(self, digest: bytes) -> int | None:
+        """The result that `conclude` remembers of this package; None: it remembers none."""
+        return self._done[1] if self._done is not None and self._done[0] == digest else None
+
+    def forget(self) -> None:
+        """Forget what was concluded: a package that is offered again has to be sent again."""
+        self._done = None
+
     def on_chunk(self, chunk: Any, target: tuple[int, int]) -> tuple[list[Any], tuple[bytes, bytes] | None]:
         """Take in MISSION_CHUNK; returns answers, and (digest, data) once the package is whole."""
         incoming = self._incoming

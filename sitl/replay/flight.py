@@ -165,6 +165,7 @@ class _Flight:
                 fault=self._fault,
                 commands=lambda station: self._view.commander == station,
                 keep=lambda _package: None,
+                close_mission_files=lambda: None,
                 stale_s=config.limits.position_stale_s,
                 narrator=narrator,
                 voice=voice,
@@ -312,8 +313,7 @@ class _Flight:
         self._handle(events.MissionLoaded(package.digest, self._prepared.commanders, word), now)
 
     def _drop(self, now: float) -> None:
-        self._autopilot.overwritten(now)
-        self._handle(events.MissionLoaded(b"", ()), now)
+        self._autopilot.drop_mission(now)
 
     # ---- time -------------------------------------------------------------------------------------------------------
 

@@ -58,10 +58,10 @@ class Run:
             self.lines += [line for _receiver, line in lines]
         return offers
 
-    def hear(self, result: int, *, offset: int = 0, digest: bytes | None = None) -> str:
+    def hear(self, result: int, *, offset: int = 0, digest: bytes | None = None, text: str = "") -> str:
         """An answer of GCSB; the line for the operator."""
         short = int.from_bytes((digest or self.package.digest)[:4], "little")
-        ack = mavlink.MAVLink_mission_package_ack_message(251, 190, short, offset, result, b"")
+        ack = mavlink.MAVLink_mission_package_ack_message(251, 190, short, offset, result, text.encode())
         return self.desk.on_message(PEER, 0, ack, self.now)[1]
 
 
@@ -111,6 +111,12 @@ def test_who_was_there_went_and_came_is_offered_it_again(delivery: MissionPackag
     run.alive.add(PEER)
     assert run.run(1.0) == 2
     assert run.lines == [NO_ANSWER, AGAIN]
+
+
+def test_a_share_in_flight_does_not_claim_that_anything_was_written(delivery: MissionPackage) -> None:
+    run = Run(delivery)
+    line = run.hear(LOADED, text="held already, nothing was written")
+    assert line == "The vehicle has this mission: held already, nothing was written."
 
 
 def test_each_time_it_is_heard_the_offer_ends_again(delivery: MissionPackage) -> None:

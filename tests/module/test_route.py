@@ -122,13 +122,15 @@ def test_an_upload_that_has_only_begun_changes_no_route(flown: Bench, message: A
     assert [event for event, _text in told(flown)] == ["off_route"]
 
 
-def test_a_file_that_is_written_may_be_a_mission_of_somebody_else(flown: Bench) -> None:
-    create = list(bytes([0, 0, 0, 6]) + bytes(247))
+def test_a_file_that_is_no_mission_leaves_the_route_known(flown: Bench) -> None:
+    """The fault: any file that was opened for writing ended the watch over the route."""
+    create = list((bytes([0, 0, 0, 6, 4]) + bytes(7) + b"/APM/a.txt").ljust(251, b"\0"))
     flown.a.send(mavlink.MAVLink_file_transfer_protocol_message(0, 1, 1, create))
     flown.run(0.5)
+    assert len(flown.autopilot.got("FILE_TRANSFER_PROTOCOL")) == 1, "it passes in flight"
     flown.autopilot.position = beside(0.5, 41.0)
     flown.run(20.0)
-    assert told(flown) == []
+    assert [event for event, _text in told(flown)] == ["off_route"]
 
 
 @pytest.mark.parametrize(

@@ -27,7 +27,7 @@ from typing import Final
 from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.wire.ids import FTP_CHECKSUM, FTP_CREATE, FTP_OPEN_READ, FTP_OPEN_WRITE, FTP_RENAME
 
-__all__ = ["FILE_RULES", "FileRule", "file_rule", "is_upload"]
+__all__ = ["FILE_RULES", "FileRule", "file_rule", "is_mission_file", "is_upload", "written_lists"]
 
 _WRITES: Final = frozenset({FTP_CREATE, 8, 9, 10, FTP_OPEN_WRITE, 12, FTP_RENAME})
 _READS: Final = frozenset({3, FTP_OPEN_READ, FTP_CHECKSUM, 16})
@@ -140,7 +140,9 @@ FILE_RULES: Final = (
 )
 
 #: Files that are applied when they are closed.
-_UPLOADS: Final = ("/@param*", "/@mission*")
+_MISSION_FILES: Final = "/@mission*"
+_FENCE_FILE: Final = "/@mission/fence*"
+_UPLOADS: Final = ("/@param*", _MISSION_FILES)
 
 
 def _read(path: bytes) -> str:
@@ -172,3 +174,20 @@ def file_rule(opcode: int, payload: bytes) -> FileRule | None:
 def is_upload(path: bytes) -> bool:
     """Whether a file that is written becomes parameters or mission items when it is closed."""
     return any(fnmatchcase(_read(path), pattern) for pattern in _UPLOADS)
+
+
+def is_mission_file(path: bytes) -> bool:
+    """Whether a file that is written becomes mission, fence or rally items when it is closed."""
+    return fnmatchcase(_read(path), _MISSION_FILES)
+
+
+def written_lists(payload: bytes) -> frozenset[str]:
+    """What a file-transfer request begins to write, or removes: "geofence", "mission", both or neither.
+
+    A file of the autopilot's lists that is not the geofence's counts as the mission's.
+    """
+    opcode = payload[3]
+    if opcode not in _WRITES:
+        return frozenset()
+    paths = [path for path in _paths(opcode, payload) if fnmatchcase(path, _MISSION_FILES)]
+    return frozenset("geofence" if fnmatchcase(path, _FENCE_FILE) else "mission" for path in paths)
