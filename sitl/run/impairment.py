@@ -8,7 +8,7 @@ is the `Weather` (`sitl.script.weather`), which may change at any time, by a cal
 
 The model, for each datagram in this order:
 
-1. cut: it is gone.
+1. cut: it is gone. Likewise in the pauses of a rhythm, which go by the clock: all links have them at the same time.
 2. bursts (Gilbert-Elliott): the link is good or bad; before each datagram it may change, with the two probabilities.
    In the bad state a datagram is lost with `bad_loss`, in the good one with `loss`.
 3. rate: it waits until those before it have been sent at `rate_bytes_per_s`; one that would wait longer than `queue_s`
@@ -66,7 +66,8 @@ class Impairment:
         second_jitter = self._luck["jitter"].random()
         # the state of the link goes on while it is cut
         self._bad = luck["burst"] >= weather.to_good if self._bad else luck["burst"] < weather.to_bad
-        if weather.cut or luck["loss"] < (weather.bad_loss if self._bad else weather.loss):
+        pauses = weather.off_s > 0 and now % (weather.on_s + weather.off_s) >= weather.on_s
+        if weather.cut or pauses or luck["loss"] < (weather.bad_loss if self._bad else weather.loss):
             self.lost += 1
             return []
         leaves_at = now

@@ -38,6 +38,8 @@ class Weather:
     rate_bytes_per_s: float = 0.0  #: 0: no limit
     queue_s: float = 1.0
     cut: bool = False
+    on_s: float = 0.0  #: a rhythm: it lets through for so long,
+    off_s: float = 0.0  #: and nothing for so long; 0: no rhythm
 
     def __post_init__(self) -> None:
         for entry in fields(self):

@@ -80,6 +80,18 @@ def test_a_cut_link_lets_nothing_through_and_heals() -> None:
     assert (link.passed, link.lost) == (1, 20)
 
 
+def test_a_rhythm_lets_through_for_a_while_and_then_not_again_and_again() -> None:
+    link = Impairment(4, Weather(on_s=0.5, off_s=1.5))
+    assert [now for now in (0.0, 0.25, 0.5, 1.0, 1.75, 2.0, 2.25, 2.5) if link.plan(b"frame", now)] == [
+        0.0,
+        0.25,
+        2.0,
+        2.25,
+    ]
+    link.change(off_s=0.0)
+    assert link.plan(b"frame", 3.0) == [(3.0, b"frame")]
+
+
 def test_delay_and_jitter_are_added_and_the_order_is_kept() -> None:
     link = Impairment(1, Weather(delay_s=0.1, jitter_s=0.05))
     delays = [delay for (delay,) in fates(link, 500)]
@@ -128,6 +140,7 @@ def test_the_weather_changes_at_the_times_set_beforehand() -> None:
         ({"delay_s": -0.1}, "delay_s = -0.1: must be 0 to 60"),
         ({"duplicate": float("nan")}, "duplicate = nan: must be 0 to 1"),
         ({"jitter_s": True}, "jitter_s = True: must be 0 to 60"),
+        ({"off_s": -1.0}, "off_s = -1.0: must be 0 to 60"),
         ({"cut": 1}, "cut = 1: must be true or false"),
         ({"los": 0.1}, "los: must be one of loss, "),
     ],
@@ -240,6 +253,9 @@ def test_orders_change_the_weather_of_the_link_and_direction_they_name(links: Ba
     assert weather(links, "wifi", "down") == Weather(cut=True, delay_s=0.3)
     assert weather(links, "lte", "up") == Weather(loss=0.2)
     assert weather(links, "lte", "down") == Weather(delay_s=0.3)
+    assert links.order("on_s lte 0.3 down") == "ok on_s lte 0.3 down"
+    assert links.order("off_s lte 4.7 down") == "ok off_s lte 4.7 down"
+    assert weather(links, "lte", "down") == Weather(delay_s=0.3, on_s=0.3, off_s=4.7)
     assert links.order("heal wifi down") == "ok heal wifi down"
     assert weather(links, "wifi", "down") == Weather(delay_s=0.3)
     assert links.order("clear all") == "ok clear all"

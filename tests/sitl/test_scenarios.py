@@ -74,6 +74,7 @@ PROMISED = {
     "dike-return",
     *("low-battery-far",),
     *("tcp-provider", "tcp-provider-drift", "rehearsal"),
+    *("all-hear-little", "commander-hears-little"),
     *("refusal-texts", "two-vehicles", "linear", "field-test", "waypoints", "waypoints-restart"),
 }
 
