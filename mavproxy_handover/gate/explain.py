@@ -37,6 +37,7 @@ CLASSES: Final = {
 _KINDS: Final = {
     "message": ("message", "messages"),
     "command": ("command", "commands"),
+    "command by parameter": ("command by its parameter", "commands by their parameter"),
     "acknowledged command": ("acknowledged command", "acknowledged commands"),
     "mission type": ("mission type", "mission types"),
     "mission type, read": ("mission type to read", "mission types to read"),

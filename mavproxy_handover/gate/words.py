@@ -25,6 +25,7 @@ from mavproxy_handover.gate.judge import GateReason
 from mavproxy_handover.gate.policy.commands import MODE_BITS
 from mavproxy_handover.gate.policy.modes import COPTER, Modes
 from mavproxy_handover.gate.policy.parts import MISSION_TYPE_MESSAGES
+from mavproxy_handover.gate.policy.rows import special_value
 from mavproxy_handover.gate.policy.switches import switch_name
 from mavproxy_handover.gate.tongues import Tongue
 from mavproxy_handover.wire.frames import Frame, field_bytes, field_float, field_int
@@ -211,6 +212,9 @@ def _of_command(frame: Frame) -> Subject:
         return int(mode) & _MODE_MASK if isfinite(mode) else _NO_MODE
     if command == _DO_AUX_FUNCTION:
         return _of_switch(field_float(frame, "param1"))
+    special = special_value(frame, command)
+    if special is not None:
+        return special[1]
     switch = _SWITCHED.get(command)
     if switch is None:
         return _COMMAND_WORDS.get(command, "unknown command")

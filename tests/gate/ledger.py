@@ -48,7 +48,7 @@ BULK_OPCODES = [0, 3, 4, 5, 14, 15, 16]
 
 # --- the commander's alone; anyone else is told
 TOLD_MESSAGES = listed("""
-    SET_MODE MOUNT_CONFIGURE DIGICAM_CONFIGURE DIGICAM_CONTROL GOPRO_SET_REQUEST LED_CONTROL PLAY_TUNE LOG_ERASE
+    SET_MODE MOUNT_CONFIGURE DIGICAM_CONFIGURE DIGICAM_CONTROL GOPRO_SET_REQUEST LED_CONTROL PLAY_TUNE
     OSD_PARAM_CONFIG
     UAVIONIX_ADSB_OUT_CFG UAVIONIX_ADSB_OUT_CFG_REGISTRATION UAVIONIX_ADSB_OUT_CFG_FLIGHTID
     UAVIONIX_ADSB_OUT_CONTROL CHANGE_OPERATOR_CONTROL AUTH_KEY COMMAND_CANCEL PLAY_TUNE_V2
@@ -83,13 +83,14 @@ TURNING_COMMANDS = [209, 310, 223, 241]
 # --- the commander's alone, and while the vehicle is armed nobody's
 SAFEGUARD_MESSAGES = listed("""
     FENCE_POINT SAFETY_SET_ALLOWED_AREA SET_HOME_POSITION SET_GPS_GLOBAL_ORIGIN SET_MAG_OFFSETS SET_VELOCITY_LIMITS
+    LOG_ERASE
 """)
 #: PREFLIGHT_STORAGE, DO_SET_PARAMETER, BATTERY_RESET, PREFLIGHT_REBOOT_SHUTDOWN; of what shapes a return DO_SET_HOME,
 #: DO_SET_GLOBAL_ORIGIN, DO_FENCE_ENABLE, SET_EKF_SOURCE_SET, ESTIMATOR_SENSOR_ENABLE, EXTERNAL_POSITION_ESTIMATE,
 #: EXTERNAL_ATTITUDE_ESTIMATE, EXTERNAL_WIND_ESTIMATE, SET_HAGL, PREFLIGHT_SET_SENSOR_OFFSETS, the six that calibrate a
-#: compass but for the one that calls that off, DO_INVERTED_FLIGHT
+#: compass but for the one that calls that off, DO_INVERTED_FLIGHT, DO_PARACHUTE (0: switched off)
 SAFEGUARD_COMMANDS = [
-    *(245, 180, 42651, 246),
+    *(245, 180, 42651, 246, 208),
     *(179, 611, 207, 42007, 43006, 43003, 620, 43004, 43005, 242, 42004, 42005, 42006, 42424, 42425, 210),
 ]
 #: auxiliary functions: SAVE_WP, FENCE, RANGEFINDER, MISSION_RESET, ATTCON_ACCEL_LIM, AVOID_ADSB, AVOID_PROXIMITY,
@@ -410,6 +411,12 @@ ACCESS = {
 
 #: command, its first two parameters, and what it is then
 PARAMETER_DEPENDENT = [
+    # reboot; shutdown, hold in the boot loader, the magic number before a planned crash, what is no number
+    (246, 1.0, 0.0, SAFEGUARD),
+    *((246, value, 24.0, MAINTENANCE) for value in (2.0, 3.0, 42.0, 1.5, -1.0, float("nan"))),
+    # the parachute: switched off or on, released; the autopilot cuts what is behind the point
+    *((208, value, 0.0, SAFEGUARD) for value in (0.0, 1.0, 1.5, 3.0, float("nan"))),
+    *((208, value, 0.0, TOLD) for value in (2.0, 2.5)),
     (400, 1.0, 0.0, TAKE_OFF),
     (400, 1.0, 21196.0, TAKE_OFF),
     (400, -1.0, 0.0, TAKE_OFF),

@@ -150,10 +150,12 @@ def test_the_whole_policy_is_one_table() -> None:
     kinds = Counter(row.kind for row in POLICY)
     assert kinds["message"] == len(names(MESSAGE_RULES))
     assert kinds["command"] == len(names(COMMAND_RULES))
+    assert kinds["command by parameter"] == 2
     assert kinds["file opcode"] == len(FTP_OPCODES)
     assert set(kinds) == {
         "message",
         "command",
+        "command by parameter",
         "acknowledged command",
         "mission type",
         "mission type, read",

@@ -105,6 +105,33 @@ def test_what_is_locked_is_said_to_the_commander_too(door: Door, make: Make) -> 
     ]
 
 
+@pytest.mark.parametrize(
+    ("name", "fields", "text"),
+    [
+        (
+            "COMMAND_LONG",
+            {"command": 246, "param1": 3.0},
+            "hold in the boot loader refused: maintenance only, over no radio link",
+        ),
+        ("COMMAND_INT", {"command": 246, "param1": 2.0}, "shutdown refused: maintenance only, over no radio link"),
+        (
+            "COMMAND_LONG",
+            {"command": 246, "param1": 42.0},
+            "reboot of this kind refused: maintenance only, over no radio link",
+        ),
+        ("COMMAND_LONG", {"command": 246, "param1": 1.0}, "reboot refused: locked while armed"),
+        ("COMMAND_LONG", {"command": 208, "param1": 0.0}, "parachute off refused: locked while armed"),
+        ("COMMAND_LONG", {"command": 208, "param1": 1.0}, "parachute on refused: locked while armed"),
+        ("LOG_ERASE", {}, "erasing the logs refused: locked while armed"),
+    ],
+)
+def test_the_commander_reads_why_in_flight(
+    door: Door, make: Make, name: str, fields: dict[str, Any], text: str
+) -> None:
+    door.up(A, make(name, sysid=GCSA, **fields))
+    assert door.said == [(GCSA, text)]
+
+
 def test_in_a_rehearsal_everybody_is_told_that_nothing_arms(door: Door, make: Make) -> None:
     door.change(replace(OF_A, rehearsal=True))
     door.up(A, make("COMMAND_LONG", sysid=GCSA, command=300))

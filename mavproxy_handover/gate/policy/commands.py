@@ -4,7 +4,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Final, Literal
 
 from mavproxy_handover.core.safety.commands import Kind
@@ -18,6 +19,8 @@ __all__ = [
     "TURNING",
     "JudgedRule",
     "TakeOffRule",
+    "VALUE_RULES",
+    "ValueRule",
 ]
 
 
@@ -123,6 +126,45 @@ JUDGED_RULES: Final = (
 )
 
 
+@dataclass(frozen=True, slots=True)
+class ValueRule:
+    """A command that has another class than its row in `COMMAND_RULES` if its first parameter is none of `values`.
+
+    `cut`: the autopilot ignores the decimals. `word`: what people call the command with such a parameter. `words`: by
+    value, where that differs.
+    """
+
+    name: str
+    values: tuple[float, ...]
+    access: Access
+    why: str
+    word: str
+    words: Mapping[int, str] = field(default_factory=dict)
+    cut: bool = False
+
+
+VALUE_RULES: Final = (
+    ValueRule(
+        "PREFLIGHT_REBOOT_SHUTDOWN",
+        (0.0, 1.0),
+        Access.MAINTENANCE,
+        "anything but a plain restart: keeps the autopilot in its boot loader, shuts it down, locks it up or wipes its "
+        "settings, and only a person at the aircraft gets it back",
+        "reboot of this kind",
+        {2: "shutdown", 3: "hold in the boot loader"},
+    ),
+    ValueRule(
+        "DO_PARACHUTE",
+        (2.0,),
+        Access.SAFEGUARD,
+        "switches the parachute off or on; to release it (2) is the commander's at any time",
+        "parachute on",
+        {0: "parachute off"},
+        cut=True,
+    ),
+)
+
+
 #: Commands, in COMMAND_LONG and COMMAND_INT alike. Names without their MAV_CMD_.
 COMMAND_RULES: Final = (
     Rule(
@@ -182,8 +224,7 @@ COMMAND_RULES: Final = (
     ),
     Rule(
         Access.SAFEGUARD,
-        "restarts the autopilot, in flight too if a parameter says so, and the guard with it; others of its parameters "
-        "lock it up or wipe its settings",
+        "restarts the autopilot, in flight too if a parameter says so, and the guard with it",
         names("PREFLIGHT_REBOOT_SHUTDOWN"),
     ),
     Rule(

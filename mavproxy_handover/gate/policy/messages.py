@@ -104,8 +104,8 @@ MESSAGE_RULES: Final = (
         """),
     ),
     Rule(
-        Access.COMMAND,
-        "destroys evidence",
+        Access.SAFEGUARD,
+        "destroys the record of the flight, and keeps the logger busy for minutes",
         names("LOG_ERASE"),
     ),
     Rule(

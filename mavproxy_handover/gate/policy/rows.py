@@ -21,7 +21,14 @@ from typing import Final
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.gate.policy.access import ANY
-from mavproxy_handover.gate.policy.commands import MODE_BITS, TAKE_OFF_RULES, TURNING, TakeOffRule
+from mavproxy_handover.gate.policy.commands import (
+    MODE_BITS,
+    TAKE_OFF_RULES,
+    TURNING,
+    VALUE_RULES,
+    TakeOffRule,
+    ValueRule,
+)
 from mavproxy_handover.gate.policy.files import file_rule
 from mavproxy_handover.gate.policy.modes import COPTER, Modes
 from mavproxy_handover.gate.policy.parameters import PARAMETER_MESSAGES, parameter_name, parameter_rule
@@ -48,6 +55,7 @@ __all__ = [
     "Row",
     "begins_midway",
     "classify",
+    "special_value",
     "moves",
     "TAKE_OFF_MESSAGES",
     "takes_off",
@@ -150,7 +158,13 @@ def classify(frame: Frame) -> Row:
     field = _PART_FIELDS.get(msgid)
     if field is not None:
         row = _part_row(msgid, field_int(frame, field))
-        return _switch_row(row, frame) if row.part == _SWITCH and msgid in _COMMANDS else row
+        if msgid not in _COMMANDS:
+            return row
+        found = special_value(frame, row.part)
+        if found is not None:
+            rule, word = found
+            return Row(f"{row.what} ({word})", rule.access, row.part)
+        return _switch_row(row, frame) if row.part == _SWITCH else row
     what = _MESSAGE_NAMES.get(msgid, f"message {msgid}")
     if msgid not in _PARAMETER_IDS:
         return Row(what, None)
@@ -161,6 +175,20 @@ def classify(frame: Frame) -> Row:
 def _part_row(msgid: int, part: int) -> Row:
     row = _PART_ROWS[msgid].get(part)
     return Row(f"{_MESSAGE_NAMES[msgid]}/{part}", _PART_DEFAULTS.get(msgid), part) if row is None else row
+
+
+def special_value(frame: Frame, command: int | None) -> tuple[ValueRule, str] | None:
+    """The rule by which the first parameter gives a command another class, and what people call the command then."""
+    rule = _VALUES.get(command)
+    if rule is None:
+        return None
+    value = field_float(frame, "param1")
+    if rule.cut and isfinite(value):
+        value = float(int(value))
+    if value in rule.values:
+        return None
+    whole = isfinite(value) and value == int(value)
+    return rule, rule.words.get(int(value), rule.word) if whole else rule.word
 
 
 def _switch_row(row: Row, frame: Frame) -> Row:
@@ -183,6 +211,9 @@ _TAKE_OFFS: Final[dict[int, TakeOffRule]] = {
     getattr(mavlink, f"MAV_CMD_{rule.name}"): rule
     for rule in TAKE_OFF_RULES
     if hasattr(mavlink, f"MAV_CMD_{rule.name}")
+}
+_VALUES: Final[Mapping[int | None, ValueRule]] = {
+    getattr(mavlink, f"MAV_CMD_{rule.name}"): rule for rule in VALUE_RULES if hasattr(mavlink, f"MAV_CMD_{rule.name}")
 }
 _TURNING: Final = frozenset(
     getattr(mavlink, f"MAV_CMD_{name}") for name in TURNING if hasattr(mavlink, f"MAV_CMD_{name}")

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from mavproxy_handover.gate.policy.access import Access, Rule
-from mavproxy_handover.gate.policy.commands import COMMAND_RULES
+from mavproxy_handover.gate.policy.commands import COMMAND_RULES, VALUE_RULES
 from mavproxy_handover.gate.policy.files import FILE_RULES
 from mavproxy_handover.gate.policy.messages import MESSAGE_RULES
 from mavproxy_handover.gate.policy.parameters import OTHER_PARAMETERS, PARAMETER_MESSAGES, PARAMETER_RULES
@@ -78,6 +78,10 @@ class PolicyRow:
     why: str
 
 
+def _listed(values: tuple[float, ...]) -> str:
+    return " and ".join(f"{value:g}" for value in values)
+
+
 def _policy() -> tuple[PolicyRow, ...]:
     kinds: tuple[tuple[str, tuple[Rule, ...]], ...] = (
         ("message", MESSAGE_RULES),
@@ -92,6 +96,10 @@ def _policy() -> tuple[PolicyRow, ...]:
     )
     rows = [
         PolicyRow(kind, name, rule.access, rule.why) for kind, rules in kinds for rule in rules for name in rule.names
+    ]
+    rows += [
+        PolicyRow("command by parameter", f"{rule.name} (other than {_listed(rule.values)})", rule.access, rule.why)
+        for rule in VALUE_RULES
     ]
     rows += [PolicyRow("file", rule.name, rule.access, rule.why) for rule in FILE_RULES]
     return tuple(rows)

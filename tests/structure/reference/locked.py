@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from mavproxy_handover.gate.policy.access import ANY, Access, Rule
-from mavproxy_handover.gate.policy.commands import COMMAND_RULES
+from mavproxy_handover.gate.policy.commands import COMMAND_RULES, VALUE_RULES, ValueRule
 from mavproxy_handover.gate.policy.messages import MESSAGE_RULES
 from mavproxy_handover.gate.policy.parameters import OTHER_PARAMETERS, PARAMETER_RULES
 from mavproxy_handover.gate.policy.switches import OTHER_SWITCHES, SWITCH_NUMBERS, SWITCH_RULES
@@ -43,9 +43,15 @@ def locked() -> str:
         "## Commands",
         "Names without `MAV_CMD_`.",
         _table([rule for rule in COMMAND_RULES if rule.access is Access.SAFEGUARD], "commands"),
+        "By the first parameter:",
+        _table([Rule(rule.access, rule.why, (_other_than(rule),)) for rule in VALUE_RULES], "commands"),
         "## Messages",
         _table([rule for rule in MESSAGE_RULES if rule.access is Access.SAFEGUARD], "messages"),
     )
+
+
+def _other_than(rule: ValueRule) -> str:
+    return f"{rule.name}, other than {' and '.join(f'{value:g}' for value in rule.values)}"
 
 
 def _table(rules: Sequence[Rule], what: str, numbers: dict[str, int] | None = None) -> str:
