@@ -195,7 +195,8 @@ class Conductor:
             return "the commander is lost"
         self._candidates.spoke(station)
         if cause is Cause.PARTNER_ASKS and self._hurries(transfer, now, actions):
-            transfer.partner_asks = True
+            # the same word may come once more, late, when the partner has consented
+            transfer.partner_asks = transfer.step is Step.REQUEST
             return None
         relay = isinstance(message, (OnHandover, DroneConnected)) and message.relay
         self.move(cause, now, actions, station=key.to_station, relay=relay)

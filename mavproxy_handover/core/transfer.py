@@ -342,7 +342,8 @@ class Transfer:
         """
         if cause is Cause.PARTNER_ASKS:
             self._note_asking(self.key.to_station if station is None else station, now)
-        if cause is Cause.TIMEOUT and (self.operator_asked or self.partner_asks):
+        awaits_operator = self.operator_asked or self.partner_asks
+        if cause is Cause.TIMEOUT and awaits_operator and (self.step, Cause.UNANSWERED) in MOVES:
             cause = Cause.UNANSWERED
         if station is not None and station != self.key.to_station:
             if cause is not Cause.PARTNER_READY or self.step is not Step.REQUEST:

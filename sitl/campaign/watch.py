@@ -126,6 +126,8 @@ class Watch:
             self._since = now
         if isinstance(event, AutopilotState):
             self._armed = event.armed
+            if not event.armed:  # the flight is over: what it did not hear in it counts no more
+                self._deaf_at = None
         in_gap = self._gap  # what runs out with this event ran out where the position before had it
         if isinstance(event, PositionSeen):
             self._gap = event.gap is not None and not event.gap.ahead

@@ -801,3 +801,24 @@ def test_connect_shows_the_transfer_to_nobody_but_is_current() -> None:
     bench.run(1.0)
     asked = [a.message for _at, a in bench.log if isinstance(a, Send) and isinstance(a.message, Connect)]
     assert {(question.commander, question.epoch) for question in asked} == {(A, 1)}
+
+
+def test_a_late_word_of_the_partners_operator_does_not_keep_a_transfer_open() -> None:
+    """The zone ends and two stations are asked. `WAITING` of the partner comes once more after its consent: the time of
+    the step was up and nothing ended, for as long as the aircraft flew."""
+    bench = Bench()
+    bench.alive = {A, B, C}
+    bench.on_mission()
+    bench.position(outside(A), inside(B), inside(C))
+    while bench.arbiter.view.partner is None:
+        bench.run(0.1)
+    view = bench.arbiter.view
+    assert view.partner is not None
+    key = TransferKey(A, view.partner, view.handover_id, view.epoch)
+    bench.say(view.partner, OnHandover(key, Consent.GRANTED))
+    bench.say(A, OkHandover(key, Consent.GRANTED))
+    bench.say(view.partner, OnHandover(key, Consent.WAITING))
+    bench.run(4.5)
+    ends = [action.message for _at, action in bench.log if isinstance(action, Send)]
+    results = [message for message in ends if isinstance(message, HandoverResult)]
+    assert [(result.key, result.reason) for result in results[:1]] == [(key, Reason.PARTNER_SILENT)]

@@ -371,6 +371,14 @@ class TestUnanswered:
             transfer.move(cause, 100.0)
         assert transfer.move(Cause.TIMEOUT, 200.0) == End(Outcome.ABORTED, reason)
 
+    @pytest.mark.parametrize("step", list(Step))
+    @pytest.mark.parametrize("asked", ["operator_asked", "partner_asks"])
+    def test_time_that_is_up_ends_every_step_whoever_is_asked(self, step: Step, asked: str) -> None:
+        """It ended no step that has no operator to wait for: such a transfer never ended."""
+        transfer = transfer_in(step)
+        setattr(transfer, asked, True)
+        assert isinstance(transfer.move(Cause.TIMEOUT, 200.0), End)
+
 
 class TestForced:
     """Without a commander nobody is left to ask; the partner's two words count as ever, and time is short."""
