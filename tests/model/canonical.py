@@ -647,6 +647,7 @@ class Packer:
             _asked=_Heard(),
             _before=plain,
             _flying=plain,
+            _overtaken=plain,
             _since=_Time(DOUBT_S),
             _unheard=plain,
             chosen_by=plain,

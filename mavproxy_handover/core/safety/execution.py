@@ -195,6 +195,7 @@ class Execution:
             self._fly(FlightAction.CONTINUE, news.reason, now, actions)
         elif decision is not None and not news.warning and not news.continues:
             self._supervision.ordered(decision.action, now)
+            self._helm.ordered()
             if not self._flown_already(decision.action):
                 self._fly(decision.action, news.reason, now, actions)
         elif decision is None or decision.held_back is None:  # what another hand holds back may have to be done yet

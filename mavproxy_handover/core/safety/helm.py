@@ -10,6 +10,8 @@ commander's commands that pass, the guard when it says that it acts, and the aut
 that ends with a return, which is a mode of its own there. A mode that changes in flight is his of `EVIDENCE` who was
 heard of last, shortly before or up to DOUBT_S behind it: a word may come after its deed. Until then it is in doubt, and
 nobody is fought.
+A mode shows up to a second after the command for it. An order that the companion gives in that second is newer than
+the commander's command: such a mode is `OVERTAKEN`, and ends no order.
 What nobody is known to have chosen is
 
 * the guard's, if it returns or lands and was chosen while the autopilot was not heard: then the autopilot hears nothing
@@ -80,6 +82,7 @@ class Change(Enum):
     PILOT = "a pilot has taken over"
     GIVEN_BACK = "the pilot has given it back"
     COMMANDER = "the commander has chosen another mode"
+    OVERTAKEN = "the commander asked for it before the order"
     FAILSAFE = "a failsafe of the autopilot acts"
     MISSION = "the mission ends with it"
     GUARD = "the guard acts"
@@ -104,6 +107,7 @@ class Helm:
         "_asked",
         "_before",
         "_flying",
+        "_overtaken",
         "_since",
         "_unheard",
         "chosen_by",
@@ -130,6 +134,8 @@ class Helm:
         self._unheard = False
         #: when the mode changed, while it is in doubt who chose it; -inf when it is not
         self._since = -inf
+        #: the companion has given an order since the commander's last command
+        self._overtaken = False
         #: who was heard of, when, and the mode that was asked for, None if that is not known
         self._asked: dict[Hand, tuple[float, Flown | None]] = {}
 
@@ -138,7 +144,13 @@ class Helm:
     def heard(self, event: HandSeen, now: float) -> Change | None:
         """Somebody has, or may have, chosen the mode."""
         self._asked[event.hand] = now, event.flown
+        if event.hand is Hand.COMMANDER:
+            self._overtaken = False
         return self.settle(now)
+
+    def ordered(self) -> None:
+        """The companion orders something: what the commander asked for before is not his answer to that."""
+        self._overtaken = True
 
     def seen(self, event: ModeSeen, flying: bool, now: float, *, unheard: bool = False) -> Change | None:
         """The autopilot has said its mode; returns what has become known by it. `unheard`: it was not heard for a time
@@ -173,6 +185,8 @@ class Helm:
             self.chosen_by = Hand.NOBODY
             return Change.GIVEN_BACK
         self.chosen_by = hand
+        if hand is Hand.COMMANDER and self._overtaken:
+            return Change.OVERTAKEN
         return _CHANGES.get(hand)
 
     def _by_evidence(self) -> Hand | None:

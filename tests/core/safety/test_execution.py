@@ -142,20 +142,6 @@ class TestItsPlace:
         bench.run(1.0)
         assert [text.split(":")[0] for text in said(bench)][:1] == ["LAND"]
 
-    def test_nor_is_what_the_commander_has_taken_in_that_moment(self) -> None:
-        bench = aloft()
-        bench.give(self.NEAR)
-        bench.run(0.3)  # no answer of a station is the next event
-        bench.give(SignsSeen(energy=True))
-        looked_at(bench, ModeSeen(Flown.GUIDED, "GUIDED"))
-        bench.run(1.0)
-        bench.give(HandSeen(Hand.COMMANDER, Flown.GUIDED))
-        bench.run(1.0)
-        assert bench.flights() == [Fly(FlightAction.RETURN, Reason.ENERGY)]
-        assert said(bench) == [
-            "GUIDED: chosen by GCSA; RETURN is not commanded any more (energy for the way back only)"
-        ]
-
 
 class TestReturn:
     def test_what_is_done_is_commanded_once(self) -> None:
@@ -840,6 +826,70 @@ def test_whose_return_is_flown_flies_it() -> None:
     taken_by_b(bench)
     nearer(bench, 20.0, 8.0)
     assert bench.flights() == [HOLD, BACK]
+
+
+class TestACommandBeforeTheOrder:
+    """Flight 2000005551 of the campaign: AUTO out of RTL was obeyed, half a second later its commander was lost. The
+    last heartbeat still said RTL; the next one said AUTO, which ended the return as if GCSA had chosen it since."""
+
+    @staticmethod
+    def loses_its_commander(mode: ModeSeen) -> Bench:
+        """In `mode`, of the commander's own choice; then its links fall silent."""
+        bench = aloft()
+        bench.give(HandSeen(Hand.COMMANDER, mode.flown))
+        bench.mode, bench.motion = mode, HOMEWARD
+        bench.run(30.0)
+        bench.alive = set()
+        bench.run(4.5)
+        assert bench.flights() == []
+        return bench
+
+    def test_ends_no_return(self) -> None:
+        bench = self.loses_its_commander(RTL)
+        bench.give(HandSeen(Hand.COMMANDER, Flown.MISSION))
+        bench.run(0.5)  # the return is decided, and RTL is flown as far as is known
+        assert any("RETURN" in text for text in said(bench))
+        bench.mode = AUTO
+        bench.run(1.0)
+        assert HOME in bench.flights()
+        assert not any("not commanded any more" in text for text in said(bench))
+        bench.mode = RTL
+        bench.run(30.0)
+        assert bench.flights() == [HOME]
+
+    def test_ends_no_return_that_was_sent(self) -> None:
+        """The heartbeat between the command and the order comes after both."""
+        bench = self.loses_its_commander(LOITER)
+        bench.give(HandSeen(Hand.COMMANDER, Flown.MISSION))
+        bench.run(0.5)
+        assert bench.flights() == [HOME]
+        bench.give(AUTO)
+        bench.run(0.1)
+        assert bench.arbiter._lookout.supervision.order is FlightAction.RETURN
+        assert not any("not commanded any more" in text for text in said(bench))
+
+    def test_ends_no_hold(self) -> None:
+        bench = aloft()
+        bench.give(HandSeen(Hand.COMMANDER, Flown.GUIDED))
+        standing(bench)
+        bench.mode = ModeSeen(Flown.GUIDED, "GUIDED")
+        bench.run(2.0)
+        assert bench.flights() == [HOLD]
+        assert bench.arbiter._lookout.supervision.order is FlightAction.HOLD
+        assert not any("not commanded any more" in text for text in said(bench))
+
+    def test_a_command_after_the_order_ends_it(self) -> None:
+        """As before: it is the word of a commander who knows of the order."""
+        bench = aloft()
+        bench.give(SignsSeen(energy=True))
+        bench.run(3.0)
+        bench.mode, bench.motion = RTL, HOMEWARD
+        bench.run(5.0)
+        assert [fly.action for fly in bench.flights()] == [FlightAction.RETURN]
+        bench.give(HandSeen(Hand.COMMANDER, Flown.MISSION))
+        bench.mode = AUTO
+        bench.run(10.0)
+        assert [fly.action for fly in bench.flights()] == [FlightAction.RETURN]
 
 
 def test_who_is_told_to_stand_by_the_commander_is_not_told_to_go_on_again() -> None:
