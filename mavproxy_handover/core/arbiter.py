@@ -439,8 +439,11 @@ class Arbiter:
         self._conductor.results.acknowledged(station, answer)
         if answer.nonce == 0:  # unasked: it shows that a result is known, and no more
             return None
-        grounded = self._authority.grounded(now)
+        grounded, hearing = self._authority.grounded(now), self._presence[station].hearing
+        was_barred = hearing.barred
         dropped = self._contacts.answered(station, answer, now, actions, grounded=grounded)
+        if hearing.barred and not was_barred:
+            self._tell_deaf(station, actions)
         if dropped is None:
             self._return(station, now, actions)
             self._authority.learn(station, answer, actions)
@@ -545,8 +548,7 @@ class Arbiter:
         authority, transfer = self._authority, self._authority.transfer
         for station, presence in self._presence.items():
             if presence.judge(now):
-                text = f"{presence.station.name} {self._candidates.hears_little}"
-                actions.append(Record("deaf", text, station=station))
+                self._tell_deaf(station, actions)
         # the partner first: from here on nothing commits to a station that is lost itself
         for station in self._asked():
             if not self._presence[station].alive(now) or self._presence[station].hearing.barred:
@@ -560,6 +562,10 @@ class Arbiter:
             authority.wait_no_longer(authority.owner, now, actions)
             self._conductor.seek(now, actions)
         self._look_at_rehearsal(now, actions)
+
+    def _tell_deaf(self, station: int, actions: list[Action]) -> None:
+        text = f"{self.name(station)} {self._candidates.hears_little}"
+        actions.append(Record("deaf", text, station=station))
 
     def _lose_owner(self, owner: int, now: float, actions: list[Action]) -> None:
         self._conductor.move(Cause.COMMANDER_LOST, now, actions)

@@ -35,7 +35,8 @@ Coming back
 A barred station counts again when its share has been `deaf_back_share` or more, at every question, for `deaf_back_s`.
 Each loss of command in the same flight makes that time `_GROWTH` times as long, up to `_LONGEST_S`. So a station that
 falls in and out of deafness is lost at most five times in ten minutes, whatever the rhythm: after 10, 35, 84, 205 and
-530 s at the earliest. The first loss by silence needs no such time: the first answer brings that commander back.
+530 s at the earliest. The first loss by silence needs no such time: the first answer brings that commander back. A
+silence lifts the bar of no station that has lost command in this flight, also where another station commands by now.
 """
 
 from __future__ import annotations
@@ -63,8 +64,8 @@ class Hearing:
 
     def __init__(self, limits: Limits) -> None:
         self._limits = limits
-        #: questions of the last while, oldest first: when each was asked, and whether it was answered
-        self._fates: deque[tuple[float, bool]] = deque(maxlen=256)
+        #: questions of the time that counts, oldest first: when each was asked, and whether it was answered
+        self._fates: deque[tuple[float, bool]] = deque()
         #: since when the share of a barred station has been good enough to come back; inf: it is not
         self._good_since = inf
         #: for how long (s) there were questions in the time that counts
@@ -177,18 +178,19 @@ class Hearing:
     def begin(self, *, commanded: bool = False) -> None:
         """Judge it from now on only: it was silent and is heard again.
 
-        `commanded`: it has lost command and waits for it, so it stays barred.
+        It stays barred if it has lost command in this flight, or waits for it (`commanded`).
         """
         self._fates.clear()
         self.share, self._asked_s, self._good_since = None, 0.0, inf
-        if not commanded:
+        if not commanded and not self.losses:
             self.barred_at = inf
 
     def trust(self, now: float) -> None:
         """The station takes the aircraft. It has just shown both ways, so what it did not answer is forgotten."""
         self.begin()
+        self.barred_at = inf
         pause_s = self._limits.connect_interval_s
-        count = min(256, int((self._window_s + self._limits.answer_s) / pause_s) + 1)
+        count = int((self._window_s + self._limits.answer_s) / pause_s) + 1
         self._fates.extend((now - number * pause_s, True) for number in range(count, 0, -1))
         self.judge(now)
 

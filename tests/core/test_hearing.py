@@ -69,7 +69,8 @@ def test_it_is_lost_within_fourteen_seconds() -> None:
     assert bench.arbiter.view.commander is None
 
 
-def test_it_goes_to_a_station_that_hears_and_not_to_one_as_deaf() -> None:
+def taken_by_b() -> Bench:
+    """GCSA has lost command because it hears too little, and GCSB has taken the aircraft."""
     bench = on_mission(B)
     bench.facts = (inside(A), *far(B, 253, 254))
     fly(bench, 9.0, rhythm(0.3, 4.7), A)
@@ -81,6 +82,11 @@ def test_it_goes_to_a_station_that_hears_and_not_to_one_as_deaf() -> None:
     key = TransferKey(A, B, view.handover_id, view.epoch)
     bench.say(B, OnHandover(key))
     bench.say(B, DroneConnected(key))
+    return bench
+
+
+def test_it_goes_to_a_station_that_hears_and_not_to_one_as_deaf() -> None:
+    bench = taken_by_b()
     assert bench.arbiter.view.commander == B
     assert bench.flights() == []
 
@@ -143,6 +149,27 @@ def test_a_transfer_to_a_partner_that_goes_deaf_does_not_commit() -> None:
     bench.say(A, DisconnectHandover(KEY))
     assert bench.arbiter.view.commander == A
     assert bench.arbiter.view.partner is None
+
+
+def test_that_a_station_is_deaf_is_told_also_when_its_answer_shows_it() -> None:
+    """Its share may fall below the limit between two questions, where an answer is looked at."""
+    bench = on_mission(B)
+    bench.run(1.2)
+    presence = bench.arbiter._presence[B]
+    presence.hearing.begin()
+    for ago_s in range(13, 0, -1):
+        presence.hearing.asked(bench.now - ago_s)
+    question = next(
+        action.message
+        for _at, action in bench.log
+        if isinstance(action, Send) and action.station == B and isinstance(action.message, Connect)
+    )
+    presence.asked.append((question.nonce, bench.now - 0.1))
+    assert bench.now < presence.ask_at
+    bench.log.clear()
+    bench.say(B, bench.ack(B, question))
+    assert presence.hearing.barred
+    assert [record.text for record in bench.records("deaf")] == ["GCSB hears less than 15 % of the aircraft"]
 
 
 # ---- enough ----------------------------------------------------------------------------------------------------------
@@ -286,6 +313,18 @@ def test_a_commander_that_falls_silent_again_and_again_is_lost_five_times_at_mos
     assert 1 < len(bench.records("authority_lost")) <= 5
 
 
+def test_a_station_that_was_lost_as_deaf_is_no_partner_at_once_after_a_silence() -> None:
+    """Five seconds of silence lifted the bar, and one answer made it a partner that counted as coverage."""
+    bench = taken_by_b()
+    bench.alive = {B}
+    bench.run(6.0)
+    bench.alive, bench.deaf = {A, B}, set()
+    begun = bench.now
+    while bench.arbiter.unfit(A, bench.now) is not None:
+        bench.run(STEP_S)
+    assert 12.0 <= bench.now - begun <= 14.0
+
+
 def test_the_first_silence_needs_no_proof() -> None:
     bench = on_mission()
     bench.alive = set()
@@ -344,6 +383,21 @@ def test_few_questions_bar_nobody() -> None:
     assert not hearing.barred
     hearing.judge(111.0)
     assert hearing.barred_at == 111.0
+
+
+@pytest.mark.parametrize(("interval_s", "lost_s"), [(0.2, 60.0), (0.2, 120.0), (1.0, 120.0), (10.0, 120.0)])
+def test_whatever_the_configured_times_a_station_that_answers_nothing_is_barred(
+    interval_s: float, lost_s: float
+) -> None:
+    """With many questions in the time that counts the older ones were forgotten, and no share was ever known."""
+    hearing = Hearing(Limits(connect_interval_s=interval_s, deaf_lost_s=lost_s))
+    hearing.trust(0.0)
+    number = 0
+    while not hearing.barred and number * interval_s < 3.0 * lost_s:
+        number += 1
+        hearing.asked(number * interval_s)
+        hearing.judge(number * interval_s + interval_s)
+    assert lost_s - interval_s <= number * interval_s <= lost_s + 2.0 * interval_s + 1.0
 
 
 def test_each_loss_of_command_makes_the_way_back_longer() -> None:
