@@ -315,7 +315,7 @@ class _Fates(_Kind):
     def unpack(self, value: Any) -> Any:
         if isinstance(value, float):
             value = [(value - ago, True) for ago in range(9) if value - ago > self._oldest][::-1]
-        return deque(value, maxlen=256)
+        return deque(value)
 
 
 class _Object(_Kind):
