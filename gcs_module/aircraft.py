@@ -217,6 +217,11 @@ class Aircraft:
         return f"{sum(not getattr(master, 'linkerror', False) for master in masters)} of {len(masters)}"
 
     @property
+    def flown_from_here(self) -> bool:
+        """Whether it is in flight, and this station commands it."""
+        return self.core.role is Role.COMMANDER and self.core.phase is not Phase.ON_LOAD
+
+    @property
     def _who(self) -> Who:
         if self.core.commander is None:
             return Who.NOBODY

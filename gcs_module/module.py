@@ -26,6 +26,7 @@ from gcs_module.alarms import Level
 from gcs_module.choice import VehicleChoice
 from gcs_module.core import Notice, PeerHeard
 from gcs_module.fleet import Fleet, our_settings
+from gcs_module.interrupts import Interrupts
 from gcs_module.links import Links
 from gcs_module.means import Means
 from gcs_module.menu import Menu
@@ -119,6 +120,8 @@ class HandoverGcsModule(mp_module.MPModule):
         except Exception:
             self._give_links_back()
             raise
+        self._interrupts = Interrupts(mpstate, self._flown_from_here, self.now)
+        self._interrupts.take()
 
     def _take_links(self) -> None:
         if self.links.several:
@@ -155,6 +158,7 @@ class HandoverGcsModule(mp_module.MPModule):
 
     def unload(self) -> None:
         """Give everything back: sockets, commands, settings, signing."""
+        self._interrupts.give_back()
         self._guarded("menu", self.menu.remove)
         self._give_links_back()
         self.mpstate.select_extra.pop(self._ground.listening, None)
@@ -168,6 +172,10 @@ class HandoverGcsModule(mp_module.MPModule):
         if self._kept_name is not None:
             self.settings.vehicle_name = self._kept_name
         self.narrator.unloaded()
+
+    def _flown_from_here(self) -> str:
+        """The aircraft in flight that this station commands, by name; "" if there is none."""
+        return " and ".join(aircraft.core.vehicle_name for aircraft in self.aircraft if aircraft.flown_from_here)
 
     def _links(self) -> list[Device]:
         return self._ground.devices

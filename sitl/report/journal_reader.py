@@ -17,11 +17,23 @@ from typing import Any
 
 from mavproxy_handover.store.journal import strangers_path
 
-__all__ = ["Entry", "JournalReader", "parse_line", "read_journals"]
+__all__ = ["Entry", "JournalReader", "is_number", "parse_line", "read_journals"]
 
 
 #: monotonic seconds that no machine has seen, UTC included
 _LATEST_T = 1e10
+#: fields that are numbers; one that is none is left out
+_NUMBERS = frozenset(
+    ("alt_m", "also", "attempt", "duration_s", "epoch", "handover_id", "heading_deg", "lat_deg", "lon_deg", "percent")
+    + ("sim_s", "speed_mps", "volts")
+)
+#: no number in a journal is larger
+_LARGEST = 1e12
+
+
+def is_number(value: object) -> bool:
+    """Whether it is a number that a program of ours writes: finite, and of a size that can be."""
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) < _LARGEST
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +74,8 @@ def parse_line(line: str) -> Entry | None:
         return None
     if not abs(t) < _LATEST_T:  # nor is it a number that is none
         return None
-    return Entry(float(t), who, event, str(text), values)
+    plain = {key: value for key, value in values.items() if key not in _NUMBERS or is_number(value)}
+    return Entry(float(t), who, event, str(text), plain)
 
 
 class _Follower:

@@ -23,7 +23,7 @@ from mavproxy_handover.store.journal import strangers_path
 from sitl.report.clocks import utc_of
 from sitl.report.evidence import Evidence, RunNotes, of_vehicle, seen_of
 from sitl.report.flight import Source, Story, stories
-from sitl.report.journal_reader import Entry, read_journals
+from sitl.report.journal_reader import Entry, is_number, read_journals
 from sitl.report.sources import SourceError, find, newest_flight, read, read_mission
 from sitl.report.tlog import read_tlog
 from sitl.report.watch import VEHICLE
@@ -31,6 +31,8 @@ from sitl.report.watch import VEHICLE
 __all__ = ["RUN_FILE", "RecordError", "RunRecord", "Verdict", "load", "load_run"]
 
 RUN_FILE = "run.json"
+#: its values that are numbers; one that is none is left out
+_NUMBERS = frozenset(("speedup", "duration_sim_s", "duration_wall_s", "ended_t"))
 #: how a run of several vehicles names what is seen of a further one
 _SEEN_OF = seen_of("")
 _SEEN_FILE = "seen.jsonl"
@@ -168,9 +170,9 @@ def _staged(folder: Path, values: Mapping[str, Any]) -> RunRecord:
     offsets = [utc - entry.t for entry in entries if (utc := utc_of(entry.get("utc"))) is not None]
     notes = RunNotes(
         speedup=_number(values.get("speedup"), 1.0),
-        marks=values.get("marks") or {},
+        marks=_moments(values.get("marks")),
         deaths=values.get("deaths") or {},
-        kills=values.get("kills") or {},
+        kills=_moments(values.get("kills")),
         ended_t=_number(values.get("ended_t"), None),
         utc_offset_s=median(offsets) if offsets else None,
     )
@@ -183,7 +185,7 @@ def _staged(folder: Path, values: Mapping[str, Any]) -> RunRecord:
         told.append(Story(name, evidence, "what the simulation watched", {}, {}))
     verdicts = tuple(
         Verdict(bool(entry.get("held")), str(entry.get("wanted", "")), str(entry.get("seen", "")))
-        for entry in values.get("verdicts", [])
+        for entry in values["verdicts"]
     )
     patterns = (
         "*.jsonl", "*/*.jsonl", "*/*.tlog", "*/*.console.txt", "vehicle/vehicle.log", "*/*.toml",
@@ -253,7 +255,12 @@ def _mission(folder: Path) -> Path:
 
 
 def _number(value: Any, default: Any) -> Any:
-    return float(value) if isinstance(value, (int, float)) and not isinstance(value, bool) else default
+    return float(value) if is_number(value) else default
+
+
+def _moments(value: Any) -> dict[str, float]:
+    """Names and when."""
+    return {name: t for name, t in value.items() if is_number(t)} if isinstance(value, dict) else {}
 
 
 def _read_values(path: Path) -> dict[str, Any]:
@@ -265,4 +272,7 @@ def _read_values(path: Path) -> dict[str, Any]:
         raise RecordError(f"{path}: cannot be read: {error}") from None
     if not isinstance(values, dict):
         raise RecordError(f"{path}: not the record of a run")
-    return values
+    found = {key: value for key, value in values.items() if key not in _NUMBERS or is_number(value)}
+    verdicts = values.get("verdicts")
+    held = verdicts if isinstance(verdicts, list) else []
+    return found | {"verdicts": [each for each in held if isinstance(each, dict)]}

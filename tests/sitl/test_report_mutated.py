@@ -70,11 +70,12 @@ def damage(path: Path, chance: random.Random) -> None:
     elif act == 2:
         path.write_bytes(bytes(data) + (DEEP.encode() if chance.randrange(2) else chance.randbytes(2000)))
     elif path.suffix in (".json", ".jsonl"):
-        lines = path.read_text(encoding="utf-8").splitlines() if path.suffix == ".jsonl" else [path.read_text()]
+        text = path.read_text(encoding="utf-8", errors="surrogateescape")  # it may be damaged already
+        lines = text.splitlines() if path.suffix == ".jsonl" else [text]
         for _ in range(chance.choice((1, 1, 20, 400))):
             place = chance.randrange(len(lines))
             lines[place] = mutated_json(lines[place], chance)
-        path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        path.write_text("\n".join(lines) + "\n", encoding="utf-8", errors="surrogateescape")
     else:
         start = chance.randrange(len(data))
         del data[start : start + chance.randrange(1, 4000)]
@@ -96,6 +97,8 @@ def flight_folder(folder: Path) -> list[Path]:
     return [path for path in sorted(folder.rglob("*")) if path.is_file()]
 
 
+# pymavlink leaves a log open whose beginning it cannot read
+@pytest.mark.filterwarnings("ignore:unclosed file", "ignore::pytest.PytestUnraisableExceptionWarning")
 @pytest.mark.parametrize("make", [run_folder, flight_folder])
 def test_a_damaged_folder_gives_a_page_or_one_sentence(
     make: Callable[[Path], list[Path]],

@@ -25,6 +25,13 @@ def test_an_entry_survives_writing_and_reading() -> None:
     assert parse_line(entry.to_line()) == entry
 
 
+def test_a_number_that_is_none_is_left_out_of_its_entry() -> None:
+    for odd in ("[1]", '"3"', "true", "NaN", "Infinity", "1" + "0" * 400, "null", "{}"):
+        entry = parse_line(f'{{"t": 1, "who": "a", "event": "landed", "lat_deg": {odd}, "lon_deg": 5.0, "mode": [1]}}')
+        assert entry is not None
+        assert entry.fields == {"lon_deg": 5.0, "mode": [1]}, odd
+
+
 def test_what_is_no_entry_is_none() -> None:
     for text in ("", "{", "[]", "3", '{"t": "x", "who": "a", "event": "b"}', '{"t": 1, "who": "a"}', '{"t": true}'):
         assert parse_line(text) is None

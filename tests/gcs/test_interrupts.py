@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Ctrl-C and SIGTERM at a station: a program on a terminal that waits for input as MAVProxy does, and real stations."""
+
+from __future__ import annotations
+
+import os
+import pty
+import select
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+pytestmark = pytest.mark.process
+
+TIMEOUT_S = 60.0
+ASKS = (
+    "You command drone-1 in flight. 'handover give STATION' hands it over. Press Ctrl-C again within 3 s to end this "
+    "station."
+)
+CTRL_C = b"\x03"
+#: as much of MAVProxy as there is to interrupt
+PROGRAM = """
+import signal, sys, time
+from types import SimpleNamespace
+from gcs_module.interrupts import Interrupts
+mpstate = SimpleNamespace(
+    status=SimpleNamespace(exit=False), settings=SimpleNamespace(requireexit={requireexit})
+)
+def quit_handler(number, frame):
+    if mpstate.status.exit:
+        sys.exit(0)
+    mpstate.status.exit = True
+signal.signal(signal.SIGTERM, quit_handler)
+def flying():
+    {flying}
+interrupts = Interrupts(mpstate, flying, time.monotonic)
+interrupts.take()
+def input_loop():
+    while not mpstate.status.exit:
+        try:
+            print("line:", input("MAV> "))
+        except (EOFError, OSError):
+            mpstate.status.exit = True
+print("ready")
+while not mpstate.status.exit:
+    try:
+        input_loop()
+    except KeyboardInterrupt:
+        print("interrupt caught")
+interrupts.give_back()
+print("in order")
+"""
+IN_FLIGHT, ON_THE_GROUND, BROKEN = "return 'drone-1'", "return ''", "raise RuntimeError"
+
+
+class Terminal:
+    """A program on a terminal of its own."""
+
+    def __init__(self, command: list[str], folder: Path) -> None:
+        self._screen, slave = pty.openpty()
+        self.process = subprocess.Popen(
+            ["setsid", "--ctty", *command], cwd=folder, stdin=slave, stdout=slave, stderr=slave
+        )
+        os.close(slave)
+        self.text = ""
+
+    def shows(self, words: str, count: int = 1) -> None:
+        """Wait until it does."""
+        end = time.monotonic() + TIMEOUT_S
+        while self.text.count(words) < count:
+            assert time.monotonic() < end, self.text
+            self._read(0.1)
+
+    def types(self, keys: bytes) -> None:
+        os.write(self._screen, keys)
+
+    def ends(self) -> int:
+        """Wait for its end; returns its exit code."""
+        end = time.monotonic() + TIMEOUT_S
+        while self.process.poll() is None:
+            assert time.monotonic() < end, self.text
+            self._read(0.1)
+        while self._read(0.1):
+            pass
+        return self.process.returncode
+
+    def _read(self, seconds: float) -> bool:
+        if not select.select([self._screen], [], [], seconds)[0]:
+            return False
+        try:
+            data = os.read(self._screen, 65536)
+        except OSError:  # nobody has it open any more
+            return False
+        self.text += data.decode("utf-8", "replace").replace("\r\n", "\n")
+        return bool(data)
+
+    def close(self) -> None:
+        if self.process.poll() is None:
+            self.process.kill()
+        self.process.wait()
+        os.close(self._screen)
+
+
+@pytest.fixture
+def terminals() -> Iterator[list[Terminal]]:
+    running: list[Terminal] = []
+    yield running
+    for terminal in running:
+        terminal.close()
+
+
+def started(terminals: list[Terminal], folder: Path, flying: str, requireexit: bool = False) -> Terminal:
+    program = PROGRAM.format(flying=flying, requireexit=requireexit)
+    terminals.append(Terminal([sys.executable, "-c", program], folder))
+    terminals[-1].shows("MAV> ")
+    time.sleep(0.3)  # it has written its prompt, and is about to wait for a line
+    return terminals[-1]
+
+
+def test_the_first_one_in_flight_asks_and_the_second_ends_it(terminals: list[Terminal], tmp_path: Path) -> None:
+    terminal = started(terminals, tmp_path, IN_FLIGHT)
+    terminal.types(CTRL_C)
+    terminal.shows(ASKS)
+    terminal.types(b"hello\n")
+    terminal.shows("line: hello")
+    terminal.types(CTRL_C)
+    assert terminal.ends() == 0
+    assert "in order" in terminal.text
+    assert terminal.text.count(ASKS) == 1
+
+
+def test_one_that_comes_later_asks_again(terminals: list[Terminal], tmp_path: Path) -> None:
+    terminal = started(terminals, tmp_path, IN_FLIGHT)
+    terminal.types(CTRL_C)
+    terminal.shows(ASKS)
+    time.sleep(3.2)
+    terminal.types(CTRL_C)
+    terminal.shows(ASKS, 2)
+    assert terminal.process.poll() is None
+
+
+@pytest.mark.parametrize("flying", [ON_THE_GROUND, BROKEN], ids=["on the ground", "fault"])
+def test_otherwise_it_ends_at_once_and_in_order(flying: str, terminals: list[Terminal], tmp_path: Path) -> None:
+    terminal = started(terminals, tmp_path, flying)
+    terminal.types(CTRL_C)
+    assert terminal.ends() == 0
+    assert "in order" in terminal.text
+
+
+def test_sigterm_always_ends_it(terminals: list[Terminal], tmp_path: Path) -> None:
+    terminal = started(terminals, tmp_path, IN_FLIGHT)
+    terminal.process.send_signal(signal.SIGTERM)
+    assert terminal.ends() == 0
+    assert "in order" in terminal.text
+    assert ASKS not in terminal.text
+
+
+def test_where_mavproxy_wants_the_word_exit_it_still_does(terminals: list[Terminal], tmp_path: Path) -> None:
+    terminal = started(terminals, tmp_path, ON_THE_GROUND, requireexit=True)
+    terminal.types(CTRL_C)
+    terminal.shows("interrupt caught")
+    assert terminal.process.poll() is None
+
+
+STATION = """
+[station]
+name = "GCSA"
+sysid = 251
+vehicle = 1
+"""
+
+
+@pytest.fixture
+def station(terminals: list[Terminal], tmp_path: Path) -> Terminal:
+    config = tmp_path / "station.toml"
+    config.write_text(STATION)
+    words = ["station", f"--config={config}", "--master=udpin:127.0.0.1:0"]
+    terminals.append(Terminal([sys.executable, "-m", "mavproxy_handover.cli", *words], tmp_path))
+    terminals[-1].shows("MAV> ")
+    time.sleep(0.3)
+    return terminals[-1]
+
+
+@pytest.mark.parametrize("how", ["ctrl-c", "sigterm"])
+def test_a_real_station_unloads_its_modules_and_ends(station: Terminal, how: str) -> None:
+    if how == "ctrl-c":
+        station.types(CTRL_C)
+    else:
+        station.process.send_signal(signal.SIGTERM)
+    station.ends()
+    assert "Unloading module handover_gcs" in station.text
+    assert "Traceback" not in station.text
