@@ -62,6 +62,7 @@ from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.frames import Frame, field_int
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, COMPANION_COMPID, LANGUAGE_COMPID, OUR_MESSAGES, PROBE_COMPID
 from mavproxy_handover.wire.signing import SignatureVerdict
+from mavproxy_handover.wire.texts import is_marked
 
 __all__ = ["Aircraft"]
 
@@ -254,6 +255,8 @@ class Aircraft:
         full = fuller(text.rstrip("\0"))
         if full is not None:
             self.narrator.stream(full, self._now())
+        elif frame.compid == AUTOPILOT_COMPID and is_marked(frame):  # before the vehicle knew this program
+            self.texts.on_frame(frame, self._now())
         elif field_int(frame, "severity") in SEVERITIES and not self._host.chosen(self.sysid):
             self._its_texts.on_frame(frame, self._now())
 

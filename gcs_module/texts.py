@@ -18,6 +18,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from gcs_module.alarms import Level
 from mavproxy_handover.wire.frames import Frame, field_bytes, field_int
+from mavproxy_handover.wire.texts import MARK
 
 __all__ = ["SEVERITIES", "Text", "Texts"]
 
@@ -105,7 +106,9 @@ class Texts:
             self._add(parts.text, parts.level, now)
 
     def _add(self, text: str, level: Level, now: float) -> None:
-        words = " ".join(text.split())  # a piece is filled with blanks, so that it ends between two words
+        words = " ".join(
+            text.removeprefix(MARK).split()
+        )  # a piece is filled with blanks, so that it ends between two words
         if words:
             self._whole.append(Text(now + _WAITS_S, level, words, self._shown(text)))
 

@@ -26,6 +26,7 @@ from mavproxy_handover.core.model import FlightAction, GuardState, LeaseState, P
 from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.frames import Frame
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, COMPANION_COMPID, LANGUAGE_COMPID
+from mavproxy_handover.wire.texts import is_marked
 
 __all__ = ["Hearing"]
 
@@ -65,7 +66,8 @@ class Hearing:
         """A frame of the link."""
         self.source.heard_at = now
         if frame.msgid == mavlink.MAVLINK_MSG_ID_STATUSTEXT:
-            if frame.compid == COMPANION_COMPID and frame.sysid in self._aircraft:
+            companions = frame.compid == COMPANION_COMPID or (frame.compid == AUTOPILOT_COMPID and is_marked(frame))
+            if companions and frame.sysid in self._aircraft:
                 self._texts.setdefault(frame.sysid, Texts(lambda _text: False)).on_frame(frame, now)
             return
         if frame.msgid not in _TAKEN:

@@ -61,6 +61,11 @@ class Tongues:
         known = self._shown.get(sender)
         return Tongue.NONE if known is None else known[0]
 
+    @property
+    def ours(self) -> bool:
+        """Whether a program of the station has shown to speak our dialect."""
+        return any(tongue is Tongue.OURS for tongue, _at in self._shown.values())
+
     def knows_not_in_control(self, sender: _Sender) -> bool:
         """Whether NOT_IN_CONTROL may go to it."""
         if self._policy != POLICIES[0]:

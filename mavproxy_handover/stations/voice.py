@@ -3,7 +3,8 @@
 """The companion's own voice: who it speaks as, to the autopilot and to the stations.
 
 It is component 191 of the vehicle. Where a ground station program waits for the autopilot's answer, because that is
-whom it asked, the answer comes in the autopilot's name.
+whom it asked, the answer comes in the autopilot's name. So do texts for a station where no program of ours has shown
+itself, because a stock MAVProxy shows no others; they are marked (`wire/texts.py`).
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from mavproxy_handover.schedule import attempt
 from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, COMPANION_COMPID, RATES_COMPID
-from mavproxy_handover.wire.texts import status_texts
+from mavproxy_handover.wire.texts import MOST_IDS, marked_texts, status_texts
 
 __all__ = ["Voice"]
 
@@ -76,15 +77,22 @@ class Voice:
     def say(self, port: StationPort, text: str, severity: int = mavlink.MAV_SEVERITY_WARNING) -> None:
         """A text for the station's operator, a warning unless `severity` says otherwise; what is longer than STATUSTEXT
         comes in pieces that belong together (`wire/texts.py`)."""
-        self._text_id = self._text_id % 0xFFFF + 1
-        for message in status_texts(text, severity, self._text_id):
-            self._try(port, port.send, message)
+        self._text_id = self._text_id % MOST_IDS + 1
+        self._say(port, text, severity)
 
     def say_to_all(self, text: str, severity: int = mavlink.MAV_SEVERITY_WARNING) -> None:
         """The same for the operators of all stations."""
-        self._text_id = self._text_id % 0xFFFF + 1
-        for message in status_texts(text, severity, self._text_id):
-            self.to_stations(message)
+        self._text_id = self._text_id % MOST_IDS + 1
+        for port in self.ports.values():
+            self._say(port, text, severity)
+
+    def _say(self, port: StationPort, text: str, severity: int) -> None:
+        if port.tongues.ours:
+            for message in status_texts(text, severity, self._text_id):
+                self._try(port, port.send, message)
+        else:
+            for message in marked_texts(text, severity, self._text_id):
+                self.as_autopilot(port, message)
 
     def _try(self, port: StationPort, send: Callable[..., None], *arguments: Any) -> None:
         attempt(self._fault, f"sending to {port.name}", send, *arguments)

@@ -9,6 +9,10 @@ in the text field is taken to mean this was the last chunk"), so every piece but
 whole is the text again, with more than one blank where it was cut. A character is never cut in half, and a word only if
 it is longer than a piece.
 
+A program that knows nothing of this system may show texts of the autopilot's component alone (MAVProxy does). It gets
+the companion's texts in the autopilot's name. Such a text begins with `MARK`, and its number is above those of
+ArduPilot, which counts its own texts from 1.
+
 Source: mavlink.io, STATUSTEXT; MAVProxy's module link and QGroundControl put pieces together as described.
 """
 
@@ -18,8 +22,16 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-__all__ = ["TEXT_BYTES", "pieces", "status_texts"]
+from mavproxy_handover.wire.frames import Frame, field_bytes, field_int
 
+__all__ = ["MARK", "MOST_IDS", "TEXT_BYTES", "is_marked", "marked_texts", "pieces", "status_texts"]
+
+#: the beginning of a text of the companion that comes in the autopilot's name
+MARK: Final = "Handover: "
+#: the number of such a text in pieces is above this
+_MARKED_IDS: Final = 0x8000
+#: texts that are counted before the numbers begin anew
+MOST_IDS: Final = 0x7FFF
 TEXT_BYTES: Final = 50
 #: where a person would pause
 _PAUSES: Final = (b". ", b"; ", b": ", b", ")
@@ -59,3 +71,13 @@ def status_texts(text: str, severity: int, text_id: int) -> list[Any]:
     parts = pieces(text)
     together = text_id if len(parts) > 1 else 0
     return [mavlink.MAVLink_statustext_message(severity, part, together, n) for n, part in enumerate(parts)]
+
+
+def marked_texts(text: str, severity: int, text_id: int) -> list[Any]:
+    """The messages that say it in the autopilot's name. `text_id`, 1 to `MOST_IDS`."""
+    return status_texts(f"{MARK}{text}", severity, _MARKED_IDS + text_id)
+
+
+def is_marked(frame: Frame) -> bool:
+    """Whether a STATUSTEXT of the autopilot's component is a text of the companion, or a piece of one."""
+    return field_int(frame, "id") > _MARKED_IDS or field_bytes(frame, "text").startswith(MARK.encode())

@@ -86,6 +86,54 @@ def test_a_denied_request_of_control_is_told_once_in_ten_seconds(two: Bench) -> 
     assert whole(two) == ["Control denied: release with takeover: the request of an old ground station?"]
 
 
+# ---- programs that know nothing of ours ---------------------------------------------------------------------------
+
+
+def console_of_mavproxy(messages: list[Any]) -> list[str]:
+    """What the module link of a stock MAVProxy, whose target is the autopilot (1, 1), prints for texts."""
+    link = MagicMock()
+    link.status.statustexts_by_sysidcompid = {}
+    link.status.last_apm_msg, link.status.last_apm_msg_time = "", 0.0
+    link.heartbeat_is_from_autopilot.return_value = False
+    link.target_system, link.target_component = 1, 1
+    link.settings.target_system, link.settings.target_component = 1, 1
+    link.message_is_from_primary_vehicle = lambda m: LinkModule.message_is_from_primary_vehicle(link, m)
+    link.colors_for_severity.return_value = (None, None)
+    link.emit_accumulated_statustext = lambda *a: LinkModule.emit_accumulated_statustext(link, *a)
+    for message in messages:
+        LinkModule.master_msg_handling(link, message, MagicMock())
+    return [" ".join(str(call.args[0]).split()) for call in link.mpstate.console.writeln.call_args_list]
+
+
+def test_a_stock_mavproxy_shows_what_the_companion_says(plain: Bench) -> None:
+    """The fault: it shows texts of component 1 alone, and the companion's came from 191."""
+    plain.b.received.clear()
+    plain.b.command(LAND)
+    plain.b.send(mavlink.MAVLink_mission_clear_all_message(1, 1, 255))
+    plain.run(0.3)
+    assert console_of_mavproxy(plain.b.got("STATUSTEXT")) == [
+        "AP: Handover: LAND refused: GCSA commands",
+        "AP: Handover: removal of everything refused: GCSA commands",
+    ]
+    pieces = plain.b.got("STATUSTEXT")
+    assert {(m.get_srcSystem(), m.get_srcComponent()) for m in pieces} == {(1, 1)}
+    assert [m.id == 0 or m.id > 0x8000 for m in pieces] == [True] * 3, "ArduPilot counts its own texts from 1"
+
+
+def test_each_station_hears_it_the_way_that_its_program_understands(two: Bench) -> None:
+    two.b._answer = lambda message: None  # type: ignore[method-assign]
+    two.b.alive = False
+    two.run(6.0)
+    two.b.alive = True
+    two.run(2.0)
+    for station in (two.a, two.b):
+        station.received.clear()
+    two.companion._voice.say_to_all("hello")
+    two.run(0.2)
+    assert [(m.get_srcComponent(), m.text) for m in two.a.got("STATUSTEXT")] == [(191, "hello")]
+    assert [(m.get_srcComponent(), m.text) for m in two.b.got("STATUSTEXT")] == [(1, "Handover: hello")]
+
+
 # ---- by which result -----------------------------------------------------------------------------------------------
 
 
@@ -109,7 +157,7 @@ def plain(bench: Bench) -> Bench:
 
 def test_a_plain_program_is_denied_and_one_that_asks_for_control_is_told_by_the_standards_result(plain: Bench) -> None:
     assert refused(plain) == DENIED
-    assert plain.b.told()[-1] == (WARNING, "LAND refused: GCSA commands")
+    assert plain.b.told()[-1] == (WARNING, "Handover: LAND refused: GCSA commands")
     plain.b.command(CONTROL, 0, 1, 0, 10, component=191)  # of 2024: it may not know the result
     plain.run(0.2)
     assert refused(plain) == DENIED
