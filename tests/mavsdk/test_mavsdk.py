@@ -54,7 +54,7 @@ def test_the_observer_is_refused_at_once_and_the_commander_flies(mavsdk: Mavsdk,
         assert [entry["version"] for entry in entries(folder, name, "loaded")] == [mavsdk.version]
         assert entries(folder, name, "position"), "it sees the aircraft"
         texts = {entry["text"]: entry["severity"] for entry in entries(folder, name, "said")}
-        assert texts["GCSB commands now (handover 1)"] == "notice"
+        assert texts["Handover: GCSB commands now (handover 1)"] == "notice"
     observer = entries(folder, "GCSB", "command")
     refused = [entry for entry in observer if entry["result"] in DENIED]
     for entry in refused:
@@ -63,11 +63,11 @@ def test_the_observer_is_refused_at_once_and_the_commander_flies(mavsdk: Mavsdk,
     assert max(entry["took_s"] for entry in refused) < AT_ONCE_S
     said = {entry["text"] for entry in entries(folder, "GCSB", "said") if entry["severity"] == "warning"}
     assert {
-        "arm refused: GCSA commands",
-        "mission upload refused: GCSA commands",
-        "parameter FS_OPTIONS refused: GCSA commands",
-        "START refused: GCSA commands",
-        "mode RTL refused: GCSA commands",
-        "LAND refused: GCSA commands",
-        "disarm refused: GCSA commands",
+        "Handover: arm refused: GCSA commands",
+        "Handover: mission upload refused: GCSA commands",
+        "Handover: parameter FS_OPTIONS refused: GCSA commands",
+        "Handover: START refused: GCSA commands",
+        "Handover: mode RTL refused: GCSA commands",
+        "Handover: LAND refused: GCSA commands",
+        "Handover: disarm refused: GCSA commands",
     } <= said
