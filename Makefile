@@ -10,7 +10,7 @@ SOURCES := $(shell find mavproxy_handover gcs_module sitl missions ardupilot_lua
            pyproject.toml setup.py constraints.txt
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check format clean bench fuzz explore mutants scenarios soak flights picture mavsdk docs reference
+.PHONY: help demo test check format clean bench fuzz explore mutants scenarios soak flights picture clients docs reference
 
 help:
 	@echo "make demo    set up, fly the delivery mission in simulation, write a report"
@@ -23,7 +23,8 @@ help:
 	@echo "make scenarios  fly every scenario on every vehicle there is"
 	@echo "make soak    an hour of cut leases on ArduCopter, at speed-up; ARGS='--arducopter PATH ...': on each of these"
 	@echo "make flights fly guard and energy in every situation on ArduPilot (ARGS as above), write the guard's table"
-	@echo "make mavsdk  fly with programs of MAVSDK as stations, 3 and the newest (installs both, apart from the rest)"
+	@echo "make clients fly with other ground station programs (MAVProxy, DroneKit, MAVSDK, pymavlink), print their times;"
+	@echo "             installs each apart; ARGS='--arducopter PATH': with ArduCopter too"
 	@echo "make docs    the documentation as a site, in site/"
 	@echo "make picture draw docs/architecture.svg from the imports"
 	@echo "make reference  write docs/reference, manual pages and completion anew, from the code"
@@ -88,13 +89,10 @@ flights: $(VENV)/installed
 	$(BIN)/pytest -n 2 -m sitl --long $(sort $(wildcard tests/sitl/test_guard_*.py)) tests/sitl/test_starts_of_the_guard.py tests/sitl/test_energy_arducopter.py \
 	  --flown ardupilot_lua/handover_guard.md $(ARGS)
 
-# each in an environment of its own: the two have one name, and nothing in common
-$(VENV)/mavsdk-3 $(VENV)/mavsdk-newest:
-	$(PYTHON) -m venv $@
-	$@/bin/python -m pip install --quiet 'mavsdk$(if $(filter %-3,$@),<4)' || { rm -rf $@; exit 1; }
-
-mavsdk: $(VENV)/installed $(VENV)/mavsdk-3 $(VENV)/mavsdk-newest
-	$(BIN)/pytest tests/mavsdk -rA --mavsdk $(VENV)/mavsdk-3/bin/python --mavsdk $(VENV)/mavsdk-newest/bin/python
+# the programs of others, each in an environment of its own
+clients: $(VENV)/installed
+	$(BIN)/python -m tests.clients.install $(VENV)/clients
+	$(BIN)/pytest tests/clients --clients $(VENV)/clients $(ARGS)
 
 reference: $(VENV)/installed
 	$(BIN)/python -m tests.structure.reference

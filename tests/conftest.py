@@ -33,9 +33,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         group.addoption(
             f"--{name}", action="append", metavar="PATH", help=f"an {name} SITL program; may be given several times"
         )
-    group.addoption(
-        "--mavsdk", action="append", metavar="PYTHON", help="a Python that has MAVSDK; several may be given"
-    )
+    group.addoption("--clients", metavar="FOLDER", help="where `make clients` has installed the programs of others")
     group.addoption("--long", action="store_true", help="fly those too that `make flights` flies")
     group.addoption("--flown", metavar="PAGE", type=Path, help="write the guard's table of flights into this page")
 

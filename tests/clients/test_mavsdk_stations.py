@@ -11,17 +11,18 @@ from typing import Any
 
 import pytest
 
-import mavproxy_handover
 from mavproxy_handover.mission import package as packages
 from sitl.run.runner import Order, run
 from sitl.run.story import Story
 from sitl.script.places import mission_folder
 from sitl.script.scenario import load_scenario, with_opening
-from tests.mavsdk.conftest import Mavsdk
+from tests.clients.site import CONTROL, PROGRAMS
+from tests.clients.table import CLIENTS, Client
 
-pytestmark = [pytest.mark.mavsdk, pytest.mark.process]
+pytestmark = [pytest.mark.clients, pytest.mark.process]
 
 HERE = Path(__file__).resolve().parent
+PROGRAM = "mavsdk_station.py"
 #: MAVSDK asks again after half a second, three times; who is answered at once is never asked again
 AT_ONCE_S = 1.0
 DENIED = {"command_denied", "denied", "permission_denied"}
@@ -33,11 +34,13 @@ def entries(folder: Path, name: str, event: str) -> list[dict[str, Any]]:
     return [entry for entry in map(json.loads, lines) if entry["event"] == event]
 
 
-def test_the_observer_is_refused_at_once_and_the_commander_flies(mavsdk: Mavsdk, tmp_path: Path) -> None:
-    scenario = load_scenario(HERE / "flight.toml")
+@pytest.mark.parametrize("client", [pytest.param(each, id=each.name) for each in CLIENTS if each.program == PROGRAM])
+def test_the_observer_is_refused_at_once_and_the_commander_flies(
+    client: Client, environments: Path, tmp_path: Path
+) -> None:
+    scenario = load_scenario(HERE / "mavsdk_flight.toml")
     package = packages.load(mission_folder(scenario.mission))
-    definitions = Path(mavproxy_handover.__file__).parent / "wire" / "operator_control.xml"
-    program = (mavsdk.python, "-I", str(HERE / "station.py"), "--control", str(definitions))
+    program = (str(client.python(environments)), "-E", "-s", str(PROGRAMS / PROGRAM), "--control", str(CONTROL))
     folder = tmp_path / "run"
     order = Order(
         with_opening(scenario, package),
@@ -51,14 +54,14 @@ def test_the_observer_is_refused_at_once_and_the_commander_flies(mavsdk: Mavsdk,
     assert [verdict for verdict in result.verdicts if not verdict.held] == []
 
     for name in scenario.standard:
-        assert [entry["version"] for entry in entries(folder, name, "loaded")] == [mavsdk.version]
+        assert len(entries(folder, name, "loaded")) == 1, "it was never started again"
         assert entries(folder, name, "position"), "it sees the aircraft"
         texts = {entry["text"]: entry["severity"] for entry in entries(folder, name, "said")}
         assert texts["Handover: GCSB commands now (handover 1)"] == "notice"
     observer = entries(folder, "GCSB", "command")
     refused = [entry for entry in observer if entry["result"] in DENIED]
     for entry in refused:
-        print(f"MAVSDK {mavsdk.version}, observer: {entry['text']} after {entry['took_s'] * 1000:.1f} ms")
+        print(f"{client.name}, observer: {entry['text']} after {entry['took_s'] * 1000:.1f} ms")
     assert len(refused) == 14
     assert max(entry["took_s"] for entry in refused) < AT_ONCE_S
     said = {entry["text"] for entry in entries(folder, "GCSB", "said") if entry["severity"] == "warning"}

@@ -1,38 +1,42 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""A ground station that is a program of MAVSDK, as its users write them: `PYTHON -I station.py`.
+"""A ground station that is a program of MAVSDK, as its users write them.
 
 It runs in the Python that has the MAVSDK to be tried, and needs nothing else: `mavsdk` before version 4 speaks gRPC
 with a program of its own, `mavsdk_server`; from version 4 on the library is in this process. It takes the same options
 and keeps the same kind of journal as `sitl/run/standard_gcs.py`, so a scenario can put it in that one's place. Typed:
 
-    arm disarm takeoff land rtl hold fly          MAVSDK's `Action`; fly: to a place 50 m north
-    auto pause upload clear                       MAVSDK's `MissionRaw`
-    param                                         MAVSDK's `Param`: a value for FS_OPTIONS
+    connect version                               wait for the vehicle; ask for its version, by `MavlinkDirect`
+    arm disarm takeoff land rtl hold loiter fly   MAVSDK's `Action`; loiter is hold, fly goes to a place 50 m north
+    auto pause mission upload clear               MAVSDK's `MissionRaw`; mission reads it
+    parameters param                              MAVSDK's `Param`: read all; a value for FS_OPTIONS
+    file                                          MAVSDK's `Ftp`
     start stop continue                           the mission's start, stop, continue, by `MavlinkDirect`
     request allow release                         operator control, likewise
     alive                                         whether MAVSDK still runs, and still tells where the vehicle is
 
-What each came to is in the journal by MAVSDK's own word, with the seconds that it took. If `mavsdk_server` ends, so
-does this, with 3.
+The journal has MAVSDK's own word for what each came to, with the seconds that it took. If `mavsdk_server` ends, this
+program ends with code 3.
 """
 
 from __future__ import annotations
 
-import argparse
 import asyncio
 import json
 import logging
 import os
 import socket
 import sys
+import tempfile
 import time
 from contextlib import suppress
-from datetime import datetime, timezone
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
+
+from talk import COMMAND_RESULTS, MISSION, PARAMETER, Journal, arguments
 
 REQUEST = 32100
+REQUEST_MESSAGE, VERSION = 512, 148
 MISSION_START, PAUSE_CONTINUE, CONTROL_STATUS_MANAGER = 300, 193, 1
 AUTOPILOT, COMPANION, GROUND_STATION = 1, 191, 190
 SERVER_GONE = 3
@@ -41,14 +45,16 @@ DIRECT: dict[str, tuple[int, tuple[float, ...], int]] = {
     "start": (MISSION_START, (), AUTOPILOT),
     "stop": (PAUSE_CONTINUE, (0.0,), AUTOPILOT),
     "continue": (PAUSE_CONTINUE, (1.0,), AUTOPILOT),
+    "version": (REQUEST_MESSAGE, (float(VERSION),), AUTOPILOT),
     "request": (REQUEST, (1.0, 0.0, 30.0), COMPANION),
     "allow": (REQUEST, (1.0, 1.0, 30.0), COMPANION),
     "release": (REQUEST, (0.0, 0.0, 0.0), COMPANION),
 }
-RESULTS = ("accepted", "temporarily_rejected", "denied", "unsupported", "failed", "in_progress", "cancelled")
-IN_PROGRESS = RESULTS.index("in_progress")
+IN_PROGRESS = COMMAND_RESULTS.index("in_progress")
 #: no last word about a command that was sent by hand
 PATIENCE_S = 60.0
+HEIGHT_M = 8.0
+FILE = "@SYS/uarts.txt"
 
 
 class Old:
@@ -65,9 +71,10 @@ class Old:
         self._system = mavsdk.System(port=port, sysid=sysid, compid=GROUND_STATION)
         self.message, self.item = MavlinkMessage, MissionItem
 
-    async def connect(self, listen: int) -> None:
-        await self._system.connect(system_address=f"udpin://127.0.0.1:{listen}")
+    async def connect(self, address: str) -> None:
+        await self._system.connect(system_address=address)
         self.action, self.mission, self.param = self._system.action, self._system.mission_raw, self._system.param
+        self.ftp = self._system.ftp
         self._telemetry, self.direct = self._system.telemetry, self._system.mavlink_direct
         self.messages = self.direct.message
         async for state in self._system.core.connection_state():
@@ -97,18 +104,20 @@ class New:
         self._mavsdk = Mavsdk(Configuration.create_manual(sysid, GROUND_STATION, True))
         self.message, self.item = MavlinkMessage, MissionItem
 
-    async def connect(self, listen: int) -> None:
+    async def connect(self, address: str) -> None:
         from mavsdk.asyncio.plugins.action import ActionAsync
+        from mavsdk.asyncio.plugins.ftp import FtpAsync
         from mavsdk.asyncio.plugins.mavlink_direct import MavlinkDirectAsync
         from mavsdk.asyncio.plugins.mission_raw import MissionRawAsync
         from mavsdk.asyncio.plugins.param import ParamAsync
         from mavsdk.asyncio.plugins.telemetry import TelemetryAsync
 
-        await self._mavsdk.add_any_connection(f"udpin://127.0.0.1:{listen}")
+        await self._mavsdk.add_any_connection(address)
         system = None
         while system is None:
             system = await self._mavsdk.first_autopilot(timeout_s=1.0)
         self.action, self.mission, self.param = ActionAsync(system), MissionRawAsync(system), ParamAsync(system)
+        self.ftp = FtpAsync(system)
         self._telemetry, self.direct = TelemetryAsync(system), MavlinkDirectAsync(system)
         self.messages = self.direct.subscribe_message
 
@@ -126,41 +135,24 @@ class New:
 class Station:
     """The program: what is typed, what is heard."""
 
-    def __init__(self, name: str, sysid: int, vehicle: int, control: str, journal: TextIO) -> None:
+    def __init__(self, sysid: int, vehicle: int, control: str, journal: Journal) -> None:
         """`control`: the definitions of operator control, as XML."""
-        self.name, self.sysid, self.vehicle = name, sysid, vehicle
-        self._control, self._journal = control, journal
+        self.sysid, self.vehicle = sysid, vehicle
+        self._control, self.note = control, journal.note
+        self._started = time.monotonic()
         version = _version()
         self.program: Any = (Old if version < "4" else New)(sysid)
         self._waiting: dict[int, asyncio.Future[int]] = {}
         self._owner: int | None = None
         self.note("loaded", f"MAVSDK {version}", version=version)
 
-    def note(self, event: str, text: str = "", **values: object) -> None:
-        now = datetime.now(timezone.utc).isoformat(timespec="milliseconds")
-        entry = {"t": round(time.monotonic(), 4), "utc": now, "who": self.name, "event": event, "text": text, **values}
-        self._journal.write(json.dumps(entry) + "\n")
-
-    async def run(self, listen: int) -> int:
+    async def run(self, address: str) -> int:
         """Until what is typed ends, or MAVSDK does. Returns the exit code."""
-        self._moved = asyncio.Event()
+        self._moved, self._connected = asyncio.Event(), asyncio.Event()
         lines: asyncio.Queue[str | None] = asyncio.Queue()
         typing = asyncio.get_running_loop()
         typing.add_reader(sys.stdin, lambda: lines.put_nowait(sys.stdin.readline() or None))
-        await self.program.connect(listen)
-        self.note("connected", "the vehicle is heard")
-        await self.program.direct.load_custom_xml(self._control)
-        tasks = [
-            asyncio.ensure_future(each)
-            for each in (
-                self._texts(),
-                self._positions(),
-                self._listen("CONTROL_STATUS", self._on_status),
-                self._listen("COMMAND_ACK", self._on_ack),
-                self._listen("COMMAND_LONG", self._on_question),
-                self._watch(),
-            )
-        ]
+        tasks = [asyncio.ensure_future(self._connect(address)), asyncio.ensure_future(self._watch())]
         orders: set[asyncio.Future[None]] = set()
         while True:
             typed = asyncio.ensure_future(lines.get())
@@ -175,49 +167,89 @@ class Station:
                 return 0
             orders.add(asyncio.ensure_future(self._order(line.strip())))  # side by side, as people press buttons
 
+    async def _connect(self, address: str) -> None:
+        """Connect, then listen for ever."""
+        await self.program.connect(address)
+        self.note("connected", "the vehicle is heard")
+        await self.program.direct.load_custom_xml(self._control)
+        self._connected.set()
+        await asyncio.gather(
+            self._texts(),
+            self._positions(),
+            self._listen("CONTROL_STATUS", self._on_status),
+            self._listen("COMMAND_ACK", self._on_ack),
+            self._listen("COMMAND_LONG", self._on_question),
+        )
+
     # ---- out --------------------------------------------------------------------------------------------------------
 
     async def _order(self, word: str) -> None:
-        began = time.monotonic()
+        began = self._started if word == "connect" else time.monotonic()
         self.note("asked", word, what=word)
+        await self._connected.wait()
+        count: dict[str, int] = {}
         try:
-            result = await self._do(word)
+            result = "read" if await self._read(word, count) else await self._do(word)
         except Exception as error:  # what MAVSDK raises is the answer
             result = _result_of(error)
         took_s = round(time.monotonic() - began, 4)
-        self.note("command", f"{word}: {result}", what=word, result=result, took_s=took_s)
+        self.note("command", f"{word}: {result}", what=word, result=result, took_s=took_s, **count)
+
+    async def _read(self, word: str, count: dict[str, int]) -> bool:
+        """What is read, and how many of it; False if the word is another one."""
+        if word == "parameters":
+            every = await self.program.param.get_all_params()
+            count["count"] = len(every.int_params) + len(every.float_params)
+        elif word == "mission":
+            count["count"] = len(await self.program.mission.download_mission())
+        elif word == "file":
+            folder = Path(tempfile.mkdtemp())
+            async for _progress in self.program.ftp.download(FILE, str(folder), False):
+                pass
+            count["count"] = sum(path.stat().st_size for path in folder.iterdir())
+        else:
+            return False
+        return True
 
     async def _do(self, word: str) -> str:
         action, mission = self.program.action, self.program.mission
         plain = {
             "arm": action.arm,
             "disarm": action.disarm,
-            "takeoff": action.takeoff,
             "land": action.land,
             "rtl": action.return_to_launch,
             "hold": action.hold,
+            "loiter": action.hold,
             "auto": mission.start_mission,
             "pause": mission.pause_mission,
             "clear": mission.clear_mission,
         }
         if word in plain:
             await plain[word]()
+        elif word == "takeoff":
+            await action.set_takeoff_altitude(HEIGHT_M)
+            await action.takeoff()
         elif word == "fly":
             await action.goto_location(52.6795, 5.9240, 50.0, 0.0)
         elif word == "upload":
-            await mission.upload_mission([self._item(place) for place in range(2)])
+            await mission.upload_mission([self._item(number) for number in range(len(MISSION))])
         elif word == "param":
-            await self.program.param.set_param_float("FS_OPTIONS", 0.0)
+            await self.program.param.set_param_float(*PARAMETER)
+        elif word == "connect":
+            return "done"
         elif word == "alive":
             return await self._alive()
         elif word in DIRECT:
             return await self._command(*DIRECT[word])
         else:
             self.note("fault", f"not understood: {word!r}")
+            return "unknown word"
         return "success"
 
-    def _item(self, place: int) -> Any:
-        return self.program.item(place, 6, 16, int(place == 0), 1, 0.0, 0.0, 0.0, 0.0, 526790000, 59240000, 30.0, 0)
+    def _item(self, number: int) -> Any:
+        command, latitude, longitude, height = MISSION[number]
+        place = (round(latitude * 1e7), round(longitude * 1e7), height)
+        return self.program.item(number, 6, command, int(number == 0), 1, 0.0, 0.0, 0.0, 0.0, *place, 0)
 
     async def _command(self, command: int, parameters: tuple[float, ...], component: int) -> str:
         values = (*parameters, *([0.0] * (7 - len(parameters))))
@@ -232,7 +264,7 @@ class Station:
             result = await asyncio.wait_for(answer, PATIENCE_S)
         except asyncio.TimeoutError:
             return "no answer"
-        return RESULTS[result] if result < len(RESULTS) else str(result)
+        return COMMAND_RESULTS[result] if result < len(COMMAND_RESULTS) else str(result)
 
     async def _alive(self) -> str:
         """A MAVSDK whose threads hang is there, and does nothing any more."""
@@ -305,19 +337,13 @@ def _result_of(error: Exception) -> str:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--name", required=True)
-    parser.add_argument("--sysid", type=int, required=True)
-    parser.add_argument("--vehicle", type=int, default=1)
-    parser.add_argument("--listen", type=int, required=True)
-    parser.add_argument("--journal", type=Path, required=True)
-    parser.add_argument("--control", type=Path, required=True, help="definitions of operator control, XML")
-    arguments = parser.parse_args()
+    options = arguments(__doc__)
     logging.basicConfig(level=logging.DEBUG, format="%(name)s %(levelname)s %(message)s")
-    with arguments.journal.open("a", encoding="utf-8", buffering=1) as journal:
-        control = arguments.control.read_text(encoding="utf-8")
-        station = Station(arguments.name, arguments.sysid, arguments.vehicle, control, journal)
-        code = asyncio.run(station.run(arguments.listen))
+    address = f"tcpout://127.0.0.1:{options.tcp}" if options.tcp else f"udpin://127.0.0.1:{options.listen}"
+    with options.journal.open("a", encoding="utf-8", buffering=1) as file:
+        control = options.control.read_text(encoding="utf-8")
+        station = Station(options.sysid, options.vehicle, control, Journal(options.name, file))
+        code = asyncio.run(station.run(address))
     sys.stdout.flush()
     os._exit(code)  # MAVSDK's threads are not waited for
 

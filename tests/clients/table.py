@@ -1,0 +1,177 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Which programs are tried, what each of them can do, and which jobs they are given. Data.
+
+A job is a word that is typed to a program (`programs/`). It says which station does it, what the gate is expected to
+make of it, and what the aircraft and the texts must show afterwards. The commander's jobs are done on the direct
+connection too, for the times; those with `gate = True` only make sense through the companion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+__all__ = [
+    "CLIENTS",
+    "COMMANDER",
+    "ENVIRONMENTS",
+    "FLIGHT",
+    "OBSERVER",
+    "Client",
+    "Environment",
+    "Expects",
+    "Job",
+    "Outcome",
+    "outcome_of",
+]
+
+COMMANDER, OBSERVER = "GCSA", "GCSB"
+
+
+@dataclass(frozen=True, slots=True)
+class Environment:
+    """A virtual environment: its folder's name, what is installed there."""
+
+    name: str
+    requirements: tuple[str, ...]
+
+
+_PYMAVLINK = Environment("pymavlink", ("pymavlink",))
+_MAVPROXY = Environment("mavproxy-1.8.74", ("MAVProxy==1.8.74", "future"))
+# `past` is imported and not declared
+_DRONEKIT = Environment("dronekit-2.9.2", ("dronekit==2.9.2", "future"))
+_DRONEKIT2 = Environment("dronekit2", ("dronekit2",))
+# the two have one name, and nothing in common
+_MAVSDK_3 = Environment("mavsdk-3", ("mavsdk<4",))
+_MAVSDK = Environment("mavsdk-newest", ("mavsdk",))
+ENVIRONMENTS = (_PYMAVLINK, _MAVPROXY, _DRONEKIT, _DRONEKIT2, _MAVSDK_3, _MAVSDK)
+
+_READ = frozenset({"connect", "parameters", "mission", "version", "modes", "file"})
+_CHANGE = frozenset({"param", "upload", "arm", "disarm", "guided", "loiter", "rtl", "land", "takeoff", "start"})
+_ALL = _READ | _CHANGE
+
+
+@dataclass(frozen=True, slots=True)
+class Client:
+    """A program that is tried."""
+
+    name: str
+    environment: Environment
+    #: file of `programs/`
+    program: str
+    #: what it can do
+    words: frozenset[str] = _ALL
+    #: words whose refusal the program does not show to its user: it waits for the change, or does not wait at all
+    untold: frozenset[str] = frozenset()
+    #: further keys of its [[station]]
+    station: Mapping[str, str] = field(default_factory=dict)
+    #: the environment whose MAVProxy stands between it and the vehicle
+    router: Environment | None = None
+
+    def python(self, environments: Path) -> Path:
+        """The Python that it runs in."""
+        return environments / self.environment.name / "bin" / "python"
+
+
+_DRONEKIT_WORDS = _ALL - {"modes", "file"}
+_MAVSDK_WORDS = _ALL - {"guided"}
+# docs/mavsdk.md: "What ends a MAVSDK program"
+_MAVSDK_STATION = {"not_in_control": '"never"'}
+CLIENTS = (
+    Client("pymavlink", _PYMAVLINK, "pymavlink_station.py"),
+    Client("pymavlink behind MAVProxy as router", _PYMAVLINK, "pymavlink_station.py", router=_MAVPROXY),
+    Client("MAVProxy 1.8.74", _MAVPROXY, "mavproxy_station.py", _ALL - {"modes"}, frozenset({"param"})),
+    Client("DroneKit 2.9.2", _DRONEKIT, "dronekit_station.py", _DRONEKIT_WORDS, _CHANGE),
+    Client("dronekit2", _DRONEKIT2, "dronekit_station.py", _DRONEKIT_WORDS, _CHANGE),
+    Client("MAVSDK 3", _MAVSDK_3, "mavsdk_station.py", _MAVSDK_WORDS, station=_MAVSDK_STATION),
+    Client("MAVSDK, newest", _MAVSDK, "mavsdk_station.py", _MAVSDK_WORDS, station=_MAVSDK_STATION),
+)
+
+
+class Outcome:
+    """What a program's own word comes to."""
+
+    DONE, REFUSED, OTHER = "done", "refused", "other"
+
+
+_WORDS = {
+    Outcome.DONE: {"done", "read", "accepted", "success", "yes"},
+    Outcome.REFUSED: {"denied", "command_denied", "permission_denied", "not_in_control"},
+}
+
+
+def outcome_of(result: str) -> str:
+    """The outcome that a program's own word stands for."""
+    return next((outcome for outcome, words in _WORDS.items() if result in words), Outcome.OTHER)
+
+
+class Expects:
+    """What the gate is expected to make of a job."""
+
+    #: it passes
+    DONE = "done"
+    #: it is refused at once, in the program's own protocol
+    REFUSED = "refused"
+    #: one of the two, at once
+    ANSWERED = "answered"
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """A job, and what must come of it."""
+
+    station: str
+    word: str
+    expects: str
+    #: the aircraft afterwards: words of `CONDITIONS` in `flight.py`
+    aircraft: str = ""
+    #: the program must hear a text that begins so
+    text: str = ""
+    #: the number of what was read must be the same as the last time
+    same: bool = False
+    #: seconds to wait before it
+    pause_s: float = 0.0
+    #: only through the companion
+    gate: bool = False
+    #: the embedded vehicle knows nothing of it
+    arducopter: bool = False
+
+
+_A, _B = COMMANDER, OBSERVER
+_DONE, _REFUSED = Expects.DONE, Expects.REFUSED
+FLIGHT = (
+    Job(_A, "connect", _DONE, "ready"),
+    Job(_B, "connect", _DONE),
+    Job(_A, "version", _DONE),
+    Job(_B, "version", _DONE),
+    Job(_A, "modes", _DONE, arducopter=True),
+    Job(_B, "modes", _DONE, arducopter=True),
+    Job(_A, "mission", _DONE),
+    Job(_B, "mission", _DONE),
+    Job(_B, "arm", _REFUSED, "disarmed", "arm refused: GCSA commands"),
+    Job(_B, "guided", _REFUSED, "", "mode GUIDED refused: GCSA commands"),
+    Job(_B, "param", _REFUSED, "", "parameter FS_OPTIONS refused: GCSA commands"),
+    Job(_B, "upload", _REFUSED, "", "mission upload refused: GCSA commands"),
+    Job(_B, "mission", _DONE, same=True),
+    Job(_B, "parameters", _DONE),
+    Job(_A, "file", _DONE, arducopter=True),
+    Job(_A, "parameters", _DONE),
+    # what was read has dropped nothing: there is no time in which these are refused
+    Job(_A, "guided", _DONE, "GUIDED"),
+    Job(_A, "arm", _DONE, "armed"),
+    Job(_A, "takeoff", _DONE, "up"),
+    Job(_B, "rtl", _REFUSED, "GUIDED", "mode RTL refused: GCSA commands"),
+    Job(_B, "disarm", _REFUSED, "armed", "disarm refused: GCSA commands"),
+    Job(_A, "loiter", _DONE, "holding"),
+    Job(_A, "land", _DONE, "landed"),
+    # the mission of the package, after a flight and all that was read
+    Job(_A, "start", _DONE, "up", gate=True),
+    Job(_A, "rtl", _DONE, "RTL", gate=True),
+    Job(_A, "land", _DONE, "landed", gate=True),
+    # a mission that the commander sends on the ground is refused, or it stays
+    Job(_A, "upload", Expects.ANSWERED),
+    Job(_A, "mission", _DONE),
+    Job(_A, "mission", _DONE, same=True, pause_s=20.0),
+)
