@@ -126,7 +126,7 @@ def _seen(site: Site, job: Job, began: float) -> list[str]:
 
 
 def _heard(site: Site, job: Job, began: float) -> bool:
-    return any(entry.t >= began and entry.text.startswith(job.text) for entry in site.entries(job.station, "said"))
+    return any(entry.t >= began and job.text in entry.text for entry in site.entries(job.station, "said"))
 
 
 def table_of(flown: Flown) -> list[str]:

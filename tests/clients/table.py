@@ -76,7 +76,7 @@ class Client:
 
 
 _DRONEKIT_WORDS = _ALL - {"modes", "file"}
-_MAVSDK_WORDS = _ALL - {"guided"}
+_MAVSDK_WORDS = _ALL - {"guided", "modes"}
 # docs/mavsdk.md: "What ends a MAVSDK program"
 _MAVSDK_STATION = {"not_in_control": '"never"'}
 CLIENTS = (
@@ -127,7 +127,7 @@ class Job:
     expects: str
     #: the aircraft afterwards: words of `CONDITIONS` in `flight.py`
     aircraft: str = ""
-    #: the program must hear a text that begins so
+    #: the program must show a text with these words
     text: str = ""
     #: the number of what was read must be the same as the last time
     same: bool = False

@@ -1,0 +1,37 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The table of programs and jobs fits together, so that a run that takes half an hour does not end on a wrong word."""
+
+from __future__ import annotations
+
+from tests.clients.flight import CONDITIONS
+from tests.clients.site import PROGRAMS
+from tests.clients.table import CLIENTS, ENVIRONMENTS, FLIGHT, OBSERVER, Expects, Outcome, outcome_of
+
+
+def test_every_program_is_there_and_its_environment_is_made() -> None:
+    assert {client.program for client in CLIENTS if not (PROGRAMS / client.program).is_file()} == set()
+    used = {client.environment for client in CLIENTS} | {client.router for client in CLIENTS if client.router}
+    assert used == set(ENVIRONMENTS)
+
+
+def test_every_job_is_one_that_its_programs_know() -> None:
+    for client in CLIENTS:
+        source = (PROGRAMS / client.program).read_text(encoding="utf-8")
+        jobs = {job.word for job in FLIGHT if job.word in client.words}
+        assert {word for word in jobs if f'"{word}"' not in source} == set(), client.name
+
+
+def test_what_the_aircraft_must_do_can_be_looked_at() -> None:
+    assert {job.aircraft for job in FLIGHT} - {""} <= set(CONDITIONS)
+
+
+def test_an_observer_is_refused_everything_that_changes_something() -> None:
+    passed = {job.word for job in FLIGHT if job.station == OBSERVER and job.expects != Expects.REFUSED}
+    assert passed == {"connect", "version", "modes", "mission", "parameters"}
+
+
+def test_a_programs_own_word_is_not_taken_for_another_outcome() -> None:
+    assert outcome_of("accepted") == outcome_of("success") == Outcome.DONE
+    assert outcome_of("command_denied") == outcome_of("permission_denied") == Outcome.REFUSED
+    assert outcome_of("temporarily_rejected") == outcome_of("no answer") == outcome_of("no change") == Outcome.OTHER
