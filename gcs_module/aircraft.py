@@ -410,7 +410,7 @@ class Aircraft:
         self._guarded("alarms", lambda: self.narrator.again(now))
         self.narrator.sum_up(now)
         self._other_name_noticed()
-        self.view.status()
+        self.view.status(now)
         self._guarded("map", lambda: self.chart.show(self._flown(), self._on_map, now))
 
     def _flown(self) -> MissionPackage | None:

@@ -57,10 +57,12 @@ class Row:
 
 @dataclass(frozen=True, slots=True)
 class Plate:
-    """Lines in the upper left corner of the map. `number`: of the plate, from above."""
+    """Lines in the upper left corner of the map. `number`: of the plate, from above; `at`: when they were true, in
+    seconds of the machine's monotonic clock, 0: they do not grow old."""
 
     rows: tuple[Row, ...]
     number: int = 0
+    at: float = 0.0
 
 
 Item = Paths | Sign | Plate

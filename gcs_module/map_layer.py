@@ -13,6 +13,8 @@ to be taken away: that is all that whoever draws has to know.
   stations from where the aircraft is. Where that is not known, the seconds stand in the plate alone.
 * The route is the mission package's. Once the commander flies another one, neither it nor its handovers are shown.
 * The plate, in the corner, has the words of the status row, the border ahead, where a return goes, and what is wrong.
+* What is old is not shown as if it were true now: no seconds to a border, no commander's line, and words that say so.
+  The plate has the time at which it was true, so that the map itself can tell when its station stands still.
 """
 
 from __future__ import annotations
@@ -69,7 +71,8 @@ class Now:
     `banner`: the words of the status row; `wrong`: what is wrong and what is done, "": nothing; `place`: name, latitude
     and longitude of where a return goes, None: not known; `returning`: the aircraft is on its way there; `at`: the item
     that is flown to and how far along its leg the aircraft is (m), None: not known; `own_route`: the mission package's
-    route is flown.
+    route is flown; `old`: the vehicle has not been heard for a while, so all this was true then; `seconds`: when it is,
+    in whole seconds of the monotonic clock.
     """
 
     banner: str = ""
@@ -81,6 +84,8 @@ class Now:
     returning: bool = False
     at: tuple[int, float] | None = None
     own_route: bool = True
+    old: bool = False
+    seconds: float = 0.0
 
 
 def place_of(m: Any) -> tuple[str, float, float] | None:
@@ -111,11 +116,13 @@ def now_of(
         level,
         decision,
         core.commander,
-        None if ahead is None else _border(core, ahead, now),
+        None if ahead is None or situation.old else _border(core, ahead, now),
         place,
         situation.mode in _RETURNS or situation.action is FlightAction.RETURN,
         None if track is None else (track.seq, track.along_m),
         own_route,
+        situation.old,
+        float(math.floor(now)),
     )
 
 
@@ -131,18 +138,20 @@ def drawn(ground: Ground | None, now: Now, number: int = 0) -> dict[str, Item]:
     found: dict[str, Item] = {}
     if ground is not None:
         for zone in ground.zones:
-            commands = zone.station == now.commander
+            commanded = zone.station == now.commander
+            commands = commanded and not now.old
             outline = Paths(zone.outline, zone.colour, _BROAD if commands else _PLAIN, edged=commands)
             found[f"zone {zone.station}"] = outline
-            words = (f"{zone.words[0]} COMMANDS", *zone.words[1:]) if commands else zone.words
+            word = "COMMANDS" if commands else "commanded when heard last"
+            words = (f"{zone.words[0]} {word}", *zone.words[1:]) if commanded else zone.words
             found[f"name {zone.station}"] = _name(zone, words, commands=commands)
         found["overlaps"] = ground.overlaps
         if now.own_route:
             found |= ground.route
             found |= _crossings(ground, now)
     if now.place is not None:
-        found["return"] = _return(now.place, returning=now.returning)
-    found["plate"] = Plate(tuple(_rows(now)), number)
+        found["return"] = _return(now.place, returning=now.returning and not now.old)
+    found["plate"] = Plate(tuple(_rows(now)), number, now.seconds)
     return found
 
 
@@ -192,7 +201,9 @@ def _rows(now: Now) -> Iterator[Row]:
     if now.border is not None:
         words = _counted(now.border)
         yield Row(words, _NAMED["black"], _NAMED["orange"])
-    if now.place is not None and now.returning:  # the place of the decision may have been given up since
+    if now.place is not None and now.old:
+        yield Row(f"when heard last a return went to {now.place[0]}", _NAMED["black"], _NAMED["white"])
+    elif now.place is not None and now.returning:  # the place of the decision may have been given up since
         yield Row(f"returns to {now.place[0]}", _NAMED["white"], _NAMED["red"])
     elif now.place is not None:
         yield Row(f"a return goes to {now.place[0]}", _NAMED["black"], _NAMED["white"])

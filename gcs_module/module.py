@@ -24,6 +24,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from gcs_module.aircraft import Aircraft
 from gcs_module.alarms import Level
 from gcs_module.choice import VehicleChoice
+from gcs_module.console_rows import ConsoleRows
 from gcs_module.core import Notice, PeerHeard
 from gcs_module.fleet import Fleet, our_settings
 from gcs_module.interrupts import Interrupts
@@ -32,6 +33,7 @@ from gcs_module.means import Means
 from gcs_module.menu import Menu
 from gcs_module.narrator import StationNarrator
 from gcs_module.view import alert, plain_line
+from gcs_module.window_watchdog import WindowWatchdog
 from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.config.files import (
     ConfigError,
@@ -90,6 +92,8 @@ class HandoverGcsModule(mp_module.MPModule):
         self._shared_log = SharedLog(mpstate, self._show)
         self.choice = VehicleChoice(mpstate, config.vehicles, self._chosen_anew, self._show)
         self.menu = Menu(mpstate, [peer.station.name for peer in config.peers], self.fault)
+        self._rows = ConsoleRows(lambda: mpstate.console, self.now, self._why_old)
+        self._windows = WindowWatchdog(self.fault)
         #: who runs the main loop, and what was typed elsewhere: MAVProxy's console has a thread for its menus
         self._thread = threading.get_ident()
         self._typed: deque[list[str]] = deque()
@@ -160,6 +164,8 @@ class HandoverGcsModule(mp_module.MPModule):
         """Give everything back: sockets, commands, settings, signing."""
         self._interrupts.give_back()
         self._guarded("menu", self.menu.remove)
+        self._guarded("console rows", self._rows.release)
+        self._guarded("windows", self._windows.close)
         self._give_links_back()
         self.mpstate.select_extra.pop(self._ground.listening, None)
         for link in self._links():
@@ -223,6 +229,14 @@ class HandoverGcsModule(mp_module.MPModule):
         """A notice of one vehicle's rules that is about another station: said once."""
         if vehicle == self.aircraft[0].sysid:
             self.narrator.notice(notice)
+
+    def _why_old(self) -> str:
+        """Why MAVProxy's values are old, of the vehicle that is chosen; "" if nothing is known of it."""
+        for aircraft in self.aircraft:
+            now = aircraft.situation()
+            if self.chosen(aircraft.sysid) and not now.old and now.commander and not now.own:
+                return f"{now.commander} commands and gets them all."
+        return ""
 
     def _tell(self, text: str, level: Level = Level.INFO) -> None:
         """A line about the station; where there is one vehicle, in its form."""
@@ -311,6 +325,8 @@ class HandoverGcsModule(mp_module.MPModule):
             for aircraft in self.aircraft:
                 self._guarded(f"second of {aircraft.vehicle.called}", partial(aircraft.each_second, now))
             self._guarded("menu", self.menu.tick)
+            self._guarded("console rows", partial(self._rows.tick, now))
+            self._guarded("windows", self._windows.tick)
 
     def _turns(self, now: float) -> None:
         links = self.links.of_each()

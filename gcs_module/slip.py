@@ -5,11 +5,15 @@
 MAVProxy's polygons and labels do for most of it, but not for holes, for letters that are read on any picture of the
 ground, and for what lies on the other side of the 180th meridian: there its map takes the long way around the earth.
 
-Only to be imported where a map is loaded: it needs what that needs (OpenCV). wx it does not.
+A plate has the time at which it was true, and its station sends it each second. One that is older than OLD_S is drawn
+grey, with its age: its station stands still. For that the map draws again each second, whatever comes.
+
+Only to be imported where a map is loaded: it needs what that needs (OpenCV). wx it needs in the map's process alone.
 """
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterable
 from itertools import pairwise
 from typing import Any, Final
@@ -17,7 +21,8 @@ from typing import Any, Final
 import cv2
 from MAVProxy.modules.mavproxy_map.mp_slipmap_util import SlipObject
 
-from gcs_module.map_items import Colour, Item, Line, Mark, Paths, Place, Plate, Sign
+from gcs_module.banner import OLD_S
+from gcs_module.map_items import Colour, Item, Line, Mark, Paths, Place, Plate, Row, Sign
 from mavproxy_handover.mission.geodesy import beside_deg
 
 __all__ = ["slip_object"]
@@ -25,6 +30,10 @@ __all__ = ["slip_object"]
 _FONT: Final = cv2.FONT_HERSHEY_SIMPLEX
 _SIZE, _PLATE_SIZE = 0.45, 0.5
 _EDGE: Final[Colour] = (255, 255, 255)
+_BLACK: Final[Colour] = (0, 0, 0)
+_GREY: Final[Colour] = (150, 150, 150)
+#: how often a map draws again although nothing comes (ms)
+_AGAIN_MS: Final = 1000
 #: pixels: around letters on a plate, between lines, half a mark, from the corner, from one plate to the next
 _AROUND, _BETWEEN, _HALF, _CORNER, _NEXT_PLATE = 4, 5, 7, 8, 110
 #: farther outside than this (pixels) nothing is drawn: OpenCV counts in 32 bits
@@ -117,9 +126,12 @@ class SlipPlate(SlipObject):
     def draw(self, img: Any, pixmapper: _Pixels, bounds: _Bounds) -> None:
         """Called by the map."""
         y = _CORNER + self.item.number * _NEXT_PLATE
-        sizes = [cv2.getTextSize(row.words, _FONT, _PLATE_SIZE, 1)[0] for row in self.item.rows]
+        rows = _aged(self.item, time.monotonic())
+        if self.item.at:
+            _draw_again()
+        sizes = [cv2.getTextSize(row.words, _FONT, _PLATE_SIZE, 1)[0] for row in rows]
         wide = max((size[0] for size in sizes), default=0) + 2 * _AROUND
-        for row, (_width, high) in zip(self.item.rows, sizes, strict=True):
+        for row, (_width, high) in zip(rows, sizes, strict=True):
             below = y + high + 2 * _AROUND + 2
             cv2.rectangle(img, (_CORNER, y), (_CORNER + wide, below), row.ground, -1)
             cv2.putText(
@@ -133,3 +145,28 @@ class SlipPlate(SlipObject):
                 cv2.LINE_AA,
             )
             y = below
+
+
+def _aged(plate: Plate, now: float) -> tuple[Row, ...]:
+    """The rows of a plate, grey and below their age if they are old."""
+    age_s = now - plate.at if plate.at else 0.0
+    if age_s <= OLD_S:
+        return plate.rows
+    first = Row(f"OLD: {age_s:.0f} s. THIS STATION'S PROGRAM STANDS STILL.", _BLACK, _GREY)
+    return (first, *(Row(row.words, _GREY, _EDGE) for row in plate.rows))
+
+
+#: the map's timer that lets it draw again, if there is one
+_timers: list[Any] = []
+
+
+def _draw_again() -> None:
+    """Have the map draw again soon. Where there is no wx, and so no window, nothing is drawn again."""
+    try:
+        from MAVProxy.modules.lib.wx_loader import wx
+
+        state = wx.GetApp().frame.state
+    except (ImportError, AttributeError):
+        return
+    if not any(timer.IsRunning() for timer in _timers):
+        _timers[:] = [wx.CallLater(_AGAIN_MS, lambda: setattr(state, "need_redraw", True))]

@@ -22,11 +22,7 @@ _BELL: Final = "\a"
 
 def telemetry_line(m: Any, zone_name: str) -> str:
     """HANDOVER_TELEMETRY as one line."""
-    battery = "?" if m.battery_remaining < 0 else f"{m.battery_remaining}%"
-    return (
-        f"{m.lat / 1e7:.6f} {m.lon / 1e7:.6f} {m.relative_alt / 1000:.0f} m, {m.groundspeed:.1f} m/s, "
-        f"battery {battery}, waypoint {m.waypoint}, zone {zone_name}"
-    )
+    return f"{m.lat / 1e7:.6f} {m.lon / 1e7:.6f} {_values(m)}, zone {zone_name}"
 
 
 def telemetry_table(m: Any, zone_name: str, mode: str) -> list[str]:
@@ -76,6 +72,19 @@ def _row_name(now: Situation) -> str:
     return f"HANDOVER {now.of}".rstrip()
 
 
+def _values_name(now: Situation) -> str:
+    return f"HANDOVER VALUES {now.of}".rstrip()
+
+
+def _values(m: Any) -> str:
+    """What of a HANDOVER_TELEMETRY fits into a row."""
+    return f"{m.relative_alt / 1000:.0f} m, {m.groundspeed:.1f} m/s, {_battery(m)}, waypoint {m.waypoint}"
+
+
+def _battery(m: Any) -> str:
+    return f"battery {'?' if m.battery_remaining < 0 else f'{m.battery_remaining}%'}"
+
+
 class View:
     """Lines on the console, in the form `[time|GCSA][ONHANDOVER]: text`. `situation`: what is known now; `row`: of the
     console's status rows.
@@ -101,6 +110,8 @@ class View:
         #: the last HANDOVER_TELEMETRY, and when it came (monotonic s)
         self.last_telemetry: Any | None = None
         self.telemetry_at = -inf
+        #: whether the status row has values
+        self._has_values = False
 
     def line(self, text: str, level: Level = Level.INFO) -> None:
         """One line; how it looks and sounds is for its level to say."""
@@ -118,16 +129,28 @@ class View:
         words = _named_commands(text, of)
         self._console.writeln(f"{of}: {words}" if of and whose else words)
 
-    def status(self) -> None:
-        """The status row of MAVProxy's graphical console: what matters most stands first in it."""
-        now = self._situation()
-        text, level = banner(now)
+    def status(self, now: float) -> None:
+        """The status row of MAVProxy's graphical console: what matters most stands first in it.
+
+        To a station that does not command, MAVProxy's own rows say little: the telemetry that all get stands here.
+        """
+        known = self._situation()
+        text, level = banner(known)
         look = LOOKS[level]
-        self._console.set_status(_row_name(now), text, row=self._row, fg=look.colour, bg=look.ground)
+        self._console.set_status(_row_name(known), text, row=self._row, fg=look.colour, bg=look.ground)
+        values = "" if known.own or self.last_telemetry is None else named(known.of, _values(self.last_telemetry))
+        if values or self._has_values:
+            old = self.telemetry_age(now) if values else ""
+            colour = "grey" if old else "black"
+            self._console.set_status(_values_name(known), f"{values}{old}", row=self._row, fg=colour)
+        self._has_values = bool(values)
 
     def clear(self) -> None:
         """Nobody keeps the status row true any more."""
-        self._console.set_status(_row_name(self._situation()), "", row=self._row)
+        known = self._situation()
+        self._console.set_status(_row_name(known), "", row=self._row)
+        if self._has_values:
+            self._console.set_status(_values_name(known), "", row=self._row)
 
     def telemetry(self, m: Any, now: float) -> None:
         """A HANDOVER_TELEMETRY has come."""

@@ -258,6 +258,8 @@ def test_what_a_station_knows_becomes_what_is_shown() -> None:
         False,
         (2, 40.0),
         True,
+        old=False,
+        seconds=107.0,
     )
     late = now_of(core, situation, "", None, None, 130.0, own_route=False)
     assert (late.border, late.at, late.own_route) == (Border(A, B, "GCSA -> GCSB", 0), None, False)
@@ -293,3 +295,38 @@ def test_who_returns(changes: dict[str, Any], returning: bool) -> None:
 )
 def test_where_a_return_goes_as_the_vehicle_says_it(name: str, lat: int, lon: int, found: object) -> None:
     assert place_of(SimpleNamespace(place=name, place_lat=lat, place_lon=lon)) == found
+
+
+def test_what_was_heard_long_ago_is_not_shown_as_if_it_were_true_now(delivery: Ground) -> None:
+    now = Now(
+        "drone-1: NOT HEARD FOR 12 s",
+        Level.WARNING,
+        commander=A,
+        place=("home", 1.0, 2.0),
+        returning=True,
+        old=True,
+        seconds=77.0,
+    )
+    items = drawn(delivery, now)
+    assert paths(items, "zone 251").width == paths(items, "zone 252").width == 2
+    assert sign(items, "name 251").words[0] == "GCSA commanded when heard last"
+    assert sign(items, "name 251").plate == WHITE
+    assert sign(items, "return").words == ("return: home",)
+    plate = items["plate"]
+    assert isinstance(plate, Plate)
+    assert [row.words for row in plate.rows] == [
+        "drone-1: NOT HEARD FOR 12 s",
+        "when heard last a return went to home",
+    ]
+    assert plate.at == 77.0
+
+
+def test_the_seconds_to_a_border_are_gone_with_the_vehicle() -> None:
+    core = StationCore(Station(A, "GCSA"), "drone-1", (Station(B, "GCSB"),), automatic=())
+    core.handle(AuthorityHeard(Phase.ON_MISSION, A, None, 1), 100.0)
+    core.handle(FromVehicle(HandoverAhead(CrossingKey(A, B, 1, 1), 12.0, None, None)), 100.0)
+    fresh = Situation("drone-1", Phase.ON_MISSION, "GCSA", heard_s=1.0)
+    old = replace(fresh, heard_s=3.5)
+    seen = [now_of(core, each, "", None, None, 102.7, own_route=True) for each in (fresh, old)]
+    assert [now.border for now in seen] == [Border(A, B, "GCSA -> GCSB", 10), None]
+    assert [(now.old, now.seconds) for now in seen] == [(False, 102.0), (True, 102.0)]

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import importlib
 import pickle
 import sys
 from collections.abc import Iterator
@@ -119,3 +120,21 @@ def test_plates_stand_below_each_other_wherever_the_map_is(drawing: Drawing) -> 
 def test_an_empty_plate_is_none(drawing: Drawing) -> None:
     draw(Plate(()))
     assert drawing.boxes == []
+
+
+def test_a_plate_that_its_station_has_not_renewed_for_three_seconds_is_grey_and_says_so(
+    drawing: Drawing, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    slip = importlib.import_module("gcs_module.slip")
+    monkeypatch.setattr(slip, "time", SimpleNamespace(monotonic=lambda: 500.0))
+    draw(Plate((Row("CONTROL: GCSB (you)", WHITE, RED),), at=497.0))
+    assert [words for words, _at in drawing.words] == ["CONTROL: GCSB (you)"]
+    assert drawing.boxes[-1][2] == RED
+    drawing.words.clear()
+    drawing.boxes.clear()
+    draw(Plate((Row("CONTROL: GCSB (you)", WHITE, RED),), at=488.0))
+    assert [words for words, _at in drawing.words] == [
+        "OLD: 12 s. THIS STATION'S PROGRAM STANDS STILL.",
+        "CONTROL: GCSB (you)",
+    ]
+    assert [colour for _first, _second, colour in drawing.boxes] == [(150, 150, 150), WHITE]

@@ -1074,3 +1074,39 @@ def test_a_briefing_for_another_station_is_not_this_ones(asked: StationBench) ->
     for line, text in enumerate(LINES, 1):
         asked.hear(briefing(1, line, text, target=252))
     assert "none yet" in asked.mpstate.type("handover briefing")[0]
+
+
+def test_who_does_not_command_sees_the_telemetry_that_all_get_and_its_age(station: StationBench) -> None:
+    """MAVProxy's own rows get few messages there, or none at all."""
+    fields = dict.fromkeys(mavlink.MAVLink_handover_telemetry_message.fieldnames, 0)
+    fields |= {"target_system": 251}
+    fields |= {"relative_alt": 40_000, "groundspeed": 9.1, "waypoint": 3, "battery_remaining": 94}
+    station.load()
+    station.hear(connect_message(commander=252))
+    station.hear(mavlink.MAVLink_handover_telemetry_message(**fields))
+    station.run(1.0)
+    looks = station.mpstate.console.looks
+    assert looks["HANDOVER VALUES"] == ("40 m, 9.1 m/s, battery 94%, waypoint 3", "black", "white")
+    station.run(5.0)
+    text, colour, _ground = looks["HANDOVER VALUES"]
+    assert (text[:38], colour) == ("40 m, 9.1 m/s, battery 94%, waypoint 3", "grey")
+    assert text.endswith("s old)")
+    station.hear(connect_message(epoch=2, commander=251))
+    station.run(1.0)
+    assert looks["HANDOVER VALUES"][0] == "", "MAVProxy's own rows say more"
+
+
+def test_mavproxys_old_values_are_marked_and_given_back_when_the_module_goes(station: StationBench) -> None:
+    station.load()
+    station.hear(connect_message(commander=252))
+    station.run(1.0)
+    console = station.mpstate.console
+    console.set_status("Alt", "Alt 40m", row=2)
+    for _ in range(5):
+        station.hear(connect_message(commander=252))
+        station.run(1.0)
+    assert console.looks["Alt"] == ("[Alt 40m]", "grey", "white")
+    assert console.statuses["HANDOVER OLD"].endswith(" s. GCSB commands and gets them all.")
+    assert station.mpstate.unload("handover_gcs")
+    assert console.looks["Alt"] == ("Alt 40m", "black", "white")
+    assert "set_status" not in vars(console)
