@@ -169,6 +169,7 @@ class Aircraft:
         """A frame of this vehicle, and MAVProxy's message of it."""
         if frame.compid == AUTOPILOT_COMPID:
             self._guarded("route check", lambda: self._notice(self.route.on_autopilot(m, self._now())))
+            self._guarded("values", lambda: self.view.values.take(m, self._now()))
         if frame.msgid in OUR_MESSAGES:
             if frame.compid in _SPEAKERS and self._proven(frame):
                 self._on_ours(frame)

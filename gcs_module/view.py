@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from math import inf, isfinite
+from math import hypot, inf, isfinite
 from typing import Any, Final
 
 from gcs_module.alarms import LOOKS, Level
@@ -22,7 +22,11 @@ _BELL: Final = "\a"
 
 def telemetry_line(m: Any, zone_name: str) -> str:
     """HANDOVER_TELEMETRY as one line."""
-    return f"{m.lat / 1e7:.6f} {m.lon / 1e7:.6f} {_values(m)}, zone {zone_name}"
+    battery = "?" if m.battery_remaining < 0 else f"{m.battery_remaining}%"
+    return (
+        f"{m.lat / 1e7:.6f} {m.lon / 1e7:.6f} {m.relative_alt / 1000:.0f} m, {m.groundspeed:.1f} m/s, "
+        f"battery {battery}, waypoint {m.waypoint}, zone {zone_name}"
+    )
 
 
 def telemetry_table(m: Any, zone_name: str, mode: str) -> list[str]:
@@ -76,13 +80,26 @@ def _values_name(now: Situation) -> str:
     return f"HANDOVER VALUES {now.of}".rstrip()
 
 
-def _values(m: Any) -> str:
-    """What of a HANDOVER_TELEMETRY fits into a row."""
-    return f"{m.relative_alt / 1000:.0f} m, {m.groundspeed:.1f} m/s, {_battery(m)}, waypoint {m.waypoint}"
+class Values:
+    """What the companion sends to every station of the aircraft, by the autopilot's own messages."""
 
+    def __init__(self) -> None:
+        self._motion = self._battery = ""
+        #: when the position came (monotonic s)
+        self.at = -inf
 
-def _battery(m: Any) -> str:
-    return f"battery {'?' if m.battery_remaining < 0 else f'{m.battery_remaining}%'}"
+    def take(self, m: Any, now: float) -> None:
+        """A message of the autopilot."""
+        kind = m.get_type()
+        if kind == "GLOBAL_POSITION_INT":
+            self._motion = f"{m.relative_alt / 1000:.0f} m, {hypot(m.vx, m.vy) / 100:.1f} m/s"
+            self.at = now
+        elif kind == "SYS_STATUS":
+            self._battery = "" if m.battery_remaining < 0 else f", battery {m.battery_remaining}%"
+
+    def words(self) -> str:
+        """Height above home, ground speed and battery; "" before the first position."""
+        return f"{self._motion}{self._battery}" if self._motion else ""
 
 
 class View:
@@ -110,6 +127,8 @@ class View:
         #: the last HANDOVER_TELEMETRY, and when it came (monotonic s)
         self.last_telemetry: Any | None = None
         self.telemetry_at = -inf
+        #: what every station gets of the aircraft
+        self.values = Values()
         #: whether the status row has values
         self._has_values = False
 
@@ -132,15 +151,17 @@ class View:
     def status(self, now: float) -> None:
         """The status row of MAVProxy's graphical console: what matters most stands first in it.
 
-        To a station that does not command, MAVProxy's own rows say little: the telemetry that all get stands here.
+        A station that does not command gets few messages, so MAVProxy's own rows say little there. What every station
+        gets stands in this row.
         """
         known = self._situation()
         text, level = banner(known)
         look = LOOKS[level]
         self._console.set_status(_row_name(known), text, row=self._row, fg=look.colour, bg=look.ground)
-        values = "" if known.own or self.last_telemetry is None else named(known.of, _values(self.last_telemetry))
+        values = "" if known.own else named(known.of, self.values.words())
         if values or self._has_values:
-            old = self.telemetry_age(now) if values else ""
+            words = age(now - self.values.at)
+            old = f" ({words})" if values and words else ""
             colour = "grey" if old else "black"
             self._console.set_status(_values_name(known), f"{values}{old}", row=self._row, fg=colour)
         self._has_values = bool(values)

@@ -1076,21 +1076,19 @@ def test_a_briefing_for_another_station_is_not_this_ones(asked: StationBench) ->
     assert "none yet" in asked.mpstate.type("handover briefing")[0]
 
 
-def test_who_does_not_command_sees_the_telemetry_that_all_get_and_its_age(station: StationBench) -> None:
+def test_who_does_not_command_sees_height_speed_and_battery_and_their_age(station: StationBench) -> None:
     """MAVProxy's own rows get few messages there, or none at all."""
-    fields = dict.fromkeys(mavlink.MAVLink_handover_telemetry_message.fieldnames, 0)
-    fields |= {"target_system": 251}
-    fields |= {"relative_alt": 40_000, "groundspeed": 9.1, "waypoint": 3, "battery_remaining": 94}
     station.load()
     station.hear(connect_message(commander=252))
-    station.hear(mavlink.MAVLink_handover_telemetry_message(**fields))
+    position = mavlink.MAVLink_global_position_int_message(0, 526800000, 59200000, 41000, 40000, 300, -400, 0, 9000)
+    station.hear(position, autopilot=True)
     station.run(1.0)
     looks = station.mpstate.console.looks
-    assert looks["HANDOVER VALUES"] == ("40 m, 9.1 m/s, battery 94%, waypoint 3", "black", "white")
+    assert looks["HANDOVER VALUES"] == ("40 m, 5.0 m/s", "black", "white")
+    power = mavlink.MAVLink_sys_status_message(0, 0, 0, 0, 15800, 0, 94, 0, 0, 0, 0, 0, 0)
+    station.hear(power, autopilot=True)
     station.run(5.0)
-    text, colour, _ground = looks["HANDOVER VALUES"]
-    assert (text[:38], colour) == ("40 m, 9.1 m/s, battery 94%, waypoint 3", "grey")
-    assert text.endswith("s old)")
+    assert looks["HANDOVER VALUES"] == ("40 m, 5.0 m/s, battery 94% (5 s old)", "grey", "white")
     station.hear(connect_message(epoch=2, commander=251))
     station.run(1.0)
     assert looks["HANDOVER VALUES"][0] == "", "MAVProxy's own rows say more"
