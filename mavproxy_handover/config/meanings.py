@@ -113,7 +113,7 @@ VEHICLE: Final[Mapping[str, Meanings]] = {
         "heartbeat_lost_s": "a station silent this long is lost",
         "recovery_s": "after a restart in flight the commander of before is waited for so long; the guard's "
         "HNDO_LOST_T must be half a second longer",
-        "connect_interval_s": "how often each station is asked whether it is there",
+        "connect_interval_s": "how often each station is asked whether it is there; below deaf_lost_s",
         "connect_lost_s": "an answer to that older than this proves nothing",
         "deaf_lost_s": "a commander that is heard and has not answered for so long is lost: it hears nothing",
         "deaf_share": "a station that answers less than this share of the questions of that time is deaf: it neither "

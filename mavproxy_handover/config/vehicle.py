@@ -161,6 +161,11 @@ def _limits(data: Mapping[str, Any], path: Path, guard_required: bool) -> Limits
             f"{path}: [limits] deaf_back_share = {limits.deaf_back_share:g} must be above deaf_share = "
             f"{limits.deaf_share:g}"
         )
+    if limits.connect_interval_s >= limits.deaf_lost_s:
+        raise ConfigError(
+            f"{path}: [limits] connect_interval_s = {limits.connect_interval_s:g} must be below deaf_lost_s = "
+            f"{limits.deaf_lost_s:g}: a commander that answers every question would be lost before the next one"
+        )
     return limits
 
 

@@ -469,6 +469,12 @@ VEHICLE_MISTAKES: dict[str, tuple[str, str, str]] = {
         "deaf_share = 0.25\ndeaf_back_share = 0.22",
         "[limits] deaf_back_share = 0.22 must be above deaf_share = 0.25",
     ),
+    "asked less often than it must answer": (
+        "dwell_s = 7.5",
+        "connect_interval_s = 10",
+        "[limits] connect_interval_s = 10 must be below deaf_lost_s = 10: a commander that answers every question would "
+        "be lost before the next one",
+    ),
     "limit not a number": ("dwell_s = 7.5", "dwell_s = nan", "[limits] dwell_s: nan must be 0 to 600"),
     "limit without an end": ("dwell_s = 7.5", "dwell_s = inf", "[limits] dwell_s: inf must be 0 to 600"),
     "limit of hundreds of digits": (
@@ -577,6 +583,8 @@ RANGES = {
     "route": (ROUTE_RANGES, RouteLimits()),
     "position": (POSITION_RANGES, PositionSettings()),
 }
+#: what a limit needs beside it at the end of its range
+BESIDE = {"connect_interval_s": "deaf_lost_s = 120\n"}
 #: keys of a table that are no numbers
 WORDS = {"position": ["source", "box", "check"]}
 
@@ -588,7 +596,7 @@ def test_every_limit_has_a_range_that_holds_its_default(file: Path, table: str, 
     assert low <= getattr(defaults, key) <= high
     head = VEHICLE[: VEHICLE.index("[limits]")]
     for inside in (low, high):
-        file.write_text(f"{head}[{table}]\n{key} = {inside}\n")
+        file.write_text(f"{head}[{table}]\n{key} = {inside}\n{BESIDE.get(key, '')}")
         load_vehicle(file)  # what is in range is none that the limits' own checks refuse
     for outside in (low - 1, high + 1):
         line = the_line(file, f"{head}[{table}]\n{key} = {outside}\n", load_vehicle)

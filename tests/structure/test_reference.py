@@ -166,7 +166,7 @@ NUMBERS = [
 @pytest.mark.parametrize(("where", "key"), NUMBERS)
 def test_a_range_that_is_told_is_the_one_that_is_kept(where: str, key: Key, tmp_path: Path) -> None:
     low, high = map(float, key.allowed.split(" to "))
-    more = "mass_kg = 1000\n" if key.name == "payload_kg" else ""
+    more = {"payload_kg": "mass_kg = 1000\n", "connect_interval_s": "deaf_lost_s = 120\n"}.get(key.name, "")
     form = "{:.0f}" if key.kind == "whole number" else "{:.9f}"
     for value in (low, high):
         load_vehicle(_write(tmp_path, where, more + f"{key.name} = {form.format(value)}"))
