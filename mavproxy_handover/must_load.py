@@ -20,7 +20,7 @@ from typing import Any, Final
 from mavproxy_handover.lifeline import Refusal, lifeline
 from mavproxy_handover.main_loop import end
 
-__all__ = ["MUST_LOAD", "import_fault", "loaded", "must_load", "refused", "starter"]
+__all__ = ["MUST_LOAD", "import_fault", "loaded", "module_fault", "must_load", "refused", "starter"]
 
 #: set by `handover station` and `handover companion` in the environment of the MAVProxy that they become. It holds the
 #: command's name. The first load removes it
@@ -55,6 +55,23 @@ def starter(name: str, module: str) -> Callable[..., Any]:
         return start(mpstate, **arguments)
 
     return init
+
+
+def module_fault(name: str) -> str:
+    """Why MAVProxy would not load our module by this name, and the cure; "" if it would."""
+    again = f"Run: {sys.executable} -m pip install --force-reinstall --no-deps mavproxy-handover"
+    try:
+        module = importlib.import_module(name)
+    except ModuleNotFoundError as error:
+        if error.name != name:
+            return import_fault(error)
+        return f"{name}.py, which MAVProxy loads, is not installed. {again}"
+    except Exception as error:
+        return import_fault(error)
+    if getattr(getattr(module, "init", None), "__module__", "") != __name__:
+        where = getattr(module, "__file__", None) or next(iter(getattr(module, "__path__", [])), name)
+        return f"{where} has the name of our module {name}, and MAVProxy would load it. Remove or rename it"
+    return ""
 
 
 def refused(mpstate: Any, name: str, text: str, kind: Refusal = Refusal.MACHINE) -> None:
@@ -98,8 +115,9 @@ def _numpys_own(error: Exception) -> Exception:
     return error
 
 
-def _first_line(error: Exception) -> str:
-    """numpy explains a failed import on a page of its own; people need its first line."""
+def _first_line(error: BaseException) -> str:
+    """numpy explains a failed import on a page of its own; people need the first line of what it explains."""
+    error = error.__cause__ or error
     return next((line.strip() for line in str(error).splitlines() if line.strip()), "no reason given")
 
 

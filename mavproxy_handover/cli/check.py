@@ -9,7 +9,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from mavproxy_handover.config.files import ConfigError, find_vehicle_config, load_vehicle
+from mavproxy_handover.config.toml import ConfigError
 from mavproxy_handover.core.model import Station
 from mavproxy_handover.core.safety.energy import Wind
 from mavproxy_handover.mission.check import OPERATOR_S, REACH_M, TRANSFER_S, check, report_text
@@ -42,10 +42,12 @@ def _wind(text: str) -> Wind:
 
 def _stations(named: str | None, package: MissionPackage) -> tuple[Station, ...]:
     """The stations of the vehicle's file: of the one that is named, or of the one that the companion would find, if
-    that is for the stations of this mission; else none. Raises ConfigError for a named one."""
-    try:
+    that is for the stations of this mission; else none. Raises ConfigError or ImportError for a named one."""
+    try:  # the check of a mission needs no MAVLink, which the configuration does
+        from mavproxy_handover.config.files import find_vehicle_config, load_vehicle
+
         stations = tuple(each.station for each in load_vehicle(find_vehicle_config(named)).stations)
-    except ConfigError:
+    except (ConfigError, ImportError):
         if named is not None:
             raise
         return ()

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import importlib.util
 import os
 import platform
 import shlex
@@ -18,16 +19,21 @@ from dataclasses import dataclass
 from datetime import datetime, timezone
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from mavproxy_handover.cli.launch import companion_argv, station_argv
 from mavproxy_handover.config.files import ConfigError, find_vehicle_config, load_station
-from mavproxy_handover.must_load import import_fault, must_load
+from mavproxy_handover.must_load import import_fault, module_fault, must_load
 from mavproxy_handover.store.flights import LATEST, begin
 from mavproxy_handover.supervision.script import few_threads
 from mavproxy_handover.version import VERSION
 
 __all__ = ["companion", "station"]
+
+_NO_WX: Final = (
+    "wxPython is not installed: the station runs without this window, and MAVProxy says 'Failed to load module'. On "
+    "Debian and Ubuntu: apt install python3-wxgtk4.0, and an environment made with --system-site-packages"
+)
 
 
 def companion(argv: Sequence[str]) -> int:
@@ -137,7 +143,14 @@ def _vehicle_config(named: str | None) -> Path:
     return find_vehicle_config(named)
 
 
-def _station(command: list[str], _arguments: argparse.Namespace) -> int:
+def _station(command: list[str], arguments: argparse.Namespace) -> int:
+    fault = module_fault("handover_gcs")
+    if fault:
+        print(f"handover station: {fault}", file=sys.stderr)
+        return 2
+    windows = [word for word in ("--console", "--map") if word in arguments.more]
+    if windows and importlib.util.find_spec("wx") is None:
+        print(f"handover station: {' and '.join(windows)}: {_NO_WX}", file=sys.stderr, flush=True)
     return _become(command, "handover station")
 
 
@@ -148,6 +161,10 @@ def _become(command: list[str], name: str) -> int:
 
 def _supervise(command: list[str], arguments: argparse.Namespace) -> int:
     """Run the command in a child; where that cannot be done safely, become it, and say what is lost."""
+    fault = module_fault("handover")
+    if fault:
+        print(f"handover companion: {fault}", file=sys.stderr)
+        return 2
     if sys.platform != "linux":
         return _unsupervised(command, "only Linux ends a child with its parent")
     # imported here: `handover station` does without all of it

@@ -311,7 +311,7 @@ class _Map:
 
     def _ends(self) -> None:
         for entry in self._evidence.of(VEHICLE, "landed")[-1:]:
-            if entry.get("lat_deg") is not None:
+            if None not in (entry.get("lat_deg"), entry.get("lon_deg")):
                 self._line(
                     [entry.get("lat_deg")], [entry.get("lon_deg")], mode="markers", name="landed", hoverinfo="text",
                     hovertext=[f"landed, {self._times.plus(entry.t)}"],

@@ -23,10 +23,10 @@ __all__ = ["Entry", "JournalReader", "is_number", "parse_line", "read_journals"]
 #: monotonic seconds that no machine has seen, UTC included
 _LATEST_T = 1e10
 #: fields that are numbers; one that is none is left out
-_NUMBERS = frozenset(
-    ("alt_m", "also", "attempt", "duration_s", "epoch", "handover_id", "heading_deg", "lat_deg", "lon_deg", "percent")
-    + ("sim_s", "speed_mps", "volts")
-)
+_NUMBERS = frozenset((
+    "alt_m", "also", "attempt", "duration_s", "epoch", "handover_id", "heading_deg", "lat_deg", "lon_deg", "percent",
+    "sim_s", "speed_mps", "volts",
+))  # fmt: skip
 #: no number in a journal is larger
 _LARGEST = 1e12
 

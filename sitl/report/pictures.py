@@ -143,7 +143,7 @@ class _Flown:
                 self._labels.block(point, 7)
                 self._labels.add(text, point, size=9, colour=colour, bold=True)
         for entry in self._evidence.of(VEHICLE, "landed")[-1:]:
-            if entry.get("lat_deg") is not None:
+            if None not in (entry.get("lat_deg"), entry.get("lon_deg")):
                 point = self._place(entry.get("lat_deg"), entry.get("lon_deg"))
                 style = {"markersize": 21, "markerfacecolor": "none", "markeredgecolor": INK, "markeredgewidth": 1.6}
                 axes.plot(*point, marker="o", zorder=10, **style)

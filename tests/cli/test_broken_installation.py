@@ -7,6 +7,7 @@ A folder in front of all others shadows the package, as a broken installation wo
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import subprocess
 import sys
@@ -14,6 +15,7 @@ from pathlib import Path
 
 import pytest
 
+from mavproxy_handover import must_load
 from mavproxy_handover.resources import shipped
 
 pytestmark = pytest.mark.process
@@ -104,6 +106,51 @@ def test_a_command_says_what_is_wrong_in_one_sentence(
     assert [line.removeprefix(f"handover {command}: ") for line in lines] == [expected] or lines == [
         f"handover {command}: module handover_gcs is not loaded: {expected}"
     ]
+    assert "Traceback" not in ended.stderr + ended.stdout
+
+
+@pytest.mark.parametrize(("command", "name"), [("companion", "handover"), ("station", "handover_gcs")])
+def test_without_the_file_that_mavproxy_loads_it_ends_with_one_sentence(
+    command: str, name: str, tmp_path: Path
+) -> None:
+    shadow(tmp_path, name, MISSING)
+    ended = run(tmp_path, COMMANDS[command])
+    assert ended.returncode == 2, ended.stdout[-2000:] + ended.stderr[-2000:]
+    assert ended.stderr == (
+        f"handover {command}: {name}.py, which MAVProxy loads, is not installed. Run: {sys.executable} -m pip install "
+        "--force-reinstall --no-deps mavproxy-handover\n"
+    )
+
+
+@pytest.mark.parametrize(("command", "name"), [("companion", "handover"), ("station", "handover_gcs")])
+def test_where_another_package_has_the_name_of_our_module_it_ends_with_one_sentence(
+    command: str, name: str, tmp_path: Path
+) -> None:
+    shadow(tmp_path, name, "")
+    ended = run(tmp_path, COMMANDS[command])
+    assert ended.returncode == 2, ended.stdout[-2000:] + ended.stderr[-2000:]
+    where = tmp_path / "shadows" / name / "__init__.py"
+    assert ended.stderr == (
+        f"handover {command}: {where} has the name of our module {name}, and MAVProxy would load it. Remove or rename "
+        "it\n"
+    )
+
+
+def test_what_numpy_explains_is_told_and_not_its_page(monkeypatch: pytest.MonkeyPatch) -> None:
+    cause = ImportError("libopenblas.so: cannot open shared object file")
+    page = ImportError("\n\nIMPORTANT: PLEASE READ THIS FOR ADVICE\n")
+    page.__cause__ = cause
+    monkeypatch.setattr(must_load, "_numpys_own", lambda error: error)
+    assert "(ImportError: libopenblas.so: cannot open shared object file)" in must_load.import_fault(page)
+
+
+def test_a_station_without_wx_says_what_its_windows_need(tmp_path: Path) -> None:
+    """It runs on, without them."""
+    if importlib.util.find_spec("wx") is not None:
+        pytest.skip("wxPython is installed here: a station without it was NOT tried")
+    ended = run(tmp_path, [*COMMANDS["station"], "--", "--console", "--map"])
+    assert "handover station: --console and --map: wxPython is not installed: the station runs without" in ended.stderr
+    assert "Loaded module handover_gcs" in ended.stdout
     assert "Traceback" not in ended.stderr + ended.stdout
 
 
