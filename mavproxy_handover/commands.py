@@ -15,6 +15,7 @@ from mavproxy_handover.core.model import GuardState
 from mavproxy_handover.core.safety.commands import Limit
 from mavproxy_handover.link.devices import Device
 from mavproxy_handover.stations.port import StationPort
+from mavproxy_handover.stations.unheard import without_heartbeat
 
 __all__ = ["VehicleCommands"]
 
@@ -123,6 +124,8 @@ class VehicleCommands:
         for port in companion.ports.values():
             heard = companion.arbiter.heard_ago_s(port.sysid, now)
             seen = "never heard" if heard is None else f"heard {heard:.1f} s ago"
+            if without_heartbeat(port, now):
+                seen = "frames, but no heartbeat"
             state = "connected" if companion.arbiter.connected(port.sysid, now) else "not connected"
             self._show(f"{port.name} ({port.sysid}): {seen}, {state}")
             for link in port.links:

@@ -59,6 +59,7 @@ from mavproxy_handover.stations.package_return import PackageReturn
 from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.stations.rehearsal import RehearsalDesk, Surroundings
 from mavproxy_handover.stations.rehearsal_book import Foreseen
+from mavproxy_handover.stations.unheard import Unheard
 from mavproxy_handover.stations.voice import Voice
 from mavproxy_handover.store.journal import Journal, strangers_path
 from mavproxy_handover.store.keeper import StateKeeper
@@ -149,6 +150,7 @@ class Companion:
             config.name, self.journal, self._strangers, self.arbiter, edge.show, lambda: self.view.phase
         )
         self._announcer = Announcer(self._voice)
+        self._unheard = Unheard(self._voice)
         self._control = OperatorControl(self._voice, self.narrator, self.handle)
         try:
             self.autopilot = Autopilot(running, self._ties(edge.clocks), edge.nonce, edge.box)
@@ -530,6 +532,7 @@ class Companion:
         grounded = self._asked("whether it is on the ground", lambda: self.arbiter.grounded(now), False, now)
         self._attempt("each second", self.autopilot.each_second, self.view, grounded, now)
         self._attempt("word of a fault", self._tell_faults, now)
+        self._attempt("word of heartbeats", self._unheard.each_second, now)
 
     def _beat_stations(self, now: float, pause_s: float) -> None:
         """The companion's heartbeat, if the last one is so long ago. It goes out behind the autopilot's, not between.
@@ -539,7 +542,7 @@ class Companion:
         """
         if now - self._beaten_at >= pause_s:
             self._beaten_at = now
-            self._voice.to_stations(status.heartbeat(self.view))
+            self._voice.beat(status.heartbeat(self.view))
 
     # ---- the arbiter ----------------------------------------------------------------------------------------------
 

@@ -108,6 +108,9 @@ VEHICLE: Final[Mapping[str, Meanings]] = {
         "sysids": "further MAVLink ids behind this station: a second program, a tracker",
         "not_in_control": "who gets the result NOT_IN_CONTROL: auto, programs that have shown to know it; always, "
         "everybody; never, nobody",
+        "components": "MAVLink components of the station's own id that have its authority; others may only read",
+        "companion_heartbeat": "false: this station gets no heartbeat of component 191; for programs that take every "
+        "heartbeat of the vehicle for the autopilot's. With module = false",
     },
     "limits": {
         "heartbeat_lost_s": "a station silent this long is lost",

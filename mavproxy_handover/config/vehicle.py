@@ -31,6 +31,7 @@ from mavproxy_handover.core.safety.route import RouteLimits
 from mavproxy_handover.gate.observers import ObserverLimits
 from mavproxy_handover.gate.tongues import POLICIES as TONGUE_POLICIES
 from mavproxy_handover.link.quality import LinkLimits
+from mavproxy_handover.wire.ids import STATION_COMPIDS
 
 __all__ = [
     "LIMIT_RANGES",
@@ -56,6 +57,10 @@ class StationLinks:
     limits: LinkLimits = field(default_factory=LinkLimits)
     #: whether its programs get the result NOT_IN_CONTROL: who has shown to know it ("auto"), all, none
     not_in_control: str = TONGUE_POLICIES[0]
+    #: the components of the station's own id that have its authority
+    components: frozenset[int] = STATION_COMPIDS
+    #: whether it gets the companion's heartbeat
+    companion_heartbeat: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -255,7 +260,18 @@ _VEHICLE_KEYS: Final = (
     "autopilot_key",
     "guard_key",
 )
-_STATION_KEYS: Final = ("name", "sysid", "links", "key", "module", "consent", "sysids", "not_in_control")
+_STATION_KEYS: Final = (
+    "name",
+    "sysid",
+    "links",
+    "key",
+    "module",
+    "consent",
+    "sysids",
+    "not_in_control",
+    "components",
+    "companion_heartbeat",
+)
 
 
 def load_vehicle(path: Path) -> VehicleConfig:
@@ -322,7 +338,21 @@ def _station_links(table: Table, limits: LinkLimits, unsigned: bool) -> StationL
     result = table.get("not_in_control", str, TONGUE_POLICIES[0])
     if result not in TONGUE_POLICIES:
         raise table.error("not_in_control", f"{result!r} must be one of " + ", ".join(TONGUE_POLICIES))
-    return StationLinks(station, checked, frozenset([station.sysid, *extra]), key, limits, result)
+    beats = table.get("companion_heartbeat", bool, True)
+    if not beats and not standard:
+        raise table.error("companion_heartbeat", "= false goes with module = false: our module goes by that heartbeat")
+    sysids = frozenset([station.sysid, *extra])
+    return StationLinks(station, checked, sysids, key, limits, result, _components(table), beats)
+
+
+def _components(table: Table) -> frozenset[int]:
+    components = table.get("components", list, sorted(STATION_COMPIDS))
+    if not components:
+        raise table.error("components", "must name at least one component")
+    for component in components:
+        if not isinstance(component, int) or isinstance(component, bool) or not 0 <= component <= 255:
+            raise table.error("components", f"{component!r} must be a MAVLink component id, 0 to 255")
+    return frozenset(components)
 
 
 def _consent(table: Table, standard: bool) -> StandingConsent | None:

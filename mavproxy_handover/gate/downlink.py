@@ -30,7 +30,13 @@ from mavproxy_handover.core.model import AuthorityView
 from mavproxy_handover.gate.judge import StationIdentity
 from mavproxy_handover.gate.observers import ALWAYS, DEFAULTS, ObserverRates
 from mavproxy_handover.wire.frames import Frame, field_bytes, field_int, target
-from mavproxy_handover.wire.ids import COMPANION_COMPID, GUARD_STATUS_TUNNEL, LEASE_TUNNEL, RATES_COMPID
+from mavproxy_handover.wire.ids import (
+    AVAILABLE_MODES,
+    COMPANION_COMPID,
+    GUARD_STATUS_TUNNEL,
+    LEASE_TUNNEL,
+    RATES_COMPID,
+)
 
 __all__ = ["ANSWERS", "COMMAND_ANSWERS", "EACH", "FOR_EVERYBODY", "LIMIT_S", "WINDOW_S", "DownlinkPolicy"]
 
@@ -144,8 +150,8 @@ def _answers_to(frame: Frame) -> list[tuple[tuple[int, ...], bool]]:
     answers: list[tuple[tuple[int, ...], bool]] = [((_COMMAND_ACK,), False)]
     if command == _REQUEST_MESSAGE:
         wish = _FLOAT.unpack(field_bytes(frame, "param1"))[0]
-        if math.isfinite(wish) and int(wish) in mavlink.mavlink_map:
-            answers.append(((int(wish),), False))
+        if math.isfinite(wish) and (int(wish) in mavlink.mavlink_map or int(wish) == AVAILABLE_MODES):
+            answers.append(((int(wish),), int(wish) == AVAILABLE_MODES))  # one request may ask for every mode
     elif command in _BY_COMMAND:
         answers.append(_BY_COMMAND[command])
     return answers

@@ -176,7 +176,8 @@ class Gate:
     def sign_of_life(self, port: Port, frame: Frame) -> bool:
         """Whether a frame is the station's own heartbeat. The caller hears of it before it is judged: a commander that
         was lost may command again by it."""
-        return frame.msgid == _HEARTBEAT and frame.sysid == port.sysid != self._vehicle and frame.known
+        own = frame.sysid == port.sysid != self._vehicle and port.identity.speaks(frame)
+        return frame.msgid == _HEARTBEAT and own and frame.known
 
     def up(self, port: Port, frame: Frame, now: float) -> Verdict:
         """A frame that came from a station: what becomes of it.
@@ -194,7 +195,7 @@ class Gate:
                 self._tell_stations(now)
             if frame.msgid in TARGET_MESSAGES and verdict.fate is Fate.FORWARD and self.view.phase is not Phase.ON_LOAD:
                 verdict = self.targets.limit(frame, verdict, port.sysid, now, self.modes)
-        commands = port.sysid == self.view.commander
+        commands = port.sysid == self.view.commander and port.identity.speaks(frame)
         if frame.msgid == _FTP and verdict.fate is not Fate.DROP:
             access = self.of_served_file(port.sysid, frame)
             if access is not None:

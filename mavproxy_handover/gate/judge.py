@@ -26,6 +26,9 @@ Rules, in this order; the first that applies decides:
 Frames of further system ids behind a station (its `sysids`) are judged as the station's own, except heartbeats:
 only the station's own may keep the autopilot's GCS failsafe quiet, or a tracker would vouch for a dead operator.
 
+Of the station's own system id only the `components` that the configuration gives it are the station: a camera or a
+tracker with that id has no authority, is no sign of life and has no part in a transfer. It may read.
+
 MAVLink 1 frames are judged like MAVLink 2 frames. Whether a link accepts them is a matter of signing.
 """
 
@@ -43,7 +46,7 @@ from mavproxy_handover.gate.policy.modes import COPTER, Modes
 from mavproxy_handover.gate.policy.parts import MISSION_TYPE_MESSAGES
 from mavproxy_handover.gate.policy.rows import MESSAGE_ROWS, TAKE_OFF_MESSAGES, Access, Row, classify, moves, takes_off
 from mavproxy_handover.wire.frames import Frame, field_int, target, target_places
-from mavproxy_handover.wire.ids import COMPANION_COMPID, MISSION_START
+from mavproxy_handover.wire.ids import COMPANION_COMPID, MISSION_START, STATION_COMPIDS
 
 __all__ = ["Fate", "GateReason", "StationIdentity", "Verdict", "judge", "outcome", "uploads"]
 
@@ -78,6 +81,7 @@ class GateReason(Enum):
     UNKNOWN_COMMAND = "unknown command"  #: or file-transfer opcode, or mission type
     TOO_MANY = "too many questions"  #: of a station that does not command (`questions`)
     FILE_BUSY = "the commander uses file transfer"  #: and the autopilot has only one open (`questions`)
+    COMPONENT = "component without authority"  #: of the station's own id, and none of its components
     OTHER_TARGET = "other target"  #: aimed at another system
     NOT_ARMED = "not armed: sticks could arm"  #: on the ground; to arm needs what START needs
     RAN_BEFORE = "it ran before the station had control"  #: sticks or setpoints that have not paused since (`latent`)
@@ -99,6 +103,8 @@ class StationIdentity:
 
     sysid: int
     sysids: frozenset[int] = field(default_factory=frozenset)
+    #: the components of `sysid` that are the station
+    components: frozenset[int] = STATION_COMPIDS
 
     def __post_init__(self) -> None:
         everyone = self.sysids | {self.sysid}
@@ -106,6 +112,10 @@ class StationIdentity:
             if not 1 <= sysid <= 255:
                 raise ValueError(f"system id {sysid} of station {self.sysid}: must be 1 to 255")
         object.__setattr__(self, "sysids", everyone)
+
+    def speaks(self, frame: Frame) -> bool:
+        """Whether a frame of one of these ids is the station's word: of its own id, by one of its components."""
+        return frame.compid in self.components or frame.sysid != self.sysid
 
 
 class Verdict(NamedTuple):
@@ -156,6 +166,11 @@ _FOR_OTHERS = {
 _FOR_OTHERS_ARMED = {**_FOR_OTHERS, Access.BULK: (Fate.REFUSE, GateReason.COMMANDERS_IN_FLIGHT)}
 
 
+#: what is the station's own word, and no component's beside it; and what has no answer
+_STATIONS_OWN: Final = frozenset((Access.TRANSFER, Access.CONTROL, Access.LIVENESS))
+_UNANSWERED: Final = frozenset((Access.TRANSFER, Access.LIVENESS, Access.STREAM))
+
+
 def outcome(access: Access, commands: bool, armed: bool) -> tuple[Fate, GateReason]:
     """What becomes of a class (rule 4), before rules 5 and 6."""
     if commands:
@@ -172,7 +187,8 @@ def judge(
     The caller counts heartbeats of the commander itself: they are forwarded, and they are its sign of life too.
     """
     usual = _USUAL.get(frame.msgid)
-    if usual is not None and frame.known and frame.sysid in station.sysids and frame.sysid != vehicle_sysid:
+    own = frame.sysid in station.sysids and (frame.compid in station.components or frame.sysid != station.sysid)
+    if usual is not None and frame.known and own and frame.sysid != vehicle_sysid:
         length, system, component, others, commander = usual
         payload = frame.payload
         if system is None or (
@@ -246,10 +262,13 @@ def _decide(
 
     if view.rehearsal and moves(frame, row, modes):
         return Fate.REFUSE, GateReason.REHEARSAL
-    commands = station.sysid == view.commander
+    speaks = station.speaks(frame)
+    commands = station.sysid == view.commander and speaks
     if row.access is Access.LIVENESS and frame.sysid != station.sysid:
         commands = False
     fate, reason = outcome(row.access, commands, view.armed)
+    if not speaks and (reason is GateReason.NOT_IN_CONTROL or row.access in _STATIONS_OWN):
+        return (Fate.DROP if row.access in _UNANSWERED else Fate.REFUSE), GateReason.COMPONENT
     if fate is not Fate.FORWARD:
         return fate, reason
     on_ground = row.access is Access.COMMAND and view.phase is Phase.ON_LOAD

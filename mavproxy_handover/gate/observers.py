@@ -33,6 +33,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.gate.policy.access import names
 from mavproxy_handover.wire.frames import Frame, field_bytes, field_int
+from mavproxy_handover.wire.ids import AVAILABLE_MODES_MONITOR
 
 __all__ = ["ALWAYS", "DEFAULTS", "STREAMS", "WISHES", "ObserverLimits", "ObserverRates"]
 
@@ -78,7 +79,8 @@ _EARLY: Final = 0.25
 _NEVER: Final = math.inf
 
 _IDS: Final[dict[str, int]] = {cls.msgname: msgid for msgid, cls in mavlink.mavlink_map.items()}
-_ALWAYS_IDS: Final = frozenset(_IDS[name] for name in ALWAYS)
+#: with it, that the list of modes has changed: rare, and the installed dialect does not know it
+_ALWAYS_IDS: Final = frozenset((*(_IDS[name] for name in ALWAYS), AVAILABLE_MODES_MONITOR))
 _DEFAULT_INTERVALS: Final = {_IDS[name]: interval_s for name, interval_s in DEFAULTS.items()}
 _GRANTABLE: Final = frozenset(_IDS[name] for name in (*DEFAULTS, *WISHES) if name in _IDS)
 _STREAM_IDS: Final = {

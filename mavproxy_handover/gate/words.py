@@ -247,6 +247,7 @@ _REASONS: Final[Mapping[GateReason, str]] = {
     GateReason.MAINTENANCE_ONLY: "maintenance only, over no radio link",
     GateReason.UNKNOWN_COMMAND: "not known to this vehicle",
     GateReason.REHEARSAL: "a rehearsal is under way: nothing arms",
+    GateReason.COMPONENT: "this component has no authority ('components' in [[station]])",
     GateReason.COMPANION_TARGET: "the companion takes none, ask the autopilot",
 }
 

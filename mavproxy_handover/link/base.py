@@ -178,6 +178,10 @@ class Device(ABC):
         """
         return True  # most devices have but one
 
+    def reply(self, _frame: Frame, data: bytes) -> None:
+        """Send `data` once to the sender of a frame of the last read, even if that sender is not the peer."""
+        self.write(data)  # most devices have but one
+
     def close(self) -> None:
         """Close for good; may be called twice."""
         if not self._closed:

@@ -106,6 +106,10 @@ class ReopeningLink(Device):
     def accept_sender(self, frame: Frame) -> bool:
         return self._inner is not None and self._inner.accept_sender(frame)
 
+    def reply(self, frame: Frame, data: bytes) -> None:
+        if self._inner is not None:
+            self._inner.reply(frame, data)
+
     def _try_to_open(self) -> LinkError | None:
         """Open it, if that can be; the error that prevented it."""
         now = self._clock()

@@ -283,6 +283,11 @@ class TcpIn(Device):
             return self._refused()
         return self._sent(data)
 
+    def reply(self, frame: Frame, data: bytes) -> None:
+        client = self._senders.get(id(frame))
+        if client is not None and client in self._clients:
+            client.send(data)
+
     def accept_sender(self, frame: Frame) -> bool:
         client = self._senders.get(id(frame))
         if client is None or client not in self._clients:

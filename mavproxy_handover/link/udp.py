@@ -324,6 +324,15 @@ class UdpIn(_Udp):
         self._heard_at = now
         return True
 
+    def reply(self, frame: Frame, data: bytes) -> None:
+        address = self._senders.get(id(frame))
+        if address is None or self._closed:
+            return
+        try:
+            self._socket.sendto(data, address)
+        except OSError:  # a stranger's address is no trouble of the link
+            self.counters.refused_out += 1
+
 
 def _is_address(way: str) -> bool:
     try:

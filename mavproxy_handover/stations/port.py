@@ -25,8 +25,9 @@ from mavproxy_handover.link.timesync import probe_message
 from mavproxy_handover.store.keys import StationKeys, check_distinct
 from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.frames import Frame
-from mavproxy_handover.wire.ids import COMPANION_COMPID, LANGUAGE_COMPID, OUR_MESSAGES, PROBE_COMPID
+from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, COMPANION_COMPID, LANGUAGE_COMPID, OUR_MESSAGES, PROBE_COMPID
 from mavproxy_handover.wire.signing import SignatureVerdict, SignedPeer
+from mavproxy_handover.wire.texts import marked_texts
 
 __all__ = ["StationPort", "open_ports"]
 
@@ -36,6 +37,15 @@ _INTERRUPTED_S = 3.5
 _OF_OTHERS: Final = {Measure.BAD_SIGNATURES, Measure.OVERFLOW}
 #: rejected frames that wait to be journalled; under a flood the newest are enough
 _REJECTED = 32
+#: a sender whose frames are not taken is told why at most this often (s), and not while the station is heard
+_EXPLAIN_S = 10.0
+_HEARD_S = 5.0
+_FOREIGN = "system id {other} is not one of {name}: set this program's to {sysid}."
+_UNPROVEN = {
+    SignatureVerdict.UNSIGNED: "frames of {name} are not signed: give this program the key of {name}.",
+    SignatureVerdict.BAD: "frames of {name} are signed with another key: give this program the key of {name}.",
+    SignatureVerdict.TOO_OLD: "frames of {name} carry an old time: set the clock of this computer.",
+}
 
 
 class _Key:
@@ -68,7 +78,9 @@ class StationPort:
         self._clocks = clocks
         self.sysid = config.station.sysid
         self.name = config.station.name
-        self.identity = StationIdentity(config.station.sysid, config.sysids)
+        self.identity = StationIdentity(config.station.sysid, config.sysids, config.components)
+        #: whether it gets the companion's heartbeat
+        self.companion_heartbeat = config.companion_heartbeat
         #: what its programs have shown to understand
         self.tongues = Tongues(config.not_in_control)
         self.links = links
@@ -90,6 +102,9 @@ class StationPort:
         self._language = mavlink.MAVLink(None, srcSystem=vehicle_sysid, srcComponent=LANGUAGE_COMPID)
         self._prober = mavlink.MAVLink(None, srcSystem=vehicle_sysid, srcComponent=PROBE_COMPID)
         seal = None if self.peer is None else _Key(self.peer, clocks)
+        self._autopilot = mavlink.MAVLink(None, srcSystem=vehicle_sysid, srcComponent=AUTOPILOT_COMPID)
+        #: when a frame of the station's ids was taken last, and when a sender was told why its frames are not
+        self.frames_at = self._explained_at = -inf
         self._bundle = LinkBundle(links, self._probe, secrets.randbits, config.limits, seal)
 
     @property
@@ -124,7 +139,9 @@ class StationPort:
         kept = []
         sysids, peer, bundle = self.identity.sysids, self.peer, self._bundle
         for frame in bundle.read(link, now, once):
-            if frame.sysid in sysids:
+            if frame.sysid not in sysids:
+                self._explain(link, frame, _FOREIGN, now)
+            else:
                 if peer is not None:
                     verdict = peer.check(frame, self._clocks.utc(), now)
                     if verdict is not SignatureVerdict.OK:
@@ -132,6 +149,7 @@ class StationPort:
                         continue
                 if not bundle.accept(link, frame, now):
                     continue
+                self.frames_at = now
             kept.append(frame)
         return kept
 
@@ -144,6 +162,20 @@ class StationPort:
         self._bundle.bad_signature(link, now)
         self.bad_signatures[verdict] += 1
         self.rejected.append((frame, verdict))
+        self._explain(link, frame, _UNPROVEN.get(verdict, ""), now)
+
+    def _explain(self, link: Device, frame: Frame, why: str, now: float) -> None:
+        """Tell the sender of a frame that is not taken why not, while nothing else is heard of the station.
+
+        Its program has no other way to learn that: a link that listens answers nobody whose frames are not taken. It is
+        unsigned, because such a program cannot check a signature, and rare, because the sender may be anybody.
+        """
+        if not why or now - self._explained_at < _EXPLAIN_S or now - self.heartbeat_at <= _HEARD_S:
+            return
+        self._explained_at = now
+        text = why.format(name=self.name, sysid=self.sysid, other=frame.sysid)
+        for message in marked_texts(text, mavlink.MAV_SEVERITY_WARNING, 1):
+            link.reply(frame, codec.pack(message, self._autopilot))
 
     def send(self, message: Any, *, everywhere: bool = False) -> None:
         """Send a message of the companion's own: on the best link, or on every one."""

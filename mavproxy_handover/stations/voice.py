@@ -60,6 +60,12 @@ class Voice:
         for port in self.ports.values():
             self._try(port, port.send, message)
 
+    def beat(self, heartbeat: Any) -> None:
+        """Send the companion's heartbeat to the stations that get it."""
+        for port in self.ports.values():
+            if port.companion_heartbeat:
+                self._try(port, port.send, heartbeat)
+
     def acknowledge(
         self, port: StationPort, asker: tuple[int, int], command: int, result: int, component: int = AUTOPILOT_COMPID
     ) -> None:

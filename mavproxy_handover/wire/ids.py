@@ -43,7 +43,10 @@ __all__ = [
     "OUR_MESSAGES",
     "PROBE_COMPID",
     "RATES_COMPID",
+    "AVAILABLE_MODES",
+    "AVAILABLE_MODES_MONITOR",
     "STATION_COMPID",
+    "STATION_COMPIDS",
     "TUNNEL_BYTES",
 ]
 
@@ -66,6 +69,14 @@ RATES_COMPID: Final[int] = mavlink.MAV_COMP_ID_MAVCAN
 DOCTOR_COMPID: Final[int] = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER4
 #: what ground station programs use
 STATION_COMPID: Final[int] = mavlink.MAV_COMP_ID_MISSIONPLANNER
+
+#: what ground station programs send as: 0 pymavlink and DroneKit, 1 node-mavlink, 190 QGroundControl, Mission Planner,
+#: MAVSDK and our own, 230 MAVProxy
+STATION_COMPIDS: Final = frozenset((0, 1, STATION_COMPID, 230))
+
+#: messages that are younger than the installed dialect, by number
+AVAILABLE_MODES: Final = 435
+AVAILABLE_MODES_MONITOR: Final = 437
 
 # ---- messages, commands, results ----------------------------------------------------------------------------------
 

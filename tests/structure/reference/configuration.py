@@ -178,6 +178,7 @@ def keys_of_vehicles() -> Mapping[str, Mapping[str, Key]]:
         record.tell("energy", key, default=default)
     record.tell("energy", "start", allowed=_words(START_POLICIES))
     record.tell("station", "not_in_control", allowed=_words(TONGUES))
+    record.tell("station", "components", allowed="0 to 255")
     record.tell("position", "source", allowed=_words(position_module.SOURCES))
     record.tell("position", "check", allowed=_words(position_module.CHECKS))
     return record.tables

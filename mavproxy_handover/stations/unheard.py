@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Tells a station whose frames are taken, and whose heartbeat does not come, why it cannot command.
+
+A program without heartbeats is no station to the vehicle: it gets no authority and is asked nothing. Nothing else would
+tell its operator. Programs whose frames are not taken at all are told by `port.py`.
+"""
+
+from __future__ import annotations
+
+from math import inf
+from typing import Final
+
+from mavproxy_handover.stations.port import StationPort
+from mavproxy_handover.stations.voice import Voice
+
+__all__ = ["Unheard", "without_heartbeat"]
+
+#: frames that came within this time (s) are frames of now
+_FRAMES_S: Final = 2.5
+#: a heartbeat that has not come for so long (s) is missing
+_MISSING_S: Final = 5.0
+#: and has been for so long when the station is told; then again after so long
+_WAIT_S: Final = 3.0
+_AGAIN_S: Final = 60.0
+
+
+def without_heartbeat(port: StationPort, now: float) -> bool:
+    """Whether frames of a station come, and its heartbeat does not."""
+    return now - port.frames_at <= _FRAMES_S and now - port.heartbeat_at > _MISSING_S
+
+
+class Unheard:
+    """Of one vehicle's stations. Times are monotonic seconds."""
+
+    def __init__(self, voice: Voice) -> None:
+        self._voice = voice
+        #: since when frames of a station come without a heartbeat, and when it was told
+        self._since: dict[int, float] = {}
+        self._told_at: dict[int, float] = {}
+
+    def each_second(self, now: float) -> None:
+        """To be called each second."""
+        for sysid, port in self._voice.ports.items():
+            if not without_heartbeat(port, now):
+                self._since.pop(sysid, None)
+                continue
+            since = self._since.setdefault(sysid, now)
+            if now - since >= _WAIT_S and now - self._told_at.get(sysid, -inf) >= _AGAIN_S:
+                self._told_at[sysid] = now
+                text = f"{port.name} sends no heartbeat, so it cannot command."
+                self._voice.say(port, f"{text} Send HEARTBEAT each second as system {sysid}.")
