@@ -20,7 +20,8 @@ from mavproxy_handover.wire.frames import Frame
 from tests.gate.frames import IDS, ftp_request
 
 VEHICLE, GCSA, GCSB, TRACKER = 1, 251, 252, 241
-A = StationIdentity(GCSA, frozenset({TRACKER}))
+#: every component of it is the station
+A = StationIdentity(GCSA, frozenset({TRACKER}), frozenset(range(256)))
 COMMANDED_BY_A = AuthorityView(Phase.ON_MISSION, GCSA, None, 1, LeaseState.HELD)
 ACCEPTED, ERROR, DENIED, INVALID_SEQUENCE, CANCELLED = 0, 1, 14, 13, 15
 

@@ -445,3 +445,31 @@ def test_whatever_a_frame_holds_there_is_a_verdict(
 def test_bytes_that_are_no_frames_reach_nobody(data: bytes) -> None:
     for frame in FrameSplitter().feed(data):
         assert outcome(frame, C).fate is not Fate.FORWARD or frame.sysid == GCSC
+
+
+@pytest.mark.parametrize(
+    ("name", "fields", "fate"),
+    [
+        ("COMMAND_LONG", {"command": 21}, Fate.REFUSE),
+        ("PARAM_SET", {"param_id": b"X"}, Fate.REFUSE),
+        ("MISSION_COUNT", {"count": 3}, Fate.REFUSE),
+        ("RC_CHANNELS_OVERRIDE", {}, Fate.DROP),
+        ("HEARTBEAT", {}, Fate.DROP),
+        ("OK_HANDOVER", {}, Fate.DROP),
+        ("COMMAND_LONG", {"command": 32100}, Fate.REFUSE),
+    ],
+)
+@pytest.mark.parametrize("view", [GROUNDED, replace(GROUNDED, phase=Phase.ON_MISSION, armed=True)])
+def test_a_component_that_is_not_the_stations_has_no_part_in_its_authority(
+    make: Callable[..., Frame], view: AuthorityView, name: str, fields: dict[str, object], fate: Fate
+) -> None:
+    verdict = judge(make(name, sysid=GCSA, compid=25, **fields), A, view, VEHICLE)
+    assert (verdict.fate, verdict.reason) == (fate, GateReason.COMPONENT)
+    assert (
+        judge(make(name, sysid=TRACKER_OF_A, compid=25, **fields), A, view, VEHICLE).reason is not GateReason.COMPONENT
+    )
+
+
+def test_a_component_that_is_not_the_stations_may_read(make: Callable[..., Frame]) -> None:
+    frame = make("PARAM_REQUEST_READ", sysid=GCSA, compid=25)
+    assert judge(frame, A, GROUNDED, VEHICLE).fate is Fate.FORWARD

@@ -18,11 +18,14 @@ from mavproxy_handover.gate.latent import KINDS, News, State
 from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.gate.policy.messages import MESSAGE_RULES
 from mavproxy_handover.wire.frames import Frame
+from tests.gate import ledger
 from tests.gate.door import Door
 from tests.gate.frames import IDS
-from tests.gate.ledger import GCSA, GCSB, STICKS, TRACKER_OF_B, A, B
+from tests.gate.ledger import GCSA, GCSB, STICKS, TRACKER_OF_B
 
 Make = Callable[..., Frame]
+#: every component of these is the station
+A, B = (replace(station, components=frozenset(range(256))) for station in (ledger.A, ledger.B))
 OF_A = AuthorityView(Phase.ON_MISSION, GCSA, None, 1, LeaseState.HELD, armed=True)
 OF_B = replace(OF_A, commander=GCSB, epoch=2)
 OF_NOBODY = replace(OF_A, commander=None, lease=LeaseState.LOST)
@@ -44,7 +47,7 @@ class Sky:
     """The door with time that only the test moves, and stations that beat once a second while they are there."""
 
     def __init__(self, make: Make) -> None:
-        self.door = Door(step_s=0.0)
+        self.door = Door(step_s=0.0, stations=(A, B))
         self.make = make
         #: stations that are heard
         self.there = [A, B]

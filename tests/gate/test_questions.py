@@ -174,7 +174,7 @@ def test_so_many_senders_of_one_station_reach_the_autopilot(desk: Desk, make: Ma
     outcomes = [desk.outcome(frame, float(number)) for number, frame in enumerate(frames)]
     assert outcomes == [ALLOWED] * 4 + [TOO_MANY] * 194
     assert desk.outcome(frames[3], 1000.0) == ALLOWED
-    assert desk.ask(make("CONNECT", sysid=GCSB, compid=99), 1000.0).fate is Fate.CONSUME
+    assert desk.ask(make("CONNECT", sysid=GCSB), 1000.0).fate is Fate.CONSUME
 
 
 def test_a_clock_that_stands_still_or_goes_back_gives_nothing(desk: Desk, make: Make) -> None:

@@ -89,7 +89,7 @@ class TestAnswer:
     def test_comes_from_the_component_that_was_asked_to_the_program_that_asked(
         self, ground: Bench, form: str, asked: int, answers_from: int
     ) -> None:
-        program = mavlink.MAVLink(None, srcSystem=251, srcComponent=77)
+        program = mavlink.MAVLink(None, srcSystem=251, srcComponent=230)
         if form == "COMMAND_LONG":
             message = mavlink.MAVLink_command_long_message(1, asked, CONTROL, 0, 1, 1, 10, 251, 0, 0, 0)
         else:
@@ -98,7 +98,7 @@ class TestAnswer:
         ground.run(0.2)
         (ack,) = [m for m in ground.a.got("COMMAND_ACK") if m.command == CONTROL]
         assert (ack.get_srcSystem(), ack.get_srcComponent()) == (1, answers_from)
-        assert (ack.target_system, ack.target_component, ack.result) == (251, 77, ACCEPTED)
+        assert (ack.target_system, ack.target_component, ack.result) == (251, 230, ACCEPTED)
         assert ground.companion.view.takeover_allowed
 
     def test_nothing_of_it_reaches_the_autopilot(self, ground: Bench) -> None:

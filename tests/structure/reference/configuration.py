@@ -142,6 +142,8 @@ def _shown(value: Any) -> str:
         return ""
     if isinstance(value, bool):
         return str(value).lower()
+    if isinstance(value, list):
+        return f"[{', '.join(_shown(each) for each in value)}]"
     return f'"{value}"' if isinstance(value, str) else f"{value:g}"
 
 
