@@ -34,7 +34,7 @@ from mavproxy_handover.core.snapshot import Snapshot
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.store.behind import CLOSE_S, Behind
 from mavproxy_handover.store.durable import discard
-from mavproxy_handover.store.memory import Condition, Slots, boot_id, memory_folder, memory_name
+from mavproxy_handover.store.memory import Condition, Slots, boot_id, memory_folder, memory_name, passed_over
 from mavproxy_handover.store.state import Kept, StateError, StateStore, pack, unpack
 
 __all__ = ["StateKeeper", "in_flight"]
@@ -79,10 +79,12 @@ class StateKeeper:
         """The copy in memory, and where packages are kept there."""
         place = memory_folder(os.environ)
         name = memory_name(folder, self._vehicle)
+        self.note = passed_over(os.environ)
         try:
             if place is not None:
                 return Slots(place / f"{name}.state"), StateStore(place, name)
-            self.note = f"no storage in memory: the state is kept in {folder}, and a slow disk may hold up a handover"
+            why = self.note or "no storage in memory"
+            self.note = f"{why}: the state is kept in {folder}, and a slow disk may hold up a handover"
             folder.mkdir(parents=True, exist_ok=True)
             return Slots(folder / f"{self._vehicle}.state.now"), None
         except OSError as error:

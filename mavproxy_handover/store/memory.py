@@ -18,11 +18,11 @@ import hashlib
 import os
 import stat
 import struct
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Final
 
-__all__ = ["SLOT_BYTES", "Condition", "Slots", "boot_id", "memory_folder", "memory_name"]
+__all__ = ["SLOT_BYTES", "Condition", "Slots", "boot_id", "memory_folder", "memory_name", "passed_over"]
 
 #: more than the state of any flight needs, the longest of routes included
 SLOT_BYTES: Final = 64 * 1024
@@ -128,14 +128,37 @@ def boot_id() -> str:
 
 def memory_folder(environment: Mapping[str, str]) -> Path | None:
     """Our folder in memory-backed storage, made if need be; None if there is none that is ours alone."""
+    return next((folder for folder in _folders(environment) if _own(folder)), None)
+
+
+def passed_over(environment: Mapping[str, str]) -> str:
+    """Why a folder of our name is not used, and what to do; "" if none is passed over.
+
+    Any user may make a folder in /dev/shm before we do, and could then read and change what we keep there.
+    """
+    for folder in _folders(environment):
+        if _own(folder):
+            return ""
+        try:
+            found = folder.lstat()
+        except OSError:  # it is not there, and may not be made: another place is taken
+            continue
+        cure = f"Remove it (sudo rm -r {folder}) and start again"
+        if found.st_uid != os.geteuid():
+            return f"{folder} belongs to user {found.st_uid}, not to user {os.geteuid()}, and is not used. {cure}"
+        if not stat.S_ISDIR(found.st_mode):
+            return f"{folder} is no folder, and is not used. {cure}"
+        mode = stat.S_IMODE(found.st_mode)
+        return f"{folder} has mode {mode:04o}, which lets other users in, and is not used. {cure}"
+    return ""
+
+
+def _folders(environment: Mapping[str, str]) -> Iterator[Path]:
+    """Where it could be, the best place first."""
     named = environment.get("RUNTIME_DIRECTORY", "").split(":")[0]
     for base in (named, "/run", "/dev/shm"):
-        if not base or not in_memory(Path(base)):
-            continue
-        folder = Path(base) / f"{_FOLDER}-{os.geteuid()}"
-        if _own(folder):
-            return folder
-    return None
+        if base and in_memory(Path(base)):
+            yield Path(base) / f"{_FOLDER}-{os.geteuid()}"
 
 
 def memory_name(folder: Path, vehicle: str) -> str:

@@ -321,6 +321,13 @@ class TestItCannotBeKept:
         assert place.recalled() == (SECOND, "")
 
 
+class TestFolderOfAnotherUser:
+    def test_it_is_said_in_words(self, place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
+        why = "/dev/shm/mavproxy-handover-0 belongs to user 1000, not to user 0, and is not used. Remove it"
+        monkeypatch.setattr("mavproxy_handover.store.keeper.passed_over", lambda environment: why)
+        assert place.start().note == why
+
+
 class TestWithoutMemory:
     def test_it_is_kept_beside_the_disks_copy_and_said_once(self, place: Place, hanging: threading.Event) -> None:
         place.has_memory = False

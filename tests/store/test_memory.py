@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from mavproxy_handover.store import memory
-from mavproxy_handover.store.memory import SLOT_BYTES, Condition, Slots, boot_id, in_memory, memory_folder
+from mavproxy_handover.store.memory import SLOT_BYTES, Condition, Slots, boot_id, in_memory, memory_folder, passed_over
 
 
 @pytest.fixture
@@ -195,6 +195,22 @@ class TestTheFolder:
             else:
                 folder.symlink_to(shared.parent)
         assert memory_folder({"RUNTIME_DIRECTORY": str(shared)}) != folder
+
+    def test_the_user_hears_whose_it_is_and_what_to_do(self, shared: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        environment = {"RUNTIME_DIRECTORY": str(shared)}
+        folder = memory_folder(environment)
+        assert folder is not None
+        assert passed_over(environment) == ""
+        folder.chmod(0o770)
+        cure = f"and is not used. Remove it (sudo rm -r {folder}) and start again"
+        assert passed_over(environment) == f"{folder} has mode 0770, which lets other users in, {cure}"
+        folder.chmod(0o700)
+        found = folder.lstat()
+        fields = [*found][:10]
+        fields[4] = 4242
+        real = Path.lstat
+        monkeypatch.setattr(Path, "lstat", lambda path: os.stat_result(fields) if path == folder else real(path))
+        assert passed_over(environment) == f"{folder} belongs to user 4242, not to user {os.geteuid()}, {cure}"
 
     def test_what_lives_in_memory(self, tmp_path: Path) -> None:
         assert not in_memory(tmp_path / "not there")
