@@ -8,6 +8,7 @@ Rules that live here
   not get at this one by a name that it has had pointed here. Nor may it open its socket.
 * With a token nothing is answered without it. It comes once in the address, and then in a cookie that no script reads;
   the address is then the plain one again.
+* The page itself is built for a browser only, which says that it takes HTML. Another program gets one line of text.
 * The browser is told to fetch nothing from anywhere else, but for the map's tiles if there are any.
 """
 
@@ -67,7 +68,10 @@ class Door:
         if not self._ours(host) or (origin is not None and urlsplit(origin).netloc != host):
             await self._refuse(scope, send, 421, "this page is not known by that name")
         elif self._token is None or self._fits(_cookie(headers.get(b"cookie", ""))):
-            await self._app(scope, receive, self._marked(send))
+            if scope["type"] == "http" and scope["path"] == "/" and b"text/html" not in _accepted(scope):
+                await self._answer(send, 200, "open this address in a browser")
+            else:
+                await self._app(scope, receive, self._marked(send))
         else:
             await self._ask(scope, send)
 
@@ -102,9 +106,12 @@ class Door:
         if scope["type"] == "websocket":
             await send({"type": "websocket.close", "code": 1008, "reason": why})
             return
+        await self._answer(send, status, why)
+
+    async def _answer(self, send: _Send, status: int, text: str) -> None:
         headers = [(b"content-type", b"text/plain; charset=utf-8"), *self._headers]
         await send({"type": "http.response.start", "status": status, "headers": headers})
-        await send({"type": "http.response.body", "body": f"handover watch: {why}\n".encode()})
+        await send({"type": "http.response.body", "body": f"handover watch: {text}\n".encode()})
 
     def _marked(self, send: _Send) -> _Send:
         async def marked(message: _Message) -> None:
@@ -113,6 +120,11 @@ class Door:
             await send(message)
 
         return marked
+
+
+def _accepted(scope: Any) -> bytes:
+    """What the asking program says that it takes."""
+    return b",".join(value for name, value in scope["headers"] if name.lower() == b"accept").lower()
 
 
 def _cookie(header: str) -> str:

@@ -6,7 +6,8 @@ Rules that live here
 --------------------
 * What is shown is worked out once a second, whoever looks; each browser is given what has changed for it. One that
   does not listen any more is forgotten after a few seconds: nothing is kept for it.
-* No more than MOST_VIEWERS look at a time.
+* No more than MOST_VIEWERS look at a time: browsers that have opened their socket. Of pages that were asked for and not
+  opened, MOST_WAITING are kept: a program that asks again and again locks no viewer out and takes little memory.
 * Nothing on the page commands anything: what a browser may send is where it looks.
 
 Only to be imported by `handover watch`: NiceGUI is an extra.
@@ -26,9 +27,10 @@ from gcs_module.watch.ground import Mission
 from gcs_module.watch.scene import Scene
 from gcs_module.watch.show import Shown
 
-__all__ = ["MOST_VIEWERS", "Watched", "build"]
+__all__ = ["MOST_VIEWERS", "MOST_WAITING", "Watched", "build"]
 
 MOST_VIEWERS: Final = 24
+MOST_WAITING: Final = 8
 _HERE: Final = Path(__file__).resolve().parent
 _EVERY_S: Final = 1.0
 
@@ -167,6 +169,14 @@ class _Page:
         return {"name": name, "points": points} if points else None
 
 
+def _forget_unopened(new: Client) -> None:
+    """Delete the oldest pages that no browser has opened, beyond MOST_WAITING. `new`: the page that is being made."""
+    waiting = [each for each in Client.instances.values() if not each.has_socket_connection and each is not new]
+    waiting.sort(key=lambda client: client.created)
+    for client in waiting[:-MOST_WAITING]:
+        client.delete()
+
+
 def build(
     watched: Watched, tiles: Mapping[str, str] | None, begin: Callable[[], None], end: Callable[[], None]
 ) -> FastAPI:
@@ -179,8 +189,9 @@ def build(
 
     @ui.page("/", title="handover watch")
     def page() -> None:
-        if len(Client.instances) > MOST_VIEWERS:
-            ui.label("Too many look already: close a window elsewhere, and load this page again.")
+        _forget_unopened(ui.context.client)
+        if sum(client.has_socket_connection for client in Client.instances.values()) >= MOST_VIEWERS:
+            ui.label(f"{MOST_VIEWERS} windows show this page already. Close one of them and load this page again.")
             return
         ui.add_head_html('<link rel="stylesheet" href="/watch/watch.css"><script src="/watch/watch.js"></script>')
         _Page(watched, tiles)

@@ -28,7 +28,8 @@ def ask(door_token: str | None, kind: str = "http", path: str = "/", query: str 
     async def send(message: Any) -> None:
         sent.append(message)
 
-    given = [(name.encode(), value.encode("latin-1")) for name, value in ({"host": "127.0.0.1:8090"} | headers).items()]
+    browser = {"host": "127.0.0.1:8090", "accept": "text/html,application/xhtml+xml"}
+    given = [(name.encode(), value.encode("latin-1")) for name, value in (browser | headers).items()]
     scope = {"type": kind, "path": path, "query_string": query.encode(), "headers": given}
     asyncio.run(Door(inside, door_token)(scope, receive, send))
     return sent
@@ -46,6 +47,16 @@ def test_without_a_token_this_machine_may_look(host: str) -> None:
     names = [name for name, _value in sent[1]["headers"]]
     assert b"content-security-policy" in names
     assert names[0] == b"a"
+
+
+@pytest.mark.parametrize("accept", ["*/*", "application/json", ""])
+def test_a_program_that_is_no_browser_gets_one_line_and_no_page(accept: str) -> None:
+    sent = ask(None, accept=accept)
+    assert "inside" not in sent
+    assert status(sent) == 200
+    assert sent[1]["body"] == b"handover watch: open this address in a browser\n"
+    assert ask(None, path="/watch/watch.css", accept=accept)[0] == "inside", "what the page needs is no page"
+    assert ask(None, "websocket", accept=accept)[0] == "inside"
 
 
 @pytest.mark.parametrize("host", ["evil.example", "127.0.0.1.evil.example", "192.168.1.5:8090", "", "[", "0x7f.1"])

@@ -41,10 +41,12 @@ def watching(*words: str) -> Iterator[tuple[str, subprocess.Popen[str]]]:
         process.communicate(timeout=10)
 
 
-def get(address: str, **headers: str) -> tuple[int, str]:
+def get(address: str, *, Accept: str = "text/html", **headers: str) -> tuple[int, str]:
     for _ in range(100):  # the address is printed a moment before it is answered at
         try:
-            with urllib.request.urlopen(urllib.request.Request(address, headers=headers), timeout=10) as answer:
+            with urllib.request.urlopen(
+                urllib.request.Request(address, headers={"Accept": Accept, **headers}), timeout=10
+            ) as answer:
                 return answer.status, answer.read().decode("utf-8", "replace")
         except urllib.error.HTTPError as error:
             return error.code, error.read().decode()
@@ -81,6 +83,26 @@ def test_the_page_and_all_that_it_needs_come_from_here(tmp_path: Path) -> None:
     flight.journal.close()
     after = {path: (path.stat().st_mtime_ns, path.stat().st_size) for path in tmp_path.rglob("*")}
     assert after == before
+
+
+@pytest.mark.process
+def test_requests_that_nobody_opens_lock_no_viewer_out_and_take_little_memory(tmp_path: Path) -> None:
+    with watching(str(tmp_path)) as (address, process):
+        assert get(address)[0] == 200
+
+        def memory_kb() -> int:
+            status = Path(f"/proc/{process.pid}/status").read_text()
+            return int(re.findall(r"VmRSS:\s+(\d+)", status)[0])
+
+        before = memory_kb()
+        for _ in range(120):
+            assert get(address)[0] == 200
+        status, page = get(address)
+        assert status == 200
+        assert "windows show this page already" not in page
+        assert "/watch/watch.js" in page
+        assert memory_kb() - before < 30_000
+        assert get(address, Accept="*/*")[1] == "handover watch: open this address in a browser\n"
 
 
 @pytest.mark.process
