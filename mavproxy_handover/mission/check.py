@@ -58,7 +58,7 @@ TRANSFER_S = 3.0
 OPERATOR_S = Limits().operator_timeout_s
 #: so long before the commander's zone ends authority moves, whatever else is waited for
 EXIT_SOON_S = Limits().exit_soon_s
-#: a rally point farther than this from every place of the route is no help
+#: a rally point farther than this from every place of the route is an error of its planner
 REACH_M = 5000.0
 #: a landing sequence that begins farther from a place of a return than this is none of its own
 SEQUENCE_M = 2000.0
@@ -346,7 +346,8 @@ def _rally(package: MissionPackage, walk: Walk, reach_m: float, return_alt_m: fl
             yield Finding(Severity.WARNING, f"{name} is outside the geofence: no return goes there")
         nearest = min(distance_m(s.lat_deg, s.lon_deg, point.lat_deg, point.lon_deg) for s in walk.samples)
         if nearest > reach_m:
-            yield Finding(Severity.WARNING, f"{name} is out of reach: {nearest:.0f} m off the route ({reach_m:g} m)")
+            text = f"{name} is out of reach: {nearest:.0f} m off the route, {reach_m:g} m are allowed (--reach)"
+            yield Finding(Severity.ERROR, text)
         if package.kind.winged and point.alt_m < return_alt_m:
             text = f"{name} is flown to at RTL_ALTITUDE, not at {point.alt_m:g} m: wings have to stay up on the way"
             yield Finding(Severity.INFO, text)

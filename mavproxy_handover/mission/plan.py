@@ -80,6 +80,16 @@ _FRAMES = {
     11: FRAME_ABOVE_TERRAIN,
 }
 _COPTER_TYPES = {2, 3, 4, 13, 14, 15, 29, 35}
+#: MAV_TYPE of a plan -> what it was made for, and the kinds of aircraft that fly it
+_WINGS = frozenset((Kind.PLANE, Kind.QUADPLANE))
+_MADE_FOR: Mapping[int, tuple[str, frozenset[Kind]]] = {
+    **dict.fromkeys(_COPTER_TYPES, ("a multicopter", frozenset((Kind.COPTER,)))),
+    1: ("a fixed-wing aircraft", _WINGS),
+    **dict.fromkeys(range(19, 26), ("a VTOL aircraft", _WINGS)),
+    10: ("a rover", frozenset()),
+    11: ("a boat", frozenset()),
+    12: ("a submarine", frozenset()),
+}
 #: command and parameter -> lowest and highest number for wings, and that in words: what ArduPlane can store and fly
 _WING_NUMBERS: Mapping[tuple[int, int], tuple[float, float, str]] = {
     (WAYPOINT, 1): (0, 0, "0: wings do not wait at a place, NAV_LOITER_TIME circles there"),
@@ -280,6 +290,8 @@ def _plan_item(where: Where, seq: int, entry: object, aircraft: Kind) -> Mission
 
 def _rally_points(where: Where, value: object) -> tuple[RallyPoint, ...]:
     rally = where.table(value, "rallyPoints")
+    if rally.get("version") == 1 and not rally.get("points"):  # QGroundControl passes over that, too
+        return ()
     _version(where, rally, "version", 2)
     points = where.array(where.need(rally, "points"), "points")
     return tuple(RallyPoint(*_coordinate(where, point, f"point {number}", 3)) for number, point in enumerate(points, 1))
@@ -287,6 +299,8 @@ def _rally_points(where: Where, value: object) -> tuple[RallyPoint, ...]:
 
 def _fence(where: Where, value: object) -> tuple[FencePart, ...]:
     fence = where.table(value, "geoFence")
+    if fence.get("version") == 1 and not any(fence.get(part) for part in ("polygon", "polygons", "circles")):
+        return ()
     _version(where, fence, "version", 2)
     found: list[FencePart] = []
     for number, entry in enumerate(where.array(fence.get("polygons", []), "polygons"), 1):
@@ -320,8 +334,9 @@ def _plan_warnings(mission: Mapping[str, object], kind: Kind) -> tuple[str, ...]
     if mission.get("firmwareType", 3) != 3:
         found.append("the plan was made for another autopilot than ArduPilot (firmwareType is not 3)")
     made_for = mission.get("vehicleType")
-    if kind.winged and isinstance(made_for, int) and made_for in _COPTER_TYPES:
-        found.append(f"the plan was made for a multicopter (vehicleType {made_for}), the mission is for a {kind.value}")
+    name, flown_by = _MADE_FOR.get(made_for if type(made_for) is int else 0, ("", frozenset((kind,))))
+    if kind not in flown_by:
+        found.append(f"the plan was made for {name} (vehicleType {made_for}), the mission is for a {kind.value}")
     return tuple(found)
 
 
@@ -534,6 +549,8 @@ def _finish(
     """Rules on the route as a whole: what makes no flight is refused, what makes an odd one is a warning."""
     if len(items) > MAX_ITEMS:
         raise where.error(f"{len(items)} items (allowed: at most {MAX_ITEMS})")
+    if home.lat_deg == home.lon_deg == 0.0:
+        raise where.error("home is at latitude 0, longitude 0: it was never set (allowed: the place of the take-off)")
     flown = [item for item in items if COMMANDS[item.command].flown]
     name, begins = _BEGINS[kind]
     if not flown or flown[0].command not in begins:

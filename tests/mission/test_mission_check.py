@@ -136,12 +136,12 @@ def test_rally_point_outside_the_geofence_is_a_warning(small):
     assert text in warnings(small)
 
 
-def test_rally_point_out_of_reach_is_a_warning(small):
+def test_rally_point_out_of_reach_is_an_error(small):
     small.plan["rallyPoints"]["points"].append([0.0009, 10.003, 30])
-    assert warnings(small, reach_m=99.0) == [
-        "rally point 2 at 0.00090 N 10.00300 E is out of reach: 100 m off the route (99 m)"
+    assert errors(small, reach_m=99.0) == [
+        "rally point 2 at 0.00090 N 10.00300 E is out of reach: 100 m off the route, 99 m are allowed (--reach)"
     ]
-    assert warnings(small, reach_m=100.0) == []
+    assert errors(small, reach_m=100.0) == []
 
 
 def test_route_that_leaves_the_geofence_is_an_error(small):

@@ -178,7 +178,7 @@ def test_refuses_an_old_plan(small):
 
 
 def test_refuses_an_old_geofence(small):
-    small.plan["geoFence"] = {"polygon": [], "version": 1}
+    small.plan["geoFence"] = {"polygon": [[0.0, 10.0], [0.0, 10.1], [0.1, 10.0]], "version": 1}
     assert refusal(small.plan) == (
         "small.plan: geoFence: version is not 2: save the plan again with a present QGroundControl"
     )
@@ -246,6 +246,47 @@ def test_refuses_a_longitude_beyond_the_date_line(small):
 def test_refuses_an_altitude_left_open(small):
     small.items[1]["params"][6] = None
     assert refusal(small.plan) == "small.plan: item 2: altitude is null (allowed: a number from -1000 to 10000)"
+
+
+@pytest.mark.parametrize(
+    ("made_for", "words"),
+    [
+        (1, "a fixed-wing aircraft (vehicleType 1), the mission is for a copter"),
+        (20, "a VTOL aircraft (vehicleType 20), the mission is for a copter"),
+        (10, "a rover (vehicleType 10), the mission is for a copter"),
+        (12, "a submarine (vehicleType 12), the mission is for a copter"),
+    ],
+)
+def test_a_plan_of_another_kind_of_aircraft_is_a_warning(small, made_for, words):
+    small.plan["mission"]["vehicleType"] = made_for
+    assert f"the plan was made for {words}" in read(small.plan).warnings
+
+
+@pytest.mark.parametrize("made_for", [0, 2, 13, 14, 35, 99, True, "2", None])
+def test_a_plan_of_a_copter_or_of_no_known_kind_is_none(small, made_for):
+    small.plan["mission"]["vehicleType"] = made_for
+    assert not any("made for" in text for text in read(small.plan).warnings)
+
+
+def test_empty_rally_points_and_fence_of_an_old_plan_are_none(small):
+    small.plan["rallyPoints"] = {"version": 1, "points": []}
+    small.plan["geoFence"] = {"version": 1, "polygon": []}
+    route = read(small.plan)
+    assert (route.rally, route.fence) == ((), ())
+
+
+def test_refuses_rally_points_of_an_old_plan(small):
+    small.plan["rallyPoints"]["version"] = 1
+    assert refusal(small.plan) == (
+        "small.plan: rallyPoints: version is not 2: save the plan again with a present QGroundControl"
+    )
+
+
+def test_refuses_a_home_that_was_never_set(small):
+    small.plan["mission"]["plannedHomePosition"] = [0, 0, 0]
+    assert refusal(small.plan) == (
+        "small.plan: home is at latitude 0, longitude 0: it was never set (allowed: the place of the take-off)"
+    )
 
 
 def test_refuses_a_home_without_altitude(small):
