@@ -258,6 +258,7 @@ class Autopilot:
 
     def _tell_restart(self, now: float) -> None:
         """The autopilot has started again. In flight the operators have to know: it may say that it is disarmed."""
+        self.places.autopilot_restarted(now)
         if self._reboots.in_flight(now):
             self._ties.narrator.autopilot_restarted(_RESTARTED)
             self._ties.voice.say_to_all(_RESTARTED, mavlink.MAV_SEVERITY_CRITICAL)

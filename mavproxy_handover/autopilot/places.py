@@ -259,14 +259,19 @@ class PlaceWatch:
         self._places = with_ways_down(places, self._flown, self._package.cruise_speed_mps)
         self._seen = {name: seen for name, seen in self._seen.items() if any(p.name == name for p in places)}
 
+    def autopilot_restarted(self, now: float) -> None:
+        """The autopilot has started again, or was silent so long that it may have."""
+        if self._package is not None:
+            self._keeper.restarted(now)
+
     # ---- what comes in --------------------------------------------------------------------------------------------
 
     def take(self, message: Any, now: float) -> None:
         """HEARTBEAT, PARAM_VALUE, HOME_POSITION, SYS_STATUS or FENCE_STATUS of the autopilot."""
         match message.get_type():
             case "HEARTBEAT":
-                if now - self._heard_at > _REBOOT_S and self._package is not None:
-                    self._keeper.forget()  # another autopilot, for all that is known
+                if now - self._heard_at > _REBOOT_S:
+                    self.autopilot_restarted(now)  # another one, for all that is known
                 self._heard_at = now
                 self._failsafe = message.system_status >= mavlink.MAV_STATE_CRITICAL
                 if self._aircraft.armed and not self._armed:

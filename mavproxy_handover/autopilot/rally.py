@@ -9,7 +9,8 @@ Rules
 * Written when it is another one, and not oftener than every `WRITE_S`; what a return waits for is written at once.
 * What was written counts once it was read back equal. It is read again every `READ_S`, and when RALLY_TOTAL changes,
   for others on board can write the list too: then it is written again, and people are told.
-* What holds after a restart, of the autopilot or of the companion, is read before anything is written.
+* What holds after a restart, of the autopilot or of the companion, is read before anything is written. An autopilot
+  that has just started has no room for lists yet, and tells everybody so: it is read `START_S` later.
 * An upload that somebody else has open, or left open, ends after 8 s at the latest: then the next try. Our own that was
   cut is begun anew by the same sender, which ends it.
 
@@ -26,10 +27,11 @@ from mavproxy_handover.autopilot.mission_protocol import MissionProtocol
 from mavproxy_handover.mission.items import RallyPoint
 from mavproxy_handover.wire.conversation import Asking, Conversation, Conversations
 
-__all__ = ["RallyKeeper", "alike"]
+__all__ = ["START_S", "RallyKeeper", "alike"]
 
 WRITE_S: Final = 5.0
 READ_S: Final = 10.0
+START_S: Final = 10.0
 _AGAIN_S: Final = 8.0
 #: names of the conversations: ours, and the one that writes a whole plan, this list with it
 _NAME: Final = "rally"
@@ -89,9 +91,14 @@ class RallyKeeper:
         self.known, self._ours, self._read_at = False, True, -math.inf
         self._drop()
 
+    def restarted(self, now: float) -> None:
+        """The autopilot has just started: what it holds is read once it is ready."""
+        self.forget()
+        self._read_at = now + START_S
+
     def counted(self, name: str, now: float) -> None:
         """A parameter of the autopilot was set, or told."""
-        if name == _COUNTER and _NAME not in self._conversations:
+        if name == _COUNTER and self.known and _NAME not in self._conversations:
             self._read_at = min(self._read_at, now)
 
     def hurry(self, now: float) -> None:

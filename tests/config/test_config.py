@@ -472,8 +472,8 @@ VEHICLE_MISTAKES: dict[str, tuple[str, str, str]] = {
     "asked less often than it must answer": (
         "dwell_s = 7.5",
         "connect_interval_s = 10",
-        "[limits] connect_interval_s = 10 must be below deaf_lost_s = 10: a commander that answers every question would "
-        "be lost before the next one",
+        "[limits] connect_interval_s = 10 must be below deaf_lost_s = 10: a commander that answers every question "
+        "would be lost before the next one",
     ),
     "limit not a number": ("dwell_s = 7.5", "dwell_s = nan", "[limits] dwell_s: nan must be 0 to 600"),
     "limit without an end": ("dwell_s = 7.5", "dwell_s = inf", "[limits] dwell_s: inf must be 0 to 600"),

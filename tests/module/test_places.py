@@ -240,6 +240,20 @@ def test_and_at_once_when_the_autopilot_tells_of_another_number_of_points(flying
     assert flying.mpstate.console.said("somebody else has written the autopilot's rally list")
 
 
+def test_an_autopilot_that_has_just_started_is_left_alone(ready: Bench) -> None:
+    """The fault: in its first seconds it has no list, so it was written, and said 'Only 0 items are supported'."""
+    ready.autopilot.silent = True
+    ready.run(5.0)
+    ready.autopilot.silent = False
+    ready.autopilot.items[RALLY] = []
+    ready.autopilot.received.clear()
+    ready.run(9.0)
+    assert [m for m in ready.autopilot.got("MISSION_REQUEST_LIST") if m.mission_type == RALLY] == []
+    assert [m for m in ready.autopilot.got("MISSION_COUNT") if m.mission_type == RALLY] == []
+    ready.run(5.0)
+    assert listed(ready) == [HOME]
+
+
 def test_who_writes_there_for_ever_is_told_once_a_minute(flying: Bench) -> None:
     """The fault: 27 texts in five minutes. The journal has each time."""
 
@@ -529,7 +543,7 @@ def test_after_a_reboot_of_the_autopilot_it_is_read_again(ready: Bench) -> None:
     ready.run(5.0)
     ready.autopilot.silent = False
     ready.autopilot.items[RALLY] = []
-    ready.run(6.0)
+    ready.run(14.0)
     assert listed(ready) == [HOME]
 
 
