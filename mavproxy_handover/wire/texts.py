@@ -11,13 +11,14 @@ it is longer than a piece.
 
 A program that knows nothing of this system may show texts of the autopilot's component alone (MAVProxy does). It gets
 the companion's texts in the autopilot's name. Such a text begins with `MARK`, and its number is above those of
-ArduPilot, which counts its own texts from 1.
+ArduPilot, which counts its own texts from 1. It is cut where a piece is full, so that no blanks stand in it.
 
 Source: mavlink.io, STATUSTEXT; MAVProxy's module link and QGroundControl put pieces together as described.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
@@ -41,12 +42,23 @@ _MOST: Final = 256
 
 def pieces(text: str) -> list[bytes]:
     """The text in pieces of `TEXT_BYTES`, UTF-8; the last is shorter, if need be empty. What fits into one is alone."""
+    return _cut(
+        text, lambda rest: _after_clause(rest) or rest.rfind(b" ", 1, TEXT_BYTES) + 1 or _whole_characters(rest)
+    )
+
+
+def full_pieces(text: str) -> list[bytes]:
+    """The same cut where a piece is full, in the middle of a word too: put together it is the text, without blanks."""
+    return _cut(text, _whole_characters)
+
+
+def _cut(text: str, where: Callable[[bytes], int]) -> list[bytes]:
     rest = text.encode("utf-8", "replace")
     if len(rest) <= TEXT_BYTES:
         return [rest]
     found = []
     while len(rest) >= TEXT_BYTES:
-        end = _after_clause(rest) or rest.rfind(b" ", 1, TEXT_BYTES) + 1 or _whole_characters(rest)
+        end = where(rest)
         found.append(rest[:end].ljust(TEXT_BYTES))
         rest = rest[end:]
     return [*found, rest][:_MOST]
@@ -68,14 +80,20 @@ def _whole_characters(rest: bytes) -> int:
 
 def status_texts(text: str, severity: int, text_id: int) -> list[Any]:
     """The messages that say it. `text_id`, 1 to 65535: of those in pieces; one that is alone has none."""
-    parts = pieces(text)
-    together = text_id if len(parts) > 1 else 0
-    return [mavlink.MAVLink_statustext_message(severity, part, together, n) for n, part in enumerate(parts)]
+    return _messages(pieces(text), severity, text_id)
 
 
 def marked_texts(text: str, severity: int, text_id: int) -> list[Any]:
-    """The messages that say it in the autopilot's name. `text_id`, 1 to `MOST_IDS`."""
-    return status_texts(f"{MARK}{text}", severity, _MARKED_IDS + text_id)
+    """The messages that say it in the autopilot's name. `text_id`, 1 to `MOST_IDS`.
+
+    Most programs put pieces together as they are (MAVProxy, MAVSDK), so no piece is filled with blanks.
+    """
+    return _messages(full_pieces(f"{MARK}{text}"), severity, _MARKED_IDS + text_id)
+
+
+def _messages(parts: list[bytes], severity: int, text_id: int) -> list[Any]:
+    together = text_id if len(parts) > 1 else 0
+    return [mavlink.MAVLink_statustext_message(severity, part, together, n) for n, part in enumerate(parts)]
 
 
 def is_marked(frame: Frame) -> bool:

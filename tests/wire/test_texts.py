@@ -7,7 +7,7 @@ from __future__ import annotations
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.wire.texts import pieces, status_texts
+from mavproxy_handover.wire.texts import marked_texts, pieces, status_texts
 
 REFUSAL = "mode RTL refused: GCSA commands ('handover request')"
 
@@ -102,3 +102,28 @@ def test_nothing_that_can_be_said_breaks_it() -> None:
 )
 def test_it_is_cut_where_a_person_would_pause(text: str, parts: list[bytes]) -> None:
     assert pieces(text) == parts
+
+
+LONG = "GCSA changed the mission on the autopilot. The package is not loaded any more. START needs 'handover share'."
+
+
+def test_a_text_in_the_autopilots_name_has_no_holes_where_it_was_cut() -> None:
+    """The fault: programs that put the pieces together showed 'locked while     armed'."""
+    messages = marked_texts(LONG, 4, 7)
+    assert "".join(message.text for message in messages) == f"Handover: {LONG}"
+    assert [len(message.text) for message in messages] == [50, 50, 18]
+    assert [(message.id, message.chunk_seq) for message in messages] == [(0x8007, 0), (0x8007, 1), (0x8007, 2)]
+
+
+def test_one_that_fits_is_alone_and_one_that_fills_its_pieces_ends_with_an_empty_one() -> None:
+    (alone,) = marked_texts("x" * 40, 4, 7)
+    assert (alone.id, alone.text) == (0, "Handover: " + "x" * 40)
+    assert [len(message.text) for message in marked_texts("x" * 90, 4, 7)] == [50, 50, 0]
+
+
+def test_a_character_is_not_cut_in_half_there() -> None:
+    messages = marked_texts("x" * 39 + "\u00fc" + "y" * 20, 4, 7)
+    assert [bytes(message._text_raw) for message in messages] == [
+        b"Handover: " + b"x" * 39 + b" ",
+        "\u00fc".encode() + b"y" * 20,
+    ]
