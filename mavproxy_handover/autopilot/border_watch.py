@@ -14,7 +14,7 @@ from mavproxy_handover.autopilot.aircraft import Aircraft
 from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.core.events import BordersSeen
 from mavproxy_handover.core.model import BorderFact
-from mavproxy_handover.mission.crossings import WayAhead
+from mavproxy_handover.mission.crossings import Seen, WayAhead
 
 __all__ = ["BorderWatch"]
 
@@ -42,15 +42,16 @@ class BorderWatch:
 
     def each_second(self, now: float) -> None:
         """Tell what is ahead; where there is nothing, once."""
-        seen = BordersSeen(self._ahead(), self._route)
+        seen = BordersSeen(self._ahead(now), self._route)
         if seen.borders or seen != self._told:
             self._told = seen
             self._ties.handle(seen, now)
 
-    def _ahead(self) -> tuple[BorderFact, ...]:
+    def _ahead(self, now: float) -> tuple[BorderFact, ...]:
         aircraft = self._aircraft
         if self._way is None or aircraft.where is None or not aircraft.flying or aircraft.foreign:
             return ()
         if not aircraft.flies_mission:
             return ()
-        return self._way.borders(aircraft.waypoint, *aircraft.where[:2], self._within_s)
+        seen = Seen(aircraft.waypoint, *aircraft.where, aircraft.track[1], now)
+        return self._way.borders(seen, self._within_s)

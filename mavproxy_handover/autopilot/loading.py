@@ -87,7 +87,7 @@ class Prepared:
 def prepare(package: MissionPackage) -> Prepared:
     """Walk the route through the zones. Takes as long as the package makes it: not for the main loop."""
     walk = package.walk()
-    along = Along(package.stretches(walk), WayAhead(walk), walk.handovers)
+    along = Along(package.stretches(walk), WayAhead.of(walk, package.route), walk.handovers)
     return Prepared(package, package.zone_finder(), walk.commanders, way_of(package), along)
 
 

@@ -249,4 +249,4 @@ def _read_route(
         if above_ground_m(relief, leg) < 0.0:
             raise MissionError(f"the way to {named(item)} leads into the ground. Plan it higher")
     walk = walk_legs(legs, package.zone_finder(), commander)
-    return Rerouted(ahead, walk.commanders, facts, WayAhead(walk))
+    return Rerouted(ahead, walk.commanders, facts, WayAhead.of(walk, route))

@@ -6,13 +6,20 @@ Where a station awaits the aircraft at a waypoint (`reached.py`), its zone begin
 
 The way is walked once, when the mission is loaded (`walk.py`): that finds every border. In flight nothing is left but
 to measure how far it is to the end of the leg, so a look costs little, however many zones there are. On a circle or a
-spline the aircraft is followed from place to place. Times are those of
-the walk: at the speed that the mission flies, without wind, and without what corners cost.
+spline the aircraft is followed from place to place, and in a climb or descent on the spot by its height.
+
+Times of a copter have what speeding up, slowing down and corners cost (`pace.py`); those of wings are the walk's, at
+their airspeed. Both follow what is flown:
+
+* an aircraft that is slower than it should be there, as after a stop, has yet to speed up;
+* one that flies this leg at another steady speed, by an order or by wind, is taken to do so to the end of the leg;
+* a wait at a waypoint ends so long after the aircraft came there.
 """
 
 from __future__ import annotations
 
 from bisect import bisect_right
+from collections import deque
 from dataclasses import dataclass
 from itertools import pairwise
 from math import inf
@@ -20,61 +27,188 @@ from typing import Final
 
 from mavproxy_handover.core.model import BorderFact
 from mavproxy_handover.mission.geodesy import distance_m
+from mavproxy_handover.mission.items import LANDINGS, RETURN_TO_LAUNCH
+from mavproxy_handover.mission.pace import Pace, speed_up_mps2
+from mavproxy_handover.mission.plan import Route
 from mavproxy_handover.mission.walk import Sample, Walk
 
-__all__ = ["WayAhead"]
+__all__ = ["Seen", "WayAhead"]
 
 #: an aircraft on a curve is looked for on so much of the way ahead (m): what it flies in some seconds
 _AHEAD_M: Final = 150.0
+#: so near (m) the aircraft is at a place where it climbs, descends or waits
+_THERE_M: Final = 5.0
+#: so near (m) to its height a climb is done; horizontal metres below which a piece of the way is on the spot
+_CLIMBED_M, _ON_THE_SPOT_M = 0.7, 0.05
+#: a speed is steady if it was within this share for so many seconds
+_STEADY, _STEADY_S = 0.05, 2.0
+#: below this (m/s) the aircraft stands; times are stretched or shortened by this factor at most
+_STANDS_MPS, _MOST_FACTOR = 1.0, 4.0
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """The aircraft at a moment (monotonic s): the item that it flies to, latitude and longitude (degrees), height above
+    home (m) and ground speed (m/s)."""
+
+    waypoint: int
+    lat_deg: float
+    lon_deg: float
+    alt_m: float
+    speed_mps: float
+    now: float
 
 
 @dataclass(frozen=True, slots=True)
 class _Border:
-    """How far along the way (m), when by the walk (s), and the stations whose zones hold what is behind it."""
+    """When the copter is there (s from take-off), and the stations whose zones hold what is after it."""
 
-    along_m: float
     time_s: float
     holding: frozenset[int]
 
 
-class WayAhead:
-    """The way of one mission, with the borders on it."""
+@dataclass(frozen=True, slots=True)
+class _Spot:
+    """A climb, a descent or a wait on the spot: places of the walk, from the first to the last by number."""
 
-    def __init__(self, walk: Walk) -> None:
-        self._alongs = [sample.distance_along_m for sample in walk.samples]
-        self._times = [sample.time_s for sample in walk.samples]
-        #: the end of the way to each item
-        self._ends: dict[int, Sample] = {sample.seq: sample for sample in walk.samples}
+    first: int
+    last: int
+
+
+class WayAhead:
+    """The way of one mission, with the borders on it. `winged`: it is flown by an aircraft with wings; `rests`: the items
+    before which a copter comes to rest."""
+
+    @classmethod
+    def of(cls, walk: Walk, route: Route) -> WayAhead:
+        """The way of the route that was walked."""
+        rests = frozenset(item.seq for item in route.items if item.command in (*LANDINGS, RETURN_TO_LAUNCH))
+        return cls(walk, winged=route.kind.winged, rests=rests)
+
+    def __init__(self, walk: Walk, *, winged: bool = False, rests: frozenset[int] = frozenset()) -> None:
+        samples = walk.samples
+        self._samples = samples
+        self._winged = winged
+        self._alongs = [sample.distance_along_m for sample in samples]
+        if winged:
+            self._times = [sample.time_s for sample in samples]
+            self._speeds = _walked_speeds(samples)
+        else:
+            pace = Pace(samples, rests)
+            self._times, self._speeds = pace.times_s, pace.speeds_mps
+        #: the number of the last place on the way to each item
+        self._ends = {sample.seq: number for number, sample in enumerate(samples)}
         #: of the items that are flown to in a curve: all places on it
         self._curves = {
-            seq: tuple(sample for sample in walk.samples if sample.seq == seq)
-            for seq in {sample.seq for sample in walk.samples if sample.curved}
+            seq: tuple(sample for sample in samples if sample.seq == seq)
+            for seq in {sample.seq for sample in samples if sample.curved}
         }
+        self._spots = _spots(samples)
         #: the curve that the aircraft is on, and at which place of it
         self._curve: int | None = None
         self._curve_at = 0
         self._borders = tuple(
-            _Border(after.distance_along_m, after.time_s, after.open)
-            for before, after in pairwise(walk.samples)
+            _Border(self._times[number], after.open)
+            for number, (before, after) in enumerate(pairwise(samples), 1)
             if before.open != after.open
         )
+        #: the item that was flown to at the last look, and the last speeds on the way there (monotonic s, m/s)
+        self._waypoint: int | None = None
+        self._speeds_seen: deque[tuple[float, float]] = deque()
+        #: since when the aircraft waits on the spot (monotonic s)
+        self._waits_since: float | None = None
 
-    def borders(self, waypoint: int, lat_deg: float, lon_deg: float, within_s: float) -> tuple[BorderFact, ...]:
-        """The borders that are reached within so many seconds, the nearest first, for an aircraft at this place on its
-        way to the item `waypoint`; none if the way has no such item."""
-        end = self._ends.get(waypoint)
+    def borders(self, seen: Seen, within_s: float) -> tuple[BorderFact, ...]:
+        """The borders that are reached within so many seconds, the nearest first; none if the way has no such item."""
+        end = self._ends.get(seen.waypoint)
         if end is None:
             return ()
-        if waypoint in self._curves:
-            here_m = self._on_curve_m(waypoint, (lat_deg, lon_deg))
+        self._look(seen)
+        spot = next((spot for spot in self._spots.get(seen.waypoint, ()) if self._is_at(spot, seen)), None)
+        if spot is not None:
+            here_s, late_s, slower = self._time_on(spot, seen), 0.0, 1.0
         else:
-            here_m = max(0.0, end.distance_along_m - distance_m(lat_deg, lon_deg, end.lat_deg, end.lon_deg))
-        here_s = self._time_at(here_m)
-        return tuple(
-            BorderFact(number, border.time_s - here_s, border.holding)
-            for number, border in enumerate(self._borders)
-            if border.along_m > here_m and border.time_s - here_s <= within_s
-        )
+            self._waits_since = None
+            here_s, late_s, slower = self._time_between(seen, end)
+        leg_s = max(0.0, self._times[end] - here_s)
+        found = []
+        for number, border in enumerate(self._borders):
+            if border.time_s <= here_s:
+                continue
+            in_s = border.time_s - here_s
+            in_s += late_s + (slower - 1.0) * min(leg_s, in_s)
+            if in_s <= within_s:
+                found.append(BorderFact(number, in_s, border.holding))
+        return tuple(found)
+
+    def _look(self, seen: Seen) -> None:
+        if seen.waypoint != self._waypoint:
+            self._waypoint, self._waits_since = seen.waypoint, None
+            self._speeds_seen.clear()
+        self._speeds_seen.append((seen.now, seen.speed_mps))
+        while len(self._speeds_seen) > 2 and seen.now - self._speeds_seen[1][0] >= _STEADY_S:
+            self._speeds_seen.popleft()
+
+    # ---- on the spot ------------------------------------------------------------------------------------------------
+
+    def _is_at(self, spot: _Spot, seen: Seen) -> bool:
+        """Whether the aircraft climbs, descends or waits there, and is not done with it."""
+        last, first = self._samples[spot.last], self._samples[spot.first]
+        if distance_m(seen.lat_deg, seen.lon_deg, last.lat_deg, last.lon_deg) > _THERE_M:
+            return False
+        if first.alt_m == last.alt_m:
+            return True
+        up = 1.0 if last.alt_m > first.alt_m else -1.0
+        return up * (last.alt_m - seen.alt_m) > _CLIMBED_M
+
+    def _time_on(self, spot: _Spot, seen: Seen) -> float:
+        first_s, last_s = self._times[spot.first], self._times[spot.last]
+        first_m, last_m = self._samples[spot.first].alt_m, self._samples[spot.last].alt_m
+        if first_m == last_m:
+            if self._waits_since is None:
+                self._waits_since = seen.now
+            return min(last_s, first_s + seen.now - self._waits_since)
+        up = 1.0 if last_m > first_m else -1.0
+        for number in range(spot.first, spot.last):
+            begins_m, ends_m = self._samples[number].alt_m, self._samples[number + 1].alt_m
+            if up * (ends_m - seen.alt_m) > 0.0:
+                part = max(0.0, (seen.alt_m - begins_m) / (ends_m - begins_m))
+                return self._times[number] + part * (self._times[number + 1] - self._times[number])
+        return last_s
+
+    # ---- between places ---------------------------------------------------------------------------------------------
+
+    def _time_between(self, seen: Seen, end: int) -> tuple[float, float, float]:
+        """The time of the way at which the aircraft is; how much longer it takes to speed up (s), and how many times
+        longer because it flies this leg at another speed."""
+        here_m = self._along_m(seen, end)
+        here_s, planned_mps = self._at(here_m)
+        slower = self._slower(seen, here_m, planned_mps)
+        lacks_mps = planned_mps - seen.speed_mps
+        late_s = 0.0
+        if slower == 1.0 and lacks_mps > 0.0 and not self._winged:
+            late_s = lacks_mps**2 / (2.0 * speed_up_mps2() * planned_mps)
+        return here_s, late_s, slower
+
+    def _slower(self, seen: Seen, here_m: float, planned_mps: float) -> float:
+        """1 unless the aircraft has had another speed than the planned one for a while, and both are steady."""
+        speeds = [speed for _at, speed in self._speeds_seen]
+        least, most = min(speeds), max(speeds)
+        if seen.now - self._speeds_seen[0][0] < _STEADY_S or least < _STANDS_MPS or most - least > _STEADY * most:
+            return 1.0
+        _time_s, before_mps = self._at(here_m - _STEADY_S * most)
+        if abs(before_mps - planned_mps) > _STEADY * planned_mps:
+            return 1.0
+        factor = planned_mps / seen.speed_mps
+        if abs(factor - 1.0) <= _STEADY:
+            return 1.0
+        return min(_MOST_FACTOR, max(1.0 / _MOST_FACTOR, factor))
+
+    def _along_m(self, seen: Seen, end: int) -> float:
+        if seen.waypoint in self._curves:
+            return self._on_curve_m(seen.waypoint, (seen.lat_deg, seen.lon_deg))
+        place = self._samples[end]
+        return max(0.0, self._alongs[end] - distance_m(seen.lat_deg, seen.lon_deg, place.lat_deg, place.lon_deg))
 
     def _on_curve_m(self, waypoint: int, here: tuple[float, float]) -> float:
         """How far along the way the aircraft is on a curve: it flies on from where it was seen last, and passes the
@@ -92,11 +226,41 @@ class WayAhead:
                 nearest_m, self._curve_at = away_m, number
         return places[self._curve_at].distance_along_m
 
-    def _time_at(self, along_m: float) -> float:
-        """When the walk was so far along; where it stood, or climbed, there: when it went on."""
-        at = bisect_right(self._alongs, along_m) - 1
+    def _at(self, along_m: float) -> tuple[float, float]:
+        """When the way is so far along, and how fast; where it stands or climbs there: when it goes on."""
+        at = max(0, bisect_right(self._alongs, along_m) - 1)
         if at + 1 >= len(self._alongs):
-            return self._times[-1]
+            return self._times[-1], self._speeds[-1]
         begun_m, ended_m = self._alongs[at], self._alongs[at + 1]
-        part = (along_m - begun_m) / (ended_m - begun_m)
-        return self._times[at] + part * (self._times[at + 1] - self._times[at])
+        part = max(0.0, (along_m - begun_m) / (ended_m - begun_m))
+        time_s = self._times[at] + part * (self._times[at + 1] - self._times[at])
+        square = self._speeds[at] ** 2 + part * (self._speeds[at + 1] ** 2 - self._speeds[at] ** 2)
+        return time_s, square**0.5
+
+
+def _spots(samples: tuple[Sample, ...]) -> dict[int, list[_Spot]]:
+    """By item, where the way to it climbs, descends or waits on the spot."""
+    found: dict[int, list[_Spot]] = {}
+    number = 0
+    while number + 1 < len(samples):
+        last = number
+        while last + 1 < len(samples) and _stays(samples[last], samples[last + 1], samples[number + 1].seq):
+            last += 1
+        if last > number:
+            found.setdefault(samples[last].seq, []).append(_Spot(number, last))
+        number = max(last, number + 1)
+    return found
+
+
+def _stays(before: Sample, after: Sample, seq: int) -> bool:
+    return after.seq == seq and after.distance_along_m - before.distance_along_m < _ON_THE_SPOT_M
+
+
+def _walked_speeds(samples: tuple[Sample, ...]) -> list[float]:
+    """The ground speed of the walk at each of its places: that of the way on, or where it ends, of the way there."""
+    speeds = [0.0] * len(samples)
+    for number in range(len(samples) - 2, -1, -1):
+        time_s = samples[number + 1].time_s - samples[number].time_s
+        length_m = samples[number + 1].distance_along_m - samples[number].distance_along_m
+        speeds[number] = length_m / time_s if time_s > 0.0 and length_m > _ON_THE_SPOT_M else speeds[number + 1]
+    return speeds

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from mavproxy_handover.mission import load
-from mavproxy_handover.mission.crossings import WayAhead
+from mavproxy_handover.mission.crossings import Seen, WayAhead
 from mavproxy_handover.mission.geodesy import distance_m
 
 MISSIONS = Path(__file__).parents[2] / "missions"
@@ -21,7 +21,12 @@ FOREVER = 1e9
 def walked(request):
     package = load(MISSIONS / request.param)
     walk = package.walk()
-    return package, walk, WayAhead(walk)
+    return package, walk, WayAhead(walk, winged=True)  # with the times of the walk
+
+
+def seen(seq, lat_deg, lon_deg, alt_m=1000.0):
+    """An aircraft that stands, above all climbs."""
+    return Seen(seq, lat_deg, lon_deg, alt_m, 0.0, 0.0)
 
 
 def changes(walk):
@@ -42,7 +47,7 @@ def test_from_take_off_all_of_them_are_ahead_in_order(walked):
     _package, walk, way = walked
     first = walk.samples[0]
     seq = next(sample.seq for sample in walk.samples if sample.distance_along_m > 0.0)
-    found = way.borders(seq, first.lat_deg, first.lon_deg, FOREVER)
+    found = way.borders(seen(seq, first.lat_deg, first.lon_deg), FOREVER)
     assert [border.holding for border in found] == [sample.open for sample in changes(walk)]
     assert [border.number for border in found] == list(range(len(found)))
     assert [border.in_s for border in found] == sorted(border.in_s for border in found)
@@ -59,7 +64,7 @@ def test_along_the_way_each_is_as_far_ahead_as_the_walk_has_it_and_gone_behind_i
     assert len(moving) > 50
     for here in moving:
         ahead = [border for border in changes(walk) if border.distance_along_m > here.distance_along_m + 0.5]
-        found = way.borders(here.seq, here.lat_deg, here.lon_deg, FOREVER)
+        found = way.borders(seen(here.seq, here.lat_deg, here.lon_deg), FOREVER)
         near = [border for border in changes(walk) if abs(border.distance_along_m - here.distance_along_m) <= 0.5]
         assert len(ahead) <= len(found) <= len(ahead) + len(near)
         for border, expected in zip(reversed(found), reversed(ahead), strict=False):
@@ -70,7 +75,7 @@ def test_along_the_way_each_is_as_far_ahead_as_the_walk_has_it_and_gone_behind_i
 def test_beside_the_way_it_is_the_distance_to_the_end_of_the_leg_that_counts(walked):
     _package, walk, way = walked
     border = changes(walk)[0]
-    (found, *_) = way.borders(border.seq, border.lat_deg, border.lon_deg - 0.0005, FOREVER)
+    (found, *_) = way.borders(seen(border.seq, border.lat_deg, border.lon_deg - 0.0005), FOREVER)
     away = distance_m(border.lat_deg, border.lon_deg, border.lat_deg, border.lon_deg - 0.0005)
     assert 0.0 < found.in_s <= away / 5.0 or found.number > 0
 
@@ -79,27 +84,27 @@ def test_what_is_farther_than_asked_for_is_left_out(walked):
     _package, walk, way = walked
     first = walk.samples[0]
     seq = next(sample.seq for sample in walk.samples if sample.distance_along_m > 0.0)
-    every = way.borders(seq, first.lat_deg, first.lon_deg, FOREVER)
-    assert way.borders(seq, first.lat_deg, first.lon_deg, every[0].in_s + 0.1) == every[:1]
-    assert way.borders(seq, first.lat_deg, first.lon_deg, every[0].in_s - 0.1) == ()
+    every = way.borders(seen(seq, first.lat_deg, first.lon_deg), FOREVER)
+    assert way.borders(seen(seq, first.lat_deg, first.lon_deg), every[0].in_s + 0.1) == every[:1]
+    assert way.borders(seen(seq, first.lat_deg, first.lon_deg), every[0].in_s - 0.1) == ()
 
 
 def test_of_an_item_that_the_way_does_not_have_nothing_is_known(walked):
     _package, walk, way = walked
-    assert way.borders(999, walk.samples[0].lat_deg, walk.samples[0].lon_deg, FOREVER) == ()
+    assert way.borders(seen(999, walk.samples[0].lat_deg, walk.samples[0].lon_deg), FOREVER) == ()
 
 
 @pytest.mark.parametrize("name", ["loiter_turns", "spline"])
 def test_on_a_curve_each_border_is_as_far_ahead_as_the_walk_has_it(name):
     """On ten turns the same border is crossed again and again, and on a spline the end of the leg tells nothing."""
     walk = load(DATA / name).walk()
-    way = WayAhead(walk)
+    way = WayAhead(walk, winged=True)
     curves = {sample.seq for sample in walk.samples if sample.curved}
     places = [sample for sample in walk.samples if sample.seq in curves]
     assert len(places) > 400
     for here in places[::2]:
         ahead = [border for border in changes(walk) if border.distance_along_m > here.distance_along_m + 10.0]
-        found = way.borders(here.seq, here.lat_deg, here.lon_deg, FOREVER)
+        found = way.borders(seen(here.seq, here.lat_deg, here.lon_deg), FOREVER)
         expected = [border.time_s - here.time_s for border in ahead]
         assert len(ahead) <= len(found) <= len(ahead) + 2
         assert [border.in_s for border in found][len(found) - len(ahead) :] == [

@@ -8,7 +8,7 @@ import pytest
 
 from mavproxy_handover.mission import MissionError, load
 from mavproxy_handover.mission.check import Severity, check
-from mavproxy_handover.mission.crossings import WayAhead
+from mavproxy_handover.mission.crossings import Seen, WayAhead
 from mavproxy_handover.mission.errors import Where
 from mavproxy_handover.mission.reached import Belonging, belonging_of
 
@@ -162,8 +162,8 @@ def test_a_hold_at_the_waypoint_is_over_when_it_is_reached(line):
 def test_the_borders_ahead_are_the_waypoints(line):
     """Both operators are asked ahead of the waypoint, not of the place where the next zone begins."""
     package = load(line.write())
-    way = WayAhead(package.walk())
-    borders = way.borders(2, 0.0, 10.001, 1e9)
+    way = WayAhead(package.walk(), winged=True)  # with the times of the walk
+    borders = way.borders(Seen(2, 0.0, 10.001, 40.0, 0.0, 0.0), 1e9)
     assert [set(border.holding) for border in borders] == [{A, B}, {B}, {A, B}]
     # from 10.001 to 10.005, and to 10.006, at 10 m/s
     assert [border.in_s for border in borders[:2]] == pytest.approx([4 * PIECE_M / 10, 5 * PIECE_M / 10], abs=0.01)
