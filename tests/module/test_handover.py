@@ -106,8 +106,8 @@ def test_authority_moves_where_the_zones_overlap(flight: Bench) -> None:
 
 
 def test_both_stations_are_told_of_the_border_before_it_is_reached(flight: Bench) -> None:
-    """150 m before B's zone, on the way to waypoint 1."""
-    flight.autopilot.waypoint = 1
+    """150 m before B's zone: the climb is over, and waypoint 2 is flown to."""
+    flight.autopilot.waypoint = 2
     flight.run(3.0)
     for station in (flight.a, flight.b):
         told = station.got("HANDOVER_AHEAD")
@@ -127,7 +127,7 @@ def test_both_stations_are_told_of_the_border_before_it_is_reached(flight: Bench
 
 
 def test_the_partners_operator_is_briefed_with_the_question_and_nobody_else(flight: Bench) -> None:
-    flight.autopilot.waypoint = 1
+    flight.autopilot.waypoint = 2
     flight.run(3.0)
     assert flight.a.got("HANDOVER_BRIEFING") == []
     lines = flight.b.got("HANDOVER_BRIEFING")[:6]
@@ -148,7 +148,7 @@ def test_the_partners_operator_is_briefed_with_the_question_and_nobody_else(flig
 def test_what_breaks_in_a_briefing_costs_one_line(flight: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(type(flight.companion.autopilot.places), "words", lambda _self: 1 / 0)
     monkeypatch.setattr(type(flight.companion.autopilot.desk), "way_on_wh", lambda _self: 1 / 0)
-    flight.autopilot.waypoint = 1
+    flight.autopilot.waypoint = 2
     flight.run(3.0)
     texts = [m.text for m in flight.b.got("HANDOVER_BRIEFING")[:6]]
     assert texts[1] == "not known (internal fault)"
@@ -157,7 +157,7 @@ def test_what_breaks_in_a_briefing_costs_one_line(flight: Bench, monkeypatch: py
 
 
 def test_off_the_mission_nothing_is_foreseen(flight: Bench) -> None:
-    flight.autopilot.waypoint = 1
+    flight.autopilot.waypoint = 2
     flight.run(3.0)
     assert flight.a.got("HANDOVER_AHEAD") != []
     flight.autopilot.mode = GUIDED
