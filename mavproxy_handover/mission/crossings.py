@@ -194,7 +194,9 @@ class WayAhead:
         """1 unless the aircraft has had another speed than the planned one for a while, and both are steady."""
         speeds = [speed for _at, speed in self._speeds_seen]
         least, most = min(speeds), max(speeds)
-        if seen.now - self._speeds_seen[0][0] < _STEADY_S or least < _STANDS_MPS or most - least > _STEADY * most:
+        if seen.now - self._speeds_seen[0][0] < _STEADY_S or min(least, planned_mps) < _STANDS_MPS:
+            return 1.0
+        if most - least > _STEADY * most:
             return 1.0
         _time_s, before_mps = self._at(here_m - _STEADY_S * most)
         if abs(before_mps - planned_mps) > _STEADY * planned_mps:

@@ -2,7 +2,8 @@
 
 """The seconds to each border over whole flights: how far they are from the truth, which the flight itself tells.
 
-The embedded vehicle in simulated time, looked at once a second as the companion does.
+The embedded vehicle in simulated time, looked at once a second as the companion does; and a recorded flight of
+ArduCopter.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import math
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -22,6 +24,7 @@ from sitl.vehicles.builtin.bench import Bench
 from sitl.vehicles.builtin.items import Item
 
 MISSIONS = Path(__file__).resolve().parents[2] / "missions"
+RECORDED = Path(__file__).resolve().parents[1] / "data" / "flights" / "delivery-arducopter.csv"
 AUTO, GUIDED = 3, 4
 PAUSE, SET_MODE, ARM, START, CHANGE_SPEED = 193, 176, 400, 300, 178
 #: what is held to: over the last seconds before a border the error is no more than this (s)
@@ -171,3 +174,25 @@ def test_another_speed_that_the_commander_orders_is_followed_within_some_seconds
     said = [(at, told - (came - at)) for at, told in flight.told[0] if at >= ordered_at + 6.0]
     assert said
     assert max(abs(error) for _at, error in said) <= MOST_S
+
+
+def test_it_is_right_in_a_recorded_flight_of_arducopter_too() -> None:
+    """Its positions once a second, so a border comes between two of them."""
+    package = load(MISSIONS / "delivery")
+    finder, way = package.zone_finder(), WayAhead.of(package.walk(), package.route)
+    lines = RECORDED.read_text(encoding="utf-8").splitlines()[2:]
+    looks = []
+    for line in lines:
+        at, waypoint, lat_deg, lon_deg, alt_m, speed_mps = line.split(",")
+        seen = Seen(int(waypoint), float(lat_deg), float(lon_deg), float(alt_m), float(speed_mps), float(at))
+        looks.append((seen, finder.holding(seen.lat_deg, seen.lon_deg, seen.alt_m)))
+    assert len(looks) > 300
+    came = [(a.now + b.now) / 2.0 for (a, before), (b, after) in pairwise(looks) if before != after]
+    assert len(came) == 8
+    errors: dict[int, list[tuple[float, float]]] = {}
+    for seen, _holding in looks:
+        for border in way.borders(seen, 60.0):
+            if seen.now < came[border.number]:
+                left = came[border.number] - seen.now
+                errors.setdefault(border.number, []).append((left, border.in_s - left))
+    hold(errors, 8)
