@@ -76,8 +76,10 @@ class _Spot:
 
 
 class WayAhead:
-    """The way of one mission, with the borders on it. `winged`: it is flown by an aircraft with wings; `rests`: the items
-    before which a copter comes to rest."""
+    """The way of one mission, with the borders on it.
+
+    `winged`: it is flown by an aircraft with wings; `rests`: the items before which a copter comes to rest.
+    """
 
     @classmethod
     def of(cls, walk: Walk, route: Route) -> WayAhead:
