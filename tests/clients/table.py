@@ -77,13 +77,15 @@ class Client:
 
 _DRONEKIT_WORDS = _ALL - {"modes", "file"}
 _MAVSDK_WORDS = _ALL - {"guided", "modes"}
+# it takes every heartbeat of the vehicle for the autopilot's
+_DRONEKIT_STATION = {"companion_heartbeat": "false"}
 # docs/mavsdk.md: "What ends a MAVSDK program"
 _MAVSDK_STATION = {"not_in_control": '"never"'}
 CLIENTS = (
     Client("pymavlink", _PYMAVLINK, "pymavlink_station.py"),
     Client("pymavlink behind MAVProxy as router", _PYMAVLINK, "pymavlink_station.py", router=_MAVPROXY),
     Client("MAVProxy 1.8.74", _MAVPROXY, "mavproxy_station.py", _ALL - {"modes"}, frozenset({"param"})),
-    Client("DroneKit 2.9.2", _DRONEKIT, "dronekit_station.py", _DRONEKIT_WORDS, _CHANGE),
+    Client("DroneKit 2.9.2", _DRONEKIT, "dronekit_station.py", _DRONEKIT_WORDS, _CHANGE, _DRONEKIT_STATION),
     Client("dronekit2", _DRONEKIT2, "dronekit_station.py", _DRONEKIT_WORDS, _CHANGE),
     Client("MAVSDK 3", _MAVSDK_3, "mavsdk_station.py", _MAVSDK_WORDS, station=_MAVSDK_STATION),
     Client("MAVSDK, newest", _MAVSDK, "mavsdk_station.py", _MAVSDK_WORDS, station=_MAVSDK_STATION),

@@ -15,7 +15,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from talk import COMMAND_RESULTS, MISSION, PARAMETER, Journal, Typed, arguments, carry_out
+from talk import COMMAND_RESULTS, MISSION, PARAMETER, Journal, Texts, Typed, arguments, carry_out
 
 # DroneKit 2.9.2 was made for Python before 3.10
 collections.MutableMapping = collections.abc.MutableMapping  # type: ignore[attr-defined]
@@ -34,7 +34,7 @@ class Station:
 
     def __init__(self, address: str, sysid: int, journal: Journal) -> None:
         self._address, self._sysid = address, sysid
-        self._journal = journal
+        self._texts = Texts(journal)
         self._vehicle: Any = None
         self._acks: list[Any] = []
         self._versions = 0
@@ -64,7 +64,7 @@ class Station:
 
     def _on_text(self, _vehicle: Any, _name: str, message: Any) -> None:
         text = message.text if isinstance(message.text, str) else message.text.decode("utf-8", "replace")
-        self._journal.note("said", " ".join(text.split()), severity=message.severity)
+        self._texts.take(message.get_srcComponent(), message.id, text, message.severity)
 
     def _on_version(self, _vehicle: Any, _name: str, _message: Any) -> None:
         self._versions += 1

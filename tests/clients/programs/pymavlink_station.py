@@ -12,7 +12,7 @@ from collections.abc import Callable
 from typing import Any
 
 from pymavlink import mavftp, mavutil
-from talk import COMMAND_RESULTS, MISSION, PARAMETER, Journal, Typed, arguments, carry_out
+from talk import COMMAND_RESULTS, MISSION, PARAMETER, Journal, Texts, Typed, arguments, carry_out
 
 GROUND_STATION = 190
 AUTOPILOT = 1
@@ -24,7 +24,6 @@ VERSION, MODES = 148, 435
 GUIDED, LOITER, RTL, LAND = 4, 5, 6, 9
 MISSION_RESULTS = {0: "accepted", 1: "failed", 14: "denied"}
 FILE = "@SYS/uarts.txt"
-PIECE = 50
 
 
 class Station:
@@ -34,8 +33,7 @@ class Station:
         self._link: Any = mavutil.mavlink_connection(address, source_system=sysid, source_component=GROUND_STATION)
         self._vehicle = vehicle
         self._sysid = sysid
-        self._journal = journal
-        self._pieces: dict[tuple[int, int], str] = {}
+        self._texts = Texts(journal)
         self._beating = False
         self.jobs: dict[str, Callable[[], tuple[str, int | None]]] = {
             "connect": self._connect,
@@ -69,16 +67,8 @@ class Station:
         if message is None or message.get_srcSystem() != self._vehicle:
             return None
         if message.get_type() == "STATUSTEXT":
-            self._on_text(message)
+            self._texts.take(message.get_srcComponent(), message.id, message.text, message.severity)
         return message
-
-    def _on_text(self, message: Any) -> None:
-        key = message.get_srcComponent(), message.id
-        text = self._pieces.pop(key, "") + message.text
-        if message.id and len(message.text) == PIECE:
-            self._pieces[key] = text
-            return
-        self._journal.note("said", " ".join(text.split()), severity=message.severity, component=key[0])
 
     def _await(self, wanted: Callable[[Any], bool], timeout_s: float) -> Any:
         until = time.monotonic() + timeout_s

@@ -20,7 +20,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import TextIO
 
-__all__ = ["COMMAND_RESULTS", "MISSION", "PARAMETER", "Journal", "Typed", "arguments", "carry_out"]
+__all__ = ["COMMAND_RESULTS", "MISSION", "PARAMETER", "Journal", "Texts", "Typed", "arguments", "carry_out"]
 
 #: MAV_RESULT in words
 COMMAND_RESULTS = ("accepted", "temporarily_rejected", "denied", "unsupported", "failed", "in_progress", "cancelled")
@@ -32,6 +32,8 @@ MISSION = (
 )
 #: what `param` sets
 PARAMETER = ("FS_OPTIONS", 0.0)
+#: a piece of a text that is shorter ends it
+_PIECE = 50
 
 
 def arguments(description: str | None) -> argparse.Namespace:
@@ -61,6 +63,22 @@ class Journal:
         entry = {"t": round(time.monotonic(), 4), "utc": now, "who": self._name, "event": event, "text": text, **values}
         with self._lock:
             self._file.write(json.dumps(entry) + "\n")
+
+
+class Texts:
+    """STATUSTEXT as `said` entries. The pieces of a long text are joined."""
+
+    def __init__(self, journal: Journal) -> None:
+        self._journal = journal
+        self._pieces: dict[tuple[int, int], str] = {}
+
+    def take(self, component: int, number: int, text: str, severity: int) -> None:
+        """Take in one message. `number`: the id that the pieces of a long text share, else 0."""
+        whole = self._pieces.pop((component, number), "") + text
+        if number and len(text) == _PIECE:
+            self._pieces[component, number] = whole
+            return
+        self._journal.note("said", " ".join(whole.split()), severity=severity, component=component)
 
 
 class Typed:
