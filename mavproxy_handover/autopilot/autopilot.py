@@ -422,6 +422,7 @@ class Autopilot:
         flight.
         """
         if on_ground:
+            self.orders.give_start_up(f"{port.name} changed the {change.what}", now)
             self._missions.list_changed(port, change, now)
         else:
             self._rerouted(None, now)

@@ -35,7 +35,7 @@ from mavproxy_handover.mission.walk import Handover, legs_of
 from mavproxy_handover.mission.zones import ZoneFinder
 from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.wire.conversation import Conversation, Conversations
-from mavproxy_handover.wire.package_transfer import PackageReceiver
+from mavproxy_handover.wire.package_transfer import PackageReceiver, held_already
 from mavproxy_handover.worker import Worker
 
 __all__ = ["Along", "MissionLoader", "MissionWriter", "Prepared", "Way", "prepare", "way_of"]
@@ -155,10 +155,6 @@ class MissionLoader:
         """What senders were told does not hold any more: a package that is offered again is loaded again."""
         self._receiver.forget()
 
-    def held_already(self, digest: bytes, target: tuple[int, int]) -> Any:
-        """The answer to the sender of the package that is held, while nothing can be written."""
-        return self._receiver.conclude(digest, _LOADED, "held already, nothing was written", target)
-
     def received(self, digest: bytes, target: tuple[int, int]) -> Any:
         """The answer to the sender of a package that is whole and fit to be loaded."""
         return self._receiver.conclude(digest, _RECEIVED, "", target)
@@ -248,7 +244,7 @@ class MissionWriter:
         if message.get_type() == "MISSION_PACKAGE":
             digest = bytes(message.mission_digest)
             if not welcome and digest == held and now - self._loaded_at > _SAID_AGAIN_S:
-                port.send(self._loader.held_already(digest, port.target))
+                port.send(held_already(digest, port.target))
                 return
             if not self._still_true(digest, held, now):
                 self._loader.forget()

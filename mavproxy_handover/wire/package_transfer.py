@@ -16,7 +16,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-__all__ = ["CHUNK_BYTES", "MAX_PACKAGE_BYTES", "PackageReceiver", "PackageSender", "package_id"]
+__all__ = ["CHUNK_BYTES", "MAX_PACKAGE_BYTES", "PackageReceiver", "PackageSender", "held_already", "package_id"]
 
 CHUNK_BYTES = 200
 MAX_PACKAGE_BYTES = 64 * 1024
@@ -37,6 +37,11 @@ def package_id(digest: bytes) -> int:
 def refusal(digest: bytes, text: str, target: tuple[int, int]) -> Any:
     """The message that turns an offer away."""
     return _ack(target, digest, 0, _REFUSED, text)
+
+
+def held_already(digest: bytes, target: tuple[int, int]) -> Any:
+    """The message to the sender of a package that is loaded while nothing can be written; nothing is remembered."""
+    return _ack(target, digest, 0, _LOADED, "held already, nothing was written")
 
 
 def _ack(target: tuple[int, int], digest: bytes, offset: int, result: int, text: str = "") -> Any:

@@ -267,6 +267,32 @@ def test_the_last_word_in_flight_says_that_nothing_was_written(bench: Bench, del
     assert (sender.result, sender.text) == (LOADED, "held already, nothing was written")
 
 
+def test_another_stations_offer_of_the_held_package_disturbs_no_load(loaded: Bench, delivery: MissionPackage) -> None:
+    loaded.run(10.0)
+    offer = mavlink.MAVLink_mission_package_message(1, 191, 9, list(delivery.digest), b"delivery")
+    loaded.b.send(offer)
+    loaded.run(0.2)
+    (ack,) = loaded.b.got("MISSION_PACKAGE_ACK")
+    assert (ack.result, ack.text) == (LOADED, "held already, nothing was written")
+    loaded.autopilot.items[0] = loaded.autopilot.items[0][:3]
+    assert loaded.share(delivery).result == LOADED
+    assert len(loaded.autopilot.items[0]) == 12, "the commander's is written all the same"
+
+
+def test_a_write_in_the_middle_of_start_ends_start(loaded: Bench) -> None:
+    """The aircraft would fly a mission that no package has."""
+    loaded.autopilot.script[mavlink.MAV_CMD_COMPONENT_ARM_DISARM] = None  # it takes its time
+    loaded.a.command(mavlink.MAV_CMD_MISSION_START)
+    loaded.run(0.5)
+    assert loaded.companion.arbiter.grounded(loaded.clock.now) is False, "START is under way"
+    upload(loaded)
+    loaded.run(8.0)
+    assert mavlink.MAV_CMD_MISSION_START not in loaded.autopilot.commands()
+    (failed,) = loaded.journal("start_failed")
+    assert failed["text"] == "START failed: GCSA changed the mission"
+    assert loaded.companion.arbiter.grounded(loaded.clock.now)
+
+
 # ---- a second flight ----------------------------------------------------------------------------------------------
 
 

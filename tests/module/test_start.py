@@ -172,14 +172,14 @@ def test_a_second_program_of_the_commander_does_not_take_the_answer_away(ready: 
     ready.autopilot.script[MODE] = None
     ready.a.command(START)
     ready.run(0.5)
-    other = mavlink.MAVLink(None, srcSystem=251, srcComponent=195)
+    other = mavlink.MAVLink(None, srcSystem=251, srcComponent=230)
     ready.a.send_bytes(mavlink.MAVLink_command_long_message(1, 1, START, 0, 0, 0, 0, 0, 0, 0, 0).pack(other))
     ready.run(0.3)
     del ready.autopilot.script[MODE]
     ready.until(lambda: ready.companion.view.phase is Phase.ON_MISSION)
     ready.run(0.2)
     answers = [(m.target_component, m.result) for m in ready.a.got("COMMAND_ACK") if m.command == START]
-    assert answers == [(190, IN_PROGRESS), (195, REJECTED), (190, ACCEPTED)]
+    assert answers == [(190, IN_PROGRESS), (230, REJECTED), (190, ACCEPTED)]
 
 
 def test_no_mission_is_taken_while_the_aircraft_is_being_started(ready: Bench, delivery: MissionPackage) -> None:
