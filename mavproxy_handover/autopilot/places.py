@@ -260,8 +260,15 @@ class PlaceWatch:
         self._seen = {name: seen for name, seen in self._seen.items() if any(p.name == name for p in places)}
 
     def autopilot_restarted(self, now: float) -> None:
-        """The autopilot has started again, or was silent so long that it may have."""
-        if self._package is not None:
+        """The autopilot has started again, or was silent so long that it may have.
+
+        In flight, and when the companion has just started, the list is read at once: a return may need it.
+        """
+        if self._package is None:
+            return
+        if self._aircraft.flying or self._heard_at == -math.inf:
+            self._keeper.forget()
+        else:
             self._keeper.restarted(now)
 
     # ---- what comes in --------------------------------------------------------------------------------------------
