@@ -114,6 +114,7 @@ class Conductor:
         text = f"handover {transfer.key.handover_id} is now for {in_words(reason)}"
         actions.append(Record("transfer_raised", text, reason, transfer.key.to_station))
         self._authority.refresh(reason, actions)
+        self.imply(now, actions)  # the vehicle's file may answer this reason
 
     def _seek_successor(self, lost: int, now: float, actions: list[Action]) -> None:
         """The commander is lost in flight: stations whose zones hold the aircraft may take it, without asking."""
@@ -191,7 +192,7 @@ class Conductor:
         cause = cause_of(message, station)
         if cause is None:
             return "not the sender's to say"
-        if cause is Cause.DENIED and self._authority.lost:
+        if self._authority.lost and station == key.from_station:  # a forced transfer asks it nothing
             return "the commander is lost"
         self._candidates.spoke(station)
         if cause is Cause.PARTNER_ASKS and self._hurries(transfer, now, actions):

@@ -899,3 +899,21 @@ class TestTakeOff:
         bench.run(1.2)
         bench.say(B, DroneConnected(KEY))
         assert bench.arbiter.view.commander is None
+
+
+@pytest.mark.parametrize("word", [Consent.WAITING, Consent.GRANTED])
+def test_a_late_word_of_the_lost_commander_takes_no_time_from_the_partners_operator(word: Consent) -> None:
+    """The partner was told to set itself up before its operator had answered, and its operator's time was over."""
+    bench = Bench().in_transfer()
+    bench.alive = {B}
+    while not bench.arbiter._authority.lost:
+        bench.say(B, OnHandover(KEY, Consent.WAITING))
+        bench.run(0.5)
+    bench.say(B, OnHandover(KEY, Consent.WAITING))
+    bench.say(A, OkHandover(KEY, word))
+    bench.run(4.0)
+    assert [message for _at, _to, message, _attempt in bench.sent() if isinstance(message, ConnectHandover)] == []
+    assert bench.arbiter.view.partner == B
+    bench.say(B, OnHandover(KEY, Consent.GRANTED))
+    bench.say(B, DroneConnected(KEY))
+    assert bench.arbiter.view.commander == B

@@ -121,6 +121,18 @@ class TestCommander:
         assert self.questions(bench) == [NotifyOwner(A, B, 10.0)]
         assert bench.arbiter.view.commander == A
 
+    def test_automatic_answers_as_soon_as_the_zone_ends_while_another_operator_asks(self) -> None:
+        """The request of GCSB is for people to answer. While it waits, the zone ends: that needs no answer."""
+        bench = Bench(standard={A}, consent=AUTOMATIC, route=(A,)).on_mission()
+        bench.position(inside(A), replace(inside(B), awaits=True))
+        bench.give(bench.request(B, timeout_s=30.0))
+        bench.say(B, OnHandover(KEY, relay=True))
+        bench.run(1.0)
+        assert bench.arbiter.view.commander == A
+        bench.position(inside(A, exit_s=6.0), inside(B))
+        bench.say(B, DroneConnected(KEY, relay=True))
+        assert bench.arbiter.view.commander == B
+
     @pytest.mark.parametrize(
         ("shown", "reason"), [(False, Reason.CANNOT_BE_ASKED), (True, Reason.COMMANDER_UNANSWERED)]
     )
