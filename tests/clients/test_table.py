@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from sitl.script.scenario import load_scenario
 from tests.clients.flight import CONDITIONS
 from tests.clients.site import PROGRAMS
 from tests.clients.table import CLIENTS, ENVIRONMENTS, FLIGHT, OBSERVER, Expects, Outcome, outcome_of
@@ -35,3 +36,7 @@ def test_a_programs_own_word_is_not_taken_for_another_outcome() -> None:
     assert outcome_of("accepted") == outcome_of("success") == Outcome.DONE
     assert outcome_of("command_denied") == outcome_of("permission_denied") == Outcome.REFUSED
     assert outcome_of("temporarily_rejected") == outcome_of("no answer") == outcome_of("no change") == Outcome.OTHER
+
+
+def test_the_flight_of_two_programs_of_mavsdk_can_be_read() -> None:
+    assert set(load_scenario(PROGRAMS.parent / "mavsdk_flight.toml").standard) == {"GCSA", "GCSB"}
