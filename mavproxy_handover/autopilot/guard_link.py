@@ -86,7 +86,7 @@ class GuardLink:
             return None
         if status.version < LEASE_VERSION:
             self._note(_OLDER, now)
-            return status
+            return status if self._key is None else None  # nothing in it proves the key
         if self._key is not None and not self._proven(payload, self._key):
             self._note(_OTHER_KEY if status.tagged else _NO_KEY, now)
             return None

@@ -75,6 +75,14 @@ def test_the_next_nonce_is_of_the_same_guard() -> None:
         assert not link.withholds(at)
 
 
+def test_with_a_key_a_status_of_the_older_layout_is_named_and_is_none() -> None:
+    """It has no tag that could prove the key: a stranger may send it."""
+    older = struct.pack("<BBBBIIIHBB", 1, 2, 0, 0, OURS, 9, 7, 0, 4, 7)
+    link = GuardLink(1, KEY, leases())
+    assert link.take(older, 10.0) is None
+    assert link.problem(10.0) == OLDER
+
+
 class TestTwoGuards:
     def test_one_after_the_other_is_a_restart_and_withholds_arming_for_a_moment(self) -> None:
         link = GuardLink(1, None, leases())
