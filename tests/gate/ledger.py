@@ -423,7 +423,8 @@ PARAMETER_DEPENDENT = [
     (400, float("nan"), 0.0, TAKE_OFF),
     (400, 0.0, 21196.0, TOLD),
     *((218, function, 2.0, TAKE_OFF) for function in (41.0, 151.0, 153.0, 153.5, 154.0, 165.0)),
-    (218, float("nan"), 2.0, START),  # what is no number may be anything: on the ground it arms, in flight it is AUTO
+    # what is no number may be any switch, also the one that stops the guard
+    *((218, value, position, MAINTENANCE) for value in (float("nan"), float("inf")) for position in (0.0, 1.0, 2.0)),
     *((218, function + 65536.0, 2.0, TAKE_OFF) for function in (41.0, 151.0, 153.0, 154.0, 165.0)),
     (218, 153.0 - 65536.0, 2.0, TAKE_OFF),
     (218, 153.0 + 256.0, 2.0, SAFEGUARD),

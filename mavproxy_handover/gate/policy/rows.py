@@ -194,8 +194,8 @@ def special_value(frame: Frame, command: int | None) -> tuple[ValueRule, str] | 
 def _switch_row(row: Row, frame: Frame) -> Row:
     """The row of what DO_AUX_FUNCTION switches, where that has another class than the command itself."""
     which = field_float(frame, "param1")
-    if not isfinite(which):  # it may be anything: judged below as what takes off, or as AUTO
-        return row
+    if not isfinite(which):  # it may be any switch, the one that stops the guard among them
+        return Row(f"{row.what} (no number)", Access.MAINTENANCE, row.part)
     number = _keeps(int(which), _SWITCH_BITS)
     access = switch_rule(number).access
     return row if access is row.access else Row(f"{row.what} ({switch_name(number) or number})", access, row.part)
