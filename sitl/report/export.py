@@ -39,7 +39,7 @@ COLUMNS = (
 
 def write_csv(record: RunRecord, path: Path) -> None:
     """Write the table. Raises OSError."""
-    with path.open("w", encoding="utf-8", newline="") as file:
+    with path.open("w", encoding="utf-8", errors="replace", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(COLUMNS)
         for story in record.stories:

@@ -64,6 +64,8 @@ def parse_line(line: str) -> Entry | None:
     """The entry in a line, None when there is none in it."""
     try:
         values = json.loads(line)
+        if "\\ud" in line.lower():  # an escape may stand for half a character, which no file can hold
+            values = json.loads(json.dumps(values, ensure_ascii=False).encode("utf-8", "replace"))
     except (ValueError, RecursionError):
         return None
     if not isinstance(values, dict):

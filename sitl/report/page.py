@@ -73,7 +73,7 @@ def write_report(record: RunRecord, path: Path | None = None) -> Path:
         '<meta name="color-scheme" content="light dark">'
         f"<title>{escape(title)}</title><style>{STYLE}</style></head><body>{''.join(body)}{drawing}</body></html>\n"
     )
-    path.write_text(html, encoding="utf-8")
+    path.write_text(html, encoding="utf-8", errors="replace")  # a journal may hold half a character
     return path
 
 

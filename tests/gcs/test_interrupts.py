@@ -129,6 +129,8 @@ def test_the_first_one_in_flight_asks_and_the_second_ends_it(terminals: list[Ter
     terminal.shows(ASKS)
     terminal.types(b"hello\n")
     terminal.shows("line: hello")
+    terminal.shows("MAV> ", 2)
+    time.sleep(0.3)
     terminal.types(CTRL_C)
     assert terminal.ends() == 0
     assert "in order" in terminal.text

@@ -131,3 +131,18 @@ def test_a_damaged_folder_gives_a_page_or_one_sentence(
             assert said.err.startswith("handover report: "), f"mutation {number}"
             assert said.err.count("\n") == 1, f"mutation {number}: {said.err[:500]}"
     assert pages > 5, "most of what is damaged can still be reported"
+
+
+def test_half_a_character_in_a_journal_gives_a_page(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(report_page, "_pictures", lambda _record: None)
+    monkeypatch.setattr(report_page, "_library", lambda: "")
+    flight_folder(tmp_path / "flight")
+    path = tmp_path / "flight" / "drone-1.jsonl"
+    lines = path.read_text(encoding="utf-8").splitlines()
+    entry = json.loads(lines[-1])
+    entry |= {"event": "decision", "text": "RETURN \udcea"}
+    path.write_text("\n".join([*lines, json.dumps(entry)]) + "\n", encoding="utf-8")
+    assert main_report([str(tmp_path / "flight"), "--csv", str(tmp_path / "flight.csv")]) == 0
+    assert capsys.readouterr().err == ""
