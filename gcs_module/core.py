@@ -5,9 +5,9 @@
 Rules that live here
 --------------------
 * The vehicle decides who commands; a station believes the newest epoch it has heard and nothing else. Within an epoch
-  there is one order of news: nobody commands yet (the vehicle has restarted and waits for its commander), somebody
-  commands, nobody commands any more. An epoch above EPOCH_MAX is none of any flight: after it the station believes the
-  vehicle's next word that is not above EPOCH_MAX.
+  there is one order of news: no station commands yet (the vehicle has restarted and waits for its commander), a station
+  commands, no station commands any more. An epoch above EPOCH_MAX is none of any flight: after it the station believes
+  the vehicle's next word that is not above EPOCH_MAX.
 * A station only answers. It never retransmits: the vehicle asks again, and the same question gets the same answer.
   What comes late from a transfer before the vehicle's latest, or from one that it has aborted, is no question any
   more.
@@ -169,7 +169,7 @@ class StationCore:
         #: whose zone holds the aircraft, the commander's first; and the commander whose zone is about to end
         self._zone: int | None = None
         self._zone_ending: int | None = None
-        #: nobody commands because the mission declares a gap there
+        #: no station commands because the mission declares a gap there
         self.alone = False
         #: until when an operator who is asked may answer
         self._answer_until = inf
@@ -253,7 +253,7 @@ class StationCore:
 
     def name(self, sysid: int | None) -> str:
         """A station's name, for people."""
-        return "nobody" if not sysid else self._names.get(sysid, f"station {sysid}")
+        return "no station" if not sysid else self._names.get(sysid, f"station {sysid}")
 
     def peer_alive(self, peer: int, now: float) -> bool:
         """Whether the ground link to another station works."""
@@ -336,7 +336,7 @@ class StationCore:
         due = [at for at in self.LEFT_S if left_s <= at < asked.told_left_s]
         if due:
             asked.told_left_s = min(due)
-            keeps = "nobody commands it" if self.commander is None else f"{self.name(self.commander)} keeps it"
+            keeps = "no station commands it" if self.commander is None else f"{self.name(self.commander)} keeps it"
             what = f"Without an answer {keeps}" if asked is part else "At the border you are asked again"
             words = f"{ceil(max(0.0, left_s))} s left to answer: {self._in_words(asked.key)}."
             actions.append(Notice("countdown", f"{words} {what}.{self._hint(Consent.WAITING)}"))
@@ -395,10 +395,10 @@ class StationCore:
             self._part = None  # over, whatever became of it: no question of it is open any more
         self._beforehand.over()
         if commander is None and self.alone:
-            text = f"Nobody commands {self.vehicle_name}: it crosses a gap that its mission declares."
+            text = f"No station commands {self.vehicle_name}: it crosses a gap that its mission declares."
             notice = Notice("authority", text)
         elif commander is None and over and self.phase is not Phase.ON_LOAD:
-            text = f"Nobody commands {self.vehicle_name}. 'handover request' takes over when it is in your zone."
+            text = f"No station commands {self.vehicle_name}. 'handover request' takes over when it is in your zone."
             notice = Notice("no_commander", text)
         elif self.role is before:
             notice = Notice("authority", f"{self.name(commander)} commands, epoch {epoch}.")
@@ -412,7 +412,7 @@ class StationCore:
             has = f"{self.name(commander)} has {self.vehicle_name}"
             notice = Notice("control_lost", f"{has}: {self.name(commander)} commands now, epoch {epoch}.")
         else:
-            notice = Notice("control_lost", f"nobody commands now, epoch {epoch}.")
+            notice = Notice("control_lost", f"no station commands now, epoch {epoch}.")
         actions.append(notice)
 
     def _doubt(self, epoch: int) -> None:

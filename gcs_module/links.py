@@ -226,7 +226,9 @@ class Links:
         if sysid in self._names and owner != sysid:
             self._refused[f"{self._names[sysid]}: frame on a link of another"] += 1
             link = "a link of nobody" if owner is None else f"the link of {self._names[owner]}"
-            self._once(f"Somebody speaks as {self._names[sysid]} on {link}: not heard. Is a system id given twice?")
+            self._once(
+                f"Another program speaks as {self._names[sysid]} on {link}: not heard. Is a system id given twice?"
+            )
             return
         door.callback(message, *arguments, **named)
 

@@ -41,7 +41,9 @@ class StationNarrator:
     def ground_open(self) -> None:
         """The ground link has no key."""
         self._journal.write("unsigned_allowed", "frames of the ground link are taken unsigned")
-        self._tell("WARNING: the ground link has no key: whoever reaches it can speak as another station.", Level.INFO)
+        self._tell(
+            "WARNING: the ground link has no key: any program that reaches it can speak as another station.", Level.INFO
+        )
 
     def replay_state(self, text: str) -> None:
         """What is remarkable about the replay state that was found."""

@@ -37,7 +37,7 @@ class VehicleCommands:
         self._worded: dict[str, tuple[tuple[str, ...], str, Callable[[str], None]]] = {
             "override": (
                 tuple(limit.value for limit in Limit),
-                "let commands leave this limit for a minute, as whoever commands may",
+                "let commands leave this limit for a minute, as the commander may",
                 self._override,
             ),
         }
@@ -71,7 +71,9 @@ class VehicleCommands:
     def _status(self) -> None:
         companion, now = self._companion, time.monotonic()
         arbiter, view = companion.arbiter, companion.view
-        self._show(f"phase     {view.phase.name}{'  (INTERNAL FAULT: nobody commands)' if companion.failed else ''}")
+        self._show(
+            f"phase     {view.phase.name}{'  (INTERNAL FAULT: no station commands)' if companion.failed else ''}"
+        )
         if view.rehearsal:
             self._show("rehearsal the aircraft is carried: nothing arms, and nothing is commanded")
         partner = f", transfer to {arbiter.name(view.partner)}" if view.partner else ""

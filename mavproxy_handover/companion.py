@@ -90,7 +90,7 @@ _COMMANDS: Final = frozenset((Access.COMMAND, Access.CONTROL, Access.READ, Acces
 _RALLY: Final = frozenset((Access.RALLY_READ, Access.RALLY_WRITE))
 #: what is decided where nobody is left to decide
 _FAILED: Final = events.Announce(
-    "RETURN: internal fault of the companion, nobody commands", FlightAction.RETURN, Reason.FAULT
+    "RETURN: internal fault of the companion, no station commands", FlightAction.RETURN, Reason.FAULT
 )
 #: so many findings of the checks before flight are told to whoever starts it
 _WARNINGS: Final = 6
@@ -562,7 +562,7 @@ class Companion:
             self._attempt(f"action {type(action).__name__}", self._perform, action, now)
 
     def fail_closed(self, text: str, now: float) -> None:
-        """Nobody commands from here on, and no lease is sent: the guard brings the aircraft home.
+        """No station commands from here on, and no lease is sent: the guard brings the aircraft home.
 
         What can be done to help it is done, each for itself: after one fault another is no surprise.
         """

@@ -66,7 +66,8 @@ _SEVERAL_S, _SINGLE_S = 0.05, 0.5
 #: how often links are looked at though MAVProxy waits for what they receive: lines have to be opened again
 _POLL_S = 0.2
 _TOO_OFTEN = (
-    "restarted too often: no leases, nobody commands, the guard brings the aircraft home. Find out why in the journal, "
+    "restarted too often: no leases, no station commands, the guard brings the aircraft home. Find out why in the "
+    "journal, "
     "then start `handover companion` anew"
 )
 #: the autopilot's name in the replay state: longer than a station's may be
@@ -153,7 +154,7 @@ class HandoverModule(mp_module.MPModule):
         open_doors = ", ".join(port.name for port in ports.values() if port.peer is None)
         if open_doors:
             self.companion.narrator.unsigned_allowed(open_doors)
-            self._show(f"handover: WARNING: {open_doors} without a key: whoever reaches the link is the station")
+            self._show(f"handover: WARNING: {open_doors} without a key: any program on the link counts as the station")
         not_kept = "" if running.recorded else keep(running)
         if not_kept:
             self.companion.narrator.running_by(not_kept)
@@ -433,7 +434,7 @@ def init(mpstate: Any, config: Any = None, journal: Any = None, **unknown: Any) 
             refused(
                 mpstate,
                 "handover",
-                f"MAVProxy has outputs ({outputs}): whoever is behind them could pass the gate. Start without --out, "
+                f"MAVProxy has outputs ({outputs}): programs there could pass the gate. Start without --out, "
                 "or set listen_only_outputs = true in [vehicle]",
             )
             return None

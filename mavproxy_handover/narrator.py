@@ -257,7 +257,7 @@ class Narrator:
     def state_lost(self, trouble: str) -> None:
         """There was a state file, and it cannot be trusted."""
         self._journal.write("state_lost", trouble, reason="fault")
-        self.tell(f"State file: {trouble}: nobody commands.")
+        self.tell(f"State file: {trouble}: no station commands.")
 
     def package_lost(self) -> None:
         """The mission package that was kept with it is not there."""
@@ -463,7 +463,7 @@ class Narrator:
 
     def rally_overwritten(self) -> None:
         """Somebody else on board has written the autopilot's list."""
-        text = "somebody else has written the autopilot's rally list: the place of a return is written again"
+        text = "another program has written the autopilot's rally list. The companion restores the return site"
         self._journal.write("rally_overwritten", text)
         self._tell_sentence(f"WARNING: {text}")
 

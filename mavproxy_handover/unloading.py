@@ -68,7 +68,7 @@ class UnloadQuestion:
             return False
         self._asked_at = now
         self._show(
-            f"{self._module}: the aircraft is in flight. Without this module nobody commands it, and the guard brings "
-            f"it home. Type it again within {AGAIN_S:.0f} s if that is meant."
+            f"{self._module}: the aircraft is in flight. Without this module no station commands it, and the guard "
+            f"brings it home. Type it again within {AGAIN_S:.0f} s if that is meant."
         )
         return True

@@ -160,14 +160,14 @@ class Hearing:
         if commander or phase is Phase.ON_LOAD or lease is LeaseState.ALONE:
             craft.alarms.end("commander")
         else:
-            craft.alarms.begin("commander", EVENTS["no_commander"], "nobody commands", now)
+            craft.alarms.begin("commander", EVENTS["no_commander"], "no station commands", now)
         if guard in _GUARD_TROUBLE and phase is not Phase.ON_LOAD:
             craft.alarms.begin("guard", EVENTS["lost"], f"guard {craft.guard.value}", now)
         else:
             craft.alarms.end("guard")
         if told and before != commander and craft.source is self.source:
             event = "authority" if commander else "no_commander"
-            words = f"{commander or 'nobody'} commands, epoch {m.epoch}"
+            words = f"{commander or 'no station'} commands, epoch {m.epoch}"
             self._scene.tell(utc_now, craft.name, EVENTS[event], words)
 
     def _decision(self, sysid: int, craft: Aircraft, m: Any, now: float, utc_now: float) -> None:

@@ -206,7 +206,7 @@ class Writer:
         if commander or phase == "on_load" or lease == "alone":
             craft.alarms.end("commander")
         else:
-            craft.alarms.begin("commander", EVENTS["no_commander"], "nobody commands", at)
+            craft.alarms.begin("commander", EVENTS["no_commander"], "no station commands", at)
 
     def _guard(self, craft: Aircraft, entry: Entry, at: float) -> None:
         state = entry.text.rpartition(" ")[2]

@@ -213,7 +213,7 @@ _WINGED_WAYS: Final[Mapping[str, Mapping[int, str]]] = {
     "FS_SHORT_ACTN": {2: _GLIDE, 4: "flies on straight ahead, by hand, without a radio"},
     "FENCE_ACTION": {**dict.fromkeys((2, 3, 4, 5), _NO_FENCE), 6: _AROUND, 7: _AROUND, 8: _AUTOLAND},
     "RTL_AUTOLAND": {2: _SEQUENCE, 4: _SEQUENCE},
-    "MIS_RESTART": {1: "CONTINUE, and AUTO behind a return, begin the mission anew"},
+    "MIS_RESTART": {1: "CONTINUE, and AUTO after a return, begin the mission again"},
 }
 
 

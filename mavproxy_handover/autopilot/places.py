@@ -633,7 +633,7 @@ class PlaceWatch:
         self._ties.narrator.rally_overwritten()
         if self._aircraft.armed and now - self._overwritten_told_at >= _OVERWRITTEN_S:
             self._overwritten_told_at = now
-            self._ties.voice.say_to_all("somebody on board has written the rally list: the place is written again")
+            self._ties.voice.say_to_all("Rally list changed by another program. Restoring the return site")
 
     # ---- a return -------------------------------------------------------------------------------------------------
 

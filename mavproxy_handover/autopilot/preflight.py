@@ -192,7 +192,7 @@ def _channel(p: Mapping[str, float], found: Found, limits: Limits) -> str | None
     if channel is None or p.get("HNDO_ENABLE", 0) < 0.5:
         return None
     if channel < 0:
-        return "the guard takes leases from any port: whoever reaches one can send them"
+        return "the guard takes leases from any port: any program that reaches one can send them"
     if found.heard_on is not None and found.heard_on != int(channel):
         return f"is {channel:.0f}, but this companion is on channel {found.heard_on}"
     if found.guard is GuardState.SILENT and not found.misfit:
@@ -251,7 +251,7 @@ def _pilot(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:
 def _follows(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:
     if p.get("HNDO_SYSID_SW", 1) >= 0.5:
         return None
-    return "is 0: the autopilot's GCS failsafe goes on watching one station, whoever commands"
+    return "is 0: the autopilot's GCS failsafe goes on watching one station, also when another commands"
 
 
 def _alone(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:

@@ -60,8 +60,8 @@ COMMANDS: Final = {
     "install": ("mavproxy_handover.cli.install", "install", "have systemd run the companion, or a station"),
     "uninstall": ("mavproxy_handover.cli.install", "uninstall", "take back what install wrote"),
     "doctor": ("mavproxy_handover.doctor.command", "main", "find out what is wrong with this machine, and what to do"),
-    "logs": ("mavproxy_handover.cli.logs", "main", "list what flights have left behind, delete what is old"),
-    "completion": ("mavproxy_handover.cli.completion", "main", "print what a shell completes behind handover"),
+    "logs": ("mavproxy_handover.cli.logs", "main", "list the logs of flights, delete old ones"),
+    "completion": ("mavproxy_handover.cli.completion", "main", "print the shell's completion of handover"),
     "companion": ("mavproxy_handover.cli.run", "companion", "run MAVProxy with the module of the companion computer"),
     "station": ("mavproxy_handover.cli.run", "station", "run MAVProxy with the module of a ground station"),
 }

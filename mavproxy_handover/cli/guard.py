@@ -238,7 +238,7 @@ def _say_what_follows(card: Path, vehicle: str, key_file: Path | None) -> None:
     if key_file is not None:
         print(f"key {fingerprint(load_key(key_file))}: guard_key of the vehicle's configuration must name the same")
     elif not (card / _FOLDER / _KEY).exists():
-        print("no key: whoever can write to the companion's port of the autopilot can send a lease")
+        print("no key: any program that can write to the companion's port of the autopilot can send a lease")
     print(
         f"next: unmount the card, start the autopilot, load {_PARAMETERS[vehicle]}, check HNDO_CHAN (handover_guard.md)"
     )

@@ -169,7 +169,7 @@ def _write_all(root: Path, kind: str, found: Sequence[Item], *, force: bool, ane
     in_the_way = [item.path for item in found if not item.kept and _changed(root, item, written)]
     if in_the_way and not force:
         names = ", ".join(map(str, in_the_way))
-        raise _Refused(f"changed since, or somebody else's: {names}: nothing written (--force writes over them)")
+        raise _Refused(f"changed since, or of another program: {names}: nothing written (--force writes over them)")
     try:
         for item in found:
             target = below(root, item.path)

@@ -51,7 +51,7 @@ def companion(argv: Sequence[str]) -> int:
         type=_seconds,
         default=60.0,
         metavar="S",
-        help="the third restart in so many seconds sends no more leases: nobody commands (default: 60)",
+        help="the third restart in so many seconds sends no more leases: no station commands (default: 60)",
     )
     _fill_standard_streams()
     return _run(parser, argv, companion_argv, _vehicle_config, _supervise)

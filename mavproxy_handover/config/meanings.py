@@ -91,7 +91,7 @@ VEHICLE: Final[Mapping[str, Meanings]] = {
         "listen_only_outputs": "true: MAVProxy may have --out links; they hear and are never heard",
         "state": "folder where authority is kept over a loss of power",
         "mission": "folder of a mission package on board; without it the parent sends one",
-        "allow_unsigned": "true: stations may have no key; whoever reaches such a link is the station",
+        "allow_unsigned": "true: stations may have no key; any program that reaches such a link counts as the station",
         "autopilot_key": "file of the autopilot's own MAVLink 2 key, if its link is signed",
         "guard_key": "file of the key on the guard's card, if it has one",
     },
@@ -105,7 +105,7 @@ VEHICLE: Final[Mapping[str, Meanings]] = {
         "module": "false: it runs no handover_gcs, but any program of the operator-control standard",
         "consent": "with module = false, where its operator cannot be asked: automatic (planned handovers need no "
         "answer) or refuse (it is never partner, and keeps the aircraft)",
-        "sysids": "further MAVLink ids behind this station: a second program, a tracker",
+        "sysids": "further MAVLink ids at this station: a second program, a tracker",
         "not_in_control": "who gets the result NOT_IN_CONTROL: auto, programs that have shown to know it; always, "
         "everybody; never, nobody",
         "components": "MAVLink components of the station's own id that have its authority; others may only read",
@@ -211,7 +211,7 @@ STATION: Final[Mapping[str, Meanings]] = {
     "ground": {
         "listen": "where this station hears the others: udpin:HOST:PORT",
         "key": "file of the key of the ground link, the same at every station",
-        "allow_unsigned": "true: without a key; whoever reaches the port can speak as another station",
+        "allow_unsigned": "true: without a key; any program that reaches the port can speak as another station",
     },
     "peer": {
         "name": "another station, as it is called in the mission package",

@@ -94,7 +94,7 @@ class Authority:
         self.view = AuthorityView(armed=True)
 
     def restore(self, restored: Snapshot) -> None:
-        """Take up what the run before left behind; nobody commands until its owner answers."""
+        """Take up what the run before left behind; no station commands until its owner answers."""
         self.epoch = restored.epoch + 1
         if restored.proven:
             self._may_be_ahead.clear()
@@ -113,7 +113,7 @@ class Authority:
 
     def name(self, sysid: int | None) -> str:
         """A station's name, for people."""
-        return "nobody" if not sysid else self.names.get(sysid, f"station {sysid}")
+        return "no station" if not sysid else self.names.get(sysid, f"station {sysid}")
 
     @property
     def recovering(self) -> bool:
@@ -154,7 +154,7 @@ class Authority:
         owner = self.owner
         self.owner, self.released, self.takeover_allowed = None, True, False
         self.epoch += 1
-        actions.append(Record("authority", "control released: nobody commands", Reason.OPERATOR, owner))
+        actions.append(Record("authority", "control released: no station commands", Reason.OPERATOR, owner))
         self.refresh(Reason.OPERATOR, actions)
 
     def number_transfer(self) -> int:
@@ -189,7 +189,7 @@ class Authority:
     def lose(self, owner: int, now: float, actions: list[Action], *, why: str = "is lost") -> None:
         """The owner is not heard any more, or hears too little; `why`: what is said of it."""
         self.lost, self._lost_at = True, now
-        text = f"{self.name(owner)} {why}: nobody commands"
+        text = f"{self.name(owner)} {why}: no station commands"
         actions.append(Record("authority_lost", text, Reason.COMMANDER_LOST, owner))
         self.refresh(Reason.COMMANDER_LOST, actions)
 
@@ -212,7 +212,7 @@ class Authority:
         self.recover_until, self._lost_at = None, now
         if self.claimant is not None:  # nobody is a successor of who may not have had it; it may still show that it had
             self.owner, self.lost = None, False
-        text = f"{self.name(owner)} has not come back after the restart: nobody commands"
+        text = f"{self.name(owner)} has not come back after the restart: no station commands"
         actions.append(Record("authority_lost", text, Reason.COMMANDER_LOST, owner))
         self.refresh(Reason.COMMANDER_LOST, actions)
 
@@ -232,9 +232,8 @@ class Authority:
             return
         its = answer.commander == claimant and self.epoch <= answer.epoch
         if not its and (answer.epoch, answer.commander is not None) > (self.epoch, False):
-            text = (
-                f"{self.name(station)} remembers {self.name(answer.commander)} in epoch {answer.epoch}: nobody commands"
-            )
+            claims = f"{self.name(station)} remembers {self.name(answer.commander)} in epoch {answer.epoch}"
+            text = f"{claims}: no station commands"
             actions.append(Record("authority_lost", text, Reason.RESTARTED, station))
             self.owner = self.claimant = self.recover_until = None
             self.lost, self.epoch = False, answer.epoch

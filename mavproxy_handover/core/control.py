@@ -89,8 +89,8 @@ class Effect(Enum):
     GIVE = "a transfer; it is the commander's own wish"
     FORCE = "a forced transfer: there is no commander"
     GRANT = "granted at once, on the ground"
-    RELEASE = "nobody commands, on the ground"
-    OFFER = "offered to whoever can take it, takeover allowed"
+    RELEASE = "no station commands, on the ground"
+    OFFER = "offered to any station that can take it, takeover allowed"
 
 
 @dataclass(frozen=True, slots=True)

@@ -46,7 +46,8 @@ class Links:
             actions.append(Record("link_quality", text, Reason.LINK_QUALITY, station))
         if event.attacked is not (station in self._attacked):
             (self._attacked.add if event.attacked else self._attacked.discard)(station)
-            text = f"somebody {'speaks' if event.attacked else 'no longer speaks'} in the name of {name}: {event.text}"
+            speaks = "speaks" if event.attacked else "no longer speaks"
+            text = f"another sender {speaks} in the name of {name}: {event.text}"
             actions.append(Record("attack", text, Reason.AUTHENTICATION, station))
 
     def weak(self, station: int) -> bool:

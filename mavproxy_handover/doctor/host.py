@@ -37,7 +37,7 @@ def service(patient: Patient) -> Iterator[Finding]:
     if unit is None or not patient.installed:
         if patient.installed and not patient.unit_error:
             do = f"Run: handover install {patient.kind}."
-            yield warning(name, "there is no unit: it runs when somebody starts it", do)
+            yield warning(name, "there is no unit: it runs when a person starts it", do)
         return
     if patient.account_missing:
         there = f"its user {patient.account_missing!r} does not exist yet"

@@ -47,7 +47,9 @@ def keys(patient: Patient) -> Iterator[Finding]:
     named, unsigned = _named(patient)
     for who in unsigned:
         do = "Make a key with 'handover keys make' and name it in the configuration."
-        yield warning(who, "speaks unsigned (allow_unsigned): whoever reaches its link is taken for it", do)
+        yield warning(
+            who, "speaks unsigned (allow_unsigned): any program that reaches its link counts as this station", do
+        )
     for folder in sorted({path.parent for path in named.values()}):
         yield from _folder(patient, folder)
     good: dict[str, StationKeys] = {}
@@ -112,7 +114,7 @@ def _bad_key(patient: Patient, who: str, path: Path, fault: str) -> Finding:
     except OSError as hidden:
         return unseen(what, f"{path}: {hidden.strerror}", f"Run this as {patient.account.name}, or with sudo.")
     if os.geteuid() not in (0, status.st_uid):
-        return unseen(what, f"{path}: belongs to somebody else", f"Run this as {patient.account.name}, or with sudo.")
+        return unseen(what, f"{path}: belongs to another user", f"Run this as {patient.account.name}, or with sudo.")
     if stat.S_IMODE(status.st_mode) & ~0o600:
         return error(what, f"{path}: {found.partition(':')[0]}", f"Run: chmod 600 {path}.")
     if status.st_uid != patient.account.uid:

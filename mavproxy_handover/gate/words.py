@@ -278,9 +278,9 @@ def how_to_lift(limit: Limit, again_in_s: float | None) -> str:
 def _why(reason: GateReason, commander: str, tongue: Tongue) -> str:
     if reason is GateReason.NOT_IN_CONTROL:
         hint = f" ({tongue.value})" if tongue.value else ""
-        return f"{commander or 'nobody'} commands{hint}"
+        return f"{commander or 'no station'} commands{hint}"
     if reason is GateReason.COMMANDERS_IN_FLIGHT:
         return f"in flight {commander} alone may ask" if commander else "not in flight"
     if reason is GateReason.FILE_BUSY:
-        return f"{commander or 'somebody'} is using file transfer"
+        return f"{commander or 'another station'} is using file transfer"
     return _REASONS.get(reason, "") or str(reason.value)

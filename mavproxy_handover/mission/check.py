@@ -291,7 +291,7 @@ def _waypoints(package: MissionPackage, walk: Walk) -> Iterator[Finding]:
             yield Finding(Severity.WARNING, text)
         elif handover.overlap_s < EXIT_SOON_S:
             text = (
-                f"{name}: the zone of the first ends {handover.overlap_s:.1f} s behind waypoint {seq}: authority moves "
+                f"{name}: the zone of the first ends {handover.overlap_s:.1f} s after waypoint {seq}: authority moves "
                 f"{EXIT_SOON_S:g} s before that end, and not when the waypoint is reached"
             )
             yield Finding(Severity.WARNING, text)
@@ -378,7 +378,7 @@ def _payload(package: MissionPackage) -> Iterator[Finding]:
     if payload_kg and released is None:
         yield Finding(Severity.WARNING, f"energy: no item of the route drops the payload of {payload_kg:g} kg")
     elif payload_kg:
-        yield Finding(Severity.INFO, f"energy: behind item {released} it is flown without {payload_kg:g} kg of payload")
+        yield Finding(Severity.INFO, f"energy: after item {released} it is flown without {payload_kg:g} kg of payload")
 
 
 def _ground(package: MissionPackage, return_alt_m: float) -> Iterator[Finding]:

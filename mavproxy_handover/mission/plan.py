@@ -610,6 +610,6 @@ def _check_landings(where: Where, items: Sequence[MissionItem], kind: Kind) -> N
     for item, behind in pairwise(items):
         if item.command == LAND and behind.command == CHANGE_ALTITUDE:
             raise where.at(f"item {behind.seq}").error(
-                "NAV_CONTINUE_AND_CHANGE_ALT behind NAV_LAND: a landing that is broken off would go on there, and not "
+                "NAV_CONTINUE_AND_CHANGE_ALT after NAV_LAND: a landing that is broken off would go on there, and not "
                 "land (allowed: something else; by itself it goes back to the nearest DO_LAND_START)"
             )

@@ -76,7 +76,7 @@ class Announcer:
     def commander(self, name: str, handover_id: int | None) -> None:
         """Tell everybody who commands now, "" if nobody does; `handover_id`: of the transfer behind it, if one is."""
         number = "" if handover_id is None else f" (handover {handover_id})"
-        self._voice.say_to_all(f"{name or 'nobody'} commands now{number}", COMMANDER)
+        self._voice.say_to_all(f"{name or 'no station'} commands now{number}", COMMANDER)
 
     def advise(self, advice: Advise) -> None:
         """Tell some operators what they can mend."""

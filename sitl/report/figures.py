@@ -253,7 +253,7 @@ class _Map:
         named: set[str] = set()
         modes = _Held(self._evidence.of(VEHICLE, "mode"), lambda entry: str(entry.get("mode")))
         for name, piece in pieces(self._evidence, _few(self._samples)):
-            words = "nobody commands" if name == NOBODY else f"{name} commands"
+            words = "no station commands" if name == NOBODY else f"{name} commands"
             self._line(
                 [each.lat_deg for each in piece], [each.lon_deg for each in piece], mode="lines", name=words,
                 line={"color": self._colours.get(name, NOBODY_COLOUR), "width": 3.5}, legendgroup=words,

@@ -199,7 +199,7 @@ def _alone(evidence: Evidence) -> list[Line]:
     armed = evidence.of(VEHICLE, "armed")
     spans = evidence.flights() or ([(armed[0].t, evidence.entries[-1].t)] if armed else [])
     total = sum(_alone_s(evidence, changes, begin, end) for begin, end in spans) if changes else 0.0
-    return [Line(Gravity.BAD, f"Nobody commanded for {duration(total)} in the air.")] if total > _PAUSE_S else []
+    return [Line(Gravity.BAD, f"No station commanded for {duration(total)} in the air.")] if total > _PAUSE_S else []
 
 
 def _alone_s(evidence: Evidence, changes: Sequence[CommanderChange], begin: float, end: float) -> float:

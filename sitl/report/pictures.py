@@ -92,7 +92,7 @@ class _Flown:
         named: set[str] = set()
         for name, piece in pieces(self._evidence, self._samples):
             line = [self._place(sample.lat_deg, sample.lon_deg) for sample in piece]
-            words = "nobody commands" if name == NOBODY_NAME else f"{name} commands"
+            words = "no station commands" if name == NOBODY_NAME else f"{name} commands"
             axes.plot(
                 *columns(line),
                 color=self._colours.get(name, NOBODY),

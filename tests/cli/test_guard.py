@@ -53,7 +53,7 @@ def test_script_and_parameters_are_copied_and_a_second_run_finds_nothing_to_do(
         assert (scripts / name).read_bytes() == (SHIPPED / name).read_bytes()
     out = capsys.readouterr().out
     assert re.search(r"handover_guard\.lua: written, version \d+\.\d+", out)
-    assert "no key: whoever can write to the companion's port" in out
+    assert "no key: any program that can write to the companion's port" in out
     assert main([str(card)]) == 0
     assert "nothing to write, all is there" in capsys.readouterr().out
     assert main([str(card), "--check"]) == 0

@@ -281,7 +281,7 @@ class TestLoss:
         bench.alive = {B}
         bench.run(5.0)
         assert bench.records("authority_lost") == [
-            Record("authority_lost", "GCSA is lost: nobody commands", Reason.COMMANDER_LOST, A)
+            Record("authority_lost", "GCSA is lost: no station commands", Reason.COMMANDER_LOST, A)
         ]
 
     def test_the_return_is_asked_for_once(self) -> None:
@@ -563,4 +563,4 @@ class TestLooking:
 
     def test_everybody_has_a_name(self) -> None:
         names = [Bench().arbiter.name(sysid) for sysid in (A, C, 99, 0, None)]
-        assert names == ["GCSA", "GCSC", "station 99", "nobody", "nobody"]
+        assert names == ["GCSA", "GCSC", "station 99", "no station", "no station"]

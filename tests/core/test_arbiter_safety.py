@@ -149,7 +149,7 @@ class TestWorse:
     """A decision is carried out once for each emergency, and again where it turns worse."""
 
     def test_a_warning_on_the_ground_takes_off(self) -> None:
-        # START was accepted, the vehicle is armed, then the commander dies: nobody commands the take-off
+        # START was accepted, the vehicle is armed, then the commander dies: no station commands the take-off
         bench = Bench().on_ground()
         bench.give(StartRequested(A))
         bench.autopilot_says(armed=True, flying=False)

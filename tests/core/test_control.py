@@ -161,7 +161,7 @@ TABLE: list[tuple[str, ControlRequested, ControlFacts, ControlDecision]] = [
     ("asks just after it came to nothing", asks(B), replace(FLYING, paused_s=7.2), no("too soon: again in 8 s")),
     ("the same, takeover allowed", asks(B), replace(FLYING, paused_s=0.1, takeover_allowed=True),
      no("too soon: again in 1 s")),
-    ("the same, nobody commands", asks(B), replace(LOST, paused_s=7.2), ControlDecision(PENDING, Effect.FORCE)),
+    ("the same, no station commands", asks(B), replace(LOST, paused_s=7.2), ControlDecision(PENDING, Effect.FORCE)),
     ("the same, on the ground", asks(B), replace(NOBODY_ON_GROUND, paused_s=7.2), yes(Effect.GRANT)),
     ("asks, position not known", asks(B), replace(FLYING, position_known=False), no("no position of the aircraft")),
     ("the same, on the ground", asks(B), replace(GROUND, position_known=False),
@@ -181,7 +181,7 @@ TABLE: list[tuple[str, ControlRequested, ControlFacts, ControlDecision]] = [
     ("releases what it has not", releases(B), FLYING, NOT_ITS),
     ("releases what it waits for", releases(B), replace(FLYING, waiting_for=B), NOT_ITS),
     ("releases on the ground what it has not", releases(B), GROUND, NOT_ITS),
-    # nobody commands
+    # no station commands
     ("asks on the ground, nobody there", asks(B), NOBODY_ON_GROUND, yes(Effect.GRANT)),
     ("the same after a loss", asks(B), replace(NOBODY_ON_GROUND, lost=True), yes(Effect.GRANT)),
     ("the same just after a restart", asks(B), replace(NOBODY_ON_GROUND, lost=True, recovering=True), AWAITED),
@@ -540,7 +540,7 @@ class TestRelease:
         bench = Bench().on_ground()
         bench.give(releases(A))
         told = bench.records("authority")[-1]
-        assert (told.text, told.station) == ("control released: nobody commands", A)
+        assert (told.text, told.station) == ("control released: no station commands", A)
 
     def test_in_flight_with_nobody_to_take_it_the_commander_stays(self) -> None:
         bench = flight()

@@ -63,7 +63,7 @@ def test_it_is_lost_when_it_has_not_answered_for_so_long() -> None:
     assert 9.0 < at - begun <= 10.0, "its last answer was up to a second old"
     assert bench.arbiter.view.commander is None
     assert bench.arbiter.view.lease is LeaseState.LOST
-    assert [record.text for record in bench.records("authority_lost")] == ["GCSA answers no more: nobody commands"]
+    assert [record.text for record in bench.records("authority_lost")] == ["GCSA answers no more: no station commands"]
 
 
 def test_with_nobody_else_the_aircraft_comes_home_and_says_why() -> None:

@@ -58,7 +58,7 @@ def test_a_commander_that_hears_three_tenths_of_a_second_in_five_is_lost() -> No
     fly(bench, 20.0, rhythm(0.3, 4.7), A)
     assert bench.arbiter.view.commander is None
     assert bench.flights() == [RETURN]
-    assert moves(bench) == ["GCSA hears less than 15 % of the aircraft: nobody commands"]
+    assert moves(bench) == ["GCSA hears less than 15 % of the aircraft: no station commands"]
     told = [action.text for _at, action in bench.log if isinstance(action, Announce)]
     assert any("GCSA hears less than 15 % of the aircraft" in text for text in told), told
 
@@ -199,7 +199,7 @@ def test_total_loss_is_noticed_after_ten_seconds_as_ever() -> None:
     while bench.arbiter.view.commander == A:
         bench.run(0.05)
     assert 9.0 <= bench.now - begun <= 10.1
-    assert moves(bench) == ["GCSA answers no more: nobody commands"]
+    assert moves(bench) == ["GCSA answers no more: no station commands"]
 
 
 def test_a_station_that_is_not_heard_is_silent_and_not_deaf() -> None:

@@ -78,7 +78,7 @@ def test_what_is_told_is_the_change_and_why() -> None:
 def test_an_attack_is_told_when_it_begins_and_when_it_ends_and_makes_no_link_weak() -> None:
     links = Links(LIMITS)
     told = [judged(links, A, now, attacked=attacked) for now, attacked in ((1.0, True), (2.0, True), (3.0, False))]
-    begun = Record("attack", "somebody speaks in the name of GCSX: loss 40%", Reason.AUTHENTICATION, A)
-    ended = Record("attack", "somebody no longer speaks in the name of GCSX: loss 40%", Reason.AUTHENTICATION, A)
+    begun = Record("attack", "another sender speaks in the name of GCSX: loss 40%", Reason.AUTHENTICATION, A)
+    ended = Record("attack", "another sender no longer speaks in the name of GCSX: loss 40%", Reason.AUTHENTICATION, A)
     assert told == [[begun], [], [ended]]
     assert links.better(A, [B], 1000.0) == []

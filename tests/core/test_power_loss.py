@@ -177,7 +177,9 @@ class TestTheOwnerOfTheFile:
         bench.alive = {B}
         bench.run(12.0)
         assert bench.flights() == [RETURN]
-        assert bench.records("authority_lost")[0].text == ("GCSA has not come back after the restart: nobody commands")
+        assert bench.records("authority_lost")[0].text == (
+            "GCSA has not come back after the restart: no station commands"
+        )
         bench.heard(A)
         assert (commander(bench), bench.arbiter.view.epoch) == (A, LATER)
 
@@ -203,7 +205,7 @@ class TestWhoKnowsBetter:
         assert bench.flights() == [RETURN]
         assert bench.records("authority_lost")[0] == Record(
             "authority_lost",
-            f"GCSB remembers {bench.arbiter.name(memory[1])} in epoch {memory[0]}: nobody commands",
+            f"GCSB remembers {bench.arbiter.name(memory[1])} in epoch {memory[0]}: no station commands",
             Reason.RESTARTED,
             B,
         )
@@ -320,7 +322,7 @@ class TestAfterIt:
         assert (commander(bench), bench.arbiter.view.epoch) == (A, LATER + 1)
 
     def test_what_looked_wrong_around_it_counts_from_the_first_position_under_a_commander(self) -> None:
-        """Not while nobody commands, nor from before."""
+        """Not while no station commands, nor from before."""
         bench = Remembering({A: (4, A)})
         bench.limits, bench.facts = Limits(hold_off_s={Cause.NO_STATION: 0.0}), (outside(A), inside(B))
         bench.restart(0.0, LEFT)

@@ -200,7 +200,7 @@ class TestNotHeard:
             (begun_at + 2.5, RETURN),
         ]
         assert [record.text for record in bench.records("authority_lost")] == [
-            "GCSA has not come back after the restart: nobody commands"
+            "GCSA has not come back after the restart: no station commands"
         ]
 
     def test_somebody_who_is_there_is_asked_instead(self) -> None:
@@ -289,7 +289,7 @@ class TestWhoHadIt:
         assert bench.arbiter.view.commander is None
         # asked as a successor like any other, and it has not said a word
         assert {r.text for r in bench.records("transfer_aborted")} == {
-            f"handover {number} aborted (partner_silent): nobody commands" for number in range(8, 8 + 14)
+            f"handover {number} aborted (partner_silent): no station commands" for number in range(8, 8 + 14)
         }
 
     def test_takeover_that_was_allowed_is_still(self) -> None:
@@ -572,7 +572,7 @@ class TestOnTheGround:
         assert bench.arbiter.view == AuthorityView(Phase.ON_LOAD, A, None, 6, LeaseState.HELD, False, 7)
 
     def test_not_in_the_air_whatever_the_file_says(self) -> None:
-        # killed between arming and the first word of it: nobody commands, so home
+        # killed between arming and the first word of it: no station commands, so home
         bench = self.on_ground()
         bench.alive = {A, B}
         bench.autopilot_says(armed=True, flying=True)

@@ -151,7 +151,7 @@ def test_when_nobody_commands_it_says_so(door: Door, make: Make) -> None:
     door.up(A, make("COMMAND_LONG", sysid=GCSA, command=21))
     door.up(A, make("PARAM_REQUEST_LIST", sysid=GCSA))
     assert door.said == [
-        (GCSA, "LAND refused: nobody commands"),
+        (GCSA, "LAND refused: no station commands"),
         (GCSA, "parameter list refused: not in flight"),
     ]
 
@@ -188,7 +188,7 @@ def test_the_same_in_two_protocols_is_one_matter_and_another_commander_is_anothe
     door.up(B, make("SET_MODE", sysid=GCSB, custom_mode=6))
     assert [text for _station, text in door.said[1:]] == [
         "mode LAND refused: GCSA commands",
-        "mode RTL refused: nobody commands",
+        "mode RTL refused: no station commands",
     ]
 
 

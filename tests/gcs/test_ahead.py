@@ -335,7 +335,7 @@ class TestTimeLeft:
         core.handle(AuthorityHeard(Phase.EMERGENCY, None, None, 3), NOW)
         from_vehicle(core, HandoverRequest(KEY, Reason.COMMANDER_LOST))
         core.handle(AuthorityHeard(Phase.EMERGENCY, None, B, 3, 7, answer_left_s=9.0), NOW)
-        text = f"9 s left to answer: GCSA -> GCSB. Without an answer nobody commands it.{HINT}"
+        text = f"9 s left to answer: GCSA -> GCSB. Without an answer no station commands it.{HINT}"
         assert core.tick(NOW) == [Notice("countdown", text)]
 
 

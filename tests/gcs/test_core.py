@@ -120,7 +120,7 @@ class TestWhoCommands:
         assert notices(core.handle(AuthorityHeard(Phase.ON_MISSION, B, None, 3), NOW)) == []
         assert core.commander == A
         lost = core.handle(AuthorityHeard(Phase.ON_MISSION, None, None, 3), NOW)
-        text = "Nobody commands drone. 'handover request' takes over when it is in your zone."
+        text = "No station commands drone. 'handover request' takes over when it is in your zone."
         assert lost == [Notice("no_commander", text)]
         # a status from before the loss comes late
         assert core.handle(AuthorityHeard(Phase.ON_MISSION, A, None, 3), NOW) == []
@@ -132,7 +132,7 @@ class TestWhoCommands:
         core = station(A)
         waiting = AuthorityHeard(Phase.ON_MISSION, None, None, 4, recovering=True)
         back = AuthorityHeard(Phase.ON_MISSION, A, None, 4)
-        assert notices(core.handle(waiting, NOW)) == ["nobody commands now, epoch 4."]
+        assert notices(core.handle(waiting, NOW)) == ["no station commands now, epoch 4."]
         assert core.role is Role.OBSERVER
         assert notices(core.handle(back, NOW)) == ["I have drone: GCSA is the commander now, epoch 4."]
         # a status of before comes late, over the slower of two links
@@ -190,7 +190,7 @@ class TestWhoCommands:
         core = station(A, commander=C)
         assert core.handle(AuthorityHeard(Phase.ON_LOAD, None, None, 3), NOW) == [
             Notice("phase", "drone is on load."),
-            Notice("authority", "nobody commands, epoch 3."),
+            Notice("authority", "no station commands, epoch 3."),
         ]
 
     def test_no_peer_can_tell(self) -> None:
@@ -582,7 +582,7 @@ class TestLate:
 
 def test_who_crosses_a_declared_gap_alone_is_no_emergency() -> None:
     core = station(A)
-    text = "Nobody commands drone: it crosses a gap that its mission declares."
+    text = "No station commands drone: it crosses a gap that its mission declares."
     alone = AuthorityHeard(Phase.ON_MISSION, None, None, 3, alone=True)
     assert core.handle(alone, NOW) == [Notice("authority", text)]
     assert core.alone
@@ -1160,7 +1160,7 @@ class TestResult:
     def test_nobody_may_be_left_to_command(self) -> None:
         core = station(A)
         actions = from_vehicle(core, HandoverResult(KEY, None, Outcome.ABORTED, Reason.COMMANDER_LOST))
-        text = "Nobody commands drone. 'handover request' takes over when it is in your zone."
+        text = "No station commands drone. 'handover request' takes over when it is in your zone."
         assert Notice("no_commander", text) in actions
         assert core.commander is None
 
@@ -1203,4 +1203,10 @@ class TestVehicle:
 
 def test_a_stranger_has_a_name_all_the_same() -> None:
     core = station(A)
-    assert [core.name(sysid) for sysid in (A, B, 77, 0, None)] == ["GCSA", "GCSB", "station 77", "nobody", "nobody"]
+    assert [core.name(sysid) for sysid in (A, B, 77, 0, None)] == [
+        "GCSA",
+        "GCSB",
+        "station 77",
+        "no station",
+        "no station",
+    ]

@@ -124,9 +124,9 @@ def test_decisions_and_commanders_are_told_once_and_alarm(listening: Listening) 
         listening.hear(mavlink.MAVLink_handover_decision_message(7, FlightAction.RETURN, 5, b"home", b"", text))
         listening.hear(authority(None, Phase.EMERGENCY))
     alarms = [(row["level"], row["text"]) for row in shown(listening.scene, {}, listening.now).alarms]
-    assert alarms == [("emergency", "RETURN to home: GCSA silent 5 s"), ("emergency", "nobody commands")]
+    assert alarms == [("emergency", "RETURN to home: GCSA silent 5 s"), ("emergency", "no station commands")]
     told = [line.text for line in listening.scene.feed]
-    assert told == ["RETURN to home: GCSA silent 5 s", "nobody commands, epoch 4"]
+    assert told == ["RETURN to home: GCSA silent 5 s", "no station commands, epoch 4"]
     assert listening.scene.feed[0].level is DECISIONS[FlightAction.RETURN]
 
 

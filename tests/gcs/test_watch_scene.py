@@ -167,7 +167,7 @@ def test_alarms_have_the_levels_of_the_stations_table(watching: Watching) -> Non
     watching.say("drone-1", "decision", "OVER: energy", action="none", reason="energy")
     assert watching.alarms == []
     watching.view(None, phase="emergency", lease="lost")
-    assert watching.alarms == [(EVENTS["no_commander"].name.lower(), "nobody commands")]
+    assert watching.alarms == [(EVENTS["no_commander"].name.lower(), "no station commands")]
     watching.view(None, lease="alone")  # in a gap that the mission declares
     assert watching.alarms == []
 

@@ -75,7 +75,7 @@ def test_load_unload_reload_and_load_again(
     assert console.answer("set heartbeat", "heartbeat ") == "heartbeat 0"
 
     start_of_status = console.type("handover status")
-    assert console.shows("commander", start_of_status) == "commander nobody, epoch 0, lease LOST"
+    assert console.shows("commander", start_of_status) == "commander no station, epoch 0, lease LOST"
     assert console.answer("handover foo", "handover: ") == "handover: unknown command 'foo'"
     assert console.answer("help", "handover ").startswith("handover        : authority handover")
     assert console.answer("output add 127.0.0.1:9", "handover: output ") == (

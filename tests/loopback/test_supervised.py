@@ -155,7 +155,7 @@ def test_killed_or_stalled_it_is_started_again_and_a_third_time_without_leases(
     assert why[0] == "it was killed by SIGKILL"
     assert why[1].startswith("its main loop stood still for 1.")
     assert why[2] == "it was killed by SIGKILL"
-    assert "restarted too often: no leases, nobody commands" in running.console()
+    assert "restarted too often: no leases, no station commands" in running.console()
     assert running.ends() == 0
 
 
@@ -335,7 +335,7 @@ def test_the_end_of_its_input_is_not_its_own_and_the_word_exit_is(companion: Sta
     assert running.process.stdin is not None
     running.process.stdin.write(b"handover status\n")
     running.process.stdin.close()
-    wait_for(lambda: "commander nobody" in running.console(), running.console)
+    wait_for(lambda: "commander no station" in running.console(), running.console)
     running.sends_leases()
     assert running.ends() == 0
 

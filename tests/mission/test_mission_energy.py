@@ -207,7 +207,7 @@ def test_the_check_says_where_the_payload_goes(small):
     small.toml = small.toml.replace("[energy]\n", "[energy]\nmass_kg = 4\npayload_kg = 1\n")
     assert "energy: no item of the route drops the payload of 1 kg" in found(small, Severity.WARNING)
     gripper(small, 0)
-    assert "energy: behind item 2 it is flown without 1 kg of payload" in found(small, Severity.INFO)
+    assert "energy: after item 2 it is flown without 1 kg of payload" in found(small, Severity.INFO)
 
 
 def budget_of_small(small):

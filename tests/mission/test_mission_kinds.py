@@ -252,7 +252,7 @@ def test_a_copter_is_not_asked_where_its_landing_sequence_leads(small):
 def test_what_a_landing_that_is_broken_off_would_climb_to_is_refused(small, kind):
     """AP_Landing::restart_landing_sequence goes there instead of to the DO_LAND_START."""
     words = (
-        "item 5: NAV_CONTINUE_AND_CHANGE_ALT behind NAV_LAND: a landing that is broken off would go on there, and not "
+        "item 5: NAV_CONTINUE_AND_CHANGE_ALT after NAV_LAND: a landing that is broken off would go on there, and not "
         "land (allowed: something else; by itself it goes back to the nearest DO_LAND_START)"
     )
     plan = going_down(small, 16, 21, 30)

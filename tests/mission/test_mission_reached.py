@@ -194,7 +194,7 @@ def test_a_zone_that_ends_too_soon_behind_its_waypoint_is_a_warning(line):
     line.toml = TOML.replace("corridor_m = 111.3195", "corridor_m = 75")
     texts = [f.text for f in check(load(line.write())).findings if f.severity is Severity.WARNING]
     assert (
-        "handover 1 A -> B: the zone of the first ends 7.5 s behind waypoint 3: authority moves 8 s before that end, "
+        "handover 1 A -> B: the zone of the first ends 7.5 s after waypoint 3: authority moves 8 s before that end, "
         "and not when the waypoint is reached"
     ) in texts
 

@@ -63,7 +63,7 @@ from tests.model.setting import PARENT
 __all__ = ["Books", "Violation", "Words", "check_vehicle", "demand", "is_old"]
 
 Words = frozenset[tuple[int, str]]
-#: the leases while nobody commands
+#: the leases while no station commands
 NOBODYS = (LeaseState.LOST, LeaseState.RECOVERING, LeaseState.ALONE)
 #: so many ticks the energy has to be short before anything is done for it (`causes.py`), and what is done then
 SHORT_S = 2
@@ -128,7 +128,7 @@ class Books:
     stood: bool = False
     #: ticks since no more energy is left than the way back needs; None: there is more
     short: int | None = None
-    #: the state file was lost: nobody commands until the next flight
+    #: the state file was lost: no station commands until the next flight
     blank: bool = False
     #: the run began without a state file
     unaware: bool = False
@@ -335,7 +335,7 @@ def _check_command(books: Books, gate: AuthorityView, fly: Fly) -> Books:
 
 
 def _crosses(books: Books, view: AuthorityView) -> Books:
-    """The books' own clock of a crossing: it runs in a gap, once no zone holds the aircraft or nobody commands."""
+    """The books' own clock of a crossing: it runs in a gap, once no zone holds the aircraft or no station commands."""
     if not books.flying or (view.commander is not None and view.commander in books.zones):
         return replace(books, alone=None)
     exposed = not books.zones or view.commander is None

@@ -154,7 +154,7 @@ class _Settling:
             return
         holding = (living - self._keeping) & books.zones  # those are never partner
         if books.had in living or (books.had is not None and holding and books.flying):
-            demand(view.commander is not None, f"nobody commands, though {sorted(living)} live")
+            demand(view.commander is not None, f"no station commands, though {sorted(living)} live")
         if view.commander is None:
             return
         demand(view.commander in living, f"station {view.commander} commands, and is dead")

@@ -292,7 +292,7 @@ PLANTED: dict[Callable[[pytest.MonkeyPatch], None], tuple[Setting, str]] = {
     a_step_that_never_ends: (TRANSFER, "what is due does not get done"),
     an_abort_that_is_never_retried: (TRANSFER, "station 251 commands on, though the zones of [252] were entered"),
     lost_too_soon: (TRANSFER, "station 251 lost authority, heard 3 s ago"),
-    lost_and_nobody_takes_it: (TRANSFER, "nobody commands, though [252] live"),
+    lost_and_nobody_takes_it: (TRANSFER, "no station commands, though [252] live"),
     the_first_position_counts_as_entry: (TRANSFER, "authority wanders to station 25"),
     called_before_its_waypoint: (AWAITED, "authority wanders to station 252"),
     not_called_at_its_waypoint: (AWAITED, "station 251 commands on, though the zones of [252] were entered"),

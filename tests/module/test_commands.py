@@ -17,7 +17,7 @@ USAGE = [
     "  zones     zones of the loaded mission and where the aircraft is",
     "  rehearsal what was seen in the rehearsal on the ground, or in the last one",
     "  cancel    call the present transfer off; the commander stays",
-    "  override  energy|fence|coverage: let commands leave this limit for a minute, as whoever commands may",
+    "  override  energy|fence|coverage: let commands leave this limit for a minute, as the commander may",
 ]
 
 
@@ -63,7 +63,7 @@ def test_status_before_anything_is_heard_says_what_start_lacks(bench: Bench) -> 
     bench.load()
     assert bench.mpstate.type("handover status") == [
         "phase     ON_LOAD",
-        "commander nobody, epoch 0, lease LOST",
+        "commander no station, epoch 0, lease LOST",
         "guard     SILENT",
         "mission   none",
         "zone      none",

@@ -218,7 +218,7 @@ def test_what_was_commanded_into_a_link_that_was_cut_is_commanded_when_it_is_bac
 def test_an_internal_fault_is_told_to_everybody(flown: Bench) -> None:
     flown.companion.fail_closed("test", flown.clock.now)
     flown.run(1.0)
-    text = "RETURN: internal fault of the companion, nobody commands"
+    text = "RETURN: internal fault of the companion, no station commands"
     assert [m.text for m in flown.a.got("HANDOVER_DECISION")][-1] == text
     assert text in flown.b.texts()
 

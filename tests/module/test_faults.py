@@ -219,7 +219,7 @@ def test_a_broken_arbiter_fails_closed(flight: Bench, entry_point: str, monkeypa
     assert entry["reason"] == "fault"
     assert "RuntimeError: a bug" in entry["text"]
     assert [m.commander for m in flight.b.got("AUTHORITY_STATUS")][-1] == 0
-    assert flight.mpstate.type("handover status")[0] == "phase     ON_LOAD  (INTERNAL FAULT: nobody commands)"
+    assert flight.mpstate.type("handover status")[0] == "phase     ON_LOAD  (INTERNAL FAULT: no station commands)"
 
 
 @pytest.mark.parametrize("part", ["snapshot", "the state", "the gate"])

@@ -140,7 +140,7 @@ def test_what_a_station_itself_sends_is_refused_in_more_entries_but_not_in_any_n
 
 @pytest.mark.parametrize("kind", ["messages", "senseless", "requests", "requests not understood", "START"])
 def test_nor_does_anything_else_that_a_station_says_fill_the_journal(bench: Bench, kind: str) -> None:
-    """Without a key whoever reaches the link is the station."""
+    """Without a key any program on the link counts as the station."""
     bench.connect()
     companion, now = bench.companion, bench.clock.now
     vehicle = 2 if kind == "senseless" else 1

@@ -21,7 +21,7 @@ def test_load_says_which_vehicle_which_stations_and_which_file(bench: Bench) -> 
     assert bench.load() is not None
     assert bench.mpstate.console.lines == [
         f"handover {VERSION}: drone-1, stations GCSA, GCSB, configuration {bench.config}",
-        "handover: WARNING: GCSA, GCSB without a key: whoever reaches the link is the station",
+        "handover: WARNING: GCSA, GCSB without a key: any program on the link counts as the station",
     ]
     assert bench.module.name == "handover", "MAVProxy finds a module to unload by its load name"
     assert bench.module.multi_vehicle, "MAVProxy keeps the heartbeats of others from a module that is not"

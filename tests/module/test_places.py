@@ -237,7 +237,7 @@ def test_and_at_once_when_the_autopilot_tells_of_another_number_of_points(flying
     flying.mpstate.deliver(said(stock.MAVLink_param_value_message(b"RALLY_TOTAL", 0.0, 2, 900, 65535)))
     flying.run(2.0)
     assert listed(flying) == [HOME]
-    assert flying.mpstate.console.said("somebody else has written the autopilot's rally list")
+    assert flying.mpstate.console.said("another program has written the autopilot's rally list")
 
 
 def test_an_autopilot_that_has_just_started_is_left_alone(ready: Bench) -> None:
@@ -266,7 +266,7 @@ def test_who_writes_there_for_ever_is_told_once_a_minute(flying: Bench) -> None:
     flying.each_round = writes
     flying.run(300.0)
     for station in (flying.a, flying.b):
-        assert 4 <= station.texts().count("somebody on board has written the rally list") <= 5
+        assert 4 <= station.texts().count("Rally list changed by another program") <= 5
     assert len(flying.journal("rally_overwritten")) >= 20
 
 

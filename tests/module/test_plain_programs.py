@@ -144,7 +144,7 @@ def test_a_word_of_a_transfer_of_another_component_is_dropped(bench: Bench) -> N
 
 
 def test_a_program_without_heartbeats_is_told_why_nothing_works(bench: Bench) -> None:
-    """The fault: 'nobody commands', and 'never heard' in the list of stations."""
+    """The fault: 'no station commands', and 'never heard' in the list of stations."""
     bench.b.alive = False
     bench.connect()
     bench.b._answer = lambda message: None  # type: ignore[method-assign]

@@ -211,7 +211,7 @@ def test_checksums_are_of_scripts_that_run() -> None:
             "FS_THR_ENABLE is 0: the guard believes no pilot then; on a vehicle without radio control set RC_PROTOCOLS "
             "0 as well",
         ),
-        ({"HNDO_CHAN": -1.0}, "the guard takes leases from any port: whoever reaches one can send them"),
+        ({"HNDO_CHAN": -1.0}, "the guard takes leases from any port: any program that reaches one can send them"),
         ({"HNDO_COMPID": 190.0}, "HNDO_COMPID is 190, must be 191"),
         (
             {"HNDO_TIMEOUT": 0.5},
@@ -231,7 +231,7 @@ def test_checksums_are_of_scripts_that_run() -> None:
         ),
         (
             {"HNDO_SYSID_SW": 0.0},
-            "HNDO_SYSID_SW is 0: the autopilot's GCS failsafe goes on watching one station, whoever commands",
+            "HNDO_SYSID_SW is 0: the autopilot's GCS failsafe goes on watching one station, also when another commands",
         ),
         (
             {"FS_GCS_ENABLE": 0.0},
@@ -859,7 +859,7 @@ def test_a_plane_as_recommended_fits() -> None:
             {"Q_RTL_ALT": 15.0, "FENCE_TYPE": 5.0},
             "Q_RTL_ALT is 15 m: QRTL from afar comes in at 145 m, above FENCE_ALT_MAX, 100 m",
         ),
-        ({"MIS_RESTART": 1.0}, "MIS_RESTART is 1: CONTINUE, and AUTO behind a return, begin the mission anew"),
+        ({"MIS_RESTART": 1.0}, "MIS_RESTART is 1: CONTINUE, and AUTO after a return, begin the mission again"),
         ({"RALLY_LIMIT_KM": 5.0}, "RALLY_LIMIT_KM is 5: a return goes home where the chosen place is farther away"),
         (
             {"FLIGHT_OPTIONS": 17.0},

@@ -430,7 +430,7 @@ class TestBadState:
         assert flight.companion.view.commander is None, "neither the former commander nor anybody else"
         (entry,) = flight.journal("state_lost")
         assert "drone-1.state.json" in entry["text"]
-        assert flight.mpstate.console.said("nobody commands.")
+        assert flight.mpstate.console.said("no station commands.")
 
     @pytest.mark.parametrize("how", ["torn", "empty", "flipped", "of another vehicle", "a folder"])
     def test_while_the_power_is_on_the_disk_does_not_matter(self, flight: Bench, how: str) -> None:
@@ -621,7 +621,7 @@ class TestUnwritable:
         flight.run(3.0)
         assert flight.companion.view.commander is None, "GCSA had authority once, and GCSB is not on record"
         assert flight.autopilot.mode == RTL
-        assert flight.mpstate.console.said("the copy in memory is void: nobody commands.")
+        assert flight.mpstate.console.said("the copy in memory is void: no station commands.")
 
     def test_when_it_can_be_kept_again_it_is(self, flight: Bench, broken: pytest.MonkeyPatch) -> None:
         flight.autopilot.position = IN_BOTH

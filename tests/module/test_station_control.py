@@ -253,7 +253,7 @@ class TestAfterARestart:
 
     def test_the_same_commander_is_believed(self, bench: StationBench) -> None:
         self.status(bench, 0, 2, RECOVERING)
-        assert bench.mpstate.type("handover status")[1] == "commander nobody, epoch 2; this station is observer"
+        assert bench.mpstate.type("handover status")[1] == "commander no station, epoch 2; this station is observer"
         self.status(bench, 251, 2, HELD)
         assert bench.mpstate.type("handover status")[1] == "commander GCSA, epoch 2; this station is commander"
 
@@ -267,4 +267,4 @@ class TestAfterARestart:
         self.status(bench, 251, 2, HELD)
         self.status(bench, 0, 2, LOST)
         self.status(bench, 251, 2, HELD)
-        assert bench.mpstate.type("handover status")[1] == "commander nobody, epoch 2; this station is observer"
+        assert bench.mpstate.type("handover status")[1] == "commander no station, epoch 2; this station is observer"

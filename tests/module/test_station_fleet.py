@@ -283,7 +283,7 @@ def test_what_speaks_as_one_vehicle_on_the_link_of_another_is_not_heard(fleet: F
     fleet.hear(1, heartbeat(armed=True), component=1, link=2)
     assert fleet.module.aircraft[0].core.epoch == 0
     assert fleet.sent(1) == fleet.sent(2) == []
-    told = "Somebody speaks as drone-1 on the link of drone-2: not heard. Is a system id given twice?"
+    told = "Another program speaks as drone-1 on the link of drone-2: not heard. Is a system id given twice?"
     assert len(fleet.lines(told)) == 1
     assert [entry["text"] for entry in fleet.journal("link")] == [told]
     assert fleet.module.faults == {"drone-1: frame on a link of another": 2}

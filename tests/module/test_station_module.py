@@ -485,7 +485,7 @@ def test_status_in_every_state(station: StationBench) -> None:
     station.load()
     assert station.mpstate.type("handover status")[:3] == [
         "vehicle   not heard, ON_LOAD",
-        "commander nobody, epoch 0; this station is observer",
+        "commander no station, epoch 0; this station is observer",
         "mission   'delivery' f433d144, the vehicle has not",
     ]
     station.hear(connect_message())

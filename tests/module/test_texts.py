@@ -222,7 +222,7 @@ def test_a_lost_commander_is_told_of_too(two: Bench) -> None:
     two.a.alive = False
     two.until(lambda: two.companion.view.commander is None)
     two.run(0.2)
-    assert (NOTICE, "nobody commands now") in two.b.told()
+    assert (NOTICE, "no station commands now") in two.b.told()
 
 
 # ---- the companion's own console -----------------------------------------------------------------------------------

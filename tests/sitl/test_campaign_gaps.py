@@ -113,7 +113,7 @@ def test_a_declared_gap_is_crossed_alone_and_authority_goes_on_behind_it() -> No
     world = World(plan, tells=True)
     log = world.run()
     assert log.orders == []
-    assert None in log.commander.values[2:-1]  # nobody commands in the middle of it
+    assert None in log.commander.values[2:-1]  # no station commands in the middle of it
     assert log.modes[-1][2] in ("start", "mission")
     assert judge(plan, log) == ()
     assert [row.row for row in judge(replace(plan, gaps=()), log)] != []  # not declared it would be no crossing

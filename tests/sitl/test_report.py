@@ -265,7 +265,7 @@ def test_of_a_run_with_two_vehicles_both_are_told(tmp_path: Path) -> None:
     first, second = text.split("<h1>drone-2</h1>")
     assert "4 handovers committed" in first
     assert "2 handovers committed" in second
-    assert "Nobody commanded for" in second
+    assert "No station commanded for" in second
     assert (folder / "map-drone-2.png").stat().st_size > 20_000
 
 

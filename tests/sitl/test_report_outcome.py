@@ -113,7 +113,7 @@ def test_nobody_commanding_in_the_air_is_told_with_its_time() -> None:
     evidence = flight(
         *entries, sample(0.0, 0.0), (1.0, "vehicle", "airborne", {}), (50.0, "vehicle", "landed", {}), sample(61.0, 0.0)
     )
-    assert (Gravity.BAD, "Nobody commanded for 3.50 s in the air.") in said(evidence)
+    assert (Gravity.BAD, "No station commanded for 3.50 s in the air.") in said(evidence)
 
 
 def test_leases_alone_do_not_say_that_there_was_no_emergency() -> None:

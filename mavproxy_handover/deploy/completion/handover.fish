@@ -205,7 +205,7 @@ complete -c handover -n '_shtab_handover_using; and test $_shtab_handover_npos -
 complete -c handover -n '_shtab_handover_using companion' -s h -l help -d 'show this help message and exit'
 complete -c handover -n '_shtab_handover_using companion' -l config -xka "(__fish_complete_path (commandline -ct))" -d 'vehicle configuration (else $HANDOVER_CONFIG, ./handover.toml, /etc/...)'
 complete -c handover -n '_shtab_handover_using companion' -l master -x -d 'the autopilot, e.g. /dev/ttyTHS1,921600 or tcp:127.0.0.1:5762'
-complete -c handover -n '_shtab_handover_using companion' -l restarts-within -x -d 'the third restart in so many seconds sends no more leases: nobody commands (default: 60)'
+complete -c handover -n '_shtab_handover_using companion' -l restarts-within -x -d 'the third restart in so many seconds sends no more leases: no station commands (default: 60)'
 complete -c handover -n '_shtab_handover_using companion' -l logs -xka "(__fish_complete_directories)" -d 'a folder for each run in it (./flights)'
 complete -c handover -n '_shtab_handover_using companion' -l logfile -xka "(__fish_complete_path (commandline -ct))" -d 'tlog, in place of all that; one that is there is added to'
 complete -c handover -n '_shtab_handover_using companion' -l print -d 'print the MAVProxy command line and end'

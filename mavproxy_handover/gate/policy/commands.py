@@ -209,7 +209,7 @@ COMMAND_RULES: Final = (
     ),
     Rule(
         Access.MAINTENANCE,
-        "gives the vehicle another system id: it would leave companion and lease behind",
+        "gives the vehicle another system id: companion and lease would not follow",
         names("DO_SET_SYS_CMP_ID"),
     ),
     Rule(

@@ -77,7 +77,7 @@ MESSAGE_RULES: Final = (
     ),
     Rule(
         Access.COMMAND,
-        "ends a command that is being carried out, whoever gave it",
+        "ends a command that is being carried out, of any sender",
         names("COMMAND_CANCEL"),
     ),
     Rule(
@@ -228,7 +228,7 @@ MESSAGE_RULES: Final = (
     ),
     Rule(
         Access.NEVER,
-        "ours, from the vehicle to stations: whoever sends it here pretends to be the vehicle",
+        "ours, from the vehicle to stations: a sender of it here pretends to be the vehicle",
         names("""
             AUTHORITY_STATUS CONTROL_STATUS HANDOVER_TELEMETRY HANDOVER_REQUEST CONNECT_HANDOVER
             HANDOVER_RESULT HANDOVER_DECISION HANDOVER_AHEAD HANDOVER_BRIEFING HANDOVER_REHEARSAL
@@ -268,7 +268,7 @@ MESSAGE_RULES: Final = (
     ),
     Rule(
         Access.NEVER,
-        "the radio receiver's: whoever sends it is the pilot, to the autopilot and to the guard",
+        "the radio receiver's: its sender is the pilot, for the autopilot and the guard",
         names("RADIO_RC_CHANNELS"),
     ),
     Rule(

@@ -148,7 +148,7 @@ PARAMETER_RULES: Final = (
     ),
     Rule(
         Access.SAFEGUARD,
-        "how the mission is held and what AUTO does behind a return: with MIS_RESTART 1 CONTINUE begins it anew",
+        "how the mission is held and what AUTO does after a return: with MIS_RESTART 1 CONTINUE begins it anew",
         names("MIS_*"),
     ),
     Rule(
