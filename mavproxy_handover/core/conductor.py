@@ -198,6 +198,7 @@ class Conductor:
         if cause is Cause.PARTNER_ASKS and self._hurries(transfer, now, actions):
             # the same word may come once more, late, when the partner has consented
             transfer.partner_asks = transfer.step is Step.REQUEST
+            transfer.hurry(now)  # its operator may have been given time before the others were there
             return None
         relay = isinstance(message, (OnHandover, DroneConnected)) and message.relay
         self.move(cause, now, actions, station=key.to_station, relay=relay)

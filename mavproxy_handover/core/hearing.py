@@ -186,12 +186,15 @@ class Hearing:
             self.barred_at = inf
 
     def trust(self, now: float) -> None:
-        """The station takes the aircraft. It has just shown both ways, so what it did not answer is forgotten."""
+        """The station takes the aircraft. It has just shown both ways, so what it did not answer is forgotten.
+
+        What it has just shown stands until the next question, as each answer does.
+        """
         self.begin()
         self.barred_at = inf
         pause_s = self._limits.connect_interval_s
         count = int((self._window_s + self._limits.answer_s) / pause_s) + 1
-        self._fates.extend((now - number * pause_s, True) for number in range(count, 0, -1))
+        self._fates.extend((now - number * pause_s, True) for number in range(count, -1, -1))
         self.judge(now)
 
     def lost(self, now: float, *, deaf: bool) -> None:

@@ -822,3 +822,20 @@ def test_a_late_word_of_the_partners_operator_does_not_keep_a_transfer_open() ->
     ends = [action.message for _at, action in bench.log if isinstance(action, Send)]
     results = [message for message in ends if isinstance(message, HandoverResult)]
     assert [(result.key, result.reason) for result in results[:1]] == [(key, Reason.PARTNER_SILENT)]
+
+
+def test_a_station_that_comes_later_ends_the_long_wait_for_a_partners_operator() -> None:
+    """The zone ends, and GCSB alone can be asked: its operator has thirty seconds. Then GCSC is there as well."""
+    bench = Bench()
+    bench.alive = {A, B, C}
+    bench.on_mission()
+    bench.position(inside(A, exit_s=6.0), inside(B), outside(C))
+    assert bench.arbiter.view.partner == B
+    bench.say(B, OnHandover(KEY, Consent.WAITING))
+    bench.run(5.0)
+    assert bench.arbiter.view.handover_id == 1
+    bench.position(inside(A, exit_s=6.0), inside(B), inside(C))
+    bench.say(B, OnHandover(KEY, Consent.WAITING))
+    bench.run(4.5)
+    assert [record.reason for record in bench.records("transfer_aborted")] == [Reason.PARTNER_UNANSWERED]
+    assert bench.arbiter.view.partner == C

@@ -400,6 +400,19 @@ def test_whatever_the_configured_times_a_station_that_answers_nothing_is_barred(
     assert lost_s - interval_s <= number * interval_s <= lost_s + 2.0 * interval_s + 1.0
 
 
+def test_a_take_over_stands_until_the_next_question_as_an_answer_does() -> None:
+    """The second of the take-over did not count: a commander with 15 % was lost half a second early."""
+    trusted = Hearing(Limits())
+    trusted.trust(100.0)
+    answers_all = asked({80.0 + number: True for number in range(21)})
+    for hearing in (trusted, answers_all):
+        for number in range(1, 10):
+            hearing.asked(100.0 + number)
+            hearing.judge(100.5 + number)
+    assert trusted.share == answers_all.share
+    assert trusted.share is not None and 0.0 < trusted.share < 1.0
+
+
 def test_each_loss_of_command_makes_the_way_back_longer() -> None:
     hearing = Hearing(Limits())
     waits = []
