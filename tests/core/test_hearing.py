@@ -410,7 +410,8 @@ def test_a_take_over_stands_until_the_next_question_as_an_answer_does() -> None:
             hearing.asked(100.0 + number)
             hearing.judge(100.5 + number)
     assert trusted.share == answers_all.share
-    assert trusted.share is not None and 0.0 < trusted.share < 1.0
+    assert trusted.share is not None
+    assert 0.0 < trusted.share < 1.0
 
 
 def test_each_loss_of_command_makes_the_way_back_longer() -> None:
