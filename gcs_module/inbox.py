@@ -25,7 +25,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.package import MissionPackage, from_bytes
-from mavproxy_handover.store.durable import write_beside
+from mavproxy_handover.store.durable import replace_whole
 from mavproxy_handover.wire.package_transfer import MAX_PACKAGE_BYTES, PackageReceiver
 from mavproxy_handover.worker import Worker
 
@@ -213,4 +213,4 @@ def _read(file: Path) -> MissionPackage | None:
 
 def _write(file: Path, package: MissionPackage) -> None:
     """Replace the file by this package. Raises OSError."""
-    write_beside(file, package.to_bytes()).replace(file)
+    replace_whole(file, package.to_bytes())

@@ -30,6 +30,7 @@ from mavproxy_handover.cli.machine import CONFIGURATION, KEYS, STATE, Item, belo
 from mavproxy_handover.config.files import ConfigError, StationConfig, VehicleConfig, load_station, load_vehicle
 from mavproxy_handover.link.forms import Kind, parse_device
 from mavproxy_handover.resources import DEPLOY
+from mavproxy_handover.store.durable import discard
 from mavproxy_handover.store.keys import KeysError, load_key
 
 __all__ = ["install", "uninstall"]
@@ -263,12 +264,16 @@ def _write(target: Path, item: Item) -> None:
     draft = target.with_name(f".{target.name}.new")
     draft.unlink(missing_ok=True)
     descriptor = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL, item.mode)
-    with os.fdopen(descriptor, "w", encoding="utf-8") as file:
-        os.fchmod(file.fileno(), item.mode)
-        file.write(item.text)
-        file.flush()
-        os.fsync(file.fileno())
-    draft.replace(target)
+    try:
+        with os.fdopen(descriptor, "w", encoding="utf-8") as file:
+            os.fchmod(file.fileno(), item.mode)
+            file.write(item.text)
+            file.flush()
+            os.fsync(file.fileno())
+        draft.replace(target)
+    except BaseException:  # it may hold a key
+        discard(draft)
+        raise
 
 
 def _changed(root: Path, item: Item, written: dict[str, str]) -> bool:

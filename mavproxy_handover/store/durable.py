@@ -2,8 +2,8 @@
 
 """Small private files that are on the disk whole, or not there at all.
 
-The caller writes a temporary file beside the target and then links or renames it: who reads the target sees all of it
-or nothing of it, whenever the power fails.
+A temporary file is written beside the target, and then linked or renamed: who reads the target sees all of it or
+nothing of it, whenever the power fails. What cannot be finished leaves no temporary file: it may hold keys.
 """
 
 from __future__ import annotations
@@ -13,9 +13,10 @@ import secrets
 from contextlib import suppress
 from pathlib import Path
 
-__all__ = ["discard", "sync_folder", "write_beside"]
+__all__ = ["discard", "discard_unfinished", "replace_whole", "sync_folder", "write_beside"]
 
 _MODE = 0o600
+_TOKEN_BYTES = 4
 
 
 def write_beside(path: Path, data: bytes, *, sync: bool = True) -> Path:
@@ -23,7 +24,7 @@ def write_beside(path: Path, data: bytes, *, sync: bool = True) -> Path:
 
     `sync` False: of storage in memory, where there is no disk to wait for.
     """
-    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
+    temporary = path.with_name(f".{path.name}.{secrets.token_hex(_TOKEN_BYTES)}")
     descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, _MODE)
     try:
         with os.fdopen(descriptor, "wb") as file:
@@ -32,10 +33,33 @@ def write_beside(path: Path, data: bytes, *, sync: bool = True) -> Path:
             file.flush()
             if sync:
                 os.fsync(file.fileno())
-    except OSError:
+    except BaseException:
         discard(temporary)
         raise
     return temporary
+
+
+def replace_whole(path: Path, data: bytes, *, sync: bool = True) -> None:
+    """Put `data` in the place of what is in the file, mode 0600. Raises OSError: then that stays. `sync`: as above."""
+    temporary = write_beside(path, data, sync=sync)
+    try:
+        os.replace(temporary, path)
+    except BaseException:
+        discard(temporary)
+        raise
+
+
+def discard_unfinished(path: Path) -> None:
+    """Remove temporary files of `path` that a killed process has left."""
+    with suppress(OSError):
+        for left in list(path.parent.iterdir()):
+            if _is_temporary(left.name, path.name):
+                discard(left)
+
+
+def _is_temporary(name: str, of: str) -> bool:
+    prefix = f".{of}."
+    return name.startswith(prefix) and len(name) == len(prefix) + 2 * _TOKEN_BYTES
 
 
 def discard(path: Path) -> None:

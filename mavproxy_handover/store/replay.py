@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from mavproxy_handover.store.behind import CLOSE_S, Behind
-from mavproxy_handover.store.durable import discard, sync_folder, write_beside
+from mavproxy_handover.store.durable import discard, replace_whole, sync_folder
 from mavproxy_handover.wire.signing import MAX_TIMESTAMP, UNITS_PER_S, SignedPeer, timestamp_of
 
 __all__ = ["ReplayStore"]
@@ -155,21 +155,18 @@ class ReplayStore:
         return stamps
 
     def _write(self, stamps: _Stamps, *, last: bool = False) -> None:
-        data, temporary = _pack(stamps), None
+        data = _pack(stamps)
         if self._memory is not None:
             try:
-                os.replace(write_beside(self._memory, data, sync=False), self._memory)
+                replace_whole(self._memory, data, sync=False)
             except OSError:  # an older copy must not count before a newer file
                 discard(self._memory)
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            temporary = write_beside(self.path, data)
-            os.replace(temporary, self.path)
+            replace_whole(self.path, data)
         except OSError as error:
             self.errors += 1
             self.note = f"{self.path}: replay state cannot be written ({error.strerror})"
-            if temporary is not None:
-                discard(temporary)
             return
         sync_folder(self.path)
         self._written = stamps

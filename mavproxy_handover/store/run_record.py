@@ -20,7 +20,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from mavproxy_handover.store.durable import discard, write_beside
+from mavproxy_handover.store.durable import discard, discard_unfinished, replace_whole
 from mavproxy_handover.store.memory import boot_id, memory_folder
 
 __all__ = ["RunRecord"]
@@ -61,12 +61,13 @@ class RunRecord:
         data = json.dumps({"body": body, "sha256": _checksum(body)}).encode("ascii")
         if len(data) > _MOST_BYTES:
             raise OSError(f"it has {len(data)} bytes, more than {_MOST_BYTES}")
-        os.replace(write_beside(self.path, data, sync=False), self.path)
+        replace_whole(self.path, data, sync=False)
 
     def remove(self) -> None:
         """Keep nothing any more."""
         if self.path is not None:
             discard(self.path)
+            discard_unfinished(self.path)
 
 
 def _read(path: Path) -> bytes | None:

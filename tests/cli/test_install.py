@@ -546,6 +546,19 @@ def test_what_the_service_would_not_find_is_refused_before_anything_is_written(
     assert not root.exists()
 
 
+def test_a_file_that_cannot_be_put_in_place_leaves_no_draft(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The fault: the draft stayed, and of a key it holds the key."""
+
+    def refuse(_source: Path, _target: Path) -> Path:
+        raise OSError(5, "Input/output error")
+
+    monkeypatch.setattr(Path, "replace", refuse)
+    key = Item(PurePosixPath("/etc/handover/keys/GCSA.key"), "0" * 64 + "\n", 0o600)
+    with pytest.raises(OSError, match="Input/output error"):
+        installing._write(below(root, key.path), key)
+    assert everything(root) == {}
+
+
 def test_keys_and_missions_that_are_in_their_places_already_are_named_by_them(tmp_path: Path, root: Path) -> None:
     given = tmp_path / "handover.toml"
     with_keys(given, "/etc/handover/keys/GCSA.key", 'mission = "/var/lib/handover/missions/delivery"')

@@ -132,7 +132,7 @@ def test_what_is_forgotten_is_not_gone_on_with(config: Path) -> None:
     assert load_running(config).notes == ("Restart: there is no record of the run before, so the files were read",)
 
 
-def full(_path: Path, _data: bytes, *, sync: bool = True) -> Path:
+def full(_path: Path, _data: bytes, *, sync: bool = True) -> None:
     raise OSError(28, "No space left on device")
 
 
@@ -143,7 +143,7 @@ def test_where_there_is_no_room_a_record_of_another_configuration_goes(
     keep(load_running(config))
     config.write_text(config.read_text().replace("14550", "14551"))
     changed = load_running(config)
-    monkeypatch.setattr(run_record, "write_beside", full)
+    monkeypatch.setattr(run_record, "replace_whole", full)
     assert keep(changed) == "a restart in flight will have to read all files again: No space left on device"
     left_behind(config, FLIGHT)
     found = load_running(config)
@@ -157,7 +157,7 @@ def test_where_there_is_no_room_the_record_that_was_gone_on_with_stays(
     keep(load_running(config))
     left_behind(config, FLIGHT)
     found = load_running(config)
-    monkeypatch.setattr(run_record, "write_beside", full)
+    monkeypatch.setattr(run_record, "replace_whole", full)
     assert keep(replace(found, addresses={"gcs.example": ("192.0.2.7",)})) != ""
     config.unlink()
     assert load_running(config).recorded

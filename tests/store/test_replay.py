@@ -330,14 +330,14 @@ class TestCopyInMemory:
         assert peer.check(heartbeat(STAMP + 30 * SECOND), 0.0, 0.0) is OK
         store.tick(0.0)
         settle(store)
-        write = replay.write_beside
+        write = replay.replace_whole
 
-        def full(where: Path, data: bytes, *, sync: bool = True) -> Path:
+        def full(where: Path, data: bytes, *, sync: bool = True) -> None:
             if where == memory:
                 raise OSError(28, "No space left on device")
-            return write(where, data, sync=sync)
+            write(where, data, sync=sync)
 
-        monkeypatch.setattr(replay, "write_beside", full)
+        monkeypatch.setattr(replay, "replace_whole", full)
         assert peer.check(heartbeat(STAMP + 50 * SECOND), 0.0, 5.0) is OK
         store.tick(5.0)
         settle(store)

@@ -101,13 +101,39 @@ def test_nor_is_one_of_another_boot(record: RunRecord, monkeypatch: pytest.Monke
 
 def test_what_cannot_be_saved_leaves_what_was_before(record: RunRecord, monkeypatch: pytest.MonkeyPatch) -> None:
 
-    def full(_path: Path, _data: bytes, *, sync: bool = True) -> Path:
+    def full(_path: Path, _data: bytes, *, sync: bool = True) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(run_record, "write_beside", full)
+    monkeypatch.setattr(run_record, "replace_whole", full)
     with pytest.raises(OSError, match="No space left"):
         record.save({"text": "other"})
     assert record.load() == RUN
+
+
+def test_a_rename_that_fails_leaves_no_keys_beside_it(record: RunRecord, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The fault: the temporary file stayed, with the keys of every station in it."""
+
+    def refuse(_source: Path, _target: Path) -> None:
+        raise OSError(5, "Input/output error")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "replace", refuse)
+        with pytest.raises(OSError, match="Input/output error"):
+            record.save({"keys": "others"})
+    assert list(path_of(record).parent.glob(f".{path_of(record).name}*")) == []
+    assert record.load() == RUN
+
+
+def test_what_a_killed_run_left_half_written_goes_with_the_record(record: RunRecord) -> None:
+    """It holds keys too, and no later write meets its name."""
+    left = path_of(record).with_name(f".{path_of(record).name}.0a1b2c3d")
+    other = path_of(record).with_name(".other.run.0a1b2c3d")
+    left.touch()
+    other.touch()
+    record.remove()
+    assert not left.exists()
+    assert other.exists()
+    other.unlink()
 
 
 def test_without_storage_in_memory_nothing_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
