@@ -4,8 +4,9 @@
 
 The rules are `core/safety/commands.py`, the geometry `mission/ahead.py`; here they meet what is known of the aircraft.
 
-* What is not known is not judged: without a position, a mission package, a model of the energy the command passes, as
-  it would without this. So it does when something breaks in here: authority is not the question.
+* What is not known is not judged: without a position, a mission package or a model of the energy the command passes.
+* An internal fault is not the same: a limit that cannot be judged because of one counts as left. Its policy decides
+  then, and the operator can lift it as any other refusal. If the rules themselves break, the command is refused.
 * To judge takes milliseconds, and a station may send what it likes: `MOST` at once, then `PER_S` a second. What comes
   faster is refused without a look.
 * What wings fly to they circle: by the radius that DO_REPOSITION asks for, which ArduPlane keeps until it leaves
@@ -29,7 +30,7 @@ from typing import Final
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.aircraft import Aircraft
-from mavproxy_handover.autopilot.energy import EnergyWatch
+from mavproxy_handover.autopilot.energy import FAULT, EnergyWatch
 from mavproxy_handover.autopilot.places import PlaceWatch
 from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.core.model import Flown
@@ -82,6 +83,8 @@ _ARRIVES_S: Final = 3.0
 #: commands of these are done by GUIDED alone
 _GUIDED: Final = (Kind.FLY_TO, Kind.TARGET)
 
+#: what is told of a limit where the judgement breaks
+_CANNOT: Final = f"cannot be judged: {FAULT}"
 _Place = tuple[float, float, float]
 _NOT_JUDGED: Final = Ruling(Outcome.PASSES)
 
@@ -277,10 +280,9 @@ class CommandDesk:
             self.rules.came(kind, copy.wish, port.sysid, now)
             return Ruling(Outcome.REFUSED, (), "too many commands at once")
         try:
-            ceiling_m = self._places.ceiling_m if kind in _GUIDED and self._aircraft.kind.winged else None
             left: Mapping[Limit, str] = {Limit.ENERGY: slow}
             if not slow:
-                left = self._left(way(), limits, ahead or self.ahead, ceiling_m, now)
+                left = self._left(kind, way, limits, ahead or self.ahead, now)
             if kind is Kind.UNKNOWN and self.ahead is not None:
                 left = _UNKNOWN_WAY
             ruling = self.rules.rule(
@@ -295,15 +297,26 @@ class CommandDesk:
                 begun_at=copy.begun_at,
             )
         except Exception:
-            self._ties.fault("judging a command", traceback.format_exc(limit=-3))
-            return _NOT_JUDGED
+            self._broke()
+            return Ruling(Outcome.REFUSED, (), _CANNOT)
         self._tell(port, kind, word, ruling, copy.quiet_s, now)
         return ruling
 
+    def _broke(self) -> None:
+        self._ties.fault("judging a command", traceback.format_exc(limit=-3))
+
     def _left(
-        self, legs: Sequence[Leg], limits: Sequence[Limit], ahead: Ahead | None, ceiling_m: float | None, now: float
+        self, kind: Kind, way: Callable[[], Sequence[Leg]], limits: Sequence[Limit], ahead: Ahead | None, now: float
     ) -> dict[Limit, str]:
-        """What a way would leave, of these limits."""
+        """What a way would leave, of these limits, and which of them cannot be judged. If the way itself is not known
+        because of a fault, that is one refusal, not one of each limit."""
+        try:
+            legs = way()
+            ceiling_m = self._places.ceiling_m if kind in _GUIDED and self._aircraft.kind.winged else None
+        except Exception:
+            self._broke()
+            strict = [limit for limit in limits if self.rules.policy(limit) == "refuse"] or limits
+            return {strict[0]: f"{strict[0].value} {_CANNOT}"}
         if not legs or ahead is None:
             return {}
         look: dict[Limit, Callable[[], str]] = {
@@ -311,12 +324,21 @@ class CommandDesk:
             Limit.FENCE: lambda: leaves_fence(legs, ahead.fence, ceiling_m),
             Limit.COVERAGE: lambda: leaves_coverage(legs, ahead.finder, self._usable(now), ahead.gaps),
         }
-        return {limit: look[limit]() for limit in limits}
+        left: dict[Limit, str] = {}
+        for limit in limits:
+            try:
+                left[limit] = look[limit]()
+            except Exception:
+                self._broke()
+                left[limit] = f"{limit.value} {_CANNOT}"
+        return left
 
     def _energy_short(self, legs: Sequence[Leg], ahead: Ahead) -> str:
         """What is in reach with the reserve comes before what is covered (`core/safety/places.py`): so a way is too
         long where not even the place that costs least from its end is in reach, of those inside the fence."""
         fact, places = self._energy.fact, self._places.candidates()
+        if fact.left_wh is None and FAULT in (fact.missing, *fact.trouble):
+            return f"{Limit.ENERGY.value} {_CANNOT}"
         # on the ground START asks for it; in the air it was granted
         if fact.model is None or fact.left_wh is None or places is None:
             return ""

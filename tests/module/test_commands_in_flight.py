@@ -16,6 +16,7 @@ import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.model import Phase
+from mavproxy_handover.core.safety.energy import EnergyFact
 from mavproxy_handover.mission.geodesy import offset
 from mavproxy_handover.mission.package import MissionPackage, load
 from mavproxy_handover.mission.places import PlaceFinder
@@ -798,12 +799,75 @@ def test_without_a_fresh_position_nothing_is_judged(flown: Bench) -> None:
     assert passed(flown) == 1
 
 
-def test_a_fault_in_the_judgement_is_told_and_the_command_passes(flown: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("mavproxy_handover.autopilot.command_desk.leaves_fence", lambda *_anything: 1 / 0)
-    fly_to(flown, OUT_OF_FENCE)
-    assert passed(flown) == 1
+BROKEN = "mavproxy_handover.autopilot.command_desk"
+
+
+@pytest.mark.parametrize(
+    ("part", "limit"),
+    [("leaves_fence", "fence"), ("leaves_coverage", "coverage"), ("straight", "energy")],
+    ids=["one limit", "another", "the way"],
+)
+def test_a_command_that_cannot_be_judged_is_refused(
+    flown: Bench, part: str, limit: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The fault: it passed, whatever it would have left. The operator can insist, as with any other refusal."""
+    monkeypatch.setattr(f"{BROKEN}.{part}", lambda *_anything: 1 / 0)
+    fly_to(flown, (52.6785, 5.9240))
+    assert passed(flown) == 0
+    assert flown.a.acks(REPOSITION) == [REJECTED]
+    words = f"target refused: {limit} cannot be judged: internal fault. Send it again in 10 s to insist"
+    assert words in flown.a.texts()
     assert flown.companion.faults["judging a command"] == 1
     assert not flown.companion.failed
+    flown.run(10.5)
+    fly_to(flown, (52.6785, 5.9240))
+    assert passed(flown) == 1
+
+
+def test_a_fault_in_one_limit_does_not_hide_another(flown: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(f"{BROKEN}.leaves_coverage", lambda *_anything: 1 / 0)
+    fly_to(flown, OUT_OF_FENCE)
+    assert passed(flown) == 0
+    assert "target refused: breaks the geofence within 2337 m." in flown.a.texts()
+
+
+def test_a_command_is_refused_if_the_rules_themselves_break(flown: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(flown.companion.autopilot.desk.rules, "rule", lambda *_anything, **_more: 1 / 0)
+    for _copy in range(2):
+        fly_to(flown, (52.6785, 5.9240))
+        flown.run(10.5)
+    assert passed(flown) == 0
+    assert flown.a.acks(REPOSITION) == [REJECTED, REJECTED]
+    assert not flown.companion.failed
+
+
+def test_a_command_is_refused_if_the_energy_was_never_known_because_of_a_fault(
+    flown: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    energy = flown.companion.autopilot.desk._energy
+    monkeypatch.setattr(energy, "_observe", lambda *_anything, **_more: 1 / 0)
+    energy.fact = EnergyFact(-math.inf, missing="not looked at yet")
+    flown.run(1.5)
+    fly_to(flown, (52.6785, 5.9240))
+    assert passed(flown) == 0
+    assert "target refused: energy cannot be judged: internal fault." in flown.a.texts()
+
+
+def test_what_a_limit_is_only_warned_of_passes_though_it_cannot_be_judged(
+    bench: Bench, delivery: MissionPackage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flown = take_off(bench, delivery, 'coverage = "warn"')
+    monkeypatch.setattr(f"{BROKEN}.leaves_coverage", lambda *_anything: 1 / 0)
+    fly_to(flown, (52.6785, 5.9240))
+    assert passed(flown) == 1
+    assert "target, warning: coverage cannot be judged: internal fault" in flown.a.texts()
+
+
+def test_of_commands_that_cannot_be_judged_a_return_is_none(flown: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(flown.companion.autopilot.desk, "_rule", lambda *_anything, **_more: 1 / 0)
+    flown.a.command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH)
+    flown.run(0.3)
+    assert flown.autopilot.commands() == [mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH]
 
 
 def test_a_flood_of_commands_is_refused_without_a_look(flown: Bench) -> None:
