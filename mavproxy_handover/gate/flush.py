@@ -23,8 +23,9 @@ component that began it. Rules, from ArduPilot's source:
    RC_OVERRIDE_TIME, as it does with channels of the second version beyond the 18th.
 4. **Guided stream** of velocity, acceleration or attitude: zero velocity. GUID_TIMEOUT (3 s) would stop it as well;
    until then the aircraft would go on as the former commander said last. A place to fly to is not a stream: the
-   aircraft flies there and holds, as it does when no handover takes place, and the new commander decides. Outside
-   GUIDED the autopilot ignores the frame.
+   aircraft goes there and holds, as it does when no handover takes place, and the new commander decides. Outside
+   GUIDED the autopilot ignores the frame. A plane is sent nothing: it knows no velocity, and up to ArduPlane 4.6 it
+   flies to the height in such a frame whatever the mask leaves out. It forgets an attitude after 3 s by itself.
 5. **Log download**: ended, it fills the channel.
 
 Nothing is sent for what has ended: the autopilot's answers (`heard`) and the station's own frames tell.
@@ -179,13 +180,14 @@ class FlushTracker:
         elif frame.msgid == _FTP:
             self._heard_file(frame)
 
-    def flush(self, station_sysid: int) -> list[Closing]:
-        """Close everything that a station has open, and forget it."""
+    def flush(self, station_sysid: int, *, wings: bool = False) -> list[Closing]:
+        """Close everything that a station has open, and forget it. `wings`: no stream is stopped (rule 4)."""
         opened = self._open.pop(station_sysid, None)
         if opened is None:
             return []
         closings = [self._close_sticks(sender, at) for sender, at in opened.sticks.items()]
-        closings += [self._close_stream(sender, at) for sender, at in opened.streams.items()]
+        if not wings:
+            closings += [self._close_stream(sender, at) for sender, at in opened.streams.items()]
         closings += [self._close_upload(sender, kind, at) for (sender, kind), at in opened.uploads.items()]
         # One session may have had several: what closing would apply is spoiled before anything closes it.
         files = sorted(opened.files.items(), key=lambda entry: not is_upload(entry[0][2]))

@@ -361,7 +361,7 @@ class Gate:
         if view.commander != before.commander:
             self._latent.authority_ends(before.commander, now)
             if before.commander is not None:
-                closed += self._close(before.commander, self._flusher.flush(before.commander))
+                closed += self._close(before.commander, self._flusher.flush(before.commander, wings=self.modes.wings))
             successor = None if view.commander is None else self._ports.get(view.commander)
             if successor is not None and now - successor.heartbeat_at < _HEARTBEAT_FRESH_S:
                 self._to_autopilot(successor.heartbeat)

@@ -24,7 +24,6 @@ from mavproxy_handover.wire.frames import Frame, field_bytes, field_float, field
 __all__ = [
     "GUIDED_ITEM",
     "INTENT_MESSAGES",
-    "NO_HEIGHT",
     "NO_PLACE",
     "TARGET_MESSAGES",
     "Aim",
@@ -56,8 +55,8 @@ _ABOVE_HOME: Final = 3
 _LOCAL_OFFSET: Final = 7
 #: higher than anything flies (m)
 _NO_BOUND_M: Final = 1e5
-#: type_mask: any of these, and there is no place; this one, and no height
-NO_PLACE, NO_HEIGHT = 0b111, 0b100
+#: type_mask: any of these, and there is no place
+NO_PLACE: Final = 0b111
 #: the parameter that is the height of a place
 _HEIGHT: Final = 7
 #: what ArduPlane keeps of a radius: whole metres, and up to 1 its own (`ModeGuided::set_radius_and_direction`)
@@ -235,6 +234,8 @@ def _aim_of_item(frame: Frame) -> Aim:
 def aim_of(frame: Frame, modes: Modes = COPTER) -> Aim | None:
     """The place in a frame of TARGET_MESSAGES, of wings a height without one too; None where it holds none.
 
+    Of SET_POSITION_TARGET_GLOBAL_INT wings take the height. ArduPlane 4.7 leaves it out if the mask says so; up to 4.6
+    it looks at the mask's other bits instead. So it counts whatever the mask says.
     Of SET_POSITION_TARGET_LOCAL_NED wings take the height alone, whatever its mask says, and add it to the height that
     they fly to. As such a stream goes on, it has no bound, and is judged as `_NO_BOUND_M`."""
     if frame.msgid == _FOLLOW_TARGET:
@@ -244,7 +245,7 @@ def aim_of(frame: Frame, modes: Modes = COPTER) -> Aim | None:
         return Aim(_ABOVE_HOME, 0.0, 0.0, _NO_BOUND_M, here=True) if adds else None
     mask, number = field_int(frame, "type_mask"), field_int(frame, "coordinate_frame")
     if mask & NO_PLACE:
-        height = modes.wings and frame.msgid == _GLOBAL and not mask & NO_HEIGHT
+        height = modes.wings and frame.msgid == _GLOBAL
         return Aim(number, 0.0, 0.0, field_float(frame, "alt"), here=True) if height else None
     if frame.msgid == _GLOBAL:
         place = _signed(frame, "lat_int") / 1e7, _signed(frame, "lon_int") / 1e7

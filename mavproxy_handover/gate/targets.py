@@ -10,7 +10,7 @@ zones and fence costs a hundred times more than to pass the frame on. So what wa
 2. What was judged less than `PAUSE_S` ago and is farther away waits for its turn: it is dropped. A stream repeats it,
    and none moves at 30 m/s. So whoever jumps to and fro costs no more than ten judgements a second.
 3. One stream is one message of one station. Nothing that carries no place is judged, but for the height that wings
-   take from a place on earth that is left out.
+   take whatever the mask leaves out.
 4. A frame with a number that is none (NaN, infinite), in a field that the autopilot takes, is dropped. ArduCopter
    checks the velocity alone: one target with a NaN in its place ended its simulation with a floating point exception
    (4.7-dev).
@@ -27,7 +27,7 @@ from typing import Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.gate.intent import NO_HEIGHT, NO_PLACE, Aim, aim_of
+from mavproxy_handover.gate.intent import NO_PLACE, Aim, aim_of
 from mavproxy_handover.gate.judge import Fate, GateReason, Verdict
 from mavproxy_handover.gate.policy.modes import COPTER, Modes
 from mavproxy_handover.wire.frames import Frame, field_offset
@@ -88,7 +88,7 @@ class TargetStreams:
             if _senseless(msgid, payload):
                 return verdict._replace(fate=Fate.DROP, reason=GateReason.NO_NUMBER)
             number = payload[_FRAME]
-            if not adds and payload[_MASK] & (NO_HEIGHT if modes.wings else NO_PLACE):
+            if not modes.wings and payload[_MASK] & NO_PLACE:
                 return verdict
         judged = self._streams.get((station, msgid))
         if judged is None:
@@ -109,6 +109,7 @@ class TargetStreams:
                 return verdict._replace(fate=Fate.DROP, reason=GateReason.SITUATION)
             aim = aim_of(frame, modes)
             judged.frame, judged.numbers, judged.at = number, numbers, now
+            judged.passes = False  # until it is known: if the judgement breaks, no copy passes by the verdict before
             judged.passes = aim is None or (aim.makes_sense and self.judge(aim, station, now))
         return verdict if judged.passes else verdict._replace(fate=Fate.DROP, reason=GateReason.SITUATION)
 

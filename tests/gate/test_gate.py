@@ -15,6 +15,7 @@ from mavproxy_handover.core.model import AuthorityView, LeaseState, Phase
 from mavproxy_handover.gate.flush import FlushTracker
 from mavproxy_handover.gate.gate import UNNOTED
 from mavproxy_handover.gate.judge import Fate, GateReason
+from mavproxy_handover.gate.policy.modes import COPTER, PLANE, Modes
 from mavproxy_handover.wire.frames import Frame, parse_one
 from mavproxy_handover.wire.ids import GUARD_STATUS_TUNNEL
 from tests.gate.door import Door
@@ -331,7 +332,7 @@ def test_without_a_commander_arming_throws_nothing_away(door: Door) -> None:
 def test_a_view_is_in_force_even_if_what_follows_from_it_breaks(
     door: Door, make: Make, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def broken(*_arguments: Any) -> Any:
+    def broken(*_arguments: Any, **_more: Any) -> Any:
         raise RuntimeError("planted")
 
     monkeypatch.setattr(FlushTracker, "flush", broken)
@@ -423,3 +424,34 @@ def test_no_frame_comes_out_of_the_door_changed(door: Door) -> None:
     assert frame is not None
     assert door.down(frame) == {GCSA, GCSB, GCSC}
     assert door.ports[GCSB].heard == [raw]
+
+
+@pytest.mark.parametrize(
+    ("stream", "fields"),
+    [
+        ("SET_ATTITUDE_TARGET", {}),
+        ("SET_POSITION_TARGET_GLOBAL_INT", {"type_mask": 0b110111000111, "coordinate_frame": 6, "alt": 120.0}),
+    ],
+)
+@pytest.mark.parametrize(("modes", "sent"), [(COPTER, 1), (PLANE, 0)])
+def test_wings_are_sent_no_zero_velocity_by_a_handover(
+    door: Door, make: Make, stream: str, fields: dict[str, Any], modes: Modes, sent: int
+) -> None:
+    """The fault: ArduPlane up to 4.6 looks at no velocity, but flies to the height in such a frame, whatever its mask
+    leaves out: in GUIDED a handover sent the plane down to 0 m above home."""
+    door.gate.modes = modes
+    door.change(replace(OF_A, armed=True))
+    door.up(A, make(stream, **fields))
+    before = len(door.passed)
+    closed = door.change(replace(OF_B, armed=True))
+    targets = [decoded(raw) for raw in door.passed[before:]]
+    assert [m.get_type() for m in targets] == ["SET_POSITION_TARGET_GLOBAL_INT"] * sent
+    assert [closing.what for _station, closing in closed] == ["guided stream stopped"] * sent
+
+
+def test_wings_get_back_their_sticks_by_a_handover(door: Door, make: Make) -> None:
+    door.gate.modes = PLANE
+    door.change(replace(OF_A, armed=True))
+    door.up(A, make("RC_CHANNELS_OVERRIDE", chan1_raw=1500))
+    closed = door.change(replace(OF_B, armed=True))
+    assert [closing.what for _station, closing in closed] == ["RC override released"]

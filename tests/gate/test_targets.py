@@ -33,11 +33,14 @@ class Watched:
 
     def __init__(self, step_s: float) -> None:
         self.asked: list[tuple[Aim, int]] = []
+        self.breaks = False
         self.door = Door(step_s)
         self.door.change(FLYING)
         self.door.gate.targets.judge = self._judge
 
     def _judge(self, aim: Aim, station: int, _now: float) -> bool:
+        if self.breaks:
+            raise RuntimeError("a bug")
         self.asked.append((aim, station))
         return aim.first <= 53.0
 
@@ -73,8 +76,35 @@ def test_of_wings_a_height_without_a_place_is_judged_too(make: Make) -> None:
     watched.door.gate.modes = PLANE
     watched.door.up(A, frame)
     assert watched.asked == [(Aim(6, 0.0, 0.0, 40.0, here=True), GCSA)]
-    watched.door.up(A, target(make, 520_000_000, mask=ONLY_VELOCITY))
-    assert len(watched.asked) == 1
+
+
+@pytest.mark.parametrize("mask", [ONLY_VELOCITY, 0b110111111111, 0b100], ids=["velocity", "nothing", "no height"])
+def test_of_wings_the_height_is_judged_though_the_mask_leaves_it_out(make: Make, mask: int) -> None:
+    """The fault: ArduPlane up to 4.6 flies to the height of nearly every such frame, whatever its mask leaves out."""
+    watched = Watched(step_s=0.2)
+    watched.door.gate.modes = PLANE
+    watched.door.up(A, target(make, 520_000_000, mask=mask))
+    assert watched.asked == [(Aim(6, 0.0, 0.0, 40.0, here=True), GCSA)]
+
+
+def test_of_wings_a_height_that_is_left_out_and_no_number_is_dropped(make: Make) -> None:
+    watched = Watched(step_s=0.2)
+    watched.door.gate.modes = PLANE
+    frame = make(GLOBAL, type_mask=ONLY_VELOCITY, coordinate_frame=6, alt=math.nan)
+    assert watched.door.up(A, frame).verdict.fate is Fate.DROP
+
+
+def test_a_target_whose_judgement_breaks_does_not_pass_with_its_next_copy(make: Make) -> None:
+    """The fault: the next copy had the verdict of the target before."""
+    watched = Watched(step_s=0.2)
+    assert watched.door.up(A, target(make, 520_000_000)).verdict.fate is Fate.FORWARD
+    watched.breaks = True
+    out = target(make, 530_000_100)
+    with pytest.raises(RuntimeError):
+        watched.door.up(A, out)
+    came = [watched.door.up(A, out) for _ in range(3)]
+    assert {c.verdict.fate for c in came} == {Fate.DROP}
+    assert [c.passed for c in came] == [[], [], []]
 
 
 def test_what_would_leave_is_dropped_and_counted_until_the_target_is_another(make: Make) -> None:
