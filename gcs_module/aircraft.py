@@ -340,7 +340,7 @@ class Aircraft:
     def _on_telemetry(self, message: Any) -> None:
         now = self._now()
         self.view.telemetry(message, now)
-        zone = self.core.name(message.zone) if message.zone else "none"
+        zone = self.core.zone_name(message.zone, message.other_zone)
         self.narrator.telemetry(message.lat / 1e7, message.lon / 1e7, zone)
         every_s = self.commands.settings.telemetry
         if every_s > 0 and now - self._telemetry_shown_at >= every_s:

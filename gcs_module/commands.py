@@ -323,7 +323,7 @@ class StationCommands:
             module.view.show(f"telemetry{old}")
         if module.of:
             module.view.show(f"vehicle   {module.of}")
-        zone = module.core.name(telemetry.zone) if telemetry.zone else "none"
+        zone = module.core.zone_name(telemetry.zone, telemetry.other_zone)
         for row in telemetry_table(telemetry, zone, module.situation().mode):
             module.view.show(row)
 
@@ -376,7 +376,7 @@ class StationCommands:
             show(f"ground    {peer.station.name}: {alive}")
         telemetry = module.view.last_telemetry
         if telemetry is not None:
-            zone = core.name(telemetry.zone) if telemetry.zone else "none"
+            zone = core.zone_name(telemetry.zone, telemetry.other_zone)
             show(f"telemetry {telemetry_line(telemetry, zone)}{module.view.telemetry_age(now)}")
         if module.faults:
             show("faults    " + ", ".join(f"{where} {count}" for where, count in module.faults.items()))

@@ -255,6 +255,12 @@ class StationCore:
         """A station's name, for people."""
         return "no station" if not sysid else self._names.get(sysid, f"station {sysid}")
 
+    def zone_name(self, zone: int, other_zone: int) -> str:
+        """Where the aircraft is, for people: two stations' zones at once are the handover zone."""
+        if zone and other_zone:
+            return f"Handover Zone ({self.name(zone)} and {self.name(other_zone)})"
+        return self.name(zone) if zone else "none"
+
     def peer_alive(self, peer: int, now: float) -> bool:
         """Whether the ground link to another station works."""
         return now - self._peers_heard.get(peer, -inf) < self.PEER_LOST_S

@@ -48,6 +48,7 @@ from mavproxy_handover.gate.list_changes import list_change
 from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.gate.policy.rows import begins_midway, classify
 from mavproxy_handover.gate.tongues import Tongue
+from mavproxy_handover.gate.words import thesis_command
 from mavproxy_handover.link.quality import LinkEvent
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.narrator import Narrator
@@ -295,13 +296,15 @@ class Companion:
                 kind, answered = (frame.msgid, verdict.reason), verdict.fate is Fate.REFUSE
                 proven = port.proves(frame)
                 named, why = partial(self.gate.unsaid, frame), verdict.reason.value
-                self.narrator.refused(port.name, kind, verdict.what, named, why, answered, proven, now)
+                self.narrator.refused(
+                    port.name, kind, verdict.what, named, why, answered, proven, now, thesis_command(frame)
+                )
                 self.rehearsal.turned_away(port.name, verdict.what, verdict.reason.value)
             case _:
                 assert_never(verdict.fate)
 
     def _accepted(self, port: StationPort, frame: Frame, what: str, now: float) -> None:
-        self.narrator.accepted(port.name, what)
+        self.narrator.accepted(port.name, what, thesis_command(frame))
         change = list_change(frame)
         if change is not None:
             self.autopilot.list_changed(port, change, self.view.phase is Phase.ON_LOAD, now)
@@ -384,7 +387,7 @@ class Companion:
         intent = intent_of(frame, self.gate.modes)
         if intent is None or self.autopilot.desk.judge(port, intent, now).passes:
             if self.autopilot.orders.takes_over(frame):
-                self.narrator.accepted(port.name, verdict.what)
+                self.narrator.accepted(port.name, verdict.what, thesis_command(frame))
                 self.autopilot.orders.pause_asked(port, frame, now)
                 return
             self._accepted(port, frame, self.gate.release(port, frame, verdict, now).what, now)
@@ -393,7 +396,7 @@ class Companion:
         refused = self.gate.turn_down(port, frame, verdict, now)
         kind, proven = (frame.msgid, refused.reason), port.proves(frame)
         named, why = partial(self.gate.unsaid, frame), refused.reason.value
-        self.narrator.refused(port.name, kind, refused.what, named, why, True, proven, now)
+        self.narrator.refused(port.name, kind, refused.what, named, why, True, proven, now, thesis_command(frame))
         self.rehearsal.turned_away(port.name, refused.what, refused.reason.value)
 
     def _on_transfer(self, port: StationPort, frame: Frame, message: Any, now: float) -> None:
@@ -610,6 +613,8 @@ class Companion:
                 self._on_view(action, now)
             case events.Record():
                 self.narrator.record(action, now)
+                if action.reason is Reason.LANDED:
+                    self.autopilot.tell_landed()
                 self.rehearsal.record(action, now)
             case events.Fly():
                 self._fly(action, now)

@@ -88,6 +88,7 @@ class Narrator:
         #: by station, and what the entries are of
         self._samplers: dict[tuple[str, str], Sampler] = {}
         self._clock_offset_s: float | None = None
+        self._zones = (0, 0)
 
     def tell(self, text: str) -> None:
         """A line on the console, in the form of the thesis."""
@@ -265,9 +266,12 @@ class Narrator:
 
     # ---- the gate -------------------------------------------------------------------------------------------------
 
-    def accepted(self, station: str, what: str) -> None:
-        """A command of the commander; it comes often, so it is in the file a moment later."""
+    def accepted(self, station: str, what: str, word: str = "") -> None:
+        """A command of the commander; it comes often, so it is in the file a moment later. `word`: START, STOP or
+        CONTINUE, which the console shows; "": another one."""
         self._journal.note("accepted", station=station, what=what)
+        if word:
+            self.tell(f"{word} accepted from {station}.")
 
     def refused(
         self,
@@ -279,13 +283,16 @@ class Narrator:
         answered: bool,
         proven: bool,
         now: float,
+        word: str = "",
     ) -> None:
         """A frame was refused. `kind`: message and reason; `proven`: it is certain that the station sent it. `named`:
-        what `what` leaves open, such as the mode; asked for only if an entry is written."""
+        what `what` leaves open, such as the mode; asked for only if an entry is written. `word`: as in `accepted`."""
         sampler = self._samplers.get((station, _ITS_OWN if proven else _ANYBODYS))  # it may come to this very often
         if sampler is None:
             sampler = self._sampler(station, *((_ITS_OWN, _PROVEN) if proven else (_ANYBODYS, _UNPROVEN)))
-        self._refused(self._journal, sampler, kind, station, what, named, reason, answered, now)
+        told = self._refused(self._journal, sampler, kind, station, what, named, reason, answered, now)
+        if told and word:
+            self.tell(f"{word} rejected from {station}: {reason}.")
 
     def rejected(self, station: str, kind: tuple[int, Enum], what: str, reason: str, now: float) -> None:
         """A frame in a station's name has no signature of its, or not a good one: whoever it is."""
@@ -303,14 +310,16 @@ class Narrator:
         reason: str,
         answered: bool,
         now: float,
-    ) -> None:
+    ) -> bool:
+        """Whether an entry is written: of frames that come again and again few are."""
         kept_back = sampler.take(now, kind)
         if kept_back is None:
-            return
+            return False
         name = named()
         text = f"{f'{name} ({what})' if name else what} of {station} refused: {reason}"
         fields = {"station": station, "what": what, "named": name or None, "reason": reason, "answered": answered}
         journal.write("refused", text, **fields, also=kept_back or None)
+        return True
 
     def told(self, station: str, text: str, now: float) -> None:
         """A station was told why something is refused."""
@@ -398,7 +407,25 @@ class Narrator:
             self._journal.write("delivery", f"delivery point (waypoint {number}) reached", number=number)
             self.tell(f"Delivery point reached, waypoint {number}.")
 
-    def position(self, where: tuple[float, float, float], zone: int, commander: int | None, waypoint: int) -> None:
+    def zones(self, zones: tuple[int, int]) -> None:
+        """In whose zones the aircraft is, as `Arbiter.zones`; told when it changes, from the first zone on."""
+        if zones == self._zones:
+            return
+        self._zones = zones
+        zone, other = map(self._name, zones)
+        text = (
+            "Out of all zones"
+            if zone is None
+            else f"Zone of {zone}"
+            if other is None
+            else f"Handover Zone ({zone} and {other})"
+        )
+        self._journal.write("zone", text, zone=zone, other_zone=other)
+        self.tell(f"{text}.")
+
+    def position(
+        self, where: tuple[float, float, float], zones: tuple[int, int], commander: int | None, waypoint: int
+    ) -> None:
         """Where the aircraft is: latitude and longitude (degrees), height above home (m)."""
         lat_deg, lon_deg, alt_m = where
         self._journal.write(
@@ -406,7 +433,8 @@ class Narrator:
             lat_deg=lat_deg,
             lon_deg=lon_deg,
             alt_m=alt_m,
-            zone=self._name(zone),
+            zone=self._name(zones[0]),
+            other_zone=self._name(zones[1]),
             commander=self._name(commander),
             waypoint=waypoint,
         )
@@ -552,6 +580,7 @@ class Narrator:
     def start_begun(self, station: str, starts_by: str) -> None:
         """START is under way."""
         self._journal.write("start_sequence", starts_by, station=station)
+        self.tell(f"START accepted from {station}.")
 
     def speed(self, speed_mps: float, failure: str | None) -> None:
         """What came of having the aircraft fly at the mission's speed again."""

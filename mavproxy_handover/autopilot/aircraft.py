@@ -281,8 +281,8 @@ class Aircraft:
             custom_mode=self.custom_mode,
         )
 
-    def telemetry(self, target: tuple[int, int], utc_us: int, zone: int) -> Any:
-        """HANDOVER_TELEMETRY, the telemetry record of the thesis (section 4.3.2)."""
+    def telemetry(self, target: tuple[int, int], utc_us: int, zones: tuple[int, int]) -> Any:
+        """HANDOVER_TELEMETRY, the telemetry record of the thesis (section 4.3.2). `zones`: as `Arbiter.zones`."""
         position, attitude = self.position, self._attitude
         rates = (0.0, 0.0, 0.0) if attitude is None else (attitude.rollspeed, attitude.pitchspeed, attitude.yawspeed)
         if position is None:
@@ -306,9 +306,10 @@ class Aircraft:
             self.track[1],
             self.waypoint,
             self.waypoint_distance_m,
-            zone,
+            zones[0],
             int(self.armed),
             self.custom_mode,
+            zones[1],
         )
 
 

@@ -362,7 +362,17 @@ class Autopilot:
 
     def _on_reached(self, message: Any, _now: float) -> None:
         owner = self._waypoints.reached(message.seq)
-        self._ties.narrator.reached(message.seq, owner, delivery=message.seq == self._loader.delivery)
+        delivery = message.seq == self._loader.delivery
+        self._ties.narrator.reached(message.seq, owner, delivery=delivery)
+        if delivery:
+            text = f"delivery point reached, waypoint {message.seq}"
+            self._ties.voice.say_to_all(text, mavlink.MAV_SEVERITY_NOTICE)
+
+    def tell_landed(self) -> None:
+        """The flight is over: every station hears it."""
+        on_ground = self.aircraft.landed_state == mavlink.MAV_LANDED_STATE_ON_GROUND
+        text = f"{'landed' if on_ground else 'disarmed'}: the flight is over"
+        self._ties.voice.say_to_all(text, mavlink.MAV_SEVERITY_NOTICE)
 
     # ---- what is wanted of it -------------------------------------------------------------------------------------
 

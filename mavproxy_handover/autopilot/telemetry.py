@@ -29,10 +29,11 @@ class Telemetry:
         where = aircraft.where
         if where is None or now - aircraft.position_at > self._stale_s:
             return
-        zone = ties.arbiter.zone()
-        ties.narrator.position(where, zone, view.commander, aircraft.waypoint)
+        zones = ties.arbiter.zones()
+        ties.narrator.zones(zones)
+        ties.narrator.position(where, zones, view.commander, aircraft.waypoint)
         for station in (view.commander, view.partner):
             port = ties.voice.ports.get(station or 0)
             if port is not None:
-                told = aircraft.telemetry(port.target, int(ties.clocks.utc() * 1e6), zone)
+                told = aircraft.telemetry(port.target, int(ties.clocks.utc() * 1e6), zones)
                 attempt(ties.fault, f"sending to {port.name}", port.send, told)

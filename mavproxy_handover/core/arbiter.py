@@ -212,8 +212,12 @@ class Arbiter:
 
     def zone(self) -> int:
         """Station in whose zone the aircraft is, the commander's first; 0 = none."""
-        inside = self._candidates.zones.inside(self._authority.owner)
-        return inside[0] if inside else 0
+        return self.zones()[0]
+
+    def zones(self) -> tuple[int, int]:
+        """The same, and another station in whose zone it is too, 0 = none: with two it is in the handover zone."""
+        first, second, *_ = (*self._candidates.zones.inside(self._authority.owner), 0, 0)
+        return first, second
 
     @property
     def zone_ends_s(self) -> float:

@@ -41,6 +41,7 @@ __all__ = [
     "how_to_lift",
     "sentence",
     "subject_of",
+    "thesis_command",
     "unsaid",
 ]
 
@@ -166,6 +167,7 @@ _MESSAGE_WORDS: Final[Mapping[int, str]] = {
 _SWITCHED: Final = {number: SWITCHES[name] for number, name in _COMMAND_NAMES.items() if name in SWITCHES}
 #: the command's name says neither
 _PARTICULAR: Final = frozenset(word for _parameter, *words in SWITCHES.values() for word in words)
+_THESIS_COMMANDS: Final = frozenset((COMMANDS["MISSION_START"], *SWITCHES["DO_PAUSE_CONTINUE"][1:]))
 _SWITCH: Final = f"{COMMANDS['DO_AUX_FUNCTION']} "
 _COMMAND_IDS: Final = _ids("COMMAND_LONG", "COMMAND_INT")
 _SET_MODE: Final = mavlink.MAVLINK_MSG_ID_SET_MODE
@@ -257,6 +259,12 @@ def unsaid(frame: Frame, *, modes: Modes = COPTER) -> str:
     subject = subject_of(frame) if frame.known else ""
     particular = not isinstance(subject, str) or subject in _PARTICULAR or subject.startswith(_SWITCH)
     return called(subject, modes=modes) if particular else ""
+
+
+def thesis_command(frame: Frame) -> str:
+    """START, STOP or CONTINUE, the commands that the thesis gives a station in flight; "" for every other frame."""
+    subject = _of_command(frame) if frame.known and frame.msgid in _COMMAND_IDS else ""
+    return subject if isinstance(subject, str) and subject in _THESIS_COMMANDS else ""
 
 
 def sentence(subject: Subject, reason: GateReason, commander: str, tongue: Tongue, *, modes: Modes = COPTER) -> str:

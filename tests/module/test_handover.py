@@ -27,6 +27,7 @@ from tests.module.conftest import Bench
 from tests.module.vehicle import GUIDED, RTL
 
 START, LAND = mavlink.MAV_CMD_MISSION_START, mavlink.MAV_CMD_NAV_LAND
+PAUSE = mavlink.MAV_CMD_DO_PAUSE_CONTINUE
 NOT_IN_CONTROL = 10
 IN_A, IN_BOTH, IN_B, OUTSIDE = (52.679, 5.924), (52.679, 5.9272), (52.679, 5.931), (52.679, 5.936)
 
@@ -70,6 +71,12 @@ def flight(bench: Bench, delivery: MissionPackage) -> Bench:
     bench.until(lambda: bench.companion.view.phase is Phase.ON_MISSION)
     bench.run(0.5)
     return bench
+
+
+def say(bench: Bench, message: Any) -> None:
+    """The autopilot says it now."""
+    bench.autopilot.say(message)
+    bench.mpstate.deliver(bench.autopilot._out.pop())
 
 
 def commander(bench: Bench) -> Any:
@@ -224,6 +231,71 @@ def test_telemetry_goes_to_the_commander_and_to_a_partner(flight: Bench) -> None
     flight.run(2.5)
     assert flight.a.got("HANDOVER_TELEMETRY") == []
     assert len(flight.b.got("HANDOVER_TELEMETRY")) >= 2
+
+
+def test_in_two_zones_at_once_the_telemetry_names_both_of_them(flight: Bench) -> None:
+    """The thesis's `Handover Zone` (figures 6.13 and 6.14)."""
+    flight.run(1.5)
+    assert [m.other_zone for m in flight.a.got("HANDOVER_TELEMETRY")[-1:]] == [0]
+    hand_over(flight)
+    flight.run(1.5)
+    assert [(m.zone, m.other_zone) for m in flight.b.got("HANDOVER_TELEMETRY")[-1:]] == [(252, 251)]
+    flight.autopilot.position = IN_B
+    flight.run(1.5)
+    assert [(m.zone, m.other_zone) for m in flight.b.got("HANDOVER_TELEMETRY")[-1:]] == [(252, 0)]
+    flight.autopilot.position = OUTSIDE
+    flight.run(1.5)
+    texts = [entry["text"] for entry in flight.journal("zone")]
+    assert [text for text in texts if not text.startswith("Handover Zone")] == [
+        "Zone of GCSA",
+        "Zone of GCSB",
+        "Out of all zones",
+    ]
+    assert "Handover Zone (GCSB and GCSA)" in texts
+    console = [line.split("]: ")[-1] for line in flight.mpstate.console.lines]
+    assert {f"{text}." for text in texts} <= set(console)
+    (last,) = flight.journal("position")[-1:]
+    assert "other_zone" not in last or last["other_zone"] is None
+
+
+def test_the_console_says_whose_stop_and_continue_are_accepted_and_rejected(flight: Bench) -> None:
+    """As figure 6.14 of the thesis has it."""
+    flight.b.command(PAUSE, 0.0)
+    flight.run(0.3)
+    flight.a.command(PAUSE, 0.0)
+    flight.run(0.3)
+    flight.a.command(PAUSE, 1.0)
+    flight.run(0.3)
+    console = [line.split("]: ")[-1] for line in flight.mpstate.console.lines]
+    assert [line for line in console if " accepted from " in line or " rejected from " in line] == [
+        "START accepted from GCSA.",
+        "STOP rejected from GCSB: not in control.",
+        "STOP accepted from GCSA.",
+        "CONTINUE accepted from GCSA.",
+    ]
+
+
+def test_other_commands_and_refusals_without_end_fill_no_console(flight: Bench) -> None:
+    for _ in range(600):
+        flight.b.command(PAUSE, 0.0)
+        flight.b.command(LAND)
+        flight.run(0.05)
+    shown = [line for line in flight.mpstate.console.lines if "rejected from" in line]
+    assert 1 <= len(shown) <= 400
+    assert all("STOP rejected from GCSB" in line for line in shown)
+
+
+def test_every_station_hears_of_the_delivery_point_and_of_the_landing(flight: Bench) -> None:
+    delivery = flight.companion.autopilot._loader.delivery
+    for number in (delivery, delivery + 1):
+        say(flight, mavlink.MAVLink_mission_item_reached_message(number))
+    say(flight, mavlink.MAVLink_extended_sys_state_message(0, mavlink.MAV_LANDED_STATE_ON_GROUND))
+    flight.run(0.3)
+    flight.autopilot.airborne, flight.autopilot.armed = False, False
+    flight.run(2.0)
+    for station in (flight.a, flight.b):
+        told = [text for _severity, text in station.told() if "delivery point" in text or "flight is over" in text]
+        assert told == [f"delivery point reached, waypoint {delivery}", "landed: the flight is over"]
 
 
 def test_there_and_back_again_is_two_epochs(flight: Bench) -> None:

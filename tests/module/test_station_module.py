@@ -995,6 +995,18 @@ def test_all_of_the_telemetry_with_its_units_and_its_age(station: StationBench) 
     )
 
 
+def test_the_handover_zone_has_its_name_and_that_of_both_stations(station: StationBench) -> None:
+    station.load()
+    values = dict.fromkeys(mavlink.MAVLink_handover_telemetry_message.fieldnames, 0)
+    values |= {"target_system": 251, "target_component": 190, "zone": 251, "other_zone": 252}
+    station.hear(mavlink.MAVLink_handover_telemetry_message(**values))
+    assert "zone      Handover Zone (GCSA and GCSB)" in station.mpstate.type("handover telemetry")
+    assert any(
+        line.startswith("telemetry ") and "zone Handover Zone (GCSA and GCSB)" in line
+        for line in station.mpstate.type("handover status")
+    )
+
+
 def test_a_text_that_mavproxy_has_shown_is_heard_and_not_shown_again(
     station: StationBench, capsys: pytest.CaptureFixture[str]
 ) -> None:
