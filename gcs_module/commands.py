@@ -33,6 +33,10 @@ from mavproxy_handover.wire.ids import (
 
 __all__ = ["StationCommands"]
 
+#: Words of one matter: the last one that was typed counts, and those before it are not repeated any more.
+_MATTERS: Final = (("START", "STOP", "CONTINUE", "RESUME"), ("REQUEST", "RELEASE", "GIVE"))
+#: answers that are left to commands of before, at most: the last of three copies has to be answerable
+_MOST_OWED: Final = 2
 #: what may stand behind `handover rehearse`
 _REHEARSAL: Final = ("end", "report")
 #: what that asks for: nothing that is accepted or refused
@@ -78,13 +82,20 @@ class Host(Protocol):
 
 
 class StationCommands:
-    """The operator's commands to one aircraft. One that goes to it is asked again until it is acknowledged."""
+    """The operator's commands to one aircraft. One that goes to it is asked again until it is acknowledged.
+
+    A command that was not answered yet is not repeated after the operator's next word of the same matter: its copy
+    would undo that. Nor is its late answer taken for the new one's: COMMAND_ACK names the command alone, and STOP and
+    CONTINUE are one command, as are REQUEST, RELEASE and GIVE.
+    """
 
     def __init__(self, module: Host, settings: Any) -> None:
         """`settings`: those of `fleet.our_settings`."""
         self._module = module
         self.settings = settings
         self._talks: dict[str, Conversation] = {}
+        #: the command and parameters of each word that was sent
+        self._sent: dict[str, tuple[int, tuple[float, ...]]] = {}
         #: refused, and until when words that say why may still come
         self._refused: dict[str, tuple[str, float]] = {}
         self._table: dict[str, tuple[str, Callable[[], None]]] = {
@@ -174,15 +185,32 @@ class StationCommands:
 
     def _command(self, word: str, command: int, *parameters: float) -> None:
         now = time.monotonic()
-        self._talks[word] = Conversation(self._asking(command, parameters), self._module.to_vehicle, now)
+        owed = self._replace(word, (command, parameters))
+        self._sent[word] = command, parameters
+        self._talks[word] = Conversation(self._asking(command, parameters, owed), self._module.to_vehicle, now)
         self._module.narrator.command_sent(word)
 
-    def _asking(self, command: int, parameters: tuple[float, ...]) -> Asking:
+    def _replace(self, word: str, sent: tuple[int, tuple[float, ...]]) -> int:
+        """End what was not answered yet of the same matter; returns how many answers to the same command may be its."""
+        owed = 0
+        for before in next((matter for matter in _MATTERS if word in matter), ()):
+            talk = self._talks.get(before)
+            if talk is None or not talk.copies or self._sent[before] == sent:
+                continue
+            if self._sent[before][0] == sent[0]:
+                owed += talk.copies
+            del self._talks[before]
+            text = f"{before} was not answered: {word} takes its place."
+            self._module.narrator.command_ended(before, "replaced", text)
+        return min(owed, _MOST_OWED)
+
+    def _asking(self, command: int, parameters: tuple[float, ...], owed: int) -> Asking:
         component = COMPANION_COMPID if command == OPERATOR_CONTROL else AUTOPILOT_COMPID
         message = command_long((self._module.sysid, component), command, *parameters)
-        result = yield Ask("the command", (message,), _ack(command), timeout_s=1.5, tries=3)
+        own = self._module.config.station.sysid
+        result = yield Ask("the command", (message,), _ack(command, own, owed=owed), timeout_s=1.5, tries=3)
         if result == mavlink.MAV_RESULT_IN_PROGRESS:
-            result = yield Ask("the end of the command", (), _ack(command, final=True), timeout_s=60.0, tries=1)
+            result = yield Ask("the end of the command", (), _ack(command, own, final=True), timeout_s=60.0, tries=1)
         return result
 
     def _resume(self) -> None:
@@ -201,11 +229,13 @@ class StationCommands:
 
     def _release(self) -> None:
         own = self._module.config.station.sysid
+        self._module.operator(WishAnswered(own, False))  # what was asked for before is not wanted any more
         self._command("RELEASE", OPERATOR_CONTROL, 0, 0, 0, own)
 
     def _give(self, name: str) -> None:
         for peer in self._module.config.peers:
             if peer.station.name == name:
+                self._module.operator(WishAnswered(self._module.config.station.sysid, False))
                 self._module.operator(Wish(peer.station.sysid))
                 self._command("GIVE", OPERATOR_CONTROL, 1, 0, self.settings.request_timeout, peer.station.sysid)
                 return
@@ -409,11 +439,18 @@ def _rehearsal_asking(vehicle: int, wish: int, nonce: int) -> Asking:
     return (yield Ask("the rehearsal", (message,), answer, timeout_s=1.0, tries=5))
 
 
-def _ack(command: int, *, final: bool = False) -> Callable[[Any], Any]:
+def _ack(command: int, own: int, *, final: bool = False, owed: int = 0) -> Callable[[Any], Any]:
+    """`own`: this station; `owed`: so many answers may be to a command of before."""
+    left = owed
+
     def answer(m: Any) -> Any:
-        if m.get_type() != "COMMAND_ACK" or m.command != command:
+        nonlocal left
+        if m.get_type() != "COMMAND_ACK" or m.command != command or getattr(m, "target_system", 0) not in (0, own):
             return None
         if final and m.result == mavlink.MAV_RESULT_IN_PROGRESS:
+            return None
+        if left:
+            left -= 1
             return None
         return m.result
 

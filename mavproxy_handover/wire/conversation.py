@@ -75,6 +75,11 @@ class Conversation:
         for message in self._ask.messages:
             self._send(message)
 
+    @property
+    def copies(self) -> int:
+        """How often the question was sent that waits for its answer; 0: none does that was sent at all."""
+        return self._tries if self._ask is not None and self._ask.messages else 0
+
     def break_off(self, why: str) -> None:
         """End the conversation from outside; it failed because of `why`."""
         if not self.finished:

@@ -268,3 +268,16 @@ class TestAfterARestart:
         self.status(bench, 0, 2, LOST)
         self.status(bench, 251, 2, HELD)
         assert bench.mpstate.type("handover status")[1] == "commander no station, epoch 2; this station is observer"
+
+
+@pytest.mark.parametrize(("later", "answer"), [("", GRANTED), ("release", WAITING), ("give GCSB", WAITING)])
+def test_what_was_typed_after_a_request_takes_it_back(bench: StationBench, later: str, answer: int) -> None:
+    """The fault: for a minute the request was consent, though the operator had released control since."""
+    bench.hear(connect_message(epoch=2, commander=252))
+    bench.mpstate.type("handover request")
+    bench.run(0.2)
+    if later:
+        bench.mpstate.type(f"handover {later}")
+    bench.sent()
+    bench.hear(asked_as_partner(3, epoch=2))
+    assert consents(bench) == [("ON_HANDOVER", answer)]

@@ -468,6 +468,88 @@ def test_no_answer_is_an_answer(station: StationBench) -> None:
     assert station.mpstate.console.said("STOP: no answer of the vehicle.")
 
 
+def acknowledge(station: StationBench, command: int, result: int = ACCEPTED, target: int = 251) -> None:
+    station.hear(mavlink.MAVLink_command_ack_message(command, result, 0, 0, target, 190), autopilot=True)
+
+
+def test_an_answer_that_may_be_the_last_command_s_is_not_taken_for_the_new_one_s(station: StationBench) -> None:
+    """The fault: CONTINUE arrived late, its answer counted as that to STOP too, and STOP was lost on its way."""
+    station.load()
+    station.mpstate.type("handover continue")
+    station.run(0.5)
+    station.mpstate.type("handover stop")
+    acknowledge(station, PAUSE)
+    station.run(1.6)
+    assert station.commands() == [(PAUSE, 1.0), (PAUSE, 0.0), (PAUSE, 0.0)]
+    assert not station.mpstate.console.said("STOP accepted.")
+    acknowledge(station, PAUSE)
+    station.run(0.1)
+    assert station.mpstate.console.said("STOP accepted.")
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "repeated"),
+    [
+        ("continue", "stop", (PAUSE, 1.0)),
+        ("stop", "continue", (PAUSE, 0.0)),
+        ("resume", "stop", (mavlink.MAV_CMD_DO_SET_MODE, 1.0)),
+        ("start", "stop", (START, 0.0)),
+        ("request", "release", (mavlink.MAV_CMD_REQUEST_OPERATOR_CONTROL, 1.0)),
+    ],
+)
+def test_a_command_is_not_repeated_after_the_operator_s_next_word(
+    station: StationBench, first: str, second: str, repeated: tuple[int, float]
+) -> None:
+    """The fault: a second and a half later it undid what the operator had ordered since."""
+    station.load()
+    station.mpstate.type(f"handover {first}")
+    station.run(0.5)
+    station.mpstate.type(f"handover {second}")
+    station.run(8.0)
+    sent = station.commands()
+    assert sent.count(repeated) == 1
+    assert len(sent) == 4
+    ended = station.journal("command")
+    assert ("replaced", f"{first.upper()} was not answered: {second.upper()} takes its place.") in [
+        (entry.get("result"), entry["text"]) for entry in ended
+    ]
+
+
+def test_the_same_word_about_another_station_takes_the_place_of_the_one_before(station: StationBench) -> None:
+    station.load()
+    station.mpstate.type("handover give GCSB")
+    station.run(0.5)
+    station.mpstate.type("handover request")
+    acknowledge(station, mavlink.MAV_CMD_REQUEST_OPERATOR_CONTROL)
+    station.run(0.1)
+    assert not station.mpstate.console.said("REQUEST accepted.")
+
+
+def test_a_start_that_is_under_way_is_told_though_stop_was_typed(station: StationBench) -> None:
+    station.load()
+    station.mpstate.type("handover start")
+    acknowledge(station, START, IN_PROGRESS)
+    station.run(0.1)
+    station.mpstate.type("handover stop")
+    acknowledge(station, PAUSE)
+    acknowledge(station, START)
+    station.run(0.1)
+    assert station.mpstate.console.said("START accepted.")
+    assert station.mpstate.console.said("STOP accepted.")
+
+
+def test_the_answer_to_another_station_is_none_to_this_one(station: StationBench) -> None:
+    """The fault: where the vehicle's answers reach several stations, START was told accepted that was never judged."""
+    station.load()
+    station.mpstate.type("handover stop")
+    acknowledge(station, PAUSE, target=252)
+    station.run(0.1)
+    assert not station.mpstate.console.said("STOP accepted.")
+    acknowledge(station, PAUSE, target=0)
+    station.run(0.1)
+    assert station.mpstate.console.said("STOP accepted.")
+
+
 def test_a_command_without_any_link_is_told_and_does_not_escape(station: StationBench) -> None:
     station.load()
     station.mpstate.mav_master.clear()
