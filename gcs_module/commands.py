@@ -7,6 +7,7 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Callable
+from math import inf
 from typing import Any, Final, Protocol
 
 from pymavlink.dialects.v20 import handover as mavlink
@@ -43,6 +44,8 @@ _REHEARSAL: Final = ("end", "report")
 _REPORT: Final = "REPORT"
 
 _PAUSE = mavlink.MAV_CMD_DO_PAUSE_CONTINUE
+#: a second answer so soon is one key pressed twice
+_PRESS_S: Final = 0.7
 #: less than texts of the companion wait (`texts.py`)
 _WHY_S = 0.4
 
@@ -96,6 +99,8 @@ class StationCommands:
         self._talks: dict[str, Conversation] = {}
         #: the command and parameters of each word that was sent
         self._sent: dict[str, tuple[int, tuple[float, ...]]] = {}
+        #: when a question was answered last
+        self._answered_at = -inf
         #: refused, and until when words that say why may still come
         self._refused: dict[str, tuple[str, float]] = {}
         self._table: dict[str, tuple[str, Callable[[], None]]] = {
@@ -117,8 +122,8 @@ class StationCommands:
             "ack": ("silence the alarms that stand", module.narrator.acknowledged),
             "telemetry": ("all that the vehicle says of the aircraft", self._telemetry),
             "briefing": ("the aircraft as it was told with the last question", self._briefing),
-            "accept": ("answer the question of a handover: yes", lambda: module.operator(Answer(True))),
-            "deny": ("answer the question of a handover: no", lambda: module.operator(Answer(False))),
+            "accept": ("answer the question of a handover: yes", lambda: self._answer(True)),
+            "deny": ("answer the question of a handover: no", lambda: self._answer(False)),
         }
 
         #: those that take a name: of what, text, what is done
@@ -212,6 +217,17 @@ class StationCommands:
         if result == mavlink.MAV_RESULT_IN_PROGRESS:
             result = yield Ask("the end of the command", (), _ack(command, own, final=True), timeout_s=60.0, tries=1)
         return result
+
+    def _answer(self, yes: bool) -> None:
+        """The operator's answer. The same key pressed twice answers one question, not one that came in between."""
+        core, now = self._module.core, time.monotonic()
+        asked = core.question is not None or core.asked_ahead is not None
+        if asked and now - self._answered_at < _PRESS_S:
+            self._module.view.line("Another question has just taken its place. Read it, then answer that.")
+            return
+        if asked:
+            self._answered_at = now
+        self._module.operator(Answer(yes))
 
     def _resume(self) -> None:
         """The vehicle judges it as any AUTO of its commander: leg, fence, coverage, energy."""

@@ -274,6 +274,23 @@ def test_the_operator_is_asked_where_the_configuration_says_so(station: StationB
     assert [(m.get_type(), m.consent) for m in station.sent()] == [("OK_HANDOVER", 0)]
 
 
+@pytest.mark.parametrize(("pause_s", "answers"), [(0.3, [2]), (0.8, [2, 0])])
+def test_a_key_that_is_pressed_twice_answers_one_question(
+    station: StationBench, pause_s: float, answers: list[int]
+) -> None:
+    """The fault: the second press answered a question that had come between the two."""
+    station.configure(consent="operator")
+    station.load()
+    station.hear(connect_message())
+    station.hear(mavlink.MAVLink_on_handover_message(*key(3), 0, Reason.ZONE, 0))
+    station.mpstate.type("handover accept")
+    station.sent()
+    station.hear(mavlink.MAVLink_on_handover_message(*key(4), 0, Reason.REQUESTED, 0))
+    station.run(pause_s)
+    station.mpstate.type("handover accept")
+    assert [m.consent for m in station.sent() if m.get_type() == "OK_HANDOVER"] == answers
+
+
 @pytest.mark.parametrize("fails", ["writeln", "set_status"])
 def test_a_console_that_breaks_does_not_keep_an_answer_back(
     station: StationBench, fails: str, monkeypatch: pytest.MonkeyPatch
