@@ -33,6 +33,9 @@ local TEXT = {
     PREFIX = "HNDO: ",
     BYTES = 50,                     -- one STATUSTEXT
     AUTH_BYTES = 41,                -- longest reason that the arming check shows
+    FAULT = "guard fault, see messages",
+    SECOND = "two guards run, remove one script",
+    RESTARTED = "scripting restarted, reboot",
 }
 
 local MS = {
@@ -46,6 +49,8 @@ local MS = {
     SECOND = 1000,                  -- registrations, ids and log
     LANDED = 3000,                  -- after a flight, this long on the ground before the motors are stopped
     TAMPER_HOLD = 10000,            -- no arming for this long after the registrations were wiped
+    FAULT = 10000,                  -- no arming for this long after an error of this script
+    BOOT = 60000,                   -- scripts that start later than this after the autopilot were restarted alone
     AUX = 1000,                     -- after a DO_AUX_FUNCTION or a full queue no mode counts as the pilot's
     RADIO = 2000,                   -- a pilot whose radio has been gone for this long does not fly any more
     FAILSAFE = 10000,               -- a failsafe, a take-off, or what follows traffic avoidance may last this long
@@ -306,10 +311,10 @@ end
 -- The receive queue. heard: channels that a frame has come from; run: frames read since it was empty; ended: read to
 -- its end since the mode last changed; full_at: it may have overflowed; aux_at, aux_by: a DO_AUX_FUNCTION came that may
 -- have been done; ours_at: since then the firmware leaves it to the guard; own: the table of ids is as large as the guard
--- has made it; second: another guard has started before this one; blind: too small for commands; commands: how many of a kind came in this second; sums: computed in this
+-- has made it; second: another guard has started before this one; restarted: scripting has, alone; blind: too small for commands; commands: how many of a kind came in this second; sums: computed in this
 -- call; hurry: too many for a status with a tag, so the next call reads less.
 local rx = {ids={MAV.TUNNEL, MAV.COMMAND_LONG, MAV.COMMAND_INT}, heard={}, run=0, ended=false, full_at=nil, aux_at=nil,
-            aux_by="", ours_at=nil, own=false, second=false, blind=false, commands={}, sums=0, hurry=false}
+            aux_by="", ours_at=nil, own=false, second=false, restarted=false, blind=false, commands={}, sums=0, hurry=false}
 
 local function clock()
     return millis():toint()
@@ -333,8 +338,9 @@ end
 local since = {said={}}             -- instants; said: of the texts, by kind
 since.start = clock()
 since.last_run, since.status, since.second, since.lost = since.start, since.start, since.start, since.start
--- grace_over: a guard that has just started has given the companion HNDO_TIMEOUT to appear; catch_up: calls that only read
-local running = {grace_over=false, catch_up=0}
+-- grace_over: a guard that has just started has given the companion HNDO_TIMEOUT to appear; catch_up: calls that only
+-- read; late: the last call came as late as after a stall; fault_at: an error of this script
+local running = {grace_over=false, catch_up=0, late=false, fault_at=nil}
 
 local ENFORCEMENT = {CALM=0, MISSING=1, ORDERING=2, RETURNING=3, LANDING=4, PILOT=5, FAILSAFE=6}
 local SEEN = {AUTHORITY=1, DISARMED=2, GROUND=3, RETURN=4, LANDS=5, LAND_ORDER=6, KEPT=7, OVER=8, HELD=9, UNREAD=10,
@@ -451,6 +457,10 @@ local function arming_objection(now)
     if rx.blind then
         return "MAVLink rx taken by a script"
     end
+    if running.fault_at and elapsed(now, running.fault_at) < MS.FAULT then
+        return TEXT.FAULT           -- what fails here may be what would bring the vehicle home
+    end
+    running.fault_at = nil
     if craft.armed then             -- see permit_arming
         return "guard stopped while armed"
     end
@@ -459,7 +469,10 @@ local function arming_objection(now)
     end
     tampering.at = nil
     if rx.second or (lease.live and lease.two_guards) then
-        return "two guards run, remove one script"
+        return TEXT.SECOND
+    end
+    if rx.restarted then
+        return TEXT.RESTARTED
     end
     if state == STATE.LIVE then
         if lease.state == LEASE.HELD or lease.state == LEASE.TRANSFER then
@@ -868,16 +881,17 @@ local function enforce(now)
     end
 end
 
--- When enforcement itself fails, for a binding that this firmware does not have: one plain RTL for each loss.
+-- When enforcement itself fails, for a binding that this firmware does not have: one plain RTL for each loss, asked for
+-- each second until it is accepted.
 local function last_resort(now)
     judge(now)
     if not authority_missing(now) then
-        loss.resorted = false
-    elseif not loss.resorted and autopilot.known and arming:is_armed() then
-        loss.resorted = true
-        if not firmware.returns[vehicle:get_mode()] then
-            vehicle:set_mode(firmware.rtl)
-        end
+        loss.resorted, since.resort = false, nil
+    elseif not loss.resorted and autopilot.known and arming:is_armed() and
+        (not since.resort or elapsed(now, since.resort) >= MS.SECOND) then
+        since.resort = now
+        local told, mode = pcall(vehicle.get_mode, vehicle)
+        loss.resorted = told and firmware.returns[mode] ~= nil or vehicle:set_mode(firmware.rtl)
     end
 end
 
@@ -1311,8 +1325,12 @@ function rx.register(now, at_start)
         elseif was_missing and not at_start then
             notice_tampering(now, "MAVLink rx was reset by a script")
         elseif at_start and not was_missing and rx.ids[i] == MAV.TUNNEL then
-            -- also so after a restart of scripting alone, but then this is the first script to ask for an authorisation
-            rx.second = auth_id ~= nil and auth_id > 0
+            -- Also so after a restart of scripting alone. On 4.7 this is the first script then to ask for an authorisation,
+            -- if no other one comes before it; up to 4.6 the one of the guard before is still there. When the autopilot
+            -- boots, the scripts start before a minute is over.
+            local early = since.start >= 0 and since.start < MS.BOOT
+            local not_first = auth_id ~= nil and auth_id > 0
+            rx.second, rx.restarted = not_first and early, not_first and not early
         end
     end
     if mavlink.block_command then
@@ -1446,8 +1464,8 @@ local function second(now)
     if not autopilot.known then
         say(MAV_SEVERITY.ERROR, "type", MS.TYPE, autopilot.name .. " not supported")
     end
-    if rx.second and not craft.armed then
-        say(MAV_SEVERITY.ERROR, "second", 30000, "two guards run, remove one script")
+    if (rx.second or rx.restarted) and not craft.armed then
+        say(MAV_SEVERITY.ERROR, "second", 30000, rx.second and TEXT.SECOND or TEXT.RESTARTED)
     end
     rx.register(now, false)
     gcs_id.follow()
@@ -1489,6 +1507,7 @@ local function protected(f, now)
     if ok then
         return true, result
     end
+    running.fault_at = now
     pcall(say, MAV_SEVERITY.ERROR, "fault", 10000, "fault " .. tostring(result))
     return false, nil
 end
@@ -1496,7 +1515,8 @@ end
 local function update()
     local now = clock()
     local stalled = elapsed(now, since.last_run) > MS.STALL
-    since.last_run, rx.sums = now, 0
+    local always_late = stalled and running.late    -- not one stall: this script never gets its turn in time
+    since.last_run, running.late, rx.sums = now, stalled, 0
     protected(config.read, now)
     if stalled then
         running.catch_up = WORK.CATCH_UP_CALLS
@@ -1507,7 +1527,7 @@ local function update()
         _, more = protected(rx.read, now)
         running.catch_up = more and running.catch_up - 1 or 0
     end
-    if running.catch_up == 0 then
+    if running.catch_up == 0 or always_late then
         if not protected(enforce, now) then
             protected(last_resort, now)
         end
@@ -1515,7 +1535,10 @@ local function update()
             _, more = protected(rx.read, now)
         end
     end
-    protected(housekeeping, now)
+    if not protected(housekeeping, now) and auth_id and state ~= STATE.DISABLED then
+        -- the last answer may be of before the fault
+        pcall(arming.set_aux_auth_failed, arming, auth_id, TEXT.PREFIX .. TEXT.FAULT)
+    end
     if more or craft.unread > 0 or rx.hurry then
         return update, MS.BUSY
     end

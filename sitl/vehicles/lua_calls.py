@@ -100,10 +100,15 @@ class ScriptCalls:
         self.blocked: set[int] = set()
         #: where the scripts' own files lie
         self.script_folder: Path | None = None
-        self.restart()
+        self._forget_authorisations()
 
     def restart(self) -> None:
-        """Scripting starts: authorisations of earlier scripts are void. Queue and message ids stay."""
+        """Scripting starts again. From 4.7 on the authorisations of earlier scripts are void. Queue and message ids
+        stay."""
+        if self._host.firmware() >= (4, 7, 0):
+            self._forget_authorisations()
+
+    def _forget_authorisations(self) -> None:
         self.aux_states: list[bool | None] = []
         self.aux_error = False
         self.aux_text = ""

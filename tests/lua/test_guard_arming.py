@@ -226,3 +226,42 @@ def test_too_many_authorisers_is_said_and_keeps_the_vehicle_down() -> None:
     assert bench.refusal == "Too many auxiliary authorisers"
     assert bench.status.state == 2  # what the companion is told goes on
     assert not any("fault" in text for text in bench.texts)
+
+
+FAULT = "HNDO: guard fault, see messages"
+
+
+@pytest.mark.parametrize("part", ["vehicle.get_mode", "arming.is_armed", "param.set"])
+def test_a_guard_with_a_fault_lets_no_vehicle_arm(part: str) -> None:
+    """The fault: the lease was live, so the vehicle armed, though nothing would have brought it home. Missing are what
+    enforcement looks at, and what housekeeping sets."""
+    bench = Bench(absent=[part])
+    bench.with_lease()
+    bench.run(2000)
+    assert bench.status.state == 2
+    assert any(text.startswith("HNDO: fault ") for text in bench.texts)
+    assert bench.refusal == FAULT
+
+
+#: takes a binding away and gives it back: in this host scripts share them
+BREAKER = """
+local there = vehicle.get_mode
+function update()
+    vehicle.get_mode = param:get("BREAKS") ~= 1 and there or nil
+    return update, 10
+end
+return update, 10
+"""
+
+
+def test_after_a_fault_the_vehicle_arms_again_in_ten_seconds() -> None:
+    bench = Bench(earlier_script=BREAKER, parameters={"BREAKS": 0.0}).with_lease()
+    assert bench.may_arm
+    bench.vehicle.parameters["BREAKS"] = 1.0
+    bench.run(100)
+    assert bench.refusal == FAULT
+    bench.vehicle.parameters["BREAKS"] = 0.0
+    bench.run(9900)
+    assert bench.refusal == FAULT
+    bench.run(200)
+    assert bench.may_arm

@@ -778,6 +778,22 @@ class TestOlderFirmware:
         bench.run(4000)
         assert bench.vehicle.mode == LOITER
 
+    def test_without_flying_estimate_a_return_that_is_refused_is_asked_for_each_second(self) -> None:
+        """The fault: it was asked for once, and a refusal was the end of it."""
+        bench = Bench(absent=["vehicle.get_likely_flying"])
+        bench.with_lease()
+        bench.vehicle.armed = True
+        bench.vehicle.mode, bench.vehicle.reason = AUTO, BY_GCS
+        bench.vehicle.refused_modes = {RTL}
+        bench.lose_lease()
+        bench.run(6000)
+        assert bench.vehicle.mode == AUTO
+        assert 2 <= len(bench.vehicle.mode_requests) <= 4
+        assert set(bench.vehicle.mode_requests) == {RTL}
+        bench.vehicle.refused_modes = set()
+        bench.run(1100)
+        assert bench.vehicle.mode == RTL
+
     def test_without_flying_estimate_a_return_under_way_is_left_alone(self) -> None:
         bench = Bench(absent=["vehicle.get_likely_flying"])
         bench.with_lease()

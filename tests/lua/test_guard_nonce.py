@@ -392,6 +392,27 @@ class TestTwoGuards:
         bench.with_lease()
         assert bench.may_arm
 
+    @pytest.mark.parametrize(("firmware", "neighbour"), [((4, 5, 7), False), ((4, 6, 3), False), ((4, 7, 0), True)])
+    def test_a_restart_after_which_another_authoriser_was_first_asks_for_a_reboot(
+        self, tmp_path: Path, firmware: tuple[int, int, int], neighbour: bool
+    ) -> None:
+        """The fault: it said that two guards run, and the companion that one of the two scripts is to be removed. Up to
+        4.6 a restart of scripting alone leaves the authorisation of the guard before in force; on 4.7 another script
+        may ask for one first."""
+        bench = Bench(firmware=firmware).with_lease()
+        bench.run(60_000)
+        if neighbour:
+            other = tmp_path / "a_neighbour.lua"
+            other.write_text("arming:set_aux_auth_passed(arming:get_aux_auth_id()) return")
+            bench.scripting._paths.insert(0, other)
+        bench.scripting.restart()
+        bench.with_lease()
+        bench.run(1000)
+        assert bench.refusal == "HNDO: scripting restarted, reboot"
+        assert "HNDO: scripting restarted, reboot" in bench.texts
+        assert not any("two guards" in text for text in bench.texts)
+        assert bench.status.flags & 64 == 0
+
     @pytest.mark.parametrize("apart_ms", [0, 20])
     def test_nor_with_a_companion_that_never_notices(self, tmp_path: Path, apart_ms: int) -> None:
         """It sends to the one that spoke last, as the stub's does."""

@@ -470,6 +470,18 @@ class TestSurvival:
             bench.run(10)
         assert bench.vehicle.mode == RTL
 
+    def test_a_script_that_is_always_late_enforces_all_the_same(self, bench: Bench) -> None:
+        """The fault: each call came as late as after a stall, so each only read, as long as the queue held something:
+        the guard never acted on leases that say that no station has authority."""
+        bench.fly()
+        bench.companion.state, bench.companion.commander = LOST, 0
+        for _ in range(20):
+            for _ in range(3):
+                bench.vehicle.now_ms += 200
+                bench.receive(bench.companion.lease())
+            bench.scripting.run_due(bench.vehicle.now_ms)
+        assert bench.vehicle.mode == RTL
+
     def test_stalled_script_without_leases_acts_at_once(self, bench: Bench) -> None:
         bench.fly()
         bench.lose_lease()
