@@ -4,6 +4,9 @@
 
 A program without heartbeats is no station to the vehicle: it gets no authority and is asked nothing. Nothing else would
 tell its operator. Programs whose frames are not taken at all are told by `port.py`.
+
+A station whose heartbeat never came is told after a single frame: its operator pressed one button and waits. If it came
+before, frames must keep coming: a weak link may have lost the heartbeats since.
 """
 
 from __future__ import annotations
@@ -42,11 +45,13 @@ class Unheard:
     def each_second(self, now: float) -> None:
         """To be called each second."""
         for sysid, port in self._voice.ports.items():
-            if not without_heartbeat(port, now):
+            if without_heartbeat(port, now):
+                self._since.setdefault(sysid, now)
+            elif port.heartbeat_at > -inf:
                 self._since.pop(sysid, None)
-                continue
-            since = self._since.setdefault(sysid, now)
-            if now - since >= _WAIT_S and now - self._told_at.get(sysid, -inf) >= _AGAIN_S:
+            waited_s = now - self._since.get(sysid, inf)
+            told_at = self._told_at.get(sysid, -inf)
+            if waited_s >= _WAIT_S and now - told_at >= _AGAIN_S and port.frames_at > told_at:
                 self._told_at[sysid] = now
                 text = f"{port.name} sends no heartbeat, so it cannot command."
                 self._voice.say(port, f"{text} Send HEARTBEAT each second as system {sysid}.")

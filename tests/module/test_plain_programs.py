@@ -160,6 +160,30 @@ def test_a_program_without_heartbeats_is_told_why_nothing_works(bench: Bench) ->
     assert bench.mpstate.console.said("GCSB (252): frames, but no heartbeat, not connected")
 
 
+def test_a_program_without_heartbeats_that_asks_once_is_told_too(bench: Bench) -> None:
+    """An operator presses arm once, and waits."""
+    bench.b.alive = False
+    bench.connect()
+    bench.b._answer = lambda message: None  # type: ignore[method-assign]
+    bench.b.send(mavlink.MAVLink_param_request_read_message(1, 1, b"WPNAV_SPEED", -1))
+    bench.run(10.0)
+    texts = [text for _severity, text in bench.b.told() if "heartbeat" in text]
+    assert texts == [
+        "Handover: GCSB sends no heartbeat, so it cannot command. Send HEARTBEAT each second as system 252."
+    ]
+
+
+def test_a_station_whose_heartbeats_were_heard_is_not_told_for_one_late_frame(bench: Bench) -> None:
+    """Its link may have lost them."""
+    bench.connect()
+    bench.b.alive = False
+    bench.b._answer = lambda message: None  # type: ignore[method-assign]
+    bench.run(6.0)
+    bench.b.send(mavlink.MAVLink_param_request_read_message(1, 1, b"WPNAV_SPEED", -1))
+    bench.run(10.0)
+    assert [text for _severity, text in bench.b.told() if "sends no heartbeat" in text] == []
+
+
 def test_a_station_with_heartbeats_and_one_that_says_nothing_are_told_nothing(bench: Bench) -> None:
     bench.b.alive = False
     bench.connect()
