@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from tests.clients.site import Done, Site, SiteError
-from tests.clients.table import COMMANDER, FLIGHT, Client, Expects, Job, Outcome, outcome_of
+from tests.clients.table import COMMANDER, Client, Expects, Job, Outcome, outcome_of
 
 __all__ = ["Flown", "Row", "fly", "table_of"]
 
@@ -56,7 +56,7 @@ class Flown:
 def fly(client: Client, environments: Path, arducopter: Path | None, folder: Path) -> Flown:
     """Do all jobs. Never raises for what a program or the gate does."""
     flown = Flown(client)
-    jobs = [job for job in FLIGHT if job.word in client.words and not (job.arducopter and arducopter is None)]
+    jobs = [job for job in client.jobs if job.word in client.words and not (job.arducopter and arducopter is None)]
     given: dict[bool, dict[int, Done]] = {}
     for guarded in (False, True):
         where = "through the companion" if guarded else "directly"
@@ -138,10 +138,21 @@ def table_of(flown: Flown) -> list[str]:
     ]
     lines.append("|---|---|---|---|---|")
     lines += [
-        f"| {row.job.word} | {row.job.station} | {_told(row.direct)} | {_told(row.gate)} | {row.job.expects} |"
+        f"| {row.job.word} | {row.job.station} | {_told(row.direct)} | "
+        f"{_told(row.gate)}{_rates(row)} | {row.job.expects} |"
         for row in flown.rows
     ]
     return [*lines, *(f"NOT AS EXPECTED: {fault}" for fault in flown.faults)]
+
+
+def _rates(row: Row) -> str:
+    """The rate through the companion, and what part of the direct rate it is."""
+    if not row.job.rate or row.gate is None or row.direct is None:
+        return ""
+    rates = [(done.count or 0) / max(done.took_s, 1e-3) for done in (row.direct, row.gate)]
+    if not all(rates):
+        return ""
+    return f", {rates[1] / 1000:.0f} kB/s of {rates[0] / 1000:.0f} ({rates[1] / rates[0]:.2f})"
 
 
 def _told(done: Done | None) -> str:

@@ -159,7 +159,7 @@ class Site:
         python = self._client.python(self._environments)
         argv = [str(python), "-u", "-E", "-s", str(PROGRAMS / self._client.program), *place]
         argv += ["--name", name, "--sysid", str(SYSIDS[name]), "--vehicle", str(VEHICLE), "--journal", str(journal)]
-        self._processes.start(name, [*argv, "--control", str(CONTROL)], home)
+        self._processes.start(name, [*argv, "--control", str(CONTROL), *self._client.options], home)
 
     def _start_router(self, name: str, place: Sequence[str]) -> tuple[str, ...]:
         assert self._client.router is not None

@@ -5,9 +5,20 @@
 from __future__ import annotations
 
 from sitl.script.scenario import load_scenario
-from tests.clients.flight import CONDITIONS
-from tests.clients.site import PROGRAMS
-from tests.clients.table import CLIENTS, ENVIRONMENTS, FLIGHT, OBSERVER, Expects, Outcome, outcome_of
+from tests.clients.flight import CONDITIONS, Flown, Row, table_of
+from tests.clients.site import PROGRAMS, Done
+from tests.clients.table import (
+    CLIENTS,
+    COMMANDER,
+    ENVIRONMENTS,
+    FLIGHT,
+    NO_HEARTBEATS,
+    OBSERVER,
+    Expects,
+    Job,
+    Outcome,
+    outcome_of,
+)
 
 
 def test_every_program_is_there_and_its_environment_is_made() -> None:
@@ -19,12 +30,17 @@ def test_every_program_is_there_and_its_environment_is_made() -> None:
 def test_every_job_is_one_that_its_programs_know() -> None:
     for client in CLIENTS:
         source = (PROGRAMS / client.program).read_text(encoding="utf-8")
-        jobs = {job.word for job in FLIGHT if job.word in client.words}
+        jobs = {job.word for job in client.jobs if job.word in client.words}
         assert {word for word in jobs if f'"{word}"' not in source} == set(), client.name
 
 
 def test_what_the_aircraft_must_do_can_be_looked_at() -> None:
-    assert {job.aircraft for job in FLIGHT} - {""} <= set(CONDITIONS)
+    assert {job.aircraft for client in CLIENTS for job in client.jobs} - {""} <= set(CONDITIONS)
+
+
+def test_every_job_is_done_by_a_program() -> None:
+    done = {(job.word, client.name) for client in CLIENTS for job in client.jobs if job.word in client.words}
+    assert {job.word for job in FLIGHT + NO_HEARTBEATS} == {word for word, _name in done}
 
 
 def test_an_observer_is_refused_everything_that_changes_something() -> None:
@@ -36,6 +52,13 @@ def test_a_programs_own_word_is_not_taken_for_another_outcome() -> None:
     assert outcome_of("accepted") == outcome_of("success") == Outcome.DONE
     assert outcome_of("command_denied") == outcome_of("permission_denied") == Outcome.REFUSED
     assert outcome_of("temporarily_rejected") == outcome_of("no answer") == outcome_of("no change") == Outcome.OTHER
+
+
+def test_the_rate_of_a_download_stands_beside_the_direct_one() -> None:
+    job = Job(COMMANDER, "log", Expects.DONE, rate=True)
+    row = Row(job, gate=Done("read", 4.0, 1_600_000), direct=Done("read", 2.0, 1_000_000))
+    told = table_of(Flown(CLIENTS[0], rows=[row]))[-1]
+    assert told == "| log | GCSA | read 1000000, 2.000 s | read 1600000, 4.000 s, 400 kB/s of 500 (0.80) | done |"
 
 
 def test_the_flight_of_two_programs_of_mavsdk_can_be_read() -> None:

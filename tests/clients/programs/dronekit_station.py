@@ -25,7 +25,8 @@ HEIGHT_M = 8.0
 #: as long as its users' loops wait
 CHANGE_S, CLIMB_S = 5.0, 15.0
 READ_S = 60.0
-START, REQUEST_MESSAGE, VERSION = 300, 512, 148
+START, REBOOT, REQUEST_MESSAGE, VERSION = 300, 246, 512, 148
+HOLD_IN_BOOT_LOADER = 3
 ANSWER_S = 30.0
 
 
@@ -52,7 +53,8 @@ class Station:
             "rtl": lambda: self._mode("RTL"),
             "land": lambda: self._mode("LAND"),
             "takeoff": self._take_off,
-            "start": self._start,
+            "start": lambda: self._acknowledged(START),
+            "boot-loader": lambda: self._acknowledged(REBOOT, HOLD_IN_BOOT_LOADER),
         }
 
     def _connect(self) -> tuple[str, int | None]:
@@ -120,13 +122,13 @@ class Station:
         self._vehicle.simple_takeoff(HEIGHT_M)
         return self._changed(lambda: self._vehicle.location.global_relative_frame.alt > 1.0, CLIMB_S)
 
-    def _start(self) -> tuple[str, int | None]:
+    def _acknowledged(self, number: int, first: float = 0.0) -> tuple[str, int | None]:
         self._acks.clear()
-        self._command(START)
+        self._command(number, first)
         last = [""]
 
         def ended() -> bool:
-            last[:] = [COMMAND_RESULTS[ack.result] for ack in self._acks if ack.command == START][-1:] or [""]
+            last[:] = [COMMAND_RESULTS[ack.result] for ack in self._acks if ack.command == number][-1:] or [""]
             return last[0] not in ("", "in_progress")
 
         return (last[0] if self._until(ended, ANSWER_S) else "no answer"), None

@@ -15,42 +15,56 @@ import sys
 import tempfile
 import threading
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from talk import MISSION, PARAMETER, Journal, Typed, arguments, carry_out
 
 ANSWER_S = 20.0
-READ_S = 60.0
+READ_S, LOG_S = 60.0, 110.0
 HEIGHT_M = 8.0
 FILE = "@SYS/uarts.txt"
 
 
 @dataclass(frozen=True)
 class Order:
-    """What is typed, and the pattern of the console's answer; what it finds is the result or the number read."""
+    """Lines that are typed, and the patterns of the console's answers, which may come in any order.
 
-    line: str
+    What the patterns find is the result or the number read.
+    """
+
+    lines: str
     answer: str
     timeout_s: float = ANSWER_S
+    second_answer: str = ""
+
+
+RECEIVED = r"Received (?P<count>\d+) parameters"
+
+
+def acknowledged(name: str) -> str:
+    """The pattern of the last COMMAND_ACK of a command."""
+    return rf"Got COMMAND_ACK: {name}: (?!IN_PROGRESS)(?P<result>\w+)"
 
 
 def command(line: str, name: str) -> Order:
     """An order that is answered by COMMAND_ACK."""
-    return Order(line, rf"Got COMMAND_ACK: {name}: (?!IN_PROGRESS)(?P<result>\w+)")
+    return Order(line, acknowledged(name))
 
 
 def orders(folder: Path) -> dict[str, Order]:
     """All words."""
     name, value = PARAMETER
     return {
-        "parameters": Order("param fetch", r"Received (?P<count>\d+) parameters", READ_S),
+        "parameters": Order("param fetch", RECEIVED, READ_S),
         "mission": Order(f"wp save {folder / 'saved.txt'}", r"Saved (?P<count>\d+) waypoints to"),
         "version": command("long REQUEST_MESSAGE 148", "REQUEST_MESSAGE"),
         "file": Order(f"ftp get {FILE} {folder / 'file'}", r"Wrote (?P<count>\d+) bytes"),
         "param": Order(f"param set {name} {value}", rf"(?P<result>Failed) to set {name}|{name}\s+{value}", 10.0),
         "upload": Order(f"wp load {folder / 'mission.txt'}", r"Got MISSION_ACK: TYPE_MISSION: (?P<result>\w+)"),
         "arm": command("arm throttle", "COMPONENT_ARM_DISARM"),
+        "arm-reading": Order("param fetch\narm throttle", RECEIVED, READ_S, acknowledged("COMPONENT_ARM_DISARM")),
         "disarm": command("disarm", "COMPONENT_ARM_DISARM"),
         "guided": command("mode GUIDED", "DO_SET_MODE"),
         "loiter": command("mode LOITER", "DO_SET_MODE"),
@@ -58,6 +72,9 @@ def orders(folder: Path) -> dict[str, Order]:
         "land": command("mode LAND", "DO_SET_MODE"),
         "takeoff": command(f"takeoff {HEIGHT_M:g}", "NAV_TAKEOFF"),
         "start": command("long MISSION_START", "MISSION_START"),
+        "boot-loader": command("reboot bootloader", "PREFLIGHT_REBOOT_SHUTDOWN"),
+        "logs": Order("log list", r"Log (?P<count>\d+)  numLogs \d+ lastLog (?P=count) "),
+        "log": Order(f"log download latest {folder / 'log'}", r"Finished downloading .*\((?P<count>\d+) bytes", LOG_S),
     }
 
 
@@ -91,8 +108,7 @@ class Station:
         )
         threading.Thread(target=self._read, daemon=True).start()
         # it reads the parameters by itself then
-        found = self._await(r"Received \d+ parameters", READ_S)
-        return ("not heard" if found is None else "done"), None
+        return ("not heard" if self._await((RECEIVED,), READ_S) is None else "done"), None
 
     def _read(self) -> None:
         assert self._process is not None
@@ -102,28 +118,31 @@ class Station:
             self._journal.note("said", text.removeprefix("AP: "))
             self._lines.put(text)
 
-    def _await(self, pattern: str, timeout_s: float) -> re.Match[str] | None:
+    def _await(self, patterns: Sequence[str], timeout_s: float) -> dict[str, str | None] | None:
+        """What the patterns found; None if one of them has not come in time."""
+        wanted, values = set(patterns), dict[str, "str | None"]()
         until = time.monotonic() + timeout_s
-        while (left := until - time.monotonic()) > 0:
+        while wanted:
             try:
-                found = re.search(pattern, self._lines.get(timeout=left))
+                line = self._lines.get(timeout=max(0.0, until - time.monotonic()))
             except queue.Empty:
                 return None
-            if found:
-                return found
-        return None
+            for pattern in patterns:
+                if pattern in wanted and (found := re.search(pattern, line)):
+                    wanted.remove(pattern)
+                    values.update(found.groupdict())
+        return values
 
     def _order(self, order: Order) -> tuple[str, int | None]:
         assert self._process is not None
         assert self._process.stdin is not None
         while not self._lines.empty():
             self._lines.get_nowait()
-        self._process.stdin.write(order.line + "\n")
+        self._process.stdin.write(order.lines + "\n")
         self._process.stdin.flush()
-        found = self._await(order.answer, order.timeout_s)
-        if found is None:
+        values = self._await([pattern for pattern in (order.answer, order.second_answer) if pattern], order.timeout_s)
+        if values is None:
             return "no answer", None
-        values = found.groupdict()
         count = values.get("count")
         return (values.get("result") or "done").lower(), None if count is None else int(count)
 

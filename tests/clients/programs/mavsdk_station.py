@@ -10,7 +10,10 @@ and keeps the same kind of journal as `sitl/run/standard_gcs.py`, so a scenario 
     arm disarm takeoff land rtl hold loiter fly   MAVSDK's `Action`; loiter is hold, fly goes to a place 50 m north
     auto pause mission upload clear               MAVSDK's `MissionRaw`; mission reads it
     parameters param                              MAVSDK's `Param`: read all; a value for FS_OPTIONS
+    arm-reading                                   `Action` arms while `Param` reads all
     file                                          MAVSDK's `Ftp`
+    logs log                                      MAVSDK's `LogFiles`: list them; download the newest
+    boot-loader                                   a restart that stays in the boot loader, by `MavlinkDirect`
     start stop continue                           the mission's start, stop, continue, by `MavlinkDirect`
     request allow release                         operator control, likewise
     alive                                         whether MAVSDK still runs, and still tells where the vehicle is
@@ -37,6 +40,7 @@ from talk import COMMAND_RESULTS, MISSION, PARAMETER, Journal, arguments
 
 REQUEST = 32100
 REQUEST_MESSAGE, VERSION = 512, 148
+REBOOT, HOLD_IN_BOOT_LOADER = 246, 3.0
 MISSION_START, PAUSE_CONTINUE, CONTROL_STATUS_MANAGER = 300, 193, 1
 AUTOPILOT, COMPANION, GROUND_STATION = 1, 191, 190
 SERVER_GONE = 3
@@ -46,6 +50,7 @@ DIRECT: dict[str, tuple[int, tuple[float, ...], int]] = {
     "stop": (PAUSE_CONTINUE, (0.0,), AUTOPILOT),
     "continue": (PAUSE_CONTINUE, (1.0,), AUTOPILOT),
     "version": (REQUEST_MESSAGE, (float(VERSION),), AUTOPILOT),
+    "boot-loader": (REBOOT, (HOLD_IN_BOOT_LOADER,), AUTOPILOT),
     "request": (REQUEST, (1.0, 0.0, 30.0), COMPANION),
     "allow": (REQUEST, (1.0, 1.0, 30.0), COMPANION),
     "release": (REQUEST, (0.0, 0.0, 0.0), COMPANION),
@@ -74,7 +79,7 @@ class Old:
     async def connect(self, address: str) -> None:
         await self._system.connect(system_address=address)
         self.action, self.mission, self.param = self._system.action, self._system.mission_raw, self._system.param
-        self.ftp = self._system.ftp
+        self.ftp, self.logs = self._system.ftp, self._system.log_files
         self._telemetry, self.direct = self._system.telemetry, self._system.mavlink_direct
         self.messages = self.direct.message
         async for state in self._system.core.connection_state():
@@ -107,6 +112,7 @@ class New:
     async def connect(self, address: str) -> None:
         from mavsdk.asyncio.plugins.action import ActionAsync
         from mavsdk.asyncio.plugins.ftp import FtpAsync
+        from mavsdk.asyncio.plugins.log_files import LogFilesAsync
         from mavsdk.asyncio.plugins.mavlink_direct import MavlinkDirectAsync
         from mavsdk.asyncio.plugins.mission_raw import MissionRawAsync
         from mavsdk.asyncio.plugins.param import ParamAsync
@@ -117,7 +123,7 @@ class New:
         while system is None:
             system = await self._mavsdk.first_autopilot(timeout_s=1.0)
         self.action, self.mission, self.param = ActionAsync(system), MissionRawAsync(system), ParamAsync(system)
-        self.ftp = FtpAsync(system)
+        self.ftp, self.logs = FtpAsync(system), LogFilesAsync(system)
         self._telemetry, self.direct = TelemetryAsync(system), MavlinkDirectAsync(system)
         self.messages = self.direct.subscribe_message
 
@@ -198,8 +204,13 @@ class Station:
     async def _read(self, word: str, count: dict[str, int]) -> bool:
         """What is read, and how many of it; False if the word is another one."""
         if word == "parameters":
-            every = await self.program.param.get_all_params()
-            count["count"] = len(every.int_params) + len(every.float_params)
+            count["count"] = await self._parameters()
+        elif word == "arm-reading":
+            count["count"], _ = await asyncio.gather(self._parameters(), self.program.action.arm())
+        elif word == "logs":
+            count["count"] = len(await self.program.logs.get_entries())
+        elif word == "log":
+            count["count"] = await self._log()
         elif word == "mission":
             count["count"] = len(await self.program.mission.download_mission())
         elif word == "file":
@@ -210,6 +221,18 @@ class Station:
         else:
             return False
         return True
+
+    async def _parameters(self) -> int:
+        every = await self.program.param.get_all_params()
+        return len(every.int_params) + len(every.float_params)
+
+    async def _log(self) -> int:
+        """Download the newest log. Returns its bytes."""
+        newest = max(await self.program.logs.get_entries(), key=lambda entry: entry.id)
+        target = Path(tempfile.mkdtemp()) / "log"
+        async for _progress in self.program.logs.download_log_file(newest, str(target)):
+            pass
+        return target.stat().st_size
 
     async def _do(self, word: str) -> str:
         action, mission = self.program.action, self.program.mission

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import importlib.metadata
 import os
 import tempfile
 import threading
@@ -22,14 +23,22 @@ TRY_S, TRIES = 1.5, 3
 PATIENCE_S = 30.0
 VERSION, MODES = 148, 435
 GUIDED, LOITER, RTL, LAND = 4, 5, 6, 9
+ARM, REBOOT, HOLD_IN_BOOT_LOADER = 400, 246, 3
 MISSION_RESULTS = {0: "accepted", 1: "failed", 14: "denied"}
 FILE = "@SYS/uarts.txt"
+#: a camera, whose program uses the station's system id
+CAMERA = 100
+#: bytes of one LOG_DATA; what is missing is asked for after so long without any
+LOG_PIECE, LOG_GAP_S = 90, 0.5
+WHOLE_LOG = 0xFFFFFFFF
 
 
 class Station:
     """The connection and the jobs."""
 
-    def __init__(self, address: str, sysid: int, vehicle: int, journal: Journal) -> None:
+    def __init__(self, address: str, sysid: int, vehicle: int, journal: Journal, heartbeats: bool) -> None:
+        """`heartbeats`: whether it sends any."""
+        self._heartbeats = heartbeats
         self._link: Any = mavutil.mavlink_connection(address, source_system=sysid, source_component=GROUND_STATION)
         self._vehicle = vehicle
         self._sysid = sysid
@@ -44,8 +53,13 @@ class Station:
             "file": self._file,
             "param": self._set_parameter,
             "upload": self._upload,
-            "arm": lambda: (self._command(400, 1.0), None),
-            "disarm": lambda: (self._command(400, 0.0), None),
+            "arm": lambda: (self._command(ARM, 1.0), None),
+            "disarm": lambda: (self._command(ARM, 0.0), None),
+            "arm-reading": self._arm_reading,
+            "arm-camera": self._arm_as_camera,
+            "boot-loader": lambda: (self._command(REBOOT, HOLD_IN_BOOT_LOADER), None),
+            "logs": lambda: ("read", len(self._logs())),
+            "log": self._log,
             "guided": lambda: self._mode(GUIDED),
             "loiter": lambda: self._mode(LOITER),
             "rtl": lambda: self._mode(RTL),
@@ -85,7 +99,7 @@ class Station:
         if heard is None:
             return "not heard", None
         self._link.target_system, self._link.target_component = self._vehicle, AUTOPILOT
-        if not self._beating:
+        if not self._beating and self._heartbeats:
             self._beating = True
             threading.Thread(target=self._beat, daemon=True).start()
         return "done", None
@@ -100,6 +114,22 @@ class Station:
             if ack is not None:
                 return COMMAND_RESULTS[ack.result] if ack.result < len(COMMAND_RESULTS) else str(ack.result)
         return "no answer"
+
+    def _arm_reading(self) -> tuple[str, int | None]:
+        """Arm while the parameters come. The count is that of the parameters."""
+        self._link.mav.param_request_list_send(self._vehicle, AUTOPILOT)
+        armed = self._command(ARM, 1.0)
+        result, count = self._parameters()
+        return (armed if result == "read" else result), count
+
+    def _arm_as_camera(self) -> tuple[str, int | None]:
+        """Arm as another component of the same system id."""
+        mav = self._link.mav
+        mav.srcComponent = CAMERA
+        try:
+            return self._command(ARM, 1.0), None
+        finally:
+            mav.srcComponent = GROUND_STATION
 
     def _mode(self, number: int) -> tuple[str, int | None]:
         return self._command(176, 1.0, float(number)), None
@@ -174,6 +204,32 @@ class Station:
             return f"error {done.error_code}", None
         return "read", os.path.getsize(target)
 
+    def _logs(self) -> list[Any]:
+        """The entries of all logs."""
+        self._link.mav.log_request_list_send(self._vehicle, AUTOPILOT, 0, 0xFFFF)
+        entries: list[Any] = []
+        while not entries or entries[-1].id < entries[-1].last_log_num:
+            entry = self._await(lambda m: m.get_type() == "LOG_ENTRY", TRY_S)
+            if entry is None or not entry.num_logs:
+                break
+            entries.append(entry)
+        return entries
+
+    def _log(self) -> tuple[str, int | None]:
+        """Download the newest log, whole. The count is in bytes."""
+        newest = self._logs()[-1]
+        missing = set(range(0, newest.size, LOG_PIECE))
+        ask = self._link.mav.log_request_data_send
+        ask(self._vehicle, AUTOPILOT, newest.id, 0, WHOLE_LOG)
+        while missing:
+            data = self._await(lambda m: m.get_type() == "LOG_DATA" and m.id == newest.id, LOG_GAP_S)
+            if data is None:
+                ask(self._vehicle, AUTOPILOT, newest.id, min(missing), WHOLE_LOG)
+            else:
+                missing.discard(data.ofs)
+        self._link.mav.log_request_end_send(self._vehicle, AUTOPILOT)
+        return "read", newest.size
+
 
 def main() -> None:
     """Until the input ends."""
@@ -181,9 +237,9 @@ def main() -> None:
     address = f"tcp:127.0.0.1:{options.tcp}" if options.tcp else f"udpin:127.0.0.1:{options.listen}"
     with options.journal.open("a", encoding="utf-8", buffering=1) as file:
         journal = Journal(options.name, file)
-        station = Station(address, options.sysid, options.vehicle, journal)
+        station = Station(address, options.sysid, options.vehicle, journal, not options.no_heartbeats)
         typed = Typed()
-        journal.note("loaded", "pymavlink")
+        journal.note("loaded", f"pymavlink {importlib.metadata.version('pymavlink')}")
         while (word := typed.next(0.0)) is not None:
             if word:
                 carry_out(word, station.jobs, journal)

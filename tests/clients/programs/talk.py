@@ -44,6 +44,9 @@ def arguments(description: str | None) -> argparse.Namespace:
     parser.add_argument("--vehicle", type=int, default=1, help="system id of the vehicle")
     parser.add_argument("--journal", type=Path, required=True)
     parser.add_argument("--control", type=Path, help="definitions of operator control, XML; only MAVSDK reads them")
+    parser.add_argument(
+        "--no-heartbeats", action="store_true", help="send no heartbeats; only pymavlink's program knows it"
+    )
     place = parser.add_mutually_exclusive_group(required=True)
     place.add_argument("--listen", type=int, help="UDP port to which the companion sends")
     place.add_argument("--tcp", type=int, help="TCP port of the vehicle")
