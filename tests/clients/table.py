@@ -135,8 +135,8 @@ FLIGHT = (
     Job(_A, "land", _DONE, "landed"),
     Job(_A, "logs", _DONE, arducopter=True),
     Job(_A, "log", _DONE, rate=True, arducopter=True),
-    # the mission of the package, after a flight and all that was read
-    Job(_A, "start", _DONE, "up", gate=True),
+    # the mission of the package, after a flight and all that was read; by then every heartbeat says "disarmed"
+    Job(_A, "start", _DONE, "up", pause_s=2.0, gate=True),
     Job(_A, "rtl", _DONE, "RTL", gate=True),
     Job(_A, "land", _DONE, "landed", gate=True),
     # a mission that the commander sends on the ground is refused, or it stays
