@@ -219,6 +219,7 @@ class Companion:
             commands=lambda station: self.view.commander == station,
             keep=self._keep,
             close_mission_files=self._close_mission_files,
+            list_open=lambda: self.gate.list_open,
             stale_s=self.config.limits.position_stale_s,
             narrator=self.narrator,
             voice=self._voice,

@@ -561,11 +561,26 @@ class Narrator:
             self._journal.write("own_speed", text)
             self._tell_sentence(text)
 
-    def list_changed(self, station: str, what: str) -> None:
-        """A station's message changes the autopilot's mission or geofence on the ground; `what`: which of them."""
-        text = f"{station} changed the {what} on the autopilot: no mission package counts"
+    def list_changed(self, station: str, what: str, *, counted: bool) -> None:
+        """A station's message changes the autopilot's mission or geofence on the ground; `what`: which of them.
+        `counted`: a mission was loaded until then."""
+        text = f"{station} changes the {what} on the autopilot" + (". It is judged anew" if counted else "")
         self._journal.write("list_changed", text, station=station, list=what)
         self._tell_sentence(text)
+
+    def mission_judged(self, station: str, items: int, commanders: Sequence[int], *, own: bool) -> None:
+        """A mission that a station ("": not known any more) wrote on the ground is flown; `own`: the package's."""
+        names = " ".join(self._arbiter.name(each) for each in commanders)
+        text = f"mission of {items} items on the autopilot read back and judged: START flies it"
+        self._journal.write(
+            "mission_judged", text, station=station or None, items=items, commanders=names, own=own or None
+        )
+        self._tell_sentence(text)
+
+    def mission_rejected(self, station: str, what: str, why: str) -> None:
+        """A mission or geofence (`what`) that a station wrote on the ground is not flown."""
+        self._journal.write("mission_rejected", why, station=station or None, list=what)
+        self._tell_sentence(f"{what} on the autopilot is not flown: {why}")
 
     def mission_failed(self, why: str, source: str) -> None:
         """It does not; `source`: where the package came from."""

@@ -24,6 +24,7 @@ from mavproxy_handover.autopilot.copter import Copter
 from mavproxy_handover.autopilot.energy import EnergyWatch
 from mavproxy_handover.autopilot.execution_watch import ExecutionWatch
 from mavproxy_handover.autopilot.gaps import GapWatch
+from mavproxy_handover.autopilot.ground_uploads import GroundUploads
 from mavproxy_handover.autopilot.guard_link import GuardLink
 from mavproxy_handover.autopilot.kinds import COPTER, PLANE
 from mavproxy_handover.autopilot.loading import Along, MissionLoader, MissionWriter, Prepared, Way, way_of
@@ -138,6 +139,19 @@ class Autopilot:
         )
         #: where a return goes
         self.places = PlaceWatch(config.sysid, self.aircraft, lambda: self._energy.fact, self.orders, talks, ties)
+        standing = PackageStanding(self._on_board is not None, ties)
+        #: the commander's commands in flight, judged by the situation
+        self.desk = CommandDesk(config.commands, self.aircraft, self._energy, self.places, ties)
+        #: what stations write to the autopilot on the ground
+        self._uploads = GroundUploads(
+            self.desk,
+            self.procedures,
+            talks,
+            ties,
+            lambda: self._missions.latest or self._on_board,
+            self._fly_upload,
+            standing,
+        )
         self._missions = MissionWriter(
             self._loader,
             self.procedures,
@@ -145,10 +159,9 @@ class Autopilot:
             ties,
             self._flies_by,
             self.places.first_point,
-            PackageStanding(self._on_board is not None, ties),
+            standing,
+            self._uploads.forget,
         )
-        #: the commander's commands in flight, judged by the situation
-        self.desk = CommandDesk(config.commands, self.aircraft, self._energy, self.places, ties)
         #: and what it uploads then
         self.staging = Staging(
             self.desk,
@@ -174,6 +187,8 @@ class Autopilot:
         self._flown: Route | None = None
         #: the commander has changed it in flight: on the ground no package is loaded any more
         self._changed_aloft = False
+        #: it is another one than the package's, which a station wrote on the ground
+        self._uploaded = False
         #: the handovers that the check of the package has
         self.foreseen: tuple[Handover, ...] = ()
         #: what looks wrong, and what the arbiter was told last of it
@@ -209,8 +224,8 @@ class Autopilot:
 
     @property
     def route_changed(self) -> bool:
-        """The commander has changed the mission in flight: it is not the package's any more."""
-        return self._changed_aloft
+        """The mission is not the package's any more: a station has uploaded another one."""
+        return self._changed_aloft or self._uploaded
 
     def procedures(self) -> Procedures:
         """What there is to ask an autopilot of its kind."""
@@ -395,6 +410,7 @@ class Autopilot:
         Unless its commander has sent another one in flight: it is read back, and where it differs nobody knows it.
         What lies along its route is found anew: gaps at once, the borders of zones when the restart is over.
         """
+        self._missions.latest = package
         self._loader.adopt(package, package.zone_finder(), way_of(package), now)
         self._flies_by(package, Along(), now)
 
@@ -434,12 +450,19 @@ class Autopilot:
         if on_ground:
             self.orders.give_start_up(f"{port.name} changed the {change.what}", now)
             self._missions.list_changed(port, change, now)
+            self._uploads.changed(port, change, now)
         else:
             self._rerouted(None, now)
 
-    def _flies_by(self, package: MissionPackage | None, along: Along, now: float) -> None:
+    def _fly_upload(self, prepared: Prepared, other: bool, now: float) -> None:
+        """The autopilot holds a mission that a station wrote on the ground and that was judged; `other`: than the
+        package's. Rally points that a station has sent stay."""
+        self._flies_by(prepared.package, prepared.along, now, uploaded=other)
+        self._missions.fly(prepared, now)
+
+    def _flies_by(self, package: MissionPackage | None, along: Along, now: float, *, uploaded: bool = False) -> None:
         route = None if package is None else package.route
-        self._changed_aloft = False
+        self._changed_aloft, self._uploaded = False, uploaded
         self._flies(route)
         self.desk.ahead = (
             None if package is None else Ahead(package.route, package.zone_finder(), package.cruise_speed_mps)
@@ -450,7 +473,7 @@ class Autopilot:
         energy = None if package is None else package.energy
         self._preflight.planned(facts, self._gaps.longest_s, energy)
         self._judge_plan(now)
-        self.places.adopt(package, now)
+        self.places.adopt(package, now, keeps_rally=uploaded)
 
     def _judge_plan(self, now: float) -> None:
         """Tell the arbiter what START lacks for gaps and heights, for a return that lands, and of the aircraft."""
@@ -524,7 +547,7 @@ class Autopilot:
 
     def on_package(self, port: StationPort, message: Any, now: float) -> None:
         """A message of a mission package. Only the commander's is taken, on the ground."""
-        held = b"" if self._changed_aloft else self._ties.arbiter.mission_digest
+        held = b"" if self.route_changed else self._ties.arbiter.mission_digest
         self._missions.on_message(port, message, held, now)
 
     def renew_streams(self) -> None:
@@ -539,6 +562,7 @@ class Autopilot:
         self._attempt("mission packages", self._missions.tick, now)
         self._attempt("places of a return", self.places.tick, now)
         self._attempt("uploads in flight", self.staging.tick, now)
+        self._attempt("uploads on the ground", self._uploads.tick, now)
 
     def each_second(self, view: AuthorityView, grounded: bool, now: float) -> None:
         """Telemetry, streams that are missing, the mission on board, the checks before flight, and what the aircraft is

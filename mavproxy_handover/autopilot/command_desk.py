@@ -226,6 +226,17 @@ class CommandDesk:
         legs = () if here is None else ahead.way(self.item_in(ahead), here)
         return self._rule(port, Kind.ROUTE, "mission", _Copy(wish, begun_at=begun_at), now, lambda: legs, ahead)
 
+    def plan(
+        self, port: StationPort | None, left: Mapping[Limit, str], wish: Hashable, begun_at: float, now: float
+    ) -> Ruling:
+        """What becomes of a mission that was uploaded on the ground, by the rules of one in flight. `left`: the limits
+        that it would leave, in words; `port`: the station that sent it, None if that is not known any more."""
+        station, since = (0, now) if port is None else (port.sysid, port.heard_since(now))
+        ruling = self.rules.rule(Kind.ROUTE, wish, left, station, now, heard_since=since, begun_at=begun_at)
+        if port is not None and ruling.passes:
+            self._tell(port, Kind.ROUTE, "mission", ruling, QUIET_S, now)
+        return ruling
+
     def item_in(self, ahead: Ahead) -> int:
         """The item that the autopilot goes on with when it is given this plan."""
         last = ahead.route.items[-1].seq

@@ -211,7 +211,7 @@ class MissionWriter:
 
     `flies_by` is told which package the autopilot holds from now on, None while it holds none, and what is along it.
     `first_point`: what its rally list is to hold with the plan, and that alone; the rally points of the package are
-    candidates (`places.py`).
+    candidates (`places.py`). `overwrites` is told that a package is about to be written.
     """
 
     def __init__(
@@ -223,6 +223,7 @@ class MissionWriter:
         flies_by: Callable[[MissionPackage | None, Along, float], None],
         first_point: Callable[[MissionPackage], RallyPoint],
         standing: PackageStanding,
+        overwrites: Callable[[], None],
     ) -> None:
         self._loader = loader
         self._procedures = procedures
@@ -231,6 +232,9 @@ class MissionWriter:
         self._flies_by = flies_by
         self._first_point = first_point
         self._standing = standing
+        self._overwrites = overwrites
+        #: the package that was loaded last, whatever the autopilot holds by now
+        self.latest: MissionPackage | None = None
         self._worker = Worker()
         self._on_board_at = 0.0
         #: what is being written, and its sender; None: the package on board
@@ -282,16 +286,23 @@ class MissionWriter:
         """On the ground a station's message changes a list of the autopilot: no package counts any more."""
         loaded = bool(self._ties.arbiter.mission_digest)
         self._on_board_at = now + ON_BOARD_RETRY_S
-        self._break_off(f"{port.name} changed the {change.what} meanwhile")
+        self._break_off(f"{port.name} changed the {change.what} meanwhile", now)
         self.drop(now)
-        self._standing.changed(port, change, loaded)
+        self._standing.changed(port, change, loaded, now)
+
+    def fly(self, prepared: Prepared, now: float) -> None:
+        """The autopilot holds this mission, which a station wrote and which was judged (`ground_uploads.py`)."""
+        package, loader = prepared.package, self._loader
+        loader.adopt(package, prepared.finder, prepared.way, now)
+        self._ties.keep(package)
+        self._ties.handle(MissionLoaded(package.digest, prepared.commanders, loader.out_of_coverage), now)
 
     def flight_over(self, now: float) -> None:
         """On the ground again, and the mission was changed in flight: the package does not count any more."""
         loaded = bool(self._ties.arbiter.mission_digest)
         self.drop(now)
         if loaded:
-            self._standing.flight_over()
+            self._standing.flight_over(now)
 
     def drop(self, now: float) -> None:
         """What the autopilot holds is not known any more."""
@@ -300,12 +311,12 @@ class MissionWriter:
             self._ties.handle(MissionLoaded(b"", ()), now)
         self._flies_by(None, Along(), now)
 
-    def _break_off(self, why: str) -> None:
+    def _break_off(self, why: str, now: float) -> None:
         """End the load that is under way."""
         if not self._conversations.drop(_LOAD) or self._writing is None:
             return
         (package, port), self._writing = self._writing, None
-        self._failed(package, why, port)
+        self._failed(package, why, port, now)
 
     def load_on_board(self, package: MissionPackage, now: float) -> None:
         """The package on board, now that the autopilot is ready for it; again after a while if that failed.
@@ -319,7 +330,7 @@ class MissionWriter:
 
         def prepared(result: Prepared | Exception, now: float) -> None:
             if not isinstance(result, Prepared):
-                self._failed(package, self._why(result), None)
+                self._failed(package, self._why(result), None, now)
             elif not self._standing.kept and self._ties.arbiter.grounded(now):  # it took a while to prepare
                 self._load(result, None, now)
 
@@ -357,18 +368,20 @@ class MissionWriter:
         self._flies_by(None, Along(), now)
         ties.close_mission_files()
         self._writing = package, port
+        self._overwrites()
 
         def done(talk: Conversation, now: float) -> None:
             self._writing = None
             if talk.failure is not None:
-                self._failed(package, talk.failure, port)
+                self._failed(package, talk.failure, port, now)
                 return
             loader.adopt(package, prepared.finder, prepared.way, now)
             loader.forget()
             self._loaded_at = now
+            self.latest = package
             if port is not None:
                 port.send(loader.loaded(prepared, port.target))
-            self._standing.loaded(package.name, port)
+            self._standing.loaded(package.name, port, now)
             ties.narrator.mission_written(package, talk.result.fence, talk.result.cruise_mps)
             ties.keep(package)
             self._flies_by(package, prepared.along, now)
@@ -377,12 +390,12 @@ class MissionWriter:
         asking = self._procedures().load(_plan(package, self._first_point(package)))
         self._conversations.begin(_LOAD, asking, done, now)
 
-    def _failed(self, package: MissionPackage, why: str, port: StationPort | None) -> None:
+    def _failed(self, package: MissionPackage, why: str, port: StationPort | None, now: float) -> None:
         """Tell the sender, the other operators and the journal that a package was not loaded."""
         if port is not None:
             port.send(self._loader.refused(package.digest, why, port.target))
         self._ties.narrator.mission_failed(why, _ON_BOARD if port is None else port.name)
-        self._standing.failed(package.name, why, None if port is None else port.name)
+        self._standing.failed(package.name, why, None if port is None else port.name, now)
 
 
 def _plan(package: MissionPackage, place: RallyPoint) -> Plan:

@@ -19,7 +19,7 @@ from typing import Any, Final
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.model import Kind
-from mavproxy_handover.gate.mission_items import item_message, item_of
+from mavproxy_handover.gate.mission_items import filled, item_message, item_of
 from mavproxy_handover.mission.items import FRAME_ABOVE_SEA, MissionItem, RallyPoint, difference
 from mavproxy_handover.mission.plan import FenceCircle, FencePart, FencePolygon
 from mavproxy_handover.wire.conversation import Ask, Asking, NoAnswer
@@ -44,6 +44,10 @@ _WORDS: Final = {_MISSION: "mission", _FENCE: "geofence", _RALLY: "rally points"
 _OUT_OF_TURN = mavlink.MAV_MISSION_INVALID_SEQUENCE
 #: tries at a mission that the autopilot has no room for, two seconds apart
 _PATIENCE: Final = 5
+#: so many items are asked for at once when a list is read
+_AT_ONCE: Final = 5
+#: tries at them in which nothing new comes
+_IN_VAIN: Final = 5
 
 
 class AutopilotError(NoAnswer):
@@ -105,10 +109,15 @@ class MissionProtocol:
         count = yield self._list_request(_FENCE, ("MISSION_COUNT", "MISSION_ACK"))
         if count.get_type() == "MISSION_ACK":
             return ()
-        items = []
-        for seq in range(count.count):
-            items.append((yield from self._item_back(_FENCE, seq)))
-        return fence_parts(items)
+        return fence_parts((yield from self._items_back(_FENCE, count.count)))
+
+    def held_mission(self) -> Asking:
+        """Returns the items of the mission that the autopilot holds, its home first; none where it holds no mission."""
+        count = yield self._list_request(_MISSION, ("MISSION_COUNT", "MISSION_ACK"))
+        if count.get_type() == "MISSION_ACK":
+            raise AutopilotError("the autopilot does not give its mission away now")
+        items = yield from self._items_back(_MISSION, count.count)
+        return tuple(filled(item) for item in items)
 
     def held_rally(self) -> Asking:
         """Returns the one rally point that the autopilot holds, None where it holds none or more than one."""
@@ -154,8 +163,8 @@ class MissionProtocol:
         count = yield self._list_request(kind, ("MISSION_COUNT",))
         if count.count != len(items):
             raise AutopilotError(f"the autopilot holds {count.count} {_WORDS[kind]} items of {len(items)} written")
-        for item in items:
-            trouble = differs(item, (yield from self._item_back(kind, item.seq)))
+        for sent, got in zip(items, (yield from self._items_back(kind, len(items))), strict=True):
+            trouble = differs(sent, got)
             if trouble:
                 raise AutopilotError(trouble)
 
@@ -164,9 +173,29 @@ class MissionProtocol:
         return Ask(f"MISSION_REQUEST_LIST ({_WORDS[kind]})", (request,), _of_kind(answers, kind))
 
     def _item_back(self, kind: int, seq: int) -> Asking:
-        ask = mavlink.MAVLink_mission_request_int_message(*self._target, seq, kind)
-        m = yield Ask(f"{_WORDS[kind]} item {seq} back", (ask,), _of_kind(("MISSION_ITEM_INT",), kind, seq=seq))
+        m = yield Ask(
+            _back(kind, seq), (self._item_request(kind, seq),), _of_kind(("MISSION_ITEM_INT",), kind, seq=seq)
+        )
         return item_of(m)
+
+    def _item_request(self, kind: int, seq: int) -> Any:
+        return mavlink.MAVLink_mission_request_int_message(*self._target, seq, kind)
+
+    def _items_back(self, kind: int, count: int) -> Asking:
+        """Returns the first `count` items of a list. Several are asked for at once, and anew only those that lack."""
+        got: dict[int, MissionItem] = {}
+        in_vain = 0
+        while len(got) < count:
+            lacking = [seq for seq in range(count) if seq not in got][:_AT_ONCE]
+            known = len(got)
+            requests = tuple(self._item_request(kind, seq) for seq in lacking)
+            try:
+                yield Ask(_back(kind, lacking[0]), requests, _gathers(kind, lacking, got), tries=1)
+            except NoAnswer:
+                in_vain = in_vain + 1 if len(got) == known else 0
+                if in_vain >= _IN_VAIN:
+                    raise
+        return tuple(got[seq] for seq in range(count))
 
 
 # ---- the lists as items -------------------------------------------------------------------------------------------
@@ -270,6 +299,22 @@ def _of_kind(types: tuple[str, ...], kind: int, seq: int | None = None) -> Calla
         if m.get_type() in types and m.mission_type == kind and (seq is None or m.seq == seq):
             return m
         return None
+
+    return answer
+
+
+def _back(kind: int, seq: int) -> str:
+    return f"{_WORDS[kind]} item {seq} back"
+
+
+def _gathers(kind: int, wanted: Sequence[int], got: dict[int, MissionItem]) -> Callable[[Any], Any]:
+    """Puts items of a list into `got`; the answer is there when it has all that are wanted."""
+    is_item = _of_kind(("MISSION_ITEM_INT",), kind)
+
+    def answer(m: Any) -> Any:
+        if is_item(m) is not None and m.seq in wanted:
+            got[m.seq] = item_of(m)
+        return True if all(seq in got for seq in wanted) else None
 
     return answer
 

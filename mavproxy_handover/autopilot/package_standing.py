@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Whether the mission package counts, and what operators are told when it does not count any more.
+"""What the mission on the autopilot is to START, and what operators are told of it.
 
-1. What a station writes to the autopilot on the ground stays there. It is no mission package, so START is refused until
-   a package is loaded. Nothing replaces it until the commander shares a package or clears the mission.
-2. Every station is told when a package is dropped or replaced, and what to do.
+1. What a station writes to the autopilot on the ground stays there, until a package is shared or the mission is
+   cleared. It is judged (`ground_uploads.py`). If it passes, START flies it. If it does not, START is refused with the
+   reason.
+2. Every station is told what became of it, and what to do.
 3. The package on board (`mission` in the vehicle's configuration) is loaded by itself at the start, after a flight that
-   changed the mission, and after the commander has cleared the mission. Every station is told.
+   changed the mission, and after the mission was cleared. Every station is told.
+4. A mission that is not the one that was loaded or judged (`changed_past`) is not flown either.
 """
 
 from __future__ import annotations
@@ -16,17 +18,20 @@ from typing import Final
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.ties import Ties
+from mavproxy_handover.core.events import MissionJudged
 from mavproxy_handover.gate.list_changes import MISSION, ListChange
 from mavproxy_handover.stations.port import StationPort
 
 __all__ = ["ON_BOARD_RETRY_S", "PackageStanding"]
 
-#: between two attempts to load the package on board, and after the commander has cleared the mission (s)
+#: between two attempts to load the package on board, and after a station has changed the mission (s)
 ON_BOARD_RETRY_S: Final = 10.0
 
 _NOTICE: Final[int] = mavlink.MAV_SEVERITY_NOTICE
 _CURE: Final = "START needs 'handover share'"
-_OR_CLEAR: Final = "or clear the mission: then the package on board is loaded"
+_OR_UPLOAD: Final = "START needs another mission or 'handover share'"
+_OR_CLEAR: Final = "Or clear the mission: then the package on board is loaded"
+_NO_PACKAGE: Final = "START needs a mission package: 'handover share'"
 #: name of a source that is no station
 _VEHICLE: Final = "the vehicle's own package"
 
@@ -39,37 +44,85 @@ class PackageStanding:
         self._ties = ties
         #: a station wrote the list that the autopilot holds: the package on board does not replace it
         self.kept = False
-        #: the commander has cleared the mission, and the package on board is about to be loaded
-        self._cleared = False
+        #: why no mission is loaded, as the arbiter was told last
+        self._lacks = ""
         #: why the package on board was not loaded, as it was told last
         self._failure = ""
 
-    def changed(self, port: StationPort, change: ListChange, was_loaded: bool) -> None:
-        """A station's message changes a list of the autopilot. `was_loaded`: a package counted until now."""
-        clears = change.clears and change.what == MISSION and self._on_board
-        known = self._cleared if clears else self.kept
-        self.kept, self._cleared = not clears, clears
-        if was_loaded or not known:
-            self._ties.narrator.list_changed(port.name, change.what)
-        if clears and (was_loaded or not known):
-            text = f"{port.name} cleared the mission on the autopilot. The package on board is loaded in"
-            self._say(f"{text} {ON_BOARD_RETRY_S:g} s.")
-        elif was_loaded:
-            dropped = f"{port.name} changed the {change.what} on the autopilot. The package is not loaded any more."
-            cure = f"{_CURE}; {_OR_CLEAR}" if self._on_board else _CURE
-            self._say(f"{dropped} {cure}.")
-        elif not known:
-            text = f"The {change.what} is on the autopilot. START needs a mission package: 'handover share'."
-            self._ties.voice.say(port, text)
+    # ---- what a station wrote -------------------------------------------------------------------------------------
 
-    def flight_over(self) -> None:
-        """On the ground again: the mission was changed in flight, so the package does not count."""
+    def changed(self, port: StationPort, change: ListChange, was_loaded: bool, now: float) -> None:
+        """A station's message changes a list of the autopilot. `was_loaded`: a mission counted until now."""
+        cleared = change.clears and change.what == MISSION
+        if was_loaded or not self.kept:
+            self._ties.narrator.list_changed(port.name, change.what, counted=was_loaded)
+        self.kept = True
+        lacks = self._cleared_words(port.name) if cleared else f"the {change.what} of {port.name} is being judged"
+        self._lack(lacks, now)
+
+    def cleared(self, name: str, now: float) -> None:
+        """The autopilot holds no mission any more. `name`: of the station that cleared it, "" if that is not known."""
+        self.kept = False
+        self._lack(self._cleared_words(name), now)
+        follows = (
+            f"The package on board is loaded in {ON_BOARD_RETRY_S:g} s"
+            if self._on_board
+            else "START needs a mission or 'handover share'"
+        )
+        who = f"{name} cleared the mission on the autopilot" if name else "The autopilot holds no mission"
+        self._say(f"{who}. {follows}.")
+
+    def _cleared_words(self, name: str) -> str:
+        words = f"{name} cleared it" if name else "it was cleared"
+        return f"{words}. The package on board is loaded within {ON_BOARD_RETRY_S:g} s" if self._on_board else words
+
+    def judged(self, name: str, what: str, items: int, package: str, *, own: bool, now: float) -> None:
+        """What a station wrote is the mission. `own`: it is the package's own."""
+        self.kept = not own
+        self._lack("", now)
+        of = f" of {name}" if name else ""
+        if own:
+            text = f"The mission{of} on the autopilot is that of package {package}. START flies it."
+        else:
+            flies = "it" if what == MISSION else "the mission within it"
+            text = (
+                f"The {what}{of} on the autopilot was read back and judged. START flies {flies} ({items} items). Zones "
+                f"and stations stay those of package {package}."
+            )
+        self._say(text, _NOTICE)
+
+    def rejected(self, name: str, what: str, why: str, lifted: str, *, known: bool, now: float) -> None:
+        """What a station wrote is not flown. `lifted`: how an operator has it flown all the same, "" if not at all;
+        `known`: there is a package to judge it by."""
+        self._lack(why, now)
+        of = f" of {name}" if name else ""
+        text = f"The mission{of} is on the autopilot and is not flown: {why}"
+        if what != MISSION:
+            text = f"The {what}{of} is on the autopilot and the mission is not flown: {why}"
+        cure = _NO_PACKAGE if not known else f"{_OR_UPLOAD}. {_OR_CLEAR}" if self._on_board else _OR_UPLOAD
+        sentences = (text, lifted, cure)
+        self._say("".join(f"{sentence}. " for sentence in sentences if sentence).strip())
+
+    def changed_past(self, how: str, now: float) -> None:
+        """The autopilot holds another mission or geofence than what counted: a program wrote it past the companion."""
+        self.kept = True
+        words = f"it was changed past the companion ({how})"
+        self._lack(words, now)
+        cure = f"{_CURE}. {_OR_CLEAR}" if self._on_board else _CURE
+        self._say(f"The mission does not count any more: {words}. {cure}.")
+
+    # ---- packages -------------------------------------------------------------------------------------------------
+
+    def flight_over(self, now: float) -> None:
+        """On the ground again: the mission was changed in flight, so it does not count."""
         follows = "The package on board is loaded now" if self._on_board else _CURE
+        self._lack("it was changed in flight", now)
         self._say(f"The mission was changed in flight. {follows}.")
 
-    def loaded(self, mission: str, sender: StationPort | None) -> None:
+    def loaded(self, mission: str, sender: StationPort | None, now: float) -> None:
         """A package was written and read back; `sender`, who hears it otherwise, is None for the package on board."""
-        self.kept = self._cleared = False
+        self.kept = False
+        self._lack("", now)
         self._failure = ""
         source = _VEHICLE if sender is None else sender.name
         text = f"Mission {mission} loaded from {source}: written, read back, equal."
@@ -77,14 +130,20 @@ class PackageStanding:
             if port is not sender:
                 self._ties.voice.say(port, text, _NOTICE)
 
-    def failed(self, mission: str, why: str, station: str | None) -> None:
+    def failed(self, mission: str, why: str, station: str | None, now: float) -> None:
         """It was not. The package on board is tried again, and operators hear of a new reason only."""
         text = f"Mission {mission} not loaded: {why}."
+        self._lack(f"package {mission} was not loaded: {why}", now)
         if station is not None:
             self._say(f"{text} {_CURE}.")
         elif text != self._failure:
             self._failure = text
             self._say(f"{text} It is tried again every {ON_BOARD_RETRY_S:g} s.")
 
-    def _say(self, text: str) -> None:
-        self._ties.voice.say_to_all(text)
+    def _lack(self, words: str, now: float) -> None:
+        if words != self._lacks:
+            self._lacks = words
+            self._ties.handle(MissionJudged(words), now)
+
+    def _say(self, text: str, severity: int = mavlink.MAV_SEVERITY_WARNING) -> None:
+        self._ties.voice.say_to_all(text, severity)

@@ -153,6 +153,8 @@ class PlaceWatch:
         self._found: Place | None = None
         self._home: tuple[float, float] | None = None
         self._parameters: dict[str, float] = {}
+        #: a station has sent these
+        self._rally_sent = False
         self._replaced_at: float | None = None  # and not gathered yet
         self._places: tuple[Place, ...] = ()
         #: by the name of the place
@@ -205,13 +207,19 @@ class PlaceWatch:
 
     # ---- what there is to choose from -----------------------------------------------------------------------------
 
-    def adopt(self, package: MissionPackage | None, now: float) -> None:
-        """The autopilot holds this mission; None: nobody knows which one, and the places of before stay."""
+    def adopt(self, package: MissionPackage | None, now: float, *, keeps_rally: bool = False) -> None:
+        """The autopilot holds this mission; None: nobody knows which one, and the places of before stay.
+
+        `keeps_rally`: rally points that a station has sent go on to count.
+        """
         if package is None:
             return
         self._package, self._flown = package, package.route
         self._finder = PlaceFinder(package.zones, Fence(package.route.fence), package.relief(self._home))
-        self._rally, self._found = package.route.rally, None
+        self._rally_sent = self._rally_sent and keeps_rally
+        if not self._rally_sent:
+            self._rally = package.route.rally
+        self._found = None
         self._last = before_return(package.route)
         self._keeper.forget()
         self._home_at = self._parameters_at = now
@@ -240,6 +248,7 @@ class PlaceWatch:
         return RallyPoint(place.lat_deg, place.lon_deg, float(int(alt_m)))
 
     def _replaced(self, points: tuple[RallyPoint, ...], station: str, now: float) -> None:
+        self._rally_sent = True
         self._rally, self._replaced_at = points, now  # judged with the next look: uploads may come in a row
         self._ties.narrator.rally_list(len(points), station, now)
 
@@ -316,7 +325,7 @@ class PlaceWatch:
         self._bounces_to = self._found = None
         self._stations_told = _HOME
         if self._package is not None:
-            self._rally = self._package.route.rally
+            self._rally, self._rally_sent = self._package.route.rally, False
             self._gather()
 
     # ---- each second ----------------------------------------------------------------------------------------------

@@ -27,7 +27,7 @@ from mavproxy_handover.mission.plan import FencePart
 from mavproxy_handover.wire.conversation import Ask, Asking, NoAnswer, command_long
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID
 
-__all__ = ["STREAMS", "Loaded", "Plan", "Procedures", "disobeys", "heartbeat"]
+__all__ = ["STREAMS", "HeldPlan", "Loaded", "Plan", "Procedures", "disobeys", "heartbeat"]
 
 #: message id -> interval (s) that the companion asks the autopilot for; position at 20 Hz is the zone check's rate
 STREAMS: dict[int, float] = {
@@ -66,6 +66,15 @@ class Plan:
 class Loaded:
     """What holds once a plan is loaded: the geofence, and the horizontal speed of the mission (m/s)."""
 
+    fence: tuple[FencePart, ...]
+    cruise_mps: float
+
+
+@dataclass(frozen=True, slots=True)
+class HeldPlan:
+    """What the autopilot holds: its mission, home first, its geofence, and its speed between waypoints (m/s)."""
+
+    items: tuple[MissionItem, ...]
     fence: tuple[FencePart, ...]
     cruise_mps: float
 
@@ -187,6 +196,13 @@ class Procedures(ABC):
             return Loaded(fence, (yield from held_cruise(self.sysid, self.vehicle)))
         yield from write_cruise(self.sysid, plan.cruise_mps, self.vehicle)
         return Loaded(fence, plan.cruise_mps)
+
+    def held_plan(self) -> Asking:
+        """Returns the `HeldPlan`: what a station wrote. Raises AutopilotError."""
+        lists = MissionProtocol(self.sysid, self.kind)
+        items = yield from lists.held_mission()
+        fence = yield from lists.held_fence()
+        return HeldPlan(items, fence, (yield from held_cruise(self.sysid, self.vehicle)))
 
     def replace_mission(self, items: tuple[MissionItem, ...]) -> Asking:
         """Write another mission in flight and read it back; `items` begins with home. Raises AutopilotError."""

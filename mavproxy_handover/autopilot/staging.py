@@ -43,8 +43,8 @@ from mavproxy_handover.gate.mission_server import MissionServer, Turn, Upload
 from mavproxy_handover.mission.ahead import Ahead
 from mavproxy_handover.mission.crossings import WayAhead
 from mavproxy_handover.mission.errors import MissionError
-from mavproxy_handover.mission.heights import above_ground_m, named
-from mavproxy_handover.mission.items import COMMANDS, RETURN_TO_LAUNCH, MissionItem
+from mavproxy_handover.mission.heights import into_ground
+from mavproxy_handover.mission.items import COMMANDS, MissionItem
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.mission.plan import MAX_CORNERS, MAX_ITEMS, Route, with_items
 from mavproxy_handover.mission.returns import with_return
@@ -240,13 +240,8 @@ def _read_route(
     legs, facts = ahead.way(1, here), plan_facts(route, ahead.speed_mps)
     if not legs:
         return Rerouted(ahead, (commander,), facts)
-    relief = package.relief()
-    for leg in legs:
-        item = route.items[leg.seq - 1]
-        # a return climbs first, and is judged by itself
-        if relief is None or leg.length_m <= 0.0 or item.command == RETURN_TO_LAUNCH:
-            continue
-        if above_ground_m(relief, leg) < 0.0:
-            raise MissionError(f"the way to {named(item)} leads into the ground. Plan it higher")
+    wrong = into_ground(route, legs, package.relief())
+    if wrong:
+        raise MissionError(wrong)
     walk = walk_legs(legs, package.zone_finder(), commander)
     return Rerouted(ahead, walk.commanders, facts, WayAhead.of(walk, route))

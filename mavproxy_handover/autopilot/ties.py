@@ -35,6 +35,8 @@ class Ties:
     keep: Callable[[MissionPackage], None]
     #: throws away the mission files that a station has open for writing at the autopilot
     close_mission_files: Callable[[], None]
+    #: whether a station is writing the autopilot's mission or geofence
+    list_open: Callable[[], bool]
     #: an older position (s) is not known any more
     stale_s: float
     narrator: Narrator

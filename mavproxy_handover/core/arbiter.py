@@ -46,6 +46,7 @@ from mavproxy_handover.core.events import (
     HandSeen,
     HeightsJudged,
     LinkJudged,
+    MissionJudged,
     MissionLoaded,
     ModeSeen,
     MotionSeen,
@@ -341,6 +342,8 @@ class Arbiter:
                 self._flight.heights_lack = event.lacking
             case ReturnJudged():
                 self._flight.return_lacks = event.lacking
+            case MissionJudged():
+                self._flight.mission_lacks = event.lacking
             case MissionLoaded():
                 self._on_mission(event, actions)
             case StartRequested():

@@ -44,6 +44,7 @@ __all__ = [
     "GuardSeen",
     "HandSeen",
     "LinkJudged",
+    "MissionJudged",
     "MissionLoaded",
     "ModeSeen",
     "MotionSeen",
@@ -263,6 +264,13 @@ class MissionLoaded:
 
 
 @dataclass(frozen=True, slots=True)
+class MissionJudged:
+    """Why START flies no mission while none is loaded, in words; "" if there is no more to say."""
+
+    lacking: str
+
+
+@dataclass(frozen=True, slots=True)
 class StartRequested:
     """A station sent MAV_CMD_MISSION_START on the ground."""
 
@@ -357,6 +365,7 @@ Event = (
     | ReturnJudged
     | SignsSeen
     | PlaceJudged
+    | MissionJudged
     | MissionLoaded
     | StartRequested
     | RehearsalAsked

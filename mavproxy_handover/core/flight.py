@@ -40,6 +40,7 @@ class Flight:
         "gaps_lack",
         "heights_lack",
         "kind",
+        "mission_lacks",
         "rehearsing",
         "return_lacks",
     )
@@ -67,6 +68,8 @@ class Flight:
         self.return_lacks = ""
         #: why the loaded mission is none for this aircraft, in words
         self.aircraft_lacks = ""
+        #: why no mission is loaded, in words
+        self.mission_lacks = ""
         self._autopilot_at = -inf
         self._position_at = -inf
         self._stale_told = False

@@ -50,6 +50,8 @@ class StartFacts:
     gaps_lack: str = ""
     return_lacks: str = ""
     aircraft_lacks: str = ""
+    #: why no mission is loaded, in words; "" if there is no more to say
+    mission_lacks: str = ""
     heights_lack: str = ""
     rehearsing: bool = False
     #: why handovers of the route cannot have consent, in words
@@ -66,7 +68,9 @@ def start_needs(facts: StartFacts) -> tuple[str, ...]:
     elif not facts.on_ground:
         needs.append("the vehicle is already flying or starting")
     if not facts.mission_loaded:
-        needs.append("no mission loaded")
+        needs.append(
+            f"no mission loaded, because {facts.mission_lacks}" if facts.mission_lacks else "no mission loaded"
+        )
     if facts.in_transfer:
         needs.append("a handover is under way")
     if not facts.autopilot_alive:
@@ -135,6 +139,7 @@ class Start:
                 gaps_lack=flight.gaps_lack if flown else "",
                 return_lacks=flight.return_lacks if flown else "",
                 aircraft_lacks=flight.aircraft_lacks if flown else "",
+                mission_lacks=flight.mission_lacks,
                 heights_lack=flight.heights_lack if flown else "",
                 rehearsing=flight.rehearsing,
                 consent_lacks=self._candidates.consent_lacks(),

@@ -68,6 +68,8 @@ _TOO_MANY_ITEMS: Final = 0xFFFF
 #: Sequence number, session, opcode, size of the data, opcode that is answered.
 _HEADER_BYTES: Final = 12  #: at least as long as the headers of parameter and mission files
 
+#: MAV_MISSION_TYPEs that a flight goes by
+_FLOWN_LISTS: Final = (mavlink.MAV_MISSION_TYPE_MISSION, mavlink.MAV_MISSION_TYPE_FENCE)
 _COUNT: Final = mavlink.MAVLINK_MSG_ID_MISSION_COUNT
 _PARTIAL: Final = mavlink.MAVLINK_MSG_ID_MISSION_WRITE_PARTIAL_LIST
 _ITEMS: Final = (mavlink.MAVLINK_MSG_ID_MISSION_ITEM, mavlink.MAVLINK_MSG_ID_MISSION_ITEM_INT)
@@ -199,6 +201,15 @@ class FlushTracker:
         """Whether a station has a file open for writing at the autopilot."""
         opened = self._open.get(station_sysid)
         return opened is not None and bool(opened.files)
+
+    @property
+    def list_open(self) -> bool:
+        """Whether a station is writing the autopilot's mission or geofence: an upload or a mission file is open."""
+        return any(
+            any(kind in _FLOWN_LISTS for _sender, kind in opened.uploads)
+            or any(is_mission_file(name[2]) for name in opened.files)
+            for opened in self._open.values()
+        )
 
     def arming(self) -> list[Closing]:
         """Throw away parameter and mission files that are being written: to be called when the vehicle is armed."""

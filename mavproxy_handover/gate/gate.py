@@ -369,6 +369,12 @@ class Gate:
             closed += self._close(view.commander, self._flusher.arming())
         return closed
 
+    @property
+    def list_open(self) -> bool:
+        """Whether the mission or the geofence is being written to the autopilot by a station."""
+        self.note()
+        return self._flusher.list_open
+
     def close_mission_files(self) -> list[tuple[int, Closing]]:
         """Throw away the mission files that the commander has open at the autopilot; what was closed, for the journal.
 

@@ -44,6 +44,7 @@ __all__ = [
     "above_sea",
     "above_terrain",
     "home_disagrees",
+    "into_ground",
     "listed",
     "low_ways",
     "named",
@@ -85,6 +86,18 @@ def above_ground_m(relief: Relief, leg: Leg) -> float:
     count = max(1, ceil(leg.length_m / _GROUND_STEP_M))
     spots = [leg.at(number / count) for number in range(count + 1)]
     return min(relief.above_m(a[:2], b[:2], min(a[2], b[2])) for a, b in pairwise(spots))
+
+
+def into_ground(route: Route, legs: Sequence[Leg], relief: Relief | None) -> str:
+    """Why the way of a route leads into the ground, in words; "" if it does not, or the ground is not known."""
+    for leg in legs:
+        item = route.items[leg.seq - 1]
+        # a return climbs first, and is judged by itself
+        if relief is None or leg.length_m <= 0.0 or item.command == RETURN_TO_LAUNCH:
+            continue
+        if above_ground_m(relief, leg) < 0.0:
+            return f"the way to {named(item)} leads into the ground. Plan it higher"
+    return ""
 
 
 def _flown(route: Route, frame: int) -> Iterator[MissionItem]:

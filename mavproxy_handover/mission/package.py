@@ -36,10 +36,10 @@ from mavproxy_handover.mission.corridor import covered_area
 from mavproxy_handover.mission.errors import MissionError, Where
 from mavproxy_handover.mission.gaps import DeclaredGap, Stretch, read_gaps, stretches
 from mavproxy_handover.mission.geojson import read_zones
-from mavproxy_handover.mission.items import COMMANDS
+from mavproxy_handover.mission.items import COMMANDS, MissionItem
 from mavproxy_handover.mission.path import Path as FlownPath
 from mavproxy_handover.mission.path import path_of
-from mavproxy_handover.mission.plan import Route, read_route
+from mavproxy_handover.mission.plan import FencePart, Route, on_ground, read_route
 from mavproxy_handover.mission.reached import Belonging, belonging_of
 from mavproxy_handover.mission.returns import with_return
 from mavproxy_handover.mission.terrain import Relief, Terrain, read_terrain, relief_of
@@ -214,6 +214,28 @@ class MissionPackage:
         not known."""
         stops = not self.kind.winged
         return stretches(self.gaps, self.legs(wind), walk, self.energy, wind, stops=stops)
+
+    def with_mission(
+        self, items: tuple[MissionItem, ...], fence: tuple[FencePart, ...], cruise_mps: float
+    ) -> MissionPackage:
+        """The zones, stations and policies of this package with another mission and geofence: those that the autopilot
+        holds on the ground (the first item is its home). Its speed (m/s) is the autopilot's, too.
+
+        Waypoints of stations, declared gaps and the delivery belong to the package's own mission. The digest stays:
+        stations compare it, and what it stands for at a station has not changed. Raises MissionError.
+        """
+        route = on_ground(self.route, items, fence)
+        route = replace(route, ground=relief_of(self.terrain, route.home))
+        return replace(
+            self,
+            route=with_return(route, self.zones, self.terrain),
+            belonging=None,
+            gaps=(),
+            delivery_waypoint=None,
+            cruise_speed_mps=cruise_mps,
+            cruise_speed_named=False,
+            energy=self.energy.over(_flown_at(cruise_mps)) if self.kind.winged else self.energy,
+        )
 
     def to_bytes(self) -> bytes:
         """The package as it travels, at most 64 KiB; `from_bytes` makes an equal package of it."""

@@ -54,6 +54,7 @@ __all__ = [
     "Ground",
     "Home",
     "Route",
+    "on_ground",
     "read_route",
     "ways_from_land_starts",
     "with_items",
@@ -504,18 +505,7 @@ def with_items(route: Route, items: Sequence[MissionItem]) -> Route:
     where = Where("the upload")
     if len(items) - 1 > MAX_ITEMS:
         raise where.error(f"{len(items) - 1} items (allowed: at most {MAX_ITEMS})")
-    checked = tuple(
-        _item(
-            where.at(f"item {seq}"),
-            seq,
-            item.command,
-            frame=item.frame,
-            numbers=(*item.params, item.lat_deg, item.lon_deg, item.alt_m),
-            auto_continue=item.auto_continue,
-            kind=route.kind,
-        )
-        for seq, item in enumerate(items[1:], 1)
-    )
+    checked = _checked(where, items[1:], route.kind)
     if not any(COMMANDS[item.command].flown for item in checked):
         raise where.error("nothing is flown (allowed: at least one item that is)")
     if route.kind.winged:
@@ -523,6 +513,40 @@ def with_items(route: Route, items: Sequence[MissionItem]) -> Route:
     else:
         _check_splines(where, checked)
     return replace(route, items=checked, return_to=None)
+
+
+def on_ground(route: Route, items: Sequence[MissionItem], fence: tuple[FencePart, ...]) -> Route:
+    """The same plan with the mission and the geofence that the autopilot holds on the ground; the first item is its
+    home. What a plan in a file has to be, this has to be too. Raises MissionError."""
+    where = Where("")
+    home = Home(items[0].lat_deg, items[0].lon_deg, items[0].alt_m)
+    checked = _checked(where, items[1:], route.kind)
+    found = _finish(
+        where,
+        home,
+        checked,
+        rally=route.rally,
+        fence=fence,
+        cruise_speed_mps=route.cruise_speed_mps,
+        kind=route.kind,
+    )
+    return replace(found, wings=route.wings)
+
+
+def _checked(where: Where, items: Sequence[MissionItem], kind: Kind) -> tuple[MissionItem, ...]:
+    """Items that came from a station or from the autopilot, numbered from 1. Raises MissionError."""
+    return tuple(
+        _item(
+            where.at(f"item {seq}"),
+            seq,
+            item.command,
+            frame=item.frame,
+            numbers=(*item.params, item.lat_deg, item.lon_deg, item.alt_m),
+            auto_continue=item.auto_continue,
+            kind=kind,
+        )
+        for seq, item in enumerate(items, 1)
+    )
 
 
 def ways_from_land_starts(items: Sequence[MissionItem]) -> tuple[tuple[MissionItem, ...], ...]:

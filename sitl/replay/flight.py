@@ -166,6 +166,7 @@ class _Flight:
                 commands=lambda station: self._view.commander == station,
                 keep=lambda _package: None,
                 close_mission_files=lambda: None,
+                list_open=lambda: False,
                 stale_s=config.limits.position_stale_s,
                 narrator=narrator,
                 voice=voice,

@@ -528,6 +528,7 @@ class Packer:
             gaps_lack=plain,
             return_lacks=plain,
             aircraft_lacks=plain,
+            mission_lacks=plain,
             heights_lack=plain,
             _autopilot_at=_Ago(limits.autopilot_lost_s),
             _position_at=_Ago(limits.position_stale_s),

@@ -55,6 +55,8 @@ class Autopilot:
         self.results: dict[int, int] = {}
         #: changes an item on its way back
         self.spoil: Callable[[Any], Any] = lambda item: item
+        #: it does not answer those who read a list
+        self.silent_lists = False
         #: how many items more than it holds the autopilot says it holds
         self.count_error = 0
         #: the guard's status is sent with this state, echoing the last lease; None: there is no guard
@@ -164,6 +166,8 @@ class Autopilot:
         elif kind == "MISSION_CLEAR_ALL":
             self.items[m.mission_type] = []
             self.say(stock.MAVLink_mission_ack_message(m.get_srcSystem(), m.get_srcComponent(), 0, m.mission_type))
+        elif kind == "MISSION_REQUEST_LIST" and self.silent_lists:
+            return
         elif kind == "MISSION_REQUEST_LIST":
             asker = (m.get_srcSystem(), m.get_srcComponent())
             held = len(self.items[m.mission_type]) + self.count_error

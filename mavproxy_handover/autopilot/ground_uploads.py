@@ -1,0 +1,260 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""A mission or geofence that a station wrote to the autopilot on the ground: read back, judged, flown if it is safe.
+
+1. The autopilot takes such an upload itself, by whatever protocol (mission messages, files, parameters). When the
+   writing has ended, the companion reads mission, geofence and cruise speed back. What came back is what is judged.
+2. It needs a package: zones, stations, terrain and policies are the package's. That is the last package that was
+   loaded, or else the one on board.
+3. The rules are those of a plan in a file (`plan.on_ground`), and of an upload in flight: no way into the ground, no
+   way out of the geofence, no way out of coverage. The operator lifts the last two as in flight (`CommandDesk.plan`).
+   Energy, heights above the sea, the kind of aircraft and consent are what START needs, and START judges them anew.
+4. A mission that passes is the mission. The digest of the package stays, so the stations of the package stay fit. They
+   are told in words, and AUTHORITY_STATUS says that the route is another one.
+5. A mission that does not pass stays on the autopilot, and START is refused with the reason.
+6. The mission of the package itself, sent again, is the package.
+
+What takes time is done beside the main loop. Times are monotonic seconds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from math import inf
+from typing import Final
+
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.autopilot.command_desk import CommandDesk
+from mavproxy_handover.autopilot.loading import Along, Prepared, way_of
+from mavproxy_handover.autopilot.mission_protocol import fence_items, same_fence
+from mavproxy_handover.autopilot.package_standing import PackageStanding
+from mavproxy_handover.autopilot.procedures import HeldPlan, Procedures
+from mavproxy_handover.autopilot.ties import Ties
+from mavproxy_handover.core.safety.commands import QUIET_S, Limit
+from mavproxy_handover.gate.list_changes import MISSION, ListChange
+from mavproxy_handover.gate.words import how_to_lift
+from mavproxy_handover.mission.ahead import leaves_coverage, leaves_fence
+from mavproxy_handover.mission.crossings import WayAhead
+from mavproxy_handover.mission.errors import MissionError
+from mavproxy_handover.mission.fence import Fence
+from mavproxy_handover.mission.heights import into_ground
+from mavproxy_handover.mission.items import COMMANDS, MissionItem, difference
+from mavproxy_handover.mission.package import MissionPackage
+from mavproxy_handover.mission.walk import walk_legs
+from mavproxy_handover.stations.port import StationPort
+from mavproxy_handover.wire.conversation import Conversation, Conversations
+from mavproxy_handover.worker import Worker
+
+__all__ = ["GroundUploads"]
+
+#: the writing has ended, and for so long (s) nothing else was written: programs send mission and geofence in a row
+_SETTLED_S: Final = 0.5
+#: an upload that has not ended by then (s) is looked at all the same; the autopilot ends one after 8 s of silence
+_STALLED_S: Final = 10.0
+#: between two attempts to read the lists (s), and how many there are
+_AGAIN_S: Final = 2.0
+_TRIES: Final = 3
+#: speeds (m/s) that are no nearer are two
+_SAME_MPS: Final = 0.01
+#: name of the conversation
+_READ: Final = "upload read back"
+
+
+@dataclass(frozen=True, slots=True)
+class _Written:
+    """What a station wrote: its `port`, None for what was found after a restart; `what`: mission or geofence."""
+
+    port: StationPort | None
+    what: str
+    begun_at: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Judged:
+    """What was read, `own`: it is the package's own mission; `left`: the limits that it would leave, in words."""
+
+    prepared: Prepared
+    own: bool
+    left: Mapping[Limit, str]
+
+
+class GroundUploads:
+    """The uploads of one vehicle's stations on the ground.
+
+    `package` returns the package whose zones count, None if there is none. `flown` is told of a mission that passed,
+    and whether it is another one than the package's.
+    """
+
+    def __init__(
+        self,
+        desk: CommandDesk,
+        procedures: Callable[[], Procedures],
+        conversations: Conversations,
+        ties: Ties,
+        package: Callable[[], MissionPackage | None],
+        flown: Callable[[Prepared, bool, float], None],
+        standing: PackageStanding,
+    ) -> None:
+        self._desk = desk
+        self._procedures = procedures
+        self._conversations = conversations
+        self._ties = ties
+        self._package = package
+        self._flown = flown
+        self._standing = standing
+        self._worker = Worker()
+        #: what is to be judged; None: nothing is
+        self._written: _Written | None = None
+        self._changed_at = self._due_at = -inf
+        self._tries = 0
+
+    def changed(self, port: StationPort, change: ListChange, now: float) -> None:
+        """A station's message that changes a list goes to the autopilot."""
+        before = self._written
+        # where both lists are written, the words are about the mission
+        what = MISSION if before is not None and before.what == MISSION else change.what
+        begun_at = now if before is None or before.port is not port else before.begun_at
+        self._written = _Written(port, what, begun_at)
+        self._changed_at, self._due_at, self._tries = now, now + _SETTLED_S, 0
+        self._conversations.drop(_READ)
+
+    def found(self, now: float) -> None:
+        """After a restart on the ground: the autopilot holds what a station wrote before."""
+        self._written = _Written(None, MISSION, now)
+        self._changed_at, self._due_at, self._tries = now, now, 0
+
+    def forget(self) -> None:
+        """A package is written over it."""
+        self._written = None
+        self._conversations.drop(_READ)
+
+    def tick(self, now: float) -> None:
+        """Time has passed; to be called often."""
+        self._worker.tick(now)
+        if self._written is None or now < self._due_at or _READ in self._conversations:
+            return
+        if self._ties.list_open() and now < self._changed_at + _STALLED_S:
+            self._due_at = now + _SETTLED_S
+        elif self._ties.arbiter.grounded(now):
+            self._read(self._written, now)
+
+    # ---- the steps ------------------------------------------------------------------------------------------------
+
+    def _read(self, written: _Written, now: float) -> None:
+        package = self._package()
+        self._due_at = inf
+        if package is None:
+            self._reject(written, "without a mission package no zones are known", now)
+            return
+
+        def done(talk: Conversation, now: float) -> None:
+            if self._written is not written:
+                return
+            if talk.failure is None:
+                self._judge(written, package, talk.result, now)
+                return
+            self._tries += 1
+            self._due_at = now + _AGAIN_S
+            if self._tries >= _TRIES:
+                self._reject(written, f"it could not be read back: {talk.failure}", now)
+
+        self._conversations.begin(_READ, self._procedures().held_plan(), done, now)
+
+    def _judge(self, written: _Written, package: MissionPackage, held: HeldPlan, now: float) -> None:
+        if len(held.items) <= 1:
+            self._written = None
+            self._standing.cleared(_name(written), now)
+            return
+        port = written.port
+        commander = port.sysid if port is not None and self._ties.commands(port.sysid) else package.parent.sysid
+
+        def judged(result: _Judged | Exception, now: float) -> None:
+            if self._written is written:
+                self._conclude(written, held, result, now)
+
+        if not self._worker.submit(lambda: _judge(package, held, commander), judged):
+            self._due_at = now + _AGAIN_S  # what was read before is still being judged
+
+    def _conclude(self, written: _Written, held: HeldPlan, result: _Judged | Exception, now: float) -> None:
+        if not isinstance(result, _Judged):
+            why = str(result) if isinstance(result, (MissionError, TimeoutError)) else "internal fault"
+            if why == "internal fault":
+                self._ties.fault("upload on the ground", f"{type(result).__name__}: {result}")
+            self._reject(written, why, now)
+            return
+        if not self._ties.arbiter.grounded(now):
+            self._reject(written, "the aircraft was armed before it was judged", now)
+            return
+        wish = held.items[1:], held.fence
+        ruling = self._desk.plan(written.port, result.left, wish, written.begun_at, now)
+        if not ruling.passes:
+            self._reject(written, ruling.words, now, how_to_lift(ruling.limits[0], QUIET_S))
+            return
+        self._written = None
+        prepared = result.prepared
+        self._flown(prepared, not result.own, now)
+        count = len(held.items) - 1
+        self._ties.narrator.mission_judged(_name(written), count, prepared.commanders, own=result.own)
+        self._standing.judged(_name(written), written.what, count, prepared.package.name, own=result.own, now=now)
+
+    def _reject(self, written: _Written, why: str, now: float, lifted: str = "") -> None:
+        self._written = None
+        known = self._package() is not None
+        self._ties.narrator.mission_rejected(_name(written), written.what, why)
+        self._standing.rejected(_name(written), written.what, why, lifted, known=known, now=now)
+
+
+def _name(written: _Written) -> str:
+    """Of the station; "" if it is not known any more."""
+    return "" if written.port is None else written.port.name
+
+
+def _judge(package: MissionPackage, held: HeldPlan, commander: int) -> _Judged:
+    """What the autopilot holds, with the zones of the package; takes as long as the upload makes it.
+
+    `commander`: the station (system id) that commands at the take-off. Raises MissionError.
+    """
+    own = _is_own(package, held)
+    if not own:
+        for item in held.items[1:]:
+            if item.command not in COMMANDS:
+                raise MissionError(f"item {item.seq}, {_command_name(item)}, cannot be judged")
+        if package.route.fence and not held.fence:
+            raise MissionError(f"the geofence of package {package.name} was cleared")
+        package = package.with_mission(held.items, held.fence, held.cruise_mps)
+    legs = package.legs()
+    walk = walk_legs(legs, package.zone_finder(), commander, belonging=package.belonging)
+    left = {}
+    if not own:
+        wrong = into_ground(package.route, legs, package.relief())
+        if wrong:
+            raise MissionError(wrong)
+        stations = {zone.station for zone in package.zones}
+        left = {
+            Limit.FENCE: leaves_fence(legs, Fence(package.route.fence)),
+            Limit.COVERAGE: leaves_coverage(legs, package.zone_finder(), stations),
+        }
+    along = Along(package.stretches(walk), WayAhead.of(walk, package.route), walk.handovers)
+    prepared = Prepared(package, package.zone_finder(), walk.commanders, way_of(package), along)
+    return _Judged(prepared, own, left)
+
+
+def _is_own(package: MissionPackage, held: HeldPlan) -> bool:
+    """Whether mission, geofence and speed are those that loading the package would write."""
+    route = package.route
+    items = route.upload_items()
+    if package.cruise_speed_named and abs(held.cruise_mps - package.cruise_speed_mps) > _SAME_MPS:
+        return False
+    if len(items) != len(held.items) or (route.fence and not same_fence(fence_items(held.fence), route.fence)):
+        return False
+    return all(
+        difference(sent, replace(got, seq=sent.seq), package.kind) is None
+        for sent, got in zip(items[1:], held.items[1:], strict=True)
+    )
+
+
+def _command_name(item: MissionItem) -> str:
+    names = mavlink.enums["MAV_CMD"]
+    return names[item.command].name.removeprefix("MAV_CMD_") if item.command in names else f"command {item.command}"

@@ -1,0 +1,277 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""A mission that the commander uploads on the ground: read back, judged, and flown if it is safe."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.autopilot.mission_protocol import fence_items
+from mavproxy_handover.mission.package import MissionPackage
+from mavproxy_handover.mission.plan import FenceCircle
+from tests.module.conftest import MISSIONS, Bench
+from tests.module.test_commands_in_flight import override
+from tests.module.test_ground_writes import needs, told
+from tests.module.test_mission_upload import LOADED
+from tests.module.test_staging import ACCEPTED, HOME_LAT, HOME_LON, Program, waypoint
+from tests.module.vehicle import AUTO
+
+VEHICLE = (1, 1)
+START = mavlink.MAV_CMD_MISSION_START
+ARM = mavlink.MAV_CMD_COMPONENT_ARM_DISARM
+REJECTED, FAILED = mavlink.MAV_RESULT_TEMPORARILY_REJECTED, mavlink.MAV_RESULT_FAILED
+
+#: home, take-off, two places in zone A, a landing
+SAFE = (
+    waypoint(0, HOME_LAT, HOME_LON, 0.0),
+    replace(waypoint(1, 0, 0, 40.0), command=22),
+    waypoint(2, 526781460, 59250350),
+    waypoint(3, 526790000, 59250000),
+    waypoint(4, HOME_LAT, HOME_LON, 0.0, command=21),
+)
+#: the same by way of a place north of both zones, inside the fence
+OUTSIDE = (*SAFE[:3], replace(SAFE[3], lat_deg=52.6828), SAFE[4])
+TAKEN = (
+    "The mission of GCSA on the autopilot was read back and judged. START flies it (4 items). Zones and stations stay "
+    "those of package delivery."
+)
+
+
+def item_list(items: Any, kind: int = 0) -> list[Any]:
+    """Items as the autopilot of the bench holds them."""
+    from mavproxy_handover.gate.mission_items import item_message
+
+    return [item_message(item, VEHICLE, kind) for item in items]
+
+
+@pytest.fixture
+def loaded(bench: Bench, delivery: MissionPackage) -> Bench:
+    bench.connect()
+    assert bench.share(delivery).result == LOADED
+    bench.run(6.0)
+    bench.autopilot.items = {kind: list(items) for kind, items in bench.autopilot.items.items()}
+    bench.a.received.clear()
+    bench.b.received.clear()
+    return bench
+
+
+@pytest.fixture
+def on_board(bench: Bench, delivery: MissionPackage) -> Bench:
+    """The package is named in the vehicle's configuration, and loaded."""
+    bench.configure(more=f'mission = "{MISSIONS / "delivery"}"')
+    bench.a.digest = bench.b.digest = delivery.digest
+    bench.connect()
+    bench.until(lambda: bench.companion.arbiter.mission_digest)
+    bench.run(12.0)
+    bench.autopilot.items = {kind: list(items) for kind, items in bench.autopilot.items.items()}
+    bench.a.received.clear()
+    bench.b.received.clear()
+    return bench
+
+
+# ---- what is flown ------------------------------------------------------------------------------------------------
+
+
+def test_a_safe_mission_uploaded_on_the_ground_is_flown_by_start(loaded: Bench, delivery: MissionPackage) -> None:
+    """The fault: START was refused until a package was shared."""
+    assert Program(loaded, SAFE).send() == ACCEPTED
+    loaded.run(3.0)
+    assert loaded.companion.arbiter.mission_digest == delivery.digest, "or no station could take the aircraft"
+    assert needs(loaded) == ""
+    loaded.a.command(START)
+    loaded.run(4.0)
+    assert loaded.a.acks(START)[-1] == 0
+    assert (loaded.autopilot.mode, loaded.autopilot.armed) == (AUTO, True)
+    assert len(loaded.autopilot.items[0]) == 5, "nothing was written over it"
+
+
+def test_every_station_is_told_in_words_and_that_the_route_is_another(loaded: Bench) -> None:
+    assert Program(loaded, SAFE).send() == ACCEPTED
+    loaded.run(3.0)
+    assert told(loaded.a) == told(loaded.b) == [TAKEN]
+    assert loaded.b.got("AUTHORITY_STATUS")[-1].route_changed == 1
+    (entry,) = loaded.journal("mission_judged")
+    assert (entry["station"], entry["items"], entry["commanders"]) == ("GCSA", 4, "GCSA")
+
+
+def test_arming_goes_by_the_uploaded_mission(on_board: Bench) -> None:
+    assert Program(on_board, SAFE).send() == ACCEPTED
+    on_board.run(3.0)
+    on_board.a.command(ARM, 1)
+    on_board.run(1.0)
+    assert on_board.a.acks(ARM) == [0]
+    assert on_board.autopilot.armed
+
+
+def test_the_companion_flies_by_the_uploaded_mission(loaded: Bench) -> None:
+    assert Program(loaded, SAFE).send() == ACCEPTED
+    loaded.run(3.0)
+    assert loaded.companion.autopilot.desk.ahead is not None
+    assert len(loaded.companion.autopilot.desk.ahead.route.items) == 4
+    assert loaded.companion.arbiter.snapshot().route == (251,)
+
+
+def test_the_packages_own_mission_sent_again_is_the_package(loaded: Bench, delivery: MissionPackage) -> None:
+    assert Program(loaded, delivery.route.upload_items()).send() == ACCEPTED
+    loaded.run(3.0)
+    assert loaded.companion.arbiter.mission_digest == delivery.digest
+    assert loaded.companion.arbiter.snapshot().route == (251, 252, 251, 252, 251)
+    loaded.run(1.0)
+    assert loaded.b.got("AUTHORITY_STATUS")[-1].route_changed == 0
+    assert told(loaded.b) == ["The mission of GCSA on the autopilot is that of package delivery. START flies it."]
+
+
+def test_a_package_can_be_shared_over_an_uploaded_mission(loaded: Bench, delivery: MissionPackage) -> None:
+    assert Program(loaded, SAFE).send() == ACCEPTED
+    loaded.run(3.0)
+    assert loaded.share(delivery).result == LOADED
+    assert len(loaded.autopilot.items[0]) == 12, "it was written"
+    loaded.run(1.0)
+    assert loaded.b.got("AUTHORITY_STATUS")[-1].route_changed == 0
+
+
+def test_after_a_flight_by_an_uploaded_mission_it_still_counts(loaded: Bench, delivery: MissionPackage) -> None:
+    assert Program(loaded, SAFE).send() == ACCEPTED
+    loaded.run(3.0)
+    loaded.a.command(START)
+    loaded.run(4.0)
+    loaded.autopilot.armed = loaded.autopilot.airborne = False
+    loaded.autopilot.mode = 0
+    loaded.run(3.0)
+    assert loaded.companion.arbiter.mission_digest == delivery.digest
+    assert needs(loaded) == ""
+
+
+def test_while_it_is_read_start_says_so(loaded: Bench) -> None:
+    loaded.a.send(mavlink.MAVLink_mission_count_message(*VEHICLE, 5, 0))
+    loaded.run(0.3)
+    assert needs(loaded) == "no mission loaded, because the mission of GCSA is being judged"
+
+
+def test_a_geofence_uploaded_on_the_ground_counts_for_the_mission(loaded: Bench, delivery: MissionPackage) -> None:
+    """The package's own mission, within another geofence around it."""
+    assert Program(loaded, fence_items([FenceCircle(True, 52.679, 5.93, 3000.0)]), kind=1).send() == ACCEPTED
+    loaded.run(3.0)
+    assert loaded.companion.arbiter.mission_digest == delivery.digest
+    (fence,) = loaded.companion.autopilot.desk.ahead.route.fence
+    assert fence.radius_m == 3000.0
+    assert told(loaded.b) == [
+        "The geofence of GCSA on the autopilot was read back and judged. START flies the mission within it (11 items). "
+        "Zones and stations stay those of package delivery."
+    ]
+
+
+# ---- what is not --------------------------------------------------------------------------------------------------
+
+
+def rejected(why: str, cure: str = "") -> str:
+    cure = cure or "START needs another mission or 'handover share'."
+    return f"The mission of GCSA is on the autopilot and is not flown: {why}. {cure}"
+
+
+def test_a_mission_that_leaves_coverage_is_kept_and_not_flown(loaded: Bench) -> None:
+    assert Program(loaded, OUTSIDE).send() == ACCEPTED
+    loaded.run(3.0)
+    assert loaded.companion.arbiter.mission_digest == b""
+    assert len(loaded.autopilot.items[0]) == 5, "it is kept"
+    (text,) = told(loaded.b)
+    assert text.startswith("The mission of GCSA is on the autopilot and is not flown: leaves coverage in ")
+    assert "handover override coverage" in text
+    assert "leaves coverage in" in needs(loaded)
+
+
+def test_the_same_mission_sent_again_to_insist_is_flown(loaded: Bench, delivery: MissionPackage) -> None:
+    assert Program(loaded, OUTSIDE).send() == ACCEPTED
+    loaded.run(14.0)
+    assert Program(loaded, OUTSIDE).send() == ACCEPTED
+    loaded.run(3.0)
+    assert loaded.companion.arbiter.mission_digest == delivery.digest
+
+
+def test_after_the_override_it_is_flown(loaded: Bench, delivery: MissionPackage) -> None:
+    assert Program(loaded, OUTSIDE).send() == ACCEPTED
+    loaded.run(3.0)
+    override(loaded, mavlink.HANDOVER_LIMIT_COVERAGE)
+    assert Program(loaded, OUTSIDE).send() == ACCEPTED
+    loaded.run(3.0)
+    assert loaded.companion.arbiter.mission_digest == delivery.digest
+
+
+@pytest.mark.parametrize(
+    ("items", "why"),
+    [
+        ((SAFE[0], replace(SAFE[2], seq=1), replace(SAFE[4], seq=2)), "the first flown item is NAV_WAYPOINT"),
+        ((*SAFE[:3], waypoint(3, 0, 0, command=179), SAFE[4]), "item 3, DO_SET_HOME, cannot be judged"),
+        ((replace(SAFE[0], lat_deg=0.0, lon_deg=0.0), *SAFE[1:]), "home is at latitude 0, longitude 0"),
+    ],
+    ids=["no take-off", "DO_SET_HOME", "no home"],
+)
+def test_what_cannot_be_judged_is_kept_and_named(loaded: Bench, items: Any, why: str) -> None:
+    assert Program(loaded, items).send() == ACCEPTED
+    loaded.run(3.0)
+    assert loaded.companion.arbiter.mission_digest == b""
+    (text,) = told(loaded.a)
+    assert text.startswith(f"The mission of GCSA is on the autopilot and is not flown: {why}")
+    assert text.endswith("START needs another mission or 'handover share'.")
+    assert why in needs(loaded)
+
+
+def test_a_mission_outside_the_geofence_is_not_flown(loaded: Bench) -> None:
+    assert Program(loaded, fence_items([FenceCircle(True, 52.679, 5.924, 60.0)]), kind=1).send() == ACCEPTED
+    loaded.run(3.0)
+    assert loaded.companion.arbiter.mission_digest == b""
+    (text,) = told(loaded.b)
+    assert text.startswith("The geofence of GCSA is on the autopilot and the mission is not flown: breaks the geofence")
+
+
+def test_a_cleared_geofence_of_the_package_is_named(loaded: Bench) -> None:
+    loaded.a.send(mavlink.MAVLink_mission_clear_all_message(*VEHICLE, 1))
+    loaded.run(3.0)
+    assert loaded.companion.arbiter.mission_digest == b""
+    (text,) = told(loaded.b)
+    assert "the geofence of package delivery was cleared" in text
+
+
+def test_without_any_package_the_upload_is_not_called_a_package_that_does_not_count(bench: Bench) -> None:
+    bench.connect()
+    assert Program(bench, SAFE).send() == ACCEPTED
+    bench.run(3.0)
+    assert told(bench.a) == [
+        rejected("without a mission package no zones are known", "START needs a mission package: 'handover share'.")
+    ]
+    assert "counts" not in " ".join(entry.get("text", "") for entry in bench.journal("list_changed"))
+
+
+def test_a_mission_that_does_not_come_back_is_read_again_and_then_named(loaded: Bench) -> None:
+    loaded.autopilot.silent_lists = True
+    assert Program(loaded, SAFE).send() == ACCEPTED
+    loaded.run(10.0)
+    assert "being judged" in needs(loaded)
+    loaded.run(15.0)
+    assert "it could not be read back: no answer to MISSION_REQUEST_LIST (mission)" in needs(loaded)
+    assert [text for text in told(loaded.a) if "could not be read back" in text] != []
+
+
+# ---- cleared ------------------------------------------------------------------------------------------------------
+
+
+def test_after_clear_arming_is_refused_at_once_with_the_reason(on_board: Bench) -> None:
+    on_board.a.send(mavlink.MAVLink_mission_clear_all_message(*VEHICLE, 0))
+    on_board.run(0.3)
+    on_board.a.command(ARM, 1)
+    on_board.run(0.3)
+    assert on_board.a.acks(ARM) == [REJECTED]
+    assert (
+        "no mission loaded, because GCSA cleared it. The package on board is loaded within 10 s" in on_board.a.texts()
+    )
+
+
+def test_after_clear_without_a_package_on_board_the_reason_is_the_cleared_mission(loaded: Bench) -> None:
+    loaded.a.send(mavlink.MAVLink_mission_clear_all_message(*VEHICLE, 0))
+    loaded.run(3.0)
+    assert needs(loaded) == "no mission loaded, because GCSA cleared it"
+    assert told(loaded.b) == ["GCSA cleared the mission on the autopilot. START needs a mission or 'handover share'."]
