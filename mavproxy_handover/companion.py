@@ -356,15 +356,31 @@ class Companion:
             return
         needs = MIDWAY if midway else self.arbiter.take_off_needs(port.sysid, now)
         if needs:
-            orders.refuse_take_off(port, frame, needs, now)
-            kind, proven = (frame.msgid, verdict.reason), port.proves(frame)
-            named, why = partial(self.gate.unsaid, frame), "; ".join(needs)
-            self.narrator.refused(port.name, kind, verdict.what, named, why, True, proven, now)
+            self._refuse_take_off(port, frame, verdict, needs, now)
+            return
+        command = port.sysid, frame.sysid, frame.compid, frame.msgid, wish_of(frame)
+        self.autopilot.read_back.ask(
+            command, lambda trouble, now: self._takes_off(port, frame, verdict, trouble, now), now
+        )
+
+    def _takes_off(self, port: StationPort, frame: Frame, verdict: Verdict, trouble: str, now: float) -> None:
+        """The mission was read back (`trouble`: why not): a command that arms or takes off passes, or is refused."""
+        needs = self.arbiter.take_off_needs(port.sysid, now) or ((trouble,) if trouble else ())
+        if needs:
+            self._refuse_take_off(port, frame, verdict, needs, now)
             return
         self.handle(events.TakeOffPassed(port.sysid), now)
         self._warn()
         self._accepted(port, frame, self.gate.release(port, frame, verdict, now).what, now)
         self._chosen(frame, now)
+
+    def _refuse_take_off(
+        self, port: StationPort, frame: Frame, verdict: Verdict, needs: tuple[str, ...], now: float
+    ) -> None:
+        self.autopilot.orders.refuse_take_off(port, frame, needs, now)
+        kind, proven = (frame.msgid, verdict.reason), port.proves(frame)
+        named, why = partial(self.gate.unsaid, frame), "; ".join(needs)
+        self.narrator.refused(port.name, kind, verdict.what, named, why, True, proven, now)
 
     def _warn(self) -> None:
         """Whoever starts the flight hears what does not fit on board, once."""

@@ -568,6 +568,12 @@ class Narrator:
         self._journal.write("list_changed", text, station=station, list=what)
         self._tell_sentence(text)
 
+    def changed_past(self, how: str) -> None:
+        """The autopilot's mission or geofence was changed past the companion; `how` they differ."""
+        text = f"the mission on the autopilot was changed past the companion: {how}"
+        self._journal.write("changed_past", text)
+        self._tell_sentence(text)
+
     def mission_judged(self, station: str, items: int, commanders: Sequence[int], *, own: bool) -> None:
         """A mission that a station ("": not known any more) wrote on the ground is flown; `own`: the package's."""
         names = " ".join(self._arbiter.name(each) for each in commanders)

@@ -36,6 +36,7 @@ from mavproxy_handover.autopilot.plane import Plane
 from mavproxy_handover.autopilot.position_watch import Box, PositionWatch
 from mavproxy_handover.autopilot.preflight import Finding, Preflight, heights_lack
 from mavproxy_handover.autopilot.procedures import Procedures
+from mavproxy_handover.autopilot.read_back import ReadBack
 from mavproxy_handover.autopilot.reboot_watch import RebootWatch
 from mavproxy_handover.autopilot.route_watch import RouteWatch
 from mavproxy_handover.autopilot.staging import Rerouted, Staging
@@ -65,7 +66,7 @@ from mavproxy_handover.mission.plan import Route
 from mavproxy_handover.mission.walk import Handover, speed_at
 from mavproxy_handover.schedule import attempt
 from mavproxy_handover.stations.port import StationPort
-from mavproxy_handover.wire.conversation import Conversation, Conversations
+from mavproxy_handover.wire.conversation import Asking, Conversation, Conversations
 from mavproxy_handover.wire.frames import Frame
 from mavproxy_handover.wire.ids import COMPANION_COMPID, EVERYBODY, GUARD_STATUS_TUNNEL
 from mavproxy_handover.wire.lease import GuardStatus
@@ -120,7 +121,9 @@ class Autopilot:
         }
         self._preflight = Preflight(config.sysid, config.limits, talks, ties.narrator.preflight, config.energy)
         self._streams = Streams(self.procedures, ties.voice.ask_rates)
-        self.orders = Orders(self.procedures, talks, ties)
+        #: before a flight begins: whether the autopilot still holds its mission
+        self.read_back = ReadBack(talks, self._compare, self._changed_past)
+        self.orders = Orders(self.procedures, talks, ties, self.read_back.asking, self._changed_past)
         self._telemetry = Telemetry(self.aircraft, ties, config.limits.position_stale_s)
         self._energy = EnergyWatch(config.energy, ties)
         self._loader = MissionLoader(config, self._adopted)
@@ -454,6 +457,14 @@ class Autopilot:
         else:
             self._rerouted(None, now)
 
+    def _compare(self) -> Asking | None:
+        """The asking that sees whether the autopilot holds what counts; None: nothing does."""
+        return None if self._flown is None else self.procedures().holds(self._flown)
+
+    def _changed_past(self, how: str, now: float) -> None:
+        """On the ground the autopilot holds another mission or geofence than it did."""
+        self._missions.changed_past(how, now)
+
     def _fly_upload(self, prepared: Prepared, other: bool, now: float) -> None:
         """The autopilot holds a mission that a station wrote on the ground and that was judged; `other`: than the
         package's. Rally points that a station has sent stay."""
@@ -463,7 +474,7 @@ class Autopilot:
     def _flies_by(self, package: MissionPackage | None, along: Along, now: float, *, uploaded: bool = False) -> None:
         route = None if package is None else package.route
         self._changed_aloft, self._uploaded = False, uploaded
-        self._flies(route)
+        self._flies(route, now)
         self.desk.ahead = (
             None if package is None else Ahead(package.route, package.zone_finder(), package.cruise_speed_mps)
         )
@@ -510,8 +521,9 @@ class Autopilot:
             return f"a return would not land: {circles}"
         return heights_lack(self._preflight.parameters, facts, self.aircraft.home_alt_m)
 
-    def _flies(self, route: Route | None) -> None:
+    def _flies(self, route: Route | None, now: float) -> None:
         self._flown = route
+        self.read_back.forget(now)
         self.aircraft.ways_down.adopt(route)
         self.route.adopt(route)
         self._energy.released_at = None if route is None else released_at(route)
@@ -530,7 +542,7 @@ class Autopilot:
         self._gaps.adopt(())  # what is declared is a gap of the package
         self._waypoints.adopt(None, now)  # and so is a waypoint
         self._borders.adopt(None if rerouted is None else rerouted.way)
-        self._flies(None if rerouted is None else rerouted.ahead.route)
+        self._flies(None if rerouted is None else rerouted.ahead.route, now)
         self.desk.ahead = None if rerouted is None else rerouted.ahead
         if rerouted is None:
             return
@@ -561,6 +573,7 @@ class Autopilot:
             self._attempt("the plan", self._judge_plan, now)
         self._attempt("mission packages", self._missions.tick, now)
         self._attempt("places of a return", self.places.tick, now)
+        self._attempt("mission read back", self.read_back.tick, now)
         self._attempt("uploads in flight", self.staging.tick, now)
         self._attempt("uploads on the ground", self._uploads.tick, now)
 

@@ -304,6 +304,13 @@ class MissionWriter:
         if loaded:
             self._standing.flight_over(now)
 
+    def changed_past(self, how: str, now: float) -> None:
+        """The autopilot holds another mission or geofence than it did, and no station's message has changed it."""
+        self._on_board_at = now + ON_BOARD_RETRY_S
+        self.drop(now)
+        self._ties.narrator.changed_past(how)
+        self._standing.changed_past(how, now)
+
     def drop(self, now: float) -> None:
         """What the autopilot holds is not known any more."""
         self._loader.forget()

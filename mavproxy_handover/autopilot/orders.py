@@ -22,6 +22,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.autopilot.energy import FAULT
 from mavproxy_handover.autopilot.mission_protocol import RefusedError
 from mavproxy_handover.autopilot.procedures import Procedures
+from mavproxy_handover.autopilot.read_back import NotHeldError
 from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.core.events import HandSeen, OrderRefused, StartFinished, StartRequested
 from mavproxy_handover.core.model import FlightAction, Hand
@@ -67,7 +68,18 @@ class _Asker:
 class Orders:
     """Carries out START, STOP and the way home, one of each at a time. `procedures`: those of the autopilot's kind."""
 
-    def __init__(self, procedures: Callable[[], Procedures], conversations: Conversations, ties: Ties) -> None:
+    def __init__(
+        self,
+        procedures: Callable[[], Procedures],
+        conversations: Conversations,
+        ties: Ties,
+        read_back: Callable[[], Asking],
+        changed: Callable[[str, float], None],
+    ) -> None:
+        """`read_back`: whether the autopilot still holds its mission (`read_back.py`); `changed` is told how it does
+        not."""
+        self._read_back = read_back
+        self._changed = changed
         self._procedures = procedures
         self._conversations = conversations
         self._ties = ties
@@ -102,7 +114,7 @@ class Orders:
         self._ties.handle(StartRequested(port.sysid), now)
 
     def start(self, now: float) -> None:
-        """Arm and fly the mission; who asked is told what comes of it."""
+        """Read the mission back, arm and fly it; who asked is told what comes of it."""
         asker = self._asker
         assert asker is not None  # the arbiter has asked for this because somebody did
         self._answer(asker, mavlink.MAV_RESULT_IN_PROGRESS)
@@ -110,12 +122,21 @@ class Orders:
         def done(talk: Conversation, now: float) -> None:
             text = talk.failure or ""
             self._ties.handle(StartFinished(talk.failure is None, text), now)
+            if isinstance(talk.error, NotHeldError):
+                self._changed(text, now)
+                self._answer(asker, mavlink.MAV_RESULT_TEMPORARILY_REJECTED, f"START refused: {text}")
+                return
             result = mavlink.MAV_RESULT_ACCEPTED if talk.failure is None else mavlink.MAV_RESULT_FAILED
             self._answer(asker, result, f"START failed: {text}" if text else "")
 
         procedures = self._procedures()
+
+        def steps() -> Asking:
+            yield from self._read_back()
+            yield from procedures.start()
+
         self._ties.narrator.start_begun(asker.port.name, procedures.vehicle.starts_by)
-        self._conversations.begin(_START, procedures.start(), done, now)
+        self._conversations.begin(_START, steps(), done, now)
 
     def refuse_start(self, needs: tuple[str, ...], now: float) -> None:
         """START cannot be: what it still needs."""

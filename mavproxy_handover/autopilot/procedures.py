@@ -23,7 +23,7 @@ from mavproxy_handover.autopilot.kinds import Vehicle
 from mavproxy_handover.autopilot.mission_protocol import AutopilotError, MissionProtocol, RefusedError
 from mavproxy_handover.core.model import FlightAction, Flown, Kind
 from mavproxy_handover.mission.items import MissionItem, RallyPoint
-from mavproxy_handover.mission.plan import FencePart
+from mavproxy_handover.mission.plan import FencePart, Route
 from mavproxy_handover.wire.conversation import Ask, Asking, NoAnswer, command_long
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID
 
@@ -196,6 +196,14 @@ class Procedures(ABC):
             return Loaded(fence, (yield from held_cruise(self.sysid, self.vehicle)))
         yield from write_cruise(self.sysid, plan.cruise_mps, self.vehicle)
         return Loaded(fence, plan.cruise_mps)
+
+    def holds(self, route: Route) -> Asking:
+        """See that the autopilot holds the mission of a route, and its geofence if it has one. Raises AutopilotError
+        where it holds another one."""
+        lists = MissionProtocol(self.sysid, self.kind)
+        yield from lists.compare_mission(route.upload_items())
+        if route.fence:
+            yield from lists.compare_fence(route.fence)
 
     def held_plan(self) -> Asking:
         """Returns the `HeldPlan`: what a station wrote. Raises AutopilotError."""

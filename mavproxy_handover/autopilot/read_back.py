@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Before a flight begins: the autopilot still holds the mission and the geofence that were loaded or judged.
+
+A program can write them past the companion: by USB, by another telemetry port, by a switch of the pilot. So START, and
+each command that arms or takes off, reads them back first. ArduPilot 4.5 to 4.7 gives no digest of a list: it sends
+none of MAVLink's opaque ids. So the lists themselves are read, several items at once.
+
+* What was read back equal counts for `GOOD_S`, so that AUTO right after arming is not held up.
+* A command that arms waits `WAIT_S` at most: motors must not start long after somebody asked for it. The reading goes
+  on, and the same command sent again finds it done.
+* The rally list is the companion's own and is read every ten seconds anyway (`rally.py`).
+
+Times are monotonic seconds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable
+from math import inf
+from typing import Final
+
+from mavproxy_handover.autopilot.mission_protocol import AutopilotError
+from mavproxy_handover.wire.conversation import Asking, Conversation, Conversations
+
+__all__ = ["GOOD_S", "WAIT_S", "NotHeldError", "ReadBack"]
+
+GOOD_S: Final = 10.0
+WAIT_S: Final = 3.0
+#: commands that wait at once
+_MOST: Final = 8
+#: name of the conversation
+_CHECK: Final = "mission read back"
+
+#: is told what is wrong, in words, "" if nothing is
+Then = Callable[[str, float], None]
+
+
+class NotHeldError(AutopilotError):
+    """The autopilot holds another mission or geofence than it did; the text says what differs."""
+
+
+class ReadBack:
+    """Of one vehicle. `compare` returns the asking that compares, None if there is nothing to compare with; `changed`
+    is told how the lists differ."""
+
+    def __init__(
+        self,
+        conversations: Conversations,
+        compare: Callable[[], Asking | None],
+        changed: Callable[[str, float], None],
+    ) -> None:
+        self._conversations = conversations
+        self._compare = compare
+        self._changed = changed
+        #: when the lists were read back equal last
+        self._equal_at = -inf
+        #: commands that wait: who is told, and since when
+        self._waiting: dict[Hashable, tuple[Then, float]] = {}
+
+    def asking(self) -> Asking:
+        """Compare, as a part of START. Raises NotHeldError, and NoAnswer if the autopilot does not answer."""
+        compare = self._compare()
+        if compare is None:
+            return
+        try:
+            yield from compare
+        except AutopilotError as error:
+            raise NotHeldError(str(error)) from None
+
+    def ask(self, command: Hashable, then: Then, now: float) -> None:
+        """Tell `then`, now or soon, whether `command` may begin a flight."""
+        if now - self._equal_at < GOOD_S:
+            then("", now)
+            return
+        if command in self._waiting or len(self._waiting) >= _MOST:
+            return
+        self._waiting[command] = then, now
+        if _CHECK not in self._conversations:
+            self._conversations.begin(_CHECK, self.asking(), self._done, now)
+
+    def forget(self, now: float) -> None:
+        """The lists are being written: what was read back does not count, and nothing begins a flight."""
+        self._equal_at = -inf
+        if self._conversations.drop(_CHECK):
+            self._tell("the mission is being written", now)
+
+    def tick(self, now: float) -> None:
+        """Time has passed; to be called often."""
+        late = [command for command, (_then, since) in self._waiting.items() if now - since >= WAIT_S]
+        for command in late:
+            then, _since = self._waiting.pop(command)
+            then("the mission is still being read back: send it again", now)
+
+    def _done(self, talk: Conversation, now: float) -> None:
+        if talk.failure is None:
+            self._equal_at = now
+            self._tell("", now)
+        elif isinstance(talk.error, NotHeldError):
+            self._changed(talk.failure, now)
+            self._tell("the mission was changed past the companion", now)
+        else:
+            self._tell(f"the mission cannot be read back: {talk.failure}", now)
+
+    def _tell(self, trouble: str, now: float) -> None:
+        waiting, self._waiting = self._waiting, {}
+        for then, _since in waiting.values():
+            then(trouble, now)
