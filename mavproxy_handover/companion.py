@@ -181,16 +181,20 @@ class Companion:
         if package is not None:
             self.autopilot.adopt(package, edge.clocks.monotonic())
             self._lay_out(package)
-        if self._restart.restored is not None:
-            self.autopilot.resume(self._restart.restored.packs, edge.clocks.monotonic())
+        restored = self._restart.restored
+        if restored is not None:
+            self.autopilot.resume(restored.packs, edge.clocks.monotonic())
+            if restored.kept:
+                self.autopilot.keep_upload(self._restart.kept_by(), edge.clocks.monotonic())
 
     def _snapshot(self) -> Snapshot:
         """What a run after this one needs."""
         snapshot = self.arbiter.snapshot()
         try:
-            return replace(snapshot, packs=self.autopilot.packs)
+            kept, kept_by = self.autopilot.kept
+            return replace(snapshot, packs=self.autopilot.packs, kept=kept, kept_by=kept_by)
         except Exception:  # that is worth less than what else there is to keep
-            self.fault("memory of the batteries", traceback.format_exc(limit=-3))
+            self.fault("memory of batteries and uploads", traceback.format_exc(limit=-3))
             return snapshot
 
     def _not_kept(self, text: str) -> None:

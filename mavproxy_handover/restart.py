@@ -94,7 +94,7 @@ class Restart:
         if self._store is None:
             return None
         # the epoch has risen: if this run ends soon, the next one must begin above it
-        self.save(replace(arbiter.snapshot(), packs=restored.packs))
+        self.save(replace(arbiter.snapshot(), packs=restored.packs, kept=restored.kept, kept_by=restored.kept_by))
         if restored.phase is Phase.ON_LOAD:
             return None
         where = "a rehearsal" if restored.rehearsal else "flight"
@@ -103,6 +103,13 @@ class Restart:
         if restored.digest and package is None:
             narrator.package_lost()
         return package
+
+    def kept_by(self) -> MissionPackage | None:
+        """The package by which a mission is judged that a station wrote in the run before; None: it is not known."""
+        restored, store = self.restored, self._store
+        if restored is None or store is None or not restored.kept or not restored.kept_by:
+            return None
+        return store.load_package(restored.kept_by)
 
     def settle(self, within_s: float) -> bool:
         """Wait until the disk has everything, so long at most; whether it has."""

@@ -55,7 +55,7 @@ from mavproxy_handover.core.events import (
     ReturnJudged,
     SignsSeen,
 )
-from mavproxy_handover.core.model import AuthorityView, Flown, GuardState, ZoneFact
+from mavproxy_handover.core.model import AuthorityView, Flown, GuardState, Phase, ZoneFact
 from mavproxy_handover.core.safety.battery import PackMemory
 from mavproxy_handover.core.safety.energy import EnergyFact
 from mavproxy_handover.gate.list_changes import ListChange
@@ -142,7 +142,7 @@ class Autopilot:
         )
         #: where a return goes
         self.places = PlaceWatch(config.sysid, self.aircraft, lambda: self._energy.fact, self.orders, talks, ties)
-        standing = PackageStanding(self._on_board is not None, ties)
+        standing = self._standing = PackageStanding(self._on_board is not None, ties)
         #: the commander's commands in flight, judged by the situation
         self.desk = CommandDesk(config.commands, self.aircraft, self._energy, self.places, ties)
         #: what stations write to the autopilot on the ground
@@ -229,6 +229,14 @@ class Autopilot:
     def route_changed(self) -> bool:
         """The mission is not the package's any more: a station has uploaded another one."""
         return self._changed_aloft or self._uploaded
+
+    @property
+    def kept(self) -> tuple[bool, bytes]:
+        """Whether the autopilot holds a mission that a station wrote on the ground, and the digest of the package by
+        which it is judged; empty: there is none."""
+        package = self._missions.latest
+        kept = self._standing.kept
+        return kept, package.digest if kept and package is not None else b""
 
     def procedures(self) -> Procedures:
         """What there is to ask an autopilot of its kind."""
@@ -435,6 +443,15 @@ class Autopilot:
         """What the run before knew of the batteries; behind `adopt`."""
         self._energy.resume(packs, now)
 
+    def keep_upload(self, package: MissionPackage | None, now: float) -> None:
+        """In the run before, a station wrote the mission that the autopilot holds. On the ground it is judged anew, by
+        the zones of that package, None: of the one on board."""
+        self._standing.kept = True
+        if self._missions.latest is None:
+            self._missions.latest = package
+        if self._ties.arbiter.view.phase is Phase.ON_LOAD:
+            self._uploads.found(now)
+
     def holds(self, prepared: Prepared, now: float) -> None:
         """The same where the autopilot cannot be asked, and the walk is done: in the replay of a recording."""
         self._loader.adopt(prepared.package, prepared.finder, prepared.way, now)
@@ -603,6 +620,8 @@ class Autopilot:
     def _load_on_board(self, grounded: bool, now: float) -> None:
         if self._changed_aloft and grounded:
             self._missions.flight_over(now)
+            if self._standing.kept:
+                self._uploads.found(now)
         if self._on_board is not None and grounded and self.aircraft.position is not None:
             self._missions.load_on_board(self._on_board, now)
 

@@ -114,7 +114,10 @@ class PackageStanding:
     # ---- packages -------------------------------------------------------------------------------------------------
 
     def flight_over(self, now: float) -> None:
-        """On the ground again: the mission was changed in flight, so it does not count."""
+        """On the ground again: the mission was changed in flight, so it does not count. What a station wrote on the
+        ground before is judged anew, whatever became of it."""
+        if self.kept:
+            return
         follows = "The package on board is loaded now" if self._on_board else _CURE
         self._lack("it was changed in flight", now)
         self._say(f"The mission was changed in flight. {follows}.")

@@ -56,3 +56,7 @@ class Snapshot:
     lasting: tuple[Cause, ...] = ()
     #: what is known of the batteries in flight; the arbiter has no part in it
     packs: tuple[PackMemory, ...] = ()
+    #: a station wrote the mission that the autopilot holds, and nothing replaces it; by the digest of which package it
+    #: is judged, empty: none is known. The arbiter has no part in it
+    kept: bool = False
+    kept_by: bytes = b""

@@ -33,7 +33,7 @@ from mavproxy_handover.store.durable import sync_folder
 
 __all__ = ["Kept", "StateError", "StateStore", "pack", "unpack"]
 
-_FORMAT = 8
+_FORMAT = 9
 _MAX_SYSID = 255
 #: the next run begins one above what it finds, and each change of authority takes one more of the 32 bits
 _MAX_EPOCH = 0xFFFF_0000
@@ -80,6 +80,8 @@ def pack(kept: Kept, vehicle: str) -> bytes:
         "stands": snapshot.stands,
         "lasting": [cause.value for cause in snapshot.lasting],
         "packs": [asdict(memory) for memory in snapshot.packs],
+        "kept": snapshot.kept,
+        "kept_by": snapshot.kept_by.hex(),
     }
     return json.dumps({"body": body, "sha256": _checksum(body)}, indent=1).encode("utf-8")
 
@@ -142,9 +144,6 @@ class StateStore:
 def _snapshot(body: Mapping[str, Any]) -> Snapshot:
     """Raises ValueError, KeyError, TypeError. Nothing is converted: what is not what was written is none of ours."""
     route = _list("route", body)
-    digest = bytes.fromhex(body["digest"])
-    if len(digest) not in (0, _DIGEST_BYTES):
-        raise ValueError(f"digest: {len(digest)} bytes, must be {_DIGEST_BYTES}, or none")
     owner, policy = body["owner"], body["out_of_coverage"]
     return Snapshot(
         owner=None if owner is None else _whole("owner", owner, 1, _MAX_SYSID),
@@ -152,7 +151,7 @@ def _snapshot(body: Mapping[str, Any]) -> Snapshot:
         handover_id=_whole("handover_id", body["handover_id"], 0, 0xFFFF),
         phase=Phase(_whole("phase", body["phase"], 0, max(Phase))),
         route_at=_whole("route_at", body["route_at"], 0, len(route)),
-        digest=digest,
+        digest=_digest("digest", body),
         route=tuple(_whole("route", station, 1, _MAX_SYSID) for station in route),
         takeover_allowed=_flag("takeover_allowed", body),
         out_of_coverage=None if policy is None else _policy(policy),
@@ -164,7 +163,16 @@ def _snapshot(body: Mapping[str, Any]) -> Snapshot:
         stands=_flag("stands", body),
         lasting=tuple(_lasting(word) for word in _list("lasting", body)),
         packs=tuple(_memory(values) for values in _list("packs", body)),
+        kept=_flag("kept", body),
+        kept_by=_digest("kept_by", body),
     )
+
+
+def _digest(key: str, body: Mapping[str, Any]) -> bytes:
+    digest = bytes.fromhex(body[key])
+    if len(digest) not in (0, _DIGEST_BYTES):
+        raise ValueError(f"{key}: {len(digest)} bytes, must be {_DIGEST_BYTES}, or none")
+    return digest
 
 
 def _list(key: str, body: Mapping[str, Any]) -> list[Any]:

@@ -17,6 +17,7 @@ from tests.module.conftest import MISSIONS, Bench
 from tests.module.test_commands_in_flight import override
 from tests.module.test_ground_writes import needs, told
 from tests.module.test_mission_upload import LOADED
+from tests.module.test_restart import restart
 from tests.module.test_staging import ACCEPTED, HOME_LAT, HOME_LON, Program, waypoint
 from tests.module.vehicle import AUTO
 
@@ -275,3 +276,60 @@ def test_after_clear_without_a_package_on_board_the_reason_is_the_cleared_missio
     loaded.run(3.0)
     assert needs(loaded) == "no mission loaded, because GCSA cleared it"
     assert told(loaded.b) == ["GCSA cleared the mission on the autopilot. START needs a mission or 'handover share'."]
+
+
+# ---- over a restart of the companion ------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def kept_state(bench: Bench, delivery: MissionPackage) -> Bench:
+    """With a package on board, and a mission that a station has uploaded over it."""
+    bench.configure(more=f'mission = "{MISSIONS / "delivery"}"\nstate = "state"')
+    bench.a.digest = bench.b.digest = delivery.digest
+    bench.connect()
+    bench.until(lambda: bench.companion.arbiter.mission_digest)
+    bench.run(2.0)
+    bench.autopilot.items = {kind: list(items) for kind, items in bench.autopilot.items.items()}
+    return bench
+
+
+def test_a_restart_on_the_ground_does_not_overwrite_an_upload_that_was_flown(
+    kept_state: Bench, delivery: MissionPackage
+) -> None:
+    """The fault: fifteen seconds later the package on board was written over it."""
+    assert Program(kept_state, SAFE).send() == ACCEPTED
+    kept_state.run(3.0)
+    restart(kept_state)
+    kept_state.until(lambda: kept_state.companion.view.commander == 251)
+    kept_state.run(40.0)
+    assert len(kept_state.autopilot.items[0]) == 5
+    assert kept_state.companion.arbiter.mission_digest == delivery.digest, "it was read back and judged anew"
+    assert kept_state.b.got("AUTHORITY_STATUS")[-1].route_changed == 1
+    assert "The mission on the autopilot was read back and judged. START flies it (4 items)" in kept_state.b.texts()
+
+
+def test_a_restart_on_the_ground_does_not_overwrite_an_upload_that_did_not_pass(kept_state: Bench) -> None:
+    assert Program(kept_state, OUTSIDE).send() == ACCEPTED
+    kept_state.run(3.0)
+    for _ in range(2):
+        restart(kept_state)
+        kept_state.until(lambda: kept_state.companion.view.commander == 251)
+        kept_state.run(20.0)
+        assert len(kept_state.autopilot.items[0]) == 5
+        assert kept_state.companion.arbiter.mission_digest == b""
+        assert "leaves coverage in" in needs(kept_state)
+
+
+def test_after_a_restart_the_package_counts_that_a_station_had_shared(bench: Bench, delivery: MissionPackage) -> None:
+    bench.connect()
+    assert bench.share(delivery).result == LOADED
+    bench.run(2.0)
+    bench.autopilot.items = {kind: list(items) for kind, items in bench.autopilot.items.items()}
+    assert Program(bench, SAFE).send() == ACCEPTED
+    bench.run(3.0)
+    for _ in range(2):
+        restart(bench)
+        bench.until(lambda: bench.companion.view.commander == 251)
+        bench.run(8.0)
+        assert bench.companion.arbiter.mission_digest == delivery.digest
+        assert len(bench.autopilot.items[0]) == 5

@@ -75,7 +75,7 @@ def signed(body: Any) -> bytes:
 
 def good_body() -> dict[str, Any]:
     return {
-        "format": 8,
+        "format": 9,
         "vehicle": "drone-1",
         "boot": "b1",
         "serial": 12,
@@ -96,6 +96,8 @@ def good_body() -> dict[str, Any]:
         "stands": False,
         "lasting": ["energy"],
         "packs": [{"left_wh": 59.0, "used_wh": 1.0, "most_wh": 60.0, "ohm": None}],
+        "kept": False,
+        "kept_by": "",
     }
 
 
@@ -119,6 +121,7 @@ class TestKept:
             replace(BEFORE, stands=True),
             replace(BEFORE, lasting=()),
             replace(BEFORE, packs=(PackMemory(), PackMemory(0.0, 126.0, 1e12, 0.021))),
+            replace(BEFORE, kept=True, kept_by=DIGEST),
         ],
     )
     def test_what_was_saved_is_what_is_loaded(self, store: StateStore, snapshot: Snapshot) -> None:
@@ -349,6 +352,8 @@ class TestNotTrusted:
             {"lasting": [["energy"]]},
             {"lasting": ["fence"]},  # it is over when its sign is gone
             {"packs": None},
+            {"kept": 1},
+            {"kept_by": "00"},
             {"packs": {}},
             {"packs": [None]},
             {"packs": [[59.0, 1.0, 60.0, None]]},
