@@ -92,7 +92,8 @@ class VehicleCommands:
         self._show(f"zone      {arbiter.name(arbiter.zone()) if arbiter.zone() else 'none'}")
         box = companion.autopilot.positions.words(now)
         if box:
-            self._show(f"position  by the {companion.config.position.source}; {box}")
+            where = companion.config.position
+            self._show(f"position  by the {where.source}; {box}; layout {where.layout.name}")
         self._show(f"energy    {companion.autopilot.energy.words()}")
         place = companion.autopilot.places.words()
         if place:

@@ -446,7 +446,7 @@ def init(mpstate: Any, config: Any = None, journal: Any = None, **unknown: Any) 
         if settings.position.box:
             if strict:
                 names.find(parse_device(settings.position.box))
-            box = BoxLine(settings.position.box, clocks.monotonic, names)
+            box = BoxLine(settings.position.box, clocks.monotonic, names, settings.position.layout)
         module = HandoverModule(mpstate, running, ports, lock, clocks, names, box)
     except Exception as error:  # whatever: MAVProxy would not live through it when it loads its default modules
         for port in ports.values():

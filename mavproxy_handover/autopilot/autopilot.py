@@ -48,6 +48,7 @@ from mavproxy_handover.config.running import Running
 from mavproxy_handover.core.events import (
     AircraftJudged,
     AutopilotState,
+    BoxJudged,
     GuardSeen,
     HeightsJudged,
     MissionLoaded,
@@ -133,6 +134,8 @@ class Autopilot:
         #: why the mission is none for this aircraft, why a return would not end on the ground, and why the mission
         #: would not be flown at the heights that were checked, as it was told last
         self._aircraft_lacks = self._return_lacks = self._heights_lack = ""
+        #: why START is refused for the position box, as it was told last
+        self._box_lacks = ""
         #: the parameters by which that was judged
         self._judged_by: Mapping[str, float] | None = None
         self._waypoints = WaypointWatch(config.limits.leave_margin_m, self.aircraft)
@@ -351,6 +354,10 @@ class Autopilot:
         """Read the position box, if there is one; to be called often."""
         if self.positions.look(now):
             self._placed(now)
+        lacks = self.positions.lacks(now)
+        if lacks != self._box_lacks:
+            self._box_lacks = lacks
+            self._ties.handle(BoxJudged(lacks), now)
 
     def _placed(self, now: float) -> None:
         if now - self._zones_at >= _ZONE_CHECK_S:

@@ -14,6 +14,7 @@ Nobody can tell which of the two is wrong, only that one is. So:
   fifth of the time: the time beyond counts up, the time within counts down at a quarter of that speed. So a box that
   tells the truth now and then cannot keep it quiet that it lies.
 * While there is nothing to compare nothing changes: a disagreement is not forgotten because one of them falls silent.
+* A place without a height (NaN) is compared without it.
 
 It is pure: time is an argument.
 """
@@ -22,13 +23,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 from mavproxy_handover.config.position import PositionSettings
 from mavproxy_handover.mission.geodesy import distance_m
 
-__all__ = ["CLOSE", "CrossCheck", "Difference", "Place"]
+__all__ = ["CLOSE", "UNKNOWN_HEADING", "CrossCheck", "Difference", "Place"]
 
+#: of a GLOBAL_POSITION_INT
+UNKNOWN_HEADING: Final = 0xFFFF
 #: how fast the time beyond a limit is forgotten within it
 _FORGETS: Final = 0.25
 #: a pause between two pairs counts for no more than this (s); and sums of pauses are this exact (s)
@@ -44,13 +47,28 @@ _TEXTS: Final = (
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """One word of it: degrees, metres above sea level, metres a second over ground."""
+    """One word of it: degrees, metres above sea level, metres a second over ground and downwards. NaN: not known."""
 
     lat_deg: float
     lon_deg: float
     alt_m: float
     north_mps: float
     east_mps: float
+    down_mps: float = math.nan
+    heading_deg: float = math.nan
+
+    @classmethod
+    def by_autopilot(cls, message: Any) -> Place:
+        """The autopilot's word: a GLOBAL_POSITION_INT."""
+        return cls(
+            message.lat / 1e7,
+            message.lon / 1e7,
+            message.alt / 1000.0,
+            message.vx / 100.0,
+            message.vy / 100.0,
+            message.vz / 100.0,
+            math.nan if message.hdg == UNKNOWN_HEADING else message.hdg / 100.0,
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,11 +80,12 @@ class Difference:
     speed_mps: float
 
     @classmethod
-    def between(cls, one: Place, other: Place) -> Difference:
-        """Of these two."""
+    def between(cls, one: Place, other: Place, height_slack_m: float = 0.0) -> Difference:
+        """Of these two. `height_slack_m`: so much of the difference in height is none."""
+        apart_m = abs(one.alt_m - other.alt_m) - height_slack_m
         return cls(
             distance_m(one.lat_deg, one.lon_deg, other.lat_deg, other.lon_deg),
-            abs(one.alt_m - other.alt_m),
+            0.0 if math.isnan(apart_m) else max(0.0, apart_m),
             math.hypot(one.north_mps - other.north_mps, one.east_mps - other.east_mps),
         )
 

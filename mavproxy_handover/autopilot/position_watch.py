@@ -13,10 +13,16 @@ Rules:
    can have come since. A position of the autopilot without a fix is nothing to compare: it is a guess.
 4. Where the autopilot is the source and there is a box, a disagreement takes the autopilot's word away as well. A box
    that is silent does not: nothing says that anything is wrong. What a silent box said last is forgotten on the ground.
-5. `check = "armed"`: a box is believed without the autopilot as long as the autopilot says that it is disarmed, for an
+5. The box counts only in the layout that is configured (`box_layout_watch.py`). On the ground that has to be recognised
+   first; where the box is the source START is refused until then. Records of another layout are not used, START is
+   refused, and in flight they are counted. They take nothing away from the autopilot, and what was compared before
+   they were recognised is forgotten.
+6. `check = "armed"`: a box is believed without the autopilot as long as the autopilot says that it is disarmed, for an
    aircraft that is carried, or stands under a roof.
-6. What keeps the autopilot's own motion (does it do what was ordered, what does it draw) goes by its own word.
-7. Everybody is told when a source stops counting, and when it counts again.
+7. A box without height above sea level leaves that to the autopilot; while the autopilot has no position, its last
+   height goes on by the change of the box's (`box_heights.py`).
+8. What keeps the autopilot's own motion (does it do what was ordered, what does it draw) goes by its own word.
+9. Everybody is told when a source stops counting, and when it counts again.
 """
 
 from __future__ import annotations
@@ -28,12 +34,14 @@ from typing import Any, Final, Protocol
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.aircraft import Aircraft
-from mavproxy_handover.autopilot.cross_check import CrossCheck, Difference, Place
+from mavproxy_handover.autopilot.box_heights import BoxHeights, slack_m
+from mavproxy_handover.autopilot.box_layout_watch import LayoutWatch, Verdict
+from mavproxy_handover.autopilot.cross_check import UNKNOWN_HEADING, CrossCheck, Difference, Place
 from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.config.position import ARMED, BOX, PositionSettings
 from mavproxy_handover.core.never import assert_never
 from mavproxy_handover.link.box_line import Fix
-from mavproxy_handover.wire.box_record import BoxRecord
+from mavproxy_handover.wire.box_layout import BoxRecord
 
 __all__ = ["Box", "PositionWatch", "Standing"]
 
@@ -45,7 +53,8 @@ _HEARTBEAT_S: Final = 2.5
 _SILENT_S: Final = 1.0
 #: what has changed is told so long after the last word at the earliest; and so long a box is waited for at first
 _PAUSE_S: Final = 5.0
-_UNKNOWN_HEADING: Final = 0xFFFF
+#: what bytes said of the layout counts for so long: a box whose records break the rules is connected to anew for each
+_LAYOUT_S: Final = 5.0
 
 
 class Box(Protocol):
@@ -56,6 +65,9 @@ class Box(Protocol):
     def read(self) -> Fix | None:
         """The newest record since the last call."""
 
+    def raw(self) -> bytes:
+        """The bytes of the newest record since the last call, believed or not."""
+
 
 class Standing(Enum):
     """How it stands with the box; in the words of the journal."""
@@ -64,6 +76,8 @@ class Standing(Enum):
     SILENT = "silent"
     NO_POSITION = "no_position"
     LATE = "late"
+    OTHER_LAYOUT = "other_layout"
+    UNRECOGNISED = "unrecognised"
     UNCHECKED = "unchecked"
     #: the last pair was too far apart, and not for long enough yet to be a disagreement
     BEYOND = "beyond"
@@ -80,6 +94,8 @@ class PositionWatch:
         self._box = box
         self._ties = ties
         self._check = CrossCheck(settings)
+        self._layout = LayoutWatch(settings.layout)
+        self._heights = BoxHeights()
         #: the box is the source
         self.by_box = settings.source == BOX
         self._standing = self._told = Standing.WAITED_FOR
@@ -87,10 +103,14 @@ class PositionWatch:
         #: it is waited for until then, if it is not heard before
         self._waits_until = math.inf
         self._heard_at = -math.inf
+        #: the same of a record that need not have been believed
+        self._raw_at = -math.inf
         self._late_s = 0.0
         #: when the two agreed last, and where the box had it then
         self._agreed_at = -math.inf
         self._agreed: Place | None = None
+        #: the autopilot's height above sea level when it was known last, and the box's then
+        self._height_then: tuple[float, float] | None = None
         #: home, in metres above sea level, by the autopilot
         self._home_alt_m: float | None = None
         aircraft.trusts_own = not self.by_box
@@ -101,7 +121,9 @@ class PositionWatch:
         """Read the box; whether there is a new position of the aircraft by it. To be called often."""
         if self._box is None:
             return False
-        fix = self._box.read()
+        fix, raw = self._box.read(), self._box.raw()
+        if raw:
+            self._look_at_layout(raw, now)
         if fix is None:
             self._forget(now)
             return False
@@ -113,15 +135,35 @@ class PositionWatch:
         self._aircraft.placed(self._position(fix.record), now)
         return True
 
+    def _look_at_layout(self, raw: bytes, now: float) -> None:
+        armed = self._aircraft.armed
+        if now - self._raw_at > _LAYOUT_S and not armed:  # on the ground it may be another box by now
+            self._layout = LayoutWatch(self._settings.layout)
+        self._raw_at = now
+        self._layout.look(raw, self._own(now), armed=armed)
+        if self._layout.verdict is Verdict.OTHER:
+            self._check = CrossCheck(self._settings)
+            self._aircraft.trusts_own = not self.by_box
+
     def _judge(self, fix: Fix, now: float) -> Standing:
-        if not fix.record.position_known:
+        armed = self._aircraft.armed
+        if self._layout.verdict is Verdict.OTHER:
+            return Standing.OTHER_LAYOUT
+        if not self._layout.known and not armed:
+            return Standing.UNRECOGNISED
+        if not self._settings.layout.locates(fix.record):
             return Standing.NO_POSITION
         if fix.late_s > self._settings.box_age_s:
             return Standing.LATE
         own, record = self._own(now), fix.record
-        theirs = Place(record.lat_deg, record.lon_deg, record.alt_m, record.north_mps, record.east_mps)
         if own is not None:
-            self._check.look(Difference.between(theirs, own), now)
+            self._heights.look(record, own.alt_m, armed=armed)
+        alt_m = self._heights.above_sea_m(record)
+        theirs = Place(record.lat_deg, record.lon_deg, alt_m, record.north_mps, record.east_mps)
+        if own is not None:
+            self._height_then = own.alt_m, alt_m
+            slack = slack_m(record, own.alt_m - (self._home_alt_m or 0.0))
+            self._check.look(Difference.between(theirs, own, slack), now)
             if self._check.sound:
                 self._agreed_at, self._agreed = now, theirs
         if not self._check.sound:
@@ -153,13 +195,7 @@ class PositionWatch:
         if position is None or now - aircraft.own_position_at > _FRESH_S or aircraft.dead_reckoning:
             return None
         self._home_alt_m = (position.alt - position.relative_alt) / 1000.0
-        return Place(
-            position.lat / 1e7,
-            position.lon / 1e7,
-            position.alt / 1000.0,
-            position.vx / 100.0,
-            position.vy / 100.0,
-        )
+        return Place.by_autopilot(position)
 
     def _lenient(self, now: float) -> bool:
         """Whether the box is believed whatever the autopilot says of the position."""
@@ -176,26 +212,41 @@ class PositionWatch:
 
     def _position(self, record: BoxRecord) -> Any:
         """The record in the form of the autopilot's own message, with the autopilot's home and time."""
-        own = self._aircraft.own_position
+        own, alt_m = self._aircraft.own_position, self._height_m(record)
         if self._home_alt_m is None:  # the first that is known: it stands on the ground
-            self._home_alt_m = record.alt_m
-        heading = record.heading_deg
+            self._home_alt_m = alt_m
+        heading, down_mps = record.heading_deg, record.down_mps
+        if math.isnan(down_mps):
+            down_mps = 0.0 if own is None else own.vz / 100.0
         return mavlink.MAVLink_global_position_int_message(
             0 if own is None else own.time_boot_ms,
             round(record.lat_deg * 1e7),
             round(record.lon_deg * 1e7),
-            round(record.alt_m * 1000.0),
-            round((record.alt_m - self._home_alt_m) * 1000.0),
+            round(alt_m * 1000.0),
+            round((alt_m - self._home_alt_m) * 1000.0),
             round(record.north_mps * 100.0),
             round(record.east_mps * 100.0),
-            round(record.down_mps * 100.0),
-            _UNKNOWN_HEADING if math.isnan(heading) else round(heading * 100.0) % 36_000,
+            round(down_mps * 100.0),
+            UNKNOWN_HEADING if math.isnan(heading) else round(heading * 100.0) % 36_000,
         )
+
+    def _height_m(self, record: BoxRecord) -> float:
+        """Above sea level: rule 7. Before the autopilot has told one it is 0."""
+        if not math.isnan(record.alt_m):
+            return record.alt_m
+        if self._height_then is None:
+            own = self._aircraft.own_position
+            return 0.0 if own is None else own.alt / 1000.0
+        own_m, box_m = self._height_then
+        climbed_m = self._heights.above_sea_m(record) - box_m
+        return own_m if math.isnan(climbed_m) else own_m + climbed_m
 
     # ---- what is told -----------------------------------------------------------------------------------------------
 
     def standing(self, now: float) -> Standing:
         """How it stands with the box now."""
+        if self._layout.verdict is Verdict.OTHER and now - self._raw_at <= _LAYOUT_S:
+            return Standing.OTHER_LAYOUT
         if now - self._heard_at <= _SILENT_S:
             return self._standing
         return Standing.WAITED_FOR if self._heard_at == -math.inf and now < self._waits_until else Standing.SILENT
@@ -209,6 +260,8 @@ class PositionWatch:
         standing, before = self.standing(now), self._told
         if standing in (before, Standing.BEYOND) or now - self._told_at < _PAUSE_S:
             return
+        if standing is Standing.UNRECOGNISED and not self._layout.enough:
+            return
         self._told, self._told_at = standing, now
         text = self.words(now)
         self._ties.narrator.position_source(text, self._settings.source, standing.value)
@@ -216,6 +269,12 @@ class PositionWatch:
             return
         severity = mavlink.MAV_SEVERITY_NOTICE if standing is Standing.SOUND else mavlink.MAV_SEVERITY_WARNING
         self._ties.voice.say_to_all(text, severity)
+
+    def lacks(self, now: float) -> str:
+        """Why START is refused for the box's layout, in words; "" if it is not."""
+        standing = self.standing(now)
+        refused = standing is Standing.OTHER_LAYOUT or (standing is Standing.UNRECOGNISED and self.by_box)
+        return f"position box {self._layout.words}" if refused and self._layout.words else ""
 
     def words(self, now: float) -> str:
         """How it stands with the box, for people; "" without one."""
@@ -232,6 +291,8 @@ class PositionWatch:
                 text = "has no position"
             case Standing.LATE:
                 text = f"{self._late_s:.1f} s late (limit {self._settings.box_age_s:g} s)"
+            case Standing.OTHER_LAYOUT | Standing.UNRECOGNISED:
+                text = self._layout.words
             case Standing.UNCHECKED:
                 text = "cannot be checked by the autopilot's position"
             case Standing.BEYOND | Standing.APART:

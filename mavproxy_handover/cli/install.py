@@ -213,10 +213,25 @@ def _configuration(kind: str, given: Path | None, root: Path, *, force: bool) ->
             raise ConfigError(f"{given}: key {key}: keys lie in {KEYS.name}/ beside that file, or in {KEYS}")
         load_key(key)
         items.append(Item(KEYS / key.name, key.read_text(encoding="ascii"), 0o600, kept=True))
+    if isinstance(loaded, VehicleConfig):
+        items += _layout(loaded, given, path)
     for mission in _missions(loaded):
         if _hidden(mission) or (mission.is_relative_to(given.parent) and given != Path(path)):
             raise ConfigError(f"{given}: mission {mission}: put it where the service can read it, e.g. below {STATE}")
     return items, _serial(_load(kind, there) if there.exists() and not force else loaded)
+
+
+def _layout(config: VehicleConfig, given: Path, path: PurePosixPath) -> list[Item]:
+    """The file of the position box's layout, if it lies beside the configuration. Raises ConfigError."""
+    file = config.position.layout_file
+    if file is None or file == Path(path.parent) / file.name:
+        return []
+    if file.parent == given.parent:
+        text = (config.position.layout_text or b"").decode("utf-8")
+        return [Item(path.parent / file.name, text, 0o640, kept=True)]
+    if file.is_relative_to(given.parent) or _hidden(file):
+        raise ConfigError(f"{given}: layout {file}: put it beside that file, or where the service can read it")
+    return []
 
 
 def _sample(kind: str) -> str:

@@ -175,6 +175,8 @@ VEHICLE: Final[Mapping[str, Meanings]] = {
     "position": {
         "source": "whose position counts: the autopilot's own, or that of the box",
         "box": "where the box is, tcp:HOST:PORT; with source autopilot it only checks; needed with source box",
+        "layout": "how the box's record is laid out: thesis (listing 5.7 of the thesis), full, or a file that names "
+        "its fields (the name ends with .toml and is relative to this file)",
         "check": "when the two are held against each other: always, or while the autopilot is armed",
         "box_age_s": "a record that is later than this is not used",
         "apart_m": "farther apart than this over ground the position is not used",

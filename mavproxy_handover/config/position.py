@@ -1,17 +1,20 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""`[position]`: whose word of where the aircraft is counts, where the position box is, and how far it is believed."""
+"""`[position]`: whose word of where the aircraft is counts, where the position box is, how its record is laid out, and
+how far it is believed."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from mavproxy_handover.config.toml import Ranges, Table
+from mavproxy_handover.config.box_layouts import ENDING, parse_layout
+from mavproxy_handover.config.toml import Ranges, Table, read_file
 from mavproxy_handover.link.box_line import box_address
 from mavproxy_handover.link.forms import LinkError
+from mavproxy_handover.wire.box_layout import LAYOUTS, THESIS, BoxLayout
 
 __all__ = ["CHECKS", "POSITION_RANGES", "SOURCES", "PositionSettings", "position_settings"]
 
@@ -30,7 +33,7 @@ POSITION_RANGES: Final[Ranges] = {
     "agree_s": (0.5, 60),
     "unchecked_s": (0, 600),
 }
-_WORDS: Final = ("source", "box", "check")
+_WORDS: Final = ("source", "box", "layout", "check")
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,10 +56,18 @@ class PositionSettings:
     agree_s: float = 5.0
     #: so long the box counts while there is nothing to hold it against (s)
     unchecked_s: float = 10.0
+    #: how the box's record is laid out
+    layout: BoxLayout = THESIS
+    #: the file that the layout comes from; None: it is a known one
+    layout_file: Path | None = None
+    layout_text: bytes | None = field(default=None, repr=False)
 
 
-def position_settings(data: Mapping[str, Any], path: Path) -> PositionSettings:
-    """What `[position]` says, where it is there. Raises ConfigError."""
+def position_settings(data: Mapping[str, Any], path: Path, layout_text: bytes | None = None) -> PositionSettings:
+    """What `[position]` says, where it is there. `layout_text`: what the layout's file held; None: it is read.
+
+    Raises ConfigError.
+    """
     table = Table(data.get("position", {}), "position", path, (*_WORDS, *POSITION_RANGES))
     source, check = _word(table, "source", SOURCES), _word(table, "check", CHECKS)
     box = table.get("box", str, "")
@@ -67,7 +78,22 @@ def position_settings(data: Mapping[str, Any], path: Path) -> PositionSettings:
             raise table.error("box", str(error).removeprefix("link ")) from None
     elif source == BOX:
         raise table.error("box", "is missing: where is the box? It must be tcp:HOST:PORT")
-    return PositionSettings(source, box, check, **table.numbers(POSITION_RANGES))
+    layout, file, text = _layout(table, path, layout_text)
+    numbers = table.numbers(POSITION_RANGES)
+    return PositionSettings(source, box, check, layout=layout, layout_file=file, layout_text=text, **numbers)
+
+
+def _layout(table: Table, path: Path, text: bytes | None) -> tuple[BoxLayout, Path | None, bytes | None]:
+    """The layout, and the file that it comes from with its text. Raises ConfigError."""
+    word: str = table.get("layout", str, THESIS.name)
+    if word in LAYOUTS:
+        return LAYOUTS[word], None, None
+    if not word.endswith(ENDING):
+        known = ", ".join(LAYOUTS)
+        raise table.error("layout", f"{word!r} must be one of {known}, or a layout's file, which ends with {ENDING}")
+    file = path.parent / word
+    text = read_file(file) if text is None else text
+    return parse_layout(text, file), file, text
 
 
 def _word(table: Table, key: str, allowed: tuple[str, ...]) -> str:

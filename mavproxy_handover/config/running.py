@@ -132,6 +132,7 @@ def _packed(running: Running) -> Mapping[str, Any]:
     return {
         "path": str(running.config.path),
         "text": _word(running.text),
+        "layout": _word(running.config.position.layout_text),
         "keys": {name: [_word(keys.current), _word(keys.previous)] for name, keys in running.keys.items()},
         "autopilot_key": _word(running.autopilot_key),
         "guard_key": _word(running.guard_key),
@@ -147,9 +148,10 @@ def _kept(path: Path) -> Running | None:
         return None
     try:
         text, mission = _bytes(record["text"]), _optional(record["mission"], _bytes)
+        layout = _optional(record.get("layout"), _bytes)
         keys = {name: StationKeys(_key(now), _optional(old, _key)) for name, (now, old) in record["keys"].items()}
         return Running(
-            vehicle_of(parse_toml(text, path), path),
+            vehicle_of(parse_toml(text, path), path, layout),
             text,
             keys,
             _optional(record["autopilot_key"], _key),

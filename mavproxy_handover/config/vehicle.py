@@ -222,7 +222,7 @@ def _check_ranges() -> None:
         (ObserverLimits, {*OBSERVER_RANGES}),
         (EnergySettings, {*ENERGY_KEYS}),
         (RouteLimits, {*ROUTE_RANGES}),
-        (PositionSettings, {*POSITION_RANGES, "source", "box", "check"}),
+        (PositionSettings, {*POSITION_RANGES, "source", "box", "layout", "layout_file", "layout_text", "check"}),
     )
     for limits, names in described:
         known = {entry.name for entry in fields(limits)}
@@ -280,8 +280,9 @@ def load_vehicle(path: Path) -> VehicleConfig:
     return vehicle_of(read_toml(path), path)
 
 
-def vehicle_of(data: Mapping[str, Any], path: Path) -> VehicleConfig:
-    """Check what such a file holds. `path`: where it stands, for errors and for what it names. Raises ConfigError."""
+def vehicle_of(data: Mapping[str, Any], path: Path, layout_text: bytes | None = None) -> VehicleConfig:
+    """Check what such a file holds. `path`: where it stands, for errors and for what it names. `layout_text`: what the
+    file of a position box's layout held, if that is not to be read. Raises ConfigError."""
     check_tables(data, path, _TABLES, ("vehicle", "station"))
     vehicle = Table(data["vehicle"], "vehicle", path, _VEHICLE_KEYS)
     name = vehicle.name("name")
@@ -316,7 +317,7 @@ def vehicle_of(data: Mapping[str, Any], path: Path) -> VehicleConfig:
         energy=_energy(data, path),
         route=route_limits(data, path),
         commands=_commands(data, path),
-        position=position_settings(data, path),
+        position=position_settings(data, path, layout_text),
     )
 
 

@@ -37,6 +37,7 @@ from mavproxy_handover.core.events import (
     AircraftJudged,
     AutopilotState,
     BordersSeen,
+    BoxJudged,
     Cancel,
     ControlRequested,
     EnergyJudged,
@@ -338,6 +339,8 @@ class Arbiter:
                 self._flight.gaps_lack = event.lacking
             case AircraftJudged():
                 self._flight.aircraft_lacks = event.lacking
+            case BoxJudged():
+                self._flight.box_lacks = event.lacking
             case HeightsJudged():
                 self._flight.heights_lack = event.lacking
             case ReturnJudged():

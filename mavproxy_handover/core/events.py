@@ -40,6 +40,7 @@ __all__ = [
     "EnergyJudged",
     "Event",
     "Fly",
+    "BoxJudged",
     "GapsJudged",
     "GuardSeen",
     "HandSeen",
@@ -208,6 +209,13 @@ class AircraftJudged:
 
 
 @dataclass(frozen=True, slots=True)
+class BoxJudged:
+    """Why START is refused for the position box, in words; "" if it is not: it counts until the next one."""
+
+    lacking: str
+
+
+@dataclass(frozen=True, slots=True)
 class HeightsJudged:
     """Why the loaded mission would not be flown at the heights that were checked, in words; "": it would. It counts
     until the next one."""
@@ -359,6 +367,7 @@ Event = (
     | MotionUnseen
     | GuardSeen
     | EnergyJudged
+    | BoxJudged
     | GapsJudged
     | AircraftJudged
     | HeightsJudged

@@ -33,6 +33,7 @@ class Flight:
         "aircraft_lacks",
         "aloft",
         "armed",
+        "box_lacks",
         "circle_m",
         "circles_s",
         "energy_short",
@@ -64,6 +65,8 @@ class Flight:
         self.gaps_lack = ""
         #: why the loaded mission would not be flown at the heights that were checked, in words
         self.heights_lack = ""
+        #: why the position box is not to be flown with, in words
+        self.box_lacks = ""
         #: why a return would not end on the ground, in words
         self.return_lacks = ""
         #: why the loaded mission is none for this aircraft, in words

@@ -32,8 +32,8 @@ class StartFacts:
     `foreign`: what the autopilot says that it is, in words, if that is nothing that is flown here. `energy_short`: what
     the loaded mission lacks in energy, in words; `gaps_lack`: what its gaps do; `return_lacks`: why a return would not
     end on the ground; `aircraft_lacks`: why the mission is none for this aircraft; `heights_lack`: why it would not be
-    flown at the heights that were checked; `guard_lacks`: why the guard does not watch over it. `rehearsing`: it is
-    carried.
+    flown at the heights that were checked; `guard_lacks`: why the guard does not watch over it; `box_lacks`: why the
+    position box is not to be flown with. `rehearsing`: it is carried.
     """
 
     station: str
@@ -53,6 +53,7 @@ class StartFacts:
     #: why no mission is loaded, in words; "" if there is no more to say
     mission_lacks: str = ""
     heights_lack: str = ""
+    box_lacks: str = ""
     rehearsing: bool = False
     #: why handovers of the route cannot have consent, in words
     consent_lacks: tuple[str, ...] = ()
@@ -85,6 +86,8 @@ def start_needs(facts: StartFacts) -> tuple[str, ...]:
         needs.append("no position")
     elif not facts.in_zone:
         needs.append(f"outside the zone of {facts.station}")
+    if facts.box_lacks:
+        needs.append(facts.box_lacks)
     needs += facts.consent_lacks
     if facts.energy_short:
         needs.append(f"energy: {facts.energy_short}")
@@ -141,6 +144,7 @@ class Start:
                 aircraft_lacks=flight.aircraft_lacks if flown else "",
                 mission_lacks=flight.mission_lacks,
                 heights_lack=flight.heights_lack if flown else "",
+                box_lacks=flight.box_lacks,
                 rehearsing=flight.rehearsing,
                 consent_lacks=self._candidates.consent_lacks(),
             )

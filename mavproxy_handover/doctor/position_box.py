@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The position box: is it there, do records come, in time, with a position, and is that where the autopilot has it?
+"""The position box: is it there, do records come, in the layout that is configured, in time, with a position, and is
+that where the autopilot has it?
+
+The first records are shown as each layout reads them, so that a person sees which one makes sense.
 
 It is listened to by the companion's own client, and nothing is sent to it. A companion that runs has its connection,
 and a box may serve one alone: so then its journal is read.
@@ -8,11 +11,13 @@ and a box may serve one alone: so then its journal is read.
 
 from __future__ import annotations
 
+import math
 import select
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Final
 
+from mavproxy_handover.autopilot.box_layout_watch import LayoutWatch, Verdict, rivals
 from mavproxy_handover.autopilot.cross_check import CrossCheck, Difference, Place
 from mavproxy_handover.config.position import BOX
 from mavproxy_handover.config.vehicle import VehicleConfig
@@ -21,6 +26,7 @@ from mavproxy_handover.doctor.journal import position_box_by_journal
 from mavproxy_handover.doctor.patient import Patient
 from mavproxy_handover.link.box_line import BoxCounters, BoxLine, Fix
 from mavproxy_handover.link.forms import LinkError
+from mavproxy_handover.wire.box_layout import LAYOUTS, BoxLayout
 
 __all__ = ["position_box"]
 
@@ -30,13 +36,18 @@ _WAIT_S: Final = 0.02
 _FEWEST: Final = 2.0
 _NAME: Final = "position box"
 _LAYOUT: Final = "Compare what it sends with the table of docs/position-box.md, and its order of bytes."
+#: of so many records from the beginning of a connection every field is shown
+_SHOWN: Final = 2
 
 
 @dataclass(slots=True)
 class _Heard:
     """What came in that time."""
 
+    layout: LayoutWatch
     fix: Fix | None = None
+    #: how a connection began
+    head: bytes = b""
     latest_s: float = 0.0
     for_s: float = 0.0
     trouble: str = ""
@@ -56,7 +67,7 @@ def position_box(patient: Patient) -> Iterator[Finding]:
         return
     what = f"{_NAME}, {vehicle.position.box}"
     try:
-        line = BoxLine(vehicle.position.box, patient.clocks.monotonic)
+        line = BoxLine(vehicle.position.box, patient.clocks.monotonic, layout=vehicle.position.layout)
     except LinkError as fault:
         yield error(what, str(fault), "Name it by its address, or have this machine know the name (/etc/hosts).")
         return
@@ -69,11 +80,15 @@ def position_box(patient: Patient) -> Iterator[Finding]:
 
 
 def _listen(patient: Patient, line: BoxLine) -> _Heard:
-    heard = _Heard(counters=line.counters)
+    heard = _Heard(LayoutWatch(line.layout), counters=line.counters)
+    own = patient.aircraft.own_position
+    place = None if own is None or patient.aircraft.armed else Place.by_autopilot(own)
     begun = now = patient.clocks.monotonic()
     while now < begun + _LISTEN_S:
         patient.look_out()
-        fix = line.read()
+        fix, raw = line.read(), line.raw()
+        if raw:
+            heard.layout.look(raw, place, armed=False)
         if fix is not None:
             heard.fix = fix
             heard.latest_s = max(heard.latest_s, fix.late_s)
@@ -83,7 +98,7 @@ def _listen(patient: Patient, line: BoxLine) -> _Heard:
             waiting.register(line.fileno(), select.POLLIN)
         waiting.poll(_WAIT_S * 1000.0)
         now = patient.clocks.monotonic()
-    heard.for_s, heard.trouble = now - begun, line.trouble
+    heard.for_s, heard.trouble, heard.head = now - begun, line.trouble, line.head
     return heard
 
 
@@ -93,6 +108,9 @@ def _findings(patient: Patient, vehicle: VehicleConfig, what: str, heard: _Heard
     if not counters.connects:
         do = "Look at its power and its cable, and at [position] box: it must be a TCP server at that address."
         yield wrong(what, f"cannot be reached ({heard.trouble or 'no answer'})", do)
+        return
+    yield from _layouts(vehicle.position.layout, wrong, heard)
+    if heard.layout.verdict is Verdict.OTHER:
         return
     if fix is None and counters.bytes_in:
         yield wrong(what, f"what it sends is no record: {heard.first_trouble or 'none was whole'}", _LAYOUT)
@@ -115,16 +133,54 @@ def _findings(patient: Patient, vehicle: VehicleConfig, what: str, heard: _Heard
         yield warning(what, found, do)
     else:
         yield ok(what, found)
-    if not fix.record.position_known:
+    if not vehicle.position.layout.locates(fix.record):
         yield wrong("its position", "it does not know one", "Give it a view of the sky, and look again.")
         return
     yield _compared(patient, vehicle, fix)
 
 
+def _layouts(layout: BoxLayout, wrong: Callable[[str, str, str], Finding], heard: _Heard) -> Iterator[Finding]:
+    """Whether the records are in the layout that is configured; and the first ones as each layout reads them."""
+    watch, what = heard.layout, "its layout"
+    if watch.likely is not None:
+        do = f'Set layout = "{watch.likely.name}" in [position], or have the box send layout {layout.name!r}.'
+        yield wrong(what, watch.words, do)
+    elif watch.known:
+        yield ok(what, f"{layout.name!r}, as it is configured")
+    elif heard.fix is not None and watch.misfit:
+        yield wrong(what, watch.words, _LAYOUT)
+    elif heard.fix is not None:
+        do = "Turn the aircraft away from north, or move it, and look again: START is refused until it is recognised."
+        yield warning(what, watch.words, do)
+    known = {layout.name: layout, **{each.name: each for each in (*rivals(layout), *LAYOUTS.values())}}
+    for number in range(_SHOWN):
+        for each in known.values():
+            record = heard.head[number * each.size : (number + 1) * each.size]
+            if len(record) == each.size:
+                yield ok(f"record {number + 1} as {each.name!r}", _shown(each, record))
+
+
+def _shown(layout: BoxLayout, record: bytes) -> str:
+    """Every field of a record, and what no box can mean."""
+    values = layout.struct.unpack(record)
+    fields = [f"{field.name} {value:.9g} {field.unit}" for field, value in zip(layout.fields, values, strict=True)]
+    wrong = layout.wrong(values)
+    return ", ".join(fields) + (f" (not possible: {wrong})" if wrong else "")
+
+
 def _compared(patient: Patient, vehicle: VehicleConfig, fix: Fix) -> Finding:
     """Whether it is where the autopilot has it; an aircraft that may move is not compared."""
     what, own, record = "its position", patient.aircraft.own_position, fix.record
-    where = f"{record.lat_deg:.6f} {record.lon_deg:.6f}, {record.alt_m:.0f} m above sea level"
+    heights = [
+        f"{value:.0f} m {words}"
+        for value, words in (
+            (record.alt_m, "above sea level"),
+            (record.baro_m, "pressure altitude"),
+            (record.agl_m, "above ground by pressure"),
+        )
+        if not math.isnan(value)
+    ]
+    where = ", ".join([f"{record.lat_deg:.6f} {record.lon_deg:.6f}", *heights])
     if patient.aircraft.armed:
         return unseen(what, f"{where}, and the vehicle is armed", "Look again when it is disarmed.")
     if own is None:
@@ -132,11 +188,10 @@ def _compared(patient: Patient, vehicle: VehicleConfig, fix: Fix) -> Finding:
         return unseen(what, f"{where}, and the autopilot has told none", do)
     check = CrossCheck(vehicle.position)
     theirs = Place(record.lat_deg, record.lon_deg, record.alt_m, record.north_mps, record.east_mps)
-    ours = Place(own.lat / 1e7, own.lon / 1e7, own.alt / 1000.0, own.vx / 100.0, own.vy / 100.0)
-    check.look(Difference.between(theirs, ours), patient.clocks.monotonic())
+    check.look(Difference.between(theirs, Place.by_autopilot(own)), patient.clocks.monotonic())
     assert check.last is not None
     if check.sound:
-        near = f"{check.last.over_ground_m:.1f} m and {check.last.height_m:.1f} m in height from the autopilot's"
-        return ok(what, f"{where}: {near}")
+        height = "" if math.isnan(record.alt_m) else f" and {check.last.height_m:.1f} m in height"
+        return ok(what, f"{where}: {check.last.over_ground_m:.1f} m{height} from the autopilot's")
     do = "Find out which of the two is right; heights may count from the ellipsoid in one, from sea level in the other."
     return error(what, f"{where}: box and autopilot {check.words}", do)

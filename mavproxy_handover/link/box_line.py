@@ -6,7 +6,8 @@ Rules that live here:
 
 1. After its construction nothing raises and nothing waits. Construction raises LinkError: an unknown host.
 2. One `read` takes a bounded number of bytes, and what is kept of a stream is less than a record. A box that sends more
-   than is read makes its own records late, which shows (`Fix.late_s`); it holds up nobody else.
+   than is read makes its own records late, which shows (`Fix.late_s`); it holds up nobody else. Of each connection the
+   first bytes are kept too, for people who compare layouts.
 3. A connection is given up, and another one made, when the other side ends it, when what it sends is not believed any
    more (`wire/box_record.py`: only a new connection has a beginning that is known), and when it brings nothing new for
    SILENT_S, which TCP alone would not notice.
@@ -25,7 +26,8 @@ from mavproxy_handover.link.base import Backoff, Clock, reason
 from mavproxy_handover.link.dialling import Dialling
 from mavproxy_handover.link.forms import Kind, LinkError, parse_device
 from mavproxy_handover.link.names import Names
-from mavproxy_handover.wire.box_record import LEAP_S, BoxRecord, BoxStream, Lateness
+from mavproxy_handover.wire.box_layout import THESIS, BoxLayout, BoxRecord
+from mavproxy_handover.wire.box_record import LEAP_S, BoxStream, Lateness
 
 __all__ = ["MOST_WAIT_S", "SILENT_S", "BoxCounters", "BoxLine", "Fix", "box_address"]
 
@@ -36,6 +38,8 @@ _FIRST_WAIT_S, MOST_WAIT_S = 0.25, 2.0
 #: nothing new for so long: the connection is of no use
 SILENT_S: Final = 3.0
 assert SILENT_S < LEAP_S, "a box that was silent is connected to anew before its time may leap"
+#: bytes kept of the beginning of a connection, for people who compare layouts
+_HEAD_BYTES: Final = 1024
 
 
 @dataclass(slots=True)
@@ -69,17 +73,29 @@ def box_address(text: object) -> str:
 class BoxLine:
     """Connects to `tcp:HOST:PORT`, again and again. See the module's rules."""
 
-    def __init__(self, text: str, clock: Clock = time.monotonic, names: Names | None = None) -> None:
+    def __init__(
+        self,
+        text: str,
+        clock: Clock = time.monotonic,
+        names: Names | None = None,
+        layout: BoxLayout = THESIS,
+    ) -> None:
         """`names`: see `Dialling`. Raises LinkError: no form of a box; without `names` an unknown host too."""
         self.device = box_address(text)
+        self.layout = layout
         self.counters = BoxCounters()
         #: the last thing that went wrong, in words; "" while records come
         self.trouble = ""
+        #: how the last connection that brought anything began
+        self.head = b""
         self._clock = clock
         self._backoff = Backoff(_FIRST_WAIT_S, MOST_WAIT_S)
         self._dialling = Dialling(parse_device(text), self._backoff, self._give_up, names)
         self._socket: socket.socket | None = None
-        self._stream, self._lateness = BoxStream(), Lateness()
+        self._stream, self._lateness = BoxStream(layout), Lateness()
+        self._raw = b""
+        #: nothing has come over this connection yet
+        self._begins = True
         #: the last new record, or the connection
         self._news_at = 0.0
         self._closed = False
@@ -108,12 +124,18 @@ class BoxLine:
             if self._socket is None:
                 return None
             self.counters.connects += 1
-            self._stream, self._lateness = BoxStream(), Lateness()
+            self._stream, self._lateness = BoxStream(self.layout), Lateness()
+            self._begins = True
             self._news_at = now
         fix = self._receive(self._socket, now)
         if self._socket is not None and now - self._news_at >= SILENT_S:
             self._give_up(f"nothing new for {SILENT_S:g} s")
         return fix
+
+    def raw(self) -> bytes:
+        """The bytes of the newest whole record since the last call, believed or not; none if there is no new one."""
+        raw, self._raw = self._raw, b""
+        return raw
 
     def _receive(self, sock: socket.socket, now: float) -> Fix | None:
         """Read what has come; what came before a connection was lost counts."""
@@ -129,10 +151,14 @@ class BoxLine:
             if not data:
                 self._give_up("closed by the other side")
                 break
+            if self._begins or len(self.head) < _HEAD_BYTES:
+                self.head = ((b"" if self._begins else self.head) + data)[:_HEAD_BYTES]
+                self._begins = False
             self.counters.bytes_in += len(data)
             for record in self._stream.feed(data):
                 self.counters.records += 1
                 fix = Fix(record, self._lateness.of(record.time_s, now))
+            self._raw = self._stream.last or self._raw
             if self._stream.broken:
                 self._give_up(self._stream.broken)
                 break

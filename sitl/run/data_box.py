@@ -1,17 +1,20 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""A position box for a simulated vehicle: a TCP server that sends 56-byte records of where the aircraft truly is.
+"""A position box for a simulated vehicle: a TCP server that sends records of where the aircraft truly is.
 
-Started as `python -m sitl.run.data_box --vehicle tcp:HOST:PORT --listen HOST:PORT [--sysid N]`. It asks the vehicle for
+Started as `python -m sitl.run.data_box --vehicle tcp:HOST:PORT --listen HOST:PORT [--sysid N] [--layout LAYOUT]`. The
+layout is the thesis's (listing 5.7), `full`, or a file as `[position] layout` takes it. It asks the vehicle for
 SIM_STATE, which is the simulation's own state and not the autopilot's estimate, and sends a record for each that comes.
-Records leave in two pieces, cut at another byte each time. Its clock is the wall's, from its own beginning.
+Records leave in two pieces, cut at another byte each time. Its clock is UTC where the layout's is, else the wall's from
+its own beginning. Its barometer has a day of low pressure: BaroHeight is LOW_PRESSURE_M above the height above sea
+level. AglHeight counts from where the aircraft stood at first.
 
 What is typed at it, each answered by `ok` and the same, or by `error:` and why:
 
     stall               nothing is sent any more; connections stay
     resume              it is again
     cut                 all connections are closed; who comes again is served
-    restart SECONDS     the box is gone for so long, and its clock begins anew
+    restart SECONDS     the box is gone for so long; a clock that is not UTC begins anew
     drift NORTH EAST    where it says the aircraft is drifts away, m/s; 0 0: it stays where it has drifted to
     carry NORTH EAST PACE
                         where it says the aircraft is goes straight to so many metres from where it truly is, at so
@@ -32,22 +35,27 @@ import socket
 import sys
 import time
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any, Final
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from mavproxy_handover.config.box_layouts import parse_layout
+from mavproxy_handover.config.toml import ConfigError, read_file
 from mavproxy_handover.mission.geodesy import offset
-from mavproxy_handover.wire.box_record import SIZE, BoxRecord, pack_record
+from mavproxy_handover.wire.box_layout import LAYOUTS, THESIS, BoxLayout, BoxRecord
 from sitl.run.ending import Orders
 from sitl.script.box_orders import parse_order
 
-__all__ = ["DataBox", "main"]
+__all__ = ["LOW_PRESSURE_M", "DataBox", "main"]
 
 _INTERVAL_US: Final = 40_000
 _ASK_S: Final = 1.0
 _COMPONENT: Final = mavlink.MAV_COMP_ID_USER2
 #: a client that does not read is left behind
-_MOST_WAITING: Final = 64 * SIZE
+_MOST_WAITING: Final = 4096
+#: 1005.7 hPa at sea level
+LOW_PRESSURE_M: Final = 63.0
 _GARBAGE: Final = bytes(range(0x80, 0xE4))
 _BAD_USAGE: Final = 2
 
@@ -55,11 +63,17 @@ _BAD_USAGE: Final = 2
 class DataBox:
     """The server. `clock` gives monotonic seconds."""
 
-    def __init__(self, host: str, port: int, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self, host: str, port: int, clock: Callable[[], float] = time.monotonic, layout: BoxLayout = THESIS
+    ) -> None:
         """Listen. Raises OSError."""
         self._address = (host, port)
         self._clock = clock
-        self._began = clock()
+        self._layout = layout
+        #: when its own clock was zero
+        self._began = clock() - time.time() if layout.utc else clock()
+        #: where the aircraft stood at first, above sea level
+        self._ground_m: float | None = None
         self._listener: socket.socket | None = self._listen()
         self._address = self._listener.getsockname() if self._listener is not None else self._address
         self._clients: dict[socket.socket, bytearray] = {}
@@ -116,7 +130,7 @@ class DataBox:
         """Time has passed: it may be back."""
         if self._back_at is not None and self._clock() >= self._back_at:
             self._back_at = None
-            self._began = self._clock()
+            self._began = self._began if self._layout.utc else self._clock()
             self._listener = self._listen()
 
     def take(self, message: Any) -> None:
@@ -128,21 +142,26 @@ class DataBox:
         if self._stalls or self._listener is None:
             return
         lat, lon = offset(message.lat_int / 1e7, message.lon_int / 1e7, east, north)
+        north_mps, east_mps = message.vn + self._drift_mps[0], message.ve + self._drift_mps[1]
+        self._ground_m = message.alt if self._ground_m is None else self._ground_m
         record = BoxRecord(
             now - self._began,
             lat,
             lon,
-            message.alt,
-            message.vn + self._drift_mps[0],
-            message.ve + self._drift_mps[1],
-            message.vd,
-            message.roll,
-            message.pitch,
-            math.degrees(message.yaw) % 360.0,
-            math.nan,
+            alt_m=message.alt,
+            baro_m=message.alt + LOW_PRESSURE_M,
+            agl_m=message.alt - self._ground_m,
+            north_mps=north_mps,
+            east_mps=east_mps,
+            down_mps=message.vd,
+            track_deg=math.degrees(math.atan2(east_mps, north_mps)) % 360.0,
+            speed_mps=math.hypot(north_mps, east_mps),
+            roll_rad=message.roll,
+            pitch_rad=message.pitch,
+            heading_deg=math.degrees(message.yaw) % 360.0,
         )
-        self._cut = (self._cut + 1) % SIZE
-        data = pack_record(record)
+        data = self._layout.pack(record)
+        self._cut = (self._cut + 1) % len(data)
         for piece in (data[: self._cut], data[self._cut :]):
             self._send(piece)
         self.sent += 1
@@ -268,10 +287,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--vehicle", type=_address, required=True, metavar="tcp:HOST:PORT", help="of the simulation")
     parser.add_argument("--listen", type=_address, required=True, metavar="HOST:PORT", help="where clients connect")
     parser.add_argument("--sysid", type=int, default=1, metavar="N", help="the vehicle's system id (default: 1)")
+    parser.add_argument(
+        "--layout", type=_layout, default=THESIS, metavar="LAYOUT", help="thesis (default), full, or a layout's file"
+    )
     arguments = parser.parse_args(argv)
     try:
         vehicle = _Vehicle(arguments.vehicle, arguments.sysid)
-        box = DataBox(*arguments.listen)
+        host, port = arguments.listen
+        box = DataBox(host, port, layout=arguments.layout)
     except OSError as error:
         print(f"data box: {error}", file=sys.stderr)
         return _BAD_USAGE
@@ -296,6 +319,16 @@ def _address(text: str) -> tuple[str, int]:
     if not host or not port.isdecimal() or not 1 <= int(port) <= 65535:
         raise argparse.ArgumentTypeError(f"{text!r} must be HOST:PORT")
     return host, int(port)
+
+
+def _layout(text: str) -> BoxLayout:
+    """Raises ArgumentTypeError."""
+    if text in LAYOUTS:
+        return LAYOUTS[text]
+    try:
+        return parse_layout(read_file(Path(text)), Path(text))
+    except ConfigError as error:
+        raise argparse.ArgumentTypeError(f"{error} (known layouts: {', '.join(LAYOUTS)})") from None
 
 
 def _serve(vehicle: _Vehicle, box: DataBox, orders: Orders) -> None:

@@ -303,7 +303,7 @@ def lay_out(
         folder,
         _write(folder / COMPANION / f"{COMPANION}.toml", _vehicle(first, scenario, entries, guard_key, box)),
         tuple(stations),
-        (*between.programs(folder, grounds), *_boxes(folder, box)),
+        (*between.programs(folder, grounds), *_boxes(folder, box, scenario)),
         tuple(proxy["name"] for proxy in between.proxies),
         card,
         on_slow_disk(folder / COMPANION, scenario.fsync_s) if scenario.fsync_s else (),
@@ -382,9 +382,10 @@ def _vehicle(
     return tables
 
 
-def _boxes(folder: Path, address: str) -> tuple[Program, ...]:
-    """The position box, if there is one."""
-    argv = (sys.executable, "-m", "sitl.run.data_box", "--listen", address)
+def _boxes(folder: Path, address: str, scenario: Scenario) -> tuple[Program, ...]:
+    """The position box, if there is one. It sends the layout that the vehicle's configuration has."""
+    layout = ("--layout", str(scenario.box["layout"])) if "layout" in scenario.box else ()
+    argv = (sys.executable, "-m", "sitl.run.data_box", "--listen", address, *layout)
     return (Program(BOX, argv, folder / BOX),) if address else ()
 
 

@@ -312,6 +312,11 @@ VEHICLE_MISTAKES: dict[str, tuple[str, str, str]] = {
         "udpin:0.0.0.0:4001",
         "[position] box: 'udpin:0.0.0.0:4001' must be tcp:HOST:PORT: the box is a TCP server",
     ),
+    "a layout that nobody knows": (
+        'check = "armed"',
+        'layout = "theses"',
+        "[position] layout: 'theses' must be one of thesis, full, or a layout's file, which ends with .toml",
+    ),
     "a check that is never made": (
         'check = "armed"',
         'check = "never"',
@@ -586,7 +591,7 @@ RANGES = {
 #: what a limit needs beside it at the end of its range
 BESIDE = {"connect_interval_s": "deaf_lost_s = 120\n"}
 #: keys of a table that are no numbers
-WORDS = {"position": ["source", "box", "check"]}
+WORDS = {"position": ["source", "box", "layout", "check"]}
 
 
 @pytest.mark.parametrize(("table", "key"), [(table, key) for table, (ranges, _) in RANGES.items() for key in ranges])

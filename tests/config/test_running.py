@@ -258,4 +258,4 @@ def test_the_names_of_what_is_kept(config: Path) -> None:
     keep(load_running(config))
     record = RunRecord(config).load()
     assert record is not None
-    assert sorted(record) == ["addresses", "autopilot_key", "guard_key", "keys", "mission", "path", "text"]
+    assert sorted(record) == ["addresses", "autopilot_key", "guard_key", "keys", "layout", "mission", "path", "text"]

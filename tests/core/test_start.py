@@ -49,6 +49,11 @@ def test_what_the_guard_lacks_is_said_in_its_words() -> None:
     )
 
 
+def test_what_the_position_box_lacks_is_said_in_its_words() -> None:
+    says = "position box sends layout 'full', not 'thesis'"
+    assert start_needs(replace(READY, box_lacks=says)) == (says,)
+
+
 def test_what_is_no_arducopter_does_not_start() -> None:
     assert start_needs(replace(READY, foreign="ardupilotmega ground rover")) == (
         "ardupilotmega ground rover is neither ArduCopter nor ArduPlane",

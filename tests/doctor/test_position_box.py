@@ -14,7 +14,7 @@ import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.mission.geodesy import offset
-from mavproxy_handover.wire.box_record import BoxRecord, pack_record
+from mavproxy_handover.wire.box_layout import FULL, THESIS, BoxLayout, BoxRecord
 from tests.doctor.machine import Found, Speaker, companion, free_port, heartbeat
 
 HERE = BoxRecord(0.0, 52.679, 5.924, 12.0, 0.0, 0.0, 0.0, 0.0, 0.0, 90.0, 12.0)
@@ -24,7 +24,7 @@ Try = Callable[..., Found]
 
 
 def record(**changed: float) -> bytes:
-    return pack_record(replace(HERE, time_s=time.monotonic() + changed.pop("early_s", 0.0), **changed))
+    return FULL.pack(replace(HERE, time_s=time.monotonic() + changed.pop("early_s", 0.0), **changed))
 
 
 def autopilot(lat: float, lon: float, *, armed: bool = False) -> bytes:
@@ -48,7 +48,8 @@ def attempt(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pyt
             box = opened[-1].device
         opened.append(Speaker(flies or (lambda: autopilot(HERE.lat_deg, HERE.lon_deg))))
         machine = companion(tmp_path, opened[-1].device, {"GCSA": 9, "GCSB": 10})
-        text = f'\n[position]\nsource = "{source}"\nbox = "{box}"\n{more}\n'
+        layout = "" if "layout" in more else 'layout = "full"'
+        text = f'\n[position]\nsource = "{source}"\nbox = "{box}"\n{layout}\n{more}\n'
         machine.config.write_text(machine.config.read_text() + text)
         return machine.doctor(capsys, "--no-links")
 
@@ -58,18 +59,20 @@ def attempt(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pyt
 
 
 def of_box(found: Found, level: str | None = None) -> list[str]:
-    return found.of("position box", level)
+    """Without the records that are shown."""
+    return [line for line in found.of("position box", level) if not line.startswith("record ")]
 
 
 def test_a_box_that_all_is_well_with(attempt: Try) -> None:
     found = attempt(record)
-    sends, place = of_box(found, "ok")
+    layout, sends, place = of_box(found, "ok")
+    assert layout == "its layout: 'full', as it is configured"
     assert " records a second, " in sends
     assert (
         place
         == "its position: 52.679000 5.924000, 12 m above sea level: 0.0 m and 0.0 m in height from the autopilot's"
     )
-    assert len(of_box(found)) == 2
+    assert len(of_box(found)) == 3
 
 
 @pytest.mark.parametrize(
@@ -116,7 +119,7 @@ def test_records_that_come_late_are_told(attempt: Try) -> None:
     begun = time.monotonic()
 
     def ever_later() -> bytes:  # its time goes at half the pace
-        return pack_record(replace(HERE, time_s=100.0 + (time.monotonic() - begun) / 2))
+        return FULL.pack(replace(HERE, time_s=100.0 + (time.monotonic() - begun) / 2))
 
     (said,) = of_box(attempt(ever_later), "warning")
     assert " ms late at most" in said
@@ -149,6 +152,72 @@ def test_a_box_that_begins_anew_all_the_time_is_told(attempt: Try) -> None:
 def test_what_cannot_be_compared_is_told(attempt: Try, flies: Says, words: str) -> None:
     (said,) = of_box(attempt(record, flies=flies), "warning")
     assert words in said
+
+
+# ---- its layout -----------------------------------------------------------------------------------------------------
+
+#: a box that points to the east, as both layouts have it; UTC 2023-11-14 22:13:20 and on
+EAST = replace(HERE, baro_m=75.0, agl_m=0.0, track_deg=0.0, speed_mps=0.0)
+KNOWN = {"thesis": THESIS, "full": FULL}
+
+
+def sent(layout: BoxLayout) -> Says:
+    begun = time.monotonic() - 1700000000.0
+    return lambda: layout.pack(replace(EAST, time_s=time.monotonic() - begun))
+
+
+def test_a_box_of_the_thesis_is_as_it_is_configured(attempt: Try) -> None:
+    layout, sends, place = of_box(attempt(sent(THESIS), more="# layout: the default"), "ok")
+    assert layout == "its layout: 'thesis', as it is configured"
+    assert " records a second, " in sends
+    heights = "75 m pressure altitude, 0 m above ground by pressure"
+    assert place == f"its position: 52.679000 5.924000, {heights}: 0.0 m from the autopilot's"
+
+
+@pytest.mark.parametrize(("configured", "other"), [("thesis", "full"), ("full", "thesis")])
+def test_the_wrong_layout_is_told_with_the_likely_one(attempt: Try, configured: str, other: str) -> None:
+    found = attempt(sent(KNOWN[other]), more=f'layout = "{configured}"')
+    (said,) = [line for line in found.lines("error") if line.startswith("position box: ")]
+    assert said == (
+        f"position box: its layout: sends layout '{other}', not '{configured}' (set layout = \"{other}\" in [position])"
+        f" -> Set layout = \"{other}\" in [position], or have the box send layout '{configured}'."
+    )
+    assert of_box(found, "ok") == []
+
+
+def test_a_box_that_only_checks_with_the_wrong_layout_is_a_warning(attempt: Try) -> None:
+    found = attempt(sent(FULL), "autopilot", more='layout = "thesis"')
+    assert of_box(found, "error") == []
+    assert of_box(found, "warning")[0].startswith("its layout: sends layout 'full', not 'thesis'")
+
+
+def test_the_first_records_are_shown_under_each_layout(attempt: Try) -> None:
+    found = attempt(sent(THESIS), more='layout = "full"')
+    shown = [line for line in found.of("position box", "ok") if line.startswith("record ")]
+    assert [line.partition(":")[0] for line in shown] == [
+        "record 1 as 'full'",
+        "record 1 as 'thesis'",
+        "record 2 as 'full'",
+        "record 2 as 'thesis'",
+    ]
+    assert "Latitude 0.919422" in shown[1]
+    assert shown[1].endswith(
+        "BaroHeight 75 m, AglHeight 0 m, TrueTrack 0 rad, TrueHeading 1.57079637 rad, GroundSpeed 0 m/s, "
+        "EastVelocity 0 m/s, NorthVelocity 0 m/s, UpVelocity -0 m/s"
+    )
+    assert "alt 75 m, vel_north 0 m/s, vel_east 0 m/s, vel_up 1.57079637 m/s, roll 0 rad" in shown[0]
+
+
+def test_what_cannot_be_in_a_record_is_marked(attempt: Try) -> None:
+    found = attempt(lambda: b"\xff" * 56)
+    shown = [line for line in found.of("position box", "ok") if line.startswith("record 1 as 'full'")]
+    assert shown[0].endswith(" (not possible: time nan must be 0 to 1e+11 s)")
+
+
+def test_a_layout_that_is_undecided_says_what_to_do(attempt: Try) -> None:
+    found = attempt(lambda: record(heading_deg=0.0, battery_v=math.nan))
+    (said,) = [line for line in found.lines("warning") if "position box: its layout" in line]
+    assert "layout 'full' not recognised yet (turn or move the aircraft) -> Turn the aircraft away from north" in said
 
 
 def test_without_a_box_there_is_nothing_to_tell(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

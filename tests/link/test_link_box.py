@@ -16,11 +16,11 @@ import pytest
 
 from mavproxy_handover.link.box_line import MOST_WAIT_S, SILENT_S, BoxLine, Fix
 from mavproxy_handover.link.forms import LinkError
-from mavproxy_handover.wire.box_record import SIZE, BoxRecord, pack_record
+from mavproxy_handover.wire.box_layout import THESIS, BoxRecord
 from tests.link.frames import Clock
 from tests.link.test_link_tcp import LOOPBACK, free_port, listener
 
-HERE = BoxRecord(100.0, 52.679, 5.924, 42.0, 3.0, -4.0, -1.5, 0.1, -0.2, 350.0, 12.5)
+HERE = BoxRecord(100.0, 52.679, 5.924, 42.0, 3.0, -4.0, -1.5, 0.1, -0.2, 350.0, 12.5, 50.0, 10.0, 307.0, 5.0)
 
 
 class Bench:
@@ -46,7 +46,7 @@ class Bench:
         return self.box
 
     def record(self, late_s: float = 0.0, **changed: float) -> bytes:
-        return pack_record(replace(HERE, time_s=self.clock() - self.began - late_s, **changed))
+        return THESIS.pack(replace(HERE, time_s=self.clock() - self.began - late_s, **changed))
 
     def send(self, data: bytes) -> None:
         assert self.box is not None
@@ -118,7 +118,7 @@ def test_nobody_listens_and_later_somebody_does() -> None:
         clock.now += MOST_WAIT_S
         line.read()
         box = closing.enter_context(server.accept()[0])
-        box.sendall(pack_record(HERE) + pack_record(replace(HERE, time_s=100.1)))
+        box.sendall(THESIS.pack(HERE) + THESIS.pack(replace(HERE, time_s=100.1)))
         end = time.monotonic() + 10.0
         while line.read() is None:
             assert time.monotonic() < end
@@ -166,8 +166,8 @@ def test_it_comes_back_after_a_restart_of_the_box(bench: Bench) -> None:
 @pytest.mark.parametrize(
     ("data", "says"),
     [
-        (b"\xff" * 200, "time nan"),
-        (pack_record(replace(HERE, lat_deg=math.nan, time_s=math.nan)), "time nan"),
+        (b"\xff" * 200, "Time nan"),
+        (THESIS.pack(replace(HERE, lat_deg=math.nan, time_s=math.nan)), "Time nan"),
         (b"HTTP/1.1 400 Bad Request\r\nContent-Length: 0\r\nConnection: close\r\n\r\n", "must be"),
     ],
     ids=["noise", "NaN", "a web server"],
@@ -189,7 +189,7 @@ def test_who_sends_nonsense_is_asked_ever_more_rarely(bench: Bench) -> None:
         bench.server.settimeout(0.0)
         with contextlib.suppress(BlockingIOError):
             accepted, _ = bench.server.accept()
-            accepted.sendall(b"\xff" * SIZE)
+            accepted.sendall(b"\xff" * THESIS.size)
             accepted.close()
         bench.line.read()
     assert 8 <= bench.line.counters.connects <= 20
@@ -244,7 +244,7 @@ def test_what_waited_in_a_buffer_is_late(bench: Bench) -> None:
 def test_a_flood_is_read_in_bounded_bites_and_makes_itself_late(bench: Bench) -> None:
     box = bench.accept()
     box.setblocking(False)
-    flood = memoryview(b"".join(pack_record(replace(HERE, time_s=8.0 + step * 1e-3)) for step in range(20_000)))
+    flood = memoryview(b"".join(THESIS.pack(replace(HERE, time_s=8.0 + step * 1e-3)) for step in range(20_000)))
     most, latest = 0, 0.0
     while bench.line.counters.records < 20_000:
         with contextlib.suppress(BlockingIOError):

@@ -530,6 +530,7 @@ class Packer:
             aircraft_lacks=plain,
             mission_lacks=plain,
             heights_lack=plain,
+            box_lacks=plain,
             _autopilot_at=_Ago(limits.autopilot_lost_s),
             _position_at=_Ago(limits.position_stale_s),
             _stale_told=plain,

@@ -74,6 +74,10 @@ class Autopilot:
         self.battery: float | None = 1.0
         #: its home above the sea; it never leaves that height
         self.home_alt_m = 0.0
+        #: above home
+        self.height_m = 0.0
+        #: north and east (m/s)
+        self.velocity = (0.0, 0.0)
         #: its MAV_TYPE
         self.kind = mavlink.MAV_TYPE_QUADROTOR
 
@@ -116,8 +120,10 @@ class Autopilot:
             self.say(stock.MAVLink_mission_current_message(self.waypoint))
 
     def say_position(self, lat: float, lon: float) -> None:
-        place = round(lat * 1e7), round(lon * 1e7), round(self.home_alt_m * 1000)
-        self.say(stock.MAVLink_global_position_int_message(1000, *place, 0, 0, 0, 0, 0))
+        above_m = self.height_m
+        place = round(lat * 1e7), round(lon * 1e7), round((self.home_alt_m + above_m) * 1000), round(above_m * 1000)
+        north, east = self.velocity
+        self.say(stock.MAVLink_global_position_int_message(1000, *place, round(north * 100), round(east * 100), 0, 0))
 
     def say_battery(self, left: float, volts: float = 12.6, amperes: float = 0.0) -> None:
         """BATTERY_STATUS of 10 Ah at 12.6 V, so much of them left."""

@@ -16,7 +16,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from mavproxy_handover.link.box_line import BoxLine, Fix
 from mavproxy_handover.mission.geodesy import distance_m
-from sitl.run.data_box import DataBox
+from mavproxy_handover.wire.box_layout import FULL, THESIS, BoxLayout
+from sitl.run.data_box import LOW_PRESSURE_M, DataBox
 from sitl.script.box_orders import parse_order
 from sitl.vehicles import VehicleSpec, launch
 from sitl.vehicles.ports import PortPicker
@@ -27,10 +28,10 @@ HOME = (52.679, 5.924)
 class Bench:
     """A box and its client, in time that the test moves."""
 
-    def __init__(self) -> None:
+    def __init__(self, layout: BoxLayout = THESIS) -> None:
         self.now = 50.0
-        self.box = DataBox("127.0.0.1", 0, self.clock)
-        self.line = BoxLine(f"tcp:127.0.0.1:{self.box.port}", self.clock)
+        self.box = DataBox("127.0.0.1", 0, self.clock, layout)
+        self.line = BoxLine(f"tcp:127.0.0.1:{self.box.port}", self.clock, layout=layout)
 
     def clock(self) -> float:
         return self.now
@@ -64,17 +65,37 @@ def bench() -> Iterator[Bench]:
     made.close()
 
 
+@pytest.fixture
+def full() -> Iterator[Bench]:
+    made = Bench(FULL)
+    yield made
+    made.close()
+
+
 def test_it_sends_where_the_simulation_has_the_aircraft(bench: Bench) -> None:
+    """In the thesis's record, with a barometer on a day of low pressure, and UTC."""
     fix = bench.run(3.0)
     assert fix is not None
     record = fix.record
     assert (record.lat_deg, record.lon_deg) == pytest.approx(HOME, abs=1e-7)
-    assert (record.alt_m, record.north_mps, record.east_mps, record.down_mps) == (12.0, 1.0, 2.0, -0.5)
+    assert (record.north_mps, record.east_mps, record.down_mps) == (1.0, 2.0, -0.5)
+    assert (record.baro_m, record.agl_m) == (12.0 + LOW_PRESSURE_M, 0.0)
+    assert (record.track_deg, record.speed_mps) == pytest.approx((63.4349, 2.23607), abs=1e-4)
     assert record.heading_deg == pytest.approx(270.0)
-    assert math.isnan(record.battery_v)
+    assert record.time_s == pytest.approx(time.time(), abs=30.0)
+    assert math.isnan(record.alt_m)
     assert fix.late_s < 0.1
     assert bench.line.counters.connects == 1, "cut at every byte, and never in doubt"
     assert bench.line.counters.records >= 70
+
+
+def test_it_sends_the_other_layout_as_well(full: Bench) -> None:
+    fix = full.run(1.0)
+    assert fix is not None
+    record = fix.record
+    assert (record.alt_m, record.north_mps, record.east_mps, record.down_mps) == (12.0, 1.0, 2.0, -0.5)
+    assert record.time_s == pytest.approx(1.0, abs=0.1)
+    assert math.isnan(record.battery_v)
 
 
 def test_it_stalls_and_goes_on(bench: Bench) -> None:
@@ -93,7 +114,18 @@ def test_it_cuts_connections(bench: Bench) -> None:
     assert bench.line.counters.connects == 2
 
 
-def test_it_restarts_with_a_clock_of_its_own(bench: Bench) -> None:
+def test_utc_goes_on_over_a_restart(bench: Bench) -> None:
+    before = bench.run(1.0)
+    bench.box.order("restart 2")
+    bench.run(1.5)
+    fix = bench.run(4.0)
+    assert before is not None
+    assert fix is not None
+    assert fix.record.time_s - before.record.time_s == pytest.approx(5.5, abs=0.2)
+
+
+def test_it_restarts_with_a_clock_of_its_own(full: Bench) -> None:
+    bench = full
     bench.run(1.0)
     bench.box.order("restart 2")
     assert bench.run(1.5) is None
@@ -185,7 +217,8 @@ def test_it_serves_a_simulated_vehicle_until_its_input_ends(tmp_path: Path) -> N
             fix = within(10.0, line.read)
             line.close()
             assert distance_m(*HOME, fix.record.lat_deg, fix.record.lon_deg) < 0.1
-            assert fix.record.alt_m == pytest.approx(10.0, abs=0.1)
+            assert fix.record.baro_m == pytest.approx(10.0 + LOW_PRESSURE_M, abs=0.1)
+            assert fix.record.agl_m == pytest.approx(0.0, abs=0.1)
             assert fix.record.heading_deg == pytest.approx(90.0, abs=1.0)
             process.stdin.write("stall\nnonsense\n")
             process.stdin.flush()

@@ -13,6 +13,7 @@ from mavproxy_handover.config.files import load_station, load_vehicle
 from mavproxy_handover.config.position import PositionSettings
 from mavproxy_handover.mission import package as packages
 from mavproxy_handover.store.keys import load_key
+from mavproxy_handover.wire.box_layout import FULL
 from sitl.run.bad_links import load_plans
 from sitl.run.fleet import others_of
 from sitl.run.noisy_lines import load_lines
@@ -130,6 +131,11 @@ def test_a_position_box_stands_beside_the_vehicle_and_the_companion_goes_to_it(t
     listens = program.argv[program.argv.index("--listen") + 1]
     position = load_vehicle(wiring.companion_config).position
     assert position == PositionSettings("box", f"tcp:{listens}", apart_m=40.0)
+    assert "--layout" not in program.argv, "both have the thesis's"
+    full = wired(tmp_path / "full", '[box]\nsource = "box"\nlayout = "full"\n')
+    (program,) = full.programs_between("tcp:127.0.0.1:5762", "tcp:127.0.0.1:5760")
+    assert program.argv[program.argv.index("--layout") + 1] == "full"
+    assert load_vehicle(full.companion_config).position.layout is FULL
     assert load_vehicle(wired(tmp_path / "without").companion_config).position == PositionSettings()
 
 

@@ -7,37 +7,27 @@ from __future__ import annotations
 import math
 import struct
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mavproxy_handover.wire.box_record import (
-    FIELDS,
-    FORMAT,
-    LEAP_S,
-    SIZE,
-    BoxField,
-    BoxRecord,
-    BoxStream,
-    Lateness,
-    pack_record,
-)
+from mavproxy_handover.wire.box_layout import FULL, BoxField, BoxRecord
+from mavproxy_handover.wire.box_record import LEAP_S, BoxStream, Lateness
 
 HERE = BoxRecord(100.0, 52.679, 5.924, 42.0, 3.0, -4.0, -1.5, 0.1, -0.2, 350.0, 12.5)
 
 
 def raw(**changed: float) -> bytes:
     """A record packed by hand: time, position at 45 north and 90 east, nothing moves; changed by field name."""
-    values = {field.name: 0.0 for field in FIELDS} | {"time": 1.0, "lat": math.pi / 4, "lon": math.pi / 2}
+    values = {field.name: 0.0 for field in FULL.fields} | {"time": 1.0, "lat": math.pi / 4, "lon": math.pi / 2}
     assert changed.keys() <= values.keys()
     return struct.pack("<3d8f", *(values | changed).values())
 
 
 def begun() -> BoxStream:
     """A stream whose first record, at the time 0.5, has come."""
-    stream = BoxStream()
+    stream = BoxStream(FULL)
     assert stream.feed(raw(time=0.5)) == []
     return stream
 
@@ -47,14 +37,14 @@ def times(records: list[BoxRecord]) -> list[float]:
 
 
 def flight(count: int, step_s: float = 0.1) -> bytes:
-    return b"".join(pack_record(replace(HERE, time_s=100.0 + number * step_s)) for number in range(count))
+    return b"".join(FULL.pack(replace(HERE, time_s=100.0 + number * step_s)) for number in range(count))
 
 
 # ---- layout and units -----------------------------------------------------------------------------------------------
 
 
 def test_three_doubles_and_eight_floats_make_56_bytes() -> None:
-    assert (FORMAT, SIZE) == ("<dddffffffff", 56)
+    assert (FULL.format, FULL.size) == ("<dddffffffff", 56)
 
 
 def test_radians_and_up_become_degrees_and_down() -> None:
@@ -67,7 +57,7 @@ def test_radians_and_up_become_degrees_and_down() -> None:
 
 
 def test_what_is_packed_is_read_back() -> None:
-    (record,) = begun().feed(pack_record(replace(HERE, time_s=1.5)))
+    (record,) = begun().feed(FULL.pack(replace(HERE, time_s=1.5)))
     for name in ("lat_deg", "lon_deg", "alt_m", "north_mps", "east_mps", "down_mps", "heading_deg"):
         assert getattr(record, name) == pytest.approx(getattr(HERE, name), rel=1e-6), name
     # a double of radians: far better than a millimetre
@@ -77,40 +67,40 @@ def test_what_is_packed_is_read_back() -> None:
 # ---- cut anywhere ---------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("cut", range(3 * SIZE + 1))
+@pytest.mark.parametrize("cut", range(3 * FULL.size + 1))
 def test_a_cut_at_every_byte(cut: int) -> None:
-    data, stream = flight(3), BoxStream()
+    data, stream = flight(3), BoxStream(FULL)
     found = stream.feed(data[:cut])
-    assert len(found) == max(0, cut // SIZE - 1)
+    assert len(found) == max(0, cut // FULL.size - 1)
     assert times(found + stream.feed(data[cut:])) == pytest.approx([100.1, 100.2])
 
 
 def test_byte_by_byte() -> None:
-    stream = BoxStream()
+    stream = BoxStream(FULL)
     found = [record for byte in flight(3) for record in stream.feed(bytes([byte]))]
     assert times(found) == pytest.approx([100.1, 100.2])
 
 
 @given(st.lists(st.integers(1, 300), max_size=40))
 def test_however_it_is_cut_the_same_comes_out(lengths: list[int]) -> None:
-    data, stream, found, at = flight(20), BoxStream(), [], 0
+    data, stream, found, at = flight(20), BoxStream(FULL), [], 0
     for length in lengths:
         found += stream.feed(data[at : at + length])
         at += length
     found += stream.feed(data[at:])
-    assert found == BoxStream().feed(data)
+    assert found == BoxStream(FULL).feed(data)
     assert len(found) == 19
 
 
 def test_no_more_than_a_part_of_a_record_waits() -> None:
-    stream = BoxStream()
+    stream = BoxStream(FULL)
     for _ in range(1000):
-        stream.feed(b"\0" * (SIZE - 1))
-        assert stream.waiting < SIZE
+        stream.feed(b"\0" * (FULL.size - 1))
+        assert stream.waiting < FULL.size
 
 
 def test_the_first_record_of_a_connection_only_sets_the_time() -> None:
-    stream = BoxStream()
+    stream = BoxStream(FULL)
     assert stream.feed(raw(time=1.0)) == []
     assert times(stream.feed(raw(time=1.1))) == [1.1]
 
@@ -118,7 +108,7 @@ def test_the_first_record_of_a_connection_only_sets_the_time() -> None:
 # ---- what is not believed -------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("field", FIELDS, ids=lambda field: field.name)
+@pytest.mark.parametrize("field", FULL.fields, ids=lambda field: field.name)
 def test_a_value_out_of_its_range_ends_the_stream(field: BoxField) -> None:
     name, low, high = field.name, field.low, field.high
     margin = 1e-3 * max(1.0, abs(high))
@@ -129,10 +119,10 @@ def test_a_value_out_of_its_range_ends_the_stream(field: BoxField) -> None:
         assert stream.feed(raw(time=2.0)) == [], "nothing behind it is believed"
 
 
-@pytest.mark.parametrize("field", FIELDS, ids=lambda field: field.name)
+@pytest.mark.parametrize("field", FULL.fields, ids=lambda field: field.name)
 def test_the_ends_of_a_range_are_allowed(field: BoxField) -> None:
     for value in (field.low, field.high):
-        stream = BoxStream()
+        stream = BoxStream(FULL)
         just_inside = value * (1.0 - 1e-6)  # a float may round the end itself outwards
         stream.feed(raw(**{field.name: just_inside}))
         assert stream.records == 1
@@ -140,31 +130,31 @@ def test_the_ends_of_a_range_are_allowed(field: BoxField) -> None:
 
 
 def test_degrees_in_place_of_radians_are_told() -> None:
-    stream = BoxStream()
+    stream = BoxStream(FULL)
     assert stream.feed(raw(lat=52.679)) == []
     assert stream.broken == "record 1: lat 52.679 must be -1.5708 to 1.5708 rad"
 
 
 def test_without_a_time_nothing_is_believed() -> None:
-    stream = BoxStream()
+    stream = BoxStream(FULL)
     assert stream.feed(raw(time=math.nan)) == []
     assert "time nan" in stream.broken
 
 
-@pytest.mark.parametrize("name", [field.name for field in FIELDS[1:]])
+@pytest.mark.parametrize("name", [field.name for field in FULL.fields[1:]])
 def test_what_the_box_does_not_know_breaks_nothing(name: str) -> None:
     stream = begun()
     (record,) = stream.feed(raw(**{name: math.nan}))
-    assert record.position_known == (name in ("roll", "pitch", "yaw", "battery"))
+    assert FULL.locates(record) == (name in ("roll", "pitch", "yaw", "battery"))
     assert stream.broken == ""
 
 
 def test_a_box_without_a_fix_says_no_position() -> None:
     stream = begun()
     (record,) = stream.feed(raw(lat=0.0, lon=0.0))
-    assert not record.position_known
+    assert not FULL.locates(record)
     assert stream.broken == ""
-    assert stream.feed(raw(time=1.1))[0].position_known
+    assert FULL.locates(stream.feed(raw(time=1.1))[0])
 
 
 @pytest.mark.parametrize(
@@ -177,7 +167,7 @@ def test_a_box_without_a_fix_says_no_position() -> None:
     ],
 )
 def test_time_that_does_not_go_on_ends_the_stream(second: float, says: str) -> None:
-    stream = BoxStream()
+    stream = BoxStream(FULL)
     found = stream.feed(raw(time=99.95) + raw(time=100.0) + raw(time=second) + raw(time=second + 0.1))
     assert times(found) == [100.0], "what came before is sound"
     assert says in stream.broken
@@ -190,10 +180,10 @@ def test_the_same_record_again_is_no_news() -> None:
     assert (stream.records, stream.repeated, stream.broken) == (4, 2, "")
 
 
-@pytest.mark.parametrize("shift", range(1, SIZE))
+@pytest.mark.parametrize("shift", range(1, FULL.size))
 def test_a_stream_that_begins_within_a_record_is_not_believed_for_long(shift: int) -> None:
     data = flight(30, 0.05)[shift:]
-    stream = BoxStream()
+    stream = BoxStream(FULL)
     found = stream.feed(data)
     assert stream.broken
     assert found == []
@@ -201,7 +191,7 @@ def test_a_stream_that_begins_within_a_record_is_not_believed_for_long(shift: in
 
 @given(st.binary(max_size=600))
 def test_garbage_never_raises(data: bytes) -> None:
-    stream = BoxStream()
+    stream = BoxStream(FULL)
     for record in stream.feed(data):
         assert 0.0 <= record.time_s <= 1e11
         assert not abs(record.lat_deg) > 90.0
@@ -211,12 +201,12 @@ def test_garbage_never_raises(data: bytes) -> None:
 
 def test_noise_in_one_record_ends_the_stream_sooner_or_later() -> None:
     """A byte too many, or too few: from there on nothing fits."""
-    for at in range(0, 4 * SIZE, 7):
+    for at in range(0, 4 * FULL.size, 7):
         for changed in (flight(40)[:at] + b"\x5a" + flight(40)[at:], flight(40)[:at] + flight(40)[at + 1 :]):
-            stream = BoxStream()
+            stream = BoxStream(FULL)
             found = stream.feed(changed)
             assert stream.broken, at
-            assert len(found) <= at // SIZE + 3
+            assert len(found) <= at // FULL.size + 3
 
 
 # ---- lateness -------------------------------------------------------------------------------------------------------
@@ -250,20 +240,3 @@ def test_a_slow_drain_is_late_for_as_long_as_it_lasts() -> None:
     lateness.of(0.0, 100.0)
     late = [lateness.of(0.1 * number, 100.0 + 0.2 * number) for number in range(1, 51)]
     assert late[-1] == pytest.approx(5.0, abs=0.05)
-
-
-# ---- the page for users ---------------------------------------------------------------------------------------------
-
-
-def test_the_page_has_the_table_of_fields() -> None:
-    page = (Path(__file__).resolve().parents[2] / "docs" / "position-box.md").read_text(encoding="utf-8")
-    told = page.partition("<!-- record:begin -->")[2].partition("<!-- record:end -->")[0].split("\n")[3:-1]
-    kinds, begin, rows = {"d": "double", "f": "float"}, 0, []
-    for field in FIELDS:
-        ends = f"{field.low:g} | {field.high:g}"
-        rows.append(f"| {begin} | `{field.name}` | {kinds[field.code]} | {field.unit} | {ends} | {field.says} |")
-        begin += struct.calcsize(f"<{field.code}")
-    assert told == rows
-    assert f'"{FORMAT}"' in page
-    names = ", ".join(field.name for field in FIELDS[:3]), ", ".join(field.name for field in FIELDS[3:])
-    assert "double {}; float {};".format(*names) in page
