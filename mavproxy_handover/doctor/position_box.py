@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 import select
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Final
@@ -38,6 +39,7 @@ _NAME: Final = "position box"
 _LAYOUT: Final = "Compare what it sends with the table of docs/position-box.md, and its order of bytes."
 #: of so many records from the beginning of a connection every field is shown
 _SHOWN: Final = 2
+_DIGITS: Final = {"double": ".12g", "float": ".6g"}
 
 
 @dataclass(slots=True)
@@ -163,8 +165,11 @@ def _layouts(layout: BoxLayout, wrong: Callable[[str, str, str], Finding], heard
 def _shown(layout: BoxLayout, record: bytes) -> str:
     """Every field of a record, and what no box can mean."""
     values = layout.struct.unpack(record)
-    fields = [f"{field.name} {value:.9g} {field.unit}" for field, value in zip(layout.fields, values, strict=True)]
-    wrong = layout.wrong(values)
+    wrong, fields = layout.wrong(values), []
+    for each, value in zip(layout.fields, values, strict=True):
+        fields.append(f"{each.name} {value:{_DIGITS.get(each.type, 'd')}} {each.unit}")
+        if layout.utc and each.meaning == "time" and not wrong:
+            fields[-1] += time.strftime(" (%Y-%m-%d %H:%M:%S UTC)", time.gmtime(value))
     return ", ".join(fields) + (f" (not possible: {wrong})" if wrong else "")
 
 

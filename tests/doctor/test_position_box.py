@@ -200,12 +200,14 @@ def test_the_first_records_are_shown_under_each_layout(attempt: Try) -> None:
         "record 2 as 'full'",
         "record 2 as 'thesis'",
     ]
-    assert "Latitude 0.919422" in shown[1]
+    assert "Time 17000000" in shown[1]
+    assert " s (2023-11-14 22:13:2" in shown[1]
     assert shown[1].endswith(
-        "BaroHeight 75 m, AglHeight 0 m, TrueTrack 0 rad, TrueHeading 1.57079637 rad, GroundSpeed 0 m/s, "
+        " UTC), Latitude 0.919421996658 rad, Longitude 0.103393304888 rad, "
+        "BaroHeight 75 m, AglHeight 0 m, TrueTrack 0 rad, TrueHeading 1.5708 rad, GroundSpeed 0 m/s, "
         "EastVelocity 0 m/s, NorthVelocity 0 m/s, UpVelocity -0 m/s"
     )
-    assert "alt 75 m, vel_north 0 m/s, vel_east 0 m/s, vel_up 1.57079637 m/s, roll 0 rad" in shown[0]
+    assert "alt 75 m, vel_north 0 m/s, vel_east 0 m/s, vel_up 1.5708 m/s, roll 0 rad" in shown[0]
 
 
 def test_what_cannot_be_in_a_record_is_marked(attempt: Try) -> None:
