@@ -226,6 +226,8 @@ def _layout(config: VehicleConfig, given: Path, path: PurePosixPath) -> list[Ite
     file = config.position.layout_file
     if file is None or file == Path(path.parent) / file.name:
         return []
+    if file.name in [each.name for each in CONFIGURATION.values()]:
+        raise ConfigError(f"{given}: layout {file}: {file.name} is a configuration's name there: give it another name")
     if file.parent == given.parent:
         text = (config.position.layout_text or b"").decode("utf-8")
         return [Item(path.parent / file.name, text, 0o640, kept=True)]

@@ -546,6 +546,50 @@ def test_what_the_service_would_not_find_is_refused_before_anything_is_written(
     assert not root.exists()
 
 
+LAYOUT = "".join(
+    f'[[field]]\nfield = "{name}"\ntype = "double"\nunit = "{unit}"\noffset = {8 * number}\n'
+    for number, (name, unit) in enumerate(
+        [("time", "s"), ("lat", "rad"), ("lon", "rad"), ("vel_north", "m/s"), ("vel_east", "m/s")]
+    )
+)
+
+
+def with_layout(given: Path, name: str) -> None:
+    text = with_keys(given)
+    given.write_text(f'{text}\n[position]\nsource = "box"\nbox = "tcp:10.0.0.9:4001"\nlayout = "{name}"\n')
+
+
+def test_a_configuration_comes_with_the_layout_of_its_position_box(tmp_path: Path, root: Path) -> None:
+    given = tmp_path / "mine" / "handover.toml"
+    given.parent.mkdir()
+    (given.parent / "acme.toml").write_text(LAYOUT)
+    with_layout(given, "acme.toml")
+    assert install(root, "companion", "--config", str(given)) == 0
+    there = root / "etc/handover/acme.toml"
+    assert there.read_text() == LAYOUT
+    assert there.stat().st_mode & 0o777 == 0o640
+    assert load_vehicle(root / "etc/handover/vehicle.toml").position.layout.size == 40
+
+
+@pytest.mark.parametrize(
+    ("name", "error"),
+    [
+        ("layouts/acme.toml", "acme.toml: put it beside that file, or where the service can read it"),
+        ("vehicle.toml", "vehicle.toml is a configuration's name there: give it another name"),
+    ],
+)
+def test_a_layout_that_the_service_would_not_find_is_refused(
+    tmp_path: Path, root: Path, capsys: pytest.CaptureFixture[str], name: str, error: str
+) -> None:
+    given = tmp_path / "handover.toml"
+    (tmp_path / name).parent.mkdir(exist_ok=True)
+    (tmp_path / name).write_text(LAYOUT)
+    with_layout(given, name)
+    assert install(root, "companion", "--config", str(given)) == 2
+    assert error in capsys.readouterr().err
+    assert not root.exists()
+
+
 def test_a_file_that_cannot_be_put_in_place_leaves_no_draft(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The fault: the draft stayed, and of a key it holds the key."""
 

@@ -259,3 +259,22 @@ def test_the_names_of_what_is_kept(config: Path) -> None:
     record = RunRecord(config).load()
     assert record is not None
     assert sorted(record) == ["addresses", "autopilot_key", "guard_key", "keys", "layout", "mission", "path", "text"]
+
+
+def test_a_restart_in_flight_goes_on_with_the_layout_of_the_box_that_flew(config: Path) -> None:
+    """The layout comes from a file of its own, which need not be there any more."""
+    file = config.parent / "acme.toml"
+    rows = [("time", "s"), ("lat", "rad"), ("lon", "rad"), ("vel_north", "m/s"), ("vel_east", "m/s")]
+    for number, (name, unit) in enumerate(rows):
+        with file.open("a") as text:
+            text.write(f'[[field]]\nfield = "{name}"\ntype = "double"\nunit = "{unit}"\noffset = {8 * number}\n')
+    with config.open("a") as text:
+        text.write('[position]\nsource = "box"\nbox = "tcp:10.0.0.9:4001"\nlayout = "acme.toml"\n')
+    before = load_running(config)
+    assert keep(before) == ""
+    left_behind(config, FLIGHT)
+    file.unlink()
+    found = load_running(config)
+    assert found.restart
+    assert found.config.position == before.config.position
+    assert (found.config.position.layout.name, found.config.position.layout.size) == ("acme", 40)

@@ -34,6 +34,7 @@ from mavproxy_handover.mission import gaps
 from mavproxy_handover.mission import package as packages
 from mavproxy_handover.mission.walk import DEFAULT_CRUISE_MPS
 from mavproxy_handover.mission.wings import AS_IT_COMES, WINGS_RANGES
+from mavproxy_handover.wire.box_layout import LAYOUTS, BoxLayout
 from tests.structure.imports import ROOT
 from tests.structure.reference.markdown import cell, code, page, table
 
@@ -144,6 +145,8 @@ def _shown(value: Any) -> str:
         return str(value).lower()
     if isinstance(value, list):
         return f"[{', '.join(_shown(each) for each in value)}]"
+    if isinstance(value, BoxLayout):
+        return f'"{value.name}"'
     return f'"{value}"' if isinstance(value, str) else f"{value:g}"
 
 
@@ -182,6 +185,7 @@ def keys_of_vehicles() -> Mapping[str, Mapping[str, Key]]:
     record.tell("station", "not_in_control", allowed=_words(TONGUES))
     record.tell("station", "components", allowed="0 to 255")
     record.tell("position", "source", allowed=_words(position_module.SOURCES))
+    record.tell("position", "layout", allowed=f"{_words(LAYOUTS)}, a file")
     record.tell("position", "check", allowed=_words(position_module.CHECKS))
     return record.tables
 
