@@ -95,13 +95,17 @@ class LayoutWatch:
         return len(self._points) == _COUNTED
 
     @property
+    def count_words(self) -> str:
+        """How many records of another layout came in flight, for people; "" if none did."""
+        return f" ({self.counted} records of another layout in flight)" if self.counted else ""
+
+    @property
     def words(self) -> str:
         """What it says of the box, for people; "" if the layout is the configured one."""
         configured = self._layouts[0].name
         if self.likely is not None:
-            count = f"; {self.counted} records in flight" if self.counted else ""
             likely = self.likely.name
-            return f'sends layout {likely!r}, not {configured!r} (set layout = "{likely}" in [position]{count})'
+            return f'sends layout {likely!r}, not {configured!r} (set layout = "{likely}" in [position])'
         if self.known:
             return ""
         if self.misfit:

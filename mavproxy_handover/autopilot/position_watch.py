@@ -140,8 +140,9 @@ class PositionWatch:
         if now - self._raw_at > _LAYOUT_S and not armed:  # on the ground it may be another box by now
             self._layout = LayoutWatch(self._settings.layout)
         self._raw_at = now
+        before = self._layout.verdict
         self._layout.look(raw, self._own(now), armed=armed)
-        if self._layout.verdict is Verdict.OTHER:
+        if self._layout.verdict is Verdict.OTHER and before is not Verdict.OTHER:
             self._check = CrossCheck(self._settings)
             self._aircraft.trusts_own = not self.by_box
 
@@ -292,7 +293,7 @@ class PositionWatch:
             case Standing.LATE:
                 text = f"{self._late_s:.1f} s late (limit {self._settings.box_age_s:g} s)"
             case Standing.OTHER_LAYOUT | Standing.UNRECOGNISED:
-                text = self._layout.words
+                text = f"{self._layout.words}{self._layout.count_words}"
             case Standing.UNCHECKED:
                 text = "cannot be checked by the autopilot's position"
             case Standing.BEYOND | Standing.APART:

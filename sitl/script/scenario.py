@@ -48,6 +48,7 @@ from mavproxy_handover.config.files import ConfigError
 from mavproxy_handover.config.position import position_settings
 from mavproxy_handover.gate.tongues import POLICIES
 from mavproxy_handover.mission.package import MissionPackage
+from mavproxy_handover.wire.box_layout import LAYOUTS
 from sitl.report.matching import Match
 from sitl.script.expect import EXPECTATIONS, Expectation, OfVehicle
 from sitl.script.fault_steps import FAULT_STEPS, Box
@@ -351,6 +352,8 @@ def _box(reader: Reader, data: Mapping[str, Any]) -> Mapping[str, str | float]:
     """[position] of the vehicle's configuration, sound but for where the box is: the run says that."""
     box = reader.table(data, "box", {})
     if "box" in data:
+        if "layout" in box and box["layout"] not in tuple(LAYOUTS):
+            raise reader.error("box", f"layout: {box['layout']!r} must be one of {', '.join(LAYOUTS)}")
         try:
             position_settings({"position": {"box": _SOMEWHERE, **box}}, Path(reader.file))
         except ConfigError as error:

@@ -125,7 +125,8 @@ def test_the_words_name_the_likely_layout_and_what_to_write() -> None:
 def test_records_of_another_layout_are_counted_in_flight() -> None:
     watch = watched(THESIS, FULL, [truth()] * 30, armed=True)
     assert watch.counted == 26, "the first verdict takes five records"
-    assert watch.words.endswith('(set layout = "full" in [position]; 26 records in flight)')
+    assert watch.count_words == " (26 records of another layout in flight)"
+    assert watched(THESIS, THESIS, [truth()] * 30, armed=True).count_words == ""
 
 
 def test_a_few_records_decide_nothing() -> None:

@@ -276,6 +276,7 @@ def test_a_position_box_is_configured_as_the_vehicle_has_it_but_for_its_address(
     [
         (HEAD + ORDER + EXPECT, "box: a step gives the position box an order, and there is none"),
         (HEAD + BOX.replace("apart_m", "apart") + ORDER + EXPECT, "box: apart: unknown key; did you mean 'apart_s'?"),
+        (HEAD + BOX + 'layout = "x.toml"\n' + ORDER + EXPECT, "box: layout: 'x.toml' must be one of thesis, full"),
         (HEAD + BOX.replace("40", "4000") + ORDER + EXPECT, "box: apart_m: 4000 must be 2 to 1000"),
         (
             HEAD + BOX + 'box = "tcp:127.0.0.1:9"\n' + ORDER + EXPECT,
