@@ -191,6 +191,7 @@ class HandoverModule(mp_module.MPModule):
     def idle_task(self) -> None:
         """Called by MAVProxy in every round of its main loop."""
         now = time.monotonic()
+        self._send_downloads(now)
         self._stay_until = now + STAY_S
         self._guarded("side doors", self._close_side_doors)
         if self._talking and now - self._heard_at < TALKING_S:
@@ -258,6 +259,7 @@ class HandoverModule(mp_module.MPModule):
     def _stay(self) -> None:
         """Serve our links while nothing else happens (see `main_loop`)."""
         now, until = time.monotonic(), self._stay_until
+        self._send_downloads(now)
         waiting, ours = poller(waited_for(self.mpstate)), self._by_descriptor
         while now < until:
             due = now if self.companion.position_waits else min(self._idle_at, until)
@@ -274,6 +276,11 @@ class HandoverModule(mp_module.MPModule):
                 self._guarded("idle", self._idle)
                 waiting, ours = poller(waited_for(self.mpstate)), self._by_descriptor
                 now = time.monotonic()
+
+    def _send_downloads(self, now: float) -> None:
+        gate = self.companion.gate
+        if gate.downloads_wait:  # in every round: nearly never so
+            self._guarded("downloads", partial(gate.send_downloads, now))
 
     def _serve(self, port: StationPort, link: Device, once: bool = False) -> None:
         try:

@@ -33,6 +33,8 @@ Rules that live here
    is the companion's matter in flight. The verdict is the same: the commander's passes, and nobody else's.
 10. What a station asks of a file that the companion serves in the autopilot's place is the companion's matter; which
    requests those are, whoever serves it knows (`of_served_file`).
+11. Frames of downloads (`_DOWNLOADS`) go after all others. Several share a datagram, which leaves at the end of a round
+    of the main loop at the latest (`send_downloads`). The commander's LOG_DATA is paced (`log_download`).
 
 What breaks in the noting of a frame costs that frame's note, and a station that cannot be written to what was for it;
 both are told. Whatever else raises is the caller's.
@@ -53,6 +55,7 @@ from mavproxy_handover.gate.flush import Closing, FlushTracker
 from mavproxy_handover.gate.intent import TARGET_MESSAGES
 from mavproxy_handover.gate.judge import Fate, GateReason, StationIdentity, Verdict, judge, outcome
 from mavproxy_handover.gate.latent import LatentStreams, News, State, arms, lines
+from mavproxy_handover.gate.log_download import LogDownload
 from mavproxy_handover.gate.naming import named
 from mavproxy_handover.gate.observers import ObserverLimits, ObserverRates
 from mavproxy_handover.gate.policy.access import Access
@@ -76,6 +79,17 @@ _OURS: Final = frozenset((COMPANION_COMPID, LANGUAGE_COMPID, PROBE_COMPID))
 #: of the commander's frames, what may come often (rule 2)
 _FREQUENT: Final = frozenset((Access.READ, Access.BULK, Access.STREAM))
 _STREAM: Final = Access.STREAM
+_LOG_DATA: Final[int] = mavlink.MAVLINK_MSG_ID_LOG_DATA
+_LOG_REQUESTS: Final = frozenset(
+    (
+        mavlink.MAVLINK_MSG_ID_LOG_REQUEST_DATA,
+        mavlink.MAVLINK_MSG_ID_LOG_REQUEST_END,
+        mavlink.MAVLINK_MSG_ID_LOG_REQUEST_LIST,
+        mavlink.MAVLINK_MSG_ID_LOG_ERASE,
+    )
+)
+#: what comes in long rows
+_DOWNLOADS: Final = frozenset((_LOG_DATA, mavlink.MAVLINK_MSG_ID_PARAM_VALUE, _FTP))
 _WARNINGS: Final = (State.REFUSED, State.RAN_BEFORE)
 #: frames that wait to be noted, at most
 UNNOTED: Final = 512
@@ -114,6 +128,16 @@ class Port(Protocol):
 
     def write(self, data: bytes) -> None:
         """Send it a whole frame."""
+
+    def write_more(self, data: bytes) -> bool:
+        """Send it a whole frame of a download, of which more follow; False: not now."""
+
+    def flush(self) -> None:
+        """Send what `write_more` kept."""
+
+    @property
+    def flow_controlled(self) -> bool:
+        """Whether `write_more` refuses what the station cannot take yet."""
 
 
 class Gate:
@@ -160,6 +184,9 @@ class Gate:
         self._downlink = DownlinkPolicy((port.identity for port in ports.values()), self._rates)
         self._refusals = RefusalLimiter()
         self._in_words = OncePerCause()
+        self._log_download = LogDownload(to_autopilot)
+        #: `send_downloads` has something to do
+        self.downloads_wait = False
         self._rate_answers = RefusalLimiter(_RATE_ANSWERS_PER_S)
         self._own = mavlink.MAVLink(None, srcSystem=vehicle, srcComponent=COMPANION_COMPID)
         self._as_autopilot = mavlink.MAVLink(None, srcSystem=vehicle, srcComponent=AUTOPILOT_COMPID)
@@ -213,7 +240,10 @@ class Gate:
             verdict = self._questions.limit(frame, verdict, port.sysid, self.view.commander, now)
             self._rates.heard(port.sysid, now)
         if verdict.fate is Fate.FORWARD:
-            self._to_autopilot(frame.raw)
+            if frame.msgid in _LOG_REQUESTS and commands:
+                self._log_download.asked(port, frame, now)
+            else:
+                self._to_autopilot(frame.raw)
             self._passed.append((port, frame, verdict, now))
             if not commands or verdict.access not in _FREQUENT or len(self._passed) >= UNNOTED:
                 self.note()
@@ -344,8 +374,34 @@ class Gate:
                 self._flusher.heard(frame)
         raw = named(frame, self._names)
         for station in self._downlink.receivers(frame, self._ports, self.view, now):
-            self._to_station(self._ports[station], raw)
+            if frame.msgid in _DOWNLOADS:
+                self._download(self._ports[station], frame, raw, now)
+            else:
+                self._to_station(self._ports[station], raw)
         return True
+
+    def _download(self, port: Port, frame: Frame, raw: bytes, now: float) -> None:
+        try:
+            kept = frame.msgid == _LOG_DATA and self._log_download.keeps(port, frame, raw, now)
+            if not kept and not port.write_more(raw):
+                port.write(raw)
+            self.downloads_wait = True
+        except Exception:
+            self._fault(f"sending to {port.name}", traceback.format_exc(limit=-3))
+
+    def send_downloads(self, now: float) -> None:
+        """Send what waits of downloads; to be called in every round of the main loop while `downloads_wait`."""
+        try:
+            self.downloads_wait = self._log_download.send(now)
+        except Exception:
+            self.downloads_wait = False
+            self._log_download.forget()
+            self._fault("log download", traceback.format_exc(limit=-3))
+        for port in self._ports.values():
+            try:
+                port.flush()
+            except Exception:
+                self._fault(f"sending to {port.name}", traceback.format_exc(limit=-3))
 
     # ---- authority ------------------------------------------------------------------------------------------------
 
@@ -359,6 +415,7 @@ class Gate:
             self._note(before.commander)
         closed: list[tuple[int, Closing]] = []
         if view.commander != before.commander:
+            self._log_download.forget()
             self._latent.authority_ends(before.commander, now)
             if before.commander is not None:
                 closed += self._close(before.commander, self._flusher.flush(before.commander, wings=self.modes.wings))

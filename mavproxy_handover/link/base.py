@@ -12,7 +12,9 @@ Rules that live here:
    telemetry is worth nothing, and the protocols above repeat what matters.
 4. While a frame that has begun waits for the rest of it (`unfinished`), somebody must `read` every `schedule.TICK_S`,
    though nothing arrives: so a frame that never ends is given up in time (`wire.frames`, rule 5).
-5. What `fileno` names stays open until the next `read`; ask again after each, but for a device that is `settled`. It is
+5. Frames of a download go by `write_more`. They may wait for the next one, never longer than until the next `write` or
+   `flush`; they are the first to be refused, so that they take no other frame's place.
+6. What `fileno` names stays open until the next `read`; ask again after each, but for a device that is `settled`. It is
    -1 while there is nothing to wait for.
 """
 
@@ -97,9 +99,9 @@ class OutBuffer:
     def __len__(self) -> int:
         return len(self._data)
 
-    def add(self, frame: bytes) -> bool:
-        """Take a frame; False if there is no room for all of it."""
-        if len(self._data) + len(frame) > self._limit:
+    def add(self, frame: bytes, more: bool = False) -> bool:
+        """Take a frame; False if there is no room for all of it. Downloads (`more`) get half of the room."""
+        if len(self._data) + len(frame) > (self._limit // 2 if more else self._limit):
             return False
         self._data += frame
         return True
@@ -147,6 +149,18 @@ class Device(ABC):
     @abstractmethod
     def write(self, data: bytes) -> bool:
         """Send one frame; False, and counted, if that cannot be done now."""
+
+    def write_more(self, data: bytes) -> bool:
+        """Send one frame of a download, of which more follow at once; False, not counted, if it cannot be sent now."""
+        return self.write(data)
+
+    def flush(self) -> None:  # noqa: B027 (most devices keep nothing)
+        """Send what `write_more` kept."""
+
+    @property
+    def flow_controlled(self) -> bool:
+        """Whether what the other end cannot take yet is refused here, and not lost on the way."""
+        return True
 
     @abstractmethod
     def fileno(self) -> int:
@@ -201,13 +215,13 @@ class Device(ABC):
         counters.garbage_bytes += seen.garbage_bytes - garbage
         return frames
 
-    def _sent(self, data: bytes) -> bool:
-        self.counters.frames_out += 1
+    def _sent(self, data: bytes, frames: int = 1) -> bool:
+        self.counters.frames_out += frames
         self.counters.bytes_out += len(data)
         return True
 
-    def _refused(self) -> bool:
-        self.counters.refused_out += 1
+    def _refused(self, frames: int = 1) -> bool:
+        self.counters.refused_out += frames
         return False
 
     def _failed(self, error: Exception) -> None:

@@ -84,6 +84,10 @@ class LinkDevice(Protocol):
     def open(self) -> bool: ...
     def read(self, once: bool = False) -> list[Frame]: ...
     def write(self, data: bytes) -> bool: ...
+    def write_more(self, data: bytes) -> bool: ...
+    def flush(self) -> None: ...
+    @property
+    def flow_controlled(self) -> bool: ...
     def accept_sender(self, frame: Frame) -> bool: ...
     def close(self) -> None: ...
 
@@ -164,7 +168,11 @@ class LinkBundle:
         self._probe = probe
         self._seal = seal
         self._links = [
-            _Link(device, Outlet(device.write, seal), LinkMonitor(device.device, interval_s, draw, limits))
+            _Link(
+                device,
+                Outlet(device.write, seal, device.write_more),
+                LinkMonitor(device.device, interval_s, draw, limits),
+            )
             for device in devices
         ]
         self._single = self._links[0] if len(devices) == 1 else None
@@ -267,6 +275,22 @@ class LinkBundle:
             return True
         # its buffer is full, or it was lost just now
         return any(self._links[number].outlet.send(data, stamp) for number in self._working if number != self._best)
+
+    def write_more(self, data: bytes) -> bool:
+        """Send a frame of a download the same way; False if no link takes it now (`base`, rule 5)."""
+        stamp = 0 if self._seal is None else self._seal.stamp()
+        ways = self._links if not self._working else [self._links[self._best]]
+        return sum([link.outlet.send(data, stamp, more=True) for link in ways if link.device.open]) > 0
+
+    def flush(self) -> None:
+        """Send what `write_more` kept."""
+        for link in self._links:
+            link.device.flush()
+
+    @property
+    def flow_controlled(self) -> bool:
+        """Whether `write_more` refuses what the station cannot take yet; otherwise it is lost on the way."""
+        return self._links[self._best].device.flow_controlled
 
     def write_all(self, data: bytes) -> bool:
         """Send a frame on every link that is open; False if none took it."""

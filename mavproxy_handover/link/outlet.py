@@ -44,29 +44,36 @@ class Seal(Protocol):
 class Outlet:
     """One link's way out. `write` sends bytes, and tells whether they are sent; `seal` None: nothing is signed."""
 
-    def __init__(self, write: Callable[[bytes], bool], seal: Seal | None = None) -> None:
+    def __init__(
+        self,
+        write: Callable[[bytes], bool],
+        seal: Seal | None = None,
+        write_more: Callable[[bytes], bool] | None = None,
+    ) -> None:
+        """`write_more`: the same for a frame of which more follow; None: `write`."""
         self._write = write
+        self._write_more = write if write_more is None else write_more
         self._seal = seal
         #: the number of each sender's next frame
         self._next = bytearray(_SENDERS)
 
-    def send(self, data: bytes, stamp: int = 0) -> bool:
-        """Send a whole frame; False if it was not. `stamp`: what it is sealed with."""
-        seal = self._seal
+    def send(self, data: bytes, stamp: int = 0, more: bool = False) -> bool:
+        """Send a whole frame; False if it was not. `stamp`: what it is sealed with; `more`: others follow at once."""
+        seal, write = self._seal, self._write_more if more else self._write
         place = number_place(data)
         if not place:
-            return seal is None and self._write(data)
+            return seal is None and write(data)
         sender = data[place + 1] << 8 | data[place + 2]
         number = self._next[sender]
         if seal is not None:
             sealed = None if stamp == NO_STAMP else seal.sealed(renumber(data, place, number), stamp)
-            if sealed is None or not self._write(sealed):
+            if sealed is None or not write(sealed):
                 return False
         elif is_signed(data):
             number = data[place]
-            if not self._write(data):
+            if not write(data):
                 return False
-        elif not self._write(renumber(data, place, number)):
+        elif not write(renumber(data, place, number)):
             return False
         self._next[sender] = (number + 1) & 0xFF
         return True

@@ -103,6 +103,17 @@ class ReopeningLink(Device):
     def write(self, data: bytes) -> bool:
         return self._refused() if self._inner is None else self._inner.write(data)
 
+    def write_more(self, data: bytes) -> bool:
+        return self._inner is not None and self._inner.write_more(data)
+
+    def flush(self) -> None:
+        if self._inner is not None:
+            self._inner.flush()
+
+    @property
+    def flow_controlled(self) -> bool:
+        return self._inner is None or self._inner.flow_controlled
+
     def accept_sender(self, frame: Frame) -> bool:
         return self._inner is not None and self._inner.accept_sender(frame)
 

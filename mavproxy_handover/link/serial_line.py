@@ -87,16 +87,22 @@ class SerialLine(Device):
         return self._split(self._splitter, data, self._clock())
 
     def write(self, data: bytes) -> bool:
+        return self._put(data) or self._refused()
+
+    def write_more(self, data: bytes) -> bool:
+        return self._put(data, more=True)
+
+    def _put(self, data: bytes, more: bool = False) -> bool:
         if self._port is None:
-            return self._refused()
+            return False
         try:
             self._push()
-            if not self._out.add(data):
-                return self._refused()
+            if not self._out.add(data, more):
+                return False
             self._push()
         except OSError as error:  # closed in the next `read`
             self._failed(error)
-            return self._refused()
+            return False
         return self._sent(data)
 
     def _push(self) -> None:

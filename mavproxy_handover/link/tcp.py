@@ -76,10 +76,10 @@ class _Connection:
         """Whether `receive` has something to do though nothing has arrived."""
         return len(self._out) > 0 or self._lost != ""
 
-    def send(self, data: bytes) -> bool:
-        """Take a frame and send what can be sent now."""
+    def send(self, data: bytes, more: bool = False) -> bool:
+        """Take a frame and send what can be sent now. `more`: it belongs to a download."""
         self._push()
-        if self._lost or not self._out.add(data):
+        if self._lost or not self._out.add(data, more):
             return False
         self._push()
         return not self._lost
@@ -154,6 +154,9 @@ class TcpOut(Device):
         if self._connection is None or not self._connection.send(data):
             return self._refused()
         return self._sent(data)
+
+    def write_more(self, data: bytes) -> bool:
+        return self._connection is not None and self._connection.send(data, more=True) and self._sent(data)
 
     def _see_to_connecting(self) -> None:
         now = self._clock()
@@ -282,6 +285,10 @@ class TcpIn(Device):
         if served is None or not served.send(data):
             return self._refused()
         return self._sent(data)
+
+    def write_more(self, data: bytes) -> bool:
+        served = self._served
+        return served is not None and served.send(data, more=True) and self._sent(data)
 
     def reply(self, frame: Frame, data: bytes) -> None:
         client = self._senders.get(id(frame))

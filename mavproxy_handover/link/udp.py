@@ -27,6 +27,10 @@ the same name.
 
 Datagrams of more than 2 KiB are dropped: no station sends them, and a long one made of frame starts costs much.
 
+Frames of a download share datagrams, `GATHERED_BYTES` at most: a program pays for each datagram that it reads, and its
+socket holds far fewer small ones. Not more than 512 bytes, because gomavlib (mavp2p) reads no more of a datagram;
+mavlink-router reads 1,120.
+
 A flood fills the socket's buffer, and the system then drops the station's datagrams too. Linux counts what it drops,
 and what the filter of `udpout` keeps out as well. So a drop counts as overflow only if the buffer is at least half
 full. The device looks after every _LOOK datagrams, so that no full buffer is emptied without a look.
@@ -47,7 +51,9 @@ from mavproxy_handover.link.forms import DeviceSpec, Kind, LinkError
 from mavproxy_handover.link.names import Address, endpoint, hear_both_kinds, host_of
 from mavproxy_handover.wire.frames import MAGIC_V1, MAGIC_V2, Frame, FrameSplitter, parse_one
 
-__all__ = ["UdpIn", "UdpOut", "UdpOutBy"]
+__all__ = ["GATHERED_BYTES", "UdpIn", "UdpOut", "UdpOutBy"]
+
+GATHERED_BYTES: Final = 512
 
 _DATAGRAM_BYTES: Final = 2048
 #: datagrams taken off the socket in one `read`
@@ -97,6 +103,8 @@ class _Udp(Device):
         self._socket.setblocking(False)
         # more than the system allows is cut by the system; a burst must outlast one slow round of the main loop
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER_BYTES)
+        #: frames that wait to share a datagram, and how many
+        self._gathered, self._gathered_frames = b"", 0
         #: datagrams until the buffer is looked at again, and what had been dropped by the last look
         self._look_in = _LOOK
         self._dropped = 0
@@ -167,18 +175,42 @@ class _Udp(Device):
         if not self._closed and not isinstance(error, (BlockingIOError, InterruptedError)):
             self._failed(error)
 
-    def write(self, data: bytes) -> bool:
+    @property
+    def flow_controlled(self) -> bool:
+        return False
+
+    def write_more(self, data: bytes) -> bool:
         if self._peer is None or self._closed:
-            return self._refused()
+            return False
+        if len(self._gathered) + len(data) > GATHERED_BYTES:
+            self.flush()
+        self._gathered += data
+        self._gathered_frames += 1
+        return True
+
+    def flush(self) -> None:
+        if self._gathered:
+            data, frames = self._gathered, self._gathered_frames
+            self._gathered, self._gathered_frames = b"", 0
+            self._send(data, frames)
+
+    def write(self, data: bytes) -> bool:
+        self.flush()
+        return self._send(data)
+
+    def _send(self, data: bytes, frames: int = 1) -> bool:
+        """Send a datagram of so many frames."""
+        if self._peer is None or self._closed:
+            return self._refused(frames)
         try:
             self._socket.sendto(data, self._peer)
         except (BlockingIOError, InterruptedError):
-            return self._refused()
+            return self._refused(frames)
         except OSError as error:  # no route, the interface is down
             self._failed(error)
-            return self._refused()
+            return self._refused(frames)
         self.trouble = ""
-        return self._sent(data)
+        return self._sent(data, frames)
 
 
 class UdpOut(_Udp):
@@ -232,10 +264,10 @@ class UdpOutBy(UdpOut):
         #: it is to be found before anything is sent
         self._lost = True
 
-    def write(self, data: bytes) -> bool:
+    def _send(self, data: bytes, frames: int = 1) -> bool:
         if self._lost and not self._closed and not self._take_way():
-            return self._refused()
-        sent = super().write(data)
+            return self._refused(frames)
+        sent = super()._send(data, frames)
         self._lost = not sent and self._by_name and self.trouble != ""
         return sent
 

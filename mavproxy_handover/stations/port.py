@@ -189,6 +189,19 @@ class StationPort:
         """Send a frame on the best link, numbered and signed for it (what is signed must be MAVLink 2)."""
         self._bundle.write(data)
 
+    def write_more(self, data: bytes) -> bool:
+        """Send a frame of a download, of which more follow; False if the link does not take it now."""
+        return self._bundle.write_more(data)
+
+    def flush(self) -> None:
+        """Send what `write_more` kept."""
+        self._bundle.flush()
+
+    @property
+    def flow_controlled(self) -> bool:
+        """Whether the link refuses what the station cannot take yet."""
+        return self._bundle.flow_controlled
+
     def write_all(self, data: bytes) -> None:
         """Send a frame on every link: transfer messages must get through."""
         self._bundle.write_all(data)

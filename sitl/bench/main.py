@@ -18,7 +18,7 @@ from pathlib import Path
 from mavproxy_handover.config.files import ConfigError
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.store.keys import KeysError
-from sitl.bench import breath, downlink, energy, fleet, restart, starve, transfers, uplink, zones
+from sitl.bench import breath, downlink, download, energy, fleet, restart, starve, transfers, uplink, zones
 from sitl.bench.loop import BenchError
 from sitl.bench.results import Measurement, Results, table
 from sitl.bench.rig import Rig
@@ -27,7 +27,7 @@ from sitl.vehicles import LaunchError, find_arducopter
 
 __all__ = ["main"]
 
-PARTS = ("uplink", "downlink", "zones", "energy", "transfers", "breath", "restart", "starve", "fleet")
+PARTS = ("uplink", "downlink", "zones", "energy", "transfers", "breath", "restart", "starve", "download", "fleet")
 Say = Callable[[str], None]
 _LONGEST_S = 86_400.0
 
@@ -54,6 +54,7 @@ class Plans:
     breath: breath.Plan
     restart: restart.Plan
     starve: starve.Plan
+    download: download.Plan
     fleet: fleet.Plan
 
 
@@ -74,6 +75,7 @@ FULL = Plans(
     breath.Plan(20.0, tuple(breath.LOADS)),
     restart.Plan(60, 60, 12),
     starve.Plan(4, 15.0),
+    download.Plan(3_000_000, 3, 120.0),
     fleet.Plan({1: 120.0, 2: 120.0, 5: 180.0, 10: 300.0}),
 )
 QUICK = Plans(
@@ -93,6 +95,7 @@ QUICK = Plans(
     breath.Plan(3.0, tuple(breath.LOADS)[:2]),
     restart.Plan(2, 2, 1),
     starve.Plan(1, 5.0, ("builtin",)),
+    download.Plan(400_000, 1, 20.0, ("udp",), real=False),
     fleet.Plan({2: 12.0}, 2.0),
 )
 
@@ -168,6 +171,10 @@ def _starve(plans: Plans, folder: Path, say: Say) -> Iterator[Measurement]:
         yield from starve.measure(folder / f"starve-{vehicle}", vehicle, plans.starve, say)
 
 
+def _download(plans: Plans, folder: Path, say: Say) -> Iterator[Measurement]:
+    return download.measure(folder / "download", plans.download, say)
+
+
 def _fleet(plans: Plans, folder: Path, say: Say) -> Iterator[Measurement]:
     return fleet.measure(folder / "fleet", plans.fleet, say)
 
@@ -181,6 +188,7 @@ _RUN: dict[str, Callable[[Plans, Path, Say], Iterator[Measurement]]] = {
     "breath": _breath,
     "restart": _restart,
     "starve": _starve,
+    "download": _download,
     "fleet": _fleet,
 }
 

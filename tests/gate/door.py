@@ -38,9 +38,21 @@ class Port:
         self.heartbeat = b""
         self.heartbeat_at = -inf
         self.heard: list[bytes] = []
+        #: whether it takes frames of downloads, and whether its link refuses what it cannot send
+        self.takes_more = True
+        self.flow_controlled = False
 
     def write(self, data: bytes) -> None:
         self.heard.append(data)
+
+    def write_more(self, data: bytes) -> bool:
+        if not self.takes_more:
+            return False
+        self.heard.append(data)
+        return True
+
+    def flush(self) -> None:
+        pass
 
 
 class Came(NamedTuple):

@@ -88,6 +88,16 @@ class FakeDevice:
             self._on_write(data)
         return True
 
+    def write_more(self, data: bytes) -> bool:
+        return self.write(data)
+
+    def flush(self) -> None:
+        pass
+
+    @property
+    def flow_controlled(self) -> bool:
+        return False
+
     def accept_sender(self, frame: Frame) -> bool:
         self.accepted.append(frame)
         return True

@@ -511,3 +511,62 @@ def test_what_the_kernel_keeps_from_us_on_purpose_is_no_overflow(peers: list[Pee
     assert len([frame for _ in range(200) for frame in device.read(once=True)]) == 100
     assert device.counters.overflowed == 0
     device.close()
+
+
+# ---- downloads ------------------------------------------------------------------------------------------------------
+
+
+def test_frames_of_a_download_share_datagrams_of_512_bytes_at_most(clock: Clock, peers: list[Peer]) -> None:
+    peer = peers[0]
+    device = open_device(f"udpout:{LOOPBACK}:{peer.address[1]}", clock)
+    frames = [bytes([number]) * 109 for number in range(9)]
+    try:
+        assert all(device.write_more(frame) for frame in frames)
+        assert peer.received() == [b"".join(frames[:4]), b"".join(frames[4:8])]
+        device.flush()
+        assert peer.received() == [frames[8]]
+        device.flush()
+        assert peer.received() == []
+        assert (device.counters.frames_out, device.counters.bytes_out) == (9, 9 * 109)
+        assert not device.flow_controlled
+    finally:
+        device.close()
+
+
+def test_another_frame_does_not_wait_for_a_download_and_comes_in_order(clock: Clock, peers: list[Peer]) -> None:
+    peer = peers[0]
+    device = open_device(f"udpout:{LOOPBACK}:{peer.address[1]}", clock)
+    try:
+        device.write_more(b"download")
+        device.write(b"command")
+        assert peer.received() == [b"download", b"command"]
+    finally:
+        device.close()
+
+
+def test_a_frame_longer_than_half_a_datagram_goes_alone(clock: Clock, peers: list[Peer]) -> None:
+    peer = peers[0]
+    device = open_device(f"udpout:{LOOPBACK}:{peer.address[1]}", clock)
+    try:
+        for number in range(3):
+            device.write_more(bytes([number]) * 280)
+        device.flush()
+        assert [len(datagram) for datagram in peer.received()] == [280, 280, 280]
+    finally:
+        device.close()
+
+
+def test_a_listening_link_without_a_peer_takes_no_download(listening: tuple[UdpIn, int]) -> None:
+    device, _port = listening
+    assert not device.write_more(b"download")
+    device.flush()
+    assert device.counters.refused_out == 0
+
+
+def test_a_download_that_cannot_leave_is_counted_by_its_frames(clock: Clock, peers: list[Peer]) -> None:
+    device = open_device(f"udpout:{LOOPBACK}:{peers[0].address[1]}", clock)
+    for _ in range(3):
+        device.write_more(b"download")
+    device.close()
+    device.flush()
+    assert device.counters.refused_out == 3

@@ -28,7 +28,9 @@ from mavproxy_handover.wire.ids import COMPANION_COMPID
 from sitl.bench import energy, fleet, fleet_figures, zones
 from sitl.bench import loop as loop_module
 from sitl.bench.autopilot import FakeAutopilot
+from sitl.bench.download import finished
 from sitl.bench.durations import Committed, read_journal, transfers
+from sitl.bench.log_server import log_bytes
 from sitl.bench.loop import BenchError, Loop, cpu_s
 from sitl.bench.main import main
 from sitl.bench.numbers import Pair, abba, compare, median, quantile, settled
@@ -599,3 +601,21 @@ def test_a_greedy_observer_asks_for_what_the_attack_asked_for() -> None:
     assert kinds >= {"PARAM_REQUEST_LIST", "FILE_TRANSFER_PROTOCOL", "TERRAIN_CHECK", "PARAM_REQUEST_READ"}
     for _, message in messages.values():  # all of them can be sent
         assert message.pack(mavlink.MAVLink(None, srcSystem=252, srcComponent=190))
+
+
+# ---- download -----------------------------------------------------------------------------------------------------
+
+
+def test_rate_and_retries_of_a_download_are_what_mavproxy_tells_last() -> None:
+    console = [
+        "Finished downloading got.bin (1200 bytes 1.0 seconds, 1.2 kbyte/sec 9 retries)",
+        "STABILIZE> Finished downloading got.bin (3000000 bytes 52.3 seconds, 57.3 kbyte/sec 651 retries)",
+        "Flight battery 100 percent",
+    ]
+    assert finished(console) == (3_000_000, 57.3, 651)
+    assert finished(["Downloading got.bin - 400/400 bytes 100.0% 33.3 kbyte/s (1113 retries 2477 missing)"]) is None
+
+
+def test_the_log_server_serves_the_same_log_each_time() -> None:
+    assert len(log_bytes(1000)) == 1000
+    assert log_bytes(1000) == log_bytes(2000)[:1000]

@@ -1,0 +1,225 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Log download of the commanding station: no faster than the station and its link take it.
+
+LOG_DATA is a stream without acknowledgement. A USB or network autopilot sends it many times faster than a UDP program
+reads it. What the program's socket cannot hold is lost, and the program learns of it only after its own time-out (stock
+MAVProxy: 0.7 s, then 20 gaps at once, of which ArduPilot serves one and ignores the others). So, rules:
+
+1. LOG_DATA waits here in a bounded queue. To a link that refuses what it cannot send (TCP, serial) it goes as fast as
+   the link takes it, to a UDP link at `PACE_BYTES_PER_S`.
+2. Above `HIGH_BYTES` the autopilot is told to stop (LOG_REQUEST_END). Below `LOW_BYTES` the rest is asked for again. A
+   frame that comes while the queue is full is dropped here, and the rest is asked for from that frame on.
+3. Requests that come while one is served wait for their turn, `MOST_REQUESTS` of them.
+4. A station that asks again for what it was sent has lost it: the pace is halved, down to `LEAST_PACE_BYTES_PER_S`. A
+   download from offset 0 begins with the full pace.
+5. A LOG_DATA without data says "end of log" and makes MAVProxy close its file. It is passed on only if the station
+   asked for that place itself, not where the companion asked for the rest.
+6. If the autopilot sends nothing for `STALL_S`, all is forgotten. The station asks again by its own rules.
+
+Time is an argument (monotonic seconds).
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final, Protocol
+
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.wire.frames import Frame, field_int
+
+__all__ = [
+    "HIGH_BYTES",
+    "LEAST_PACE_BYTES_PER_S",
+    "LOW_BYTES",
+    "MOST_BYTES",
+    "MOST_REQUESTS",
+    "PACE_BYTES_PER_S",
+    "STALL_S",
+    "LogDownload",
+    "Receiver",
+]
+
+#: Bytes of frames a second to a UDP link: about 3,300 frames, 300 kB of log. Stock MAVProxy reads up to 5,000 frames a
+#: second, four to a datagram, on a desk computer of 2020.
+PACE_BYTES_PER_S: Final = 360_000.0
+LEAST_PACE_BYTES_PER_S: Final = 45_000.0
+#: most that is sent at once after a pause: a fifth of a usual receive buffer (208 KiB, small datagrams count twice)
+BURST_BYTES: Final = 16_384.0
+HIGH_BYTES: Final = 65_536
+LOW_BYTES: Final = 16_384
+MOST_BYTES: Final = 262_144
+MOST_REQUESTS: Final = 32
+#: shorter than the 0.7 s after which MAVProxy asks again
+STALL_S: Final = 0.5
+#: gaps are asked for in one go: one halving for all of them
+_SLOWER_EACH_S: Final = 1.0
+
+_REQUEST: Final[int] = mavlink.MAVLINK_MSG_ID_LOG_REQUEST_DATA
+_DATA_BYTES: Final = 90  #: of a whole LOG_DATA
+
+
+class Receiver(Protocol):
+    """A station as far as a download needs it."""
+
+    @property
+    def flow_controlled(self) -> bool:
+        """Its link refuses what it cannot send now."""
+
+    def write_more(self, data: bytes) -> bool:
+        """Send a frame of many; False: not now."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Range:
+    """What a station asked for: bytes `begin` to `end` of a log, and whom it asked as whom."""
+
+    log: int
+    begin: int
+    end: int
+    sender: tuple[int, int]
+    target: tuple[int, int]
+
+    def asks(self, begin: int) -> bytes:
+        """The station's request for the rest of it."""
+        return self._pack(mavlink.MAVLink_log_request_data_message(*self.target, self.log, begin, self.end - begin))
+
+    def ends(self) -> bytes:
+        """The station's request to stop."""
+        return self._pack(mavlink.MAVLink_log_request_end_message(*self.target))
+
+    def _pack(self, message: mavlink.MAVLink_message) -> bytes:
+        return bytes(message.pack(mavlink.MAVLink(None, srcSystem=self.sender[0], srcComponent=self.sender[1])))
+
+
+class LogDownload:
+    """The download of one vehicle; ArduPilot has one at a time. `to_autopilot` takes whole frames."""
+
+    def __init__(self, to_autopilot: Callable[[bytes], None]) -> None:
+        self._to_autopilot = to_autopilot
+        self._receiver: Receiver | None = None
+        #: what the autopilot sends now, and what waits for its turn
+        self._served: _Range | None = None
+        self._waiting: deque[_Range] = deque()
+        #: the offset that comes next, and the one from which the companion itself asked last
+        self._next = 0
+        self._resumed_at = -1
+        self._heard_at = -math.inf
+        #: the autopilot was told to stop, and a frame was dropped since
+        self._stopped = self._dropped = False
+        self._queue: deque[bytes] = deque()
+        self._queued_bytes = 0
+        #: of the log that is downloaded: up to where it was sent
+        self._log, self._sent_to = 0, 0
+        self._pace = PACE_BYTES_PER_S
+        self._slowed_at = -math.inf
+        self._credit_bytes, self._credit_at = BURST_BYTES, -math.inf
+
+    @property
+    def queued_bytes(self) -> int:
+        """What waits for the station."""
+        return self._queued_bytes
+
+    def asked(self, receiver: Receiver, frame: Frame, now: float) -> None:
+        """A request about logs that the gate let through (LOG_REQUEST_*, LOG_ERASE): pass it on, now or later."""
+        if frame.msgid != _REQUEST:
+            self.forget()
+            self._to_autopilot(frame.raw)
+            return
+        begin = field_int(frame, "ofs")
+        asked = _Range(
+            field_int(frame, "id"),
+            begin,
+            min(begin + field_int(frame, "count"), 0xFFFFFFFF),
+            (frame.sysid, frame.compid),
+            (field_int(frame, "target_system"), field_int(frame, "target_component")),
+        )
+        self._judge_pace(asked, now)
+        stalled = not self._stopped and not self._queue and now - self._heard_at > STALL_S
+        if receiver is not self._receiver or stalled:
+            self.forget()
+        self._receiver = receiver
+        if self._served is None:
+            self._serve(asked, now, frame.raw)
+        elif len(self._waiting) < MOST_REQUESTS and asked != self._served and asked not in self._waiting:
+            self._waiting.append(asked)
+
+    def _judge_pace(self, asked: _Range, now: float) -> None:
+        if asked.begin == 0 or asked.log != self._log:
+            self._log, self._sent_to, self._pace = asked.log, 0, PACE_BYTES_PER_S
+        elif asked.begin < self._sent_to and now - self._slowed_at >= _SLOWER_EACH_S:
+            self._slowed_at = now
+            self._pace = max(LEAST_PACE_BYTES_PER_S, self._pace / 2)
+
+    def _serve(self, asked: _Range, now: float, raw: bytes) -> None:
+        self._served, self._next, self._resumed_at = asked, asked.begin, -1
+        self._heard_at = now
+        self._to_autopilot(raw)
+
+    def keeps(self, receiver: Receiver, frame: Frame, raw: bytes, now: float) -> bool:
+        """Whether this LOG_DATA, on its way to a station, is dealt with here."""
+        served = self._served
+        if served is None or receiver is not self._receiver or field_int(frame, "id") != served.log:
+            return False
+        begin, count = field_int(frame, "ofs"), field_int(frame, "count")
+        self._heard_at = now
+        if count == 0 and begin == self._resumed_at:
+            self._over(now)
+            return True
+        if self._dropped or self._queued_bytes + len(raw) > MOST_BYTES:
+            self._dropped = True
+            return True
+        self._queue.append(raw)
+        self._queued_bytes += len(raw)
+        self._next = begin + count
+        self._sent_to = max(self._sent_to, self._next)
+        if count < _DATA_BYTES or self._next >= served.end:
+            self._over(now)
+        elif self._queued_bytes > HIGH_BYTES and not self._stopped:
+            self._stopped = True
+            self._to_autopilot(served.ends())
+        return True
+
+    def _over(self, now: float) -> None:
+        """All of the range has come."""
+        self._served, self._stopped, self._dropped = None, False, False
+        if self._waiting:
+            asked = self._waiting.popleft()
+            self._serve(asked, now, asked.asks(asked.begin))
+
+    def send(self, now: float) -> bool:
+        """Send what may go now; whether there is more to do. To be called in every round of the main loop."""
+        receiver, queue = self._receiver, self._queue
+        if receiver is None:
+            return False
+        paced = not receiver.flow_controlled
+        self._credit_bytes = min(BURST_BYTES, self._credit_bytes + self._pace * (now - self._credit_at))
+        self._credit_at = now
+        while queue and (not paced or self._credit_bytes > 0.0):
+            if not receiver.write_more(queue[0]):
+                break
+            size = len(queue.popleft())
+            self._queued_bytes -= size
+            self._credit_bytes -= size
+        if self._stopped and self._queued_bytes <= LOW_BYTES:
+            self._go_on(now)
+        return bool(queue) or self._stopped
+
+    def _go_on(self, now: float) -> None:
+        served = self._served
+        self._stopped = self._dropped = False
+        if served is not None:
+            self._resumed_at, self._heard_at = self._next, now
+            self._to_autopilot(served.asks(self._next))
+
+    def forget(self) -> None:
+        """Authority moves, the station ends the download, or it asks for something else."""
+        self._receiver = self._served = None
+        self._waiting.clear()
+        self._queue.clear()
+        self._queued_bytes = 0
+        self._stopped = self._dropped = False

@@ -1,0 +1,236 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""How fast a stock MAVProxy downloads a log: through the companion, and directly from the autopilot, in turns.
+
+The baseline has the same kind of link: a station that reaches the companion by UDP is compared to one that reaches the
+autopilot by UDP, and TCP to TCP. All are real processes. The autopilot is ArduCopter's program where there is one, else
+`log_server`. The station is the installed MAVProxy with the modules that it loads by itself; rate and retries are what
+it tells at the end of its `log download`, and the file must be right to the byte. A download that is not over in time
+counts for the baseline as if it had ended then, and for the companion as nothing.
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import Any, Final
+
+from mavproxy_handover.cli.launch import companion_argv, mavproxy
+from sitl.bench.log_server import log_bytes
+from sitl.bench.loop import BenchError
+from sitl.bench.numbers import Pair, abba, compare
+from sitl.bench.results import Measurement
+from sitl.bench.rig import PARENT, toml
+from sitl.bench.traffic import AUTOPILOT, VEHICLE
+from sitl.run.processes import Child, Processes
+from sitl.vehicles import VehicleSpec, find_arducopter
+from sitl.vehicles.arducopter import arguments_of
+from sitl.vehicles.ports import LOOPBACK, PortPicker
+from sitl.vehicles.process import BASE_PARAMETERS
+
+__all__ = ["RATE_RATIO", "Plan", "finished", "measure"]
+
+RATE_RATIO: Final = 0.8
+_POLL_S: Final = 0.05
+_UP_LIMIT_S: Final = 60.0
+#: a download that has brought nothing by then was not let through yet: it is asked for again
+_BEGUN_S: Final = 3.0
+_FINISHED: Final = re.compile(r"Finished downloading .*\((\d+) bytes .* ([\d.]+) kbyte/sec (\d+) retries\)")
+_FILE: Final = "got.bin"
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """Bytes of the log, pairs of downloads, the longest that one may take, and the kinds of link."""
+
+    size: int
+    pairs: int
+    limit_s: float
+    links: tuple[str, ...] = ("udp", "tcp")
+    #: False: the small server even where ArduCopter's program is
+    real: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class _Download:
+    """One download as the station tells it; `retries` None: it was not over in time."""
+
+    kbytes_per_s: float
+    retries: int | None
+
+
+def finished(console: list[str]) -> tuple[int, float, int] | None:
+    """Bytes, kB/s and retries of the last download that MAVProxy says is finished."""
+    for line in reversed(console):
+        found = _FINISHED.search(line)
+        if found:
+            return int(found[1]), float(found[2]), int(found[3])
+    return None
+
+
+class _Site:
+    """An autopilot with a log, and a companion. Leaving the `with` block ends all processes."""
+
+    def __init__(self, folder: Path, link: str, plan: Plan) -> None:
+        self._folder, self._link, self._plan = folder, link, plan
+        self._processes = Processes()
+        self._log = log_bytes(plan.size)
+        picker = PortPicker()
+        self._tcp, self._companion_tcp, self._udp = picker.tcp(), picker.tcp(), picker.udp()
+        self._station_port = picker.udp() if link == "udp" else picker.tcp()
+        self._program = find_arducopter() if plan.real else None
+        self._number = 0
+
+    @property
+    def vehicle(self) -> str:
+        return "log server" if self._program is None else "arducopter"
+
+    def __enter__(self) -> _Site:
+        try:
+            self._start()
+        except BaseException:
+            self._processes.stop_all()
+            raise
+        return self
+
+    def __exit__(self, *_exception: object) -> None:
+        self._processes.stop_all()
+
+    def _start(self) -> None:
+        vehicle = self._folder / "vehicle"
+        (vehicle / "logs").mkdir(parents=True)
+        tcp, udp = {0: self._tcp, 1: self._companion_tcp}, f"{LOOPBACK}:{self._udp}"
+        if self._program is None:
+            ports = [word for port in tcp.values() for word in ("--tcp", str(port))]
+            argv = [sys.executable, "-m", "sitl.bench.log_server", "--size", str(self._plan.size)]
+            argv += [*ports, "--udp", str(self._udp)]
+        else:
+            (vehicle / "logs" / "00000001.BIN").write_bytes(self._log)
+            (vehicle / "logs" / "LASTLOG.TXT").write_text("1\n", encoding="ascii")
+            parameters = vehicle / "base.parm"
+            shutil.copy(BASE_PARAMETERS, parameters)
+            spec = VehicleSpec(home=(52.6792, 5.9240, 0.0, 0.0), sysid=VEHICLE)
+            argv = arguments_of(self._program, spec, "quad", tcp, [parameters])
+            argv += ["--serial2", f"udpclient:{udp}"]
+        self._processes.start("vehicle", argv, vehicle)
+        companion = self._folder / "companion"
+        companion.mkdir()
+        config = companion / "handover.toml"
+        config.write_text(toml(self._tables()), encoding="utf-8")
+        master = f"tcp:{LOOPBACK}:{self._companion_tcp}"
+        time.sleep(1.0)  # MAVProxy does not try a second time
+        argv = companion_argv(config, master, companion / "mav.tlog")
+        self._wait_for(self._processes.start("companion", argv, companion), "stations GCSA", _UP_LIMIT_S)
+
+    def _tables(self) -> dict[str, Any]:
+        way = "udpout" if self._link == "udp" else "tcpin"
+        return {
+            "vehicle": {
+                "name": "drone-1",
+                "sysid": VEHICLE,
+                "parent": "GCSA",
+                "journal": "companion.jsonl",
+                "guard": False,
+                "allow_unsigned": True,
+            },
+            "station": [
+                {
+                    "name": "GCSA",
+                    "sysid": PARENT,
+                    "links": [f"{way}:{LOOPBACK}:{self._station_port}"],
+                    "module": False,
+                    "consent": "automatic",
+                }
+            ],
+        }
+
+    def download(self, ours: bool) -> _Download:
+        """One download by a station of its own. Raises BenchError, OSError."""
+        self._number += 1
+        udp, tcp = (self._station_port if ours else port for port in (self._udp, self._tcp))
+        master = f"udpin:{LOOPBACK}:{udp}" if self._link == "udp" else f"tcp:{LOOPBACK}:{tcp}"
+        name = f"{'ours' if ours else 'direct'}-{self._number}"
+        argv = [*mavproxy(), f"--master={master}", f"--source-system={PARENT}", f"--target-system={VEHICLE}"]
+        station = self._processes.start(name, argv, self._folder / name)
+        try:
+            self._wait_for(station, f"Detected vehicle {VEHICLE}:{AUTOPILOT}", _UP_LIMIT_S)
+            if self._program is not None:  # which it fetches at once, by file transfer
+                self._wait_for(station, " parameters", _UP_LIMIT_S)
+            return self._downloaded(station, ours)
+        finally:
+            station.stop()
+
+    def _wait_for(self, station: Child, text: str, limit_s: float) -> None:
+        until = time.monotonic() + limit_s
+        while not any(text in line for line in station.console()):
+            if time.monotonic() > until or not station.alive():
+                raise BenchError(f"{station.name}: no {text!r} (console: {' | '.join(station.console()[-5:])})")
+            time.sleep(_POLL_S)
+
+    def _downloaded(self, station: Child, ours: bool) -> _Download:
+        path = station.folder / _FILE
+        begun = asked_at = time.monotonic()
+        station.type(f"log download 1 {_FILE}")
+        while time.monotonic() - begun < self._plan.limit_s:
+            time.sleep(_POLL_S)
+            told = finished(station.console())
+            if told is not None:
+                if path.read_bytes() != self._log:
+                    raise BenchError(f"{station.name}: the file is not the log ({told[0]} bytes)")
+                return _Download(told[1], told[2])
+            if time.monotonic() - asked_at > _BEGUN_S and not (path.is_file() and path.stat().st_size):
+                asked_at = time.monotonic()
+                station.type(f"log cancel;log download 1 {_FILE}")
+        if not path.is_file() or not path.stat().st_size:
+            raise BenchError(f"{station.name}: no log data (console: {' | '.join(station.console()[-5:])})")
+        return _Download(0.0 if ours else self._plan.size / self._plan.limit_s / 1e3, None)
+
+
+def measure(folder: Path, plan: Plan, say: Callable[[str], None]) -> Iterator[Measurement]:
+    """One line for each kind of link. Raises BenchError, ConfigError, LaunchError, OSError."""
+    for link in plan.links:
+        found: dict[bool, list[_Download]] = {True: [], False: []}
+        with _Site(folder / link, link, plan) as site:
+            for order in islice(abba(), plan.pairs):
+                for ours in order:
+                    found[ours].append(site.download(ours))
+                last = {ours: downloads[-1] for ours, downloads in found.items()}
+                say(
+                    f"{site.vehicle}, {link}: {last[True].kbytes_per_s:.0f} kB/s, {_told(last[True])}; "
+                    f"directly {last[False].kbytes_per_s:.0f} kB/s, {_told(last[False])}"
+                )
+        pairs = [Pair(a.kbytes_per_s, b.kbytes_per_s) for a, b in zip(found[True], found[False], strict=True)]
+        compared = compare(pairs)
+        yield Measurement(
+            "download",
+            "log download by stock MAVProxy",
+            "kB/s",
+            {"vehicle": site.vehicle, "link": link, "log_kB": plan.size // 1000},
+            compared.ours,
+            compared.baseline,
+            compared.ratio,
+            (compared.low, compared.high),
+            compared.pairs,
+            limit=RATE_RATIO,
+            at_least=True,
+            details={
+                "retries": [download.retries for download in found[True]],
+                "retries_direct": [download.retries for download in found[False]],
+            },
+            note=f"{site.vehicle}, {link}: the baseline is the same MAVProxy at the autopilot itself by {link}; "
+            f"{_all_told(found[True])}, directly {_all_told(found[False])}",
+        )
+
+
+def _told(download: _Download) -> str:
+    return "not over in time" if download.retries is None else f"{download.retries} retries"
+
+
+def _all_told(downloads: list[_Download]) -> str:
+    return ", ".join(_told(download) for download in downloads)

@@ -1,0 +1,366 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Log download of the commanding station: order, pace, stop and go, and what must not reach the station."""
+
+from __future__ import annotations
+
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.core.model import AuthorityView
+from mavproxy_handover.gate.log_download import (
+    LEAST_PACE_BYTES_PER_S,
+    MOST_BYTES,
+    MOST_REQUESTS,
+    PACE_BYTES_PER_S,
+    LogDownload,
+)
+from mavproxy_handover.wire.frames import Frame, parse_one
+from tests.gate.door import Door
+from tests.gate.ledger import GCSA, VEHICLE, A
+
+ALL = 0xFFFFFFFF
+WHOLE = 90
+#: bytes of a whole LOG_DATA frame: header 10, payload 97, checksum 2
+FRAME = 109
+
+
+def packed(message: mavlink.MAVLink_message, sysid: int = GCSA, compid: int = 190) -> Frame:
+    frame = parse_one(bytes(message.pack(mavlink.MAVLink(None, srcSystem=sysid, srcComponent=compid))))
+    assert frame is not None
+    return frame
+
+
+def request(begin: int, count: int = ALL, log: int = 7) -> Frame:
+    return packed(mavlink.MAVLink_log_request_data_message(VEHICLE, 1, log, begin, count))
+
+
+def data(begin: int, count: int = WHOLE, log: int = 7) -> Frame:
+    return packed(mavlink.MAVLink_log_data_message(log, begin, count, [1] * WHOLE), VEHICLE, 1)
+
+
+class Station:
+    def __init__(self, flow_controlled: bool = False) -> None:
+        self.flow_controlled = flow_controlled
+        self.room = 1 << 30
+        self.got: list[int] = []
+
+    def write_more(self, raw: bytes) -> bool:
+        if self.room <= 0:
+            return False
+        self.room -= 1
+        frame = parse_one(raw)
+        assert frame is not None
+        self.got.append(int.from_bytes(frame.payload[:4], "little"))
+        return True
+
+
+class Bench:
+    """A download with a station and an autopilot that keeps what it is asked."""
+
+    def __init__(self, flow_controlled: bool = False) -> None:
+        self.to_autopilot: list[bytes] = []
+        self.station = Station(flow_controlled)
+        self.download = LogDownload(self.to_autopilot.append)
+        self.now = 50.0
+
+    def ask(self, begin: int, count: int = ALL) -> None:
+        self.download.asked(self.station, request(begin, count), self.now)
+
+    def come(self, begin: int, count: int = WHOLE) -> bool:
+        frame = data(begin, count)
+        return self.download.keeps(self.station, frame, frame.raw, self.now)
+
+    def row(self, frames: int, begin: int = 0) -> None:
+        """So many whole frames at once."""
+        for number in range(frames):
+            assert self.come(begin + number * WHOLE)
+
+    def asked(self) -> list[tuple[str, int, int]]:
+        """What the autopilot was asked since the last call: kind, offset, count."""
+        found = []
+        for raw in self.to_autopilot:
+            message = mavlink.MAVLink(None).decode(bytearray(raw))
+            assert (message.get_srcSystem(), message.get_srcComponent()) == (GCSA, 190)
+            assert message.target_system == VEHICLE
+            values = (message.ofs, message.count) if message.get_type() == "LOG_REQUEST_DATA" else (0, 0)
+            found.append((message.get_type(), *values))
+        self.to_autopilot.clear()
+        return found
+
+    def run(self, seconds: float, step_s: float = 0.02) -> None:
+        for _ in range(round(seconds / step_s)):
+            self.now += step_s
+            self.download.send(self.now)
+
+
+def test_a_request_passes_as_it_is_and_its_data_arrives_in_order() -> None:
+    bench = Bench()
+    bench.ask(0)
+    assert bench.to_autopilot == [request(0).raw]
+    bench.row(3)
+    bench.come(270, 12)
+    bench.run(0.1)
+    assert bench.station.got == [0, 90, 180, 270]
+    assert bench.download.send(bench.now) is False
+
+
+def test_data_goes_to_a_udp_link_at_the_pace_and_not_faster() -> None:
+    bench = Bench()
+    bench.ask(0)
+    bench.row(550)  # 59,950 bytes: the autopilot is not stopped yet
+    bench.download.send(bench.now)
+    assert len(bench.station.got) == 151  # a burst of 16,384 bytes
+    bench.run(0.1)
+    assert len(bench.station.got) == 151 + 330  # 36,000 bytes
+    bench.run(0.1)
+    assert len(bench.station.got) == 550
+
+
+def test_to_a_link_with_flow_control_data_goes_as_fast_as_it_takes_it() -> None:
+    bench = Bench(flow_controlled=True)
+    bench.station.room = 200
+    bench.ask(0)
+    bench.row(500)
+    assert bench.download.send(bench.now) is True
+    assert len(bench.station.got) == 200
+    bench.station.room = 1000
+    assert bench.download.send(bench.now) is False
+    assert bench.station.got == [number * WHOLE for number in range(500)]
+
+
+def test_the_autopilot_is_stopped_before_the_queue_is_full_and_asked_for_the_rest_later() -> None:
+    bench = Bench()
+    bench.ask(0, 90_000)
+    bench.row(602)
+    assert bench.asked() == [("LOG_REQUEST_DATA", 0, 90_000), ("LOG_REQUEST_END", 0, 0)]
+    bench.row(20, 602 * WHOLE)  # they were on the way
+    bench.run(0.2)
+    assert bench.asked() == [("LOG_REQUEST_DATA", 622 * WHOLE, 90_000 - 622 * WHOLE)]
+    bench.row(378, 622 * WHOLE)
+    bench.run(1.0)
+    assert bench.station.got == [number * WHOLE for number in range(1000)]
+    assert bench.asked() == []
+
+
+def test_what_does_not_fit_any_more_is_asked_for_again_and_memory_is_bounded() -> None:
+    bench = Bench()
+    bench.ask(0)
+    bench.row(5000)  # an autopilot that goes on though it was told to stop
+    assert bench.download.queued_bytes <= MOST_BYTES
+    kept = MOST_BYTES // FRAME
+    bench.run(2.0)
+    assert len(bench.station.got) == kept == 2404
+    assert bench.asked()[2:] == [("LOG_REQUEST_DATA", 2404 * WHOLE, ALL - 2404 * WHOLE)]
+    bench.row(3, 2404 * WHOLE)
+    bench.run(0.1)
+    assert bench.station.got[-3:] == [(2404 + number) * WHOLE for number in range(3)]
+
+
+def test_a_paced_download_of_many_megabytes_loses_nothing_and_keeps_the_pace() -> None:
+    bench = Bench()
+    bench.ask(0)
+    frames, place, flows = 11_000, 0, True
+    begun = bench.now
+    while len(bench.station.got) < frames and bench.now < begun + 60.0:
+        for kind, begin, _count in bench.asked():
+            place, flows = (begin // WHOLE, True) if kind == "LOG_REQUEST_DATA" else (place, False)
+        for _ in range(80 if flows else 0):  # 8,000 frames a second
+            if place < frames:
+                bench.come(place * WHOLE)
+                place += 1
+        bench.run(0.01, 0.01)
+    assert bench.station.got == [number * WHOLE for number in range(frames)]
+    assert 0.97 <= frames * FRAME / (bench.now - begun) / PACE_BYTES_PER_S <= 1.03
+
+
+def test_requests_for_gaps_are_served_one_after_the_other() -> None:
+    bench = Bench()
+    bench.ask(900, 90)
+    bench.ask(1800, 180)
+    bench.ask(1800, 180)  # the same again
+    bench.ask(4500, 90)
+    assert bench.asked() == [("LOG_REQUEST_DATA", 900, 90)]
+    bench.come(900)
+    assert bench.asked() == [("LOG_REQUEST_DATA", 1800, 180)]
+    bench.come(1800)
+    assert bench.asked() == []
+    bench.come(1890)
+    assert bench.asked() == [("LOG_REQUEST_DATA", 4500, 90)]
+    bench.come(4500)
+    bench.run(0.1)
+    assert bench.station.got == [900, 1800, 1890, 4500]
+    assert bench.asked() == []
+
+
+def test_only_so_many_requests_wait() -> None:
+    bench = Bench()
+    for number in range(200):
+        bench.ask(number * 900, 90)
+    served = 0
+    while asked := bench.asked():
+        assert len(asked) == 1
+        served += 1
+        bench.come(asked[0][1])
+    assert served == 1 + MOST_REQUESTS == 33
+
+
+def test_an_end_of_log_that_the_station_did_not_ask_for_is_not_passed_on() -> None:
+    """A program closes its file at LOG_DATA without data, though it may have gaps."""
+    bench = Bench()
+    bench.ask(0)
+    bench.row(602)  # that was all of the log, and the autopilot was told to stop
+    bench.run(1.0)
+    assert bench.asked()[-1][:2] == ("LOG_REQUEST_DATA", 602 * WHOLE)
+    assert bench.come(602 * WHOLE, 0)
+    bench.run(1.0)
+    assert bench.station.got == [number * WHOLE for number in range(602)]
+
+
+def test_an_end_of_log_that_the_station_asked_for_is_passed_on() -> None:
+    bench = Bench()
+    bench.ask(54_180)
+    assert bench.come(54_180, 0)
+    bench.run(0.1)
+    assert bench.station.got == [54_180]
+
+
+def test_a_station_that_asks_again_for_what_it_was_sent_gets_it_slower() -> None:
+    bench = Bench()
+    bench.ask(0, 100 * WHOLE)
+    bench.row(100)
+    bench.run(1.0)
+    for begin in (900, 1800, 2700):  # gaps of one round: one halving
+        bench.ask(begin, 90)
+        bench.come(begin)
+    bench.run(1.0)
+    bench.ask(9000, 54_000)
+    bench.row(550, 9000)
+    bench.station.got.clear()
+    bench.download.send(bench.now)
+    burst = len(bench.station.got)
+    bench.run(0.2)
+    # half of 360,000 bytes a second
+    assert len(bench.station.got) - burst == 330
+
+
+def test_the_pace_has_a_floor_and_a_new_download_has_the_full_one() -> None:
+    bench = Bench()
+    bench.ask(0, 600 * WHOLE)
+    bench.row(600)
+    bench.run(2.0)
+    for _ in range(12):
+        bench.now += 1.5
+        bench.ask(0 + WHOLE, 90)
+        bench.come(WHOLE)
+        bench.run(0.1)
+    assert LEAST_PACE_BYTES_PER_S == 45_000.0
+
+    def sent_in_200_ms() -> int:
+        bench.download.send(bench.now)
+        before = len(bench.station.got)
+        bench.run(0.2)
+        return len(bench.station.got) - before
+
+    bench.ask(600 * WHOLE, 500 * WHOLE)
+    bench.row(500, 600 * WHOLE)
+    assert sent_in_200_ms() in (82, 83)  # 9,000 bytes
+    bench.run(2.0)
+    bench.ask(0, 550 * WHOLE)
+    bench.row(550)
+    assert sent_in_200_ms() == 399  # 550 less the burst: 72,000 bytes would go
+
+
+def test_after_a_silence_of_the_autopilot_the_next_request_counts_alone() -> None:
+    bench = Bench()
+    bench.ask(0)
+    bench.ask(900, 90)
+    bench.row(2)
+    bench.run(0.6)
+    bench.asked()
+    bench.ask(180)
+    assert bench.asked() == [("LOG_REQUEST_DATA", 180, ALL)]
+    bench.come(180, 5)
+    assert bench.asked() == []  # the gap from before is not asked for
+
+
+def test_data_that_the_station_did_not_ask_for_is_left_alone() -> None:
+    bench = Bench()
+    assert not bench.come(0)
+    bench.ask(0)
+    other = data(0, log=8)
+    assert not bench.download.keeps(bench.station, other, other.raw, bench.now)
+    assert not bench.download.keeps(Station(), data(0), data(0).raw, bench.now)
+
+
+def test_an_ended_download_sends_nothing_more() -> None:
+    bench = Bench()
+    bench.ask(0)
+    bench.row(500)
+    end = packed(mavlink.MAVLink_log_request_end_message(VEHICLE, 1))
+    bench.download.asked(bench.station, end, bench.now)
+    assert bench.to_autopilot[-1] == end.raw
+    bench.run(1.0)
+    assert bench.station.got == []
+    assert bench.download.queued_bytes == 0
+
+
+# ---- through the whole gate -----------------------------------------------------------------------------------------
+
+
+def on_the_ground(door: Door, commander: int | None = GCSA) -> None:
+    door.change(AuthorityView(commander=commander, armed=False))
+
+
+def test_the_gate_paces_the_commanders_download_and_everything_else_goes_before_it() -> None:
+    door = Door(step_s=0.0)
+    on_the_ground(door)
+    came = door.up(A, request(0))
+    assert came.passed == [request(0).raw]
+    for number in range(500):
+        door.gate.down(data(number * WHOLE), door.now)
+    heartbeat = packed(mavlink.MAVLink_heartbeat_message(2, 3, 0, 0, 4, 3), VEHICLE, 1)
+    door.gate.down(heartbeat, door.now)
+    port = door.ports[GCSA]
+    assert port.heard == [heartbeat.raw]
+    assert door.gate.downloads_wait
+    for _ in range(20):
+        door.now += 0.02
+        door.gate.send_downloads(door.now)
+    assert port.heard[1:] == [data(number * WHOLE).raw for number in range(500)]
+    assert not door.gate.downloads_wait
+    assert door.faults == []
+
+
+def test_when_authority_moves_the_rest_of_a_download_is_thrown_away() -> None:
+    door = Door(step_s=0.0)
+    on_the_ground(door)
+    door.up(A, request(0))
+    for number in range(500):
+        door.gate.down(data(number * WHOLE), door.now)
+    on_the_ground(door, None)
+    door.gate.send_downloads(door.now + 1.0)
+    assert door.ports[GCSA].heard == []
+
+
+def test_a_parameter_that_a_link_does_not_take_as_download_is_sent_like_any_other_frame() -> None:
+    door = Door()
+    on_the_ground(door)
+    port = door.ports[GCSA]
+    port.takes_more = False
+    value = packed(mavlink.MAVLink_param_value_message(b"RTL_ALT", 30.0, 9, 900, 4), VEHICLE, 1)
+    assert door.down(value) == {GCSA}
+
+
+def test_a_fault_of_the_download_is_told_and_ends_it() -> None:
+    door = Door(step_s=0.0)
+    on_the_ground(door)
+    door.up(A, request(0))
+    door.gate.down(data(0), door.now)
+
+    def fails(_raw: bytes) -> bool:
+        raise RuntimeError("broken")
+
+    door.ports[GCSA].write_more = fails  # type: ignore[method-assign]
+    door.gate.send_downloads(door.now)
+    assert [fault.split(":")[0] for fault in door.faults] == ["log download"]
+    assert not door.gate.downloads_wait
