@@ -8,8 +8,9 @@ MAVProxy: 0.7 s, then 20 gaps at once, of which ArduPilot serves one and ignores
 
 1. LOG_DATA waits here in a bounded queue. To a link that refuses what it cannot send (TCP, serial) it goes as fast as
    the link takes it, to a UDP link at `PACE_BYTES_PER_S`.
-2. Above `HIGH_BYTES` the autopilot is told to stop (LOG_REQUEST_END). Below `LOW_BYTES` the rest is asked for again. A
-   frame that comes while the queue is full is dropped here, and the rest is asked for from that frame on.
+2. Above `HIGH_BYTES` the autopilot is told to stop (LOG_REQUEST_END). Below `LOW_BYTES` the rest is asked for again. On
+   a network link much may still be on its way: what is queued already is dropped when it comes again. A frame that
+   comes while the queue is full is dropped as well, with all that follow it, and the rest is asked for from it on.
 3. Requests that come while one is served wait for their turn, `MOST_REQUESTS` of them.
 4. A station that asks again for what it was sent has lost it: the pace is halved, down to `LEAST_PACE_BYTES_PER_S`. A
    download from offset 0 begins with the full pace.
@@ -109,8 +110,10 @@ class LogDownload:
         self._next = 0
         self._resumed_at = -1
         self._heard_at = -math.inf
-        #: the autopilot was told to stop, and a frame was dropped since
-        self._stopped = self._dropped = False
+        #: the autopilot was told to stop
+        self._stopped = False
+        #: where the row of frames goes on that is dropped, None: none is
+        self._dropping_at: int | None = None
         self._queue: deque[bytes] = deque()
         self._queued_bytes = 0
         #: of the log that is downloaded: up to where it was sent
@@ -157,6 +160,7 @@ class LogDownload:
 
     def _serve(self, asked: _Range, now: float, raw: bytes) -> None:
         self._served, self._next, self._resumed_at = asked, asked.begin, -1
+        self._dropping_at = None
         self._heard_at = now
         self._to_autopilot(raw)
 
@@ -166,12 +170,18 @@ class LogDownload:
         if served is None or receiver is not self._receiver or field_int(frame, "id") != served.log:
             return False
         begin, count = field_int(frame, "ofs"), field_int(frame, "count")
+        if not served.begin <= begin <= served.end:  # of a request before this one
+            return False
         self._heard_at = now
         if count == 0 and begin == self._resumed_at:
             self._over(now)
             return True
-        if self._dropped or self._queued_bytes + len(raw) > MOST_BYTES:
-            self._dropped = True
+        if self._dropping_at is not None and begin < self._dropping_at:  # what was asked for again comes
+            self._dropping_at = None
+        if self._dropping_at is not None or self._queued_bytes + len(raw) > MOST_BYTES:
+            self._dropping_at = begin + count
+            return True
+        if begin < self._next:
             return True
         self._queue.append(raw)
         self._queued_bytes += len(raw)
@@ -186,7 +196,7 @@ class LogDownload:
 
     def _over(self, now: float) -> None:
         """All of the range has come."""
-        self._served, self._stopped, self._dropped = None, False, False
+        self._served, self._stopped, self._dropping_at = None, False, None
         if self._waiting:
             asked = self._waiting.popleft()
             self._serve(asked, now, asked.asks(asked.begin))
@@ -211,7 +221,7 @@ class LogDownload:
 
     def _go_on(self, now: float) -> None:
         served = self._served
-        self._stopped = self._dropped = False
+        self._stopped = False
         if served is not None:
             self._resumed_at, self._heard_at = self._next, now
             self._to_autopilot(served.asks(self._next))
@@ -222,4 +232,4 @@ class LogDownload:
         self._waiting.clear()
         self._queue.clear()
         self._queued_bytes = 0
-        self._stopped = self._dropped = False
+        self._stopped, self._dropping_at = False, None

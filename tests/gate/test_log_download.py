@@ -151,9 +151,34 @@ def test_what_does_not_fit_any_more_is_asked_for_again_and_memory_is_bounded() -
     bench.run(2.0)
     assert len(bench.station.got) == kept == 2404
     assert bench.asked()[2:] == [("LOG_REQUEST_DATA", 2404 * WHOLE, ALL - 2404 * WHOLE)]
+    bench.row(300, 5000 * WHOLE)  # they were still on the way
     bench.row(3, 2404 * WHOLE)
     bench.run(0.1)
     assert bench.station.got[-3:] == [(2404 + number) * WHOLE for number in range(3)]
+
+
+def test_what_was_on_the_way_when_the_rest_was_asked_for_does_not_come_twice() -> None:
+    bench = Bench()
+    bench.ask(0)
+    bench.row(700)
+    bench.run(0.3)
+    assert bench.asked()[-1] == ("LOG_REQUEST_DATA", 700 * WHOLE, ALL - 700 * WHOLE)
+    bench.row(100, 700 * WHOLE)  # sent before the stop arrived
+    bench.row(200, 700 * WHOLE)  # the rest that was asked for
+    bench.run(1.0)
+    assert bench.station.got == [number * WHOLE for number in range(900)]
+
+
+def test_data_of_a_request_before_does_not_end_the_one_that_is_served() -> None:
+    bench = Bench()
+    bench.ask(900, 180)
+    bench.ask(4500, 90)
+    bench.asked()
+    assert not bench.come(90_000)  # left to the gate, which sends it on
+    assert bench.asked() == []
+    bench.come(900)
+    bench.come(990)
+    assert bench.asked() == [("LOG_REQUEST_DATA", 4500, 90)]
 
 
 def test_a_paced_download_of_many_megabytes_loses_nothing_and_keeps_the_pace() -> None:
