@@ -66,7 +66,7 @@ def _rounded(value: float | None) -> float | None:
 
 class Narrator:
     """Tells the flight of one vehicle. `show` takes a console line, `phase` is the phase that is in force; `strangers`:
-    the journal of what came from nobody knows whom."""
+    the journal of what came from unknown senders."""
 
     def __init__(
         self,

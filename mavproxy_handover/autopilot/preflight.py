@@ -38,7 +38,7 @@ from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, COMPANION_COMPID
 
 __all__ = ["NAMES", "PLANE_NAMES", "Finding", "Found", "Preflight", "heights_lack", "judge", "names_of", "reading"]
 
-#: of the guard, of whom the autopilot obeys, and of what it says that it is
+#: of the guard, of the station that the autopilot obeys, and of what it says that it is
 _SHARED: Final = (
     "SCR_ENABLE", "HNDO_ENABLE", "HNDO_CHAN", "HNDO_COMPID", "HNDO_TIMEOUT", "HNDO_LOST_T", "HNDO_SYSID_SW",
     "HNDO_ALONE_MAX", "Q_MAV_TYPE",

@@ -27,7 +27,7 @@ _ANY, _ANY_V6 = "0" * 8, "0" * 32
 
 @dataclass(frozen=True, slots=True)
 class Process:
-    """A process; `pid` 0: somebody, whom we may not see."""
+    """A process; `pid` 0: one that this user may not see."""
 
     pid: int
     name: str

@@ -141,7 +141,7 @@ class Device(ABC):
 
     @abstractmethod
     def read(self, once: bool = False) -> list[Frame]:
-        """Whole, checked frames that have arrived, from whomever; also looks after the connection. Call it often.
+        """Whole, checked frames that have arrived, from any sender; also looks after the connection. Call it often.
 
         `once`: as few system calls as there can be; what is left waits, and makes `fileno` readable again.
         """

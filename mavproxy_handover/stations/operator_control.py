@@ -75,7 +75,7 @@ def notification(owner: tuple[int, int], requester: int, timeout_s: float) -> An
 
 
 class OperatorControl:
-    """Who asked last, and whom they are asking. `handle` gives a request to the arbiter, which decides."""
+    """The station that asked last, and those that are asked. `handle` gives a request to the arbiter, which decides."""
 
     def __init__(self, voice: Voice, narrator: Narrator, handle: Callable[[Event, float], None]) -> None:
         self._voice = voice

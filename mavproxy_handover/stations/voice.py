@@ -2,9 +2,9 @@
 
 """The companion's own voice: who it speaks as, to the autopilot and to the stations.
 
-It is component 191 of the vehicle. Where a ground station program waits for the autopilot's answer, because that is
-whom it asked, the answer comes in the autopilot's name. So do texts for a station where no program of ours has shown
-itself, because a stock MAVProxy shows no others; they are marked (`wire/texts.py`).
+It is component 191 of the vehicle. If a ground station program has asked the autopilot, it waits for the autopilot's
+answer, so the answer comes in the autopilot's name. So do texts for a station that does not run our module, as far as
+is known, because a stock MAVProxy shows no others; they are marked (`wire/texts.py`).
 """
 
 from __future__ import annotations

@@ -82,5 +82,5 @@ class Strike:
     @property
     def words(self) -> str:
         """For people."""
-        whom = "" if self.target is Target.NOBODY else f" ({self.target.value})"
-        return f"{self.fault.name.lower().replace('_', ' ')}{whom}: {self.fault.value}"
+        struck = "" if self.target is Target.NOBODY else f" ({self.target.value})"
+        return f"{self.fault.name.lower().replace('_', ' ')}{struck}: {self.fault.value}"

@@ -108,13 +108,13 @@ class Pace:
             self._passing = passing
             self.changes += 1
 
-    def worry(self, weak: bool, whom: Iterable[int]) -> None:
+    def worry(self, weak: bool, stations: Iterable[int]) -> None:
         """These links are weak, or are not any more: for how long they have been matters."""
         self.changes += 1
         if weak:
-            self._weak.update(whom)
+            self._weak.update(stations)
         else:
-            self._weak.difference_update(whom)
+            self._weak.difference_update(stations)
 
     def restless(self, at: int, planned: int, commander: int | None, silent: int = NEVER) -> int:
         """From when on, then or later, rounds are to be made whatever is due.

@@ -91,7 +91,7 @@ CELLS: Final = tuple(
     Cell(*pair, phase) for phase, pair in product(PHASES, combinations(Cause, 2)) if never(*pair, phase) is None
 )
 
-#: how a cause is brought about: fault, whom it strikes, how long it lasts (s)
+#: how a cause is brought about: fault, its target, how long it lasts (s)
 _PROVOKES: Final[Mapping[Cause, tuple[tuple[Fault, Target, float, float], ...]]] = {
     Cause.ENERGY: ((Fault.SAG, Target.NOBODY, 0.85, 0.99),),
     Cause.COMMANDER_LOST: (
@@ -242,7 +242,7 @@ def strikes_for(chance: Random, cell: Cell, *, late: bool, gap: bool) -> tuple[S
         part = chance.uniform(*_TOO_LITTLE)  # only to land is right, and nobody is in the way of it
         return tuple(replace(each, amount=part) if each.fault is Fault.SAG else each for each in found)
     if Cause.ENERGY in causes and chance.random() < 0.3:
-        # nobody but the companion brings home whom the energy leaves: what if it is not obeyed at first?
+        # only the companion brings home an aircraft that runs out of energy: what if it is not obeyed at first?
         how = Fault.DISOBEYS, Target.NOBODY, 20.0, 60.0
         return (*found, _strike(chance, how, at_s + chance.uniform(-12.0, -4.0), when, late=late))
     if Cause.COVERAGE_ENDS in causes and chance.random() < 0.15:  # the companion dies while the aircraft is held

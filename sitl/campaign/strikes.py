@@ -98,10 +98,10 @@ class Strikes:
     def strike(self, strike: Strike, now: int) -> None:
         """A fault strikes; its end is planned with it."""
         self._world.pace.stir(now, LONG_S)
-        whom = self._whom(strike.target)
-        names = " ".join(s.name for s in self._world.plan.stations if s.sysid in whom)
+        targets = self._targets(strike.target)
+        names = " ".join(s.name for s in self._world.plan.stations if s.sysid in targets)
         self._world.log.note(now, f"FAULT {strike.words} {names}".rstrip())
-        end = self._fault(strike, whom, now)
+        end = self._fault(strike, targets, now)
         if end is not None and strike.lasts < NEVER:
             self._world.plan_at(now + max(1, strike.lasts), partial(self._ends, strike, end))
 
@@ -110,7 +110,7 @@ class Strikes:
         self._world.log.note(now, f"over: {strike.fault.name.lower().replace('_', ' ')}")
         end(now)
 
-    def _whom(self, target: Target) -> list[int]:
+    def _targets(self, target: Target) -> list[int]:
         everybody = list(self._world.ground)
         commander = self._world.view.commander
         if target is Target.COMMANDER:
@@ -132,26 +132,26 @@ class Strikes:
         left = left_at((Spot(x, y), *way), self._world.plan.zones[commander])
         return (x, y) if left is None else (left[1].x_m, left[1].y_m)
 
-    def _fault(self, strike: Strike, whom: list[int], now: int) -> Callable[[int], None] | None:
+    def _fault(self, strike: Strike, targets: list[int], now: int) -> Callable[[int], None] | None:
         """Make it so; returns what ends it."""
         match strike.fault:
             case Fault.DEAD:
-                return self._stations_die(whom, now)
+                return self._stations_die(targets, now)
             case Fault.DEAF:
-                return self._cut([self._world.downlinks[each] for each in whom], whom, now)
+                return self._cut([self._world.downlinks[each] for each in targets], targets, now)
             case Fault.MUTE:
-                return self._cut([self._world.uplinks[each] for each in whom], whom, now)
+                return self._cut([self._world.uplinks[each] for each in targets], targets, now)
             case Fault.THIN:
-                return self._thin(strike, whom, now)
+                return self._thin(strike, targets, now)
             case Fault.RHYTHM:
-                return self._in_rhythm(strike, whom, now)
+                return self._in_rhythm(strike, targets, now)
             case Fault.BURST:
-                both = [link for each in whom for link in (self._world.uplinks[each], self._world.downlinks[each])]
-                return self._cut(both, whom, now)
+                both = [link for each in targets for link in (self._world.uplinks[each], self._world.downlinks[each])]
+                return self._cut(both, targets, now)
             case Fault.WEAK:
-                return self._weaken(whom, now)
+                return self._weaken(targets, now)
             case Fault.ATTACK:
-                return self._judge_links(whom, attacked=True, now=now)
+                return self._judge_links(targets, attacked=True, now=now)
             case Fault.ROGUE:
                 self._rogue(now + strike.lasts, now)
                 return None
@@ -194,55 +194,55 @@ class Strikes:
             case _:
                 assert_never(strike.fault)
 
-    def _stations_die(self, whom: list[int], now: int) -> Callable[[int], None]:
-        for each in whom:
+    def _stations_die(self, targets: list[int], now: int) -> Callable[[int], None]:
+        for each in targets:
             self._world.ground[each].dies(now)
             self._world.log.working[each].set(now, False)
 
         def end(now: int) -> None:
-            for each in whom:
+            for each in targets:
                 self._world.ground[each].starts(now)
-            self._know_working(whom, now)
+            self._know_working(targets, now)
 
         return end
 
-    def _know_working(self, whom: list[int], now: int) -> None:
-        for each in whom:
+    def _know_working(self, targets: list[int], now: int) -> None:
+        for each in targets:
             cut = self._world.uplinks[each].cut or self._world.downlinks[each].cut or self._deafened[each] > 0
             self._world.log.working[each].set(now, self._world.ground[each].core is not None and not cut)
 
-    def _cut(self, links: list[Link], whom: list[int], now: int) -> Callable[[int], None]:
+    def _cut(self, links: list[Link], targets: list[int], now: int) -> Callable[[int], None]:
         for link in links:
             link.cut += 1
-        self._know_working(whom, now)
+        self._know_working(targets, now)
 
         def end(now: int) -> None:
             for link in links:
                 link.cut -= 1
-            self._know_working(whom, now)
+            self._know_working(targets, now)
 
         return end
 
-    def _weaken(self, whom: list[int], now: int) -> Callable[[int], None]:
-        links = [link for each in whom for link in (self._world.uplinks[each], self._world.downlinks[each])]
+    def _weaken(self, targets: list[int], now: int) -> Callable[[int], None]:
+        links = [link for each in targets for link in (self._world.uplinks[each], self._world.downlinks[each])]
         for link in links:
             link.loss += WEAK_LOSS
-        self._know_weak(whom, now)
-        over = self._judge_links(whom, weak=True, now=now + 2 * SECOND)
+        self._know_weak(targets, now)
+        over = self._judge_links(targets, weak=True, now=now + 2 * SECOND)
 
         def end(now: int) -> None:
             for link in links:
                 link.loss = max(0.0, link.loss - WEAK_LOSS)
-            self._know_weak(whom, now)
+            self._know_weak(targets, now)
             over(now)
 
         return end
 
-    def _know_weak(self, whom: list[int], now: int) -> None:
-        for each in whom:
+    def _know_weak(self, targets: list[int], now: int) -> None:
+        for each in targets:
             self._world.log.weak[each].set(now, self._world.uplinks[each].loss > 0.0 or self._thinned[each] > 0)
 
-    def _hears_part(self, whom: list[int], heard: float, now: int, *, luck: int = 0) -> Callable[[int], None]:
+    def _hears_part(self, targets: list[int], heard: float, now: int, *, luck: int = 0) -> Callable[[int], None]:
         """These stations hear that part of the downlink; returns what ends it. `luck`: for so long chance may keep one
         of them working that hears next to nothing.
 
@@ -250,14 +250,14 @@ class Strikes:
         minutes. Until then nothing is demanded of its link.
         """
         weak = heard <= _MEASURED
-        deaf = self._deafen(whom, now + luck, now) if heard <= NEXT_TO_NOTHING else None
-        self._thinned.update(whom)
-        self._know_weak(whom, now)
-        over = self._judge_links(whom, weak=True, now=now + _MEASURES) if weak else None
+        deaf = self._deafen(targets, now + luck, now) if heard <= NEXT_TO_NOTHING else None
+        self._thinned.update(targets)
+        self._know_weak(targets, now)
+        over = self._judge_links(targets, weak=True, now=now + _MEASURES) if weak else None
 
         def forgotten(now: int) -> None:
-            self._thinned.subtract(whom)
-            self._know_weak(whom, now)
+            self._thinned.subtract(targets)
+            self._know_weak(targets, now)
 
         def end(now: int) -> None:
             if deaf is not None:
@@ -268,21 +268,21 @@ class Strikes:
 
         return end
 
-    def _deafen(self, whom: list[int], since: int, now: int) -> Callable[[int], None]:
+    def _deafen(self, targets: list[int], since: int, now: int) -> Callable[[int], None]:
         """These stations hear next to nothing, and do not work from `since` on; returns what ends it."""
         deaf = _Beat()
 
         def begins(now: int) -> None:
             if not deaf.over:
                 deaf.off = True
-                self._deafened.update(whom)
-                self._know_working(whom, now)
+                self._deafened.update(targets)
+                self._know_working(targets, now)
 
         def end(now: int) -> None:
             deaf.over = True
             if deaf.off:
-                self._deafened.subtract(whom)
-                self._know_working(whom, now)
+                self._deafened.subtract(targets)
+                self._know_working(targets, now)
 
         if since > now:
             self._world.plan_at(since, begins)
@@ -290,11 +290,11 @@ class Strikes:
             begins(now)
         return end
 
-    def _thin(self, strike: Strike, whom: list[int], now: int) -> Callable[[int], None]:
-        links = [self._world.downlinks[each] for each in whom]
+    def _thin(self, strike: Strike, targets: list[int], now: int) -> Callable[[int], None]:
+        links = [self._world.downlinks[each] for each in targets]
         for link in links:
             link.loss += strike.amount
-        over = self._hears_part(whom, 1.0 - strike.amount, now, luck=_LUCK)
+        over = self._hears_part(targets, 1.0 - strike.amount, now, luck=_LUCK)
 
         def end(now: int) -> None:
             for link in links:
@@ -303,10 +303,10 @@ class Strikes:
 
         return end
 
-    def _in_rhythm(self, strike: Strike, whom: list[int], now: int) -> Callable[[int], None]:
-        links = [self._world.downlinks[each] for each in whom]
+    def _in_rhythm(self, strike: Strike, targets: list[int], now: int) -> Callable[[int], None]:
+        links = [self._world.downlinks[each] for each in targets]
         hears, hears_not = strike.rhythm
-        over = self._hears_part(whom, hears / (hears + hears_not), now)
+        over = self._hears_part(targets, hears / (hears + hears_not), now)
         beat = _Beat()
 
         def turn(now: int) -> None:
@@ -315,7 +315,7 @@ class Strikes:
             beat.off = not beat.off
             for link in links:
                 link.off += 1 if beat.off else -1
-            self._off_long(whom, hears_not, off=beat.off, now=now)
+            self._off_long(targets, hears_not, off=beat.off, now=now)
             self._world.plan_at(now + (hears_not if beat.off else hears), turn)
 
         turn(now)
@@ -328,20 +328,20 @@ class Strikes:
 
         return end
 
-    def _off_long(self, whom: list[int], hears_not: int, *, off: bool, now: int) -> None:
+    def _off_long(self, targets: list[int], hears_not: int, *, off: bool, now: int) -> None:
         """A pause that is longer than a total loss may be is one: the station does not work in it."""
         if hears_not > _TOTAL:
-            (self._deafened.update if off else self._deafened.subtract)(whom)
-            self._know_working(whom, now)
+            (self._deafened.update if off else self._deafened.subtract)(targets)
+            self._know_working(targets, now)
 
     def _judge_links(
-        self, whom: list[int], *, weak: bool = False, attacked: bool = False, now: int
+        self, targets: list[int], *, weak: bool = False, attacked: bool = False, now: int
     ) -> Callable[[int], None]:
         """What the companion's measuring says of these links, and that it says so no more."""
         text = "a third of all messages is lost" if weak else "bad signatures"
 
         def judged(begins: bool, now: int) -> None:
-            for each in whom:
+            for each in targets:
                 wrong = self._links_wrong.setdefault(each, [0, 0])
                 for number, is_so in enumerate((weak, attacked)):
                     wrong[number] += is_so if begins else -is_so

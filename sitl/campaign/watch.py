@@ -95,7 +95,7 @@ class Watch:
         self._gap = False
         self._words: set[tuple[int, Message]] = set()
         self._had_authority: int | None = None
-        #: whom the commander lets have control without being asked: stations, or `_ANYBODY`
+        #: the stations that the commander lets have control without being asked, or `_ANYBODY`
         self._allowed: set[int | str] = set()
         self._released = False
         self._armed = True  # until the autopilot says otherwise

@@ -153,7 +153,7 @@ MESSAGE_RULES: Final = (
     ),
     Rule(
         Access.STREAM,
-        "where somebody is whom the aircraft follows",
+        "the place of the system that the aircraft follows",
         names("FOLLOW_TARGET"),
         stream="follow target",
     ),

@@ -169,7 +169,7 @@ PARAMETER_RULES: Final = (
     ),
     Rule(
         Access.SAFEGUARD,
-        "whom the autopilot obeys, and whose heartbeat it counts",
+        "which station the autopilot obeys, and whose heartbeat it counts",
         names("MAV_* SYSID_*"),
     ),
     Rule(Access.SAFEGUARD, "signing and forwarding on one link", names("MAV*_OPTIONS")),
