@@ -148,7 +148,7 @@ class Companion:
         self.gate.distrust()
         self.gate.change(self.arbiter.view, edge.clocks.monotonic())
         self.narrator = Narrator(
-            config.name, self.journal, self._strangers, self.arbiter, edge.show, lambda: self.view.phase
+            config.name, self.journal, self._strangers, self.arbiter, self._shown_by(edge.show), lambda: self.view.phase
         )
         self._announcer = Announcer(self._voice)
         self._unheard = Unheard(self._voice)
@@ -309,10 +309,14 @@ class Companion:
                 assert_never(verdict.fate)
 
     def _accepted(self, port: StationPort, frame: Frame, what: str, now: float) -> None:
-        self.narrator.accepted(port.name, what, thesis_command(frame))
+        # it has reached the autopilot: what follows from it must not depend on the journal
+        self._journal_accepted(port, frame, what)
         change = list_change(frame)
         if change is not None:
             self.autopilot.list_changed(port, change, self.view.phase is Phase.ON_LOAD, now)
+
+    def _journal_accepted(self, port: StationPort, frame: Frame, what: str) -> None:
+        self._attempt("journal", lambda: self.narrator.accepted(port.name, what, thesis_command(frame)))
 
     def _chosen(self, frame: Frame, now: float) -> None:
         """The commander's command goes to the autopilot: perhaps it asks for another mode."""
@@ -408,7 +412,7 @@ class Companion:
         intent = intent_of(frame, self.gate.modes)
         if intent is None or self.autopilot.desk.judge(port, intent, now).passes:
             if self.autopilot.orders.takes_over(frame):
-                self.narrator.accepted(port.name, verdict.what, thesis_command(frame))
+                self._journal_accepted(port, frame, verdict.what)
                 self.autopilot.orders.pause_asked(port, frame, now)
                 return
             self._accepted(port, frame, self.gate.release(port, frame, verdict, now).what, now)
@@ -600,6 +604,10 @@ class Companion:
             self._attempt("word of it", self._announce, _FAILED, now)
         self._attempt("console", self.narrator.authority_ends, text)
 
+    def _shown_by(self, show: Callable[[str], None]) -> Callable[[str], None]:
+        """A console that breaks keeps nothing else from being done, or from being told to the operators."""
+        return lambda line: self._attempt("console", show, line)
+
     def _attempt(self, where: str, job: Callable[..., None], *arguments: Any) -> None:
         """Do it; if it breaks, what comes behind it is none the worse for it."""
         attempt(self.fault, where, job, *arguments)
@@ -669,7 +677,7 @@ class Companion:
         self.autopilot.orders.fly(action.action, now)
 
     def _announce(self, told: events.Announce, now: float) -> None:
-        self.narrator.decision(told)
+        self._attempt("journal", self.narrator.decision, told)
         self._announcer.tell(told, now)
         self._briefing.decided(told.text, now, over=told.action is None)
         self.rehearsal.told(told, now)
@@ -677,7 +685,7 @@ class Companion:
     def _send(self, action: events.Send, now: float) -> None:
         port = self.ports[action.station]
         if isinstance(action.message, TransferMessage):
-            self.narrator.message("out", port.name, action.message, now, action.attempt)
+            self._attempt("journal", self.narrator.message, "out", port.name, action.message, now, action.attempt)
         state = self.autopilot.aircraft.state()
         port.send(codec.encode(action.message, port.target, self.config.sysid, state), everywhere=True)
         self._briefing.asked(action.station, action.message)
@@ -702,7 +710,7 @@ class Companion:
                 self.autopilot.renew_streams()
             self.autopilot.orders.give_start_up("its commander commands no more", now)
             self._attempt("word of it", self._tell_commander, before, view)
-        self.narrator.view(view, action.reason)
+        self._attempt("journal", self.narrator.view, view, action.reason)
         self._send_lease(now)
         self._send_authority_status(now)
         self._voice.to_stations(status.control_status(view))

@@ -475,7 +475,8 @@ class Autopilot:
         flight.
         """
         if on_ground:
-            self.orders.give_start_up(f"{port.name} changed the {change.what}", now)
+            why = f"{port.name} changed the {change.what}"
+            self._attempt("end of START", self.orders.give_start_up, why, now)
             self._missions.list_changed(port, change, now)
             self._uploads.changed(port, change, now)
         else:

@@ -33,6 +33,7 @@ from mavproxy_handover.mission.pieces import Line, PieceRow
 from mavproxy_handover.mission.plan import Route
 from mavproxy_handover.mission.walk import Handover, legs_of
 from mavproxy_handover.mission.zones import ZoneFinder
+from mavproxy_handover.schedule import attempt
 from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.wire.conversation import Conversation, Conversations
 from mavproxy_handover.wire.package_transfer import PackageReceiver, held_already
@@ -286,7 +287,8 @@ class MissionWriter:
         """On the ground a station's message changes a list of the autopilot: no package counts any more."""
         loaded = bool(self._ties.arbiter.mission_digest)
         self._on_board_at = now + ON_BOARD_RETRY_S
-        self._break_off(f"{port.name} changed the {change.what} meanwhile", now)
+        why = f"{port.name} changed the {change.what} meanwhile"
+        attempt(self._ties.fault, "end of a load", self._break_off, why, now)
         self.drop(now)
         self._standing.changed(port, change, loaded, now)
 

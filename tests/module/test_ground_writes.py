@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from operator import attrgetter
 from typing import Any
 
 import pytest
@@ -162,6 +163,27 @@ def test_whatever_changes_mission_or_geofence_drops_the_package(loaded: Bench, w
     loaded.run(0.1)
     assert loaded.companion.arbiter.mission_digest == b""
     assert needs(loaded) == f"no mission loaded, because {why}"
+
+
+@pytest.mark.parametrize(
+    "part", ["narrator.accepted", "autopilot.orders.give_start_up", "autopilot.desk.start", "gate._flusher.saw"]
+)
+def test_an_upload_drops_the_package_though_something_else_breaks(
+    loaded: Bench, part: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The fault: the frame had gone to the autopilot, but a fault in the journal hid what it does there: START was
+    accepted with a package that the autopilot does not hold."""
+
+    def broken(*_anything: Any, **_more: Any) -> None:
+        raise RuntimeError("a bug")
+
+    where, _, name = part.rpartition(".")
+    monkeypatch.setattr(attrgetter(where)(loaded.companion), name, broken)
+    loaded.a.send(mavlink.MAVLink_mission_clear_all_message(*VEHICLE, 0))
+    loaded.run(0.3)
+    monkeypatch.undo()
+    assert loaded.companion.arbiter.mission_digest == b""
+    assert "no mission loaded" in needs(loaded)
 
 
 def test_without_a_package_the_sender_is_told_what_an_upload_is_not(bench: Bench) -> None:
