@@ -212,6 +212,15 @@ def delivery() -> MissionPackage:
 
 
 @pytest.fixture
+def ready(bench: Bench, delivery: MissionPackage) -> Bench:
+    """The parent commands, the mission is loaded, the guard answers."""
+    bench.connect()
+    bench.share(delivery)
+    bench.run(1.0)
+    return bench
+
+
+@pytest.fixture
 def waited_for_far(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> Iterator[socket.socket]:
     """Both stations are connected, and MAVProxy can wait for its link to the autopilot: this is that link's other end.
 

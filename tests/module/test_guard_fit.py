@@ -45,15 +45,6 @@ def two_guards(autopilot: Autopilot) -> Callable[[int], None]:
     return both
 
 
-@pytest.fixture
-def ready(bench: Bench, delivery: MissionPackage) -> Bench:
-    """The parent commands, the mission is loaded, the guard answers."""
-    bench.connect()
-    bench.share(delivery)
-    bench.run(1.0)
-    return bench
-
-
 def refusal(bench: Bench) -> str:
     bench.a.command(START)
     bench.run(0.5)

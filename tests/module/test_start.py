@@ -19,15 +19,6 @@ REJECTED, IN_PROGRESS = mavlink.MAV_RESULT_TEMPORARILY_REJECTED, mavlink.MAV_RES
 NOT_IN_CONTROL = 10
 
 
-@pytest.fixture
-def ready(bench: Bench, delivery: MissionPackage) -> Bench:
-    """The parent commands, the mission is loaded, the guard answers."""
-    bench.connect()
-    bench.share(delivery)
-    bench.run(1.0)
-    return bench
-
-
 def test_start_arms_in_guided_and_flies_in_auto(ready: Bench) -> None:
     ready.a.command(START)
     ready.until(lambda: ready.companion.view.phase is Phase.ON_MISSION)
