@@ -41,6 +41,7 @@ from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.fence import Fence
 from mavproxy_handover.mission.heights import into_ground
 from mavproxy_handover.mission.items import COMMANDS, MissionItem, difference
+from mavproxy_handover.mission.jumps import jumps
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.mission.walk import walk_legs
 from mavproxy_handover.stations.port import StationPort
@@ -236,7 +237,9 @@ def _judge(package: MissionPackage, held: HeldPlan, commander: int) -> _Judged:
             Limit.FENCE: leaves_fence(legs, Fence(package.route.fence)),
             Limit.COVERAGE: leaves_coverage(legs, package.zone_finder(), stations),
         }
-    along = Along(package.stretches(walk), WayAhead.of(walk, package.route), walk.handovers)
+    # which round an item of a jump belongs to is not known in flight: there is no countdown to a border
+    way = None if jumps(package.route.items) else WayAhead.of(walk, package.route)
+    along = Along(package.stretches(walk), way, walk.handovers)
     prepared = Prepared(package, package.zone_finder(), walk.commanders, way_of(package), along)
     return _Judged(prepared, own, left)
 

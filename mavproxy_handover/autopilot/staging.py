@@ -44,7 +44,7 @@ from mavproxy_handover.mission.ahead import Ahead
 from mavproxy_handover.mission.crossings import WayAhead
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.heights import into_ground
-from mavproxy_handover.mission.items import COMMANDS, MissionItem
+from mavproxy_handover.mission.items import COMMANDS, JUMP, MissionItem
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.mission.plan import MAX_CORNERS, MAX_ITEMS, Route, with_items
 from mavproxy_handover.mission.returns import with_return
@@ -80,7 +80,7 @@ class Rerouted:
 
 def _mission_flaw(item: MissionItem) -> Flaw | None:
     """What is wrong with an item of a mission by itself. Item 0 is home, which the autopilot sets itself."""
-    if item.seq and item.command not in COMMANDS:
+    if item.seq and (item.command not in COMMANDS or item.command == JUMP):
         words = f"item {item.seq}: command {item.command} is not one that can be judged"
         return Flaw(mavlink.MAV_MISSION_UNSUPPORTED, words)
     return flaw(item)

@@ -5,7 +5,8 @@
 `COMMANDS` is the list of what a mission package may tell the aircraft to do, each entry with the parameters that
 ArduPilot stores and the kinds of aircraft that fly it. The list is shorter than the autopilot's own: commands that move
 the place to return to (DO_SET_HOME), switch the fence off, jump back along the route or hand the aircraft to another
-controller would make the check before flight worthless. ArduCopter and ArduPlane share one mission storage, so each
+controller would make the check before flight worthless. DO_JUMP is in no package; in a mission that a station uploads
+on the ground it is walked (`jumps.py`). ArduCopter and ArduPlane share one mission storage, so each
 stores much that it then passes over in flight; what an aircraft would pass over is not for it.
 
 ArduPilot does not store an item as it got it (AP_Mission, `mavlink_int_to_mission_cmd`): whole numbers are cut off,
@@ -32,6 +33,7 @@ __all__ = [
     "FRAME_ABOVE_TERRAIN",
     "FRAME_NONE",
     "GRIPPER",
+    "JUMP",
     "LAND",
     "LANDINGS",
     "LAND_START",
@@ -77,6 +79,7 @@ VTOL_TAKEOFF = 84
 VTOL_LAND = 85
 DELAY = 93
 PAYLOAD_PLACE = 94
+JUMP = 177
 CHANGE_SPEED = 178
 LAND_START = 189
 GRIPPER = 211
@@ -143,6 +146,7 @@ COMMANDS: Mapping[int, Command] = {
     112: Command("CONDITION_DELAY", False, False, "f---"),
     114: Command("CONDITION_DISTANCE", False, False, "f---"),
     115: Command("CONDITION_YAW", False, False, "ffib", _COPTER, _PASSED_OVER),
+    JUMP: Command("DO_JUMP", False, False, "ii--", _COPTER, "the jumps of wings are not walked"),
     CHANGE_SPEED: Command("DO_CHANGE_SPEED", False, False, "iff-"),
     181: Command("DO_SET_RELAY", False, False, "ii--"),
     182: Command("DO_REPEAT_RELAY", False, False, "iif-"),

@@ -27,6 +27,7 @@ from mavproxy_handover.mission.items import (
     FRAME_ABOVE_SEA,
     FRAME_ABOVE_TERRAIN,
     FRAME_NONE,
+    JUMP,
     LAND,
     LAND_START,
     LANDINGS,
@@ -45,6 +46,7 @@ from mavproxy_handover.mission.items import (
     RallyPoint,
     stored_radius_m,
 )
+from mavproxy_handover.mission.jumps import as_flown, check_jumps
 from mavproxy_handover.mission.wings import AS_IT_COMES, Wings
 
 __all__ = [
@@ -390,11 +392,20 @@ def _field(where: Where, field: str, number: int) -> float | None:
 
 
 def _item(
-    where: Where, seq: int, command: int, *, frame: object, numbers: Sequence[object], auto_continue: bool, kind: Kind
+    where: Where,
+    seq: int,
+    command: int,
+    *,
+    frame: object,
+    numbers: Sequence[object],
+    auto_continue: bool,
+    kind: Kind,
+    jumps: bool = False,
 ) -> MissionItem:
-    """Check one item. `numbers` are parameters 1 to 4, latitude, longitude, altitude; None where left open."""
+    """Check one item. `numbers` are parameters 1 to 4, latitude, longitude, altitude; None where left open. `jumps`: it
+    may be a DO_JUMP."""
     known = COMMANDS.get(command)
-    if known is None:
+    if known is None or (command == JUMP and not jumps):
         raise where.error(f"command {command} is not one a mission package may hold (allowed: {_allowed(kind)})")
     if kind not in known.kinds:
         raise where.error(f"{known.name} is not for a {kind.value}: {known.why}")
@@ -444,7 +455,9 @@ def _item_of(
 
 
 def _allowed(kind: Kind) -> str:
-    return ", ".join(f"{number} {command.name}" for number, command in COMMANDS.items() if kind in command.kinds)
+    return ", ".join(
+        f"{number} {command.name}" for number, command in COMMANDS.items() if kind in command.kinds and number != JUMP
+    )
 
 
 def _check_numbers(
@@ -520,7 +533,8 @@ def on_ground(route: Route, items: Sequence[MissionItem], fence: tuple[FencePart
     home. What a plan in a file has to be, this has to be too. Raises MissionError."""
     where = Where("")
     home = Home(items[0].lat_deg, items[0].lon_deg, items[0].alt_m)
-    checked = _checked(where, items[1:], route.kind)
+    checked = _checked(where, items[1:], route.kind, jumps=True)
+    check_jumps(where, checked)
     found = _finish(
         where,
         home,
@@ -533,7 +547,7 @@ def on_ground(route: Route, items: Sequence[MissionItem], fence: tuple[FencePart
     return replace(found, wings=route.wings)
 
 
-def _checked(where: Where, items: Sequence[MissionItem], kind: Kind) -> tuple[MissionItem, ...]:
+def _checked(where: Where, items: Sequence[MissionItem], kind: Kind, *, jumps: bool = False) -> tuple[MissionItem, ...]:
     """Items that came from a station or from the autopilot, numbered from 1. Raises MissionError."""
     return tuple(
         _item(
@@ -544,6 +558,7 @@ def _checked(where: Where, items: Sequence[MissionItem], kind: Kind) -> tuple[Mi
             numbers=(*item.params, item.lat_deg, item.lon_deg, item.alt_m),
             auto_continue=item.auto_continue,
             kind=kind,
+            jumps=jumps,
         )
         for seq, item in enumerate(items, 1)
     )
@@ -599,7 +614,7 @@ def _finish(
     if kind.winged:
         _check_landings(where, items, kind)
     else:
-        _check_splines(where, items)
+        _check_splines(where, as_flown(items))
     if not rally:
         found.append("no rally point: the aircraft can only return to home")
     return Route(home, items, rally, fence, cruise_speed_mps, tuple(found), kind=kind)

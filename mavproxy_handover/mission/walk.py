@@ -42,6 +42,7 @@ from mavproxy_handover.mission.items import (
     VTOL_TRANSITION,
     MissionItem,
 )
+from mavproxy_handover.mission.jumps import as_flown
 from mavproxy_handover.mission.leg import (
     DEFAULT_CRUISE_MPS,
     Leg,
@@ -191,7 +192,7 @@ def curves_lacking(route: Route, cruise_speed_mps: float | None = None) -> float
         return 1.0
     cruise_mps = cruise_of(route, cruise_speed_mps)
     here = (route.home.lat_deg, route.home.lon_deg, 0.0)
-    return pieces_lacking(route, list(_copter_items(route.items, cruise_mps, cruise_mps)), here)
+    return pieces_lacking(route, list(_copter_items(as_flown(route.items), cruise_mps, cruise_mps)), here)
 
 
 def cruise_of(route: Route, cruise_speed_mps: float | None = None) -> float:
@@ -255,7 +256,7 @@ def _legs(
 ) -> Iterator[Leg]:
     speed_mps = speed_at(route, first) or cruise_mps
     here = start_at or (route.home.lat_deg, route.home.lon_deg, 0.0)
-    items = [item for item in route.items if item.seq >= first]
+    items = as_flown(route.items, first)
     if not route.kind.winged:
         yield from copter_legs(route, list(_copter_items(items, speed_mps, cruise_mps)), here)
         return

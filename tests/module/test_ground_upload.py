@@ -13,6 +13,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.autopilot.mission_protocol import fence_items
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.mission.plan import FenceCircle
+from mavproxy_handover.mission.walk import legs_of
 from tests.module.conftest import MISSIONS, Bench
 from tests.module.test_commands_in_flight import override
 from tests.module.test_ground_writes import needs, told
@@ -164,6 +165,31 @@ def test_a_geofence_uploaded_on_the_ground_counts_for_the_mission(loaded: Bench,
         "The geofence of GCSA on the autopilot was read back and judged. START flies the mission within it (11 items). "
         "Zones and stations stay those of package delivery."
     ]
+
+
+#: take-off, two places, and once more to both: 2 and 3 are flown twice
+JUMPING = (
+    *SAFE[:4],
+    replace(waypoint(4, 0, 0, 0.0, command=177), param1=2.0, param2=1.0),
+    replace(SAFE[4], seq=5),
+)
+
+
+def test_a_mission_with_a_jump_is_walked_as_it_is_flown(loaded: Bench, delivery: MissionPackage) -> None:
+    """The fault: ArduPilot's own CopterMission was refused for its DO_JUMP."""
+    assert Program(loaded, JUMPING).send() == ACCEPTED
+    loaded.run(3.0)
+    assert loaded.companion.arbiter.mission_digest == delivery.digest
+    route = loaded.companion.autopilot.desk.ahead.route
+    assert [leg.seq for leg in legs_of(route) if leg.length_m > 1.0] == [2, 3, 2, 3, 5]
+    assert needs(loaded) == ""
+
+
+def test_a_jump_without_end_is_not_flown(loaded: Bench) -> None:
+    endless = (*JUMPING[:4], replace(JUMPING[4], param2=-1.0), JUMPING[5])
+    assert Program(loaded, endless).send() == ACCEPTED
+    loaded.run(3.0)
+    assert "item 4: DO_JUMP repeats without end: its energy cannot be judged" in needs(loaded)
 
 
 # ---- what is not --------------------------------------------------------------------------------------------------
