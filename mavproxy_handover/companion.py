@@ -189,12 +189,12 @@ class Companion:
 
     def _snapshot(self) -> Snapshot:
         """What a run after this one needs."""
-        snapshot = self.arbiter.snapshot()
+        kept, kept_by = self.autopilot.kept
+        snapshot = replace(self.arbiter.snapshot(), kept=kept, kept_by=kept_by)
         try:
-            kept, kept_by = self.autopilot.kept
-            return replace(snapshot, packs=self.autopilot.packs, kept=kept, kept_by=kept_by)
+            return replace(snapshot, packs=self.autopilot.packs)
         except Exception:  # that is worth less than what else there is to keep
-            self.fault("memory of batteries and uploads", traceback.format_exc(limit=-3))
+            self.fault("memory of the batteries", traceback.format_exc(limit=-3))
             return snapshot
 
     def _not_kept(self, text: str) -> None:

@@ -12,7 +12,8 @@
 4. A mission that passes is the mission. The digest of the package stays, so the stations of the package stay fit. They
    are told in words, and AUTHORITY_STATUS says that the route is another one.
 5. A mission that does not pass stays on the autopilot, and START is refused with the reason.
-6. The mission of the package itself, sent again, is the package.
+6. Heights and ways begin at the autopilot's home. Before it has one, after power-up, the mission waits to be judged.
+7. The mission of the package itself, sent again, is the package.
 
 What takes time is done beside the main loop. Times are monotonic seconds.
 """
@@ -57,6 +58,8 @@ _STALLED_S: Final = 10.0
 #: between two attempts to read the lists (s), and how many there are
 _AGAIN_S: Final = 2.0
 _TRIES: Final = 3
+#: an autopilot without a position has no home: so long after it was read (s) it is read again
+_NO_HOME_S: Final = 3.0
 #: speeds (m/s) that are no nearer are two
 _SAME_MPS: Final = 0.01
 #: name of the conversation
@@ -167,6 +170,10 @@ class GroundUploads:
         if len(held.items) <= 1:
             self._written = None
             self._standing.cleared(_name(written), now)
+            return
+        if held.items[0].lat_deg == held.items[0].lon_deg == 0.0:
+            self._due_at = now + _NO_HOME_S
+            self._standing.waits(_name(written), written.what, now)
             return
         port = written.port
         commander = port.sysid if port is not None and self._ties.commands(port.sysid) else package.parent.sysid

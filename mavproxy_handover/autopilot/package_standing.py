@@ -76,6 +76,11 @@ class PackageStanding:
         words = f"{name} cleared it" if name else "it was cleared"
         return f"{words}. The package on board is loaded within {ON_BOARD_RETRY_S:g} s" if self._on_board else words
 
+    def waits(self, name: str, what: str, now: float) -> None:
+        """What a station wrote cannot be judged yet."""
+        of = f" of {name}" if name else ""
+        self._lack(f"the {what}{of} waits to be judged: the autopilot has no home yet", now)
+
     def judged(self, name: str, what: str, items: int, package: str, *, own: bool, now: float) -> None:
         """What a station wrote is the mission. `own`: it is the package's own."""
         self.kept = not own
