@@ -11,32 +11,27 @@ from __future__ import annotations
 import json
 import math
 import shutil
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 
 import pytest
 
-from mavproxy_handover.mission import MissionPackage, load
+from mavproxy_handover.mission import load
 from mavproxy_handover.mission.crossings import Seen, WayAhead
-from sitl.vehicles.builtin.bench import Bench
-from sitl.vehicles.builtin.items import Item
+from tests.sitl.flown_missions import AUTO, FlownMission, take_off
 
 MISSIONS = Path(__file__).resolve().parents[2] / "missions"
 RECORDED = Path(__file__).resolve().parents[1] / "data" / "flights" / "delivery-arducopter.csv"
-AUTO, GUIDED = 3, 4
-PAUSE, SET_MODE, ARM, START, CHANGE_SPEED = 193, 176, 400, 300, 178
+PAUSE, CHANGE_SPEED = 193, 178
 #: what is held to: over the last seconds before a border the error is no more than this (s)
 LAST_S, MOST_S = 15.0, 3.0
 
 
 @dataclass
-class Counted:
+class Counted(FlownMission):
     """A flight of a mission, the countdowns that were told in it, and when its borders came."""
 
-    package: MissionPackage
-    bench: Bench
     #: by number of the border: (simulated s, seconds told)
     told: dict[int, list[tuple[float, float]]] = field(default_factory=dict)
     #: the stations whose zones hold the aircraft, and since when (simulated s)
@@ -50,19 +45,8 @@ class Counted:
         #: what holds the way after each border
         self.expected = [b.open for a, b in zip(walk.samples, walk.samples[1:], strict=False) if a.open != b.open]
 
-    def fly(self, seconds: float, until: Callable[[], bool] | None = None) -> bool:
-        """Fly on; whether it came to that."""
-        return self.bench.run(seconds, until, every_s=0.2, do=self._look)
-
-    def land(self) -> None:
-        """Fly to the end of the mission."""
-        assert self.fly(900.0, lambda: not self.bench.vehicle.copter.armed)
-
-    def reach(self, waypoint: int) -> None:
-        """Fly until that waypoint is flown to."""
-        assert self.fly(300.0, lambda: self.bench.vehicle.copter.mission.current == waypoint)
-
-    def _look(self) -> None:
+    def look(self) -> None:
+        """The seconds to each border, once a second."""
         copter, now = self.bench.vehicle.copter, self.bench.now_s
         where, (north, east, _up) = copter.location(), copter.body.velocity
         here = (where.lat_e7 / 1e7, where.lon_e7 / 1e7, copter.body.position[2])
@@ -91,16 +75,7 @@ class Counted:
 def begun(mission: str, folder: Path = MISSIONS, **parameters: float) -> Counted:
     """In AUTO, at the take-off."""
     package = load(folder / mission)
-    home = package.route.home
-    bench = Bench(parameters, home=(home.lat_deg, home.lon_deg, home.alt_m, 0.0))
-    bench.run(11.0)
-    items = [
-        Item(i.command, i.frame, *i.params, round(i.lat_deg * 1e7), round(i.lon_deg * 1e7), i.alt_m)
-        for i in package.route.upload_items()
-    ]
-    assert bench.upload(items) == 0
-    assert [bench.command(SET_MODE, 1, GUIDED), bench.command(ARM, 1), bench.command(START)] == [0, 0, 0]
-    return Counted(package, bench)
+    return Counted(package, take_off(package, **parameters))
 
 
 def hold(errors: dict[int, list[tuple[float, float]]], borders: int) -> None:

@@ -11,31 +11,25 @@ from __future__ import annotations
 import math
 import random
 import re
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
 
 from mavproxy_handover.core.safety.route import RouteCheck, RouteLimits
-from mavproxy_handover.mission import MissionPackage, load
+from mavproxy_handover.mission import load
 from mavproxy_handover.mission.geodesy import offset
 from mavproxy_handover.mission.track import Motion, RouteTracker
-from sitl.vehicles.builtin.bench import Bench
-from sitl.vehicles.builtin.items import Item
+from tests.sitl.flown_missions import AUTO, GUIDED, SET_MODE, FlownMission, take_off
 
 MISSIONS = Path(__file__).resolve().parents[2] / "missions"
-AUTO, GUIDED = 3, 4
-PAUSE, SET_MODE, ARM, START, REPOSITION, CHANGE_SPEED, PARAMETER = 193, 176, 400, 300, 192, 178, 180
+PAUSE, REPOSITION, CHANGE_SPEED, PARAMETER = 193, 192, 178, 180
 
 
 @dataclass
-class Watched:
+class Watched(FlownMission):
     """A flight of a mission and what the route check says of it."""
 
-    package: MissionPackage
-    bench: Bench
-    rate_hz: float = 5.0
     #: metres: of one position against the next, and how far they wander together
     noise_m: float = 0.0
     wander_m: float = 0.0
@@ -47,20 +41,13 @@ class Watched:
         self._tracker, self._check = RouteTracker(self.package.route), RouteCheck(RouteLimits())
         self._dice = random.Random(7)
 
-    def fly(self, seconds: float, until: Callable[[], bool] | None = None) -> bool:
-        """Fly on; whether it came to that."""
-        return self.bench.run(seconds, until, every_s=1.0 / self.rate_hz, do=self._look)
-
     def land(self) -> None:
         """Fly to the end of the mission."""
-        assert self.fly(900.0, lambda: not self.bench.vehicle.copter.armed)
+        super().land()
         assert self.facts > 100
 
-    def reach(self, waypoint: int) -> None:
-        """Fly until that waypoint is flown to."""
-        assert self.fly(300.0, lambda: self.bench.vehicle.copter.mission.current == waypoint)
-
-    def _look(self) -> None:
+    def look(self) -> None:
+        """A position as noisy as it is to be, for the route check."""
         copter, now = self.bench.vehicle.copter, self.bench.now_s
         where, (north, east, _up) = copter.location(), copter.body.velocity
         wave = 2.0 * math.pi * now / 60.0
@@ -83,17 +70,7 @@ class Watched:
 def begun(mission: str, beside_m: float = 0.0, **parameters: float) -> Watched:
     """In AUTO, at the take-off, so far east of the plan's home."""
     package = load(MISSIONS / mission)
-    home = package.route.home
-    lat_deg, lon_deg = offset(home.lat_deg, home.lon_deg, beside_m, 0.0)
-    bench = Bench(parameters, home=(lat_deg, lon_deg, home.alt_m, 0.0))
-    bench.run(11.0)
-    items = [
-        Item(i.command, i.frame, *i.params, round(i.lat_deg * 1e7), round(i.lon_deg * 1e7), i.alt_m)
-        for i in package.route.upload_items()
-    ]
-    assert bench.upload(items) == 0
-    assert [bench.command(SET_MODE, 1, GUIDED), bench.command(ARM, 1), bench.command(START)] == [0, 0, 0]
-    return Watched(package, bench)
+    return Watched(package, take_off(package, beside_m, **parameters))
 
 
 @pytest.mark.parametrize("mission", ["delivery", "corridor", "meridian"])
