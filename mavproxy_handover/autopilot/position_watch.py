@@ -150,10 +150,10 @@ class PositionWatch:
         armed = self._aircraft.armed
         if self._layout.verdict is Verdict.OTHER:
             return Standing.OTHER_LAYOUT
-        if not self._layout.known and not armed:
-            return Standing.UNRECOGNISED
         if not self._settings.layout.locates(fix.record):
             return Standing.NO_POSITION
+        if not self._layout.known and not armed:
+            return Standing.UNRECOGNISED
         if fix.late_s > self._settings.box_age_s:
             return Standing.LATE
         own, record = self._own(now), fix.record

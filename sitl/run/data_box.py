@@ -21,6 +21,7 @@ What is typed at it, each answered by `ok` and the same, or by `error:` and why:
                         many m/s, and stays there: somebody carries it
     true                it says the truth again
     garbage             a hundred bytes that are no record, to everybody, in the midst of the stream
+    thesis, full        its records are in this layout from now on, in new connections
 
 When it listens and has heard the vehicle it prints `ready`; at the end, which is the end of its standard input, what it
 sent.
@@ -69,9 +70,7 @@ class DataBox:
         """Listen. Raises OSError."""
         self._address = (host, port)
         self._clock = clock
-        self._layout = layout
-        #: when its own clock was zero
-        self._began = clock() - time.time() if layout.utc else clock()
+        self._send_in(layout)
         #: where the aircraft stood at first, above sea level
         self._ground_m: float | None = None
         self._listener: socket.socket | None = self._listen()
@@ -87,6 +86,12 @@ class DataBox:
         self._moved_at = clock()
         self._cut = 0
         self.sent = self.clients = 0
+
+    def _send_in(self, layout: BoxLayout) -> None:
+        """Its records are in this layout."""
+        self._layout = layout
+        #: when its own clock was zero
+        self._began = self._clock() - time.time() if layout.utc else self._clock()
 
     @property
     def port(self) -> int:
@@ -224,6 +229,9 @@ class DataBox:
                 self._carried_to = None
             case "garbage":
                 self._send(_GARBAGE)
+            case "thesis" | "full":
+                self._part_with_all()
+                self._send_in(LAYOUTS[word])
         return f"ok {line}"
 
     def _part_with_all(self) -> None:

@@ -20,6 +20,8 @@ _ORDERS: Final[Mapping[str, int]] = {
     "carry": 3,
     "true": 0,
     "garbage": 0,
+    "thesis": 0,
+    "full": 0,
 }
 
 

@@ -98,6 +98,16 @@ def test_it_sends_the_other_layout_as_well(full: Bench) -> None:
     assert math.isnan(record.battery_v)
 
 
+def test_its_layout_is_changed(bench: Bench) -> None:
+    bench.run(1.0)
+    assert bench.box.order("full") == "ok full"
+    fix = bench.run(2.0)
+    assert fix is not None
+    assert bench.line.counters.connects == 2
+    assert fix.record.agl_m == 1.0, "read as before: the velocity to the north"
+    assert fix.record.time_s < 5.0
+
+
 def test_it_stalls_and_goes_on(bench: Bench) -> None:
     bench.run(1.0)
     assert bench.box.order("stall") == "ok stall"
