@@ -7,7 +7,8 @@ Theory of operation
 Each record is read under the configured layout and under every rival: a known layout of the same size that has time,
 place or velocity elsewhere. Each reading gets points for what does not fit:
 
-* values out of their range; a battery that is all but empty; a ground speed that is not the length of the velocity; a
+* values out of their range; a place with a velocity or a height that is not known; a battery that is all but empty; a
+  ground speed that is not the length of the velocity; a
   true track that is not its direction while the aircraft moves (`_inner`),
 * a velocity or a heading that is not the autopilot's, while the autopilot knows them (`_outer`).
 
@@ -16,7 +17,8 @@ nothing. A layout is told apart when the others have more points than it has, by
 
 * the configured one fits: RECOGNISED,
 * a rival fits, and the configured one does not: OTHER, with the rival's name,
-* anything else: UNDECIDED. An aircraft that stands still and points to the north can be so: zeros fit every layout.
+* anything else: UNDECIDED. A box of an aircraft that stands still and points to the north sends little but zeros; while
+  the autopilot has no velocity either, they fit every layout.
 
 On the ground a box counts once its layout was recognised, and until another one fits. In flight one that is undecided
 counts as well (after a restart there), and is held against the autopilot as ever.
@@ -41,9 +43,10 @@ __all__ = ["LayoutWatch", "Verdict", "rivals"]
 _FEWEST, _COUNTED = 5, 20
 #: the points that part one layout from the others; and a reading with so many does not fit
 _MARGIN, _MISFIT = 0.5, 1.0
-#: the points of a value out of its range, the most of a velocity or a relation that is wrong, of a heading, a battery.
-#: A heading alone makes no misfit: a box may be mounted across, and a compass be wrong
-_RANGE_POINTS, _MOST, _HEADING_POINTS, _BATTERY_POINTS = 4.0, 2.0, 0.6, 1.0
+#: the points of a value out of its range, the most of a velocity or a relation that is wrong, of a heading, a battery,
+#: of a place with an unknown velocity or height. A heading alone makes no misfit: a box may be mounted across, and a
+#: compass be wrong
+_RANGE_POINTS, _MOST, _HEADING_POINTS, _BATTERY_POINTS, _HALF_POINTS = 4.0, 2.0, 0.6, 1.0, 1.0
 #: velocities are the same within this, and within this part of the speed
 _SAME_MPS, _SAME_PART = 1.0, 0.2
 #: ground speed and velocity of one record are the same within this, and within this part
@@ -110,7 +113,9 @@ class LayoutWatch:
             return ""
         if self.misfit:
             return f"sends neither layout {configured!r} nor another known one (compare with docs/position-box.md)"
-        return f"layout {configured!r} not recognised yet (turn or move the aircraft)"
+        return (
+            f"layout {configured!r} not recognised yet (the autopilot needs a position; or turn or move the aircraft)"
+        )
 
     def look(self, raw: bytes, own: Place | None, *, armed: bool) -> None:
         """Judge one more record; `own`: the autopilot's word of the same moment, if it has one."""
@@ -138,7 +143,8 @@ def _points(layout: BoxLayout, raw: bytes, own: Place | None) -> tuple[float, fl
     if layout.wrong(values):
         return _RANGE_POINTS, _RANGE_POINTS
     record = layout.record(values)
-    inner = _inner(record)
+    half = record.placed and not layout.locates(record)
+    inner = _inner(record) + (_HALF_POINTS if half else 0.0)
     return inner, inner + (0.0 if own is None else _outer(record, own))
 
 

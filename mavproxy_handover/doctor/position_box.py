@@ -152,7 +152,7 @@ def _layouts(layout: BoxLayout, wrong: Callable[[str, str, str], Finding], heard
     elif heard.fix is not None and watch.misfit:
         yield wrong(what, watch.words, _LAYOUT)
     elif heard.fix is not None:
-        do = "Turn the aircraft away from north, or move it, and look again: START is refused until it is recognised."
+        do = "Give the autopilot a fix, or turn the aircraft away from north, and look again: START waits for it."
         yield warning(what, watch.words, do)
     known = {layout.name: layout, **{each.name: each for each in (*rivals(layout), *LAYOUTS.values())}}
     for number in range(_SHOWN):

@@ -153,6 +153,12 @@ class BoxRecord:
     track_deg: float = math.nan
     speed_mps: float = math.nan
 
+    @property
+    def placed(self) -> bool:
+        """Whether it has a latitude and a longitude."""
+        unknown = math.isnan(self.lat_deg) or math.isnan(self.lon_deg)
+        return not unknown and (self.lat_deg != 0.0 or self.lon_deg != 0.0)
+
 
 @dataclass(frozen=True)
 class BoxLayout:
@@ -228,8 +234,7 @@ class BoxLayout:
 
     def locates(self, record: BoxRecord) -> bool:
         """Whether a record says where the aircraft is, and how it moves over ground."""
-        unknown = any(math.isnan(getattr(record, name)) for name in self.needed)
-        return not unknown and (record.lat_deg != 0.0 or record.lon_deg != 0.0)
+        return record.placed and not any(math.isnan(getattr(record, name)) for name in self.needed)
 
     def pack(self, record: BoxRecord) -> bytes:
         """The bytes of a record, as a box sends them."""

@@ -132,19 +132,37 @@ def test_records_of_another_layout_are_counted_in_flight() -> None:
 def test_a_few_records_decide_nothing() -> None:
     watch = watched(THESIS, FULL, [truth()] * 4)
     assert (watch.verdict, watch.known) == (Verdict.UNDECIDED, False)
-    assert watch.words == "layout 'thesis' not recognised yet (turn or move the aircraft)"
+    assert watch.words == (
+        "layout 'thesis' not recognised yet (the autopilot needs a position; or turn or move the aircraft)"
+    )
     assert watched(THESIS, THESIS, [truth()] * 5).verdict is Verdict.RECOGNISED
 
 
-def test_zeros_fit_every_layout_until_the_aircraft_is_turned() -> None:
-    north = [truth(0.0, battery_v=math.nan)] * 20
+def test_zeros_fit_every_layout_until_the_autopilot_knows_better_or_the_aircraft_is_turned() -> None:
+    """Read as the thesis's, 12.4 V is a climb; nothing in the record says that there is none."""
+    north = [truth(0.0)] * 20
     for configured in (THESIS, FULL):
-        watch = watched(configured, FULL, north)
+        watch = watched(configured, FULL, north, own=False)
         assert (watch.verdict, watch.known, watch.misfit) == (Verdict.UNDECIDED, False, False)
-    watch = watched(FULL, FULL, [*north, *[truth(30.0, battery_v=math.nan)] * 20])
-    assert watch.verdict is Verdict.RECOGNISED
-    watch = watched(THESIS, FULL, [*north, *[truth(30.0, battery_v=math.nan)] * 20])
-    assert watch.likely is FULL
+    assert watched(FULL, FULL, north).verdict is Verdict.RECOGNISED
+    assert watched(THESIS, FULL, north).likely is FULL
+    turned = [*north, *[truth(30.0)] * 20]
+    assert watched(FULL, FULL, turned, own=False).verdict is Verdict.RECOGNISED
+    assert watched(THESIS, FULL, turned, own=False).likely is FULL
+
+
+@pytest.mark.parametrize("own", [False, True])
+def test_a_place_with_an_unknown_climb_is_a_voltage_that_is_not_known(own: bool) -> None:
+    north = [truth(0.0, battery_v=math.nan)] * 5
+    assert watched(FULL, FULL, north, own=own).verdict is Verdict.RECOGNISED
+    assert watched(THESIS, FULL, north, own=own).likely is FULL
+
+
+@pytest.mark.parametrize("configured", [THESIS, FULL], ids=NAMES)
+def test_a_box_without_a_fix_is_no_other_layout(configured: BoxLayout) -> None:
+    blind = BoxRecord(1700000000.0, 0.0, 0.0, heading_deg=90.0)
+    for record in (blind, replace(blind, lat_deg=math.nan, lon_deg=math.nan)):
+        assert watched(configured, configured, [record] * 20).verdict is not Verdict.OTHER
 
 
 def test_the_partners_box_pointing_to_the_north_is_recognised_at_once() -> None:
@@ -154,8 +172,7 @@ def test_the_partners_box_pointing_to_the_north_is_recognised_at_once() -> None:
 
 
 def test_what_was_recognised_stays_so_until_another_one_fits() -> None:
-    north = [truth(0.0, battery_v=math.nan)] * 40
-    watch = watched(FULL, FULL, [*[truth(90.0)] * 20, *north])
+    watch = watched(FULL, FULL, [*[truth(90.0)] * 20, *[truth(0.0)] * 40], own=False)
     assert (watch.verdict, watch.known, watch.words) == (Verdict.UNDECIDED, True, "")
     for _ in range(20):
         watch.look(THESIS.pack(truth(90.0)), autopilots(truth(90.0)), armed=True)

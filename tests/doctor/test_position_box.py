@@ -217,9 +217,12 @@ def test_what_cannot_be_in_a_record_is_marked(attempt: Try) -> None:
 
 
 def test_a_layout_that_is_undecided_says_what_to_do(attempt: Try) -> None:
-    found = attempt(lambda: record(heading_deg=0.0, battery_v=math.nan))
+    found = attempt(lambda: record(heading_deg=0.0), flies=heartbeat)
     (said,) = [line for line in found.lines("warning") if "position box: its layout" in line]
-    assert "layout 'full' not recognised yet (turn or move the aircraft) -> Turn the aircraft away from north" in said
+    assert "layout 'full' not recognised yet (the autopilot needs a position; or turn or move the aircraft) -> " in said
+    assert said.endswith(
+        "Give the autopilot a fix, or turn the aircraft away from north, and look again: START waits for it."
+    )
 
 
 def test_without_a_box_there_is_nothing_to_tell(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 
 import pytest
@@ -140,42 +139,44 @@ def test_when_the_box_is_mended_on_the_ground_start_goes(bench: Bench, box: Box,
 
 # ---- undecided ------------------------------------------------------------------------------------------------------
 
-NORTH = {"heading_deg": 0.0, "battery_v": math.nan}
+UNDECIDED = (
+    "position box layout 'full' not recognised yet (the autopilot needs a position; or turn or move the aircraft)"
+)
+
+
+def pointing_north(bench: Bench, box: Box, mission: MissionPackage, source: str) -> None:
+    """It stands and points to the north, and the autopilot has no position: its zeros fit every layout."""
+    box.place, box.changed = HOME, {"heading_deg": 0.0}
+    bench.autopilot.position = None
+    box.configure(configured("full", f'source = "{source}"'))
+    bench.connect()
+    bench.share(mission)
+    real_rounds(bench, lambda: standing(bench) == "unrecognised")
+    bench.run(6.0)
 
 
 def test_while_it_is_undecided_start_is_refused_where_the_box_is_the_source(
     bench: Bench, box: Box, delivery: MissionPackage
 ) -> None:
-    """It points to the north and stands: zeros fit every layout."""
-    box.changed = dict(NORTH)
-    box.configure(configured("full"))
-    bench.connect()
-    bench.share(delivery)
-    real_rounds(bench, lambda: standing(bench) == "unrecognised")
-    bench.run(6.0)
-    says = "position box layout 'full' not recognised yet (turn or move the aircraft)"
-    assert says in needs(bench)
+    pointing_north(bench, box, delivery, "box")
+    assert UNDECIDED in needs(bench)
     assert where(bench) is None
-    assert told(bench) == [f"{says}: no position counts"]
-    box.changed = NORTH | {"heading_deg": 40.0}
+    assert told(bench) == [f"{UNDECIDED}: no position counts"]
+    bench.autopilot.position = HOME
     real_rounds(bench, lambda: standing(bench) == "sound")
     bench.run(2.0)
     assert needs(bench) == ()
-    box.changed = dict(NORTH)
-    bench.run(5.0)
+    bench.autopilot.position = None
+    bench.run(3.0)
     assert standing(bench) == "sound", "once recognised it stays so"
 
 
 def test_while_it_is_undecided_a_box_that_only_checks_refuses_nothing(
     bench: Bench, box: Box, delivery: MissionPackage
 ) -> None:
-    box.changed = dict(NORTH)
-    box.configure(configured("full", 'source = "autopilot"'))
-    bench.connect()
-    bench.share(delivery)
-    real_rounds(bench, lambda: standing(bench) == "unrecognised")
-    bench.run(3.0)
-    assert needs(bench) == ()
+    pointing_north(bench, box, delivery, "autopilot")
+    assert needs(bench) == ("no position",), "the autopilot's own"
+    assert told(bench) == [UNDECIDED]
 
 
 # ---- in flight ------------------------------------------------------------------------------------------------------
@@ -227,10 +228,10 @@ def test_a_restart_in_flight_does_not_wait_for_a_layout_that_is_undecided(bench:
     bench.autopilot.armed = True
     bench.run(3.0)
     assert where(bench) is None
-    box.changed, box.silent = dict(NORTH), False
-    real_rounds(bench, lambda: standing(bench) == "sound")
-    bench.run(1.0)
-    assert where(bench) is not None
+    box.silent = False
+    real_rounds(bench, lambda: where(bench) is not None)
+    line = bench.module._box
+    assert line.counters.records < 5, "the layout is not recognised by then"
 
 
 # ---- heights --------------------------------------------------------------------------------------------------------
