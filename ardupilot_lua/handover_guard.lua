@@ -311,10 +311,12 @@ end
 -- The receive queue. heard: channels that a frame has come from; run: frames read since it was empty; ended: read to
 -- its end since the mode last changed; full_at: it may have overflowed; aux_at, aux_by: a DO_AUX_FUNCTION came that may
 -- have been done; ours_at: since then the firmware leaves it to the guard; own: the table of ids is as large as the guard
--- has made it; second: another guard has started before this one; restarted: scripting has, alone; blind: too small for commands; commands: how many of a kind came in this second; sums: computed in this
--- call; hurry: too many for a status with a tag, so the next call reads less.
+-- has made it; second: another guard has started before this one; restarted: scripting has, alone; blind: too small for
+-- commands; commands: how many of a kind came in this second; sums: computed in this call; hurry: too many for a status
+-- with a tag, so the next call reads less.
 local rx = {ids={MAV.TUNNEL, MAV.COMMAND_LONG, MAV.COMMAND_INT}, heard={}, run=0, ended=false, full_at=nil, aux_at=nil,
-            aux_by="", ours_at=nil, own=false, second=false, restarted=false, blind=false, commands={}, sums=0, hurry=false}
+            aux_by="", ours_at=nil, own=false, second=false, restarted=false, blind=false, commands={}, sums=0,
+            hurry=false}
 
 local function clock()
     return millis():toint()
