@@ -370,6 +370,13 @@ class Narrator:
         self._journal.write("rerouted", text, station=station, items=items, commanders=names)
         self._tell_sentence(text)
 
+    def found_in_flight(self, items: int, commanders: Sequence[int]) -> None:
+        """After a restart in flight: the mission that is flown, which is not the package's, was read back."""
+        names = " ".join(self._arbiter.name(each) for each in commanders)
+        text = f"the mission that is flown was read back: {items} items, not the package's"
+        self._journal.write("found_in_flight", text, items=items, commanders=names)
+        self._tell_sentence(text)
+
     def closed(self, station: int, closing: Closing) -> None:
         """Something that `station` had open at the autopilot was closed."""
         name, incomplete = self._arbiter.name(station), closing.incomplete or None

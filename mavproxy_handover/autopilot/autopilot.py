@@ -202,7 +202,7 @@ class Autopilot:
         self._second_manager_told = False
         self._reboots = RebootWatch()
         #: after a restart: walks the route once more, beside the main loop, and when
-        self._walk: Callable[[], None] = lambda: None
+        self._walk: Callable[[float], None] = lambda _now: None
         self._walk_at = math.inf
         self._zones_at = 0.0
 
@@ -425,7 +425,8 @@ class Autopilot:
     def adopt(self, package: MissionPackage, now: float) -> None:
         """The autopilot holds this mission since the run before; who commands along its route is known from there.
 
-        Unless its commander has sent another one in flight: it is read back, and where it differs nobody knows it.
+        Unless a station has sent another one: it is read back, and where it differs it is read whole when the restart
+        is over.
         What lies along its route is found anew: gaps at once, the borders of zones when the restart is over.
         """
         self._missions.latest = package
@@ -436,12 +437,13 @@ class Autopilot:
             if self._flown is package.route:
                 self._lies_along(along)
 
-        self._walk = lambda: self._missions.walk_along(package, found)
+        self._walk = lambda _now: self._missions.walk_along(package, found)
         self._walk_at = now if package.gaps else now + _WALK_S
 
         def done(talk: Conversation, now: float) -> None:
             if talk.result:
                 self._rerouted(None, now)
+                self._walk, self._walk_at = self.staging.found, now + _WALK_S
 
         asking = self.procedures().holds_another(package.route.upload_items())
         self.conversations.begin(_HELD, asking, done, now)
@@ -642,7 +644,7 @@ class Autopilot:
     def _look_ahead(self, now: float) -> None:
         if now >= self._walk_at:
             self._walk_at = math.inf
-            self._walk()
+            self._walk(now)
         self._borders.each_second(now)
 
     def _look_for_signs(self, now: float) -> None:

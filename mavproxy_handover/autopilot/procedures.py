@@ -205,6 +205,10 @@ class Procedures(ABC):
         if route.fence:
             yield from lists.compare_fence(route.fence)
 
+    def held_mission(self) -> Asking:
+        """Returns the items of the mission that the autopilot holds, its home first. Raises AutopilotError."""
+        return (yield from MissionProtocol(self.sysid, self.kind).held_mission())
+
     def held_plan(self) -> Asking:
         """Returns the `HeldPlan`: what a station wrote. Raises AutopilotError."""
         lists = MissionProtocol(self.sysid, self.kind)

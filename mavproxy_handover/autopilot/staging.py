@@ -63,8 +63,9 @@ _WORDS: Final = {_MISSION: "mission", _FENCE: "geofence"}
 _DENIED: Final[int] = mavlink.MAV_MISSION_DENIED
 #: more areas of a geofence than ArduPilot stores
 _MOST_AREAS: Final = 32
-#: name of the conversation
+#: names of the conversations
 _WRITE: Final = "upload"
+_READ: Final = "mission found in flight"
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,6 +141,27 @@ class Staging:
         for kind, server in self._servers.items():
             if kind in self._ports:
                 self._carry_out(kind, self._ports[kind], server.tick(now), now)
+
+    def found(self, now: float) -> None:
+        """After a restart of the companion in flight: the autopilot flies another mission than the package's. It is
+        read back, so that the rest of the companion goes by it again; if that fails, nobody knows it, as before."""
+
+        def done(talk: Conversation, now: float) -> None:
+            package, here, commander = self._package(), self._desk.here(now), self._ties.arbiter.view.commander
+            if talk.failure is not None or len(talk.result) <= 1:
+                return
+            if package is None or here is None or commander is None:
+                return
+            items = talk.result
+            self._worker.submit(lambda: _read_route(package, items, here, commander), self._was_found)
+
+        if _WRITE not in self._conversations:
+            self._conversations.begin(_READ, self._procedures().held_mission(), done, now)
+
+    def _was_found(self, result: Rerouted | Exception, now: float) -> None:
+        if isinstance(result, Rerouted) and self._desk.ahead is None and _WRITE not in self._conversations:
+            self._ties.narrator.found_in_flight(len(result.ahead.route.items), result.commanders)
+            self._rerouted(result, now)
 
     def authority_moved(self, now: float) -> None:
         """Somebody else commands, or nobody: what is not being written by now is given up."""

@@ -365,3 +365,22 @@ def test_after_a_restart_the_package_counts_that_a_station_had_shared(bench: Ben
         bench.run(8.0)
         assert bench.companion.arbiter.mission_digest == delivery.digest
         assert len(bench.autopilot.items[0]) == 5
+
+
+def test_a_restart_in_flight_knows_the_uploaded_mission(kept_state: Bench) -> None:
+    """The fault: its route was unknown from then on, and commands were not judged by it."""
+    assert Program(kept_state, SAFE).send() == ACCEPTED
+    kept_state.run(3.0)
+    kept_state.a.command(START)
+    kept_state.run(5.0)
+    assert kept_state.autopilot.mode == AUTO
+    restart(kept_state)
+    kept_state.until(lambda: kept_state.companion.view.commander == 251)
+    kept_state.run(15.0)
+    assert kept_state.companion.autopilot.desk.ahead is not None
+    assert len(kept_state.companion.autopilot.desk.ahead.route.items) == 4
+    kept_state.autopilot.armed = kept_state.autopilot.airborne = False
+    kept_state.autopilot.mode = 0
+    kept_state.run(15.0)
+    assert len(kept_state.autopilot.items[0]) == 5, "nothing is written over it after the landing"
+    assert needs(kept_state) == ""
