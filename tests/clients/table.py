@@ -186,7 +186,8 @@ class Client:
 
 # it reads the parameters while it connects and at no other time; it downloads no log
 _DRONEKIT_WORDS = _ALL - {"modes", "file", "arm-reading", "logs", "log"}
-_MAVSDK_WORDS = _ALL - {"guided", "modes"}
+# its download of a file whose size is not known beforehand ends in "protocol_error", on a direct connection too
+_MAVSDK_WORDS = _ALL - {"guided", "modes", "file"}
 # it takes every heartbeat of the vehicle for the autopilot's
 _DRONEKIT_STATION = {"companion_heartbeat": "false"}
 # docs/mavsdk.md: "What ends a MAVSDK program"

@@ -11,7 +11,6 @@ and keeps the same kind of journal as `sitl/run/standard_gcs.py`, so a scenario 
     auto pause mission upload clear               MAVSDK's `MissionRaw`; mission reads it
     parameters param                              MAVSDK's `Param`: read all; a value for FS_OPTIONS
     arm-reading                                   `Action` arms while `Param` reads all
-    file                                          MAVSDK's `Ftp`
     logs log                                      MAVSDK's `LogFiles`: list them; download the newest
     boot-loader                                   a restart that stays in the boot loader, by `MavlinkDirect`
     start stop continue                           the mission's start, stop, continue, by `MavlinkDirect`
@@ -59,7 +58,6 @@ IN_PROGRESS = COMMAND_RESULTS.index("in_progress")
 #: no last word about a command that was sent by hand
 PATIENCE_S = 60.0
 HEIGHT_M = 8.0
-FILE = "@SYS/uarts.txt"
 
 
 class Old:
@@ -79,7 +77,7 @@ class Old:
     async def connect(self, address: str) -> None:
         await self._system.connect(system_address=address)
         self.action, self.mission, self.param = self._system.action, self._system.mission_raw, self._system.param
-        self.ftp, self.logs = self._system.ftp, self._system.log_files
+        self.logs = self._system.log_files
         self._telemetry, self.direct = self._system.telemetry, self._system.mavlink_direct
         self.messages = self.direct.message
         async for state in self._system.core.connection_state():
@@ -111,7 +109,6 @@ class New:
 
     async def connect(self, address: str) -> None:
         from mavsdk.asyncio.plugins.action import ActionAsync
-        from mavsdk.asyncio.plugins.ftp import FtpAsync
         from mavsdk.asyncio.plugins.log_files import LogFilesAsync
         from mavsdk.asyncio.plugins.mavlink_direct import MavlinkDirectAsync
         from mavsdk.asyncio.plugins.mission_raw import MissionRawAsync
@@ -123,7 +120,7 @@ class New:
         while system is None:
             system = await self._mavsdk.first_autopilot(timeout_s=1.0)
         self.action, self.mission, self.param = ActionAsync(system), MissionRawAsync(system), ParamAsync(system)
-        self.ftp, self.logs = FtpAsync(system), LogFilesAsync(system)
+        self.logs = LogFilesAsync(system)
         self._telemetry, self.direct = TelemetryAsync(system), MavlinkDirectAsync(system)
         self.messages = self.direct.subscribe_message
 
@@ -213,11 +210,6 @@ class Station:
             count["count"] = await self._log()
         elif word == "mission":
             count["count"] = len(await self.program.mission.download_mission())
-        elif word == "file":
-            folder = Path(tempfile.mkdtemp())
-            async for _progress in self.program.ftp.download(FILE, str(folder), False):
-                pass
-            count["count"] = sum(path.stat().st_size for path in folder.iterdir())
         else:
             return False
         return True
