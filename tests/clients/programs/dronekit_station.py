@@ -15,7 +15,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from talk import COMMAND_RESULTS, MISSION, PARAMETER, Journal, Texts, Typed, arguments, carry_out
+from talk import COMMAND_RESULTS, MISSION, PARAMETER, Journal, Program, Texts, serve
 
 # DroneKit 2.9.2 was made for Python before 3.10
 collections.MutableMapping = collections.abc.MutableMapping  # type: ignore[attr-defined]
@@ -30,7 +30,7 @@ HOLD_IN_BOOT_LOADER = 3
 ANSWER_S = 30.0
 
 
-class Station:
+class Station(Program):
     """The connection and the jobs."""
 
     def __init__(self, address: str, sysid: int, journal: Journal) -> None:
@@ -39,7 +39,7 @@ class Station:
         self._vehicle: Any = None
         self._acks: list[Any] = []
         self._versions = 0
-        self.jobs: dict[str, Callable[[], tuple[str, int | None]]] = {
+        self.jobs = {
             "connect": self._connect,
             "parameters": self._parameters,
             "mission": self._mission,
@@ -140,17 +140,9 @@ class Station:
 
 def main() -> None:
     """Until the input ends."""
-    options = arguments(__doc__)
-    address = f"tcp:127.0.0.1:{options.tcp}" if options.tcp else f"udpin:127.0.0.1:{options.listen}"
-    with options.journal.open("a", encoding="utf-8", buffering=1) as file:
-        journal = Journal(options.name, file)
-        station = Station(address, options.sysid, journal)
-        typed = Typed()
-        versions = [d.version for d in importlib.metadata.distributions() if d.metadata["Name"].startswith("dronekit")]
-        journal.note("loaded", f"DroneKit {', '.join(versions)}")
-        while (word := typed.next(1.0)) is not None:
-            if word:
-                carry_out(word, station.jobs, journal)
+    versions = [d.version for d in importlib.metadata.distributions() if d.metadata["Name"].startswith("dronekit")]
+    version = f"DroneKit {', '.join(versions)}"
+    serve(__doc__, version, lambda address, options, journal: Station(address, options.sysid, journal))
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from talk import MISSION, PARAMETER, Journal, Typed, arguments, carry_out
+from talk import MISSION, PARAMETER, Journal, Program, serve
 
 ANSWER_S = 20.0
 READ_S, LOG_S = 60.0, 110.0
@@ -87,7 +87,7 @@ def mission_file(folder: Path) -> None:
     (folder / "mission.txt").write_text("\n".join(lines) + "\n", encoding="ascii")
 
 
-class Station:
+class Station(Program):
     """MAVProxy and its console."""
 
     def __init__(self, master: str, sysid: int, journal: Journal) -> None:
@@ -154,17 +154,8 @@ class Station:
 
 def main() -> None:
     """Until the input ends."""
-    options = arguments(__doc__)
-    master = f"tcp:127.0.0.1:{options.tcp}" if options.tcp else f"udpin:127.0.0.1:{options.listen}"
-    with options.journal.open("a", encoding="utf-8", buffering=1) as file:
-        journal = Journal(options.name, file)
-        station = Station(master, options.sysid, journal)
-        typed = Typed()
-        journal.note("loaded", f"MAVProxy {importlib.metadata.version('MAVProxy')}")
-        while (word := typed.next(1.0)) is not None:
-            if word:
-                carry_out(word, station.jobs, journal)
-        station.end()
+    version = f"MAVProxy {importlib.metadata.version('MAVProxy')}"
+    serve(__doc__, version, lambda master, options, journal: Station(master, options.sysid, journal))
 
 
 if __name__ == "__main__":

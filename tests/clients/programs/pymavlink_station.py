@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import argparse
 import importlib.metadata
 import os
 import tempfile
@@ -13,7 +14,7 @@ from collections.abc import Callable
 from typing import Any
 
 from pymavlink import mavftp, mavutil
-from talk import COMMAND_RESULTS, MISSION, PARAMETER, Journal, Texts, Typed, arguments, carry_out
+from talk import COMMAND_RESULTS, MISSION, PARAMETER, Journal, Program, Texts, serve
 
 GROUND_STATION = 190
 AUTOPILOT = 1
@@ -33,18 +34,18 @@ LOG_PIECE, LOG_GAP_S = 90, 0.5
 WHOLE_LOG = 0xFFFFFFFF
 
 
-class Station:
+class Station(Program):
     """The connection and the jobs."""
 
-    def __init__(self, address: str, sysid: int, vehicle: int, journal: Journal, heartbeats: bool) -> None:
-        """`heartbeats`: whether it sends any."""
-        self._heartbeats = heartbeats
-        self._link: Any = mavutil.mavlink_connection(address, source_system=sysid, source_component=GROUND_STATION)
-        self._vehicle = vehicle
-        self._sysid = sysid
+    def __init__(self, address: str, options: argparse.Namespace, journal: Journal) -> None:
+        self._heartbeats = not options.no_heartbeats
+        self._link: Any = mavutil.mavlink_connection(
+            address, source_system=options.sysid, source_component=GROUND_STATION
+        )
+        self._vehicle, self._sysid = options.vehicle, options.sysid
         self._texts = Texts(journal)
         self._beating = False
-        self.jobs: dict[str, Callable[[], tuple[str, int | None]]] = {
+        self.jobs = {
             "connect": self._connect,
             "parameters": self._parameters,
             "mission": self._mission,
@@ -67,6 +68,10 @@ class Station:
             "takeoff": lambda: (self._command(22, 0, 0, 0, 0, 0, 0, HEIGHT_M), None),
             "start": lambda: (self._command(300), None),
         }
+
+    def idle(self) -> None:
+        """Take in what comes."""
+        self.next(0.05)
 
     def _beat(self) -> None:
         while True:
@@ -233,18 +238,8 @@ class Station:
 
 def main() -> None:
     """Until the input ends."""
-    options = arguments(__doc__)
-    address = f"tcp:127.0.0.1:{options.tcp}" if options.tcp else f"udpin:127.0.0.1:{options.listen}"
-    with options.journal.open("a", encoding="utf-8", buffering=1) as file:
-        journal = Journal(options.name, file)
-        station = Station(address, options.sysid, options.vehicle, journal, not options.no_heartbeats)
-        typed = Typed()
-        journal.note("loaded", f"pymavlink {importlib.metadata.version('pymavlink')}")
-        while (word := typed.next(0.0)) is not None:
-            if word:
-                carry_out(word, station.jobs, journal)
-            else:
-                station.next(0.05)
+    version = f"pymavlink {importlib.metadata.version('pymavlink')}"
+    serve(__doc__, version, Station)
 
 
 if __name__ == "__main__":

@@ -20,7 +20,10 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import TextIO
 
-__all__ = ["COMMAND_RESULTS", "MISSION", "PARAMETER", "Journal", "Texts", "Typed", "arguments", "carry_out"]
+__all__ = ["COMMAND_RESULTS", "MISSION", "PARAMETER", "Journal", "Program", "Texts", "arguments", "serve"]
+
+#: word -> what does the job: the program's own answer and, for what was read, how many of it
+Jobs = Mapping[str, Callable[[], tuple[str, "int | None"]]]
 
 #: MAV_RESULT in words
 COMMAND_RESULTS = ("accepted", "temporarily_rejected", "denied", "unsupported", "failed", "in_progress", "cancelled")
@@ -84,7 +87,7 @@ class Texts:
         self._journal.note("said", " ".join(whole.split()), severity=severity, component=component)
 
 
-class Typed:
+class _Typed:
     """The words that were typed, read by a thread."""
 
     def __init__(self) -> None:
@@ -96,19 +99,50 @@ class Typed:
             self._lines.put(line.strip())
         self._lines.put(None)
 
-    def next(self, timeout_s: float) -> str | None:
-        """The next word; "" if there is none after `timeout_s`; None if the input has ended."""
+    def next(self) -> str | None:
+        """The next word; "" if there is none; None if the input has ended."""
         try:
-            return self._lines.get(timeout=timeout_s) if timeout_s else self._lines.get_nowait()
+            return self._lines.get_nowait()
         except queue.Empty:
             return ""
 
 
-def carry_out(word: str, jobs: Mapping[str, Callable[[], tuple[str, int | None]]], journal: Journal) -> None:
-    """Do one job and write what came of it: the program's own answer and, for what was read, how many of it.
+class Program:
+    """A program that is tried."""
 
-    An exception of the program is its answer.
-    """
+    jobs: Jobs
+
+    def idle(self) -> None:
+        """Nothing is typed."""
+        time.sleep(0.05)
+
+    def end(self) -> None:
+        """The input has ended."""
+
+
+def serve(
+    description: str | None,
+    version: str,
+    make: Callable[[str, argparse.Namespace, Journal], Program],
+) -> None:
+    """Do what is typed until the input ends. `make` gets the vehicle's address in pymavlink's form."""
+    options = arguments(description)
+    address = f"tcp:127.0.0.1:{options.tcp}" if options.tcp else f"udpin:127.0.0.1:{options.listen}"
+    with options.journal.open("a", encoding="utf-8", buffering=1) as file:
+        journal = Journal(options.name, file)
+        program = make(address, options, journal)
+        typed = _Typed()
+        journal.note("loaded", version)
+        while (word := typed.next()) is not None:
+            if word:
+                _carry_out(word, program.jobs, journal)
+            else:
+                program.idle()
+        program.end()
+
+
+def _carry_out(word: str, jobs: Jobs, journal: Journal) -> None:
+    """Do one job and write what came of it. An exception of the program is its answer."""
     began = time.monotonic()
     try:
         result, count = jobs[word]() if word in jobs else ("unknown word", None)
