@@ -84,15 +84,17 @@ def table(cases: Sequence[str], outcomes: Outcomes) -> list[str]:
 
 
 def digest(*files: Path) -> str:
-    """Tells whether a table was flown with these files; what a parameter file says to people is not flown."""
+    """Tells whether a table was flown with these files. Comments and layout are not flown."""
     return hashlib.sha256(b"".join(_flown_of(path) for path in files)).hexdigest()[:16]
 
 
 def _flown_of(path: Path) -> bytes:
-    if path.suffix != ".parm":
-        return path.read_bytes()
-    lines = (line.partition("#")[0].split() for line in path.read_text(encoding="utf-8").splitlines())
-    return "\n".join(" ".join(line) for line in lines if line).encode()
+    lines = path.read_text(encoding="utf-8").splitlines()
+    if path.suffix == ".parm":
+        values = (line.partition("#")[0].split() for line in lines)
+        return "\n".join(" ".join(value) for value in values if value).encode()
+    code = (line for line in lines if not line.lstrip().startswith("--"))
+    return " ".join(" ".join(code).split()).encode()
 
 
 def write(page: Path, lines: Sequence[str], digests: Mapping[str, str]) -> None:

@@ -137,11 +137,13 @@ def test_what_was_flown_with_an_earlier_script_is_known() -> None:
     assert "4.7.0-dev" in flown_with(PAGE)
 
 
-def test_what_a_parameter_file_says_to_people_is_not_flown(tmp_path: Path) -> None:
+def test_comments_and_layout_are_not_flown(tmp_path: Path) -> None:
     script, parameters = tmp_path / "guard.lua", tmp_path / "guard.parm"
-    script.write_text("return 1 -- one\n", encoding="utf-8")
+    script.write_text("-- one\nreturn f(1, 2)\n", encoding="utf-8")
     parameters.write_text("# on\nSCR_ENABLE 1\n\nFS_GCS_ENABLE 1 # RTL\n", encoding="utf-8")
     before = digest(script, parameters)
+    script.write_text("-- another\nreturn f(1,\n         2)\n", encoding="utf-8")
+    assert digest(script, parameters) == before
     parameters.write_text("SCR_ENABLE  1\nFS_GCS_ENABLE 1\n", encoding="utf-8")
     assert digest(script, parameters) == before
     parameters.write_text("SCR_ENABLE 1\nFS_GCS_ENABLE 2\n", encoding="utf-8")
