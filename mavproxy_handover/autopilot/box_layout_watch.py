@@ -40,7 +40,7 @@ from mavproxy_handover.wire.box_layout import LAYOUTS, REQUIRED, BoxLayout, BoxR
 __all__ = ["LayoutWatch", "Verdict", "rivals"]
 
 #: so many records decide at the earliest, and so many of the newest count
-_FEWEST, _COUNTED = 5, 20
+_FEWEST, _COUNTED = 5, 10
 #: the points that part one layout from the others; and a reading with so many does not fit
 _MARGIN, _MISFIT = 0.5, 1.0
 #: the points of a value out of its range, the most of a velocity or a relation that is wrong, of a heading, a battery,

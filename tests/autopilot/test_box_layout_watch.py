@@ -183,12 +183,23 @@ def test_what_was_recognised_stays_so_until_another_one_fits() -> None:
 
 
 @pytest.mark.parametrize(("configured", "other"), KNOWN, ids=NAMES)
-def test_one_bad_record_among_good_ones_decides_nothing(configured: BoxLayout, other: BoxLayout) -> None:
+def test_a_few_bad_records_among_good_ones_change_nothing(configured: BoxLayout, other: BoxLayout) -> None:
     records = [truth(90.0)] * 20
     watch = watched(configured, configured, records)
     for raw in (other.pack(records[0]), b"\xff" * 56, b"\x5a" * 56):
         watch.look(raw, autopilots(records[0]), armed=False)
-        assert watch.verdict is Verdict.RECOGNISED
+        assert watch.known
+        assert watch.likely is None
+
+
+def test_another_layout_is_told_after_ten_records_in_flight() -> None:
+    """A box whose records break the rules brings one record a connection: ten of them take some seconds."""
+    flies = truth(200.0, 10.0, agl_m=40.0)
+    watch = watched(THESIS, THESIS, [flies] * 100, armed=True)
+    for _ in range(10):
+        watch.look(FULL.pack(flies), autopilots(flies), armed=True)
+    assert watch.likely is FULL
+    assert 1 <= watch.counted <= 4
 
 
 def test_a_box_that_drifts_is_no_other_layout() -> None:
