@@ -139,8 +139,8 @@ FLIGHT = (
     Job(_A, "start", _DONE, "up", pause_s=2.0, gate=True),
     Job(_A, "rtl", _DONE, "RTL", gate=True),
     Job(_A, "land", _DONE, "landed", gate=True),
-    # a mission that the commander sends on the ground is refused, or it stays
-    Job(_A, "upload", Expects.ANSWERED),
+    # a mission that the commander sends on the ground is refused, or it stays; one in flight ends with the flight
+    Job(_A, "upload", Expects.ANSWERED, pause_s=2.0),
     Job(_A, "mission", _DONE),
     Job(_A, "mission", _DONE, same=True, pause_s=20.0),
 )
