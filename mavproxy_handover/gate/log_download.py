@@ -13,7 +13,9 @@ MAVProxy: 0.7 s, then 20 gaps at once, of which ArduPilot serves one and ignores
    comes while the queue is full is dropped as well, with all that follow it, and the rest is asked for from it on.
 3. Requests that come while one is served wait for their turn, `MOST_REQUESTS` of them.
 4. A station that asks again for what it was sent has lost it: the pace is halved, down to `LEAST_PACE_BYTES_PER_S`. A
-   download from offset 0 begins with the full pace.
+   program that asks for the next part when it has the one before (MAVSDK) shows that it has read all: the pace is
+   doubled, up to `MOST_PACE_BYTES_PER_S`, unless some of it was lost. A download from offset 0 begins with
+   `PACE_BYTES_PER_S`.
 5. A LOG_DATA without data says "end of log" and makes MAVProxy close its file. It is passed on only if the station
    asked for that place itself, not where the companion asked for the rest.
 6. If the autopilot sends nothing for `STALL_S`, all is forgotten. The station asks again by its own rules.
@@ -38,6 +40,7 @@ __all__ = [
     "LEAST_PACE_BYTES_PER_S",
     "LOW_BYTES",
     "MOST_BYTES",
+    "MOST_PACE_BYTES_PER_S",
     "MOST_REQUESTS",
     "PACE_BYTES_PER_S",
     "STALL_S",
@@ -49,6 +52,7 @@ __all__ = [
 #: second, four to a datagram, on a desk computer of 2020.
 PACE_BYTES_PER_S: Final = 360_000.0
 LEAST_PACE_BYTES_PER_S: Final = 45_000.0
+MOST_PACE_BYTES_PER_S: Final = 5_760_000.0
 #: most that is sent at once after a pause: a fifth of a usual receive buffer (208 KiB, small datagrams count twice)
 BURST_BYTES: Final = 16_384.0
 HIGH_BYTES: Final = 65_536
@@ -120,6 +124,8 @@ class LogDownload:
         self._log, self._sent_to = 0, 0
         self._pace = PACE_BYTES_PER_S
         self._slowed_at = -math.inf
+        #: of the part that was asked for last some was lost
+        self._lossy = False
         self._credit_bytes, self._credit_at = BURST_BYTES, -math.inf
 
     @property
@@ -155,8 +161,12 @@ class LogDownload:
         if asked.begin == 0 or asked.log != self._log:
             self._log, self._sent_to, self._pace = asked.log, 0, PACE_BYTES_PER_S
         elif asked.begin < self._sent_to and now - self._slowed_at >= _SLOWER_EACH_S:
-            self._slowed_at = now
+            self._slowed_at, self._lossy = now, True
             self._pace = max(LEAST_PACE_BYTES_PER_S, self._pace / 2)
+        elif asked.begin == self._sent_to and not self._queue:
+            if not self._lossy:
+                self._pace = min(MOST_PACE_BYTES_PER_S, self._pace * 2)
+            self._lossy = False
 
     def _serve(self, asked: _Range, now: float, raw: bytes) -> None:
         self._served, self._next, self._resumed_at = asked, asked.begin, -1

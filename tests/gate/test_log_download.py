@@ -4,12 +4,15 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.model import AuthorityView
 from mavproxy_handover.gate.log_download import (
     LEAST_PACE_BYTES_PER_S,
     MOST_BYTES,
+    MOST_PACE_BYTES_PER_S,
     MOST_REQUESTS,
     PACE_BYTES_PER_S,
     LogDownload,
@@ -258,14 +261,42 @@ def test_a_station_that_asks_again_for_what_it_was_sent_gets_it_slower() -> None
         bench.ask(begin, 90)
         bench.come(begin)
     bench.run(1.0)
-    bench.ask(9000, 54_000)
-    bench.row(550, 9000)
+    bench.ask(9090, 54_000)
+    bench.row(550, 9090)
     bench.station.got.clear()
     bench.download.send(bench.now)
     burst = len(bench.station.got)
     bench.run(0.2)
     # half of 360,000 bytes a second
     assert len(bench.station.got) - burst == 330
+
+
+def test_a_program_that_asks_for_part_after_part_gets_each_faster_until_one_is_lost() -> None:
+    """MAVSDK asks for the next 512 frames when it has those before. At one pace it got a tenth of a direct line."""
+    bench, frames = Bench(), 512
+
+    def part(number: int) -> float:
+        begin = number * frames * WHOLE
+        bench.ask(begin, frames * WHOLE)
+        bench.row(frames, begin)
+        begun = bench.now
+        while bench.download.queued_bytes:
+            bench.run(0.002, step_s=0.002)
+        return bench.now - begun
+
+    waits_s = [part(number) for number in range(6)]
+    first_s = frames * FRAME / PACE_BYTES_PER_S
+    assert 0.6 * first_s < waits_s[0] <= first_s + 0.01
+    assert all(later <= before for before, later in pairwise(waits_s))
+    assert waits_s[5] < first_s / 10.0
+    bench.now += 2.0
+    bench.ask(5 * frames * WHOLE, WHOLE)  # it lacks one frame of the last part
+    bench.row(1, 5 * frames * WHOLE)
+    bench.run(0.1)
+    after_s = [part(number) for number in range(6, 12)]
+    assert after_s[0] > waits_s[5]
+    assert after_s[-1] <= waits_s[5]
+    assert bench.download._pace == MOST_PACE_BYTES_PER_S
 
 
 def test_the_pace_has_a_floor_and_a_new_download_has_the_full_one() -> None:
@@ -286,8 +317,8 @@ def test_the_pace_has_a_floor_and_a_new_download_has_the_full_one() -> None:
         bench.run(0.2)
         return len(bench.station.got) - before
 
-    bench.ask(600 * WHOLE, 500 * WHOLE)
-    bench.row(500, 600 * WHOLE)
+    bench.ask(601 * WHOLE, 500 * WHOLE)
+    bench.row(500, 601 * WHOLE)
     assert sent_in_200_ms() in (82, 83)  # 9,000 bytes
     bench.run(2.0)
     bench.ask(0, 550 * WHOLE)
