@@ -68,7 +68,7 @@ def test_telemetry_has_the_fields_of_the_thesis_in_the_units_of_the_dialect(airc
     aircraft.take(mavlink.MAVLink_sys_status_message(0, 0, 0, 0, 11800, 0, 76, 0, 0, 0, 0, 0, 0), 1.0)
     aircraft.take(mavlink.MAVLink_mission_current_message(8), 1.0)
     aircraft.take(mavlink.MAVLink_nav_controller_output_message(0, 0, 0, 0, 120, 0, 0, 0), 1.0)
-    m = aircraft.telemetry((251, 190), 1_700_000_000_000_000, 252)
+    m = aircraft.telemetry((251, 190), 1_700_000_000_000_000, (252, 251))
     assert (m.target_system, m.target_component, m.time_usec, m.time_boot_ms) == (
         251,
         190,
@@ -79,11 +79,12 @@ def test_telemetry_has_the_fields_of_the_thesis_in_the_units_of_the_dialect(airc
     assert (m.lat, m.lon, m.alt, m.relative_alt) == (526790000, 59240000, 45000, 30000)
     assert (m.rollspeed, m.pitchspeed, m.yawspeed) == (0.25, -0.5, 0.75)
     assert (m.vx, m.vy, m.vz, m.heading, m.groundspeed) == (3.0, 4.0, -0.5, 12345, 5.0)
-    assert (m.waypoint, m.waypoint_distance, m.zone, m.armed, m.custom_mode) == (8, 120.0, 252, 1, 3)
+    assert (m.waypoint, m.waypoint_distance, m.armed, m.custom_mode) == (8, 120.0, 1, 3)
+    assert (m.zone, m.other_zone) == (252, 251)
 
 
 def test_what_is_not_known_is_said_as_mavlink_says_unknown(aircraft: Aircraft) -> None:
-    m = aircraft.telemetry((251, 190), 0, 0)
+    m = aircraft.telemetry((251, 190), 0, (0, 0))
     raw = codec.pack(m, mavlink.MAVLink(None, srcSystem=1, srcComponent=191))
     received = codec.decode_bytes(raw)
     assert received is not None
