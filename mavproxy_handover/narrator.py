@@ -415,20 +415,15 @@ class Narrator:
             self.tell(f"Delivery point reached, waypoint {number}.")
 
     def zones(self, zones: tuple[int, int]) -> None:
-        """In whose zones the aircraft is, as `Arbiter.zones`; told when it changes, from the first zone on."""
+        """In whose zones the aircraft is, as `Arbiter.zones`: the handover zone is told when it is entered."""
         if zones == self._zones:
             return
         self._zones = zones
         zone, other = map(self._name, zones)
-        text = (
-            "Out of all zones"
-            if zone is None
-            else f"Zone of {zone}"
-            if other is None
-            else f"Handover Zone ({zone} and {other})"
-        )
-        self._journal.write("zone", text, zone=zone, other_zone=other)
-        self.tell(f"{text}.")
+        if other is not None:
+            text = f"Handover Zone ({zone} and {other})"
+            self._journal.write("handover_zone", text, zone=zone, other_zone=other)
+            self.tell(f"{text}.")
 
     def position(
         self, where: tuple[float, float, float], zones: tuple[int, int], commander: int | None, waypoint: int
