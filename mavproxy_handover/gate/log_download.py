@@ -81,7 +81,7 @@ class Receiver(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class _Range:
-    """What a station asked for: bytes `begin` to `end` of a log, and whom it asked as whom."""
+    """What a station asked for: bytes `begin` to `end` of a log. `sender`, `target`: system and component ids."""
 
     log: int
     begin: int
@@ -224,7 +224,8 @@ class LogDownload:
                 break
             size = len(queue.popleft())
             self._queued_bytes -= size
-            self._credit_bytes -= size
+            if paced:
+                self._credit_bytes -= size
         if self._stopped and self._queued_bytes <= LOW_BYTES:
             self._go_on(now)
         return bool(queue) or self._stopped

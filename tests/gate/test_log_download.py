@@ -271,6 +271,19 @@ def test_a_station_that_asks_again_for_what_it_was_sent_gets_it_slower() -> None
     assert len(bench.station.got) - burst == 330
 
 
+def test_a_link_with_flow_control_leaves_no_debt_to_the_udp_link_after_it() -> None:
+    """A station's best link changes in flight. After 600 frames by TCP nothing went by UDP for a fifth of a second."""
+    bench = Bench(flow_controlled=True)
+    bench.ask(0, 1200 * WHOLE)
+    bench.row(600)
+    bench.run(0.02)
+    assert len(bench.station.got) == 600
+    bench.station.flow_controlled = False
+    bench.row(300, 600 * WHOLE)
+    bench.run(0.02)
+    assert len(bench.station.got) > 700
+
+
 def test_a_program_that_asks_for_part_after_part_gets_each_faster_until_one_is_lost() -> None:
     """MAVSDK asks for the next 512 frames when it has those before. At one pace it got a tenth of a direct line."""
     bench, frames = Bench(), 512
