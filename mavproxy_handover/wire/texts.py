@@ -11,15 +11,13 @@ it is longer than a piece.
 
 A program that knows nothing of this system may show texts of the autopilot's component alone (MAVProxy does). It gets
 the companion's texts in the autopilot's name. Such a text begins with `MARK`, and its number is above those of
-ArduPilot, which counts its own texts from 1. It is cut between words too, but the blanks that fill a piece are spread
-over the gaps between its words: put together, such a text has no hole where it was cut.
+ArduPilot, which counts its own texts from 1. It is cut where a piece is full, so that no blanks stand in it.
 
 Source: mavlink.io, STATUSTEXT; MAVProxy's module link and QGroundControl put pieces together as described.
 """
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable
 from typing import Any, Final
 
@@ -38,9 +36,6 @@ MOST_IDS: Final = 0x7FFF
 TEXT_BYTES: Final = 50
 #: where a person would pause
 _PAUSES: Final = (b". ", b"; ", b": ", b", ")
-_BLANK: Final = ord(" ")
-#: blanks that a gap between words may get to fill a piece
-_MOST_ADDED: Final = 2
 #: their number is a byte
 _MOST: Final = 256
 
@@ -52,39 +47,21 @@ def pieces(text: str) -> list[bytes]:
     )
 
 
-def even_pieces(text: str) -> list[bytes]:
-    """The same cut between words alone, the blanks spread. A word is cut where a piece would need too many of them."""
-    return _cut(text, _after_word, _spread)
+def full_pieces(text: str) -> list[bytes]:
+    """The same cut where a piece is full, in the middle of a word too: put together it is the text, without blanks."""
+    return _cut(text, _whole_characters)
 
 
-def _cut(
-    text: str, where: Callable[[bytes], int], fill: Callable[[bytes], bytes] = lambda piece: piece.ljust(TEXT_BYTES)
-) -> list[bytes]:
+def _cut(text: str, where: Callable[[bytes], int]) -> list[bytes]:
     rest = text.encode("utf-8", "replace")
     if len(rest) <= TEXT_BYTES:
         return [rest]
     found = []
     while len(rest) >= TEXT_BYTES:
         end = where(rest)
-        found.append(fill(rest[:end]))
+        found.append(rest[:end].ljust(TEXT_BYTES))
         rest = rest[end:]
     return [*found, rest][:_MOST]
-
-
-def _after_word(rest: bytes) -> int:
-    """How many bytes of a piece end with a whole word, if the blanks that lack have room between its words."""
-    end = rest.rfind(b" ", 1, TEXT_BYTES) + 1
-    fits = TEXT_BYTES - end <= _MOST_ADDED * rest.count(b" ", 0, end)
-    return end if fits else _whole_characters(rest)
-
-
-def _spread(piece: bytes) -> bytes:
-    """The piece filled with blanks: one more for each gap between words, the last gap first, then another one."""
-    added: Counter[int] = Counter()
-    gaps = [at for at, byte in enumerate(piece) if byte == _BLANK]
-    for number in range(TEXT_BYTES - len(piece) if gaps else 0):
-        added[gaps[-1 - number % len(gaps)]] += 1
-    return b"".join(bytes((byte,)) + b" " * added[at] for at, byte in enumerate(piece)).ljust(TEXT_BYTES)
 
 
 def _after_clause(rest: bytes) -> int:
@@ -109,9 +86,9 @@ def status_texts(text: str, severity: int, text_id: int) -> list[Any]:
 def marked_texts(text: str, severity: int, text_id: int) -> list[Any]:
     """The messages that say it in the autopilot's name. `text_id`, 1 to `MOST_IDS`.
 
-    Some programs put pieces together as they are (MAVProxy, MAVSDK), others show each by itself.
+    Most programs put pieces together as they are (MAVProxy, MAVSDK), so no piece is filled with blanks.
     """
-    return _messages(even_pieces(f"{MARK}{text}"), severity, _MARKED_IDS + text_id)
+    return _messages(full_pieces(f"{MARK}{text}"), severity, _MARKED_IDS + text_id)
 
 
 def _messages(parts: list[bytes], severity: int, text_id: int) -> list[Any]:

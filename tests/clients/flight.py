@@ -126,9 +126,7 @@ def _seen(site: Site, job: Job, began: float) -> list[str]:
 
 
 def _heard(site: Site, job: Job, began: float) -> bool:
-    said = site.entries(job.station, "said")
-    # in a text of several pieces there may be more than one blank between words
-    return any(entry.t >= began and job.text in " ".join(entry.text.split()) for entry in said)
+    return any(entry.t >= began and job.text in entry.text for entry in site.entries(job.station, "said"))
 
 
 def table_of(flown: Flown) -> list[str]:

@@ -107,41 +107,12 @@ def test_it_is_cut_where_a_person_would_pause(text: str, parts: list[bytes]) -> 
 LONG = "GCSA changed the mission on the autopilot. The package is not loaded any more. START needs 'handover share'."
 
 
-def test_a_text_in_the_autopilots_name_is_cut_between_words_and_has_no_holes() -> None:
-    """The faults: programs that show each piece by itself showed 'on the autopilo' and 't. The package', programs that
-    put the pieces together 'locked while     armed'."""
+def test_a_text_in_the_autopilots_name_has_no_holes_where_it_was_cut() -> None:
+    """The fault: programs that put the pieces together showed 'locked while     armed'."""
     messages = marked_texts(LONG, 4, 7)
-    assert [message.text for message in messages] == [
-        "Handover:  GCSA  changed  the  mission  on  the   ",
-        "autopilot. The package is not loaded  any  more.  ",
-        "START needs 'handover share'.",
-    ]
+    assert "".join(message.text for message in messages) == f"Handover: {LONG}"
+    assert [len(message.text) for message in messages] == [50, 50, 18]
     assert [(message.id, message.chunk_seq) for message in messages] == [(0x8007, 0), (0x8007, 1), (0x8007, 2)]
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        REFUSAL,
-        LONG,
-        "The mission of GCSA is on the autopilot and is not flown: leaves coverage in 812 m (item 3). Send it again in "
-        "10 s to insist, or handover override coverage. START needs another mission or 'handover share'.",
-        "one " * 60 + "end",
-        "a" * 40 + " b " + "c" * 45 + " d",
-    ],
-)
-def test_such_a_text_is_the_text_again_with_at_most_three_blanks_in_a_row(text: str) -> None:
-    messages = marked_texts(text, 4, 7)
-    together = "".join(message.text for message in messages)
-    assert together.split() == ["Handover:", *text.split()]
-    assert "    " not in together
-    assert all(len(message.text) == 50 for message in messages[:-1])
-
-
-def test_a_word_that_is_too_long_for_that_is_cut() -> None:
-    """A hole of thirty blanks would be worse."""
-    first, second = marked_texts("see " + "x" * 60, 4, 7)
-    assert (first.text, second.text) == ("Handover: see " + "x" * 36, "x" * 24)
 
 
 def test_one_that_fits_is_alone_and_one_that_fills_its_pieces_ends_with_an_empty_one() -> None:
@@ -153,6 +124,6 @@ def test_one_that_fits_is_alone_and_one_that_fills_its_pieces_ends_with_an_empty
 def test_a_character_is_not_cut_in_half_there() -> None:
     messages = marked_texts("x" * 39 + "\u00fc" + "y" * 20, 4, 7)
     assert [bytes(message._text_raw) for message in messages] == [
-        b"Handover:  " + b"x" * 39,
+        b"Handover: " + b"x" * 39 + b" ",
         "\u00fc".encode() + b"y" * 20,
     ]
