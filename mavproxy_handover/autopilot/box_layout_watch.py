@@ -8,8 +8,8 @@ Each record is read under the configured layout and under every rival: a known l
 place or velocity elsewhere. Each reading gets points for what does not fit:
 
 * values out of their range; a place with a velocity or a height that is not known; a battery that is all but empty; a
-  ground speed that is not the length of the velocity; a
-  true track that is not its direction while the aircraft moves (`_inner`),
+  ground speed that is not the length of the velocity; a true track that is not its direction while the aircraft moves
+  (`_inner`),
 * a velocity or a heading that is not the autopilot's, while the autopilot knows them (`_outer`).
 
 Points are averaged over the newest records, so one bad record, or a pair that was not measured at one time, decides

@@ -83,7 +83,7 @@ _ARRIVES_S: Final = 3.0
 #: commands of these are done by GUIDED alone
 _GUIDED: Final = (Kind.FLY_TO, Kind.TARGET)
 
-#: what is told of a limit where the judgement breaks
+#: the words for a limit that cannot be judged
 _CANNOT: Final = f"cannot be judged: {FAULT}"
 _Place = tuple[float, float, float]
 _NOT_JUDGED: Final = Ruling(Outcome.PASSES)

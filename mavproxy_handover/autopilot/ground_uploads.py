@@ -87,8 +87,8 @@ class _Judged:
 class GroundUploads:
     """The uploads of one vehicle's stations on the ground.
 
-    `package` returns the package whose zones count, None if there is none. `flown` is told of a mission that passed,
-    and whether it is another one than the package's.
+    `package` returns the package whose zones count, None if there is none. `flown` gets a mission that passed, and
+    whether it is another one than the package's.
     """
 
     def __init__(
@@ -187,9 +187,10 @@ class GroundUploads:
 
     def _conclude(self, written: _Written, held: HeldPlan, result: _Judged | Exception, now: float) -> None:
         if not isinstance(result, _Judged):
-            why = str(result) if isinstance(result, (MissionError, TimeoutError)) else "internal fault"
-            if why == "internal fault":
+            why = str(result)
+            if not isinstance(result, (MissionError, TimeoutError)):
                 self._ties.fault("upload on the ground", f"{type(result).__name__}: {result}")
+                why = "internal fault"
             self._reject(written, why, now)
             return
         if not self._ties.arbiter.grounded(now):

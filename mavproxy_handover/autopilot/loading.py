@@ -212,7 +212,7 @@ class MissionWriter:
 
     `flies_by` is told which package the autopilot holds from now on, None while it holds none, and what is along it.
     `first_point`: what its rally list is to hold with the plan, and that alone; the rally points of the package are
-    candidates (`places.py`). `overwrites` is told that a package is about to be written.
+    candidates (`places.py`). `overwrites` is called before a package is written.
     """
 
     def __init__(

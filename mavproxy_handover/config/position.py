@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""`[position]`: whose word of where the aircraft is counts, where the position box is, how its record is laid out, and
+"""`[position]`: which source of the position counts, where the position box is, how its record is laid out, and
 how far it is believed."""
 
 from __future__ import annotations

@@ -31,7 +31,7 @@ def jumps(items: Sequence[MissionItem]) -> bool:
 
 def as_flown(items: Sequence[MissionItem], first: int = 0) -> tuple[MissionItem, ...]:
     """The items (item number n at place n - 1) in the order in which they are flown, from number `first` on; no more
-    than `MOST_FLOWN` and one. Taken up in the middle, every jump behind that counts as not made yet."""
+    than `MOST_FLOWN` and one. Where it begins in the middle, no jump after that counts as made."""
     if not jumps(items):
         return tuple(item for item in items if item.seq >= first)
     made: Counter[int] = Counter()

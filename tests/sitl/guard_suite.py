@@ -50,7 +50,7 @@ EVERY_TIME = frozenset(
         "forged, damaged and recorded leases after the last real one",
         "forged leases on another channel, while real ones flow",
         "lease lost, back, and lost again",
-        "lease says for 3 s that nobody commands",
+        "lease says for 3 s that no station commands",
         "GCS id and epoch follow the commander",
         "companion restarts; the commander falls silent while the lease goes on",
         "leases with a key",

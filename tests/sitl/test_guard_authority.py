@@ -251,7 +251,7 @@ def parameters_taken(flight: Flight) -> Outcome:
 
 CASES = (
     Case("lease lost, back, and lost again", lost_and_back_and_lost_again),
-    Case("lease says for 3 s that nobody commands", nobody_commands),
+    Case("lease says for 3 s that no station commands", nobody_commands),
     Case("GCS id and epoch follow the commander", follows_the_commander),
     Case("companion restarts; the commander falls silent while the lease goes on", second_line),
     Case("leases with a key", keyed, beside={"handover.key": KEY.hex() + "\n"}),

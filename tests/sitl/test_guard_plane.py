@@ -456,7 +456,7 @@ CASES = (
         "Plane: DO_AUX_FUNCTION 51, MANUAL, during the loss", "plane", winged(in_guided, cut, aux_function_denied)
     ),
     WingedCase(
-        "Plane: lease says for 3 s that nobody commands", "plane", winged(in_guided, says_lost, nobody_commands)
+        "Plane: lease says for 3 s that no station commands", "plane", winged(in_guided, says_lost, nobody_commands)
     ),
     WingedCase("Plane: lease lost, back, and lost again", "plane", winged(in_guided, cut, back_and_lost_again)),
     WingedCase("Plane: HNDO_ACTION 2", "plane", winged(with_action(2), cut, circles_at_home)),
