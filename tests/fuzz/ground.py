@@ -49,6 +49,7 @@ from mavproxy_handover.wire.package_transfer import CHUNK_BYTES
 from mavproxy_handover.wire.signing import SignatureVerdict, SignedPeer, sign
 from tests.fuzz.reader import Reader
 from tests.module.proxy import MPState
+from tests.packages import MISSIONS, ROUND
 
 __all__ = [
     "BYTES",
@@ -71,8 +72,7 @@ OTHER_KEY: Final = bytes(range(1, 33))
 #: 2026-11-20 00:00 UTC
 UTC_S: Final = 1_795_132_800.0
 STAMP: Final = 37_506_240_000_000
-MISSIONS: Final = Path(__file__).resolve().parents[2] / "missions"
-OWN, OFFERED = packages.load(MISSIONS / "delivery"), packages.load(MISSIONS / "linear")
+OWN, OFFERED = packages.load(ROUND), packages.load(MISSIONS / "linear")
 OFFERED_BYTES: Final = OFFERED.to_bytes()
 #: what our messages and a heartbeat are, and some that are nobody's business
 IDS: Final = [*(number for number in OUR_MESSAGES if number in mavlink.mavlink_map), 0, 0, 76, 77, 512]
@@ -295,7 +295,7 @@ def _configuration(folder: Path, *, own: bool, asks: bool) -> Path:
         sysid = {ME}
         vehicle = {VEHICLE}
         consent = "{"operator" if asks else "automatic"}"
-        {f'mission = "{MISSIONS / "delivery"}"' if own else ""}
+        {f'mission = "{ROUND}"' if own else ""}
         journal = "/dev/null"
         [ground]
         listen = "udpin:{LISTEN[0]}:{LISTEN[1]}"

@@ -15,7 +15,7 @@ from gcs_module.inbox import Inbox
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.wire.package_transfer import PackageSender
-from tests.module.conftest import MISSIONS
+from tests.packages import MISSIONS, ROUND
 
 B, C = 252, 253
 RECEIVED, REFUSED = mavlink.HANDOVER_PACKAGE_RESULT_RECEIVED, mavlink.HANDOVER_PACKAGE_RESULT_REFUSED
@@ -23,7 +23,7 @@ RECEIVED, REFUSED = mavlink.HANDOVER_PACKAGE_RESULT_RECEIVED, mavlink.HANDOVER_P
 
 @pytest.fixture(scope="module")
 def delivery() -> MissionPackage:
-    return mission_package.load(MISSIONS / "delivery")
+    return mission_package.load(ROUND)
 
 
 @pytest.fixture(scope="module")

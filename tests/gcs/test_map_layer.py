@@ -22,8 +22,8 @@ from mavproxy_handover.core.messages import CrossingKey, HandoverAhead
 from mavproxy_handover.core.model import FlightAction, Phase, Station
 from mavproxy_handover.core.safety.route import TrackFact
 from mavproxy_handover.mission.package import load
+from tests.packages import MISSIONS, ROUND
 
-MISSIONS = Path(__file__).resolve().parents[2] / "missions"
 A, B = 251, 252
 BLUE, VERMILION, ORANGE, RED, WHITE, BLACK = (
     (0, 114, 178), (213, 94, 0), (255, 165, 0), (200, 0, 0), (255, 255, 255), (0, 0, 0),
@@ -32,7 +32,7 @@ BLUE, VERMILION, ORANGE, RED, WHITE, BLACK = (
 
 @pytest.fixture(scope="module")
 def delivery() -> Ground:
-    return survey(load(MISSIONS / "delivery"))
+    return survey(load(ROUND))
 
 
 @pytest.fixture(scope="module")
@@ -119,7 +119,7 @@ def test_circles_and_holes_and_limits_of_altitude_are_shown(tmp_path: Path) -> N
     circles = edited(tmp_path / "1", "linear", "zones.geojson", '"radius_m"', '"max_alt_m": 120, "radius_m"')
     assert [len(line) for line in circles.zones[0].outline] == [129]
     assert circles.zones[0].words[-1] == "below 120 m"
-    package = load(MISSIONS / "delivery")
+    package = load(ROUND)
     area = package.zones[0].area
     assert area.geom_type == "Polygon"  # type: ignore[union-attr]
     holed = replace(package.zones[0], area=area.difference(area.centroid.buffer(0.0001)))  # type: ignore[union-attr]
@@ -128,7 +128,7 @@ def test_circles_and_holes_and_limits_of_altitude_are_shown(tmp_path: Path) -> N
 
 
 def test_a_gap_that_is_declared_is_black_and_one_that_is_not_is_red(tmp_path: Path) -> None:
-    east = drawn(survey(_shrunk(load(MISSIONS / "delivery"))), Now())
+    east = drawn(survey(_shrunk(load(ROUND))), Now())
     assert paths(east, "uncovered").colour == (230, 0, 0)
     assert "gap" not in east
 

@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -16,8 +15,8 @@ from gcs_module.route_watch import StationRouteWatch
 from mavproxy_handover.core.safety.route import RouteLimits
 from mavproxy_handover.mission.geodesy import offset
 from mavproxy_handover.mission.package import MissionPackage, load
+from tests.packages import ROUND
 
-MISSIONS = Path(__file__).resolve().parents[2] / "missions"
 #: home of `delivery`, and its waypoint 2, to the south-east
 HOME, SECOND = (52.679, 5.924), (52.678146, 5.925035)
 AUTO, GUIDED = 3, 4
@@ -26,7 +25,7 @@ OFF = Notice("off_route", "Off route: 41 m left of the leg to waypoint 2, as thi
 
 @pytest.fixture(scope="module")
 def delivery() -> MissionPackage:
-    return load(MISSIONS / "delivery")
+    return load(ROUND)
 
 
 def beside(part: float, left_m: float) -> tuple[float, float]:

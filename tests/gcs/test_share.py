@@ -17,8 +17,9 @@ from gcs_module.package_desk import NO_ANSWER_S, PackageDesk
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.wire.package_transfer import PackageReceiver
-from tests.module.conftest import MISSIONS, Clock
+from tests.module.conftest import Clock
 from tests.module.test_station_module import StationBench, connect_message, receive
+from tests.packages import MISSIONS, ROUND
 
 VEHICLE, PEER = 1, 252
 RECEIVED, LOADED = mavlink.HANDOVER_PACKAGE_RESULT_RECEIVED, mavlink.HANDOVER_PACKAGE_RESULT_LOADED
@@ -29,7 +30,7 @@ AGAIN = "Heard again: offering mission 'delivery'."
 
 @pytest.fixture(scope="module")
 def delivery() -> MissionPackage:
-    return mission_package.load(MISSIONS / "delivery")
+    return mission_package.load(ROUND)
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -16,10 +15,10 @@ from gcs_module.watch.scene import FEED, MOST_AIRCRAFT, MOST_STATIONS, TRACK, Sc
 from gcs_module.watch.show import Shown, age, shown
 from gcs_module.watch.tail import Entry
 from mavproxy_handover.core.model import FlightAction
+from tests.packages import MISSIONS
 
 #: what the watching machine's clocks say at the beginning: monotonic, and since 1970
 NOW, UTC = 1000.0, 1_700_000_000.0
-MISSIONS = Path(__file__).resolve().parents[2] / "missions"
 
 
 class Watching:

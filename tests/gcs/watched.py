@@ -18,8 +18,7 @@ from mavproxy_handover.mission.geodesy import distance_m
 from mavproxy_handover.mission.package import MissionPackage, load
 from mavproxy_handover.mission.walk import Sample
 from mavproxy_handover.store.journal import Journal
-
-MISSIONS = Path(__file__).resolve().parents[2] / "missions"
+from tests.packages import MISSIONS
 
 
 @dataclass

@@ -22,8 +22,8 @@ from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.wire.package_transfer import PackageSender
 from tests.module.proxy import MPState
 from tests.module.vehicle import Autopilot, Station
+from tests.packages import ROUND
 
-MISSIONS = Path(__file__).resolve().parents[2] / "missions"
 STEP_S = 0.05
 
 
@@ -208,7 +208,7 @@ def bench(clock: Clock, tmp_path: Path) -> Iterator[Bench]:
 
 @pytest.fixture(scope="session")
 def delivery() -> MissionPackage:
-    return mission_package.load(MISSIONS / "delivery")
+    return mission_package.load(ROUND)
 
 
 @pytest.fixture

@@ -20,9 +20,10 @@ from mavproxy_handover.core.safety.energy import EnergyFact
 from mavproxy_handover.mission.geodesy import offset
 from mavproxy_handover.mission.package import MissionPackage, load
 from mavproxy_handover.mission.places import PlaceFinder
-from tests.module.conftest import MISSIONS, Bench
+from tests.module.conftest import Bench
 from tests.module.test_rally_list import clear, result, send, upload
 from tests.module.vehicle import AUTO, HOME, PlaneAutopilot
+from tests.packages import MISSIONS
 
 START, SET_MODE, PAUSE = (
     mavlink.MAV_CMD_MISSION_START,

@@ -24,8 +24,9 @@ from mavproxy_handover.mission.package import MissionPackage
 from tests.module.conftest import Bench
 from tests.module.test_handover import IN_A, IN_BOTH
 from tests.module.test_restart import with_rules
-from tests.module.test_station_module import MISSIONS, StationBench, station
+from tests.module.test_station_module import StationBench, station
 from tests.module.vehicle import AUTO
+from tests.packages import ROUND
 
 __all__ = ["station"]
 
@@ -114,7 +115,7 @@ def test_no_command_touches_a_file(bench: Bench, delivery: MissionPackage, touch
 
 
 def test_a_station_going_about_its_work_touches_no_file(station: StationBench, touched: Touched) -> None:
-    station.configure(MISSIONS / "delivery")
+    station.configure(ROUND)
     station.load()
     station.run(1.0)
     touched.on = True

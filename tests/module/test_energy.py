@@ -24,9 +24,10 @@ from mavproxy_handover.core.safety.learning import Learner
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.store.state import StateStore
-from tests.module.conftest import MISSIONS, Bench
+from tests.module.conftest import Bench
 from tests.module.test_restart import lose_power, restart
 from tests.module.vehicle import AUTO, RTL
+from tests.packages import ROUND
 
 START, ARM = mavlink.MAV_CMD_MISSION_START, mavlink.MAV_CMD_COMPONENT_ARM_DISARM
 REJECTED = mavlink.MAV_RESULT_TEMPORARILY_REJECTED
@@ -39,7 +40,7 @@ LIFTS = ". Send it again in 10 s to insist, or handover override energy"
 def bare(tmp_path: Path) -> MissionPackage:
     """The delivery without numbers of its own."""
     folder = tmp_path / "bare"
-    shutil.copytree(MISSIONS / "delivery", folder)
+    shutil.copytree(ROUND, folder)
     text = (folder / "mission.toml").read_text(encoding="utf-8")
     (folder / "mission.toml").write_text(text[: text.index("[energy]")], encoding="utf-8")
     return mission_package.load(folder)
@@ -191,7 +192,7 @@ def test_what_a_mission_is_refused_for_is_over_with_one_that_only_warns(
     get_ready(bench, delivery, 0.6)
     assert needs(bench) == (TOO_LITTLE,)
     folder = tmp_path / "warns"
-    shutil.copytree(MISSIONS / "delivery", folder)
+    shutil.copytree(ROUND, folder)
     text = (folder / "mission.toml").read_text(encoding="utf-8").replace("[energy]", '[energy]\nstart = "warn"')
     (folder / "mission.toml").write_text(text, encoding="utf-8")
     bench.share(mission_package.load(folder))
@@ -281,7 +282,7 @@ def test_power_and_wind_are_learned_from_what_the_autopilot_says(flying: Bench) 
 def heavy(tmp_path: Path) -> MissionPackage:
     """The delivery with a quarter of its mass to be dropped by item 9, a gripper that opens behind waypoint 8."""
     folder = tmp_path / "heavy"
-    shutil.copytree(MISSIONS / "delivery", folder)
+    shutil.copytree(ROUND, folder)
     with_payload = "[energy]\nmass_kg = 4.0\npayload_kg = 1.0\n"
     text = (folder / "mission.toml").read_text(encoding="utf-8").replace("[energy]", with_payload)
     (folder / "mission.toml").write_text(text, encoding="utf-8")

@@ -10,10 +10,11 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.core.model import LeaseState, Phase
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage
-from tests.module.conftest import MISSIONS, Bench
+from tests.module.conftest import Bench
 from tests.module.test_restart import lose_power, restart
 from tests.module.test_staging import Program, waypoint
 from tests.module.vehicle import AUTO, RTL
+from tests.packages import MISSIONS
 
 START = mavlink.MAV_CMD_MISSION_START
 REJECTED = mavlink.MAV_RESULT_TEMPORARILY_REJECTED

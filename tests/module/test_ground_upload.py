@@ -15,13 +15,14 @@ from mavproxy_handover.gate.mission_items import item_message
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.mission.plan import FenceCircle
 from mavproxy_handover.mission.walk import legs_of
-from tests.module.conftest import MISSIONS, Bench
+from tests.module.conftest import Bench
 from tests.module.test_commands_in_flight import override
 from tests.module.test_ground_writes import needs, told
 from tests.module.test_mission_upload import LOADED
 from tests.module.test_restart import restart
 from tests.module.test_staging import ACCEPTED, HOME_LAT, HOME_LON, Program, waypoint
 from tests.module.vehicle import AUTO
+from tests.packages import ROUND
 
 VEHICLE = (1, 1)
 START = mavlink.MAV_CMD_MISSION_START
@@ -58,7 +59,7 @@ def loaded(bench: Bench, delivery: MissionPackage) -> Bench:
 @pytest.fixture
 def on_board(bench: Bench, delivery: MissionPackage) -> Bench:
     """The package is named in the vehicle's configuration, and loaded."""
-    bench.configure(more=f'mission = "{MISSIONS / "delivery"}"')
+    bench.configure(more=f'mission = "{ROUND}"')
     bench.a.digest = bench.b.digest = delivery.digest
     bench.connect()
     bench.until(lambda: bench.companion.arbiter.mission_digest)
@@ -316,7 +317,7 @@ def test_after_clear_without_a_package_on_board_the_reason_is_the_cleared_missio
 @pytest.fixture
 def kept_state(bench: Bench, delivery: MissionPackage) -> Bench:
     """With a package on board, and a mission that a station has uploaded over it."""
-    bench.configure(more=f'mission = "{MISSIONS / "delivery"}"\nstate = "state"')
+    bench.configure(more=f'mission = "{ROUND}"\nstate = "state"')
     bench.a.digest = bench.b.digest = delivery.digest
     bench.connect()
     bench.until(lambda: bench.companion.arbiter.mission_digest)

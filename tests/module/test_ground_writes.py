@@ -13,11 +13,12 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.wire.file_transfer import Head
 from mavproxy_handover.wire.file_transfer import message as file_message
-from tests.module.conftest import MISSIONS, Bench
+from tests.module.conftest import Bench
 from tests.module.test_commands_in_flight import take_off
 from tests.module.test_mission_upload import LOADED, REFUSED, send
 from tests.module.test_rehearsal import END, ask, begin
 from tests.module.test_staging import ACCEPTED, INSIDE, Program
+from tests.packages import ROUND
 
 VEHICLE = (1, 1)
 TERMINATE, RESET, LIST, OPEN_READ, READ, CREATE, WRITE, OPEN_WRITE, BURST = 1, 2, 3, 4, 5, 6, 7, 11, 15
@@ -65,7 +66,7 @@ def loaded(bench: Bench, delivery: MissionPackage) -> Bench:
 @pytest.fixture
 def on_board(bench: Bench) -> Bench:
     """The package is named in the vehicle's configuration, and loaded."""
-    bench.configure(more=f'mission = "{MISSIONS / "delivery"}"')
+    bench.configure(more=f'mission = "{ROUND}"')
     bench.connect()
     bench.until(lambda: bench.companion.arbiter.mission_digest)
     bench.run(12.0)
@@ -359,7 +360,7 @@ def test_after_an_upload_in_flight_the_package_can_be_shared_for_a_second_flight
 def test_after_an_upload_in_flight_the_package_on_board_is_loaded_and_all_are_told(
     bench: Bench, delivery: MissionPackage
 ) -> None:
-    bench.configure(more=f'mission = "{MISSIONS / "delivery"}"')
+    bench.configure(more=f'mission = "{ROUND}"')
     landed_after_an_upload(bench, delivery)
     bench.until(lambda: bench.companion.arbiter.mission_digest == delivery.digest)
     bench.run(0.5)

@@ -15,8 +15,9 @@ from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.wire.package_transfer import PackageSender
 from mavproxy_handover.worker import LONGEST_S
-from tests.module.conftest import MISSIONS, Bench
+from tests.module.conftest import Bench
 from tests.module.test_faults import leases_in
+from tests.packages import MISSIONS, ROUND
 
 LOADED, REFUSED = mavlink.HANDOVER_PACKAGE_RESULT_LOADED, mavlink.HANDOVER_PACKAGE_RESULT_REFUSED
 START = mavlink.MAV_CMD_MISSION_START
@@ -108,7 +109,7 @@ def test_a_plan_without_fence_and_speed_leaves_the_vehicle_its_own_and_says_so(b
     package = mission_package.from_bytes(silent.to_bytes())
     assert not package.cruise_speed_named
     bench.connect()
-    assert bench.share(mission_package.load(MISSIONS / "delivery")).result == LOADED
+    assert bench.share(mission_package.load(ROUND)).result == LOADED
     bench.autopilot.parameters["WPNAV_SPEED"] = 400.0
     assert bench.share(package).result == LOADED
     assert len(bench.autopilot.items[1]) == 4

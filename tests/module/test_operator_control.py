@@ -13,9 +13,10 @@ from mavproxy_handover.core.events import OperatorControlShown
 from mavproxy_handover.core.model import Phase
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.stations.operator_control import OperatorControl
-from tests.module.conftest import MISSIONS, Bench
+from tests.module.conftest import Bench
 from tests.module.test_handover import IN_A, IN_B, IN_BOTH
 from tests.module.vehicle import AUTO, Station
+from tests.packages import ROUND
 
 CONTROL = mavlink.MAV_CMD_REQUEST_OPERATOR_CONTROL
 START, LAND = mavlink.MAV_CMD_MISSION_START, mavlink.MAV_CMD_NAV_LAND
@@ -65,7 +66,7 @@ def ground(bench: Bench) -> Bench:
 @pytest.fixture
 def standard(bench: Bench) -> Bench:
     """In flight inside both zones, both stations of the standard, GCSA in command; the mission was on board."""
-    bench.configure(more=f'mission = "{MISSIONS / "delivery"}"')
+    bench.configure(more=f'mission = "{ROUND}"')
     text = bench.config.read_text()
     text = text.replace('name = "GCS', 'module = false\n            name = "GCS')
     bench.config.write_text(text)
@@ -651,7 +652,7 @@ class TestMavproxysOc:
 
 class TestMixed:
     def test_a_commander_of_the_standard_and_a_partner_of_ours(self, bench: Bench, delivery: MissionPackage) -> None:
-        bench.configure(more=f'mission = "{MISSIONS / "delivery"}"')
+        bench.configure(more=f'mission = "{ROUND}"')
         text = bench.config.read_text()
         bench.config.write_text(
             text.replace('name = "GCSA"\n            sysid', 'module = false\nname = "GCSA"\nsysid')

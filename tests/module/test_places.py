@@ -20,7 +20,8 @@ from mavproxy_handover.core.events import LinkJudged, PlaceJudged
 from mavproxy_handover.core.model import Phase
 from mavproxy_handover.mission.package import MissionPackage, load
 from mavproxy_handover.mission.places import PlaceFinder
-from tests.module.conftest import MISSIONS, Bench
+from tests.module.conftest import Bench
+from tests.packages import ROUND
 
 START, MODE = mavlink.MAV_CMD_MISSION_START, mavlink.MAV_CMD_DO_SET_MODE
 GUIDED, AUTO, RTL, LAND = 4, 3, 6, 9
@@ -473,7 +474,7 @@ def test_the_way_is_judged_at_the_speed_at_which_the_autopilot_returns(
 ) -> None:
     """The faults: at cruise_mps of [energy], 7 m/s against the wind that is not known, whatever the mission's speed;
     and with RTL_SPEED 0 at the mission's speed, whatever the autopilot's is."""
-    shutil.copytree(MISSIONS / "delivery", tmp_path / "slow")
+    shutil.copytree(ROUND, tmp_path / "slow")
     text = (tmp_path / "slow" / "mission.toml").read_text(encoding="utf-8")
     assert "cruise_speed_mps = 10.0" in text
     text = text.replace("cruise_speed_mps = 10.0", "cruise_speed_mps = 4.0")

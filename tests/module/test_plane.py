@@ -15,10 +15,11 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.core.model import FlightAction, Flown, Hand, Kind, Phase
 from mavproxy_handover.mission.package import MissionPackage, load
 from tests.autopilot.test_down import COMMANDS, route
-from tests.module.conftest import MISSIONS, Bench
+from tests.module.conftest import Bench
 from tests.module.test_commands_in_flight import along_the_dike
 from tests.module.test_staging import Program
 from tests.module.vehicle import PlaneAutopilot
+from tests.packages import ROUND
 
 START, MODE, ARM = mavlink.MAV_CMD_MISSION_START, mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_CMD_COMPONENT_ARM_DISARM
 PAUSE, CURRENT = mavlink.MAV_CMD_DO_PAUSE_CONTINUE, mavlink.MAV_CMD_DO_SET_MISSION_CURRENT
@@ -34,7 +35,7 @@ STOP, CONTINUE = 0.0, 1.0
 def ferry(tmp_path: Path) -> MissionPackage:
     """The delivery, by a plane that hovers too."""
     folder = tmp_path / "ferry"
-    shutil.copytree(MISSIONS / "delivery", folder)
+    shutil.copytree(ROUND, folder)
     mission, plan = folder / "mission.toml", folder / "delivery.plan"
     mission.write_text(mission.read_text().replace("\ndetector =", '\naircraft = "quadplane"\ndetector =', 1))
     items = json.loads(plan.read_text())

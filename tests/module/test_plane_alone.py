@@ -12,9 +12,10 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.core.model import Phase
 from mavproxy_handover.mission.items import MissionItem
 from mavproxy_handover.mission.package import load
-from tests.module.conftest import MISSIONS, Bench
+from tests.module.conftest import Bench
 from tests.module.test_staging import Program, held
 from tests.module.vehicle import Autopilot, PlaneAutopilot
+from tests.packages import MISSIONS
 
 START = mavlink.MAV_CMD_MISSION_START
 ACCEPTED, DENIED = mavlink.MAV_MISSION_ACCEPTED, mavlink.MAV_MISSION_DENIED

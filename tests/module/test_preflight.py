@@ -35,8 +35,9 @@ from mavproxy_handover.mission.package import MissionPackage, load
 from mavproxy_handover.wire.conversation import Conversations
 from tests.autopilot.test_copter import talk
 from tests.autopilot.test_down import route
-from tests.module.conftest import MISSIONS, Bench, Clock
+from tests.module.conftest import Bench, Clock
 from tests.module.vehicle import Autopilot
+from tests.packages import MISSIONS, ROUND
 
 PARAMETER_FILE = Path(__file__).parents[2] / "ardupilot_lua" / "handover.parm"
 PLANE_FILE = PARAMETER_FILE.with_name("handover_plane.parm")
@@ -540,7 +541,7 @@ def test_a_gap_of_the_mission_needs_a_guard_that_allows_it(most_s: float | None,
 
 
 def test_the_facts_of_a_plan() -> None:
-    facts = plan_facts(load(MISSIONS / "delivery").route)
+    facts = plan_facts(load(ROUND).route)
     assert (facts.fence, facts.inclusions, facts.highest_m) == (True, 1, 50.0)
     assert facts.farthest_m == pytest.approx(546.3, abs=0.5)  # waypoint 8: 195 m north, 510 m east
     corridor = plan_facts(load(MISSIONS / "corridor").route)

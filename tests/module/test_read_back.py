@@ -13,12 +13,13 @@ from mavproxy_handover.autopilot.mission_protocol import fence_items
 from mavproxy_handover.gate.mission_items import item_message, item_of
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.mission.plan import FenceCircle
-from tests.module.conftest import MISSIONS, Bench
+from tests.module.conftest import Bench
 from tests.module.test_ground_upload import SAFE
 from tests.module.test_ground_writes import needs, told
 from tests.module.test_mission_upload import LOADED
 from tests.module.test_staging import ACCEPTED, Program
 from tests.module.vehicle import AUTO
+from tests.packages import ROUND
 
 VEHICLE = (1, 1)
 START, ARM = mavlink.MAV_CMD_MISSION_START, mavlink.MAV_CMD_COMPONENT_ARM_DISARM
@@ -88,7 +89,7 @@ def test_after_that_the_package_can_be_shared_again(loaded: Bench, delivery: Mis
 
 
 def test_the_package_on_board_does_not_overwrite_it(bench: Bench, delivery: MissionPackage) -> None:
-    bench.configure(more=f'mission = "{MISSIONS / "delivery"}"')
+    bench.configure(more=f'mission = "{ROUND}"')
     bench.a.digest = bench.b.digest = delivery.digest
     bench.connect()
     bench.until(lambda: bench.companion.arbiter.mission_digest)

@@ -10,8 +10,9 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.autopilot.preflight import Finding
 from mavproxy_handover.core.model import Phase
 from mavproxy_handover.mission.package import MissionPackage, load
-from tests.module.conftest import MISSIONS, Bench
+from tests.module.conftest import Bench
 from tests.module.vehicle import AUTO, GUIDED, RTL, PlaneAutopilot
+from tests.packages import MISSIONS
 
 START, MODE, ARM = mavlink.MAV_CMD_MISSION_START, mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_CMD_COMPONENT_ARM_DISARM
 ACCEPTED, DENIED, FAILED = mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_DENIED, mavlink.MAV_RESULT_FAILED

@@ -26,10 +26,11 @@ from mavproxy_handover.store.keys import key_of, write_key
 from mavproxy_handover.wire.ids import PROBE_COMPID
 from mavproxy_handover.wire.package_transfer import PackageSender
 from sitl.vehicles.ports import PortPicker
-from tests.module.conftest import MISSIONS, Clock
+from tests.module.conftest import Clock
 from tests.module.proxy import Master, MPState
 from tests.module.test_station_module import START, Peer, heartbeat
 from tests.module.vehicle import frames
+from tests.packages import MISSIONS, ROUND
 
 KEYS = {1: key_of("the-passphrase-of-drone-1"), 2: key_of("the-passphrase-of-drone-2")}
 
@@ -60,7 +61,7 @@ class Fleet:
             name = "drone-1"
             sysid = 1
             links = ["udpin:127.0.0.1:14550"]
-            {first or f'allow_unsigned = true; mission = "{MISSIONS / "delivery"}"'.replace("; ", chr(10))}
+            {first or f'allow_unsigned = true; mission = "{ROUND}"'.replace("; ", chr(10))}
             [[vehicle]]
             name = "drone-2"
             sysid = 2

@@ -19,8 +19,8 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from gcs_module import chart
 from mavproxy_handover.mission import package as mission_package
-from tests.module.conftest import MISSIONS
 from tests.module.test_station_module import StationBench, connect_message, station  # noqa: F401
+from tests.packages import MISSIONS
 
 ZONES = {f"handover 1 zone {number}" for number in (251, 252)}
 

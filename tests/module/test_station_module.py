@@ -25,9 +25,10 @@ from mavproxy_handover.version import VERSION
 from mavproxy_handover.wire.package_transfer import PackageReceiver, PackageSender
 from mavproxy_handover.wire.texts import status_texts
 from sitl.vehicles.ports import PortPicker
-from tests.module.conftest import MISSIONS, Clock
+from tests.module.conftest import Clock
 from tests.module.proxy import MPState
 from tests.module.vehicle import frames
+from tests.packages import MISSIONS, ROUND
 
 START, PAUSE = mavlink.MAV_CMD_MISSION_START, mavlink.MAV_CMD_DO_PAUSE_CONTINUE
 IN_PROGRESS, ACCEPTED = mavlink.MAV_RESULT_IN_PROGRESS, mavlink.MAV_RESULT_ACCEPTED
@@ -66,7 +67,7 @@ class StationBench:
         self._companion = mavlink.MAVLink(None, srcSystem=1, srcComponent=191)
         self._autopilot = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
 
-    def configure(self, mission: Path | None = MISSIONS / "delivery", consent: str = "automatic") -> None:
+    def configure(self, mission: Path | None = ROUND, consent: str = "automatic") -> None:
         self.config.write_text(
             f"""
             [station]

@@ -18,10 +18,11 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.core.model import Phase
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage
-from tests.module.conftest import MISSIONS, Bench
+from tests.module.conftest import Bench
 from tests.module.test_restart import restart, with_rules
 from tests.module.test_staging import Program, waypoint
 from tests.module.vehicle import AUTO, GUIDED, RTL
+from tests.packages import MISSIONS
 
 START = mavlink.MAV_CMD_MISSION_START
 A, B = 251, 252

@@ -19,9 +19,10 @@ import pytest
 
 from mavproxy_handover.mission import load
 from mavproxy_handover.mission.crossings import Seen, WayAhead
+from tests.packages import MISSIONS, ROUND
 from tests.sitl.flown_missions import AUTO, FlownMission, take_off
 
-MISSIONS = Path(__file__).resolve().parents[2] / "missions"
+#: of the package `round`
 RECORDED = Path(__file__).resolve().parents[1] / "data" / "flights" / "delivery-arducopter.csv"
 PAUSE, CHANGE_SPEED = 193, 178
 #: what is held to: over the last seconds before a border the error is no more than this (s)
@@ -153,7 +154,7 @@ def test_another_speed_that_the_commander_orders_is_followed_within_some_seconds
 
 def test_it_is_right_in_a_recorded_flight_of_arducopter_too() -> None:
     """Its positions once a second, so a border comes between two of them."""
-    package = load(MISSIONS / "delivery")
+    package = load(ROUND)
     finder, way = package.zone_finder(), WayAhead.of(package.walk(), package.route)
     lines = RECORDED.read_text(encoding="utf-8").splitlines()[2:]
     looks = []

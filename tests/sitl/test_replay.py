@@ -19,10 +19,11 @@ import pytest
 
 from mavproxy_handover.cli import main as handover
 from sitl.replay.recording import read_tlog
+from tests.packages import MISSIONS, ROUND
 
 FLIGHTS = Path(__file__).parents[1] / "data" / "replay"
-MISSIONS = Path(__file__).parents[2] / "missions"
-MISSION = {"linear": "linear", "commander-dead": "delivery", "out-of-coverage": "delivery"}
+#: the package that each of them flew
+MISSION = {"linear": MISSIONS / "linear", "commander-dead": ROUND, "out-of-coverage": ROUND}
 
 
 @pytest.fixture
@@ -32,7 +33,7 @@ def flight(tmp_path: Path, request: pytest.FixtureRequest) -> Path:
     (tmp_path / "flight.tlog").write_bytes(gzip.decompress((folder / "flight.tlog.gz").read_bytes()))
     for name in ("flight.jsonl", "flight.toml"):
         shutil.copy(folder / name, tmp_path / name)
-    (tmp_path / "mission").symlink_to(MISSIONS / MISSION[request.param])
+    (tmp_path / "mission").symlink_to(MISSION[request.param])
     return tmp_path / "flight.tlog"
 
 

@@ -14,7 +14,7 @@ from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage, from_bytes
 from mavproxy_handover.stations.package_return import PackageReturn
 from mavproxy_handover.wire.package_transfer import PackageReceiver
-from tests.module.conftest import MISSIONS
+from tests.packages import ROUND
 
 A, B = 251, 252
 REFUSED = mavlink.HANDOVER_PACKAGE_RESULT_REFUSED
@@ -23,7 +23,7 @@ VEHICLE = (1, 191)
 
 @pytest.fixture(scope="module")
 def package() -> MissionPackage:
-    return mission_package.load(MISSIONS / "delivery")
+    return mission_package.load(ROUND)
 
 
 @pytest.fixture(autouse=True)
