@@ -7,6 +7,8 @@ stations speak, the module waits in MAVProxy's place (`HandoverModule._stay`), f
 serves its own links as long as nothing else has anything to read. Its own ticks go on meanwhile, the lease among them.
 MAVProxy's timers and what the operator types get their turn after `STAY_S` at the latest.
 
+The module waits like this, too, while frames of a download wait for their link. It offers them every `DOWNLOAD_S`.
+
 How that loop is ended is here too: up to 1.8.74 by a variable, from 1.8.75 on by an event.
 """
 
@@ -16,10 +18,12 @@ import select
 from collections.abc import Collection, Iterable
 from typing import Any
 
-__all__ = ["STAY_S", "TALKING_S", "end", "ends", "poller", "readable", "waited_for"]
+__all__ = ["DOWNLOAD_S", "STAY_S", "TALKING_S", "end", "ends", "poller", "readable", "waited_for"]
 
 #: MAVProxy's fastest timers run ten times a second
 STAY_S = 0.05
+#: how often a link is offered what waits of a download: 20 kB of 10 MB/s
+DOWNLOAD_S = 0.002
 #: frames that follow each other as fast as this are expected to go on
 TALKING_S = 0.1
 

@@ -44,7 +44,7 @@ from mavproxy_handover.lifeline import lifeline
 from mavproxy_handover.link.box_line import BoxLine
 from mavproxy_handover.link.devices import Device, parse_device
 from mavproxy_handover.link.names import Names
-from mavproxy_handover.main_loop import STAY_S, TALKING_S, ends, poller, readable, waited_for
+from mavproxy_handover.main_loop import DOWNLOAD_S, STAY_S, TALKING_S, ends, poller, readable, waited_for
 from mavproxy_handover.must_load import loaded, refused
 from mavproxy_handover.schedule import TICK_S, Schedule
 from mavproxy_handover.stations.port import StationPort, open_ports
@@ -194,7 +194,7 @@ class HandoverModule(mp_module.MPModule):
         self._send_downloads(now)
         self._stay_until = now + STAY_S
         self._guarded("side doors", self._close_side_doors)
-        if self._talking and now - self._heard_at < TALKING_S:
+        if self.companion.gate.downloads_wait or (self._talking and now - self._heard_at < TALKING_S):
             self._guarded("link", self._stay)
         self._guarded("idle", self._idle)
 
@@ -258,12 +258,15 @@ class HandoverModule(mp_module.MPModule):
 
     def _stay(self) -> None:
         """Serve our links while nothing else happens (see `main_loop`)."""
-        now, until = time.monotonic(), self._stay_until
-        self._send_downloads(now)
+        now, until, gate = time.monotonic(), self._stay_until, self.companion.gate
         waiting, ours = poller(waited_for(self.mpstate)), self._by_descriptor
         while now < until:
             due = now if self.companion.position_waits else min(self._idle_at, until)
-            ready, others = readable(waiting, ours, due - now)
+            wait_s = due - now
+            if gate.downloads_wait:
+                self._send_downloads(now)
+                wait_s = min(wait_s, DOWNLOAD_S)
+            ready, others = readable(waiting, ours, wait_s)
             for fileno in ready:
                 port, link = ours[fileno]
                 self._serve(port, link, once=True)

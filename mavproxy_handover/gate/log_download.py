@@ -8,16 +8,16 @@ MAVProxy: 0.7 s, then 20 gaps at once, of which ArduPilot serves one and ignores
 
 1. LOG_DATA waits here in a bounded queue. To a link that refuses what it cannot send (TCP, serial) it goes as fast as
    the link takes it, to a UDP link at `PACE_BYTES_PER_S`.
-2. Above `HIGH_BYTES` the autopilot is told to stop (LOG_REQUEST_END). Below `LOW_BYTES` the rest is asked for again. On
-   a network link much may still be on its way: what is queued already is dropped when it comes again. A frame that
-   comes while the queue is full is dropped as well, with all that follow it, and the rest is asked for from it on.
+2. The autopilot is asked for `PIECE_BYTES` of the log at a time, and for the next piece when no more than `LOW_BYTES`
+   wait here. So the queue neither runs empty nor fills up, and the autopilot is never told to stop: on a network link a
+   megabyte would still be on its way then. A frame that comes while the queue is full is lost.
 3. Requests that come while one is served wait for their turn, `MOST_REQUESTS` of them.
 4. A station that asks again for what it was sent has lost it: the pace is halved, down to `LEAST_PACE_BYTES_PER_S`. A
    program that asks for the next part when it has the one before (MAVSDK) shows that it has read all: the pace is
    doubled, up to `MOST_PACE_BYTES_PER_S`, unless some of it was lost. A download from offset 0 begins with
    `PACE_BYTES_PER_S`.
 5. A LOG_DATA without data says "end of log" and makes MAVProxy close its file. It is passed on only if the station
-   asked for that place itself, not where the companion asked for the rest.
+   asked for that place itself, not where the companion asked for the next piece.
 6. If the autopilot sends nothing for `STALL_S`, all is forgotten. The station asks again by its own rules.
 
 Time is an argument (monotonic seconds).
@@ -36,13 +36,13 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.wire.frames import Frame, field_int
 
 __all__ = [
-    "HIGH_BYTES",
     "LEAST_PACE_BYTES_PER_S",
     "LOW_BYTES",
     "MOST_BYTES",
     "MOST_PACE_BYTES_PER_S",
     "MOST_REQUESTS",
     "PACE_BYTES_PER_S",
+    "PIECE_BYTES",
     "STALL_S",
     "LogDownload",
     "Receiver",
@@ -55,8 +55,9 @@ LEAST_PACE_BYTES_PER_S: Final = 45_000.0
 MOST_PACE_BYTES_PER_S: Final = 5_760_000.0
 #: most that is sent at once after a pause: a fifth of a usual receive buffer (208 KiB, small datagrams count twice)
 BURST_BYTES: Final = 16_384.0
-HIGH_BYTES: Final = 65_536
-LOW_BYTES: Final = 16_384
+_DATA_BYTES: Final = 90  #: of a whole LOG_DATA
+PIECE_BYTES: Final = 1024 * _DATA_BYTES
+LOW_BYTES: Final = 65_536
 MOST_BYTES: Final = 262_144
 MOST_REQUESTS: Final = 32
 #: shorter than the 0.7 s after which MAVProxy asks again
@@ -65,7 +66,6 @@ STALL_S: Final = 0.5
 _SLOWER_EACH_S: Final = 1.0
 
 _REQUEST: Final[int] = mavlink.MAVLINK_MSG_ID_LOG_REQUEST_DATA
-_DATA_BYTES: Final = 90  #: of a whole LOG_DATA
 
 
 class Receiver(Protocol):
@@ -90,14 +90,9 @@ class _Range:
     target: tuple[int, int]
 
     def asks(self, begin: int) -> bytes:
-        """The station's request for the rest of it."""
-        return self._pack(mavlink.MAVLink_log_request_data_message(*self.target, self.log, begin, self.end - begin))
-
-    def ends(self) -> bytes:
-        """The station's request to stop."""
-        return self._pack(mavlink.MAVLink_log_request_end_message(*self.target))
-
-    def _pack(self, message: mavlink.MAVLink_message) -> bytes:
+        """The station's request for the piece of it that begins there."""
+        count = min(PIECE_BYTES, self.end - begin)
+        message = mavlink.MAVLink_log_request_data_message(*self.target, self.log, begin, count)
         return bytes(message.pack(mavlink.MAVLink(None, srcSystem=self.sender[0], srcComponent=self.sender[1])))
 
 
@@ -110,14 +105,10 @@ class LogDownload:
         #: what the autopilot sends now, and what waits for its turn
         self._served: _Range | None = None
         self._waiting: deque[_Range] = deque()
-        #: the offset that comes next, and the one from which the companion itself asked last
-        self._next = 0
-        self._resumed_at = -1
+        #: the offset that comes next, where the piece that was asked for ends, and where the companion itself began one
+        self._next = self._piece_end = 0
+        self._own_piece_at = -1
         self._heard_at = -math.inf
-        #: the autopilot was told to stop
-        self._stopped = False
-        #: where the row of frames goes on that is dropped, None: none is
-        self._dropping_at: int | None = None
         self._queue: deque[bytes] = deque()
         self._queued_bytes = 0
         #: of the log that is downloaded: up to where it was sent
@@ -148,12 +139,12 @@ class LogDownload:
             (field_int(frame, "target_system"), field_int(frame, "target_component")),
         )
         self._judge_pace(asked, now)
-        stalled = not self._stopped and not self._queue and now - self._heard_at > STALL_S
+        stalled = not self._queue and now - self._heard_at > STALL_S
         if receiver is not self._receiver or stalled:
             self.forget()
         self._receiver = receiver
         if self._served is None:
-            self._serve(asked, now, frame.raw)
+            self._serve(asked, now)
         elif len(self._waiting) < MOST_REQUESTS and asked != self._served and asked not in self._waiting:
             self._waiting.append(asked)
 
@@ -168,11 +159,15 @@ class LogDownload:
                 self._pace = min(MOST_PACE_BYTES_PER_S, self._pace * 2)
             self._lossy = False
 
-    def _serve(self, asked: _Range, now: float, raw: bytes) -> None:
-        self._served, self._next, self._resumed_at = asked, asked.begin, -1
-        self._dropping_at = None
+    def _serve(self, asked: _Range, now: float) -> None:
+        self._served, self._next, self._own_piece_at = asked, asked.begin, -1
+        self._ask(asked, now)
+
+    def _ask(self, served: _Range, now: float) -> None:
+        """Ask for the next piece."""
+        self._piece_end = min(self._next + PIECE_BYTES, served.end)
         self._heard_at = now
-        self._to_autopilot(raw)
+        self._to_autopilot(served.asks(self._next))
 
     def keeps(self, receiver: Receiver, frame: Frame, raw: bytes, now: float) -> bool:
         """Whether this LOG_DATA, on its way to a station, is dealt with here."""
@@ -183,15 +178,10 @@ class LogDownload:
         if not served.begin <= begin <= served.end:  # of a request before this one
             return False
         self._heard_at = now
-        if count == 0 and begin == self._resumed_at:
+        if count == 0 and begin == self._own_piece_at:
             self._over(now)
             return True
-        if self._dropping_at is not None and begin < self._dropping_at:  # what was asked for again comes
-            self._dropping_at = None
-        if self._dropping_at is not None or self._queued_bytes + len(raw) > MOST_BYTES:
-            self._dropping_at = begin + count
-            return True
-        if begin < self._next:
+        if begin < self._next or self._queued_bytes + len(raw) > MOST_BYTES:
             return True
         self._queue.append(raw)
         self._queued_bytes += len(raw)
@@ -199,17 +189,13 @@ class LogDownload:
         self._sent_to = max(self._sent_to, self._next)
         if count < _DATA_BYTES or self._next >= served.end:
             self._over(now)
-        elif self._queued_bytes > HIGH_BYTES and not self._stopped:
-            self._stopped = True
-            self._to_autopilot(served.ends())
         return True
 
     def _over(self, now: float) -> None:
         """All of the range has come."""
-        self._served, self._stopped, self._dropping_at = None, False, None
+        self._served = None
         if self._waiting:
-            asked = self._waiting.popleft()
-            self._serve(asked, now, asked.asks(asked.begin))
+            self._serve(self._waiting.popleft(), now)
 
     def send(self, now: float) -> bool:
         """Send what may go now; whether there is more to do. To be called in every round of the main loop."""
@@ -226,16 +212,11 @@ class LogDownload:
             self._queued_bytes -= size
             if paced:
                 self._credit_bytes -= size
-        if self._stopped and self._queued_bytes <= LOW_BYTES:
-            self._go_on(now)
-        return bool(queue) or self._stopped
-
-    def _go_on(self, now: float) -> None:
         served = self._served
-        self._stopped = False
-        if served is not None:
-            self._resumed_at, self._heard_at = self._next, now
-            self._to_autopilot(served.asks(self._next))
+        if served is not None and self._next >= self._piece_end and self._queued_bytes <= LOW_BYTES:
+            self._own_piece_at = self._next
+            self._ask(served, now)
+        return bool(queue)
 
     def forget(self) -> None:
         """Authority moves, the station ends the download, or it asks for something else."""
@@ -243,4 +224,3 @@ class LogDownload:
         self._waiting.clear()
         self._queue.clear()
         self._queued_bytes = 0
-        self._stopped, self._dropping_at = False, None

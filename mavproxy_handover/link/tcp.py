@@ -77,14 +77,18 @@ class _Connection:
         return len(self._out) > 0 or self._lost != ""
 
     def send(self, data: bytes, more: bool = False) -> bool:
-        """Take a frame and send what can be sent now. `more`: it belongs to a download."""
-        self._push()
+        """Take a frame and send what can be sent now. `more`: it belongs to a download and may wait for the next."""
+        if more and not self._lost and self._out.add(data, more):
+            return True
+        self.push()
         if self._lost or not self._out.add(data, more):
             return False
-        self._push()
+        if not more:
+            self.push()
         return not self._lost
 
-    def _push(self) -> None:
+    def push(self) -> None:
+        """Send what waits, as far as the system takes it."""
         try:
             self._out.drain(self.socket.send)
         except OSError as error:
@@ -92,7 +96,7 @@ class _Connection:
 
     def receive(self, limit: int) -> bytes:
         """What has arrived, at most `limit` bytes; sends what waits. Raises _Lost."""
-        self._push()
+        self.push()
         if self._lost:
             raise _Lost(self._lost)
         try:
@@ -157,6 +161,10 @@ class TcpOut(Device):
 
     def write_more(self, data: bytes) -> bool:
         return self._connection is not None and self._connection.send(data, more=True) and self._sent(data)
+
+    def flush(self) -> None:
+        if self._connection is not None:
+            self._connection.push()
 
     def _see_to_connecting(self) -> None:
         now = self._clock()
@@ -289,6 +297,10 @@ class TcpIn(Device):
     def write_more(self, data: bytes) -> bool:
         served = self._served
         return served is not None and served.send(data, more=True) and self._sent(data)
+
+    def flush(self) -> None:
+        if self._served is not None:
+            self._served.push()
 
     def reply(self, frame: Frame, data: bytes) -> None:
         client = self._senders.get(id(frame))
