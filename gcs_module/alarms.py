@@ -76,6 +76,7 @@ EVENTS: Final[Mapping[str, Level]] = {
     "asked": _WARNING,
     "ahead": _INFO,
     "consent": _INFO,
+    "told": _INFO,
     "set_up": _INFO,
     "released": _INFO,
     "aborted": _ADVISORY,

@@ -127,6 +127,8 @@ class _Part:
     crossing: int
     #: DRONE_CONNECTED was said (partner) or heard (commander)
     connected: bool = False
+    #: the partner has said that it is ready
+    ready: bool = False
     #: the vehicle asked because the commander is lost
     forced: bool = False
     #: the operator was told last that so much time is left (s)
@@ -577,6 +579,16 @@ class StationCore:
         if ground and consent is Consent.GRANTED:
             actions.append(ToPeer(key.from_station, word))
         actions.append(ToVehicle(word))
+        part = self._part
+        if consent is Consent.GRANTED and part is not None and part.key == key and not part.ready:
+            part.ready = True
+            self._told(part, f"ready to take {self.vehicle_name}", ground, actions)
+
+    def _told(self, part: _Part, what: str, ground: bool, actions: list[Action]) -> None:
+        """How the commander learns it; a commander that is lost does not."""
+        if not part.forced and self.commander == part.key.from_station:
+            way = "over the ground link" if ground else "by the vehicle"
+            actions.append(Notice("told", f"{self.name(part.key.from_station)} is told {way}: {what}."))
 
     def _on_connect_handover(self, message: ConnectHandover, now: float, actions: list[Action]) -> None:
         key = message.key
@@ -596,6 +608,7 @@ class StationCore:
         if not part.connected:
             part.connected = True
             actions.append(Notice("set_up", "Set up as commander: Drone Connected."))
+            self._told(part, "Drone Connected", ground, actions)
 
     # ---- as commander ---------------------------------------------------------------------------------------------
 
@@ -634,13 +647,14 @@ class StationCore:
         actions.append(ToVehicle(self._ok(key, consent)))
         if not new:
             return
+        text = f"{self.name(key.to_station)} is ready to take {self.vehicle_name}{_about(message.reason)}."
         if consent is Consent.GRANTED:
+            actions.append(Notice("told", text))
             actions.append(Notice("consent", "Handover Authorized."))
             return
         if consent is Consent.DENIED:
             actions.append(Notice("consent", "Handover Denied, as answered beforehand."))
             return
-        text = f"{self.name(key.to_station)} is ready to take {self.vehicle_name}{_about(message.reason)}."
         actions.append(Notice("asked", text + self._hint(consent)))
 
     def _release(self, key: TransferKey, actions: list[Action]) -> None:

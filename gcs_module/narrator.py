@@ -173,6 +173,7 @@ class FlightNarrator:
     def command_sent(self, word: str) -> None:
         """The operator's command is on its way."""
         self._write("command", f"{word} sent", what=word)
+        self._view.line(f"{word} sent.")
 
     def command_ended(self, word: str, outcome: str, text: str) -> None:
         """It was answered, or not."""

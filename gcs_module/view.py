@@ -23,9 +23,11 @@ _BELL: Final = "\a"
 def telemetry_line(m: Any, zone_name: str) -> str:
     """HANDOVER_TELEMETRY as one line."""
     battery = "?" if m.battery_remaining < 0 else f"{m.battery_remaining}%"
+    known = m.waypoint > 0 and isfinite(m.waypoint_distance)
+    waypoint = f"{m.waypoint_distance:.0f} m to waypoint {m.waypoint}" if known else f"waypoint {m.waypoint}"
     return (
         f"{m.lat / 1e7:.6f} {m.lon / 1e7:.6f} {m.relative_alt / 1000:.0f} m, {m.groundspeed:.1f} m/s, "
-        f"battery {battery}, waypoint {m.waypoint}, zone {zone_name}"
+        f"battery {battery}, {waypoint}, zone {zone_name}"
     )
 
 

@@ -446,7 +446,7 @@ class Companion:
             self.narrator.senseless(kind, port.name, now)
             return
         if isinstance(decoded, TransferMessage):
-            self.narrator.message("in", port.name, decoded, now)
+            self._attempt("journal", self.narrator.message, "in", port.sysid, decoded, now)
         self.handle(events.StationMessage(port.sysid, decoded), now)
 
     # ---- from the autopilot ---------------------------------------------------------------------------------------
@@ -685,7 +685,7 @@ class Companion:
     def _send(self, action: events.Send, now: float) -> None:
         port = self.ports[action.station]
         if isinstance(action.message, TransferMessage):
-            self._attempt("journal", self.narrator.message, "out", port.name, action.message, now, action.attempt)
+            self._attempt("journal", self.narrator.message, "out", port.sysid, action.message, now, action.attempt)
         state = self.autopilot.aircraft.state()
         port.send(codec.encode(action.message, port.target, self.config.sysid, state), everywhere=True)
         self._briefing.asked(action.station, action.message)

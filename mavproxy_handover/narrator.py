@@ -26,6 +26,7 @@ from mavproxy_handover.core.model import AuthorityView, FlightAction, Phase, Rea
 from mavproxy_handover.core.safety.commands import Ruling
 from mavproxy_handover.core.safety.energy import EnergyFact
 from mavproxy_handover.core.safety.route import RouteNews
+from mavproxy_handover.core.steps import StepWords
 from mavproxy_handover.gate.flush import Closing
 from mavproxy_handover.gate.latent import News, State
 from mavproxy_handover.link.quality import LinkEvent
@@ -89,6 +90,9 @@ class Narrator:
         self._samplers: dict[tuple[str, str], Sampler] = {}
         self._clock_offset_s: float | None = None
         self._zones = (0, 0)
+        self._steps = StepWords(arbiter.name)
+        #: the commander that got the last telemetry
+        self._telemetry_to = ""
 
     def tell(self, text: str) -> None:
         """A line on the console, in the form of the thesis."""
@@ -184,6 +188,8 @@ class Narrator:
         )
         if action.event not in _UNSPOKEN:
             self._tell_sentence(action.text)
+        if action.event == "zone_entered":
+            self.zones(self._arbiter.zones())
 
     def decision(self, told: Announce) -> None:
         """What is done about what is wrong, or that nothing is any more: the sentence that everybody gets."""
@@ -222,13 +228,20 @@ class Narrator:
         )
 
     def message(
-        self, direction: str, station: str, message: TransferMessage, now: float, attempt: int | None = None
+        self, direction: str, station: int, message: TransferMessage, now: float, attempt: int | None = None
     ) -> None:
-        """A message of a transfer, `direction` "in" or "out"."""
-        if self._heard_out(station, now):
+        """A message of a transfer: "in", before it is handled, or "out"."""
+        name = self._arbiter.name(station)
+        if self._heard_out(name, now):
             self._journal.write(
-                "message", direction=direction, station=station, attempt=attempt, **codec.values_of(message)
+                "message", direction=direction, station=name, attempt=attempt, **codec.values_of(message)
             )
+        if direction == "out":
+            line = self._steps.sent(station, message, awaits_commander=self._arbiter.awaits_commander)
+        else:
+            line = self._steps.received(station, message, self._arbiter.view)
+        if line:
+            self.tell(line)
 
     def senseless(self, kind: str, station: str, now: float) -> None:
         """A message of a transfer that holds what none may hold, or is about another vehicle."""
@@ -416,14 +429,22 @@ class Narrator:
 
     def zones(self, zones: tuple[int, int]) -> None:
         """In whose zones the aircraft is, as `Arbiter.zones`: the handover zone is told when it is entered."""
-        if zones == self._zones:
+        before, self._zones = self._zones, zones
+        if set(zones) == set(before):
             return
-        self._zones = zones
         zone, other = map(self._name, zones)
         if other is not None:
             text = f"Handover Zone ({zone} and {other})"
             self._journal.write("handover_zone", text, zone=zone, other_zone=other)
             self.tell(f"{text}.")
+
+    def telemetry(self, commander: str) -> None:
+        """The aircraft's telemetry goes to this commander; told when it is another one than before."""
+        if commander != self._telemetry_to:
+            self._telemetry_to = commander
+            text = f"telemetry goes to {commander}, once a second"
+            self._journal.write("telemetry_to", text, station=commander)
+            self._tell_sentence(text)
 
     def position(
         self, where: tuple[float, float, float], zones: tuple[int, int], commander: int | None, waypoint: int
@@ -543,6 +564,7 @@ class Narrator:
     def package_received(self, mission: str, station: str) -> None:
         """A mission package is here whole, and fit to be loaded."""
         self._journal.write("package_received", f"mission {mission!r} from {station}", station=station)
+        self.tell(f"Mission {mission!r} received from {station}.")
 
     def package_returned(self, station: str, what: str) -> None:
         """A station that has no mission package in flight is sent the vehicle's; `what`: how that goes."""

@@ -34,6 +34,8 @@ class Telemetry:
         ties.narrator.position(where, zones, view.commander, aircraft.waypoint)
         for station in (view.commander, view.partner):
             port = ties.voice.ports.get(station or 0)
+            if port is not None and station == view.commander:
+                ties.narrator.telemetry(port.name)
             if port is not None:
                 told = aircraft.telemetry(port.target, int(ties.clocks.utc() * 1e6), zones)
                 attempt(ties.fault, f"sending to {port.name}", port.send, told)

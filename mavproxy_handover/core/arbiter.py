@@ -232,6 +232,14 @@ class Arbiter:
         """How far inside its commander's zone (m) a border is passed at which it was flown on; None: it was at none."""
         return self._lookout.passed_at_m
 
+    @property
+    def awaits_commander(self) -> bool:
+        """The commander has to answer in the transfer under way: it is there, and has not agreed beforehand."""
+        transfer = self._authority.transfer
+        if transfer is None or transfer.consented:
+            return False
+        return not self._presence[transfer.key.from_station].station.standard
+
     def answer_left_s(self, now: float) -> float:
         """What is left (s) for an operator who is asked in the transfer under way; inf: nobody is."""
         transfer = self._authority.transfer

@@ -54,6 +54,7 @@ class TestNominal:
             "I have drone: GCSA is the commander now, epoch 1.",
             "drone is on mission.",
             "drone is on handover.",
+            "GCSB is ready to take drone (zone).",
             "Handover Authorized.",
             "GCSB has the drone: Disconnect.",
             "drone is on mission.",
@@ -66,7 +67,9 @@ class TestNominal:
             "drone is on mission.",
             "drone is on handover.",
             "Handover requested (zone): GCSA -> GCSB.",
+            "GCSA is told over the ground link: ready to take drone.",
             "Set up as commander: Drone Connected.",
+            "GCSA is told over the ground link: Drone Connected.",
             "drone is on mission.",
             "I have drone: GCSB is the commander now, epoch 2.",
         ]

@@ -239,6 +239,7 @@ class TestPartner:
             Notice("announced", "Handover requested (zone): GCSA -> GCSB."),
             ToPeer(A, OnHandover(KEY)),
             ToVehicle(OnHandover(KEY)),
+            Notice("told", "GCSA is told over the ground link: ready to take drone."),
         ]
 
     def test_connect(self) -> None:
@@ -246,12 +247,32 @@ class TestPartner:
         from_vehicle(core, HandoverRequest(KEY, Reason.ZONE))
         actions = from_vehicle(core, ConnectHandover(KEY))
         assert words(actions) == [ToPeer(A, DroneConnected(KEY)), ToVehicle(DroneConnected(KEY))]
-        assert notices(actions) == ["Set up as commander: Drone Connected."]
+        assert notices(actions) == [
+            "Set up as commander: Drone Connected.",
+            "GCSA is told over the ground link: Drone Connected.",
+        ]
 
     def test_without_a_ground_link_the_vehicle_is_asked_to_pass_it_on(self) -> None:
         core = partner(ground=False)
-        assert words(from_vehicle(core, HandoverRequest(KEY, Reason.ZONE))) == [ToVehicle(OnHandover(KEY, relay=True))]
-        assert words(from_vehicle(core, ConnectHandover(KEY))) == [ToVehicle(DroneConnected(KEY, relay=True))]
+        ready = from_vehicle(core, HandoverRequest(KEY, Reason.ZONE))
+        assert words(ready) == [ToVehicle(OnHandover(KEY, relay=True))]
+        connected = from_vehicle(core, ConnectHandover(KEY))
+        assert words(connected) == [ToVehicle(DroneConnected(KEY, relay=True))]
+        assert [line for line in notices(ready + connected) if "is told" in line] == [
+            "GCSA is told by the vehicle: ready to take drone.",
+            "GCSA is told by the vehicle: Drone Connected.",
+        ]
+
+    def test_who_is_told_is_said_once_and_of_a_lost_commander_not_at_all(self) -> None:
+        core = partner()
+        first, second = (notices(from_vehicle(core, HandoverRequest(KEY, Reason.ZONE))) for _ in range(2))
+        assert (len(first), second) == (2, [])
+        first, second = (notices(from_vehicle(core, ConnectHandover(KEY))) for _ in range(2))
+        assert (len(first), second) == (2, [])
+        core = partner()
+        lost = from_vehicle(core, HandoverRequest(KEY, Reason.COMMANDER_LOST))
+        lost += from_vehicle(core, ConnectHandover(KEY))
+        assert [line for line in notices(lost) if "is told" in line] == []
 
     def test_a_ground_link_counts_as_dead_after_three_seconds(self) -> None:
         core = partner()
@@ -339,7 +360,7 @@ class TestCommander:
 
         actions = hear(passed_on() if relayed else OnHandover(KEY))
         assert words(actions) == [ToVehicle(OkHandover(KEY))]
-        assert notices(actions) == ["Handover Authorized."]
+        assert notices(actions) == ["GCSB is ready to take drone (zone).", "Handover Authorized."]
         actions = hear(DroneConnected(KEY, relayed=relayed))
         assert words(actions) == [ToVehicle(DisconnectHandover(KEY))]
         assert notices(actions) == ["GCSB has the drone: Disconnect."]
@@ -730,6 +751,7 @@ class TestOperator:
             Notice("consent", "Handover Authorized."),
             ToPeer(A, OnHandover(KEY)),
             ToVehicle(OnHandover(KEY)),
+            Notice("told", "GCSA is told over the ground link: ready to take drone."),
         ]
         assert core.question is None
 
@@ -1050,7 +1072,7 @@ class TestReason:
         from_vehicle(commander, OnHandover(KEY, reason=Reason.REQUESTED, relayed=True))
         asked = from_vehicle(commander, passed_on())
         assert words(asked) == [ToVehicle(OkHandover(KEY))]
-        assert notices(asked) == ["Handover Authorized."]
+        assert notices(asked) == ["GCSB is ready to take drone (zone).", "Handover Authorized."]
         from_vehicle(taker, HandoverRequest(KEY, Reason.GIVEN))
         asked = from_vehicle(taker, HandoverRequest(KEY, Reason.COMMANDER_LOST))
         assert words(asked) == [ToVehicle(OnHandover(KEY, relay=True))]

@@ -67,7 +67,7 @@ def test_load_unload_reload_and_load_again(
     file = vehicle_file(tmp_path / "handover.toml", station_port)
     console = start()
     assert console.answer("module load handover", f"handover {VERSION}: ") == (
-        f"handover {VERSION}: drone-1, stations GCSA, configuration {file}"
+        f"handover {VERSION}: drone-1, stations GCSA (parent), configuration {file}"
     )
     console.shows("Loaded module handover")
     wait_for(lambda: autopilot.leases() > 3, lambda: "no leases came")

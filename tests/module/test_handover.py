@@ -14,8 +14,10 @@ import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
 from gcs_module.core import FromVehicle, MissionHeld, StationCore, ToVehicle
+from mavproxy_handover.core.messages import DisconnectHandover, DroneConnected, OkHandover, OnHandover, TransferKey
 from mavproxy_handover.core.model import (
     AUTOMATIC,
+    Consent,
     LeaseState,
     Phase,
     Station,
@@ -244,7 +246,7 @@ def test_in_two_zones_at_once_the_telemetry_names_both_of_them(flight: Bench) ->
     flight.run(1.5)
     assert [(m.zone, m.other_zone) for m in flight.b.got("HANDOVER_TELEMETRY")[-1:]] == [(252, 0)]
     texts = [entry["text"] for entry in flight.journal("handover_zone")]
-    assert texts[-1] == "Handover Zone (GCSB and GCSA)"
+    assert texts == ["Handover Zone (GCSA and GCSB)"], "as it is entered, before authority moves"
     console = [line.split("]: ")[-1] for line in flight.mpstate.console.lines]
     assert [line for line in console if line.startswith("Handover Zone")] == [f"{text}." for text in texts]
     (last,) = flight.journal("position")[-1:]
@@ -266,6 +268,121 @@ def test_the_console_says_whose_stop_and_continue_are_accepted_and_rejected(flig
         "STOP accepted from GCSA.",
         "CONTINUE accepted from GCSA.",
     ]
+
+
+def told_on_console(bench: Bench) -> list[str]:
+    return [line.split("]: ")[-1] for line in bench.mpstate.console.lines]
+
+
+def test_the_console_tells_each_step_of_a_handover_once(flight: Bench) -> None:
+    """As figures 6.3 and 6.14 of the thesis have them."""
+    hand_over(flight)
+    flight.run(2.0)
+    console = told_on_console(flight)
+    assert console[console.index("Zone of GCSB entered.") :][:10] == [
+        "Zone of GCSB entered.",
+        "Handover Zone (GCSA and GCSB).",
+        "Handover 1: GCSA -> GCSB.",
+        "Handover request sent to GCSB. Waiting for GCSB and GCSA.",
+        "GCSB is ready.",
+        "OK handover received from GCSA.",
+        "Connect handover sent to GCSB. Waiting for GCSB and GCSA.",
+        "Drone connected received from GCSB.",
+        "Disconnect received from GCSA.",
+        "Handover 1 committed: GCSB commands, epoch 2.",
+    ]
+    for line in ("Handover request sent", "GCSB is ready", "OK handover", "Connect handover", "Disconnect received"):
+        assert sum(each.startswith(line) for each in console) == 1, line
+
+
+def test_the_console_tells_no_step_that_does_not_count(flight: Bench) -> None:
+    """Words of a station that has no part in a transfer, and of one that is over."""
+    before = len(told_on_console(flight))
+    for station in (flight.a, flight.b):
+        for word in (OnHandover, OkHandover, DroneConnected, DisconnectHandover):
+            station.send(codec.encode(word(TransferKey(251, 252, 7, 1)), (1, 191), 1))
+    flight.run(1.0)
+    hand_over(flight)
+    done = len(told_on_console(flight))
+    flight.a.send(codec.encode(OkHandover(TransferKey(251, 252, 1, 1)), (1, 191), 1))
+    flight.run(1.0)
+    steps = ("is ready", "OK handover", "received from")
+    assert [line for line in told_on_console(flight)[before:] if any(step in line for step in steps)] == [
+        "GCSB is ready.",
+        "OK handover received from GCSA.",
+        "Drone connected received from GCSB.",
+        "Disconnect received from GCSA.",
+    ]
+    assert [line for line in told_on_console(flight)[done:] if any(step in line for step in steps)] == []
+
+
+def test_the_console_says_that_an_operator_is_asked_or_has_denied(flight: Bench) -> None:
+    def consent(station: vehicle.Station, word: Consent) -> None:
+        view = flight.companion.view
+        key = TransferKey(view.commander or 0, view.partner or 0, view.handover_id, view.epoch)
+        message = OnHandover(key, word) if station is flight.b else OkHandover(key, word)
+        station.send(codec.encode(message, (1, 191), 1))
+        flight.run(0.1)
+
+    for station in (flight.a, flight.b):
+        station.step = partial(vehicle.Station.step, station)  # type: ignore[method-assign]
+    flight.autopilot.position = IN_BOTH
+    flight.until(lambda: flight.companion.view.partner == 252)
+    before = told_on_console(flight).index("Handover 1: GCSA -> GCSB.")
+    for station, word in (
+        (flight.b, Consent.WAITING),
+        (flight.b, Consent.WAITING),
+        (flight.b, Consent.GRANTED),
+        (flight.a, Consent.WAITING),
+        (flight.a, Consent.DENIED),
+    ):
+        consent(station, word)
+    assert [line for line in told_on_console(flight)[before:] if "GCS" in line][:6] == [
+        "Handover 1: GCSA -> GCSB.",
+        "Handover request sent to GCSB. Waiting for GCSB and GCSA.",
+        "GCSB asks its operator.",
+        "GCSB is ready.",
+        "GCSA asks its operator.",
+        "GCSA denies the handover.",
+    ]
+
+
+def test_a_handover_of_a_lost_commander_waits_for_the_partner_alone(flight: Bench) -> None:
+    flight.autopilot.position = IN_BOTH
+    flight.b.alive = False
+    flight.run(4.0)
+    flight.a.alive, flight.b.alive = False, True
+    flight.until(lambda: commander(flight) == 252)
+    console = told_on_console(flight)
+    assert console[console.index("GCSA is lost: no station commands.") + 1 :][:3] == [
+        "Connect handover sent to GCSB. Waiting for GCSB.",
+        "Drone connected received from GCSB.",
+        "Handover 2 committed: GCSB commands, epoch 2.",
+    ]
+
+
+def test_the_console_says_from_whom_the_mission_came_and_who_gets_telemetry(flight: Bench) -> None:
+    """As figures 6.2, 6.4 and 6.14 of the thesis have it."""
+    flight.run(2.0)
+    hand_over(flight)
+    flight.run(2.0)
+    console = told_on_console(flight)
+    assert console.count("Mission 'delivery' received from GCSA.") == 1
+    assert [line for line in console if line.startswith("Telemetry")] == [
+        "Telemetry goes to GCSA, once a second.",
+        "Telemetry goes to GCSB, once a second.",
+    ]
+
+
+def test_the_console_says_that_start_of_another_station_is_rejected(bench: Bench, delivery: MissionPackage) -> None:
+    """As figure 6.2 of the thesis has it."""
+    bench.connect()
+    bench.share(delivery)
+    bench.run(1.5)
+    bench.b.command(START)
+    bench.run(0.3)
+    assert "START rejected from GCSB: not in control." in told_on_console(bench)
+    assert bench.companion.view.phase is Phase.ON_LOAD
 
 
 def test_other_commands_and_refusals_without_end_fill_no_console(flight: Bench) -> None:

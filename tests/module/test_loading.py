@@ -20,7 +20,7 @@ from tests.module.proxy import Output
 def test_load_says_which_vehicle_which_stations_and_which_file(bench: Bench) -> None:
     assert bench.load() is not None
     assert bench.mpstate.console.lines == [
-        f"handover {VERSION}: drone-1, stations GCSA, GCSB, configuration {bench.config}",
+        f"handover {VERSION}: drone-1, stations GCSA (parent), GCSB, configuration {bench.config}",
         "handover: WARNING: GCSA, GCSB without a key: any program on the link counts as the station",
     ]
     assert bench.module.name == "handover", "MAVProxy finds a module to unload by its load name"

@@ -337,7 +337,7 @@ class TestInATransfer:
 
         seen = []
 
-        def watching(way: str, station: str, message: Any, *more: Any) -> None:
+        def watching(way: str, station: int, message: Any, *more: Any) -> None:
             original(way, station, message, *more)
             if (way, codec.name_of(message)) == (direction, name):
                 seen.append(name)

@@ -478,6 +478,14 @@ def test_start_waits_for_its_end(station: StationBench) -> None:
     assert station.mpstate.console.said("START accepted.")
 
 
+@pytest.mark.parametrize("word", ["start", "stop", "continue"])
+def test_the_operator_sees_that_a_command_is_sent(station: StationBench, word: str) -> None:
+    """As figures 6.2 and 6.13 of the thesis have it: `Sending stop command.`"""
+    station.load()
+    station.mpstate.type(f"handover {word}")
+    assert [line for line in station.mpstate.console.lines if line.endswith(f"]: {word.upper()} sent.")] != []
+
+
 def test_no_answer_is_an_answer(station: StationBench) -> None:
     station.load()
     station.mpstate.type("handover stop")
@@ -1047,7 +1055,7 @@ def test_why_resume_is_refused_is_told_in_one_line(station: StationBench) -> Non
     station.hear(statustext("AUTO refused: leaves coverage in 57 m (item 3)", 4))
     station.run(1.0)
     said = [line.partition("]: ")[2] for line in station.mpstate.console.lines if "]: RESUME" in line]
-    assert said == ["RESUME refused: leaves coverage in 57 m (item 3)."]
+    assert said == ["RESUME sent.", "RESUME refused: leaves coverage in 57 m (item 3)."]
 
 
 def test_the_end_of_the_zone_and_that_it_was_left_are_told_once(station: StationBench) -> None:
@@ -1087,6 +1095,7 @@ def test_all_of_the_telemetry_with_its_units_and_its_age(station: StationBench) 
         "zone      GCSA",
         "mode      3, armed",
     ]
+    assert station.mpstate.console.said("battery 81%, 123 m to waypoint 4, zone GCSA")
     station.run(12.0)
     assert station.mpstate.type("handover telemetry")[0] == "telemetry (12 s old)"
     assert any(

@@ -108,6 +108,7 @@ FIRST = {
     "safety.energy_prior": ("safety/test_energy_prior.py", "safety/test_energy.py"),
     "safety.battery": ("safety/test_battery.py",),
     "safety.learning": ("safety/test_learning.py",),
+    "steps": ("test_steps.py",),
     "control": ("test_control.py",),
     "consent": ("test_standing_consent.py",),
     "cures": ("test_candidates.py", "test_standing_consent.py", "test_standard_stations.py"),
