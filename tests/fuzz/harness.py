@@ -82,6 +82,8 @@ GARBAGE, FRAME, DAMAGED, CUT, SWITCH, VEHICLE_SAYS = range(6)
 STATIONS = (A, B, C)
 SENDERS = (GCSA, GCSB, GCSC, TRACKER_OF_A, VEHICLE, 0, 255, 99)
 COMPONENTS = (190, 1, 191, 0)
+#: those of them that speak for a station
+STATIONS_OWN = (190, 1, 0)
 
 #: Messages whose contents the gate looks at, or that open something: half of all frames are of these.
 INTERESTING = [
@@ -224,6 +226,10 @@ def holds(frame: Frame) -> bool:
 def check_forwarded(frame: Frame, station: StationIdentity, view: AuthorityView) -> None:
     """A frame goes to the autopilot: it is one that the second book-keeping lets through."""
     assert frame.known
+    if frame.sysid == station.sysid and frame.compid not in STATIONS_OWN:
+        view = replace(
+            view, commander=None
+        )  # a component that the configuration does not give the station has no authority
     assert frame.sysid in station.sysids
     aim = target(frame)
     assert aim is None or aim[0] in (0, VEHICLE)
