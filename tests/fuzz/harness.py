@@ -144,8 +144,14 @@ class Fuzzed:
     def receive(self, station: StationIdentity, frame: Frame) -> None:
         came = self.door.up(station, frame)
         passes = came.verdict.fate is Fate.FORWARD
-        waits = frame.msgid == _IDS["LOG_REQUEST_DATA"] and came.passed == []  # while an earlier one is served
-        assert came.passed == ([frame.raw] if passes and not waits else [])
+        if passes and frame.msgid == _IDS["LOG_REQUEST_DATA"]:  # is asked for in pieces, one after the other
+            for raw in came.passed:
+                piece = parse_one(raw)
+                assert piece is not None
+                assert (piece.msgid, piece.sysid, piece.compid) == (frame.msgid, frame.sysid, frame.compid)
+                assert target(piece) == target(frame)
+        else:
+            assert came.passed == ([frame.raw] if passes else [])
         if passes:
             self.forwarded += 1
             check_forwarded(frame, station, self.view)
