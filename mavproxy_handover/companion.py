@@ -142,7 +142,8 @@ class Companion:
         self._restart = Restart(keeper, self.fault, self._not_kept)
         identity = Identity(config.name, tuple(entry.station for entry in config.stations), config.parent, edge.nonce)
         self.arbiter = Arbiter(identity, config.limits, self._restart.restored)
-        self._voice = Voice(config.sysid, edge.write_autopilot, ports, self.fault)
+        self._edge = edge
+        self._voice = Voice(config.sysid, self._write_autopilot, ports, self.fault)
         told = (self._station_told, self._say)
         self.gate = Gate(config.sysid, ports, config.observers, edge.write_autopilot, self.fault, *told)
         self.gate.distrust()
@@ -186,6 +187,11 @@ class Companion:
             self.autopilot.resume(restored.packs, edge.clocks.monotonic())
             if restored.kept:
                 self.autopilot.keep_upload(self._restart.kept_by(), edge.clocks.monotonic())
+
+    def _write_autopilot(self, data: bytes) -> None:
+        """A frame of the companion's own goes to the autopilot."""
+        self._edge.write_autopilot(data)
+        self.gate.companion_sent(data, self._edge.clocks.monotonic())
 
     def _snapshot(self) -> Snapshot:
         """What a run after this one needs."""

@@ -7,7 +7,8 @@ takes it. An observer hears what concerns everybody (heartbeat, who is in contro
 texts), what is addressed to it, the answers to what it asked, and the telemetry it asked for, at the rates of
 `observers`. Rules:
 
-1. Lease and guard status, and whatever is addressed to the companion, never leave the vehicle.
+1. Lease and guard status, and whatever is addressed to the companion, never leave the vehicle. Nor do answers to the
+   companion's own reads of parameters, which the gate keeps out before (`own_reads`).
 2. A frame addressed to a station goes to that station and to no other, whatever their roles.
 3. Answers without an address (a parameter, a version) are known only by what was asked for. A question opens
    a window for the ids that answer it. Where one question has many answers each of them extends the window, but

@@ -35,6 +35,7 @@ Rules that live here
    requests those are, whoever serves it knows (`of_served_file`).
 11. Frames of downloads (`_DOWNLOADS`) go after all others. Several share a datagram, which leaves at the end of a round
     of the main loop at the latest (`send_downloads`). The commander's LOG_DATA is paced (`log_download`).
+12. What the autopilot answers to the companion's own reads of parameters stays aboard (`own_reads`).
 
 What breaks in the noting of a frame costs that frame's note, and a station that cannot be written to what was for it;
 both are told. Whatever else raises is the caller's.
@@ -58,6 +59,7 @@ from mavproxy_handover.gate.latent import LatentStreams, News, State, arms, line
 from mavproxy_handover.gate.log_download import LogDownload
 from mavproxy_handover.gate.naming import named
 from mavproxy_handover.gate.observers import ObserverLimits, ObserverRates
+from mavproxy_handover.gate.own_reads import OwnReads
 from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.gate.policy.modes import COPTER, Modes
 from mavproxy_handover.gate.questions import Questions
@@ -66,7 +68,7 @@ from mavproxy_handover.gate.targets import TargetStreams
 from mavproxy_handover.gate.tongues import Tongues
 from mavproxy_handover.gate.words import sentence, subject_of, unsaid
 from mavproxy_handover.wire import codec
-from mavproxy_handover.wire.frames import Frame
+from mavproxy_handover.wire.frames import Frame, parse_one
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, COMPANION_COMPID, LANGUAGE_COMPID, OUR_MESSAGES, PROBE_COMPID
 
 __all__ = ["UNNOTED", "Gate", "Port"]
@@ -79,6 +81,7 @@ _OURS: Final = frozenset((COMPANION_COMPID, LANGUAGE_COMPID, PROBE_COMPID))
 #: of the commander's frames, what may come often (rule 2)
 _FREQUENT: Final = frozenset((Access.READ, Access.BULK, Access.STREAM))
 _STREAM: Final = Access.STREAM
+_PARAM_VALUE: Final[int] = mavlink.MAVLINK_MSG_ID_PARAM_VALUE
 _LOG_DATA: Final[int] = mavlink.MAVLINK_MSG_ID_LOG_DATA
 _LOG_REQUESTS: Final = frozenset(
     (
@@ -89,7 +92,7 @@ _LOG_REQUESTS: Final = frozenset(
     )
 )
 #: what comes in long rows
-_DOWNLOADS: Final = frozenset((_LOG_DATA, mavlink.MAVLINK_MSG_ID_PARAM_VALUE, _FTP))
+_DOWNLOADS: Final = frozenset((_LOG_DATA, _PARAM_VALUE, _FTP))
 _WARNINGS: Final = (State.REFUSED, State.RAN_BEFORE)
 #: frames that wait to be noted, at most
 UNNOTED: Final = 512
@@ -180,6 +183,7 @@ class Gate:
         self._latent = LatentStreams(ports)
         #: whoever knows the situation sets `judge` of it
         self.targets = TargetStreams()
+        self._own_reads = OwnReads()
         self._rates = ObserverRates(limits)
         self._downlink = DownlinkPolicy((port.identity for port in ports.values()), self._rates)
         self._refusals = RefusalLimiter()
@@ -288,6 +292,12 @@ class Gate:
                 self._to_station(port, answer)
         return refused
 
+    def companion_sent(self, raw: bytes, now: float) -> None:
+        """The companion itself says this to the autopilot, a whole frame."""
+        frame = parse_one(raw, proven=True)
+        if frame is not None:
+            self._own_reads.companion_sent(frame, now)
+
     def tick(self, now: float) -> None:
         """Note what waits to be noted, and see which streams have ended; to be called often."""
         self.note()
@@ -307,6 +317,7 @@ class Gate:
                 if port.sysid == commander:
                     self._commander_sent(port, frame, verdict, at)
                 self._downlink.asked(frame, port.sysid, at)
+                self._own_reads.station_sent(frame)
                 self._flusher.saw(frame, verdict, port.sysid)
             except Exception:
                 self._fault("frame that passed", traceback.format_exc(limit=-3))
@@ -372,6 +383,8 @@ class Gate:
                 return True
             if frame.compid == AUTOPILOT_COMPID:
                 self._flusher.heard(frame)
+                if frame.msgid == _PARAM_VALUE and self._own_reads.keeps(frame, now):
+                    return True
         raw = named(frame, self._names)
         for station in self._downlink.receivers(frame, self._ports, self.view, now):
             if frame.msgid in _DOWNLOADS:

@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Parameters that the companion itself reads by name: the answers are for it alone.
+
+ArduPilot answers a read by name with PARAM_VALUE of index 65535, without an address. MAVSDK counts such a value as one
+of its own download, never asks for another one, and waits for ever. So an answer to the companion stays aboard. Rules:
+
+1. One question of the companion keeps one value aboard, within `ANSWER_S`.
+2. A value that is not the one that came last goes to the stations, so that no station misses a change.
+3. The question is forgotten when a station reads or sets that parameter: it gets its answer.
+
+Time is an argument (monotonic seconds).
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.wire.frames import Frame, field_bytes, field_int
+
+__all__ = ["ANSWER_S", "OwnReads"]
+
+ANSWER_S: Final = 1.0
+#: the index of a value that was asked for by name, or that nobody asked for
+_NO_INDEX: Final = 0xFFFF
+#: names that are known at once, several times what an autopilot has
+_MOST: Final = 8192
+
+_READ: Final[int] = mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_READ
+_SET: Final[int] = mavlink.MAVLINK_MSG_ID_PARAM_SET
+
+
+class OwnReads:
+    """What the companion has asked for, and the last value of each parameter."""
+
+    def __init__(self) -> None:
+        self._asked_at: dict[bytes, float] = {}
+        self._values: dict[bytes, bytes] = {}
+
+    def companion_sent(self, frame: Frame, now: float) -> None:
+        """The companion says this to the autopilot."""
+        if frame.msgid == _READ:
+            self._asked_at[field_bytes(frame, "param_id")] = now
+
+    def station_sent(self, frame: Frame) -> None:
+        """A station says this to the autopilot."""
+        if frame.msgid in (_READ, _SET):
+            self._asked_at.pop(field_bytes(frame, "param_id"), None)
+
+    def keeps(self, frame: Frame, now: float) -> bool:
+        """Whether this PARAM_VALUE of the autopilot answers the companion alone."""
+        name, value = field_bytes(frame, "param_id"), field_bytes(frame, "param_value")
+        before = self._values.get(name, value)
+        if len(self._values) >= _MOST:
+            self._values.clear()
+        self._values[name] = value
+        if field_int(frame, "param_index") != _NO_INDEX:
+            return False
+        asked_at = self._asked_at.pop(name, None)
+        return asked_at is not None and now - asked_at <= ANSWER_S and value == before
