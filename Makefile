@@ -10,7 +10,7 @@ SOURCES := $(shell find mavproxy_handover gcs_module sitl missions ardupilot_lua
            pyproject.toml setup.py constraints.txt
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check format clean bench fuzz explore mutants scenarios soak flights picture clients docs reference
+.PHONY: help demo test check format clean bench fuzz explore mutants scenarios soak flights hosts picture clients docs reference
 
 help:
 	@echo "make demo    set up, fly the delivery mission in simulation, write a report"
@@ -23,6 +23,7 @@ help:
 	@echo "make scenarios  fly every scenario on every vehicle there is"
 	@echo "make soak    an hour of cut leases on ArduCopter, at speed-up; ARGS='--arducopter PATH ...': on each of these"
 	@echo "make flights fly guard and energy in every situation on ArduPilot (ARGS as above), write the guard's table"
+	@echo "make hosts   fly with each program on a host of its own (network namespaces, WireGuard): needs root"
 	@echo "make clients fly with other ground station programs (MAVProxy, DroneKit, MAVSDK, pymavlink), print their times;"
 	@echo "             installs each apart; ARGS='--arducopter PATH': with ArduCopter too"
 	@echo "make docs    the documentation as a site, in site/"
@@ -88,6 +89,9 @@ soak: $(VENV)/installed
 flights: $(VENV)/installed
 	$(BIN)/pytest -n 2 -m sitl --long $(sort $(wildcard tests/sitl/test_guard_*.py)) tests/sitl/test_starts_of_the_guard.py tests/sitl/test_energy_arducopter.py \
 	  --flown ardupilot_lua/handover_guard.md $(ARGS)
+
+hosts: $(VENV)/installed
+	$(BIN)/pytest --long tests/sitl/test_hosts.py $(ARGS)
 
 # the programs of others, each in an environment of its own
 clients: $(VENV)/installed

@@ -43,7 +43,17 @@ from sitl.script.scenario import (
 from sitl.vehicles import KINDS, LaunchError, find_arducopter, find_arduplane, flies
 from sitl.vehicles.fetched import PUBLISHED, fetch
 
-__all__ = ["main"]
+__all__ = [
+    "check_vehicle",
+    "conclude",
+    "fly",
+    "folder_of",
+    "main",
+    "report_of",
+    "speedup_of",
+    "stop_like_ctrl_c",
+    "summary",
+]
 
 DEFAULT_SPEEDUP = 4.0
 #: A station's heartbeat comes every second of the wall clock, so at a handover up to two seconds pass between the last
@@ -67,23 +77,23 @@ def main(argv: Sequence[str] | None = None) -> int:
         _list()
         return 0
     stream = sys.stderr if arguments.json else sys.stdout
-    _stop_like_ctrl_c()
+    stop_like_ctrl_c()
     try:
         if arguments.fetch_arducopter:
             fetch(lambda line: print(line, file=stream, flush=True))
             return 0
         order = _order(arguments)
-        result = _fly(order, stream)
+        result = fly(order, stream)
     except (SetupError, ScenarioError, MissionError, LaunchError) as error:
         print(f"handover sim: {error}", file=sys.stderr)
         return _BAD_USAGE
     except KeyboardInterrupt:
         print("\nhandover sim: stopped; every process was ended", file=sys.stderr)
         return 130
-    report = _report(order.folder)
-    _conclude(result, report, stream)
+    report = report_of(order.folder)
+    conclude(result, report, stream)
     if arguments.json:
-        print(json.dumps(_summary(result, report), ensure_ascii=False))
+        print(json.dumps(summary(result, report), ensure_ascii=False))
     return 0 if result.held else 1
 
 
@@ -98,7 +108,7 @@ def _joined(argv: Sequence[str]) -> list[str]:
     return found
 
 
-def _stop_like_ctrl_c() -> None:
+def stop_like_ctrl_c() -> None:
     """SIGTERM and a closed terminal end a run as Ctrl-C does, with every process."""
 
     def stop(_number: int, _frame: FrameType | None) -> None:
@@ -177,9 +187,8 @@ def _list() -> None:
         print(f"{name:<22} {text}")
 
 
-def _order(arguments: argparse.Namespace) -> Order:
-    scenario = _scenario(arguments)
-    speedup = arguments.speedup if arguments.speedup is not None else scenario.speedup or DEFAULT_SPEEDUP
+def speedup_of(speedup: float) -> float:
+    """The same, if a flight can have it. Raises SetupError."""
     if speedup > MAX_SPEEDUP:
         raise SetupError(
             f"--speedup {speedup:g} is above {MAX_SPEEDUP:g}: heartbeats (up to 2 s apart at a handover) and leases "
@@ -188,6 +197,20 @@ def _order(arguments: argparse.Namespace) -> Order:
         )
     if not speedup >= 0.5:
         raise SetupError(f"--speedup {speedup:g} is below 0.5")
+    return speedup
+
+
+def folder_of(named: Path) -> Path:
+    """Where a run is kept, as an absolute path. Raises SetupError: MAVProxy cannot take such a path."""
+    folder = named.resolve()
+    if any(character in str(folder) for character in UNUSABLE):
+        raise SetupError(f"{folder}: MAVProxy cannot take a path with spaces, quotes or ';': give another --out")
+    return folder
+
+
+def _order(arguments: argparse.Namespace) -> Order:
+    scenario = _scenario(arguments)
+    speedup = speedup_of(arguments.speedup if arguments.speedup is not None else scenario.speedup or DEFAULT_SPEEDUP)
     package = packages.load(mission_folder(scenario.mission))
     vehicle = _vehicle(arguments, package)
     _check_names(scenario, package)
@@ -198,9 +221,7 @@ def _order(arguments: argparse.Namespace) -> Order:
         package = moved(package, place)
     scenario = with_opening(scenario, package)
     stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
-    folder = (arguments.out or Path("runs") / f"{stamp}-{scenario.name}-{vehicle}").resolve()
-    if any(character in str(folder) for character in UNUSABLE):
-        raise SetupError(f"{folder}: MAVProxy cannot take a path with spaces, quotes or ';': give another --out")
+    folder = folder_of(arguments.out or Path("runs") / f"{stamp}-{scenario.name}-{vehicle}")
     others = others_of(scenario, package)
     for craft in others:
         _check_kind(vehicle, craft.package)
@@ -227,15 +248,22 @@ def _vehicle(arguments: argparse.Namespace, package: packages.MissionPackage) ->
             vehicle = package.kind.value
         else:
             vehicle = "arducopter" if find_arducopter(arguments.arducopter) else "builtin"
+    check_vehicle(vehicle, package, arguments.arducopter, arguments.arduplane)
+    return vehicle
+
+
+def check_vehicle(
+    vehicle: str, package: packages.MissionPackage, arducopter: str | None, arduplane: str | None
+) -> None:
+    """Vehicle and mission fit, and the vehicle's program is there. Raises SetupError."""
     _check_kind(vehicle, package)
-    if vehicle == "arducopter" and find_arducopter(arguments.arducopter) is None:
+    if vehicle == "arducopter" and find_arducopter(arducopter) is None:
         raise SetupError(
             "no arducopter found: give --arducopter PATH, set $ARDUCOPTER, bring one with --fetch-arducopter, or "
             "take --vehicle builtin"
         )
-    if package.kind.winged and find_arduplane(arguments.arduplane) is None:
+    if package.kind.winged and find_arduplane(arduplane) is None:
         raise SetupError("no arduplane found: give --arduplane PATH, set $ARDUPLANE, or build it in ~/ardupilot")
-    return vehicle
 
 
 def _check_kind(vehicle: str, package: packages.MissionPackage) -> None:
@@ -283,7 +311,8 @@ def _check_names(scenario: Scenario, package: packages.MissionPackage) -> None:
         )
 
 
-def _fly(order: Order, stream: TextIO) -> Result:
+def fly(order: Order, stream: TextIO) -> Result:
+    """Run it once and tell the story. Raises SetupError."""
     story = Story(stream, [station.name for station in order.package.stations])
     story.heading(f"{order.scenario.name}: {order.scenario.description}")
     story.line(
@@ -296,7 +325,7 @@ def _fly(order: Order, stream: TextIO) -> Result:
     return result
 
 
-def _report(folder: Path) -> Path | None:
+def report_of(folder: Path) -> Path | None:
     """The report; a run without one is still a run, so trouble here is told and not raised."""
     try:
         return write_report(load_run(folder))
@@ -305,7 +334,8 @@ def _report(folder: Path) -> Path | None:
         return None
 
 
-def _conclude(result: Result, report: Path | None, stream: TextIO) -> None:
+def conclude(result: Result, report: Path | None, stream: TextIO) -> None:
+    """Say in one line what came of the run, and where its report is."""
     failed = sum(not verdict.held for verdict in result.verdicts)
     outcome = "every expectation held" if result.held else f"{failed} of {len(result.verdicts)} expectations failed"
     print(
@@ -317,7 +347,8 @@ def _conclude(result: Result, report: Path | None, stream: TextIO) -> None:
         print(f"report: {report}", file=stream)
 
 
-def _summary(result: Result, report: Path | None) -> dict[str, Any]:
+def summary(result: Result, report: Path | None) -> dict[str, Any]:
+    """What `--json` prints of a run."""
     evidence = result.evidence
     committed = [] if evidence is None else evidence.of(event="transfer_committed")
     return {

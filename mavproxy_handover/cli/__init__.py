@@ -39,6 +39,7 @@ _EXTRAS: Final = {
 #: word -> (module, function, what it does): what `handover`, its manual and its completion know
 COMMANDS: Final = {
     "sim": ("sitl.main", "main", "fly a scenario in simulation, all real processes, and write a report"),
+    "bench": ("sitl.hosts.main", "main", "fly with each program on a host of its own: network namespaces, two paths"),
     "check": ("mavproxy_handover.cli.check", "main", "check a mission package before flight"),
     "report": (
         "sitl.report.page",

@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 import socket
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -36,7 +36,7 @@ class Observer:
     """Connection to the vehicle plus the journal. `watch` is the aircraft as last heard of."""
 
     def __init__(
-        self, address: str, sysid: int, speedup: float, journal: Path, watchers: Sequence[tuple[str, int]] = ()
+        self, address: str, sysid: int, speedup: float, journal: Path, watchers: Watchers | None = None
     ) -> None:
         """Connect to `tcp:HOST:PORT`; `watchers`: see `watchers.py`. Raises OSError when nothing listens there."""
         _, host, port = address.split(":")
@@ -47,7 +47,7 @@ class Observer:
         self._parser: Any = mavlink.MAVLink(None, srcSystem=sysid, srcComponent=_COMPONENT)
         self._parser.robust_parsing = True
         self._journal = journal.open("w", encoding="utf-8", buffering=1)
-        self._watchers = Watchers(watchers)
+        self._watchers = watchers or Watchers(())
         self._ask_at = 0.0
         #: parameters of the simulation that were set: what is wanted, and what the vehicle says
         self._wanted: dict[str, float] = {}

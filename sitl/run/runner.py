@@ -19,7 +19,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from mavproxy_handover.config.files import ConfigError
 from mavproxy_handover.mission.geodesy import offset
@@ -35,8 +35,10 @@ from sitl.run.memory import memory_of_a_run
 from sitl.run.observer import Observer
 from sitl.run.processes import Processes, ProcessGone, ending
 from sitl.run.proxy import give_orders, type_orders
+from sitl.run.sites import Site
 from sitl.run.story import Story
 from sitl.run.transmitter import Transmitter
+from sitl.run.watchers import Watchers
 from sitl.run.wiring import BOX, COMPANION, IMPAIRMENT, LINES, Program, Wiring, lay_out
 from sitl.script.expect import ALWAYS, Loss, OfVehicle
 from sitl.script.places import SetupError, guard_files
@@ -44,7 +46,7 @@ from sitl.script.scenario import Scenario, Step
 from sitl.script.steps import Running, Steady, StepFailed
 from sitl.vehicles import LaunchError, RunningVehicle, VehicleSpec, launch
 
-__all__ = ["Order", "Result", "run"]
+__all__ = ["Network", "Order", "Result", "run"]
 
 _POLL_S = 0.02
 _LOAD_TIMEOUT_S = 30.0
@@ -52,6 +54,21 @@ _LOAD_TIMEOUT_S = 30.0
 _SLACK_FACTOR, _SLACK_S = 2.5, 15.0
 #: channel of SERIAL1, where the companion is
 _COMPANION_CHANNEL = 1
+
+
+class Network(Protocol):
+    """Computers of their own for the stations, and the paths between them and the vehicle."""
+
+    #: station -> its computer
+    sites: Mapping[str, Site]
+    #: names of the paths, which `change` takes
+    paths: Sequence[str]
+
+    def programs(self, folder: Path) -> Sequence[Program]:
+        """Programs that run beside those of the flight. They are started first, and say when they are ready."""
+
+    def change(self, order: str) -> None:
+        """Cut or heal a path: "cut NAME", "heal NAME". Raises StepFailed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +90,10 @@ class Order:
     watchers: tuple[tuple[str, int], ...] = ()
     #: of the aircraft before the flight, clockwise from north
     heading_deg: float = 0.0
+    #: where the stations are, if not on this machine's loopback
+    network: Network | None = None
+    #: programs that watch, with lines to them that are open already; in the place of `watchers`
+    watching: Watchers | None = None
 
 
 @dataclass(slots=True)
@@ -204,8 +225,13 @@ class _Flight:
     def impair(self, orders: Sequence[str]) -> Callable[[], bool]:
         self._begin_anew()
         serial = tuple(name for lines in self.order.scenario.serial for name in lines.lines)
+        network = self.order.network
+        paths = [] if network is None else [order for order in orders if order.split()[1] in network.paths]
         wired = [order for order in orders if order.split()[1] in serial]
-        others = [order for order in orders if order not in wired]
+        others = [order for order in orders if order not in (*wired, *paths)]
+        for order in paths:
+            assert network is not None
+            network.change(order)
         given = [give_orders(self.processes[LINES], serial, wired)] if wired else []
         if others:
             if IMPAIRMENT not in self.processes:
@@ -241,7 +267,8 @@ class _Flight:
         try:
             others = tuple(craft.in_folder(order.folder) for craft in order.others)
             mission = order.folder / "mission"
-            wiring = lay_out(order.folder, order.package, mission, order.scenario, order.instead, others)
+            sites = {} if order.network is None else order.network.sites
+            wiring = lay_out(order.folder, order.package, mission, order.scenario, order.instead, others, sites)
             first = first_of(order.package, mission)
             seen = order.folder / "vehicle.jsonl"
             self.vehicle, self._observer = self._start_vehicle(wiring, first, order.folder, seen)
@@ -273,7 +300,8 @@ class _Flight:
             first, *rest = str(error).strip().splitlines()
             raise SetupError(f"{first} {rest[-1].strip()}" if rest else first) from None
         try:
-            return vehicle, Observer(vehicle.monitor, craft.sysid, order.speedup, seen, order.watchers)
+            watching = order.watching or Watchers(order.watchers)
+            return vehicle, Observer(vehicle.monitor, craft.sysid, order.speedup, seen, watching)
         except OSError:
             vehicle.stop()
             raise
@@ -281,7 +309,9 @@ class _Flight:
     def _start_programs(self, wiring: Wiring, vehicle: RunningVehicle) -> None:
         self._impaired = wiring.impaired
         master = vehicle.companion_master
-        between = wiring.programs_between(master, vehicle.address(0))
+        network = self.order.network
+        beside = () if network is None else network.programs(self.order.folder)
+        between = (*beside, *wiring.programs_between(master, vehicle.address(0)))
         for program in between:
             self._start(program)
         self._await_up(between)

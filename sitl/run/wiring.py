@@ -5,6 +5,8 @@
     vehicle  <- TCP ->  companion  - UDP ->  each station's own ports (the station listens, the companion speaks first)
     station  - UDP ->  every other station's ground port
 
+Stations may be on computers of their own (`sites.py`): addresses and command lines are then those of these computers.
+
 Where the scenario asks for it a position box stands beside the vehicle: it has a port of the vehicle's own, and the
 companion connects to it.
 
@@ -30,6 +32,7 @@ from mavproxy_handover.mission import package as packages
 from mavproxy_handover.mission.package import MissionPackage, StationEntry
 from mavproxy_handover.store.keys import key_path, write_key
 from sitl.run.fleet import FIRST, Craft, first_of
+from sitl.run.sites import HERE, Reach, Site
 from sitl.run.slow_disk import on_slow_disk
 from sitl.script.places import mission_folder
 from sitl.script.scenario import AUTOPILOT, Scenario
@@ -93,6 +96,10 @@ class StationWires:
     instead: tuple[str, ...] = ()
     #: its configuration names the links, because there are several vehicles
     fleet: bool = False
+    #: its own address for each of `masters`; empty: the loopback address for all of them
+    addresses: tuple[str, ...] = ()
+    #: words before its command line
+    under: tuple[str, ...] = ()
 
     @property
     def journal(self) -> Path:
@@ -109,11 +116,12 @@ class StationWires:
         elif self.fleet:
             argv = station_argv(self.config, None, self.folder / f"{self.name}.tlog")
         else:
-            links = [f"udpin:{LOOPBACK}:{port}" for port in self.masters]
+            addresses = self.addresses or (LOOPBACK,) * len(self.masters)
+            links = [f"udpin:{address}:{port}" for address, port in zip(addresses, self.masters, strict=True)]
             first, *others = [self.line] if self.line else links
             argv = station_argv(self.config, first, self.folder / f"{self.name}.tlog")
             argv += [f"--master={other}" for other in others]
-        return Program(self.name, tuple(argv), self.folder, self.journal)
+        return Program(self.name, (*self.under, *argv), self.folder, self.journal)
 
 
 @dataclass(frozen=True, slots=True)
@@ -234,16 +242,18 @@ def lay_out(
     scenario: Scenario,
     instead: Mapping[str, Sequence[str]] | None = None,
     others: Sequence[Craft] = (),
+    sites: Mapping[str, Site] | None = None,
 ) -> Wiring:
     """Write the configuration files of all programs into `folder`. `instead`: see `sitl.run.runner.Order`; `others`:
-    further vehicles.
+    further vehicles; `sites`: stations that are on computers of their own.
 
     Raises OSError, SetupError.
     """
     ports = PortPicker()
     first = first_of(package, mission)
     between = _Between(folder, ports, scenario)
-    ground = {station.name: ports.udp() for station in package.stations}
+    at = {station.name: (sites or {}).get(station.name, HERE) for station in package.stations}
+    ground = {name: site.ground_port or ports.udp() for name, site in at.items()}
     grounds = [{"name": entry.name, "sysid": entry.sysid, "target": ground[entry.name]} for entry in package.stations]
     keys = _make_keys(folder / "keys", package) if scenario.signed else {}
     guard_key, card = _guard_keys(folder, scenario)
@@ -253,15 +263,17 @@ def lay_out(
     for station in package.stations:
         line = between.line(station.name)
         labels = () if line else scenario.links.get(station.name, ("",))
-        masters = tuple(ports.udp() for _ in labels)
+        site = at[station.name]
+        masters = tuple(site.port or ports.udp() for _ in labels)
         sends = [
             between.air(station.name, f"air-{station.name}" + (f"-{label}" if label else ""), master)
             for label, master in zip(labels, masters, strict=True)
         ]
+        reaches = [site.reach(label) for label in labels]
         entry: dict[str, Any] = {
             "name": station.name,
             "sysid": station.sysid,
-            "links": [f"serial:{line[0]}:{line[2]}"] if line else [f"udpout:{LOOPBACK}:{port}" for port in sends],
+            "links": [f"serial:{line[0]}:{line[2]}"] if line else list(map(_link, reaches, sends)),
         }
         standard = station.name in scenario.standard
         if standard:
@@ -276,7 +288,7 @@ def lay_out(
         home = folder / station.name
         config = home / f"{station.name}.toml"
         if not standard:
-            tables = _station(station, package, mission, scenario, keys, ground, between)
+            tables = _station(station, package, mission, scenario, keys, ground, between, at)
             if beside:
                 tables |= _fleet(
                     tables["station"], [_Beside(first, {station.name: masters[0]}, keys), *beside], station
@@ -296,6 +308,8 @@ def lay_out(
                 f"{line[1]},{line[2]}" if line else "",
                 tuple((instead or {}).get(station.name, ())),
                 bool(beside),
+                tuple(reach.address for reach in reaches),
+                site.under,
             )
         )
     to_autopilot = between.line(AUTOPILOT)
@@ -335,6 +349,11 @@ class _Beside:
             entries.append(entry | ({"key": str(self.keys[station.name])} if self.keys else {}))
         tables = _vehicle(self.craft, scenario, entries, None)
         return _write(folder / self.craft.name / COMPANION / f"{COMPANION}.toml", tables)
+
+
+def _link(reach: Reach, port: int) -> str:
+    """The device by which the companion calls a station."""
+    return f"udpout:{reach.address}:{port}" + (f"@{reach.way}" if reach.way else "")
 
 
 def _fleet(own: dict[str, Any], vehicles: Sequence[_Beside], station: StationEntry) -> dict[str, Any]:
@@ -397,6 +416,7 @@ def _station(
     keys: Mapping[str, Path],
     ground: Mapping[str, int],
     between: _Between,
+    at: Mapping[str, Site],
 ) -> dict[str, Any]:
     own: dict[str, Any] = {
         "name": station.name,
@@ -415,8 +435,8 @@ def _station(
         if other == station or other.name in scenario.standard:
             continue
         port = between.ground(f"ground-{station.name}-{other.name}", ground[other.name])
-        peers.append({"name": other.name, "sysid": other.sysid, "link": f"udpout:{LOOPBACK}:{port}"})
-    listen: dict[str, Any] = {"listen": f"udpin:{LOOPBACK}:{ground[station.name]}"}
+        peers.append({"name": other.name, "sysid": other.sysid, "link": f"udpout:{at[other.name].ground}:{port}"})
+    listen: dict[str, Any] = {"listen": f"udpin:{at[station.name].ground}:{ground[station.name]}"}
     listen |= {"key": str(keys[GROUND])} if GROUND in keys else {"allow_unsigned": True}
     return {"station": own, "ground": listen, "peer": peers}
 

@@ -4,7 +4,7 @@
 
 Links are known by name where `[impair]` puts the proxy between the two ends: `air-GCSA` from the vehicle to a station
 (`air-GCSA-wifi` where it has several), `ground-GCSA-GCSB` from one station to another, one direction only. A `*` in a
-name stands for anything.
+name stands for anything. In `handover bench hosts` the paths of its network have names as well: `wired`, `lte`.
 """
 
 from __future__ import annotations

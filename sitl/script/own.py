@@ -23,7 +23,7 @@ from mavproxy_handover.mission.package import MissionPackage
 from sitl.script.places import SetupError
 from sitl.script.tables import ScenarioError
 
-__all__ = ["KINDS", "own_scenario"]
+__all__ = ["KINDS", "own_scenario", "scenario_text"]
 
 #: a step may take so much longer than the walk has it, and so long besides (s): climbs, turns, wind
 _LONGER: Final = 1.5
@@ -81,12 +81,12 @@ def own_scenario(package: MissionPackage, folder: Path, seed: int | None = None)
         ]
         if not package.gaps:
             expect.append({"emergencies": []})
-        return _text(head, [*start, *steps, landed], expect)
+        return scenario_text(head, [*start, *steps, landed], expect)
     luck = random.Random(seed)
     kind = luck.choice(sorted(KINDS))
     fault = KINDS[kind](package, commanders, luck)
     head |= {"description": f"faults {seed}: {fault.words}", **fault.keys}
-    return _text(head, [*start, *fault.steps, landed], fault.expect)
+    return scenario_text(head, [*start, *fault.steps, landed], fault.expect)
 
 
 def _time_s(seconds: float) -> float:
@@ -162,7 +162,8 @@ KINDS: Final[dict[str, Callable[[MissionPackage, Sequence[str], random.Random], 
 # ---- as text --------------------------------------------------------------------------------------------------------
 
 
-def _text(head: dict[str, Any], steps: Sequence[dict[str, Any]], expect: Sequence[dict[str, Any]]) -> str:
+def scenario_text(head: dict[str, Any], steps: Sequence[dict[str, Any]], expect: Sequence[dict[str, Any]]) -> str:
+    """The text of a scenario file. `head`: the keys before the first step. Raises ScenarioError."""
     lines = [f"{key} = {_value(value)}" for key, value in head.items()]
     for name, tables in (("step", steps), ("expect", expect)):
         for table in tables:
