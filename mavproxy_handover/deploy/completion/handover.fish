@@ -50,8 +50,8 @@ function _shtab_handover_using
   test "$_shtab_handover_cmdpath" = "$argv"
 end
 
-set -g _shtab_handover_commands sim check report replay campaign watch policy explain keys 'keys make' 'keys list' 'keys rotate' 'keys retire' 'keys check' guard init install uninstall doctor logs completion companion station
-set -g _shtab_handover_opts_with_value --arducopter --arduplane --bind --class --config --csv --device --dir --faults --flown --home --jobs --journal --keep-days --keep-gb --key --kml --link --logfile --logs --lte --map --master --mission --operator --out --port --program --reach --restarts-within --root --runs --scenario --scheduler --seed --set --speedup --state --stepping --tiles --tiles-credit --token-file --tolerance --transfer --vehicle --watch --wifi --wind
+set -g _shtab_handover_commands sim bench 'bench hosts' check report replay campaign watch policy explain keys 'keys make' 'keys list' 'keys rotate' 'keys retire' 'keys check' guard init install uninstall doctor logs completion companion station
+set -g _shtab_handover_opts_with_value --arducopter --arduplane --bind --class --config --csv --cut --device --dir --faults --flown --home --jobs --journal --keep-days --keep-gb --key --kml --link --logfile --logs --lte --map --master --mission --operator --out --port --program --reach --restarts-within --root --runs --scenario --scheduler --seed --set --speedup --state --stepping --tiles --tiles-credit --token-file --tolerance --transfer --tunnel --vehicle --watch --wifi --wind
 
 complete -c handover -e
 complete -c handover -f
@@ -74,6 +74,20 @@ complete -c handover -n '_shtab_handover_using sim' -l fetch-arducopter -d 'brin
 complete -c handover -n '_shtab_handover_using sim' -l speedup -x -d 'simulated seconds per second, 0.5 to 5 (default: 4, or the scenario'"'"'s)'
 complete -c handover -n '_shtab_handover_using sim' -l out -xka "(__fish_complete_directories)" -d 'folder of the run (default: runs/TIME-SCENARIO-VEHICLE)'
 complete -c handover -n '_shtab_handover_using sim' -l json -d 'print one JSON object at the end; the story goes to stderr'
+complete -c handover -n '_shtab_handover_using; and test $_shtab_handover_npos -eq 0' -a bench -d 'Benches of several computers. Speed is measured by python -m sitl.bench.'
+complete -c handover -n '_shtab_handover_using bench' -s h -l help -d 'show this help message and exit'
+complete -c handover -n '_shtab_handover_using bench; and test $_shtab_handover_npos -eq 0' -a hosts -d 'Fly a mission with mission computer, stations and gateway on network namespaces of this machine, as in chapter 5 of the thesis: two paths to each station, one of which is cut in flight. Needs root.'
+complete -c handover -n '_shtab_handover_using bench hosts' -s h -l help -d 'show this help message and exit'
+complete -c handover -n '_shtab_handover_using bench hosts' -l mission -x -d 'one that ships, or a folder (linear)'
+complete -c handover -n '_shtab_handover_using bench hosts' -l vehicle -xka "builtin arducopter quadplane plane" -d 'as of handover sim (default: builtin)'
+complete -c handover -n '_shtab_handover_using bench hosts' -l arducopter -xka "(__fish_complete_path (commandline -ct))" -d 'ArduCopter'"'"'s SITL program, as of handover sim'
+complete -c handover -n '_shtab_handover_using bench hosts' -l arduplane -xka "(__fish_complete_path (commandline -ct))" -d 'ArduPlane'"'"'s SITL program, as of handover sim'
+complete -c handover -n '_shtab_handover_using bench hosts' -l cut -xka "wired lte none" -d 'the path that is cut in flight (default: wired)'
+complete -c handover -n '_shtab_handover_using bench hosts' -l tunnel -x -d 'the links to this station (default: the parent) go through WireGuard, with keys made for the run; once for each station'
+complete -c handover -n '_shtab_handover_using bench hosts' -l speedup -x -d 'simulated seconds per second (2)'
+complete -c handover -n '_shtab_handover_using bench hosts' -l watch -x -d 'show the flight to a ground station program outside of the namespaces; it can command nothing'
+complete -c handover -n '_shtab_handover_using bench hosts' -l out -xka "(__fish_complete_directories)" -d 'folder of the run (default: runs/TIME-hosts-MISSION-VEHICLE)'
+complete -c handover -n '_shtab_handover_using bench hosts' -l json -d 'print one JSON object at the end; the story to stderr'
 complete -c handover -n '_shtab_handover_using; and test $_shtab_handover_npos -eq 0' -a check -d 'Check a mission package before flight: coverage, handovers, rally points, energy.'
 complete -c handover -n '_shtab_handover_using check' -s h -l help -d 'show this help message and exit'
 complete -c handover -n '_shtab_handover_using check' -l map -xka "(__fish_complete_path (commandline -ct))" -d 'draw a map of the mission (.png, .svg or .pdf)'
