@@ -24,6 +24,7 @@ from mavproxy_handover.core.model import (
 )
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.wire import codec
+from tests import console_lines
 from tests.module import vehicle
 from tests.module.conftest import Bench
 from tests.module.vehicle import GUIDED, RTL
@@ -54,9 +55,8 @@ def give_rules(station: vehicle.Station, core: StationCore, bench: Bench) -> Non
     station.step = step  # type: ignore[method-assign]
 
 
-@pytest.fixture
-def flight(bench: Bench, delivery: MissionPackage) -> Bench:
-    """On its way in zone A, GCSA in command, no ground link between the stations."""
+def begin_flight(bench: Bench, delivery: MissionPackage, *, refused: bool = False) -> Bench:
+    """On its way in zone A, GCSA in command, no ground link between the stations. `refused`: GCSB has tried START."""
     bench.connect()
     bench.share(delivery)
     for station, other in ((bench.a, bench.b), (bench.b, bench.a)):
@@ -69,10 +69,18 @@ def flight(bench: Bench, delivery: MissionPackage) -> Bench:
         core.handle(MissionHeld(delivery.digest), bench.clock.now)
         give_rules(station, core, bench)
     bench.run(1.5)
+    if refused:
+        bench.b.command(START)
+        bench.run(0.3)
     bench.a.command(START)
     bench.until(lambda: bench.companion.view.phase is Phase.ON_MISSION)
     bench.run(0.5)
     return bench
+
+
+@pytest.fixture
+def flight(bench: Bench, delivery: MissionPackage) -> Bench:
+    return begin_flight(bench, delivery)
 
 
 def say(bench: Bench, message: Any) -> None:
@@ -112,6 +120,22 @@ def test_authority_moves_where_the_zones_overlap(flight: Bench) -> None:
     assert (status.commander, status.partner, status.epoch, status.lease) == (252, 0, 2, LeaseState.HELD)
     assert flight.autopilot.leases()[-1][1:3] == (1, 252)
     assert flight.autopilot.leases()[-1][6] == 2
+
+
+def test_every_position_is_judged_against_the_zones_even_at_twenty_a_second(
+    flight: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The thesis checks its geofences every 50 ms (section 4.3.2)."""
+    judged: list[float] = []
+    check = flight.companion.autopilot.check_zones
+    monkeypatch.setattr(
+        flight.companion.autopilot, "check_zones", lambda now: (judged.append(round(now, 2)), check(now))
+    )
+    for _ in range(40):
+        position = mavlink.MAVLink_global_position_int_message(1000, 526790000, 59240000, 41000, 40000, 0, 0, 0, 0)
+        say(flight, position)
+        flight.run(0.05)
+    assert len(set(judged)) >= 39
 
 
 def test_both_stations_are_told_of_the_border_before_it_is_reached(flight: Bench) -> None:
@@ -383,6 +407,26 @@ def test_the_console_says_that_start_of_another_station_is_rejected(bench: Bench
     bench.run(0.3)
     assert "START rejected from GCSB: not in control." in told_on_console(bench)
     assert bench.companion.view.phase is Phase.ON_LOAD
+
+
+def test_the_companion_prints_every_line_that_the_page_names(bench: Bench, delivery: MissionPackage) -> None:
+    """`docs/thesis.md`; what a position box and a flight out of coverage print is seen in those flights."""
+    begin_flight(bench, delivery, refused=True)
+    for station in (bench.b, bench.a):
+        station.command(PAUSE, 0.0)
+        bench.run(0.3)
+    hand_over(bench)
+    bench.autopilot.position = IN_B
+    bench.run(6.0)
+    for station in (bench.a, bench.b):
+        station.command(PAUSE, 0.0)
+        bench.run(0.3)
+    bench.autopilot.position = IN_BOTH
+    bench.until(lambda: commander(bench) == 251)
+    rows = [row for row in console_lines.lines("authority") if row.who == "companion"]
+    assert len(rows) == 26
+    console = told_on_console(bench)
+    assert [row.today for row in rows if not row.stands_in(console)] == []
 
 
 def test_other_commands_and_refusals_without_end_fill_no_console(flight: Bench) -> None:

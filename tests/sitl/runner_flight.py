@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import sitl
+from tests.console_lines import missing
 
 __all__ = [
     "COMMANDERS",
@@ -113,3 +114,4 @@ def check(result: dict[str, Any], scenario: str, folder: Path) -> None:
     assert "Every expectation held" in text
     assert (folder / "map.png").stat().st_size > 20_000
     assert '<svg class="sequence"' in text or not result["handovers"]
+    assert missing(folder, scenario) == [], "lines of docs/thesis.md that no program has printed"

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
@@ -22,8 +23,8 @@ DATA = Path(__file__).resolve().parents[1] / "requirements.toml"
 PARTS: Final = {
     "thesis": (
         "The thesis",
-        "What the project keeps, or mends, of the MSc thesis that it grew out of. The sections are named where a "
-        "source that was at hand names them.",
+        "What the project keeps, or mends, of the MSc thesis that it grew out of, by its sections. "
+        "[The thesis, chapter by chapter](thesis.md) says what was kept, changed, lifted or left out, and why.",
         "section",
     ),
     "standard": (
@@ -85,12 +86,19 @@ def requirements() -> str:
         "What is asked of the system, and the tests that hold it. `pytest` takes each of these names; those under "
         "`tests/sitl` that need ArduCopter say so when they are skipped. A row without a test says why.",
     ]
-    for part, rows in groupby(read(), key=lambda each: each.part):
+    for part, rows in groupby(sorted(read(), key=_place), key=lambda each: each.part):
         title, about, source = PARTS[part]
         parts += [f"## {title}", about]
         shown = [(each.id, cell(each.source), cell(each.text), _held(each)) for each in rows]
         parts.append(table(("id", source, "requirement", "held by"), shown))
     return page("Requirements and their tests", *parts)
+
+
+def _place(requirement: Requirement) -> tuple[int, tuple[int, ...]]:
+    """Where a row stands: those of the thesis by its sections, the others as the file has them."""
+    first = re.match(r"[\d.]+", requirement.source) if requirement.part == "thesis" else None
+    sections = tuple(int(number) for number in first[0].split(".")) if first else ()
+    return list(PARTS).index(requirement.part), sections
 
 
 def _held(requirement: Requirement) -> str:
