@@ -72,5 +72,7 @@ def test_what_is_typed_in_a_shell_exists(document: Path, capsys: pytest.CaptureF
 
 @pytest.mark.parametrize("document", named([*PROGRAMS, ROOT / "docs" / "thesis.md"]))
 def test_files_of_ours_that_are_named_are_there(document: Path) -> None:
-    paths = re.findall(r"`((?:tests|mavproxy_handover|docs|sitl|missions)/[\w./-]+)`", document.read_text(encoding="utf-8"))
+    paths = re.findall(
+        r"`((?:tests|mavproxy_handover|docs|sitl|missions)/[\w./-]+)`", document.read_text(encoding="utf-8")
+    )
     assert [path for path in paths if not (ROOT / path).exists()] == []
