@@ -18,6 +18,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from gcs_module.inbox import Inbox
 from mavproxy_handover.mission.package import MissionPackage
+from mavproxy_handover.vehicle_address import pack_addresses
 from mavproxy_handover.wire.package_transfer import PackageSender, package_id
 
 __all__ = ["NO_ANSWER_S", "PackageDesk"]
@@ -122,4 +123,7 @@ class PackageDesk:
 
 
 def _sender(package: MissionPackage, target: tuple[int, int], until_loaded: bool) -> PackageSender:
-    return PackageSender(package.to_bytes(), package.digest, package.name, target, until_loaded=until_loaded)
+    """A station is sent its own addresses of the vehicle, the vehicle those of all stations."""
+    addresses = pack_addresses(package.addresses, None if until_loaded else target[0])
+    data = package.to_bytes()
+    return PackageSender(data, package.digest, package.name, target, until_loaded=until_loaded, addresses=addresses)

@@ -10,7 +10,7 @@ once only: the commanders that it finds are kept with the state of authority.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf
 from typing import Any, Final
 
@@ -35,6 +35,7 @@ from mavproxy_handover.mission.walk import Handover, legs_of
 from mavproxy_handover.mission.zones import ZoneFinder
 from mavproxy_handover.schedule import attempt
 from mavproxy_handover.stations.port import StationPort
+from mavproxy_handover.vehicle_address import Addresses, unpack_addresses
 from mavproxy_handover.wire.conversation import Conversation, Conversations
 from mavproxy_handover.wire.package_transfer import PackageReceiver, held_already
 from mavproxy_handover.worker import Worker
@@ -106,6 +107,8 @@ class MissionLoader:
         self._config = config
         self._adopted = adopted
         self._receiver = PackageReceiver()
+        #: the vehicle's addresses that the last offer carried, and the digest of its package
+        self._addresses: tuple[bytes, Addresses] = b"", {}
         self.package: MissionPackage | None = None
         self.finder: ZoneFinder | None = None
         self.delivery: int | None = None
@@ -130,13 +133,23 @@ class MissionLoader:
             if not welcome and self._receiver.last_word(digest, target) is None:
                 text = "only the commander's, on the ground, disarmed"
                 return [self._receiver.refuse(digest, text, target)], None
+            if welcome:
+                self._addresses = digest, unpack_addresses(message.addresses)
             return self._receiver.on_offer(message, target), None
         if kind != "MISSION_CHUNK" or not welcome:
             return [], None
         return self._receiver.on_chunk(message, target)
 
-    def read(self, data: bytes, digest: bytes) -> Prepared:
-        """What a whole package says. Raises MissionError. Takes as long as the package makes it."""
+    def addresses(self, digest: bytes) -> Addresses:
+        """The vehicle's addresses that came with the offer of this package."""
+        offered, addresses = self._addresses
+        return addresses if offered == digest else {}
+
+    def read(self, data: bytes, digest: bytes, addresses: Addresses) -> Prepared:
+        """What a whole package says. Raises MissionError. Takes as long as the package makes it.
+
+        `addresses`: came with it; the package keeps those of its own stations.
+        """
         package = from_bytes(data)
         if package.digest != digest:
             raise MissionError("the contents do not have the digest that was promised")
@@ -146,7 +159,8 @@ class MissionLoader:
                 raise MissionError(f"station {station.name} ({station.sysid}) is not one of this vehicle's")
         if package.parent.sysid != self._config.parent:
             raise MissionError(f"parent {package.parent.name} is not this vehicle's")
-        return prepare(package)
+        own = {sysid: found for sysid, found in addresses.items() if package.station(sysid) is not None}
+        return prepare(replace(package, addresses=own))
 
     def said(self, digest: bytes) -> int | None:
         """The last result that the sender of this package was told; None: nothing that counts."""
@@ -259,7 +273,7 @@ class MissionWriter:
         if whole is None:
             return
         digest, data = whole
-        target = port.target
+        target, addresses = port.target, self._loader.addresses(digest)
 
         def read(result: Prepared | Exception, now: float) -> None:
             if not isinstance(result, Prepared):
@@ -271,7 +285,7 @@ class MissionWriter:
                 self._ties.narrator.package_received(result.package.name, port.name)
                 self._load(result, port, now)
 
-        if not self._worker.submit(lambda: self._loader.read(data, digest), read):
+        if not self._worker.submit(lambda: self._loader.read(data, digest, addresses), read):
             port.send(self._loader.refused(digest, "another package is being read: share it again", target))
 
     def _still_true(self, digest: bytes, held: bytes, now: float) -> bool:

@@ -20,6 +20,7 @@ from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import Kind, Station
 from mavproxy_handover.core.safety.energy import Wind
 from mavproxy_handover.core.safety.energy_prior import RETURN_ALT_M, WINGED_RETURN_ALT_M
+from mavproxy_handover.mission.addresses import ADDRESSES_FILE
 from mavproxy_handover.mission.curves import WITHIN_M
 from mavproxy_handover.mission.energy import Budget, budget_of, places_inside, places_of, released_at
 from mavproxy_handover.mission.fence import outside_fence
@@ -49,6 +50,7 @@ from mavproxy_handover.mission.walk import (
 )
 from mavproxy_handover.mission.wings import Air
 from mavproxy_handover.mission.zones import overlap
+from mavproxy_handover.vehicle_address import on_this_computer
 
 __all__ = ["OPERATOR_S", "REACH_M", "TRANSFER_S", "CheckReport", "Finding", "Severity", "check", "report_text"]
 
@@ -150,12 +152,21 @@ def check(
         *(() if energy is None else _energy(energy)),
         *_payload(package),
         *_speed(package),
+        *_addresses(package),
         *(Finding(Severity.WARNING, text) for text in package.route.warnings),
     ]
     order = list(Severity)
     findings.sort(key=lambda finding: order.index(finding.severity))
     air = None if path is None else package.air(wind)
     return CheckReport(package, walk, tuple(findings), transfer_s, energy, crossed, path, air)
+
+
+def _addresses(package: MissionPackage) -> Iterator[Finding]:
+    for station in package.stations:
+        for address in package.addresses.get(station.sysid, ()):
+            if on_this_computer(address):
+                text = f"{ADDRESSES_FILE}: {station.name}: {address.text} is the station's own computer"
+                yield Finding(Severity.WARNING, f"{text}: give the vehicle's address, as the station reaches it")
 
 
 def _start(package: MissionPackage, walk: Walk) -> Iterator[Finding]:
@@ -596,6 +607,15 @@ def _table(rows: list[tuple[str, ...]], words: Collection[int]) -> Iterator[str]
         yield "  " + "  ".join(cells)
 
 
+def _address_lines(package: MissionPackage) -> Iterator[str]:
+    if package.addresses:
+        listed = [
+            f"{each.name} {', '.join(address.text for address in package.addresses.get(each.sysid, ())) or 'none'}"
+            for each in package.stations
+        ]
+        yield f"addresses   {'; '.join(listed)} ({ADDRESSES_FILE}, not in the digest)"
+
+
 def report_text(report: CheckReport) -> str:
     """The report as a table to print, without a line end at its end."""
     package, walk = report.package, report.walk
@@ -611,6 +631,7 @@ def report_text(report: CheckReport) -> str:
         f"commanders  {' -> '.join(names[sysid] for sysid in walk.commanders)}",
         f"energy      {_energy_line(report)}",
         *_wings_lines(report),
+        *_address_lines(package),
     ]
     if walk.handovers:
         rows: list[tuple[str, ...]] = [

@@ -7,6 +7,8 @@ block of bytes: the files as a JSON object of name -> text with sorted keys, com
 the package's digest; two packages are equal when their digests are. Only files that `mission.toml` names travel, so a
 key lying in the folder stays there.
 
+`addresses.toml` (`mission/addresses.py`) lies beside them and is no part of the mission: no digest, no package bytes.
+
 `from_bytes` reads what came over a radio link: sizes are bounded before anything is unpacked, nothing is written
 anywhere, and bytes that are not exactly what `to_bytes` makes of their content are refused.
 """
@@ -32,6 +34,7 @@ from mavproxy_handover.core.safety.energy_prior import (
     WHOLE_KEYS,
     EnergySettings,
 )
+from mavproxy_handover.mission.addresses import ADDRESSES_FILE, read_addresses
 from mavproxy_handover.mission.corridor import covered_area
 from mavproxy_handover.mission.errors import MissionError, Where
 from mavproxy_handover.mission.gaps import DeclaredGap, Stretch, read_gaps, stretches
@@ -53,6 +56,7 @@ from mavproxy_handover.mission.walk import (
 )
 from mavproxy_handover.mission.wings import WINGS_RANGES, Air, Wings
 from mavproxy_handover.mission.zones import Zone, ZoneFinder
+from mavproxy_handover.vehicle_address import Addresses
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -161,6 +165,8 @@ class MissionPackage:
     files: Mapping[str, bytes] = field(repr=False)
     #: SHA-256 of the canonical form, 32 bytes
     digest: bytes
+    #: where each station reaches the vehicle, by its system id; no part of the digest
+    addresses: Addresses = field(default_factory=lambda: MappingProxyType({}))
 
     @property
     def parent(self) -> StationEntry:
@@ -249,13 +255,15 @@ class MissionPackage:
 
 
 def load(folder: str | Path) -> MissionPackage:
-    """Read the mission package in `folder`. Raises MissionError, also for files that cannot be read."""
+    """Read the mission package in `folder`, with its addresses. Raises MissionError, also for files that cannot be
+    read."""
     folder = Path(folder)
     mission_text = _read_file(folder, MISSION_FILE)
     texts = {MISSION_FILE: mission_text}
     for name in _referenced(_toml(mission_text)):
         texts[name] = _read_file(folder, name)
-    return from_texts(texts, str(folder))
+    package = from_texts(texts, str(folder))
+    return replace(package, addresses=_addresses(folder, package)) if (folder / ADDRESSES_FILE).exists() else package
 
 
 def from_texts(texts: Mapping[str, str], source: str) -> MissionPackage:
@@ -310,6 +318,12 @@ def from_bytes(data: bytes) -> MissionPackage:
     return _build(texts)
 
 
+def _addresses(folder: Path, package: MissionPackage) -> Addresses:
+    """Raises MissionError."""
+    table = _toml(_read_file(folder, ADDRESSES_FILE), ADDRESSES_FILE)
+    return MappingProxyType(read_addresses(table, {each.name: each.sysid for each in package.stations}))
+
+
 def _plain_form(files: Mapping[str, bytes]) -> bytes:
     texts = {name: text.decode() for name, text in files.items()}
     return json.dumps(texts, sort_keys=True, ensure_ascii=False, separators=(",", ":")).encode()
@@ -331,8 +345,8 @@ def _read_file(folder: Path, name: str) -> str:
         raise MissionError(f"{path}: not UTF-8 text (byte {error.start})") from None
 
 
-def _toml(text: str) -> Mapping[str, object]:
-    where = Where(MISSION_FILE)
+def _toml(text: str, file: str = MISSION_FILE) -> Mapping[str, object]:
+    where = Where(file)
     if len(text) > MAX_TOML_BYTES:
         raise where.error(f"{len(text)} characters (allowed: at most {MAX_TOML_BYTES})")
     for number, line in enumerate(text.splitlines(), 1):

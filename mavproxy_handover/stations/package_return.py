@@ -13,6 +13,7 @@ Rules that live here
 * A station that refuses, or does not answer for NO_ANSWER_S, is offered nothing more until it is connected anew, or
   AGAIN_S are over.
 * The package is packed beside the main loop, once.
+* The offer carries the vehicle's addresses for that station, as far as the package came with them.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from mavproxy_handover.core.model import Reason
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.narrator import Narrator
 from mavproxy_handover.stations.port import StationPort
+from mavproxy_handover.vehicle_address import pack_addresses
 from mavproxy_handover.wire.package_transfer import PackageSender
 from mavproxy_handover.worker import Worker
 
@@ -109,7 +111,8 @@ class PackageReturn:
             if now < self._paused.get(sysid, -inf) or self._unfit(sysid, now) is not Reason.MISSION_MISSING:
                 continue
             self._to, self._answered_at, self._waiting = sysid, now, []
-            self._sender = PackageSender(data, package.digest, package.name, port.target)
+            addresses = pack_addresses(package.addresses, sysid)
+            self._sender = PackageSender(data, package.digest, package.name, port.target, addresses=addresses)
             self._narrator.package_returned(port.name, "sent")
             return
 

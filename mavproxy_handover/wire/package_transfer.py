@@ -16,6 +16,8 @@ from typing import Any
 
 from pymavlink.dialects.v20 import handover as mavlink
 
+from mavproxy_handover.vehicle_address import ENTRY_BYTES, MAX_ADDRESSES
+
 __all__ = ["CHUNK_BYTES", "MAX_PACKAGE_BYTES", "PackageReceiver", "PackageSender", "held_already", "package_id"]
 
 CHUNK_BYTES = 200
@@ -54,14 +56,23 @@ class PackageSender:
     """Sends one package to one receiver. Times are monotonic seconds."""
 
     def __init__(
-        self, data: bytes, digest: bytes, name: str, target: tuple[int, int], *, until_loaded: bool = False
+        self,
+        data: bytes,
+        digest: bytes,
+        name: str,
+        target: tuple[int, int],
+        *,
+        until_loaded: bool = False,
+        addresses: bytes = b"",
     ) -> None:
-        """`until_loaded`: RECEIVED is not the last word yet, the receiver is going to load the package."""
+        """`until_loaded`: RECEIVED is not the last word yet, the receiver is going to load the package. `addresses`:
+        the vehicle's, as `vehicle_address.py` packs them; each offer carries them, and no digest."""
         self._until_loaded = until_loaded
         self._data = data
         self._digest = digest
         self._name = name
         self._target = target
+        self._addresses = list(addresses.ljust(MAX_ADDRESSES * ENTRY_BYTES, b"\0"))
         self._id = package_id(digest)
         self._retry_at = 0.0
         self._wanted: int | None = None
@@ -87,7 +98,11 @@ class PackageSender:
         self._retry_at = now + _RETRY_S
         self._wanted = None
         offer = mavlink.MAVLink_mission_package_message(
-            *self._target, len(self._data), list(self._digest), self._name.encode("utf-8")[:32]
+            *self._target,
+            len(self._data),
+            list(self._digest),
+            self._name.encode("utf-8")[:32],
+            addresses=self._addresses,
         )
         return [offer]
 

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from gcs_module import module as station_module
 from gcs_module.package_desk import NO_ANSWER_S, PackageDesk
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage
+from mavproxy_handover.vehicle_address import parse_address
 from mavproxy_handover.wire.package_transfer import PackageReceiver
 from tests.module.conftest import Clock
 from tests.module.test_station_module import StationBench, connect_message, receive
@@ -234,3 +236,16 @@ def test_a_vehicle_that_is_started_later_is_offered_it(station: StationBench) ->
     station.run(1.0)
     assert offers(station.sent()) == 2
     assert station.mpstate.console.said(f"vehicle: {AGAIN}")
+
+
+def test_each_station_is_sent_its_own_addresses_of_the_vehicle_and_the_vehicle_those_of_all(
+    delivery: MissionPackage,
+) -> None:
+    addresses = {251: (parse_address("tcp:10.0.0.2:5760"),), PEER: (parse_address("udpout:10.0.0.2:14552"),)}
+    desk = PackageDesk(replace(delivery, addresses=addresses))
+    desk.offer(PEER, 0, 100.0)
+    desk.offer(VEHICLE, 191, 100.0, until_loaded=True)
+    messages, _lines = desk.tick(100.0, lambda _receiver: True)
+    sent = {receiver: bytes(message.addresses) for receiver, message in messages}
+    own, all_of_them = bytes.fromhex("fc0138d80a000002"), bytes.fromhex("fb0216800a000002fc0138d80a000002")
+    assert sent == {PEER: own + bytes(168), VEHICLE: all_of_them + bytes(160)}

@@ -4,7 +4,9 @@
 
 from __future__ import annotations
 
+import shutil
 import sys
+from pathlib import Path
 
 import pytest
 from matplotlib.figure import Figure
@@ -199,6 +201,31 @@ def test_table_of_the_delivery_lists_its_four_handovers(missions):
         ["4", "GCSB", "GCSA"],
     ]
     assert lines[-1] == "check passed: 0 errors, 0 warnings"
+
+
+def test_the_vehicles_addresses_are_listed_by_station(missions, tmp_path):
+    folder = Path(shutil.copytree(missions / "delivery", tmp_path / "delivery"))
+    (folder / "addresses.toml").write_text('[vehicle]\nGCSB = ["udpout:10.0.0.2:14552", "tcp:10.0.0.2:5762"]\n')
+    report = check(load(folder))
+    assert (
+        "addresses   GCSA none; GCSB udpout:10.0.0.2:14552, tcp:10.0.0.2:5762 (addresses.toml, not in the digest)"
+        in report_text(report).splitlines()
+    )
+    assert report.count(Severity.WARNING) == 0
+
+
+def test_an_address_on_the_stations_own_computer_is_a_warning(missions, tmp_path):
+    folder = Path(shutil.copytree(missions / "delivery", tmp_path / "delivery"))
+    (folder / "addresses.toml").write_text('[vehicle]\nGCSB = ["udpout:127.0.0.1:14552"]\n')
+    report = check(load(folder))
+    assert [finding.text for finding in report.findings if finding.severity is Severity.WARNING] == [
+        "addresses.toml: GCSB: udpout:127.0.0.1:14552 is the station's own computer: give the vehicle's address, as "
+        "the station reaches it"
+    ]
+
+
+def test_a_mission_without_addresses_says_nothing_of_them(missions):
+    assert "addresses" not in report_text(check(load(missions / "delivery")))
 
 
 # --- command ---

@@ -19,6 +19,7 @@ from mavproxy_handover import module as vehicle_module
 from mavproxy_handover.main_loop import readable
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage
+from mavproxy_handover.vehicle_address import pack_addresses
 from mavproxy_handover.wire.package_transfer import PackageSender
 from tests.module.proxy import MPState
 from tests.module.vehicle import Autopilot, Station
@@ -132,7 +133,10 @@ class Bench:
     def share(self, package: MissionPackage, station: Station | None = None) -> PackageSender:
         """Send a package from a station (GCSA) until the vehicle has said its last word of it."""
         station = station or self.a
-        sender = PackageSender(package.to_bytes(), package.digest, package.name, (1, 191), until_loaded=True)
+        addresses = pack_addresses(package.addresses)
+        sender = PackageSender(
+            package.to_bytes(), package.digest, package.name, (1, 191), until_loaded=True, addresses=addresses
+        )
         seen = len(station.received)
 
         def done() -> bool:

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -13,6 +14,7 @@ from mavproxy_handover.core.model import Reason
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage, from_bytes
 from mavproxy_handover.stations.package_return import PackageReturn
+from mavproxy_handover.vehicle_address import parse_address
 from mavproxy_handover.wire.package_transfer import PackageReceiver
 from tests.packages import ROUND
 
@@ -40,6 +42,8 @@ class Port:
         self.inbox: list[Any] = []
         #: what it was sent: kind
         self.got: list[str] = []
+        #: the addresses in the last offer
+        self.addresses = b""
         self.data = b""
 
     def send(self, message: Any) -> None:
@@ -52,6 +56,7 @@ class Port:
         answers: list[Any] = []
         for message in waiting:
             if message.get_type() == "MISSION_PACKAGE":
+                self.addresses = bytes(message.addresses)
                 answers += self.receiver.on_offer(message, VEHICLE)
                 continue
             more, whole = self.receiver.on_chunk(message, VEHICLE)
@@ -99,6 +104,13 @@ def test_it_gets_the_package_whole(package: MissionPackage) -> None:
     assert from_bytes(bench.ports[B].data).digest == package.digest
     assert bench.ports[A].got == []
     assert bench.told.lines == [("GCSB", "sent"), ("GCSB", "the station has it")]
+
+
+def test_it_gets_its_own_addresses_of_the_vehicle_with_it(package: MissionPackage) -> None:
+    addresses = {A: (parse_address("tcp:10.0.0.2:1"),), B: (parse_address("udpout:10.0.0.2:14552"),)}
+    bench = Bench(replace(package, addresses=addresses))
+    bench.run(5.0)
+    assert bench.ports[B].addresses == bytes.fromhex("fc0138d80a000002") + bytes(168)
 
 
 def test_no_more_than_eight_chunks_in_a_second(package: MissionPackage) -> None:

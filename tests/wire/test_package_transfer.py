@@ -12,7 +12,9 @@ from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
+from pymavlink.generator.mavcrc import x25crc
 
+from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.package_transfer import (
     CHUNK_BYTES,
     MAX_PACKAGE_BYTES,
@@ -367,3 +369,54 @@ def test_a_package_of_another_size_is_another_one_though_its_digest_is_promised_
     (larger,) = PackageSender(data * 2, digest, "m", TO).tick(0.0)
     (answer,) = receiver.on_offer(larger, BACK)
     assert answer.next_offset == 0
+
+
+#: station 252: udpout 10.0.0.2:14552, as `tests/test_vehicle_address.py` has the bytes
+ADDRESS = bytes.fromhex("fc0138d80a000002")
+
+
+def test_each_offer_carries_the_vehicles_addresses_and_the_package_stays_as_it_is() -> None:
+    data, digest = content(1000)
+    sender = PackageSender(data, digest, "m", TO, addresses=ADDRESS)
+    for now in (0.0, 1.0):
+        (offer,) = sender.tick(now)
+        assert bytes(offer.addresses) == ADDRESS + bytes(168)
+        assert (offer.size, bytes(offer.mission_digest)) == (1000, digest)
+
+
+def test_an_offer_without_addresses_is_as_long_as_it_was_before_there_were_any() -> None:
+    (offer,) = PackageSender(b"x" * 10, bytes(range(1, 33)), "name", TO).tick(0.0)
+    raw = offer.pack(mavlink.MAVLink(None, srcSystem=252, srcComponent=190))
+    assert len(raw) == 10 + 2 + 4 + 32 + 4 + 2  # head, target, size, digest, the name's letters, CRC
+
+
+def test_an_offer_of_a_version_before_the_addresses_has_none() -> None:
+    """Its payload ends with the field `vehicle`."""
+    offer = mavlink.MAVLink_mission_package_message(
+        251, 0, 10, [7] * 32, b"delivery", 1, list(ADDRESS.ljust(176, b"\7"))
+    )
+    raw = bytes(offer.pack(mavlink.MAVLink(None, srcSystem=252, srcComponent=190)))
+    payload = raw[10 : 10 + 71]
+    head = bytes([0xFD, len(payload)]) + raw[2:10]
+    crc = x25crc(head[1:] + payload)
+    crc.accumulate(bytes([mavlink.MAVLink_mission_package_message.crc_extra]))
+    message = codec.decode_bytes(head + payload + crc.crc.to_bytes(2, "little"))
+    assert message is not None
+    assert (message.name, message.vehicle, bytes(message.addresses)) == ("delivery", 1, bytes(176))
+
+
+def test_an_offer_of_a_newer_version_is_understood_as_far_as_it_is_known() -> None:
+    """So does a program from before the addresses read an offer that has some."""
+    offer = mavlink.MAVLink_mission_package_message(
+        251, 0, 10, [7] * 32, b"delivery", 1, list(ADDRESS.ljust(176, b"\7"))
+    )
+    raw = bytes(offer.pack(mavlink.MAVLink(None, srcSystem=252, srcComponent=190)))
+    payload = raw[10:-2] + b"\5" * 8
+    assert len(payload) == 255
+    head = bytes([0xFD, len(payload)]) + raw[2:10]
+    crc = x25crc(head[1:] + payload)
+    crc.accumulate(bytes([mavlink.MAVLink_mission_package_message.crc_extra]))
+    message = codec.decode_bytes(head + payload + crc.crc.to_bytes(2, "little"))
+    assert message is not None
+    assert (message.size, message.name, message.vehicle) == (10, "delivery", 1)
+    assert bytes(message.addresses)[:8] == ADDRESS

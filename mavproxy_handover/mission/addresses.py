@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""`addresses.toml` beside `mission.toml`: where each station reaches the vehicle.
+
+The file is optional, and no part of the mission: the digest does not change with it. So two stations that differ only
+in their addresses hold the same mission. The addresses travel beside the package (`MISSION_PACKAGE.addresses`). A
+station never opens one by itself: its operator confirms it. Keys never travel.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from mavproxy_handover.mission.errors import Where
+from mavproxy_handover.vehicle_address import (
+    ALLOWED,
+    MAX_ADDRESSES,
+    MAX_OF_STATION,
+    Addresses,
+    VehicleAddress,
+    parse_address,
+)
+
+__all__ = ["ADDRESSES_FILE", "read_addresses"]
+
+ADDRESSES_FILE = "addresses.toml"
+
+
+def read_addresses(table: Mapping[str, object], stations: Mapping[str, int]) -> Addresses:
+    """The addresses of a parsed `addresses.toml`. `stations`: system ids of the mission's stations by name.
+
+    Raises MissionError.
+    """
+    where = Where(ADDRESSES_FILE)
+    where.known_keys(table, ("vehicle",))
+    inside = where.at("[vehicle]")
+    listed = inside.table(where.need(table, "vehicle"), "vehicle")
+    inside.known_keys(listed, stations)
+    found = {stations[name]: _of_station(inside.at(name), value) for name, value in listed.items()}
+    number = sum(len(addresses) for addresses in found.values())
+    if number > MAX_ADDRESSES:
+        raise inside.error(f"{number} addresses (allowed: at most {MAX_ADDRESSES} for all stations together)")
+    return found
+
+
+def _of_station(where: Where, value: object) -> tuple[VehicleAddress, ...]:
+    listed = where.array(value, "the value")
+    if not 1 <= len(listed) <= MAX_OF_STATION:
+        raise where.error(f"{len(listed)} addresses (allowed: 1 to {MAX_OF_STATION}, each {ALLOWED})")
+    found = []
+    for number, text in enumerate(listed, 1):
+        try:
+            found.append(parse_address(text))
+        except ValueError as error:
+            raise where.at(f"address {number}").error(str(error)) from None
+        if found.count(found[-1]) > 1:
+            raise where.at(f"address {number}").error(f"{found[-1].text} is given twice")
+    return tuple(found)

@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The vehicle's address for a station, as it travels with a shared mission. Pure: no socket, no name service.
+
+The address comes from another computer, so it is strict: a kind of link that a station opens towards the vehicle, an
+IPv4 address in digits, and a port. There is no room for a host name, a file, a device or a listening link. MAVProxy
+opens these links, and it knows no IPv6.
+
+On the wire each address is one entry of 8 bytes, in network byte order: station u8, kind u8, port u16, IPv4 address
+u32. An entry of zeros is no entry. A kind that this version does not know is skipped: a newer program sent it.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import struct
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+__all__ = [
+    "ALLOWED",
+    "ENTRY_BYTES",
+    "MAX_ADDRESSES",
+    "MAX_OF_STATION",
+    "WAITING_LABEL",
+    "WAITING_LINK",
+    "Addresses",
+    "VehicleAddress",
+    "on_this_computer",
+    "pack_addresses",
+    "parse_address",
+    "plain_text",
+    "unpack_addresses",
+    "why_unusable",
+]
+
+#: a station's addresses by its system id, in order of preference
+Addresses = Mapping[int, "tuple[VehicleAddress, ...]"]
+
+ALLOWED: Final = "udpout:ADDRESS:PORT or tcp:ADDRESS:PORT, ADDRESS an IPv4 address in digits"
+#: room in MISSION_PACKAGE
+MAX_ADDRESSES: Final = 22
+#: paths to one station
+MAX_OF_STATION: Final = 4
+#: The link of a station that has none to the vehicle. Nothing arrives at a loopback port that the system chooses;
+#: MAVProxy without any link would open one on every interface of the computer, or a serial port that it finds.
+WAITING_LABEL: Final = "no-vehicle-yet"
+WAITING_LINK: Final = f'udpin:127.0.0.1:0:{{"label":"{WAITING_LABEL}"}}'
+_TEXT: Final = 60
+_KINDS: Final = {"udpout": 1, "tcp": 2}
+_WORDS: Final = {number: word for word, number in _KINDS.items()}
+_ENTRY: Final = struct.Struct("!BBHI")
+ENTRY_BYTES: Final = _ENTRY.size
+_THIS_NETWORK: Final = ipaddress.IPv4Network("0.0.0.0/8")
+_RESERVED: Final = ipaddress.IPv4Network("240.0.0.0/4")
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleAddress:
+    """Where a station reaches the vehicle. `kind`: "udpout" or "tcp"; `host`: an IPv4 address in digits."""
+
+    kind: str
+    host: str
+    port: int
+
+    @property
+    def text(self) -> str:
+        """The address in pymavlink's form."""
+        return f"{self.kind}:{self.host}:{self.port}"
+
+
+def parse_address(text: object) -> VehicleAddress:
+    """The address that `text` says in pymavlink's form. Raises ValueError: one line that says what is wrong."""
+    kind, _, rest = text.partition(":") if isinstance(text, str) else ("", "", "")
+    host, _, port = rest.partition(":")
+    if kind not in _KINDS or not _is_number(port) or not 1 <= int(port) <= 65535:
+        raise ValueError(f"not an address of a vehicle (allowed: {ALLOWED}, PORT 1 to 65535)")
+    try:
+        ipaddress.IPv4Address(host)
+    except ValueError:
+        raise ValueError(f"{host!r} is not an IPv4 address in digits (allowed: {ALLOWED})") from None
+    address = VehicleAddress(kind, host, int(port))
+    why = why_unusable(address)
+    if why:
+        raise ValueError(why)
+    return address
+
+
+def why_unusable(address: VehicleAddress) -> str:
+    """Why no vehicle can be reached at this address, in words; "" if one can."""
+    host = ipaddress.IPv4Address(address.host)
+    if host in _THIS_NETWORK:
+        return f"{address.host} names no computer"
+    if host.is_multicast:
+        return f"{address.host} is a multicast address, and not one vehicle"
+    if host in _RESERVED:
+        return f"{address.host} is a broadcast or reserved address, and not one vehicle"
+    return ""
+
+
+def on_this_computer(address: VehicleAddress) -> bool:
+    """Whether the address is a loopback address, which leads back to the computer that uses it."""
+    return ipaddress.IPv4Address(address.host).is_loopback
+
+
+def pack_addresses(addresses: Addresses, only: int | None = None) -> bytes:
+    """The addresses as they travel, of all stations or of one; no more than MAX_ADDRESSES, the rest is left out."""
+    entries = [(station, each) for station, listed in addresses.items() for each in listed if only in (None, station)]
+    return b"".join(
+        _ENTRY.pack(station, _KINDS[address.kind], address.port, int(ipaddress.IPv4Address(address.host)))
+        for station, address in entries[:MAX_ADDRESSES]
+    )
+
+
+def unpack_addresses(data: Sequence[int] | bytes) -> dict[int, tuple[VehicleAddress, ...]]:
+    """The addresses in a MISSION_PACKAGE, whatever its bytes; each station's without doubles."""
+    raw = bytes(data)
+    found: dict[int, tuple[VehicleAddress, ...]] = {}
+    for start in range(0, min(len(raw), MAX_ADDRESSES * _ENTRY.size) - _ENTRY.size + 1, _ENTRY.size):
+        station, kind, port, host = _ENTRY.unpack_from(raw, start)
+        if not station or kind not in _WORDS or not port:
+            continue
+        address = VehicleAddress(_WORDS[kind], str(ipaddress.IPv4Address(host)), port)
+        if address not in found.get(station, ()):
+            found[station] = (*found.get(station, ()), address)
+    return found
+
+
+def plain_text(text: object) -> str:
+    """Printable text of a bounded length, whatever another program sent."""
+    return "".join(letter for letter in str(text)[:_TEXT] if letter.isprintable())
+
+
+def _is_number(text: str) -> bool:
+    return text.isascii() and text.isdecimal() and len(text) <= 5
