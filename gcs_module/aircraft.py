@@ -48,6 +48,8 @@ from gcs_module.package_desk import PackageDesk
 from gcs_module.route_watch import StationRouteWatch
 from gcs_module.texts import SEVERITIES, Texts
 from gcs_module.uplink import UplinkChoice
+from gcs_module.vehicle_addresses import VehicleAddresses
+from gcs_module.vehicle_links import VehicleLinks, answers
 from gcs_module.view import View, telemetry_line
 from mavproxy_handover.config.files import FleetVehicle, StationConfig
 from mavproxy_handover.core.messages import Message
@@ -57,6 +59,7 @@ from mavproxy_handover.gate.latent import fuller
 from mavproxy_handover.hosting import guarded
 from mavproxy_handover.link.timesync import probe_answer
 from mavproxy_handover.mission.package import MissionPackage
+from mavproxy_handover.store.confirmed_address import address_file
 from mavproxy_handover.store.journal import Journal
 from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.frames import Frame, field_int
@@ -104,6 +107,9 @@ class Host(Protocol):
     def of_station(self, notice: Notice, vehicle: int) -> None:
         """A notice of one vehicle's rules that is about another station."""
 
+    def ground_ports(self) -> tuple[int, ...]:
+        """Ports at which the station listens for others."""
+
 
 class Aircraft:
     """`row`: of the status rows of MAVProxy's console."""
@@ -126,6 +132,16 @@ class Aircraft:
         self.core = StationCore(config.station, vehicle.called, stations, automatic=config.automatic)
         kept = config.path.with_name(f"{config.station.name}-vehicle-{vehicle.sysid}.mission")
         self.desk = PackageDesk(means.held, kept)
+        #: the vehicle's addresses that come with a mission
+        self.addresses = VehicleAddresses(
+            VehicleLinks(host.mpstate, host.links, vehicle.sysid, vehicle.name, host.ground_ports),
+            config.station.sysid,
+            address_file(config.path, config.station.name, vehicle.sysid),
+            ask=config.offered_addresses,
+            local=config.offered_addresses_local,
+            keyed=means.signing is not None,
+            try_first=answers,
+        )
         #: the aircraft against its route
         self.route = StationRouteWatch(config.route)
         self.decisions = Decisions(self.said)
@@ -162,6 +178,7 @@ class Aircraft:
         self._callers.release()
         if self._signing is not None:
             self._signing.release()
+        self._guarded("vehicle address", self.addresses.release)
 
     # ---- in -------------------------------------------------------------------------------------------------------
 
@@ -366,6 +383,9 @@ class Aircraft:
             self._put(frame.sysid, answer)
         if line:
             self._tell_of(frame.sysid, "package_sent", line)
+        if message.get_type() == "MISSION_PACKAGE":
+            name = "" if frame.sysid == self.sysid else self.core.name(frame.sysid)
+            self.addresses.offered(frame.sysid, name, message.name, bytes(message.addresses))
 
     def _hold(self) -> None:
         """An offer of another station counts once the vehicle announces it; the core is told what is held."""
@@ -406,13 +426,23 @@ class Aircraft:
 
     def each_second(self, now: float) -> None:
         """Once a second."""
-        self._guarded("links", self._see_to_links)
+        self._guarded("vehicle address", lambda: self._see_to_addresses(now))
+        self._guarded("links", self._see_to_links)  # after it: a new link is signed before anything is sent
         self._perform(self.core.tick(now))
         self._guarded("alarms", lambda: self.narrator.again(now))
         self.narrator.sum_up(now)
         self._other_name_noticed()
         self.view.status(now)
         self._guarded("map", lambda: self.chart.show(self._flown(), self._on_map, now))
+
+    @property
+    def armed(self) -> bool:
+        """Whether the vehicle was heard and has not said since that it is disarmed."""
+        return self._mode_at > -math.inf and not self.disarmed
+
+    def _see_to_addresses(self, now: float) -> None:
+        for line in self.addresses.tick(now, self.armed):
+            self._notice(Notice("address", line))
 
     def _flown(self) -> MissionPackage | None:
         """The mission package that the vehicle flies, or will fly for all that is known here."""

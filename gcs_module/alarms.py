@@ -65,6 +65,7 @@ _INFO, _ADVISORY, _WARNING, _EMERGENCY = Level
 #: what a line is about, and how grave that is
 EVENTS: Final[Mapping[str, Level]] = {
     "connected": _INFO,
+    "address": _ADVISORY,
     "lost": _WARNING,
     "authority": _INFO,
     "control_gained": _ADVISORY,

@@ -15,11 +15,12 @@ from pymavlink.dialects.v20 import handover as mavlink
 from gcs_module.alarms import Level
 from gcs_module.banner import Situation, age
 from gcs_module.briefing import BriefingBook
-from gcs_module.core import Answer, Event, StationCore, Wish, WishAnswered
+from gcs_module.core import Answer, Event, Notice, StationCore, Wish, WishAnswered
 from gcs_module.decisions import Decisions
 from gcs_module.narrator import FlightNarrator
 from gcs_module.package_desk import PackageDesk
 from gcs_module.route_watch import StationRouteWatch
+from gcs_module.vehicle_addresses import VehicleAddresses
 from gcs_module.view import View, telemetry_line, telemetry_table
 from mavproxy_handover.config.station import StationConfig
 from mavproxy_handover.core.model import Consent
@@ -68,8 +69,13 @@ class Host(Protocol):
     view: View
     narrator: FlightNarrator
     faults: Counter[str]
+    addresses: VehicleAddresses
     disarmed: bool
     rehearsal: bool
+
+    @property
+    def armed(self) -> bool:
+        """Whether the vehicle was heard and has not said since that it is disarmed."""
 
     def operator(self, event: Event) -> None:
         """An operator's word to the core."""
@@ -124,6 +130,11 @@ class StationCommands:
             "briefing": ("the aircraft as it was told with the last question", self._briefing),
             "accept": ("answer the question of a handover: yes", lambda: self._answer(True)),
             "deny": ("answer the question of a handover: no", lambda: self._answer(False)),
+            "connect": ("the vehicle's addresses that other stations sent", self._list_addresses),
+            "disconnect": (
+                "close the link to an address that another station sent, and forget the address",
+                self._disconnect,
+            ),
         }
 
         #: those that take a name: of what, text, what is done
@@ -131,6 +142,10 @@ class StationCommands:
             "give": ("STATION: hand the aircraft to it now", self._give),
             "override": ("energy|fence|coverage: let commands leave this limit for a minute", self._override),
             "rehearse": ("end|report: of the rehearsal", self._of_rehearsal),
+            "connect": (
+                "NUMBER|no: open a link to the vehicle's address of this question, or refuse all",
+                self._connect,
+            ),
             "take": ("MISSION: make a mission that another station has offered this station's own", self._take),
         }
 
@@ -147,6 +162,7 @@ class StationCommands:
             f"give <{peers}>",
             f"override <{limits}>",
             f"rehearse <{'|'.join(_REHEARSAL)}>",
+            "connect <no>",
             "take",
             "set (HANDOVERSETTING)",
         ]
@@ -388,6 +404,20 @@ class StationCommands:
     def _take(self, name: str) -> None:
         self._module.view.line(self._module.desk.inbox.take(name, self._module.disarmed))
 
+    def _list_addresses(self) -> None:
+        lines = [*self._module.addresses.status()]
+        for line in lines or ["no station has sent an address of the vehicle"]:
+            self._module.view.show(f"address   {line}")
+
+    def _connect(self, word: str) -> None:
+        self._tell_address(self._module.addresses.connect(word, self._module.armed))
+
+    def _disconnect(self) -> None:
+        self._tell_address(self._module.addresses.disconnect(self._module.armed))
+
+    def _tell_address(self, line: str) -> None:
+        self._module.narrator.notice(Notice("address", line), time.monotonic())
+
     def _status(self) -> None:
         module, core, now = self._module, self._module.core, time.monotonic()
         show = module.view.show
@@ -417,6 +447,8 @@ class StationCommands:
             show(f"route     {route}")
         for offer in module.desk.inbox.waiting:
             show(f"offered   {offer.name!r} {offer.digest.hex()[:8]}: 'handover take {offer.name}'")
+        for line in module.addresses.status():
+            show(f"address   {line}")
         for peer in module.config.peers:
             alive = "up" if core.peer_alive(peer.station.sysid, now) else "down"
             show(f"ground    {peer.station.name}: {alive}")

@@ -44,6 +44,7 @@ from mavproxy_handover.config.files import (
 )
 from mavproxy_handover.hosting import SharedLog, guarded, why
 from mavproxy_handover.link.devices import Device
+from mavproxy_handover.link.forms import parse_device
 from mavproxy_handover.must_load import loaded, refused
 from mavproxy_handover.version import VERSION
 from mavproxy_handover.wire import codec
@@ -229,6 +230,11 @@ class HandoverGcsModule(mp_module.MPModule):
         """A notice of one vehicle's rules that is about another station: said once."""
         if vehicle == self.aircraft[0].sysid:
             self.narrator.notice(notice)
+
+    def ground_ports(self) -> tuple[int, ...]:
+        """Ports at which the station listens for others."""
+        listen = self.config.ground
+        return () if listen is None else (parse_device(listen).port,)
 
     def _why_old(self) -> str:
         """Why MAVProxy's values are old, of the vehicle that is chosen; "" if nothing is known of it."""

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from mavproxy_handover.config.files import ConfigError, FleetVehicle, load_station
 from mavproxy_handover.link.forms import Kind, parse_device
+from mavproxy_handover.vehicle_address import WAITING_LINK
 from mavproxy_handover.wire.ids import COMPANION_COMPID, STATION_COMPID
 
 __all__ = ["companion_argv", "mavproxy", "station_argv", "supervised_argv"]
@@ -70,15 +71,20 @@ def supervised_argv(config: Path, master: str, logfile: Path) -> list[str]:
 
 
 def station_argv(config: Path, master: str | None, logfile: Path, journal: Path | None = None) -> list[str]:
-    """MAVProxy with `handover_gcs`. `master`: the link to the vehicle, None where [[vehicle]] tables name the links;
-    `logfile`: the tlog; `journal`: in place of the configuration's. Raises ConfigError."""
+    """MAVProxy with `handover_gcs`. `master`: the link to the vehicle, None where [[vehicle]] tables name the links or
+    another station is to send the vehicle's address; `logfile`: the tlog; `journal`: in place of the configuration's.
+    Raises ConfigError."""
     station = load_station(config)
     labelled = [link for vehicle in station.vehicles for link in _labelled(vehicle)]
     links = labelled if master is None else [_of_mavproxy(master)]
     if labelled and master is not None:
         raise ConfigError(f"{station.path}: [[vehicle]] names the links: --master does not go together with it")
+    if not links and not (station.peers and station.offered_addresses):
+        text = "--master is missing: there is no [[vehicle]] that names the links"
+        other = 'no [[peer]] that may send the vehicle\'s address (offered_addresses = "ask")'
+        raise ConfigError(f"{station.path}: {text}, and {other}")
     if not links:
-        raise ConfigError(f"{station.path}: --master is missing: there is no [[vehicle]] that names the links")
+        links = [WAITING_LINK]
     return [
         *mavproxy(),
         *(f"--master={link}" for link in links),

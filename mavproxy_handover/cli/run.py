@@ -66,7 +66,8 @@ def station(argv: Sequence[str]) -> int:
     parser.add_argument("--config", default="station.toml", help="station configuration (default: ./station.toml)")
     parser.add_argument(
         "--master",
-        help="the link to the vehicle, e.g. udpin:0.0.0.0:14550; not where [[vehicle]] tables name the links",
+        help="the link to the vehicle, e.g. udpin:0.0.0.0:14550; not where [[vehicle]] tables name the links; without "
+        "it the station waits for the vehicle's address with a mission",
     )
     return _run(parser, argv, station_argv, lambda named: Path(named or "").expanduser().resolve(), _station)
 

@@ -201,6 +201,9 @@ STATION: Final[Mapping[str, Meanings]] = {
         "forced": "after the commander is lost: automatic (this station takes the aircraft at once), ask (its operator "
         "is asked, and the aircraft returns meanwhile)",
         "journal": "file of the journal; `handover station` writes it to the folder of the run",
+        "offered_addresses": "what is done with an address of the vehicle that another station sends with a mission: "
+        "ask (this station's operator confirms it, where this station has no link of its own), refuse",
+        "offered_addresses_local": "true: such an address may be one of this computer, for tests and simulations",
     },
     "vehicle": {
         "name": "what the operator types",

@@ -23,7 +23,16 @@ __all__ = ["FleetVehicle", "PeerConfig", "StationConfig", "load_station"]
 
 #: keys of [station] that are each vehicle's own where there are [[vehicle]] tables, and what they are called there
 _OF_VEHICLE: Final = {"vehicle": "sysid", "mission": "mission", "key": "key"}
-_STATION_KEYS: Final = ("name", "sysid", *_OF_VEHICLE, "consent", "forced", "journal")
+_STATION_KEYS: Final = (
+    "name",
+    "sysid",
+    *_OF_VEHICLE,
+    "consent",
+    "forced",
+    "journal",
+    "offered_addresses",
+    "offered_addresses_local",
+)
 _VEHICLE_KEYS: Final = ("name", "sysid", "links", "key", "allow_unsigned", "mission")
 _PEER_KEYS: Final = ("name", "sysid", "link")
 #: a vehicle's name is typed, and labels MAVProxy's links: no blanks, and no number that could be a system id
@@ -31,6 +40,8 @@ _NAME: Final = re.compile(r"(?=.*[A-Za-z])[A-Za-z0-9][A-Za-z0-9._-]{0,19}")
 #: What another operator wants, or the commander's gives away, is for an operator to answer. A forced handover is not
 #: covered: it has a key of its own.
 _CONSENTS: Final = {"automatic": frozenset(AUTOMATIC), "operator": frozenset(UNASKED)}
+#: what is done with an address of the vehicle that another station sends: the operator is asked, or it is refused
+_OFFERED: Final = ("ask", "refuse")
 #: what is done when the commander is lost: this station takes the aircraft, or its operator is asked
 _FORCED: Final = ("automatic", "ask")
 
@@ -79,6 +90,10 @@ class StationConfig:
     peers: tuple[PeerConfig, ...] = field(default=())
     #: from when on the aircraft is off its route
     route: RouteLimits = field(default_factory=RouteLimits)
+    #: the operator is asked about an address of the vehicle that another station sends; False: it is refused
+    offered_addresses: bool = True
+    #: such an address may be this computer's: for tests and simulations
+    offered_addresses_local: bool = False
 
 
 def load_station(path: Path) -> StationConfig:
@@ -119,6 +134,8 @@ def load_station(path: Path) -> StationConfig:
         ground_key=ground_key,
         peers=peers,
         route=route_limits(data, path),
+        offered_addresses=_word(table, "offered_addresses", _OFFERED) == _OFFERED[0],
+        offered_addresses_local=table.get("offered_addresses_local", bool, False),
     )
 
 
@@ -178,11 +195,17 @@ def _folder(table: Table) -> Path | None:
 
 def _automatic(table: Table) -> frozenset[str]:
     """What needs no operator: by one word for all, or a list of questions; a forced handover by its own key."""
-    forced = table.get("forced", str, _FORCED[0])
-    if forced not in _FORCED:
-        raise table.error("forced", f"{forced!r} must be one of {', '.join(_FORCED)}")
+    forced = _word(table, "forced", _FORCED)
     planned = _planned(table)
     return planned - frozenset(UNASKED) if forced == "ask" else planned | frozenset(UNASKED)
+
+
+def _word(table: Table, key: str, allowed: Sequence[str]) -> str:
+    """One of these words; the first where the key is not there."""
+    word: str = table.get(key, str, allowed[0])
+    if word not in allowed:
+        raise table.error(key, f"{word!r} must be one of {', '.join(allowed)}")
+    return word
 
 
 def _planned(table: Table) -> frozenset[str]:

@@ -25,6 +25,7 @@ from mavproxy_handover.doctor.ports import held_by_ours
 from mavproxy_handover.doctor.talk import Talk
 from mavproxy_handover.link.devices import Kind, LinkError, open_device, parse_device
 from mavproxy_handover.link.timesync import answered_stamp, draw_stamp, probe_message
+from mavproxy_handover.store.confirmed_address import address_file, kept_address
 from mavproxy_handover.store.keys import KeysError, load_station_keys
 from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.frames import Frame
@@ -38,6 +39,7 @@ _LISTEN_S: Final = 3.0
 #: and so long, so often, for answers
 _ASK_S: Final = 0.5
 _ASKED: Final = 4
+_NO_LINK: Final = "no link is named, and no address of another station is confirmed ('handover connect')"
 _SILENT: Final = "Look whether its companion runs ('handover doctor' there), then at address, firewall and link."
 
 
@@ -51,11 +53,30 @@ def air(patient: Patient) -> Iterator[Finding]:
         return
     for vehicle in station.vehicles:
         links = vehicle.links or ((patient.master,) if patient.master else ())
-        if not links:
+        kept = list(_kept(patient, station, vehicle, own=bool(links)))
+        yield from kept
+        if not links and not kept:
             do = "Give --device LINK, as for 'handover station --master'."
-            yield unseen(vehicle.called, "nobody says by which link", do)
+            yield unseen(vehicle.called, _NO_LINK, do)
         for link in links:
             yield from _by(patient, station, vehicle, link)
+
+
+def _kept(patient: Patient, station: StationConfig, vehicle: FleetVehicle, *, own: bool) -> Iterator[Finding]:
+    """The vehicle's address that the operator confirmed. Nothing is sent there: the station that runs uses the link."""
+    what = f"address of {vehicle.called}"
+    file = patient.at(address_file(station.path, station.station.name, vehicle.sysid))
+    try:
+        kept = kept_address(file)
+    except (ValueError, OSError) as fault:
+        do = f"Delete {file}. Then confirm the address again: 'handover share' at the parent sends it."
+        yield error(what, f"{file}: {' '.join(str(fault).split())}", do)
+        return
+    if kept is not None:
+        use = (
+            "not used: this station has its own link" if own else "'handover status' at the station says what it hears"
+        )
+        yield ok(what, f"{kept.text} from {kept.sender}, confirmed {kept.at}; {use}")
 
 
 def _by(patient: Patient, station: StationConfig, vehicle: FleetVehicle, text: str) -> Iterator[Finding]:

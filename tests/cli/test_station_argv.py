@@ -59,11 +59,32 @@ def test_with_several_each_link_has_its_vehicles_name(file: Path) -> None:
     assert options(argv, "source-system") == ["251"]
 
 
+MISSING = "--master is missing: there is no [[vehicle]] that names the links"
+NO_PEER = 'no [[peer]] that may send the vehicle\'s address (offered_addresses = "ask")'
+PEER = """
+[ground]
+listen = "udpin:127.0.0.1:15552"
+allow_unsigned = true
+[[peer]]
+name = "GCSB"
+sysid = 252
+link = "udpout:127.0.0.1:15551"
+"""
+
+
+def test_without_a_link_to_the_vehicle_a_station_waits_for_its_address(file: Path) -> None:
+    """MAVProxy without any link would listen on every interface, or open a serial port that it finds."""
+    file.write_text(f"{ONE}{PEER}")
+    masters = options(station_argv(file, None, Path("x.tlog")), "master")
+    assert masters == ['udpin:127.0.0.1:0:{"label":"no-vehicle-yet"}']
+
+
 @pytest.mark.parametrize(
     ("text", "master", "problem"),
     [
         (SEVERAL, "udpin:0.0.0.0:1", "[[vehicle]] names the links: --master does not go together with it"),
-        (ONE, None, "--master is missing: there is no [[vehicle]] that names the links"),
+        (ONE, None, f"{MISSING}, and {NO_PEER}"),
+        (f'{ONE}offered_addresses = "refuse"\n{PEER}', None, f"{MISSING}, and {NO_PEER}"),
     ],
 )
 def test_links_are_named_in_one_place(

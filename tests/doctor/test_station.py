@@ -182,3 +182,58 @@ def test_a_link_by_no_words(machine: Machine, capsys: pytest.CaptureFixture[str]
     found = machine.doctor(capsys, "--device", "carrier pigeon")
     assert len([each for each in found.lines("error") if "must be one of udpin:" in each]) >= 1
     assert found.code == 1
+
+
+ADDRESS = '{"addresses": ["udpout:10.0.0.2:14552"], "from": "GCSB", "mission": "m", "confirmed": "2026-11-27"}'
+
+
+def without_link(tmp_path: Path, kept: str | None) -> Machine:
+    """A station that gets the vehicle's address from another one."""
+    text = """
+        [station]
+        name = "GCSA"
+        sysid = 251
+        vehicle = 1
+        key = "keys/GCSA.key"
+        journal = "/var/lib/handover/GCSA.jsonl"
+        """
+    machine = Machine(tmp_path, "station", text, device=None)
+    if kept is not None:
+        (machine.root / "etc/handover/GCSA-vehicle-1.address").write_text(kept)
+    return machine
+
+
+def test_an_address_that_the_operator_confirmed_is_told_with_its_origin(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = without_link(tmp_path, ADDRESS).doctor(capsys)
+    assert found.of("vehicles") == [
+        "address of vehicle 1: udpout:10.0.0.2:14552 from GCSB, confirmed 2026-11-27; 'handover status' at the station "
+        "says what it hears"
+    ]
+
+
+def test_without_a_link_and_without_an_address_it_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    found = without_link(tmp_path, None).doctor(capsys)
+    (said,) = found.of("vehicles")
+    assert said.startswith(
+        "vehicle 1: not looked at: no link is named, and no address of another station is confirmed ('handover "
+        "connect')"
+    )
+
+
+def test_a_damaged_file_of_the_address_is_an_error_with_the_cure(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = without_link(tmp_path, "{").doctor(capsys)
+    (said,) = [line for line in found.lines("error") if "address of vehicle 1" in line]
+    assert "GCSA-vehicle-1.address: not what this program wrote (JSONDecodeError) -> Delete " in said
+
+
+def test_an_address_beside_a_link_of_the_stations_own_is_not_used(
+    machine: Machine, port: int, vehicles: list[Vehicle], capsys: pytest.CaptureFixture[str]
+) -> None:
+    (machine.root / "etc/handover/GCSA-vehicle-1.address").write_text(ADDRESS)
+    vehicles.append(Vehicle(port, KEYS["GCSA"], DIGEST))
+    found = machine.doctor(capsys)
+    assert found.of("vehicles")[0].endswith("; not used: this station has its own link")

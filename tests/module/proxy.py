@@ -202,3 +202,25 @@ class MPState:
             self.escaped.append(error)
             return False
         return True
+
+
+class LinkModule:
+    """MAVProxy's module `link`, as far as it adds and removes links."""
+
+    def __init__(self, mpstate: MPState) -> None:
+        self.mpstate = mpstate
+        self.added: list[str] = []
+        self.opens = True
+
+    def link_add(self, descriptor: str) -> bool:
+        self.added.append(descriptor)
+        if not self.opens:
+            return False
+        device, _, label = descriptor.partition(':{"label":"')
+        address = device.partition(":")[2] if device.startswith("udp") else device
+        self.mpstate.mav_master.append(Master(label.removesuffix('"}') or None, address))
+        return True
+
+    def cmd_link_remove(self, args: list[str]) -> None:
+        if len(self.mpstate.mav_master) > 1:
+            self.mpstate.mav_master.pop(int(args[0]))

@@ -1,0 +1,414 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The vehicle's addresses that come to a station with a mission, and what becomes of them.
+
+Another station, or the vehicle, sends them (`MISSION_PACKAGE.addresses`). They are claims, and no more. Rules that live
+here:
+
+1. Only the operator opens a link to such an address, by the number of the question that was shown. A question that was
+   replaced cannot be answered any more.
+2. The station's own links win. If it has any, nothing is asked; addresses that differ from them are told.
+3. An address must be one that a vehicle can have (`vehicle_address.py`), and must not lead back to this computer unless
+   the configuration allows it. It never leads to a port of this program. One bad address spoils what came with it.
+4. While the vehicle is armed nothing is asked and nothing changes. What comes then is looked at after it has disarmed.
+5. Of each sender the newest addresses count, and a line about them is shown at most every QUIET_S, then twice as seldom
+   each time. Taking addresses in costs nothing else: they are looked at when a line is due.
+6. What the operator confirmed is kept in a file of the station and opened again after a restart, until it is withdrawn.
+   The file is written and read beside the main loop, and read as strictly as a message.
+7. A TCP address is tried beside the main loop before MAVProxy connects to it.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from math import inf
+from pathlib import Path
+from typing import Any, Final, Protocol
+
+from mavproxy_handover.store.confirmed_address import ConfirmedAddress, keep_address, kept_address
+from mavproxy_handover.vehicle_address import (
+    MAX_OF_STATION,
+    VehicleAddress,
+    on_this_computer,
+    plain_text,
+    unpack_addresses,
+    why_unusable,
+)
+from mavproxy_handover.worker import Worker
+
+__all__ = ["LOCAL_KEY", "OFFER_KEY", "QUIET_S", "VehicleAddresses"]
+
+#: keys of [station]
+OFFER_KEY: Final = "offered_addresses"
+LOCAL_KEY: Final = "offered_addresses_local"
+#: between two lines about the addresses of one sender, first and longest
+QUIET_S: Final = 30.0
+_QUIET_MOST_S: Final = 600.0
+#: between two tries of a TCP address
+_AGAIN_S: Final = 10.0
+
+Listed = tuple[VehicleAddress, ...]
+
+
+class Door(Protocol):
+    """MAVProxy's links of the vehicle: `vehicle_links.py`."""
+
+    def own(self) -> tuple[str, ...]:
+        """The links of the station's own configuration."""
+
+    def is_open(self, address: VehicleAddress) -> bool:
+        """Whether a link to this address was opened."""
+
+    def leads_back(self, address: VehicleAddress) -> bool:
+        """Whether the address is this computer's."""
+
+    def is_ours(self, address: VehicleAddress) -> bool:
+        """Whether a link of this program listens there."""
+
+    def open(self, address: VehicleAddress) -> str:
+        """Open a link; returns why that failed, or ""."""
+
+    def close(self) -> None:
+        """Close all that were opened."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Question:
+    number: int
+    addresses: Listed
+    mission: str
+    #: the operator has said no: it is listed, and not asked any more
+    refused: bool = False
+
+
+class _Sender:
+    """What one sender's addresses are, and when a line about them may be shown next."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.raw = b""
+        self.mission = ""
+        #: what was looked at last
+        self.seen: bytes | None = None
+        self.question: _Question | None = None
+        self.due_at = -inf
+        self.quiet_s = QUIET_S
+
+    @property
+    def says(self) -> str:
+        """The beginning of a line about its addresses."""
+        return f"{self.name} sends the vehicle's address" if self.name else "The vehicle sends its address"
+
+    @property
+    def operator(self) -> str:
+        """The person who can say whether they are right."""
+        return f"the operator of {self.name}" if self.name else "the operator of the parent station"
+
+    @property
+    def called(self) -> str:
+        """Its name in lists."""
+        return self.name or "the vehicle"
+
+    def answered(self) -> None:
+        """The operator has said something: the next addresses are shown at once."""
+        self.due_at, self.quiet_s = -inf, QUIET_S
+
+
+class VehicleAddresses:
+    """Of one vehicle at one station. Times are monotonic seconds; `utc` is for what people read.
+
+    `station`: this station's system id; `ask`: False refuses every address; `local`: this computer's may be sent;
+    `keyed`: the vehicle's frames are proven by a key; `file`: where a confirmed one is kept.
+    """
+
+    def __init__(
+        self,
+        door: Door,
+        station: int,
+        file: Path,
+        *,
+        ask: bool,
+        local: bool,
+        keyed: bool,
+        utc: Callable[[], float] = time.time,
+        try_first: Callable[[VehicleAddress], str] = lambda _address: "",
+    ) -> None:
+        self._door = door
+        self._station = station
+        self._file = file
+        self._ask = ask
+        self._local = local
+        self._keyed = keyed
+        self._utc = utc
+        self._try_first = try_first
+        self._senders: dict[int, _Sender] = {}
+        self._number = 0
+        self._confirmed: ConfirmedAddress | None = None
+        #: for the file, and for tries of TCP addresses
+        self._keeper, self._trier = Worker(), Worker()
+        self._read = self._reading = self._unwritten = False
+        self._try_at = -inf
+        #: addresses whose failure was told
+        self._failed: set[VehicleAddress] = set()
+        self._lines: list[str] = []
+
+    # ---- in -------------------------------------------------------------------------------------------------------
+
+    def offered(self, sender: int, name: str, mission: str, raw: bytes) -> None:
+        """The addresses of a MISSION_PACKAGE. `sender` must be a station of the configuration, or the vehicle, whose
+        `name` is ""."""
+        known = self._senders.get(sender)
+        if known is None:
+            known = self._senders[sender] = _Sender(name)
+        known.raw, known.mission = raw, plain_text(mission)
+
+    def tick(self, now: float, armed: bool) -> list[str]:
+        """Time has passed; returns lines for the operator. `armed`: the vehicle is heard and not known to be disarmed.
+
+        To be called often.
+        """
+        self._keeper.tick(now)
+        self._trier.tick(now)
+        self._keep()
+        if self._read and not armed:
+            for sender in self._senders.values():
+                if sender.raw != sender.seen and now >= sender.due_at:
+                    self._look_at(sender, now)
+        if self._read:
+            self._open_next(now)
+        lines, self._lines = self._lines, []
+        return lines
+
+    def _look_at(self, sender: _Sender, now: float) -> None:
+        sender.seen = sender.raw
+        line = self._judged(sender)
+        if line:
+            self._lines.append(line)
+            sender.due_at = now + sender.quiet_s
+            sender.quiet_s = min(2 * sender.quiet_s, _QUIET_MOST_S)
+
+    def _judged(self, sender: _Sender) -> str:
+        """A line about a sender's addresses, "" if nothing is to be said; a question is noted."""
+        addresses = unpack_addresses(sender.raw).get(self._station, ())
+        own = self._door.own()
+        if not addresses:
+            return self._without(sender) if not own and self._confirmed is None else ""
+        shown = _shown(addresses)
+        from_sender = f"{sender.says} {shown}"
+        if own:
+            if all(_mavproxy_name(address) in own for address in addresses):
+                return ""
+            return f"{from_sender}. This station keeps its own link: {', '.join(own)}."
+        wrong = self._wrong(addresses)
+        if wrong:
+            return f"{from_sender}. Refused: {wrong}. Ask {sender.operator} for another one."
+        if not self._ask:
+            return f'{from_sender}. Refused: this station\'s configuration has {OFFER_KEY} = "refuse".'
+        if self._confirmed is not None and self._confirmed.addresses == addresses:
+            return ""
+        before = sender.question
+        if before is not None and before.addresses == addresses:
+            return ""
+        self._number += 1
+        sender.question = _Question(self._number, addresses, sender.mission)
+        now_used = (
+            "This station has no link to the vehicle."
+            if self._confirmed is None
+            else f"This station uses {self._confirmed.text}, from {self._confirmed.sender}."
+        )
+        open_way = "" if self._keyed else " Without a key any program there can pose as the vehicle."
+        replaces = "" if before is None or before.refused else f" Question {before.number} does not count any more."
+        return (
+            f"{from_sender}. {now_used}{open_way}{replaces} Check the address with {sender.operator}. "
+            f"Then type 'handover connect {self._number}', or 'handover connect no'."
+        )
+
+    @staticmethod
+    def _without(sender: _Sender) -> str:
+        return (
+            f"{sender.called} sends mission {sender.mission!r} without the vehicle's address for this station. This "
+            f"station has no link to the vehicle: restart it with --master, or ask for addresses.toml in the mission."
+        )
+
+    def _wrong(self, addresses: Listed) -> str:
+        """Why these addresses are not taken, "" if they are."""
+        if len(addresses) > MAX_OF_STATION:
+            return f"{len(addresses)} addresses, allowed are {MAX_OF_STATION}"
+        for address in addresses:
+            why = why_unusable(address)
+            if not why and (on_this_computer(address) or self._door.leads_back(address)):
+                if not self._local:
+                    why = f"{address.host} is this computer itself ({LOCAL_KEY} = true allows it)"
+                elif self._door.is_ours(address):
+                    why = f"this station itself listens at port {address.port}"
+            if why:
+                return why
+        return ""
+
+    # ---- the operator ---------------------------------------------------------------------------------------------
+
+    def connect(self, word: str, armed: bool) -> str:
+        """The operator's `handover connect WORD`: a number opens, "no" refuses. Returns a line."""
+        if word == "no":
+            return self._refuse_all()
+        found = [
+            (sender, sender.question)
+            for sender in self._senders.values()
+            if sender.question is not None and str(sender.question.number) == word
+        ]
+        if not found:
+            number = int(word) if word.isascii() and word.isdecimal() and len(word) < 9 else 0
+            problem = (
+                f"Question {word} does not count any more" if 0 < number <= self._number else f"No question {word}"
+            )
+            return f"{problem}. 'handover connect' lists the addresses that other stations sent."
+        ((sender, question),) = found
+        if armed:
+            return f"Not while the vehicle is armed. Type 'handover connect {word}' after it has disarmed."
+        own = self._door.own()
+        if own:
+            return f"This station keeps its own link: {', '.join(own)}."
+        wrong = self._wrong(question.addresses)
+        if wrong:
+            return f"Refused: {wrong}."
+        sender.question = None
+        sender.answered()
+        self._door.close()
+        at = time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime(self._utc()))
+        self._confirmed = ConfirmedAddress(question.addresses, sender.called, question.mission, at)
+        self._unwritten, self._try_at = True, -inf
+        self._failed.clear()
+        self._keep()
+        return f"Connecting to the vehicle at {_shown(question.addresses)}, the address from {sender.called}."
+
+    def _refuse_all(self) -> str:
+        refused = []
+        for sender in self._senders.values():
+            question = sender.question
+            if question is not None and not question.refused:
+                sender.question = _Question(question.number, question.addresses, question.mission, refused=True)
+                sender.answered()
+                refused.append(f"{_shown(question.addresses)} from {sender.called}")
+        return f"Refused: {'; '.join(refused)}." if refused else "No address waits for an answer."
+
+    def disconnect(self, armed: bool) -> str:
+        """The operator's `handover disconnect`: withdraw the address that was confirmed. Returns a line."""
+        confirmed = self._confirmed
+        if confirmed is None:
+            return "This station uses no address of the vehicle that another station sent."
+        if armed:
+            return "Not while the vehicle is armed. Type 'handover disconnect' after it has disarmed."
+        self._door.close()
+        self._confirmed, self._unwritten = None, True
+        self._keep()  # at once: the operator may end the program next
+        for sender in self._senders.values():  # so that it can be chosen again by its number
+            if sender.called == confirmed.sender and sender.question is None:
+                self._number += 1
+                sender.question = _Question(self._number, confirmed.addresses, confirmed.mission, refused=True)
+        return f"The link to the vehicle at {confirmed.text} is closed, and its address is forgotten."
+
+    def status(self) -> Iterator[str]:
+        """What is to be said of addresses in the station's status."""
+        confirmed = self._confirmed
+        if confirmed is not None:
+            origin = f"from {confirmed.sender} with mission {confirmed.mission!r}, confirmed {confirmed.at}"
+            open_now = [self._door.is_open(address) for address in confirmed.addresses]
+            if self._door.own():
+                state = "not used: this station has its own link"
+            else:
+                state = "in use" if all(open_now) else "in use in part" if any(open_now) else "no connection yet"
+            yield f"{confirmed.text} {origin}; {state} ('handover disconnect' withdraws it)"
+        for sender in self._senders.values():
+            question = sender.question
+            if question is not None:
+                said = "refused; " if question.refused else ""
+                yield (
+                    f"{_shown(question.addresses)} from {sender.called} with mission {question.mission!r}: {said}"
+                    f"'handover connect {question.number}' opens it"
+                )
+            elif sender.raw != sender.seen and any(sender.raw):
+                yield f"{sender.called} sends addresses: shown when the vehicle is disarmed, and not too often"
+
+    # ---- what was confirmed ---------------------------------------------------------------------------------------
+
+    def release(self) -> None:
+        """Close the links that were opened; what was confirmed stays in its file."""
+        self._door.close()
+
+    def _open_next(self, now: float) -> None:
+        """Open what was confirmed and is not open yet."""
+        confirmed = self._confirmed
+        if confirmed is None or self._trier.busy or now < self._try_at or self._door.own():
+            return
+        waiting = [address for address in confirmed.addresses if not self._door.is_open(address)]
+        if not waiting:
+            return
+        self._try_at = now + _AGAIN_S
+
+        def tried(result: Any, _now: float) -> None:
+            if self._confirmed is not confirmed or self._door.own():
+                return
+            for address in waiting:
+                why = result.get(address, "no answer") if isinstance(result, dict) else str(result)
+                self._tell_opened(address, why or self._door.open(address))
+
+        self._trier.submit(lambda: {address: self._try_first(address) for address in waiting}, tried)
+
+    def _tell_opened(self, address: VehicleAddress, why: str) -> None:
+        if not why:
+            self._failed.discard(address)
+            self._lines.append(f"Link to the vehicle opened: {address.text}.")
+        elif address not in self._failed:
+            self._failed.add(address)
+            self._lines.append(f"No connection to the vehicle at {address.text}: {why}. It is tried again.")
+
+    def _keep(self) -> None:
+        """Read what the run before has kept, then write what changes."""
+        if self._keeper.busy:
+            return
+        if not self._read and not self._reading:
+            self._reading = self._keeper.submit(lambda: kept_address(self._file), self._was_read)
+        elif self._read and self._unwritten:
+            confirmed = self._confirmed
+            if self._keeper.submit(lambda: keep_address(self._file, confirmed), self._was_written):
+                self._unwritten = False
+
+    def _was_read(self, result: ConfirmedAddress | Exception | None, _now: float) -> None:
+        self._read = True
+        if isinstance(result, Exception):
+            text = f"The vehicle's address that was confirmed cannot be read: {self._file}: {result}"
+            self._lines.append(f"{text}. Ask for the mission again.")
+            return
+        if result is None:
+            if not self._door.own() and not self._senders:
+                self._lines.append(
+                    "This station has no link to the vehicle. It waits until another station shares a mission with the "
+                    "vehicle's address."
+                )
+            return
+        wrong = self._wrong(result.addresses)
+        origin = f"{result.text}, the vehicle's address from {result.sender}, confirmed {result.at}"
+        if wrong:
+            self._lines.append(f"{self._file}: {origin}, is not used: {wrong}.")
+            return
+        self._confirmed = result
+        own = self._door.own()
+        if own:
+            self._lines.append(f"{origin}, is not used. This station keeps its own link: {', '.join(own)}.")
+
+    def _was_written(self, result: object, _now: float) -> None:
+        if isinstance(result, Exception):
+            after = "is not kept for" if self._confirmed is not None else "will come back after"
+            self._lines.append(f"The vehicle's address {after} a restart: {self._file}: {result}.")
+
+
+def _shown(addresses: Listed) -> str:
+    return ", ".join(address.text for address in addresses)
+
+
+def _mavproxy_name(address: VehicleAddress) -> str:
+    """The address of a link as MAVProxy names it."""
+    host = f"{address.host}:{address.port}"
+    return f"tcp:{host}" if address.kind == "tcp" else host

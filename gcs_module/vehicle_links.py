@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""MAVProxy's links of one vehicle: those of the station's own configuration, and those to an address that came with
+a mission. `vehicle_addresses.py` says which address is opened and when.
+
+`handover station` starts MAVProxy with the waiting link where the configuration has no link to the vehicle. The first
+real link takes its place: MAVProxy cannot be without any link.
+"""
+
+from __future__ import annotations
+
+import json
+import socket
+from collections.abc import Callable, Iterable
+from contextlib import closing
+from typing import Any, Final
+
+from gcs_module.links import Links
+from mavproxy_handover.vehicle_address import WAITING_LABEL, WAITING_LINK, VehicleAddress
+
+__all__ = ["VehicleLinks", "answers"]
+
+#: how long a TCP address has to answer
+_ANSWER_S: Final = 3.0
+
+
+class VehicleLinks:
+    """Links of the vehicle `sysid`. `label`: what MAVProxy calls a new one; "" where the station has one vehicle.
+
+    `listening`: the station's ground link, to which no link of its own may lead.
+    """
+
+    def __init__(
+        self, mpstate: Any, links: Links, sysid: int, label: str, listening: Callable[[], Iterable[int]]
+    ) -> None:
+        self._mpstate = mpstate
+        self._links = links
+        self._sysid = sysid
+        self._label = label
+        self._listening = listening
+        #: those that were opened here
+        self._opened: dict[VehicleAddress, Any] = {}
+
+    def own(self) -> tuple[str, ...]:
+        """The links that the station has by its own configuration, as MAVProxy names them."""
+        return tuple(
+            str(master.address)
+            for master in self._links.of(self._sysid)
+            if not _waits(master) and not any(master is opened for opened in self._opened.values())
+        )
+
+    def is_open(self, address: VehicleAddress) -> bool:
+        """Whether a link to this address was opened here, also if the operator has removed it since."""
+        return address in self._opened
+
+    def leads_back(self, address: VehicleAddress) -> bool:
+        """Whether the address is this computer's, by any of its interfaces. Nothing is sent."""
+        with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as probe:
+            try:
+                probe.bind((address.host, 0))
+            except OSError:
+                return False
+        return True
+
+    def is_ours(self, address: VehicleAddress) -> bool:
+        """Whether a link of this very program listens at the address, on whatever interface."""
+        ports = set(self._listening())
+        for link in (*self._mpstate.mav_master, *self._mpstate.mav_outputs):
+            ports |= _bound(getattr(link, "port", None))
+        return address.port in ports
+
+    def open(self, address: VehicleAddress) -> str:
+        """Have MAVProxy open a link to the address; returns why it could not, "" if it did."""
+        link = self._mpstate.module("link")
+        if link is None:
+            return "MAVProxy's module 'link' is not loaded"
+        label = f":{json.dumps({'label': self._label}, separators=(',', ':'))}" if self._label else ""
+        if not link.link_add(f"{address.text}{label}"):
+            return "MAVProxy cannot open it"
+        self._opened[address] = self._mpstate.mav_master[-1]
+        for master in list(self._mpstate.mav_master):
+            if _waits(master):
+                self._remove(link, master)
+        return ""
+
+    def close(self) -> None:
+        """Close the links that were opened here."""
+        link = self._mpstate.module("link")
+        if link is None or not self._opened:
+            return
+        opened = list(self._opened.values())
+        self._opened.clear()
+        others = [master for master in self._mpstate.mav_master if not any(master is each for each in opened)]
+        if not others:
+            link.link_add(WAITING_LINK)
+        for master in opened:
+            self._remove(link, master)
+
+    def _remove(self, link: Any, master: Any) -> None:
+        number = next((at for at, each in enumerate(self._mpstate.mav_master) if each is master), None)
+        if number is not None:
+            link.cmd_link_remove([str(number)])
+
+
+def answers(address: VehicleAddress) -> str:
+    """Why nothing can be reached at this address, "" if something can. Takes seconds: not for the main loop.
+
+    MAVProxy waits for a TCP connection in its main loop, so one is tried before. UDP needs no connection.
+    """
+    if address.kind != "tcp":
+        return ""
+    try:
+        with closing(socket.create_connection((address.host, address.port), timeout=_ANSWER_S)):
+            return ""
+    except OSError as error:
+        return error.strerror or "no answer"
+
+
+def _waits(master: Any) -> bool:
+    return getattr(master, "label", None) == WAITING_LABEL
+
+
+def _bound(port: Any) -> set[int]:
+    """The port that a link's socket is bound to."""
+    if not isinstance(port, socket.socket):
+        return set()
+    try:
+        return {port.getsockname()[1]}
+    except OSError:
+        return set()

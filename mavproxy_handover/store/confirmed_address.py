@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The file of a vehicle's address that a station's operator confirmed. It lies beside the station's configuration.
+
+What is read is as strict as what comes over a link: a damaged or foreign file is no address.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from mavproxy_handover.store.durable import replace_whole
+from mavproxy_handover.vehicle_address import MAX_OF_STATION, VehicleAddress, parse_address, plain_text
+
+__all__ = ["ConfirmedAddress", "address_file", "keep_address", "kept_address"]
+
+_FILE_BYTES: Final = 4096
+
+
+@dataclass(frozen=True, slots=True)
+class ConfirmedAddress:
+    """Paths to the vehicle. `sender`: name of the station that sent them; `at`: UTC, for people."""
+
+    addresses: tuple[VehicleAddress, ...]
+    sender: str
+    mission: str
+    at: str
+
+    @property
+    def text(self) -> str:
+        """The addresses in pymavlink's form."""
+        return ", ".join(address.text for address in self.addresses)
+
+
+def address_file(configuration: Path, station: str, vehicle: int) -> Path:
+    """Where a station keeps the address of the vehicle with this system id."""
+    return configuration.with_name(f"{station}-vehicle-{vehicle}.address")
+
+
+def kept_address(file: Path) -> ConfirmedAddress | None:
+    """What the operator confirmed, None if there is nothing. Raises ValueError, OSError."""
+    try:
+        with file.open("rb") as stream:
+            data = stream.read(_FILE_BYTES + 1)
+    except FileNotFoundError:
+        return None
+    if len(data) > _FILE_BYTES:
+        raise ValueError(f"larger than {_FILE_BYTES} bytes")
+    try:
+        kept = json.loads(data)
+        listed = tuple(parse_address(text) for text in kept["addresses"][: MAX_OF_STATION + 1])
+        sender, mission, at = (plain_text(kept[key]) for key in ("from", "mission", "confirmed"))
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
+        raise ValueError(f"not what this program wrote ({type(error).__name__})") from None
+    if not listed:
+        raise ValueError("no address in it")
+    return ConfirmedAddress(listed, sender, mission, at)
+
+
+def keep_address(file: Path, confirmed: ConfirmedAddress | None) -> None:
+    """Replace the file by this, or remove it. Raises OSError."""
+    if confirmed is None:
+        file.unlink(missing_ok=True)
+        return
+    kept = {
+        "addresses": [address.text for address in confirmed.addresses],
+        "from": confirmed.sender,
+        "mission": confirmed.mission,
+        "confirmed": confirmed.at,
+    }
+    replace_whole(file, (json.dumps(kept, indent=1) + "\n").encode())
