@@ -10,6 +10,9 @@ Stations may be on computers of their own (`sites.py`): addresses and command li
 Where the scenario asks for it a position box stands beside the vehicle: it has a port of the vehicle's own, and the
 companion connects to it.
 
+Where the scenario asks for it a station has no link to the vehicle: the companion listens for it, and its address is in
+`addresses.toml` of the mission that the parent shares.
+
 Where the scenario asks for it a serial line stands in the place of the vehicle's or a station's link, with noise on it.
 Where the scenario asks for it the proxy stands in these links, or the rogue in the vehicle's: both listen where the one
 end sends and pass on to where the other one listens. The files are the ones a real vehicle and a real station have, and
@@ -20,6 +23,7 @@ from __future__ import annotations
 
 import json
 import secrets
+import shutil
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -29,6 +33,7 @@ from typing import Any
 from mavproxy_handover.cli.keys import GROUND
 from mavproxy_handover.cli.launch import station_argv, supervised_argv
 from mavproxy_handover.mission import package as packages
+from mavproxy_handover.mission.addresses import ADDRESSES_FILE
 from mavproxy_handover.mission.package import MissionPackage, StationEntry
 from mavproxy_handover.store.keys import key_path, write_key
 from sitl.run.fleet import FIRST, Craft, first_of
@@ -82,7 +87,8 @@ class Program:
 @dataclass(frozen=True, slots=True)
 class StationWires:
     """A station's files and addresses. `masters` is where it listens for the vehicle, one for each link; one that has a
-    serial line, `line` as MAVProxy names it, has no other."""
+    serial line, `line` as MAVProxy names it, has no other. Without both it gets the vehicle's address with a mission.
+    """
 
     name: str
     sysid: int
@@ -117,8 +123,9 @@ class StationWires:
             argv = station_argv(self.config, None, self.folder / f"{self.name}.tlog")
         else:
             addresses = self.addresses or (LOOPBACK,) * len(self.masters)
-            links = [f"udpin:{address}:{port}" for address, port in zip(addresses, self.masters, strict=True)]
-            first, *others = [self.line] if self.line else links
+            listens = [f"udpin:{address}:{port}" for address, port in zip(addresses, self.masters, strict=True)]
+            links = [self.line] if self.line else listens
+            first, others = next(iter(links), None), links[1:]
             argv = station_argv(self.config, first, self.folder / f"{self.name}.tlog")
             argv += [f"--master={other}" for other in others]
         return Program(self.name, (*self.under, *argv), self.folder, self.journal)
@@ -259,10 +266,14 @@ def lay_out(
     guard_key, card = _guard_keys(folder, scenario)
     box = f"{LOOPBACK}:{ports.tcp()}" if scenario.box else ""
     entries, stations = [], []
+    called = {name: ports.udp() for name in scenario.address}
+    if called:
+        mission = _with_addresses(folder, mission, called)
     beside = [_Beside.laid(craft, folder, ports, signed=scenario.signed) for craft in others]
     for station in package.stations:
         line = between.line(station.name)
-        labels = () if line else scenario.links.get(station.name, ("",))
+        waits = station.name in called
+        labels = () if line or waits else scenario.links.get(station.name, ("",))
         site = at[station.name]
         masters = tuple(site.port or ports.udp() for _ in labels)
         sends = [
@@ -273,7 +284,11 @@ def lay_out(
         entry: dict[str, Any] = {
             "name": station.name,
             "sysid": station.sysid,
-            "links": [f"serial:{line[0]}:{line[2]}"] if line else list(map(_link, reaches, sends)),
+            "links": [f"serial:{line[0]}:{line[2]}"]
+            if line
+            else [f"udpin:{LOOPBACK}:{called[station.name]}"]
+            if waits
+            else list(map(_link, reaches, sends)),
         }
         standard = station.name in scenario.standard
         if standard:
@@ -430,6 +445,8 @@ def _station(
         own["mission"] = str(mission)
     if station.name in keys:
         own["key"] = str(keys[station.name])
+    if station.name in scenario.address:
+        own["offered_addresses_local"] = True
     peers = []
     for other in package.stations:
         if other == station or other.name in scenario.standard:
@@ -439,6 +456,13 @@ def _station(
     listen: dict[str, Any] = {"listen": f"udpin:{at[station.name].ground}:{ground[station.name]}"}
     listen |= {"key": str(keys[GROUND])} if GROUND in keys else {"allow_unsigned": True}
     return {"station": own, "ground": listen, "peer": peers}
+
+
+def _with_addresses(folder: Path, mission: Path, called: Mapping[str, int]) -> Path:
+    """A copy of the mission that has the vehicle's address for these stations, by port. Raises OSError."""
+    copy = Path(shutil.copytree(mission, folder / "shared-mission"))
+    _write(copy / ADDRESSES_FILE, {"vehicle": {name: [f"udpout:{LOOPBACK}:{port}"] for name, port in called.items()}})
+    return copy
 
 
 def _make_keys(folder: Path, package: MissionPackage) -> dict[str, Path]:

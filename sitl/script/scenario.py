@@ -20,6 +20,7 @@ Before the steps stands what the flight is made of, where that differs from the 
     signed = true                  a key for each station
     guard_key = "same"             the guard's card has a key, and the companion the same one, or "other"
     links = {GCSA = ["wifi", "lte"]}   several links to the vehicle
+    address = ["GCSB"]             no link of its own: the vehicle's address comes with the mission, and is confirmed
     impair = {links = ["air", "ground"], seed = 7, loss = 0.2}   through the proxy; any value of Weather
     serial = [{lines = ["GCSA", "autopilot"], baud = 57600, damage = 0.0005, bursts_per_s = 2}]   lines with noise
     rogue = ["GCSB"]               somebody sits in this station's link to the vehicle
@@ -39,7 +40,7 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -102,6 +103,7 @@ _KEYS = (
     "signed",
     "guard_key",
     "links",
+    "address",
     "impair",
     "serial",
     "rogue",
@@ -121,6 +123,7 @@ _NOT_OF_A_FLEET = (
     "standard",
     "not_in_control",
     "links",
+    "address",
     "serial",
     "rogue",
     "impair",
@@ -226,6 +229,8 @@ class Scenario:
     guard_key: str = ""
     #: station -> names of its links to the vehicle; those not named have one
     links: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    #: stations whose configuration has no link to the vehicle
+    address: tuple[str, ...] = ()
     impair: Impairments | None = None
     serial: tuple[SerialLines, ...] = ()
     #: stations in whose links to the vehicle the rogue sits
@@ -304,6 +309,7 @@ def parse_scenario(text: str, file: str) -> Scenario:
         signed=reader.value(data, "signed", bool, False),
         guard_key=_word(reader, data, "guard_key", GUARD_KEYS),
         links=reader.at("links").lists(reader.table(data, "links", {})),
+        address=reader.value(data, "address", tuple[str, ...], ()),
         impair=reader.at("impair").build(Impairments, data["impair"]) if "impair" in data else None,
         serial=tuple(
             reader.at(f"serial {number}").build(SerialLines, table)
@@ -317,6 +323,7 @@ def parse_scenario(text: str, file: str) -> Scenario:
     if not scenario.box and any(isinstance(step.deed, Box) for step in steps):
         raise reader.error("box", "a step gives the position box an order, and there is none")
     _check_lines(reader, scenario)
+    _check_address(reader, scenario)
     _check_fleet(reader, scenario)
     return scenario
 
@@ -331,6 +338,20 @@ def _check_lines(reader: Reader, scenario: Scenario) -> None:
                 raise reader.error("serial", f"{name!r} has a serial line, and cannot be in {key}")
         if names.count(name) > 1:
             raise reader.error("serial", f"{name!r} has two lines")
+
+
+def _check_address(reader: Reader, scenario: Scenario) -> None:
+    """The vehicle listens for a station that gets its address, and nothing stands in that link."""
+    others: Mapping[str, Collection[str]] = {
+        "links": scenario.links,
+        "standard": scenario.standard,
+        "rogue": scenario.rogue,
+        "serial": [name for lines in scenario.serial for name in lines.lines],
+    }
+    for name in scenario.address:
+        for key, taken in others.items():
+            if name in taken:
+                raise reader.error("address", f"{name!r} gets the vehicle's address, and cannot be in {key}")
 
 
 def _check_fleet(reader: Reader, scenario: Scenario) -> None:
