@@ -18,7 +18,7 @@ from mavproxy_handover.cli.launch import companion_argv, station_argv
 from mavproxy_handover.store.keys import write_key
 from sitl.vehicles.ports import PortPicker
 from tests.loopback.conftest import Autopilot, MavProxy, wait_for
-from tests.module.conftest import MISSIONS
+from tests.packages import ROUND
 
 
 class Site:
@@ -30,7 +30,7 @@ class Site:
         ports = PortPicker()
         self.to_a, self.to_b, self.ground_a, self.ground_b = (ports.udp() for _ in range(4))
         self.running: list[MavProxy] = []
-        mission = shutil.copytree(MISSIONS / "delivery", folder / "delivery")
+        mission = shutil.copytree(ROUND, folder / "delivery")
         (mission / "addresses.toml").write_text(f'[vehicle]\nGCSB = ["udpout:127.0.0.1:{self.to_b}"]\n')
         for name, key in (("GCSA", b"\1" * 32), ("GCSB", b"\2" * 32), ("ground", b"\3" * 32)):
             write_key(folder / f"{name}.key", key)

@@ -12,7 +12,7 @@ import pytest
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.package import from_bytes, load
 from mavproxy_handover.vehicle_address import VehicleAddress
-from tests.module.conftest import MISSIONS
+from tests.packages import ROUND
 
 GOOD = """
 [vehicle]
@@ -22,7 +22,7 @@ GCSB = ["udpout:10.0.0.2:14552", "tcp:100.64.3.7:5762"]
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    return Path(shutil.copytree(MISSIONS / "delivery", tmp_path / "delivery"))
+    return Path(shutil.copytree(ROUND, tmp_path / "delivery"))
 
 
 def written(folder: Path, text: str) -> Path:

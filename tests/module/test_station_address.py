@@ -17,9 +17,10 @@ from pymavlink.dialects.v20 import handover as mavlink
 from gcs_module import commands as station_commands
 from gcs_module import module as gcs_module
 from mavproxy_handover.vehicle_address import WAITING_LABEL, WAITING_LINK, pack_addresses, parse_address
-from tests.module.conftest import MISSIONS, Clock
+from tests.module.conftest import Clock
 from tests.module.proxy import LinkModule, Master
 from tests.module.test_station_module import StationBench, heartbeat
+from tests.packages import ROUND
 
 WIFI = "udpout:10.0.0.2:14551"
 ASKED = "GCSB sends the vehicle's address udpout:10.0.0.2:14551. This station has no link to the vehicle."
@@ -153,7 +154,7 @@ def test_a_station_with_a_mission_and_a_link_of_its_own_keeps_both(bench: Bench)
     """The refusal of the mission keeps nothing from being told."""
     bench.mpstate.unload("handover_gcs")
     bench.mpstate.mav_master[:] = [Master(None, "0.0.0.0:14550")]
-    bench.configure(mission=MISSIONS / "delivery")
+    bench.configure(mission=ROUND)
     bench.load()
     bench.offer(WIFI)
     bench.run(2.0)
