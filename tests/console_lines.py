@@ -44,15 +44,16 @@ class Line:
 
 @cache
 def rows() -> tuple[Line, ...]:
-    """The table of the page."""
+    """The tables of the page; one without a column of stations is the companion's."""
     text = PAGE.read_text(encoding="utf-8").partition(_BEGIN)[2].partition(_END)[0]
-    cells = [
-        [cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines() if line.startswith("|")
-    ]
-    return tuple(
-        Line(figures, thesis, _one(today), _one(who), _named(scenarios))
-        for figures, thesis, today, who, scenarios in cells[2:]
-    )
+    found = []
+    for line in text.splitlines():
+        cells = [cell.strip() for cell in line.strip("|").split("|")]
+        if not line.startswith("|") or cells[0] in ("figure", "---"):
+            continue
+        figures, thesis, today, *who, scenarios = cells
+        found.append(Line(figures, thesis, _one(today), who[0] if who else "companion", _named(scenarios)))
+    return tuple(found)
 
 
 def _named(cell: str) -> tuple[str, ...]:
