@@ -49,7 +49,7 @@ from gcs_module.route_watch import StationRouteWatch
 from gcs_module.texts import SEVERITIES, Texts
 from gcs_module.uplink import UplinkChoice
 from gcs_module.vehicle_addresses import VehicleAddresses
-from gcs_module.vehicle_links import VehicleLinks, answers
+from gcs_module.vehicle_links import VehicleLinks
 from gcs_module.view import View, telemetry_line
 from mavproxy_handover.config.files import FleetVehicle, StationConfig
 from mavproxy_handover.core.messages import Message
@@ -140,7 +140,6 @@ class Aircraft:
             ask=config.offered_addresses,
             local=config.offered_addresses_local,
             keyed=means.signing is not None,
-            try_first=answers,
         )
         #: the aircraft against its route
         self.route = StationRouteWatch(config.route)

@@ -15,7 +15,6 @@ here:
    each time. Taking addresses in costs nothing else: they are looked at when a line is due.
 6. What the operator confirmed is kept in a file of the station and opened again after a restart, until it is withdrawn.
    The file is written and read beside the main loop, and read as strictly as a message.
-7. A TCP address is tried beside the main loop before MAVProxy connects to it.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from math import inf
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Final, Protocol
 
 from mavproxy_handover.store.confirmed_address import ConfirmedAddress, keep_address, kept_address
 from mavproxy_handover.vehicle_address import (
@@ -46,7 +45,7 @@ LOCAL_KEY: Final = "offered_addresses_local"
 #: between two lines about the addresses of one sender, first and longest
 QUIET_S: Final = 30.0
 _QUIET_MOST_S: Final = 600.0
-#: between two tries of a TCP address
+#: between two tries to open a link
 _AGAIN_S: Final = 10.0
 
 Listed = tuple[VehicleAddress, ...]
@@ -133,7 +132,6 @@ class VehicleAddresses:
         local: bool,
         keyed: bool,
         utc: Callable[[], float] = time.time,
-        try_first: Callable[[VehicleAddress], str] = lambda _address: "",
     ) -> None:
         self._door = door
         self._station = station
@@ -142,12 +140,11 @@ class VehicleAddresses:
         self._local = local
         self._keyed = keyed
         self._utc = utc
-        self._try_first = try_first
         self._senders: dict[int, _Sender] = {}
         self._number = 0
         self._confirmed: ConfirmedAddress | None = None
-        #: for the file, and for tries of TCP addresses
-        self._keeper, self._trier = Worker(), Worker()
+        #: for the file
+        self._keeper = Worker()
         self._read = self._reading = self._unwritten = False
         self._try_at = -inf
         #: addresses whose failure was told
@@ -170,7 +167,6 @@ class VehicleAddresses:
         To be called often.
         """
         self._keeper.tick(now)
-        self._trier.tick(now)
         self._keep()
         if self._read and not armed:
             for sender in self._senders.values():
@@ -195,8 +191,9 @@ class VehicleAddresses:
         own = self._door.own()
         if not addresses:
             return self._without(sender) if not own and self._confirmed is None else ""
-        shown = _shown(addresses)
-        from_sender = f"{sender.says} {shown}"
+        if self._confirmed is not None and self._confirmed.addresses == addresses:
+            return ""
+        from_sender = f"{sender.says} {_shown(addresses)}"
         if own:
             if all(_mavproxy_name(address) in own for address in addresses):
                 return ""
@@ -206,8 +203,6 @@ class VehicleAddresses:
             return f"{from_sender}. Refused: {wrong}. Ask {sender.operator} for another one."
         if not self._ask:
             return f'{from_sender}. Refused: this station\'s configuration has {OFFER_KEY} = "refuse".'
-        if self._confirmed is not None and self._confirmed.addresses == addresses:
-            return ""
         before = sender.question
         if before is not None and before.addresses == addresses:
             return ""
@@ -315,10 +310,10 @@ class VehicleAddresses:
         if confirmed is not None:
             origin = f"from {confirmed.sender} with mission {confirmed.mission!r}, confirmed {confirmed.at}"
             open_now = [self._door.is_open(address) for address in confirmed.addresses]
-            if self._door.own():
-                state = "not used: this station has its own link"
+            if any(open_now):
+                state = "in use" if all(open_now) else "in use in part"
             else:
-                state = "in use" if all(open_now) else "in use in part" if any(open_now) else "no connection yet"
+                state = "not used: this station has its own link" if self._door.own() else "not open yet"
             yield f"{confirmed.text} {origin}; {state} ('handover disconnect' withdraws it)"
         for sender in self._senders.values():
             question = sender.question
@@ -340,21 +335,12 @@ class VehicleAddresses:
     def _open_next(self, now: float) -> None:
         """Open what was confirmed and is not open yet."""
         confirmed = self._confirmed
-        if confirmed is None or self._trier.busy or now < self._try_at or self._door.own():
-            return
-        waiting = [address for address in confirmed.addresses if not self._door.is_open(address)]
-        if not waiting:
+        if confirmed is None or now < self._try_at or self._door.own():
             return
         self._try_at = now + _AGAIN_S
-
-        def tried(result: Any, _now: float) -> None:
-            if self._confirmed is not confirmed or self._door.own():
-                return
-            for address in waiting:
-                why = result.get(address, "no answer") if isinstance(result, dict) else str(result)
-                self._tell_opened(address, why or self._door.open(address))
-
-        self._trier.submit(lambda: {address: self._try_first(address) for address in waiting}, tried)
+        for address in confirmed.addresses:
+            if not self._door.is_open(address):
+                self._tell_opened(address, self._door.open(address))
 
     def _tell_opened(self, address: VehicleAddress, why: str) -> None:
         if not why:
@@ -362,7 +348,7 @@ class VehicleAddresses:
             self._lines.append(f"Link to the vehicle opened: {address.text}.")
         elif address not in self._failed:
             self._failed.add(address)
-            self._lines.append(f"No connection to the vehicle at {address.text}: {why}. It is tried again.")
+            self._lines.append(f"No link to the vehicle at {address.text}: {why}. It is tried again.")
 
     def _keep(self) -> None:
         """Read what the run before has kept, then write what changes."""
@@ -410,5 +396,4 @@ def _shown(addresses: Listed) -> str:
 
 def _mavproxy_name(address: VehicleAddress) -> str:
     """The address of a link as MAVProxy names it."""
-    host = f"{address.host}:{address.port}"
-    return f"tcp:{host}" if address.kind == "tcp" else host
+    return f"{address.host}:{address.port}"

@@ -13,15 +13,12 @@ import json
 import socket
 from collections.abc import Callable, Iterable
 from contextlib import closing
-from typing import Any, Final
+from typing import Any
 
 from gcs_module.links import Links
 from mavproxy_handover.vehicle_address import WAITING_LABEL, WAITING_LINK, VehicleAddress
 
-__all__ = ["VehicleLinks", "answers"]
-
-#: how long a TCP address has to answer
-_ANSWER_S: Final = 3.0
+__all__ = ["VehicleLinks"]
 
 
 class VehicleLinks:
@@ -100,20 +97,6 @@ class VehicleLinks:
         number = next((at for at, each in enumerate(self._mpstate.mav_master) if each is master), None)
         if number is not None:
             link.cmd_link_remove([str(number)])
-
-
-def answers(address: VehicleAddress) -> str:
-    """Why nothing can be reached at this address, "" if something can. Takes seconds: not for the main loop.
-
-    MAVProxy waits for a TCP connection in its main loop, so one is tried before. UDP needs no connection.
-    """
-    if address.kind != "tcp":
-        return ""
-    try:
-        with closing(socket.create_connection((address.host, address.port), timeout=_ANSWER_S)):
-            return ""
-    except OSError as error:
-        return error.strerror or "no answer"
 
 
 def _waits(master: Any) -> bool:

@@ -2,9 +2,9 @@
 
 """The vehicle's address for a station, as it travels with a shared mission. Pure: no socket, no name service.
 
-The address comes from another computer, so it is strict: a kind of link that a station opens towards the vehicle, an
-IPv4 address in digits, and a port. There is no room for a host name, a file, a device or a listening link. MAVProxy
-opens these links, and it knows no IPv6.
+The address comes from another computer, so it is strict: UDP to an IPv4 address in digits and a port. There is no room
+for a host name, a file, a device or a listening link. MAVProxy opens these links: it knows no IPv6, and while a TCP
+link cannot be connected, it waits for that link in its main loop and reads no other one. So there is no TCP here.
 
 On the wire each address is one entry of 8 bytes, in network byte order: station u8, kind u8, port u16, IPv4 address
 u32. An entry of zeros is no entry. A kind that this version does not know is skipped: a newer program sent it.
@@ -38,7 +38,7 @@ __all__ = [
 #: a station's addresses by its system id, in order of preference
 Addresses = Mapping[int, "tuple[VehicleAddress, ...]"]
 
-ALLOWED: Final = "udpout:ADDRESS:PORT or tcp:ADDRESS:PORT, ADDRESS an IPv4 address in digits"
+ALLOWED: Final = "udpout:ADDRESS:PORT, ADDRESS an IPv4 address in digits"
 #: room in MISSION_PACKAGE
 MAX_ADDRESSES: Final = 22
 #: paths to one station
@@ -48,8 +48,9 @@ MAX_OF_STATION: Final = 4
 WAITING_LABEL: Final = "no-vehicle-yet"
 WAITING_LINK: Final = f'udpin:127.0.0.1:0:{{"label":"{WAITING_LABEL}"}}'
 _TEXT: Final = 60
-_KINDS: Final = {"udpout": 1, "tcp": 2}
-_WORDS: Final = {number: word for word, number in _KINDS.items()}
+#: `kind` on the wire
+_UDP_OUT: Final = 1
+_WORD: Final = "udpout"
 _ENTRY: Final = struct.Struct("!BBHI")
 ENTRY_BYTES: Final = _ENTRY.size
 _THIS_NETWORK: Final = ipaddress.IPv4Network("0.0.0.0/8")
@@ -58,29 +59,28 @@ _RESERVED: Final = ipaddress.IPv4Network("240.0.0.0/4")
 
 @dataclass(frozen=True, slots=True)
 class VehicleAddress:
-    """Where a station reaches the vehicle. `kind`: "udpout" or "tcp"; `host`: an IPv4 address in digits."""
+    """Where a station reaches the vehicle by UDP. `host`: an IPv4 address in digits."""
 
-    kind: str
     host: str
     port: int
 
     @property
     def text(self) -> str:
         """The address in pymavlink's form."""
-        return f"{self.kind}:{self.host}:{self.port}"
+        return f"{_WORD}:{self.host}:{self.port}"
 
 
 def parse_address(text: object) -> VehicleAddress:
     """The address that `text` says in pymavlink's form. Raises ValueError: one line that says what is wrong."""
     kind, _, rest = text.partition(":") if isinstance(text, str) else ("", "", "")
     host, _, port = rest.partition(":")
-    if kind not in _KINDS or not _is_number(port) or not 1 <= int(port) <= 65535:
+    if kind != _WORD or not _is_number(port) or not 1 <= int(port) <= 65535:
         raise ValueError(f"not an address of a vehicle (allowed: {ALLOWED}, PORT 1 to 65535)")
     try:
         ipaddress.IPv4Address(host)
     except ValueError:
         raise ValueError(f"{host!r} is not an IPv4 address in digits (allowed: {ALLOWED})") from None
-    address = VehicleAddress(kind, host, int(port))
+    address = VehicleAddress(host, int(port))
     why = why_unusable(address)
     if why:
         raise ValueError(why)
@@ -108,7 +108,7 @@ def pack_addresses(addresses: Addresses, only: int | None = None) -> bytes:
     """The addresses as they travel, of all stations or of one; no more than MAX_ADDRESSES, the rest is left out."""
     entries = [(station, each) for station, listed in addresses.items() for each in listed if only in (None, station)]
     return b"".join(
-        _ENTRY.pack(station, _KINDS[address.kind], address.port, int(ipaddress.IPv4Address(address.host)))
+        _ENTRY.pack(station, _UDP_OUT, address.port, int(ipaddress.IPv4Address(address.host)))
         for station, address in entries[:MAX_ADDRESSES]
     )
 
@@ -119,9 +119,9 @@ def unpack_addresses(data: Sequence[int] | bytes) -> dict[int, tuple[VehicleAddr
     found: dict[int, tuple[VehicleAddress, ...]] = {}
     for start in range(0, min(len(raw), MAX_ADDRESSES * _ENTRY.size) - _ENTRY.size + 1, _ENTRY.size):
         station, kind, port, host = _ENTRY.unpack_from(raw, start)
-        if not station or kind not in _WORDS or not port:
+        if not station or kind != _UDP_OUT or not port:
             continue
-        address = VehicleAddress(_WORDS[kind], str(ipaddress.IPv4Address(host)), port)
+        address = VehicleAddress(str(ipaddress.IPv4Address(host)), port)
         if address not in found.get(station, ()):
             found[station] = (*found.get(station, ()), address)
     return found

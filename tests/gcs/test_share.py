@@ -241,11 +241,11 @@ def test_a_vehicle_that_is_started_later_is_offered_it(station: StationBench) ->
 def test_each_station_is_sent_its_own_addresses_of_the_vehicle_and_the_vehicle_those_of_all(
     delivery: MissionPackage,
 ) -> None:
-    addresses = {251: (parse_address("tcp:10.0.0.2:5760"),), PEER: (parse_address("udpout:10.0.0.2:14552"),)}
+    addresses = {251: (parse_address("udpout:10.0.0.2:5760"),), PEER: (parse_address("udpout:10.0.0.2:14552"),)}
     desk = PackageDesk(replace(delivery, addresses=addresses))
     desk.offer(PEER, 0, 100.0)
     desk.offer(VEHICLE, 191, 100.0, until_loaded=True)
     messages, _lines = desk.tick(100.0, lambda _receiver: True)
     sent = {receiver: bytes(message.addresses) for receiver, message in messages}
-    own, all_of_them = bytes.fromhex("fc0138d80a000002"), bytes.fromhex("fb0216800a000002fc0138d80a000002")
+    own, all_of_them = bytes.fromhex("fc0138d80a000002"), bytes.fromhex("fb0116800a000002fc0138d80a000002")
     assert sent == {PEER: own + bytes(168), VEHICLE: all_of_them + bytes(160)}

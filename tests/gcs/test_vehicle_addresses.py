@@ -19,10 +19,10 @@ from gcs_module.vehicle_addresses import VehicleAddresses
 from mavproxy_handover.vehicle_address import VehicleAddress, pack_addresses
 
 A, B, C, VEHICLE = 251, 252, 253, 1
-WIFI = VehicleAddress("udpout", "10.0.0.2", 14552)
-LTE = VehicleAddress("tcp", "100.64.3.7", 5762)
-OTHER = VehicleAddress("udpout", "10.0.0.9", 14552)
-LOOPBACK = VehicleAddress("udpout", "127.0.0.1", 14552)
+WIFI = VehicleAddress("10.0.0.2", 14552)
+LTE = VehicleAddress("100.64.3.7", 5762)
+OTHER = VehicleAddress("10.0.0.9", 14552)
+LOOPBACK = VehicleAddress("127.0.0.1", 14552)
 ASKED = (
     "GCSA sends the vehicle's address udpout:10.0.0.2:14552. This station has no link to the vehicle. Check the "
     "address with the operator of GCSA. Then type 'handover connect 1', or 'handover connect no'."
@@ -124,7 +124,9 @@ def test_nothing_is_opened_before_the_operator_confirms(desk: Desk) -> None:
 def test_several_paths_are_one_question_and_several_links(desk: Desk) -> None:
     desk.send(A, WIFI, LTE)
     (line,) = desk.run()
-    assert line.startswith("GCSA sends the vehicle's address udpout:10.0.0.2:14552, tcp:100.64.3.7:5762. This station")
+    assert line.startswith(
+        "GCSA sends the vehicle's address udpout:10.0.0.2:14552, udpout:100.64.3.7:5762. This station has no link"
+    )
     desk.connect("1")
     desk.run()
     assert desk.door.opened == [WIFI, LTE]
@@ -258,7 +260,7 @@ def test_the_stations_own_link_wins_and_the_conflict_is_told_once(file: Path) ->
 
 
 def test_an_own_link_to_the_same_address_is_no_conflict(file: Path) -> None:
-    desk = Desk(file, FakeDoor("10.0.0.2:14552", "tcp:100.64.3.7:5762"))
+    desk = Desk(file, FakeDoor("10.0.0.2:14552", "100.64.3.7:5762"))
     desk.send(A, WIFI, LTE)
     assert desk.run() == []
 
@@ -268,6 +270,18 @@ def test_an_own_link_that_comes_after_the_question_wins_too(desk: Desk) -> None:
     desk.run()
     desk.door.own_links = ("/dev/ttyUSB0",)
     assert desk.connect("1") == "This station keeps its own link: /dev/ttyUSB0."
+
+
+def test_an_own_link_that_is_added_later_leaves_the_confirmed_one_open(desk: Desk) -> None:
+    desk.send(A, WIFI)
+    desk.run()
+    desk.connect("1")
+    desk.run()
+    desk.door.own_links = ("/dev/ttyUSB0",)
+    desk.send(C, WIFI)
+    assert desk.run(60) == []
+    assert desk.door.opened == [WIFI]
+    assert "; in use (" in next(desk.made.status())
 
 
 def test_a_kept_address_is_not_used_by_a_station_that_has_its_own_link(desk: Desk, file: Path) -> None:
@@ -317,18 +331,18 @@ def test_while_the_vehicle_is_armed_nothing_is_opened_and_nothing_withdrawn(desk
     ("address", "why"),
     [
         (LOOPBACK, "127.0.0.1 is this computer itself (offered_addresses_local = true allows it)"),
-        (VehicleAddress("tcp", "127.7.7.7", 22), "127.7.7.7 is this computer itself (offered_addresses_local = true "),
-        (VehicleAddress("udpout", "0.0.0.0", 14552), "0.0.0.0 names no computer"),
+        (VehicleAddress("127.7.7.7", 22), "127.7.7.7 is this computer itself (offered_addresses_local = true "),
+        (VehicleAddress("0.0.0.0", 14552), "0.0.0.0 names no computer"),
         (
-            VehicleAddress("udpout", "239.255.145.50", 14550),
+            VehicleAddress("239.255.145.50", 14550),
             "239.255.145.50 is a multicast address, and not one vehicle",
         ),
         (
-            VehicleAddress("udpout", "255.255.255.255", 14550),
+            VehicleAddress("255.255.255.255", 14550),
             "255.255.255.255 is a broadcast or reserved address, and not one vehicle",
         ),
         (
-            VehicleAddress("udpout", "10.0.0.77", 14552),
+            VehicleAddress("10.0.0.77", 14552),
             "10.0.0.77 is this computer itself (offered_addresses_local = true allows it)",
         ),
     ],
@@ -356,7 +370,7 @@ def test_an_address_that_became_this_computers_since_the_question_is_refused(des
 def test_where_this_computer_is_allowed_the_stations_own_ports_are_not(file: Path) -> None:
     desk = Desk(file, local=True)
     desk.door.own_ports.add(15552)
-    desk.send(A, VehicleAddress("udpout", "127.0.0.1", 15552))
+    desk.send(A, VehicleAddress("127.0.0.1", 15552))
     assert desk.run()[-1].startswith(
         "GCSA sends the vehicle's address udpout:127.0.0.1:15552. Refused: this station itself listens at port 15552."
     )
@@ -373,7 +387,7 @@ def test_a_port_number_that_this_station_uses_is_free_on_another_computer(file: 
 
 
 def test_five_paths_are_too_many(desk: Desk) -> None:
-    desk.send(A, *(VehicleAddress("udpout", "10.0.0.2", port) for port in range(1, 6)))
+    desk.send(A, *(VehicleAddress("10.0.0.2", port) for port in range(1, 6)))
     (line,) = desk.run()
     assert "Refused: 5 addresses, allowed are 4." in line
 
@@ -398,7 +412,7 @@ def test_a_flood_of_addresses_is_few_lines_and_no_link(desk: Desk) -> None:
     lines = []
     for number in range(3600):
         for part in range(3):
-            desk.send(A, VehicleAddress("udpout", f"10.{part}.{number // 250}.{number % 250 + 1}", 14552))
+            desk.send(A, VehicleAddress(f"10.{part}.{number // 250}.{number % 250 + 1}", 14552))
         lines += desk.run(1)
     assert 5 <= len(lines) <= 12
     assert desk.door.opened == []
@@ -408,7 +422,7 @@ def test_a_flood_of_addresses_is_few_lines_and_no_link(desk: Desk) -> None:
 
 def test_who_floods_keeps_no_other_station_from_being_heard(desk: Desk) -> None:
     for number in range(200):
-        desk.send(A, VehicleAddress("udpout", "10.0.0.2", number + 1))
+        desk.send(A, VehicleAddress("10.0.0.2", number + 1))
         desk.run(1)
     desk.send(C, OTHER)
     lines = desk.run(2)
@@ -549,53 +563,30 @@ def test_nothing_is_asked_before_the_file_was_read(file: Path, monkeypatch: pyte
     assert desk.run(1)[-1] == ASKED
 
 
-# ---- an address that does not answer ------------------------------------------------------------------------------
+# ---- a link that cannot be opened ---------------------------------------------------------------------------------
 
 
-def test_a_tcp_address_is_tried_beside_the_main_loop_and_again_until_it_answers(file: Path) -> None:
-    answers = ["Connection refused", "Connection refused", ""]
-    tried: list[VehicleAddress] = []
-
-    def try_first(address: VehicleAddress) -> str:
-        tried.append(address)
-        return answers.pop(0)
-
-    desk = Desk(file, try_first=try_first)
-    desk.send(A, LTE)
-    desk.run()
-    desk.connect("1")
-    lines = desk.run(40)
-    assert lines == [
-        "No connection to the vehicle at tcp:100.64.3.7:5762: Connection refused. It is tried again.",
-        "Link to the vehicle opened: tcp:100.64.3.7:5762.",
-    ]
-    assert tried == [LTE, LTE, LTE]
-    assert desk.door.opened == [LTE]
-
-
-def test_an_address_that_was_withdrawn_while_it_was_tried_is_not_opened(
-    file: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    desk = Desk(file)
-    desk.run()
-    desk.send(A, LTE)
-    desk.run()
-    jobs: list[Callable[[], None]] = []
-    monkeypatch.setattr("mavproxy_handover.worker.in_thread", jobs.append)
-    desk.connect("1")
-    desk.run(1)
-    desk.made.disconnect(False)
-    for job in jobs:
-        job()
-    desk.run(3)
-    assert desk.door.opened == []
-
-
-def test_a_link_that_mavproxy_cannot_open_is_told(desk: Desk) -> None:
+def test_a_link_that_mavproxy_cannot_open_is_told_once_and_tried_again(desk: Desk) -> None:
     desk.door.fails = "MAVProxy cannot open it"
     desk.send(A, WIFI)
     desk.run()
     desk.connect("1")
     assert desk.run(60) == [
-        "No connection to the vehicle at udpout:10.0.0.2:14552: MAVProxy cannot open it. It is tried again."
+        "No link to the vehicle at udpout:10.0.0.2:14552: MAVProxy cannot open it. It is tried again."
     ]
+    assert "not open yet" in next(desk.made.status())
+    desk.door.fails = ""
+    assert desk.run(12) == ["Link to the vehicle opened: udpout:10.0.0.2:14552."]
+    assert desk.door.opened == [WIFI]
+
+
+def test_one_that_is_withdrawn_is_not_tried_any_more(desk: Desk) -> None:
+    desk.door.fails = "MAVProxy cannot open it"
+    desk.send(A, WIFI)
+    desk.run()
+    desk.connect("1")
+    desk.run()
+    desk.made.disconnect(False)
+    desk.door.fails = ""
+    assert desk.run(60) == []
+    assert desk.door.opened == []

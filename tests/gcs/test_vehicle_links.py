@@ -10,13 +10,13 @@ from collections import Counter
 import pytest
 
 from gcs_module.links import Links
-from gcs_module.vehicle_links import VehicleLinks, answers
+from gcs_module.vehicle_links import VehicleLinks
 from mavproxy_handover.config.files import FleetVehicle
 from mavproxy_handover.vehicle_address import WAITING_LABEL, WAITING_LINK, VehicleAddress
 from tests.module.proxy import LinkModule, Master, MPState
 
-WIFI = VehicleAddress("udpout", "10.0.0.2", 14552)
-LTE = VehicleAddress("tcp", "100.64.3.7", 5762)
+WIFI = VehicleAddress("10.0.0.2", 14552)
+LTE = VehicleAddress("100.64.3.7", 5762)
 
 
 class Bench:
@@ -43,7 +43,7 @@ def test_the_first_link_takes_the_place_of_the_waiting_one() -> None:
     assert bench.link.added == ["udpout:10.0.0.2:14552"]
     assert bench.addresses() == ["10.0.0.2:14552"]
     assert bench.made.open(LTE) == ""
-    assert bench.addresses() == ["10.0.0.2:14552", "tcp:100.64.3.7:5762"]
+    assert bench.addresses() == ["10.0.0.2:14552", "100.64.3.7:5762"]
     assert bench.made.own() == ()
     assert (bench.made.is_open(WIFI), bench.made.is_open(LTE)) == (True, True)
 
@@ -93,7 +93,7 @@ def test_where_there_are_several_vehicles_the_link_is_named_after_its_own() -> N
 
 @pytest.mark.parametrize(("host", "own"), [("127.0.0.1", True), ("127.9.9.9", True), ("192.0.2.7", False)])
 def test_an_address_of_this_computer_is_known_without_a_packet(host: str, own: bool) -> None:
-    assert Bench(waiting()).made.leads_back(VehicleAddress("udpout", host, 14552)) is own
+    assert Bench(waiting()).made.leads_back(VehicleAddress(host, 14552)) is own
 
 
 def test_the_ports_of_this_program_are_known() -> None:
@@ -107,17 +107,6 @@ def test_the_ports_of_this_program_are_known() -> None:
         bench.mpstate.mav_outputs.append(output)  # type: ignore[arg-type]
         ports = [udp.getsockname()[1], tcp.getsockname()[1], 15552]
         for port in ports:
-            assert bench.made.is_ours(VehicleAddress("udpout", "127.0.0.1", port))
+            assert bench.made.is_ours(VehicleAddress("127.0.0.1", port))
         free = next(port for port in range(20000, 20010) if port not in ports)
-        assert not bench.made.is_ours(VehicleAddress("udpout", "127.0.0.1", free))
-
-
-def test_a_tcp_address_that_answers_and_one_that_does_not() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        port = server.getsockname()[1]
-        assert answers(VehicleAddress("tcp", "127.0.0.1", port)) == ""
-    assert answers(VehicleAddress("tcp", "127.0.0.1", port)) == "Connection refused"
-
-
-def test_udp_has_nothing_to_answer() -> None:
-    assert answers(WIFI) == ""
+        assert not bench.made.is_ours(VehicleAddress("127.0.0.1", free))

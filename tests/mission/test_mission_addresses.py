@@ -16,7 +16,7 @@ from tests.packages import ROUND
 
 GOOD = """
 [vehicle]
-GCSB = ["udpout:10.0.0.2:14552", "tcp:100.64.3.7:5762"]
+GCSB = ["udpout:10.0.0.2:14552", "udpout:100.64.3.7:5762"]
 """
 
 
@@ -32,9 +32,7 @@ def written(folder: Path, text: str) -> Path:
 
 def test_each_station_has_its_addresses_in_order(folder: Path) -> None:
     package = load(written(folder, GOOD))
-    assert dict(package.addresses) == {
-        252: (VehicleAddress("udpout", "10.0.0.2", 14552), VehicleAddress("tcp", "100.64.3.7", 5762))
-    }
+    assert dict(package.addresses) == {252: (VehicleAddress("10.0.0.2", 14552), VehicleAddress("100.64.3.7", 5762))}
 
 
 def test_a_mission_without_the_file_has_none(folder: Path) -> None:
@@ -69,7 +67,7 @@ def test_two_that_differ_only_in_addresses_are_the_same_mission(folder: Path) ->
         ),
         ("[vehicle]\nGCSB = []\n", "addresses.toml: [vehicle], GCSB: 0 addresses (allowed: 1 to 4, each udpout:"),
         (
-            f"[vehicle]\nGCSB = {[f'tcp:10.0.0.2:{port}' for port in range(1, 6)]}\n",
+            f"[vehicle]\nGCSB = {[f'udpout:10.0.0.2:{port}' for port in range(1, 6)]}\n",
             "addresses.toml: [vehicle], GCSB: 5 addresses (allowed: 1 to 4, each udpout:",
         ),
         (
@@ -109,7 +107,7 @@ def test_no_more_addresses_than_a_message_has_room_for(folder: Path) -> None:
         for n in range(1, 7)
     )
     (folder / "zones.geojson").write_text(f'{{"type":"FeatureCollection","features":[{features}]}}', encoding="utf-8")
-    four = '["tcp:10.0.0.2:1", "tcp:10.0.0.2:2", "tcp:10.0.0.2:3", "tcp:10.0.0.2:4"]'
+    four = '["udpout:10.0.0.2:1", "udpout:10.0.0.2:2", "udpout:10.0.0.2:3", "udpout:10.0.0.2:4"]'
     rows = "".join(f"S{n} = {four}\n" for n in range(1, 7))
     with pytest.raises(MissionError) as caught:
         load(written(folder, f"[vehicle]\n{rows}"))

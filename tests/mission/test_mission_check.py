@@ -205,10 +205,10 @@ def test_table_of_the_delivery_lists_its_four_handovers(missions):
 
 def test_the_vehicles_addresses_are_listed_by_station(missions, tmp_path):
     folder = Path(shutil.copytree(missions / "delivery", tmp_path / "delivery"))
-    (folder / "addresses.toml").write_text('[vehicle]\nGCSB = ["udpout:10.0.0.2:14552", "tcp:10.0.0.2:5762"]\n')
+    (folder / "addresses.toml").write_text('[vehicle]\nGCSB = ["udpout:10.0.0.2:14552", "udpout:10.0.0.2:5762"]\n')
     report = check(load(folder))
     assert (
-        "addresses   GCSA none; GCSB udpout:10.0.0.2:14552, tcp:10.0.0.2:5762 (addresses.toml, not in the digest)"
+        "addresses   GCSA none; GCSB udpout:10.0.0.2:14552, udpout:10.0.0.2:5762 (addresses.toml, not in the digest)"
         in report_text(report).splitlines()
     )
     assert report.count(Severity.WARNING) == 0

@@ -10,8 +10,8 @@ from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.vehicle_address import VehicleAddress
 from tests.module.conftest import Bench
 
-WIFI = VehicleAddress("udpout", "10.0.0.2", 14552)
-LTE = VehicleAddress("tcp", "100.64.3.7", 5762)
+WIFI = VehicleAddress("10.0.0.2", 14552)
+LTE = VehicleAddress("100.64.3.7", 5762)
 
 
 def held(bench: Bench) -> dict[int, tuple[VehicleAddress, ...]]:

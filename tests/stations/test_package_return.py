@@ -107,7 +107,7 @@ def test_it_gets_the_package_whole(package: MissionPackage) -> None:
 
 
 def test_it_gets_its_own_addresses_of_the_vehicle_with_it(package: MissionPackage) -> None:
-    addresses = {A: (parse_address("tcp:10.0.0.2:1"),), B: (parse_address("udpout:10.0.0.2:14552"),)}
+    addresses = {A: (parse_address("udpout:10.0.0.2:1"),), B: (parse_address("udpout:10.0.0.2:14552"),)}
     bench = Bench(replace(package, addresses=addresses))
     bench.run(5.0)
     assert bench.ports[B].addresses == bytes.fromhex("fc0138d80a000002") + bytes(168)
