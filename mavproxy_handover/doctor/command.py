@@ -34,6 +34,7 @@ from mavproxy_handover.doctor.position_box import position_box
 from mavproxy_handover.doctor.programs import programs
 from mavproxy_handover.doctor.settings import configuration, keys
 from mavproxy_handover.doctor.stations import stations
+from mavproxy_handover.doctor.tunnels import tunnels
 
 __all__ = ["CHECKS", "main"]
 
@@ -49,6 +50,7 @@ CHECKS: Final[dict[str, Callable[[Patient], Iterator[Finding]]]] = {
     "disk": disk,
     "mission": missions,
     "ports": ports,
+    "tunnels": tunnels,
     "autopilot": autopilot,
     "position box": position_box,
     "stations": stations,

@@ -78,7 +78,8 @@ def _tunnel(results: Mapping[str, Any]) -> Iterator[str]:
         )
         yield (
             f"  {'':<10} {cost['added_ms']:+.2f} ms there and back ({cost['plain_ms']:.2f} without, "
-            f"{cost['tunnel_ms']:.2f} with it, medians of {cost['round_trips'][0]} and {cost['round_trips'][1]})"
+            f"{cost['tunnel_ms']:.2f} with it, medians of {cost['round_trips'][0]} and {cost['round_trips'][1]}; 99 % "
+            f"within {cost['plain_99_ms']:.1f} and {cost['tunnel_99_ms']:.1f})"
         )
     if not tunnel["paths"]:
         yield "  its cost was not measured: the meter saw nothing"
