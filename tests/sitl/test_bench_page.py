@@ -46,7 +46,7 @@ def blocks(kind: str) -> list[str]:
 
 
 def script() -> str:
-    (found,) = [block for block in blocks("sh") if block.startswith("#!/bin/sh")]
+    (found,) = [block for block in blocks("bash") if block.startswith("#!/bin/sh")]
     return found
 
 

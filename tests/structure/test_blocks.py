@@ -35,11 +35,15 @@ PAGES = [
     *sorted((ROOT / "docs").glob("*.md")),
     *sorted((ROOT / "ardupilot_lua").glob("*.md")),
 ]
-#: blocks that are shown, and not typed
-SHOWN = ("text", "c", "python")
+#: blocks that are shown, and not typed; files of kind ini and bash are tried by tests of their pages
+SHOWN = ("text", "c", "python", "ini", "bash")
 #: first words of shell lines that are not ours: what the line is taken to be right for
 OTHERS = {
-    **dict.fromkeys(("cd", "cp", ".", "editor", "install", "systemctl"), "the machine's own"),
+    **dict.fromkeys(
+        ("cd", "cp", ".", "editor", "install", "systemctl", "apt", "cat", "chmod", "ip", "sh"), "the machine's own"
+    ),
+    "wg": "WireGuard's: typed in tests/sitl/test_encryption_page.py",
+    "gz": "Gazebo's: not tried, as its page says",
     **dict.fromkeys(("pip", "python3"), "the machine's Python"),
     "arducopter": "ArduPilot's program: flown as `sitl/vehicles/arducopter.py` starts it",
 }
@@ -190,7 +194,7 @@ def test_what_ends_by_itself_does_what_it_is_shown_for(
                     here = [word.replace("~", str(home)) for word in words[1:]]
                     assert cli.main(here) == 0, (path.name, line, capsys.readouterr().err)
                     ran.append(words[1])
-    assert sorted(ran) == ["check", "check", "init", "init"]
+    assert sorted(ran) == ["check", "check", "init", "init", "init"]
 
 
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: path.name)
