@@ -406,6 +406,7 @@ class StationCommands:
 
     def _list_addresses(self) -> None:
         lines = [*self._module.addresses.status()]
+        self._module.addresses.asked_for()
         for line in lines or ["no station has sent an address of the vehicle"]:
             self._module.view.show(f"address   {line}")
 

@@ -12,7 +12,7 @@ here:
    the configuration allows it. It never leads to a port of this program. One bad address spoils what came with it.
 4. While the vehicle is armed nothing is asked and nothing changes. What comes then is looked at after it has disarmed.
 5. Of each sender the newest addresses count, and a line about them is shown at most every QUIET_S, then twice as seldom
-   each time. Taking addresses in costs nothing else: they are looked at when a line is due.
+   each time. Taking addresses in costs nothing else: they are looked at when a line is due, or the operator asks.
 6. What the operator confirmed is kept in a file of the station and opened again after a restart, until it is withdrawn.
    The file is written and read beside the main loop, and read as strictly as a message.
 """
@@ -182,6 +182,8 @@ class VehicleAddresses:
         line = self._judged(sender)
         if line:
             self._lines.append(line)
+            if now - sender.due_at > _QUIET_MOST_S:
+                sender.quiet_s = QUIET_S
             sender.due_at = now + sender.quiet_s
             sender.quiet_s = min(2 * sender.quiet_s, _QUIET_MOST_S)
 
@@ -304,6 +306,11 @@ class VehicleAddresses:
                 sender.question = _Question(self._number, confirmed.addresses, confirmed.mission, refused=True)
         return f"The link to the vehicle at {confirmed.text} is closed, and its address is forgotten."
 
+    def asked_for(self) -> None:
+        """The operator asks what was sent: what waits is shown at once, and not after QUIET_S."""
+        for sender in self._senders.values():
+            sender.answered()
+
     def status(self) -> Iterator[str]:
         """What is to be said of addresses in the station's status."""
         confirmed = self._confirmed
@@ -323,8 +330,8 @@ class VehicleAddresses:
                     f"{_shown(question.addresses)} from {sender.called} with mission {question.mission!r}: {said}"
                     f"'handover connect {question.number}' opens it"
                 )
-            elif sender.raw != sender.seen and any(sender.raw):
-                yield f"{sender.called} sends addresses: shown when the vehicle is disarmed, and not too often"
+            if sender.raw != sender.seen and any(sender.raw):
+                yield f"{sender.called} sends addresses: 'handover connect' shows them when the vehicle is disarmed"
 
     # ---- what was confirmed ---------------------------------------------------------------------------------------
 

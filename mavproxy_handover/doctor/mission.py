@@ -12,6 +12,8 @@ from mavproxy_handover.config.vehicle import VehicleConfig
 from mavproxy_handover.core.consent import refused_on_route, without_consent
 from mavproxy_handover.doctor.finding import Finding, error, ok, warning
 from mavproxy_handover.doctor.patient import Patient
+from mavproxy_handover.link.forms import Kind, parse_device
+from mavproxy_handover.mission.addresses import ADDRESSES_FILE
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.package import MissionPackage, load
 from mavproxy_handover.store.state import StateError, StateStore
@@ -58,11 +60,24 @@ def _of_vehicle(patient: Patient, vehicle: VehicleConfig) -> Iterator[Finding]:
         else:
             patient.package = found
             yield ok("mission on board", f"{found.name!r}, digest {shown(found.digest)}")
+            yield from _addresses(vehicle, found)
     else:
         yield ok("mission on board", "none in the configuration: the parent sends it")
     if vehicle.state is not None:
         yield from _held(patient, StateStore(patient.at(vehicle.state), vehicle.name))
     yield from _consent(patient, vehicle)
+
+
+def _addresses(vehicle: VehicleConfig, package: MissionPackage) -> Iterator[Finding]:
+    """Addresses that the mission tells a station, and at which this vehicle does not listen for it."""
+    for station in vehicle.stations:
+        links = [parse_device(link) for link in station.links]
+        ports = {link.port for link in links if link.kind is Kind.UDP_IN}
+        for address in package.addresses.get(station.station.sysid, ()):
+            if address.port not in ports:
+                text = f"{ADDRESSES_FILE} tells {station.station.name} {address.text}, and nothing listens there for it"
+                do = f'Add "udpin:0.0.0.0:{address.port}" to links of that [[station]], or put the file right.'
+                yield warning("addresses", text, do)
 
 
 def _consent(patient: Patient, vehicle: VehicleConfig) -> Iterator[Finding]:

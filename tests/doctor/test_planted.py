@@ -311,6 +311,22 @@ def test_consent_that_is_refused_where_the_route_needs_it_is_found(
     assert found.code == 1
 
 
+def test_an_address_of_the_mission_at_which_the_vehicle_does_not_listen_is_a_warning(
+    machine: Machine, capsys: pytest.CaptureFixture[str]
+) -> None:
+    machine.path("srv/delivery/addresses.toml").write_text('[vehicle]\nGCSB = ["udpout:10.0.0.2:14552"]\n')
+    found = machine.doctor(capsys, "--no-links")
+    (said,) = [each for each in found.lines("warning") if each.startswith("mission: addresses: ")]
+    assert said == (
+        "mission: addresses: addresses.toml tells GCSB udpout:10.0.0.2:14552, and nothing listens there for it -> Add "
+        '"udpin:0.0.0.0:14552" to links of that [[station]], or put the file right.'
+    )
+    text = machine.config.read_text()
+    machine.config.write_text(text.replace('", "udpin:127.0.0.1:', '", "udpin:0.0.0.0:14552", "udpin:127.0.0.1:'))
+    found = machine.doctor(capsys, "--no-links")
+    assert [each for each in found.lines("warning") if each.startswith("mission: addresses: ")] == []
+
+
 def test_a_drop_in_says_who_runs_it_and_how(machine: Machine, capsys: pytest.CaptureFixture[str]) -> None:
     folder = machine.path("etc/systemd/system/handover-companion.service.d")
     folder.mkdir()

@@ -304,7 +304,9 @@ def test_while_the_vehicle_is_armed_nothing_is_asked_and_it_is_after(desk: Desk)
     desk.armed = True
     desk.send(A, WIFI)
     assert desk.run(100) == []
-    assert list(desk.made.status()) == ["GCSA sends addresses: shown when the vehicle is disarmed, and not too often"]
+    assert list(desk.made.status()) == [
+        "GCSA sends addresses: 'handover connect' shows them when the vehicle is disarmed"
+    ]
     desk.armed = False
     assert desk.run() == [ASKED]
 
@@ -417,7 +419,29 @@ def test_a_flood_of_addresses_is_few_lines_and_no_link(desk: Desk) -> None:
     assert 5 <= len(lines) <= 12
     assert desk.door.opened == []
     assert "Question 1 does not count any more." in lines[1]
-    assert len(list(desk.made.status())) <= 1
+    assert len(list(desk.made.status())) <= 2
+
+
+def test_the_operator_need_not_wait_for_what_came_in_a_flood(desk: Desk) -> None:
+    for number in range(200):
+        desk.send(A, VehicleAddress("10.0.0.2", number + 1))
+        desk.run(1)
+    desk.send(A, OTHER)
+    assert desk.run(5) == []
+    desk.made.asked_for()
+    (line,) = desk.run(1)
+    assert line.startswith("GCSA sends the vehicle's address udpout:10.0.0.9:14552.")
+
+
+def test_long_after_a_flood_that_sender_is_heard_as_before(desk: Desk) -> None:
+    for number in range(200):
+        desk.send(A, VehicleAddress("10.0.0.2", number + 1))
+        desk.run(1)
+    desk.run(2000)
+    desk.send(A, WIFI)
+    assert len(desk.run(2)) == 1
+    desk.send(A, OTHER)
+    assert len(desk.run(31)) == 1
 
 
 def test_who_floods_keeps_no_other_station_from_being_heard(desk: Desk) -> None:

@@ -38,10 +38,11 @@ COMMANDERS = {
     "out-of-coverage": ["GCSA"],
     "companion-killed": ["GCSA", "GCSB"],
     "guard-key-other": ["GCSA"],
+    "partner-address": ["GCSA", "GCSB"],
 }
 #: of these, on which vehicle: one is enough where what is shown lies in the companion
 ON_ARDUCOPTER = ("nominal", "companion-killed", "guard-key-other")
-ON_THE_BUILT_IN = ("nominal", "out-of-coverage", "guard-key-other")
+ON_THE_BUILT_IN = ("nominal", "out-of-coverage", "guard-key-other", "partner-address")
 
 
 Start = Callable[..., "subprocess.Popen[str]"]

@@ -76,6 +76,31 @@ def test_plain_links_go_straight_to_the_stations(tmp_path: Path) -> None:
     assert (wiring.between, wiring.impaired) == ((), ())
 
 
+def test_a_station_without_a_link_gets_the_vehicles_address_with_the_parents_mission(tmp_path: Path) -> None:
+    wiring = wired(tmp_path, 'address = ["GCSB"]')
+    (link,) = next(
+        entry.links for entry in load_vehicle(wiring.companion_config).stations if entry.station.name == "GCSB"
+    )
+    assert link.startswith("udpin:127.0.0.1:")
+    parent, partner = (load_station(station(wiring, name).config) for name in ("GCSA", "GCSB"))
+    (vehicle,) = parent.vehicles
+    assert vehicle.mission is not None
+    (address,) = packages.load(vehicle.mission).addresses[252]
+    assert address.text == link.replace("udpin", "udpout")
+    assert "--master=udpin:127.0.0.1:0" in " ".join(station(wiring, "GCSB").program().argv)
+    assert (parent.offered_addresses_local, partner.offered_addresses_local) == (False, True)
+    assert "addresses.toml" not in [path.name for path in mission_folder("delivery").iterdir()]
+
+
+@pytest.mark.parametrize(
+    "more",
+    ['links = {GCSB = ["wifi", "lte"]}', 'standard = ["GCSB"]', 'rogue = ["GCSB"]', 'serial = [{lines = ["GCSB"]}]'],
+)
+def test_nothing_stands_in_the_link_of_a_station_that_gets_the_address(tmp_path: Path, more: str) -> None:
+    with pytest.raises(ScenarioError, match="address: 'GCSB' gets the vehicle's address, and cannot be in "):
+        wired(tmp_path, f'address = ["GCSB"]\n{more}')
+
+
 def test_four_stations_have_three_peers_each_and_no_port_twice(tmp_path: Path) -> None:
     wiring = wired(tmp_path, mission="corridor")
     ports = []
