@@ -23,10 +23,14 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-__all__ = ["CUT", "HEALED", "flight"]
+__all__ = ["CUT", "HEALED", "INTERFACES", "flight"]
 
 #: labels of the moments
 CUT, HEALED = "cut", "healed"
+#: path -> the interfaces by which the companion's links leave
+INTERFACES: Final = {"wired": ("eth0", "wg-wired"), "lte": ("wwan0", "wg-lte")}
+#: the path that has the downlink while both work: a cut of the other one moves no downlink
+_BEST: Final = "wired"
 #: keys of a scenario that are lists of tables
 _TABLES: Final = ("step", "expect")
 _ANSWER_WALL_S: Final = 10
@@ -50,10 +54,13 @@ def flight(package: MissionPackage, folder: Path, cut: str) -> str:
     head["links"] = {name: list(PATHS) for name in names}
     if cut != "none":
         steps = [*_while_cut(parent, cut), steps[0], _healing(cut, partner), *steps[1:]]
-        expect += [
-            {"count": {"who": "drone-1", "event": "link", "change": "switched", "station": name, "at_least": 1}}
-            for name in names
-        ]
+        link = {"who": "drone-1", "event": "link"}
+        for name in names:
+            cut_links = [f"*@{interface}" for interface in INTERFACES[cut]]
+            degraded = {"change": "degraded", "station": name, "link": cut_links, "at_least": 1}
+            expect.append({"count": {**link, **degraded}})
+            if cut == _BEST:
+                expect.append({"count": {**link, "change": "switched", "station": name, "at_least": 1}})
     expect += [
         {"count": {"event": "authority_lost", "count": 0}},
         {"count": {"who": parent, "event": "command", "result": "no answer", "count": 0}},

@@ -16,7 +16,7 @@ from mavproxy_handover.config.files import load_station, load_vehicle
 from mavproxy_handover.mission import package as packages
 from sitl.hosts import main as command
 from sitl.hosts import namespaces
-from sitl.hosts.flight import flight
+from sitl.hosts.flight import INTERFACES, flight
 from sitl.hosts.main import main
 from sitl.hosts.meter import Seen
 from sitl.hosts.namespaces import _stays
@@ -26,6 +26,7 @@ from sitl.hosts.table import table
 from sitl.hosts.tunnel import KeyPair, setup
 from sitl.run.sites import Reach, Site
 from sitl.run.wiring import lay_out
+from sitl.script.expect import Count
 from sitl.script.places import SetupError, mission_folder
 from sitl.script.scenario import parse_scenario
 from sitl.script.steps import Pause
@@ -206,6 +207,27 @@ def test_the_path_stays_cut_until_the_next_station_commands() -> None:
     ]
     assert scenario.links == {"GCSA": ("wired", "lte"), "GCSB": ("wired", "lte")}
     assert scenario.signed
+
+
+@pytest.mark.parametrize(
+    ("cut", "wanted"),
+    [
+        ("wired", [("GCSA", "degraded"), ("GCSA", "switched"), ("GCSB", "degraded"), ("GCSB", "switched")]),
+        ("lte", [("GCSA", "degraded"), ("GCSB", "degraded")]),
+        ("none", []),
+    ],
+)
+def test_the_companion_must_notice_the_cut_and_move_the_downlink_off_the_best_path(
+    cut: str, wanted: list[tuple[str, str]]
+) -> None:
+    counts = [each for each in scenario_of(cut).expectations if isinstance(each, Count) and each.event == "link"]
+    values = [dict(each.match.values) for each in counts]
+    assert [(each["station"], each["change"]) for each in values] == wanted
+    links = {"wired": ["*@eth0", "*@wg-wired"], "lte": ["*@wwan0", "*@wg-lte"]}
+    assert all(each["link"] == links[cut] for each in values if each["change"] == "degraded")
+    made = plan(["GCSA", "GCSB"], ["GCSB"])
+    for path, interfaces in INTERFACES.items():
+        assert {made.reach("GCSA", path)[1], made.reach("GCSB", path)[1]} == set(interfaces)
 
 
 def test_without_a_cut_no_step_changes_a_path() -> None:
