@@ -56,9 +56,11 @@ MOST_PACE_BYTES_PER_S: Final = 5_760_000.0
 #: most that is sent at once after a pause: a fifth of a usual receive buffer (208 KiB, small datagrams count twice)
 BURST_BYTES: Final = 16_384.0
 _DATA_BYTES: Final = 90  #: of a whole LOG_DATA
-PIECE_BYTES: Final = 1024 * _DATA_BYTES
+#: on a fast link a request and its first frame take some milliseconds, in which nothing comes
+PIECE_BYTES: Final = 4096 * _DATA_BYTES
 LOW_BYTES: Final = 65_536
-MOST_BYTES: Final = 262_144
+#: more than a piece and `LOW_BYTES`
+MOST_BYTES: Final = 524_288
 MOST_REQUESTS: Final = 32
 #: shorter than the 0.7 s after which MAVProxy asks again
 STALL_S: Final = 0.5

@@ -1,22 +1,26 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""How fast a stock MAVProxy downloads a log: through the companion, and directly from the autopilot, in turns.
+"""How fast a station downloads a log: through the companion, and directly from the autopilot, in turns.
 
-The baseline has the same kind of link: a station that reaches the companion by UDP is compared to one that reaches the
-autopilot by UDP, and TCP to TCP. All are real processes. The autopilot is ArduCopter's program where there is one, else
-`log_server`. The station is the installed MAVProxy with the modules that it loads by itself; rate and retries are what
-it tells at the end of its `log download`, and the file must be right to the byte. A download that is not over in time
-counts for the baseline as if it had ended then, and for the companion as nothing.
+The target is for the same kind of link: a station that reaches the companion by UDP is compared to one that reaches the
+autopilot by UDP, and TCP to TCP. UDP beside direct TCP is told without a target. All are real processes. The autopilot
+is ArduCopter's program where there is one, else `log_server`. The stations are the installed MAVProxy with the modules
+that it loads by itself, and programs of pymavlink and MAVSDK (`log_reader`). Rate and retries are what a station tells
+at the end of its download, and the file must be right to the byte. A download that is not over in time counts for the
+baseline as if it had ended then, and for the companion as nothing.
 """
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
+import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from importlib.metadata import version
 from itertools import islice
 from pathlib import Path
 from typing import Any, Final
@@ -34,43 +38,108 @@ from sitl.vehicles.arducopter import arguments_of
 from sitl.vehicles.ports import LOOPBACK, PortPicker
 from sitl.vehicles.process import BASE_PARAMETERS
 
-__all__ = ["RATE_RATIO", "Plan", "finished", "measure"]
+__all__ = ["MAVPROXY", "RATE_RATIO", "Plan", "Program", "finished", "mavsdk", "measure", "pymavlink"]
 
 RATE_RATIO: Final = 0.8
 _POLL_S: Final = 0.05
 _UP_LIMIT_S: Final = 60.0
 #: a download that has brought nothing by then was not let through yet: it is asked for again
 _BEGUN_S: Final = 3.0
-_FINISHED: Final = re.compile(r"Finished downloading .*\((\d+) bytes .* ([\d.]+) kbyte/sec (\d+) retries\)")
+_FINISHED: Final = re.compile(r"Finished downloading .*\((\d+) bytes .* ([\d.]+) kbyte/sec (\d+|unknown) retries\)")
+_READER: Final = Path(__file__).with_name("log_reader.py")
 _FILE: Final = "got.bin"
 
 
 @dataclass(frozen=True, slots=True)
+class Program:
+    """A ground station. `argv`: of the kind of link and the port, which it listens to by UDP and calls by TCP."""
+
+    name: str
+    argv: Callable[[str, int], list[str]]
+    #: it can be told to download once its console has this; `ready_real`: and this, with ArduCopter
+    ready: str
+    ready_real: str = ""
+
+
+def _of_pymavlink(link: str, port: int) -> str:
+    return f"{'udpin' if link == 'udp' else 'tcp'}:{LOOPBACK}:{port}"
+
+
+def _of_mavsdk(link: str, port: int) -> str:
+    return f"{'udpin' if link == 'udp' else 'tcpout'}://{LOOPBACK}:{port}"
+
+
+MAVPROXY: Final = Program(
+    "stock MAVProxy",
+    lambda link, port: [
+        *mavproxy(),
+        f"--master={_of_pymavlink(link, port)}",
+        f"--source-system={PARENT}",
+        f"--target-system={VEHICLE}",
+    ],
+    f"Detected vehicle {VEHICLE}:{AUTOPILOT}",
+    " parameters",  # which it fetches at once, by file transfer
+)
+
+
+def pymavlink() -> Program:
+    """A program of the installed pymavlink."""
+    return Program(
+        f"pymavlink {version('pymavlink')}",
+        lambda link, port: [sys.executable, str(_READER), "pymavlink", _of_pymavlink(link, port)],
+        "ready",
+    )
+
+
+def mavsdk(python: str) -> Program | None:
+    """A program of the MAVSDK that this Python has; None if it has none."""
+    python = os.path.abspath(python)  # a station runs in a folder of its own
+    asks = "import mavsdk; from importlib.metadata import version; print(version('mavsdk'))"
+    try:
+        told = subprocess.run([python, "-c", asks], capture_output=True, text=True, timeout=_UP_LIMIT_S, check=True)
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return Program(
+        f"MAVSDK {told.stdout.strip()}",
+        lambda link, port: [python, str(_READER), "mavsdk", _of_mavsdk(link, port)],
+        "ready",
+    )
+
+
+@dataclass(frozen=True, slots=True)
 class Plan:
-    """Bytes of the log, pairs of downloads, the longest that one may take, and the kinds of link."""
+    """Bytes of the log, pairs of downloads, and the longest that one may take."""
 
     size: int
     pairs: int
     limit_s: float
-    links: tuple[str, ...] = ("udp", "tcp")
-    #: False: the small server even where ArduCopter's program is
+    #: kinds of link to the companion, each with those of the direct one
+    links: tuple[tuple[str, tuple[str, ...]], ...] = (("udp", ("udp", "tcp")), ("tcp", ("tcp",)))
+    #: False: the small server even where ArduCopter's program is, and stock MAVProxy alone
     real: bool = True
 
 
 @dataclass(frozen=True, slots=True)
 class _Download:
-    """One download as the station tells it; `retries` None: it was not over in time."""
+    """One download as the station tells it. `retries` None: it does not tell them."""
 
     kbytes_per_s: float
-    retries: int | None
+    retries: int | None = None
+    #: it was over in time
+    over: bool = True
+
+    def __str__(self) -> str:
+        if not self.over:
+            return "not over in time"
+        return "retries not told" if self.retries is None else f"{self.retries} retries"
 
 
-def finished(console: list[str]) -> tuple[int, float, int] | None:
-    """Bytes, kB/s and retries of the last download that MAVProxy says is finished."""
+def finished(console: list[str]) -> tuple[int, float, int | None] | None:
+    """Bytes, kB/s and retries of the last download that a station says is finished; None for what it does not know."""
     for line in reversed(console):
         found = _FINISHED.search(line)
         if found:
-            return int(found[1]), float(found[2]), int(found[3])
+            return int(found[1]), float(found[2]), int(found[3]) if found[3].isdigit() else None
     return None
 
 
@@ -150,19 +219,23 @@ class _Site:
             ],
         }
 
-    def download(self, ours: bool) -> _Download:
+    def through_companion(self, program: Program) -> _Download:
         """One download by a station of its own. Raises BenchError, OSError."""
+        return self._download(program, "ours", program.argv(self._link, self._station_port))
+
+    def directly(self, program: Program, link: str) -> _Download:
+        """The same from the autopilot itself. Raises BenchError, OSError."""
+        return self._download(program, "direct", program.argv(link, self._udp if link == "udp" else self._tcp))
+
+    def _download(self, program: Program, way: str, argv: list[str]) -> _Download:
         self._number += 1
-        udp, tcp = (self._station_port if ours else port for port in (self._udp, self._tcp))
-        master = f"udpin:{LOOPBACK}:{udp}" if self._link == "udp" else f"tcp:{LOOPBACK}:{tcp}"
-        name = f"{'ours' if ours else 'direct'}-{self._number}"
-        argv = [*mavproxy(), f"--master={master}", f"--source-system={PARENT}", f"--target-system={VEHICLE}"]
+        name = f"{way}-{self._number}"
         station = self._processes.start(name, argv, self._folder / name)
         try:
-            self._wait_for(station, f"Detected vehicle {VEHICLE}:{AUTOPILOT}", _UP_LIMIT_S)
-            if self._program is not None:  # which it fetches at once, by file transfer
-                self._wait_for(station, " parameters", _UP_LIMIT_S)
-            return self._downloaded(station, ours)
+            self._wait_for(station, program.ready, _UP_LIMIT_S)
+            if self._program is not None and program.ready_real:
+                self._wait_for(station, program.ready_real, _UP_LIMIT_S)
+            return self._downloaded(station, way == "ours")
         finally:
             station.stop()
 
@@ -189,48 +262,48 @@ class _Site:
                 station.type(f"log cancel;log download 1 {_FILE}")
         if not path.is_file() or not path.stat().st_size:
             raise BenchError(f"{station.name}: no log data (console: {' | '.join(station.console()[-5:])})")
-        return _Download(0.0 if ours else self._plan.size / self._plan.limit_s / 1e3, None)
+        return _Download(0.0 if ours else self._plan.size / self._plan.limit_s / 1e3, over=False)
 
 
-def measure(folder: Path, plan: Plan, say: Callable[[str], None]) -> Iterator[Measurement]:
-    """One line for each kind of link. Raises BenchError, ConfigError, LaunchError, OSError."""
-    for link in plan.links:
-        found: dict[bool, list[_Download]] = {True: [], False: []}
+def measure(folder: Path, plan: Plan, programs: Sequence[Program], say: Callable[[str], None]) -> Iterator[Measurement]:
+    """One line for each program, kind of link and direct way. Raises BenchError, ConfigError, LaunchError, OSError."""
+    for link, ways in plan.links:
         with _Site(folder / link, link, plan) as site:
-            for order in islice(abba(), plan.pairs):
-                for ours in order:
-                    found[ours].append(site.download(ours))
-                last = {ours: downloads[-1] for ours, downloads in found.items()}
-                say(
-                    f"{site.vehicle}, {link}: {last[True].kbytes_per_s:.0f} kB/s, {_told(last[True])}; "
-                    f"directly {last[False].kbytes_per_s:.0f} kB/s, {_told(last[False])}"
-                )
-        pairs = [Pair(a.kbytes_per_s, b.kbytes_per_s) for a, b in zip(found[True], found[False], strict=True)]
-        compared = compare(pairs)
-        yield Measurement(
-            "download",
-            "log download by stock MAVProxy",
-            "kB/s",
-            {"vehicle": site.vehicle, "link": link, "log_kB": plan.size // 1000},
-            compared.ours,
-            compared.baseline,
-            compared.ratio,
-            (compared.low, compared.high),
-            compared.pairs,
-            limit=RATE_RATIO,
-            at_least=True,
-            details={
-                "retries": [download.retries for download in found[True]],
-                "retries_direct": [download.retries for download in found[False]],
-            },
-            note=f"{site.vehicle}, {link}: the baseline is the same MAVProxy at the autopilot itself by {link}; "
-            f"{_all_told(found[True])}, directly {_all_told(found[False])}",
+            for program in programs:
+                for way in ways:
+                    yield _measured(site, program, link, way, plan, say)
+
+
+def _measured(
+    site: _Site, program: Program, link: str, way: str, plan: Plan, say: Callable[[str], None]
+) -> Measurement:
+    found: dict[bool, list[_Download]] = {True: [], False: []}
+    for order in islice(abba(), plan.pairs):
+        for ours in order:
+            found[ours].append(site.through_companion(program) if ours else site.directly(program, way))
+        last = {ours: downloads[-1] for ours, downloads in found.items()}
+        say(
+            f"{site.vehicle}, {program.name}, {link}: {last[True].kbytes_per_s:.0f} kB/s, {last[True]}; "
+            f"directly by {way} {last[False].kbytes_per_s:.0f} kB/s, {last[False]}"
         )
-
-
-def _told(download: _Download) -> str:
-    return "not over in time" if download.retries is None else f"{download.retries} retries"
-
-
-def _all_told(downloads: list[_Download]) -> str:
-    return ", ".join(_told(download) for download in downloads)
+    pairs = [Pair(a.kbytes_per_s, b.kbytes_per_s) for a, b in zip(found[True], found[False], strict=True)]
+    compared = compare(pairs)
+    return Measurement(
+        "download",
+        f"log download by {program.name}",
+        "kB/s",
+        {"vehicle": site.vehicle, "link": link, "direct": way, "log_kB": plan.size // 1000},
+        compared.ours,
+        compared.baseline,
+        compared.ratio,
+        (compared.low, compared.high),
+        compared.pairs,
+        limit=RATE_RATIO if link == way else None,
+        at_least=True,
+        details={
+            "retries": [download.retries for download in found[True]],
+            "retries_direct": [download.retries for download in found[False]],
+        },
+        note=f"{site.vehicle}, {program.name}, {link}: the baseline is the same program at the autopilot by {way}; "
+        f"{', '.join(map(str, found[True]))}, directly {', '.join(map(str, found[False]))}",
+    )

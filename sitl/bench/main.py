@@ -56,6 +56,8 @@ class Plans:
     starve: starve.Plan
     download: download.Plan
     fleet: fleet.Plan
+    #: download: Pythons that have MAVSDK
+    mavsdk: tuple[str, ...] = (sys.executable,)
 
 
 FULL = Plans(
@@ -95,7 +97,7 @@ QUICK = Plans(
     breath.Plan(3.0, tuple(breath.LOADS)[:2]),
     restart.Plan(2, 2, 1),
     starve.Plan(1, 5.0, ("builtin",)),
-    download.Plan(400_000, 1, 20.0, ("udp",), real=False),
+    download.Plan(400_000, 1, 20.0, (("udp", ("udp",)),), real=False),
     fleet.Plan({2: 12.0}, 2.0),
 )
 
@@ -172,7 +174,16 @@ def _starve(plans: Plans, folder: Path, say: Say) -> Iterator[Measurement]:
 
 
 def _download(plans: Plans, folder: Path, say: Say) -> Iterator[Measurement]:
-    return download.measure(folder / "download", plans.download, say)
+    programs = [download.MAVPROXY]
+    if plans.download.real:
+        programs.append(download.pymavlink())
+        for python in plans.mavsdk:
+            program = download.mavsdk(python)
+            if program is None:
+                say(f"download: {python} has no mavsdk: MAVSDK is not measured (--mavsdk PYTHON)")
+            else:
+                programs.append(program)
+    return download.measure(folder / "download", plans.download, programs, say)
 
 
 def _fleet(plans: Plans, folder: Path, say: Say) -> Iterator[Measurement]:
@@ -202,6 +213,12 @@ def _arguments(argv: Sequence[str]) -> argparse.Namespace:
     parser.add_argument("--quick", action="store_true", help="a smoke test: everything once, under two minutes")
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder for bench.jsonl and logs (runs/bench-TIME)")
     parser.add_argument("--seconds", type=float, metavar="S", help="fleet: measure each number of vehicles so long")
+    parser.add_argument(
+        "--mavsdk",
+        action="append",
+        metavar="PYTHON",
+        help="download: a Python that has MAVSDK, for each to be measured (this one)",
+    )
     parser.add_argument("--strict", action="store_true", help="exit code 1 if a target is missed")
     parser.add_argument("parts", nargs="*", metavar="PART", help=f"some of: {', '.join(PARTS)} (default: all)")
     arguments = parser.parse_args(argv)
@@ -226,6 +243,8 @@ def main(argv: Sequence[str]) -> int:
     plans = QUICK if arguments.quick else FULL
     if arguments.seconds is not None:
         plans = replace(plans, fleet=plans.fleet.lasting(arguments.seconds))
+    if arguments.mavsdk:
+        plans = replace(plans, mavsdk=tuple(arguments.mavsdk))
     began = time.monotonic()
 
     def say(text: str) -> None:

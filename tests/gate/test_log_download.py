@@ -25,8 +25,8 @@ from tests.gate.ledger import GCSA, VEHICLE, A
 ALL = 0xFFFFFFFF
 WHOLE = 90
 #: bytes and frames of the log in one request of the companion
-PIECE = 92_160
-PIECE_FRAMES = 1024
+PIECE = 368_640
+PIECE_FRAMES = 4096
 #: bytes of a whole LOG_DATA frame: header 10, payload 97, checksum 2
 FRAME = 109
 
@@ -135,7 +135,7 @@ def test_an_autopilot_on_a_network_link_sends_nothing_twice() -> None:
     bench = Bench(flow_controlled=True)
     bench.station.room = 0
     bench.ask(0)
-    frames, came = 11_000, 0
+    frames, came = 21_000, 0
     for _ in range(10_000):
         for kind, begin, count in bench.asked():
             assert kind == "LOG_REQUEST_DATA"
@@ -175,7 +175,7 @@ def test_to_a_link_with_flow_control_data_goes_as_fast_as_it_takes_it() -> None:
 
 def test_the_next_piece_is_asked_for_before_the_station_has_all_of_the_last_one() -> None:
     bench = Bench(flow_controlled=True)
-    bench.station.room = 400
+    bench.station.room = 3472
     bench.ask(0)
     bench.row(PIECE_FRAMES)
     bench.asked()
@@ -190,12 +190,12 @@ def test_the_next_piece_is_asked_for_before_the_station_has_all_of_the_last_one(
 def test_memory_is_bounded_though_an_autopilot_sends_more_than_it_was_asked_for() -> None:
     bench = Bench()
     bench.ask(0)
-    bench.row(5000)
+    bench.row(9000)
     assert bench.download.queued_bytes <= MOST_BYTES
     kept = MOST_BYTES // FRAME
     bench.run(2.0)
-    assert len(bench.station.got) == kept == 2404
-    assert bench.asked()[-1] == ("LOG_REQUEST_DATA", 2404 * WHOLE, PIECE)
+    assert len(bench.station.got) == kept == 4809
+    assert bench.asked()[-1] == ("LOG_REQUEST_DATA", 4809 * WHOLE, PIECE)
 
 
 def test_a_frame_does_not_come_twice() -> None:
@@ -274,7 +274,7 @@ def test_an_end_of_log_that_the_station_did_not_ask_for_is_not_passed_on() -> No
     bench = Bench()
     bench.ask(0)
     bench.row(PIECE_FRAMES)  # that was all of the log
-    bench.run(1.0)
+    bench.run(2.0)
     assert bench.asked()[-1][:2] == ("LOG_REQUEST_DATA", PIECE)
     assert bench.come(PIECE, 0)
     bench.run(1.0)

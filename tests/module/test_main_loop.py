@@ -282,7 +282,7 @@ class TestTheModule:
     def test_a_download_that_waits_is_offered_to_its_link_every_two_milliseconds(
         self, busy: tuple[Bench, socket.socket], monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        """MAVProxy's own loop waits for up to 10 ms: at 1 MB/s a station's buffer is empty sooner."""
+        """MAVProxy's own loop waits for up to 20 ms: at 1 MB/s a station's buffer is empty sooner."""
         bench, _far = busy
         bench.a.alive = bench.b.alive = False
         bench.run(0.5)

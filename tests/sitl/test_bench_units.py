@@ -28,7 +28,7 @@ from mavproxy_handover.wire.ids import COMPANION_COMPID
 from sitl.bench import energy, fleet, fleet_figures, zones
 from sitl.bench import loop as loop_module
 from sitl.bench.autopilot import FakeAutopilot
-from sitl.bench.download import finished
+from sitl.bench.download import finished, mavsdk
 from sitl.bench.durations import Committed, read_journal, transfers
 from sitl.bench.log_server import log_bytes
 from sitl.bench.loop import BenchError, Loop, cpu_s
@@ -613,7 +613,17 @@ def test_rate_and_retries_of_a_download_are_what_mavproxy_tells_last() -> None:
         "Flight battery 100 percent",
     ]
     assert finished(console) == (3_000_000, 57.3, 651)
+    assert finished(["Finished downloading log (90 bytes 0.1 seconds, 0.9 kbyte/sec unknown retries)"]) == (
+        90,
+        0.9,
+        None,
+    )
     assert finished(["Downloading got.bin - 400/400 bytes 100.0% 33.3 kbyte/s (1113 retries 2477 missing)"]) is None
+
+
+def test_a_python_without_mavsdk_is_no_station() -> None:
+    assert mavsdk("/bin/false") is None
+    assert mavsdk("/nowhere/python") is None
 
 
 def test_the_log_server_serves_the_same_log_each_time() -> None:
