@@ -27,9 +27,10 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.autopilot import hands
 from mavproxy_handover.autopilot.autopilot import Autopilot
 from mavproxy_handover.autopilot.briefing import Briefing
-from mavproxy_handover.autopilot.orders import commanded
+from mavproxy_handover.autopilot.orders import commanded, disarms
 from mavproxy_handover.autopilot.overrides import Overrides
 from mavproxy_handover.autopilot.position_watch import Box
+from mavproxy_handover.autopilot.read_back import WITHDRAWN
 from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.config.running import Running
@@ -300,6 +301,9 @@ class Companion:
             case Fate.FORWARD:
                 self._accepted(port, frame, verdict.what, now)
                 self._chosen(frame, now)
+                if disarms(frame):
+                    self.autopilot.read_back.withdraw(now)
+                    self.autopilot.orders.give_start_up(f"{port.name} disarmed", now)
             case Fate.CONSUME:
                 if frame.sysid == port.sysid or verdict.access in _COMMANDS:
                     self._consume(port, frame, verdict, now)
@@ -379,7 +383,8 @@ class Companion:
 
     def _takes_off(self, port: StationPort, frame: Frame, verdict: Verdict, trouble: str, now: float) -> None:
         """The mission was read back (`trouble`: why not): a command that arms or takes off passes, or is refused."""
-        needs = self.arbiter.take_off_needs(port.sysid, now) or ((trouble,) if trouble else ())
+        troubles = (trouble,) if trouble else ()
+        needs = troubles if trouble == WITHDRAWN else self.arbiter.take_off_needs(port.sysid, now) or troubles
         if needs:
             self._refuse_take_off(port, frame, verdict, needs, now)
             return
@@ -423,6 +428,8 @@ class Companion:
                 return
             self._accepted(port, frame, self.gate.release(port, frame, verdict, now).what, now)
             self._chosen(frame, now)
+            if intent is not None:
+                self.autopilot.orders.passed(port, intent, now)
             return
         refused = self.gate.turn_down(port, frame, verdict, now)
         kind, proven = (frame.msgid, refused.reason), port.proves(frame)
@@ -650,6 +657,7 @@ class Companion:
                 self.narrator.record(action, now)
                 if action.reason is Reason.LANDED:
                     self.autopilot.tell_landed()
+                    self.autopilot.orders.flight_over(now)
                 self.rehearsal.record(action, now)
             case events.Fly():
                 self._fly(action, now)

@@ -15,6 +15,7 @@ import traceback
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from math import isfinite
 from typing import Final
 
 from pymavlink.dialects.v20 import handover as mavlink
@@ -22,12 +23,14 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.autopilot.energy import FAULT
 from mavproxy_handover.autopilot.mission_protocol import RefusedError
 from mavproxy_handover.autopilot.procedures import Procedures
-from mavproxy_handover.autopilot.read_back import NotHeldError
+from mavproxy_handover.autopilot.read_back import WITHDRAWN, NotHeldError
 from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.core.events import HandSeen, OrderRefused, StartFinished, StartRequested
 from mavproxy_handover.core.model import FlightAction, Hand
-from mavproxy_handover.core.safety.commands import QUIET_S, Limit
+from mavproxy_handover.core.safety.commands import QUIET_S, Kind, Limit
 from mavproxy_handover.core.start import refused
+from mavproxy_handover.gate.intent import Intent
+from mavproxy_handover.gate.policy.switches import SWITCH_NUMBERS
 from mavproxy_handover.gate.refusals import OncePerCause
 from mavproxy_handover.gate.words import called, how_to_lift, subject_of
 from mavproxy_handover.stations.port import StationPort
@@ -35,7 +38,7 @@ from mavproxy_handover.wire.conversation import Ask, Asking, Conversation, Conve
 from mavproxy_handover.wire.frames import Frame, field_float, field_int
 from mavproxy_handover.wire.ids import MISSION_START
 
-__all__ = ["Orders", "commanded"]
+__all__ = ["Orders", "commanded", "disarms"]
 
 #: messages that carry a MAV_CMD
 _CARRIERS: Final = (mavlink.MAVLINK_MSG_ID_COMMAND_LONG, mavlink.MAVLINK_MSG_ID_COMMAND_INT)
@@ -48,6 +51,23 @@ _PAUSE: Final = "pause"
 _PAUSE_CONTINUE: Final[int] = mavlink.MAV_CMD_DO_PAUSE_CONTINUE
 #: its first parameter
 _STOP, _CONTINUE = 0.0, 1.0
+_ARM: Final[int] = mavlink.MAV_CMD_COMPONENT_ARM_DISARM
+#: switches that disarm or stop the motors in one of their positions
+_DISARMING: Final = frozenset(
+    SWITCH_NUMBERS[name]
+    for name in (
+        "ARMDISARM_UNUSED",
+        "ARMDISARM",
+        "ARMDISARM_AIRMODE",
+        "ARM_EMERGENCY_STOP",
+        "DISARM",
+        "MOTOR_ESTOP",
+        "MOTOR_INTERLOCK",
+    )
+)
+#: a command that flies the mission on had no effect if the autopilot says so soon (s) that it is disarmed: it says so
+#: every second
+_NO_EFFECT_S: Final = 2.0
 #: so long (s) a return waits for its place to be in the autopilot's list
 _PLACE_S: Final = 1.0
 
@@ -55,6 +75,16 @@ _PLACE_S: Final = 1.0
 def commanded(frame: Frame) -> int | None:
     """The MAV_CMD of a frame that begins a flight; None if that is no command, but the older SET_MODE."""
     return None if frame.msgid == mavlink.MAVLINK_MSG_ID_SET_MODE else field_int(frame, "command")
+
+
+def disarms(frame: Frame) -> bool:
+    """Whether a frame that passes on the ground disarms, stops the motors, or ends the flight."""
+    if frame.msgid not in _CARRIERS:
+        return False
+    command, first = commanded(frame), field_float(frame, "param1")
+    if command == mavlink.MAV_CMD_DO_AUX_FUNCTION:
+        return isfinite(first) and int(first) in _DISARMING
+    return command == mavlink.MAV_CMD_DO_FLIGHTTERMINATION or (command == _ARM and first == 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +117,8 @@ class Orders:
         #: who asked for the stop that is under way, and for which
         self._stopper: tuple[_Asker, bool] | None = None
         self._needs = OncePerCause()
+        #: who had the mission flown on last, by which word, and when
+        self._went_on: tuple[StationPort, str, float] | None = None
         #: is told that a return is about to be ordered; returns what tells whether its place is in the autopilot's list
         self.before_return: Callable[[float], Callable[[], bool]] = lambda _now: lambda: True
         #: the autopilot returns because it was told so here
@@ -148,7 +180,9 @@ class Orders:
         """A command that arms or takes off cannot be: what START still needs."""
         voice, sender = self._ties.voice, (frame.sysid, frame.compid)
         command = commanded(frame)
-        if command is not None:
+        # the autopilot's answer to the disarm ends the wait for an answer to the arm
+        answered_so = command == _ARM and needs == (WITHDRAWN,)
+        if command is not None and not answered_so:
             voice.acknowledge(port, sender, command, mavlink.MAV_RESULT_TEMPORARILY_REJECTED)
         modes = self._procedures().vehicle.judged_by
         self._tell_needs(port, called(subject_of(frame), modes=modes), needs, now)
@@ -168,6 +202,19 @@ class Orders:
             self._ties.handle(StartFinished(False, why), now)
             self._answer(asker, mavlink.MAV_RESULT_FAILED, f"START failed: {why}")
             self._conversations.begin(_CALLED_OFF, self._procedures().call_off_start(), lambda _talk, _now: None, now)
+
+    def passed(self, port: StationPort, intent: Intent, now: float) -> None:
+        """A command of the commander in flight went to the autopilot."""
+        if intent.kind is Kind.GO_ON:
+            self._went_on = port, intent.word, now
+
+    def flight_over(self, now: float) -> None:
+        """The autopilot says that it is disarmed. A command that came after that, and before it said so, was accepted
+        by it and began nothing."""
+        went_on, self._went_on = self._went_on, None
+        if went_on is not None and now - went_on[2] <= _NO_EFFECT_S:
+            text = f"{went_on[1]} had no effect: the vehicle had landed and disarmed. Send START again."
+            self._ties.voice.say(went_on[0], text)
 
     def _answer(self, asker: _Asker, result: int, why: str = "") -> None:
         self._reply(asker, MISSION_START, result, why)

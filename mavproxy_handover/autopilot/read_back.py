@@ -9,6 +9,7 @@ none of MAVLink's opaque ids. So the lists themselves are read, several items at
 * What was read back equal counts for `GOOD_S`, so that AUTO right after arming is not held up.
 * A command that arms waits `WAIT_S` at most: motors must not start long after somebody asked for it. The reading goes
   on, and the same command sent again finds it done.
+* A later disarm of the commander withdraws what waits: the motors stay off.
 * The rally list is the companion's own and is read every ten seconds anyway (`rally.py`).
 
 Times are monotonic seconds.
@@ -23,10 +24,11 @@ from typing import Final
 from mavproxy_handover.autopilot.mission_protocol import AutopilotError
 from mavproxy_handover.wire.conversation import Asking, Conversation, Conversations
 
-__all__ = ["GOOD_S", "WAIT_S", "NotHeldError", "ReadBack"]
+__all__ = ["GOOD_S", "WAIT_S", "WITHDRAWN", "NotHeldError", "ReadBack"]
 
 GOOD_S: Final = 10.0
 WAIT_S: Final = 3.0
+WITHDRAWN: Final = "withdrawn by a later disarm"
 #: commands that wait at once
 _MOST: Final = 8
 #: name of the conversation
@@ -84,6 +86,10 @@ class ReadBack:
         self._equal_at = -inf
         if self._conversations.drop(_CHECK):
             self._tell("the mission is being written", now)
+
+    def withdraw(self, now: float) -> None:
+        """The commander disarms: no command that waits begins a flight any more."""
+        self._tell(WITHDRAWN, now)
 
     def tick(self, now: float) -> None:
         """Time has passed; to be called often."""

@@ -23,6 +23,7 @@ from tests.packages import ROUND
 
 VEHICLE = (1, 1)
 START, ARM = mavlink.MAV_CMD_MISSION_START, mavlink.MAV_CMD_COMPONENT_ARM_DISARM
+TERMINATE, AUX = mavlink.MAV_CMD_DO_FLIGHTTERMINATION, mavlink.MAV_CMD_DO_AUX_FUNCTION
 REJECTED = mavlink.MAV_RESULT_TEMPORARILY_REJECTED
 
 
@@ -146,6 +147,47 @@ def test_motors_do_not_start_long_after_somebody_asked_for_it(loaded: Bench) -> 
     loaded.a.command(ARM, 1)
     loaded.run(0.3)
     assert loaded.a.acks(ARM) == [REJECTED, 0], "the reading went on, and is done"
+
+
+@pytest.mark.parametrize("disarm", [(ARM, 0), (ARM, 0, 21196), (TERMINATE, 1), (AUX, 81, 2), (AUX, 153, 0)], ids=str)
+def test_a_later_disarm_withdraws_an_arm_that_waits(loaded: Bench, disarm: tuple[int, ...]) -> None:
+    """The fault: the motors started up to 3 s after the operator had disarmed."""
+    lists = loaded.autopilot.silent_lists = True
+    loaded.a.command(ARM, 1)
+    loaded.run(0.5)
+    loaded.a.command(*disarm)
+    loaded.run(0.5)
+    loaded.autopilot.silent_lists = not lists
+    loaded.run(6.0)
+    assert disarm[0] in loaded.autopilot.commands()
+    assert not any(m.command == ARM and m.param1 for m in loaded.autopilot.got("COMMAND_LONG"))
+    assert "arm refused: withdrawn by a later disarm" in loaded.a.texts()
+    # a station could not tell it from the answer to the disarm
+    assert REJECTED not in loaded.a.acks(ARM)
+    loaded.a.command(ARM, 1)
+    loaded.run(0.5)
+    assert loaded.autopilot.armed
+
+
+def test_another_command_that_waits_is_withdrawn_too_and_answered(loaded: Bench) -> None:
+    loaded.autopilot.silent_lists = True
+    loaded.a.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 10)
+    loaded.run(0.5)
+    loaded.a.command(ARM, 0)
+    loaded.run(0.5)
+    assert loaded.a.acks(mavlink.MAV_CMD_NAV_TAKEOFF) == [REJECTED]
+    assert "take-off refused: withdrawn by a later disarm" in loaded.a.texts()
+
+
+def test_nobody_else_withdraws_it(loaded: Bench) -> None:
+    loaded.autopilot.silent_lists = True
+    loaded.a.command(ARM, 1)
+    loaded.run(0.5)
+    loaded.b.command(ARM, 0)
+    loaded.run(0.3)
+    loaded.autopilot.silent_lists = False
+    loaded.run(2.0)
+    assert loaded.autopilot.armed
 
 
 def test_an_autopilot_that_does_not_give_its_mission_is_not_started(loaded: Bench, delivery: MissionPackage) -> None:

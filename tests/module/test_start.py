@@ -237,6 +237,63 @@ def test_in_flight_the_commanders_mission_start_is_the_autopilots_business(ready
     assert (passed.get_srcSystem(), passed.get_srcComponent()) == (251, 190)
 
 
+def test_a_disarm_ends_a_start_that_is_under_way(ready: Bench) -> None:
+    """The fault: the companion went on and armed."""
+    ready.autopilot.script[MODE] = None
+    ready.a.command(START)
+    ready.until(lambda: MODE in ready.autopilot.commands())
+    ready.a.command(ARM, 0)
+    ready.run(0.2)
+    del ready.autopilot.script[MODE]
+    ready.run(5.0)
+    assert not any(m.command == ARM and m.param1 for m in ready.autopilot.got("COMMAND_LONG"))
+    assert ready.a.acks(START) == [IN_PROGRESS, FAILED]
+    assert "START failed: GCSA disarmed" in ready.a.texts()
+    assert ready.companion.view.phase is Phase.ON_LOAD
+    ready.a.command(START)
+    ready.until(lambda: ready.companion.view.phase is Phase.ON_MISSION)
+
+
+NO_EFFECT = "START had no effect: the vehicle had landed and disarmed. Send START again."
+
+
+def landed(ready: Bench) -> None:
+    """In flight, then on the ground and disarmed; the heartbeat that says so is still to come."""
+    ready.a.command(START)
+    ready.until(lambda: ready.companion.view.phase is Phase.ON_MISSION)
+    ready.run(3.0)
+    ready.until(lambda: ready.clock.now - ready.companion.autopilot.aircraft.heartbeat_at < 0.1)
+    ready.autopilot.armed, ready.autopilot.airborne = False, False
+    ready.autopilot.forgets.update((START, MODE))  # it says ACCEPTED, and nothing flies
+
+
+@pytest.mark.parametrize(("command", "word"), [((START,), "START"), ((MODE, 1, AUTO), "AUTO")], ids=["START", "AUTO"])
+def test_a_start_after_the_landing_and_before_the_heartbeat_says_so_is_answered_in_words(
+    ready: Bench, command: tuple[int, ...], word: str
+) -> None:
+    """The fault: accepted, nothing flew, and the operator heard no word."""
+    landed(ready)
+    ready.a.command(*command)
+    ready.run(2.0)
+    assert ready.companion.view.phase is Phase.ON_LOAD
+    assert NO_EFFECT.replace("START", word, 1) in ready.a.texts()
+    assert "had no effect" not in ready.b.texts()
+    ready.autopilot.forgets.clear()
+    ready.a.command(START)
+    ready.until(lambda: ready.companion.view.phase is Phase.ON_MISSION)
+
+
+def test_a_start_some_seconds_before_the_landing_is_not_said_to_have_had_no_effect(ready: Bench) -> None:
+    ready.a.command(START)
+    ready.until(lambda: ready.companion.view.phase is Phase.ON_MISSION)
+    ready.a.command(START)
+    ready.run(3.0)
+    ready.autopilot.armed, ready.autopilot.airborne = False, False
+    ready.until(lambda: ready.companion.view.phase is Phase.ON_LOAD)
+    ready.run(1.0)
+    assert "had no effect" not in ready.a.texts()
+
+
 TAKE_OFF, AUX, FLY = mavlink.MAV_CMD_NAV_TAKEOFF, mavlink.MAV_CMD_DO_AUX_FUNCTION, mavlink.MAV_CMD_SOLO_BTN_FLY_HOLD
 LAND_START, RETURN_PATH = mavlink.MAV_CMD_DO_LAND_START, 188
 MODE = mavlink.MAV_CMD_DO_SET_MODE
