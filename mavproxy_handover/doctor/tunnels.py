@@ -2,8 +2,9 @@
 
 """Whether each link goes inside a tunnel, by the route to its other end, and what that and its signature mean.
 
-A tunnel keeps others on the way from reading; MAVLink's signature keeps them from commanding. One does not replace the
-other (docs/encryption.md). IPsec without an interface of its own does not show in a route, and is not seen here.
+A tunnel keeps others on the way from reading. A MAVLink signature keeps them from speaking as a station. One does not
+replace the other (docs/encryption.md). IPsec without an interface of its own does not show in a route: it is not seen
+here.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ _ENCRYPTED: Final = {"wireguard": "WireGuard", "xfrm": "IPsec", "vti": "IPsec", 
 _OF_A_PROGRAM: Final = ("tun", "tap")
 #: tunnels that pack and do not encrypt
 _PLAIN: Final = ("ipip", "gre", "gretap", "ip6gre", "ip6gretap", "sit", "ip6tnl", "vxlan", "geneve", "erspan", "fou")
-_OPEN: Final = ("0.0.0.0", "::")
+_ANY_ADDRESS: Final = ("0.0.0.0", "::")
 _DO: Final = (
     "Make a key ('handover keys make') and name it at both ends; to keep others from reading, lead the link through a "
     "tunnel (docs/encryption.md)."
@@ -35,14 +36,20 @@ _DO: Final = (
 
 @dataclass(frozen=True, slots=True)
 class _Way:
-    """How a link goes. `says`: in words; `who`: those who could speak on it without a signature.
+    """How a link goes, in words: `says`. `read`: whether others on the way can read it; None: not known.
 
-    `read`: whether others on the way can read it; None: not known.
+    `signed`, `unsigned`: what follows from a signature and from its absence, up to "speak as NAME".
     """
 
     says: str
-    who: str
     read: bool | None
+    signed: str = "others cannot"
+    unsigned: str = "others can"
+
+
+def _open(says: str) -> _Way:
+    """A link that others can read."""
+    return _Way(says, True, "they cannot", "they can")
 
 
 def tunnels(patient: Patient) -> Iterator[Finding]:
@@ -73,17 +80,17 @@ def _way(text: str) -> _Way:
     """Raises LinkError: no link, or a host without an address."""
     spec = parse_device(text)
     if spec.kind is Kind.SERIAL:
-        return _Way("not inside a tunnel (a serial line): others who receive it can read it", "they", True)
-    if spec.kind in (Kind.UDP_IN, Kind.TCP_IN) and spec.host in _OPEN:
+        return _open("not inside a tunnel (a serial line): others who receive it can read it")
+    if spec.kind in (Kind.UDP_IN, Kind.TCP_IN) and spec.host in _ANY_ADDRESS:
         why = "it waits to be called, on any address of this machine"
-        return _Way(f"whether it is inside a tunnel is not known: {why}", "others", None)
+        return _Way(f"whether it is inside a tunnel is not known: {why}", None)
     _family, address = endpoint(spec)
     if spec.kind in (Kind.UDP_IN, Kind.TCP_IN):
         return _own(str(address[0]))
     interface = interface_to(str(address[0]), spec.way)
     if interface is None:
         lacks = f"there is no interface {spec.way}" if spec.way else f"there is no route to {address[0]}"
-        return _Way(f"whether it is inside a tunnel is not known: {lacks} now", "others", None)
+        return _Way(f"whether it is inside a tunnel is not known: {lacks} now", None)
     return _by(interface)
 
 
@@ -92,34 +99,31 @@ def _own(address: str) -> _Way:
     interface = interface_of(address)
     if interface is None:
         why = f"it waits to be called on {address}, whose interface is not known"
-        return _Way(f"whether it is inside a tunnel is not known: {why}", "others", None)
+        return _Way(f"whether it is inside a tunnel is not known: {why}", None)
     return _by(interface)
 
 
 def _by(interface: Interface) -> _Way:
     name, kind = interface.name, interface.kind
     if name == "lo":
-        return _Way("stays on this machine", "any program here", False)
+        return _Way("stays on this machine", False, "no other program here can", "any program here can")
     if kind in _ENCRYPTED:
         says = f"inside {_ENCRYPTED[kind]} ({name}): others on the way cannot read it"
-        return _Way(says, "any program inside the tunnel", False)
+        return _Way(says, False, "no other program inside the tunnel can", "any program inside the tunnel can")
     if kind in _OF_A_PROGRAM:
-        says = f"inside a tunnel of a program ({name}): whether it encrypts is not known here"
-        return _Way(says, "others", None)
+        return _Way(f"inside a tunnel of a program ({name}): whether it encrypts is not known here", None)
     if kind in _PLAIN:
-        says = f"inside a tunnel that does not encrypt ({name}, {kind}): others on the way can read it"
-        return _Way(says, "they", True)
+        return _open(f"inside a tunnel that does not encrypt ({name}, {kind}): others on the way can read it")
     if kind == "ppp":
-        says = f"leaves by a PPP line ({name}): whether that is a modem's call or a tunnel is not known here"
-        return _Way(says, "others", None)
-    return _Way(f"not inside a tunnel (leaves by {name}): others on the way can read it", "they", True)
+        return _Way(
+            f"leaves by a PPP line ({name}): whether that is a modem's call or a tunnel is not known here", None
+        )
+    return _open(f"not inside a tunnel (leaves by {name}): others on the way can read it")
 
 
 def _finding(name: str, text: str, way: _Way, signed: bool) -> Finding:
     what = f"{name}, {text}"
     if signed:
-        cannot = way.who.replace("any program", "no other program")
-        can = "can" if cannot != way.who else "cannot"
-        return ok(what, f"{way.says}; signed with the key of {name}: {cannot} {can} speak as {name}")
-    found = f"{way.says}; not signed: {way.who} can speak as {name}"
+        return ok(what, f"{way.says}; signed with the key of {name}: {way.signed} speak as {name}")
+    found = f"{way.says}; not signed: {way.unsigned} speak as {name}"
     return warning(what, found, _DO) if way.read else ok(what, found)

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from mavproxy_handover.mission.package import MissionPackage
-from sitl.hosts.plan import PATHS
+from sitl.hosts.plan import LINK_INTERFACES, PATHS
 from sitl.script.own import own_scenario, scenario_text
 from sitl.script.places import SetupError
 
@@ -23,12 +23,10 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-__all__ = ["CUT", "HEALED", "INTERFACES", "flight"]
+__all__ = ["CUT", "HEALED", "flight"]
 
 #: labels of the moments
 CUT, HEALED = "cut", "healed"
-#: path -> the interfaces by which the companion's links leave
-INTERFACES: Final = {"wired": ("eth0", "wg-wired"), "lte": ("wwan0", "wg-lte")}
 #: the path that has the downlink while both work: a cut of the other one moves no downlink
 _BEST: Final = "wired"
 #: keys of a scenario that are lists of tables
@@ -56,7 +54,7 @@ def flight(package: MissionPackage, folder: Path, cut: str) -> str:
         steps = [*_while_cut(parent, cut), steps[0], _healing(cut, partner), *steps[1:]]
         link = {"who": "drone-1", "event": "link"}
         for name in names:
-            cut_links = [f"*@{interface}" for interface in INTERFACES[cut]]
+            cut_links = [f"*@{interface}" for interface in LINK_INTERFACES[cut]]
             degraded = {"change": "degraded", "station": name, "link": cut_links, "at_least": 1}
             expect.append({"count": {**link, **degraded}})
             if cut == _BEST:

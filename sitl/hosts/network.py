@@ -34,13 +34,14 @@ class BenchNetwork:
         self.sites: Mapping[str, Site] = {station: self._site(station) for station in namespaces.plan.stations}
         least_s, most_s = weather.WEATHER.delay_s, weather.WEATHER.delay_s + weather.WEATHER.jitter_s
         figures = f"{least_s * 1000:.0f} to {most_s * 1000:.0f} ms and {weather.WEATHER.loss:.0%} loss each way"
-        self._netem = weather.with_netem(namespaces)
+        lacks = weather.netem(namespaces)
+        self._netem = not lacks
         if self._netem:
             self.lte_says = f"{figures}, by netem"
         elif weather.can():
-            self.lte_says = f"{figures}, by a program of the bench: this kernel has no netem"
+            self.lte_says = f"{figures}, by a program of the bench: {lacks}"
         else:
-            self.lte_says = "no delay and no loss: this kernel has neither netem nor /dev/net/tun"
+            self.lte_says = f"no delay and no loss: {lacks}, and there is no /dev/net/tun"
 
     def _site(self, station: str) -> Site:
         plan = self.namespaces.plan
@@ -80,7 +81,7 @@ class BenchNetwork:
         return (*argv, *targets, *see)
 
     def change(self, order: str) -> None:
-        """Cut or heal a path: its router passes on nothing, without a word to anybody. Raises StepFailed."""
+        """Cut or heal a path: its router forwards nothing, and tells no host so. Raises StepFailed."""
         what, _, name = order.partition(" ")
         if what not in ("cut", "heal") or name not in PATHS:
             raise StepFailed(f"{order!r} must be 'cut' or 'heal' and one of {', '.join(PATHS)}")

@@ -22,6 +22,7 @@ from typing import Final
 __all__ = [
     "GATEWAY",
     "GROUND_PORT",
+    "LINK_INTERFACES",
     "LTE",
     "MISSION_COMPUTER",
     "PATHS",
@@ -52,7 +53,12 @@ KEEPALIVE_S: Final = 25
 _AIR, _GROUND = "192.168.11", "192.168.10"
 #: of the stations, in their order; the first two are the thesis's
 _LAST: Final = (100, 128, 130, 131, 132, 133, 134, 135)
-#: the way from one host to the tunnel network of a path
+#: path -> interface of the mission computer, and of a station's computer
+_AIR_INTERFACE: Final = {"wired": "eth0", "lte": "wwan0"}
+_GROUND_INTERFACE: Final = {"wired": "eno1", "lte": "wwan0"}
+#: path -> the interfaces by which the companion's links leave, without and with a tunnel
+LINK_INTERFACES: Final = {path: (name, f"wg-{path}") for path, name in _AIR_INTERFACE.items()}
+#: path -> the network inside its tunnels
 _TUNNEL: Final = {"wired": "10.9.1", "lte": "10.9.2"}
 _OPERATOR: Final = "100.64"
 
@@ -142,8 +148,7 @@ class Plan:
             end = next(each for each in self.tunnels if (each.host, each.path) == (host, path))
             own = next(each for each in self.tunnels if (each.host, each.path) == (MISSION_COMPUTER, path))
             return end.address.partition("/")[0], own.interface
-        interface = {"wired": "eno1", "lte": "wwan0"}[path]
-        return self.host(host).address(interface), {"wired": "eth0", "lte": "wwan0"}[path]
+        return self.host(host).address(_GROUND_INTERFACE[path]), _AIR_INTERFACE[path]
 
     def commands(self) -> list[list[str]]:
         """The `ip` commands that make hosts, cables, addresses and routes, in order; without tunnels."""
@@ -236,14 +241,16 @@ def _tunnels(aircraft: Host, ground: dict[str, Host], tunnelled: Sequence[str]) 
     mobile network it has no address that a station could call."""
     ends: list[TunnelEnd] = []
     for path, port in TUNNEL_PORTS.items():
-        network, outside = _TUNNEL[path], {"wired": "eno1", "lte": "wwan0"}[path]
+        network, outside = _TUNNEL[path], _GROUND_INTERFACE[path]
         inside = {station: f"{network}.{number + 2}" for number, station in enumerate(ground)}
         stations = [station for station in ground if station in tunnelled]
         peers = tuple(
             (ground[station].name, inside[station], f"{ground[station].address(outside)}:{port}")
             for station in stations
         )
-        ends.append(TunnelEnd(aircraft.name, path, f"wg-{path}", f"{network}.1/24", port, TUNNEL_MTU[path], peers))
+        ends.append(
+            TunnelEnd(aircraft.name, path, LINK_INTERFACES[path][1], f"{network}.1/24", port, TUNNEL_MTU[path], peers)
+        )
         for station in stations:
             # the names differ in a run: wireguard-go has one socket for each name on the whole machine
             name = f"wg{list(ground).index(station) + 1}-{path}"

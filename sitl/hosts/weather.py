@@ -15,6 +15,7 @@ import heapq
 import itertools
 import os
 import select
+import shutil
 import struct
 import sys
 import time
@@ -30,12 +31,12 @@ from sitl.run.wiring import Program
 from sitl.script.places import SetupError
 from sitl.script.weather import Weather
 
-__all__ = ["DEVICE", "NETEM", "WEATHER", "can", "main", "program", "with_netem"]
+__all__ = ["WEATHER", "can", "main", "netem", "program"]
 
 #: of the LTE path, one way: a good cell, and what a moving aircraft makes of it
 WEATHER: Final = Weather(delay_s=0.04, jitter_s=0.01, loss=0.01)
-NETEM: Final = ("delay", "45ms", "5ms", "loss", "1%")
-DEVICE: Final = "weather0"
+_NETEM: Final = ("delay", "45ms", "5ms", "loss", "1%")
+_DEVICE: Final = "weather0"
 _TABLE: Final = 100
 _TUN: Final = Path("/dev/net/tun")
 _TUNSETIFF, _IFF_TUN, _IFF_NO_PI = 0x400454CA, 0x0001, 0x1000
@@ -43,15 +44,17 @@ _PACKET_BYTES: Final = 65536
 _IN_FLIGHT: Final = 20_000
 
 
-def with_netem(namespaces: Namespaces) -> bool:
-    """Give the LTE network's interfaces delay and loss by netem; False if the kernel has none."""
+def netem(namespaces: Namespaces) -> str:
+    """Give the LTE network's interfaces delay and loss by netem; returns why that cannot be, "" if it is done."""
+    if shutil.which("tc") is None:
+        return "the program tc is missing"
     names = [each.name for each in namespaces.plan.host(LTE).interfaces]
     for name in names:
         try:
-            run([*inside(LTE), "tc", "qdisc", "add", "dev", name, "root", "netem", *NETEM])
+            run([*inside(LTE), "tc", "qdisc", "add", "dev", name, "root", "netem", *_NETEM])
         except SetupError:
-            return False
-    return True
+            return "this kernel has no netem"
+    return ""
 
 
 def can() -> bool:
@@ -68,16 +71,16 @@ def program(interfaces: Sequence[str], folder: Path) -> Program:
 def _open() -> int:
     """The TUN device. Raises OSError."""
     device = os.open(_TUN, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
-    fcntl.ioctl(device, _TUNSETIFF, struct.pack("16sH22x", DEVICE.encode(), _IFF_TUN | _IFF_NO_PI))
+    fcntl.ioctl(device, _TUNSETIFF, struct.pack("16sH22x", _DEVICE.encode(), _IFF_TUN | _IFF_NO_PI))
     return device
 
 
 def _lead(names: Sequence[str]) -> None:
     """What comes in by these interfaces goes to the device. Raises SetupError."""
-    for name in ("all", "default", DEVICE):  # a packet comes back by another interface than its answer leaves by
+    for name in ("all", "default", _DEVICE):  # a packet comes back by another interface than its answer leaves by
         Path(f"/proc/sys/net/ipv4/conf/{name}/rp_filter").write_text("0", encoding="ascii")
-    run(["ip", "link", "set", DEVICE, "up"])
-    run(["ip", "route", "add", "100.64.0.0/16", "dev", DEVICE, "table", str(_TABLE)])
+    run(["ip", "link", "set", _DEVICE, "up"])
+    run(["ip", "route", "add", "100.64.0.0/16", "dev", _DEVICE, "table", str(_TABLE)])
     for name in names:
         run(["ip", "rule", "add", "iif", name, "lookup", str(_TABLE)])
 

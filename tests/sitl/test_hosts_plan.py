@@ -16,11 +16,11 @@ from mavproxy_handover.config.files import load_station, load_vehicle
 from mavproxy_handover.mission import package as packages
 from sitl.hosts import main as command
 from sitl.hosts import namespaces
-from sitl.hosts.flight import INTERFACES, flight
+from sitl.hosts.flight import flight
 from sitl.hosts.main import main
 from sitl.hosts.meter import Seen
 from sitl.hosts.namespaces import _stays
-from sitl.hosts.plan import Plan, plan
+from sitl.hosts.plan import LINK_INTERFACES, Plan, plan
 from sitl.hosts.results import costs_of
 from sitl.hosts.table import table
 from sitl.hosts.tunnel import KeyPair, setup
@@ -226,7 +226,7 @@ def test_the_companion_must_notice_the_cut_and_move_the_downlink_off_the_best_pa
     links = {"wired": ["*@eth0", "*@wg-wired"], "lte": ["*@wwan0", "*@wg-lte"]}
     assert all(each["link"] == links[cut] for each in values if each["change"] == "degraded")
     made = plan(["GCSA", "GCSB"], ["GCSB"])
-    for path, interfaces in INTERFACES.items():
+    for path, interfaces in LINK_INTERFACES.items():
         assert {made.reach("GCSA", path)[1], made.reach("GCSB", path)[1]} == set(interfaces)
 
 
