@@ -417,15 +417,15 @@ class Narrator:
         """The autopilot flies to another waypoint."""
         self._journal.write("waypoint", f"flying to waypoint {number}", number=number)
 
-    def reached(self, number: int, owner: int | None, *, delivery: bool) -> None:
-        """A waypoint was reached; `owner`: the station that it belongs to, if it does; `delivery`: it is the delivery
-        point."""
+    def reached(self, number: int, owner: int | None, delivery: int | None) -> None:
+        """A waypoint was reached. `owner`: the station that it belongs to, if it does; `delivery`: the delivery
+        waypoint, if that is reached by it."""
         station = self._name(owner)
         of = "" if station is None else f" of {station}"
         self._journal.write("reached", f"waypoint {number}{of} reached", number=number, station=station)
-        if delivery:
-            self._journal.write("delivery", f"delivery point (waypoint {number}) reached", number=number)
-            self.tell(f"Delivery point reached, waypoint {number}.")
+        if delivery is not None:
+            self._journal.write("delivery", f"delivery point (waypoint {delivery}) reached", number=delivery)
+            self.tell(f"Delivery point reached, waypoint {delivery}.")
 
     def zones(self, zones: tuple[int, int]) -> None:
         """In whose zones the aircraft is, as `Arbiter.zones`: the handover zone is told when it is entered."""

@@ -395,10 +395,10 @@ class Autopilot:
 
     def _on_reached(self, message: Any, _now: float) -> None:
         owner = self._waypoints.reached(message.seq)
-        delivery = message.seq == self._loader.delivery
-        self._ties.narrator.reached(message.seq, owner, delivery=delivery)
-        if delivery:
-            text = f"delivery point reached, waypoint {message.seq}"
+        delivery = self._loader.delivery.reached(message.seq)
+        self._ties.narrator.reached(message.seq, owner, delivery)
+        if delivery is not None:
+            text = f"delivery point reached, waypoint {delivery}"
             self._ties.voice.say_to_all(text, mavlink.MAV_SEVERITY_NOTICE)
 
     def tell_landed(self) -> None:
@@ -568,6 +568,7 @@ class Autopilot:
         self.foreseen = ()
         self._gaps.adopt(())  # what is declared is a gap of the package
         self._waypoints.adopt(None, now)  # and so is a waypoint
+        self._loader.delivery.adopt(None)  # and the delivery point
         self._borders.adopt(None if rerouted is None else rerouted.way)
         self._flies(None if rerouted is None else rerouted.ahead.route, now)
         self.desk.ahead = None if rerouted is None else rerouted.ahead

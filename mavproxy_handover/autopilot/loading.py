@@ -16,6 +16,7 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
+from mavproxy_handover.autopilot.delivery import DeliveryPoint
 from mavproxy_handover.autopilot.package_standing import ON_BOARD_RETRY_S, PackageStanding
 from mavproxy_handover.autopilot.procedures import Plan, Procedures
 from mavproxy_handover.autopilot.ties import Ties
@@ -111,7 +112,7 @@ class MissionLoader:
         self._addresses: tuple[bytes, Addresses] = b"", {}
         self.package: MissionPackage | None = None
         self.finder: ZoneFinder | None = None
-        self.delivery: int | None = None
+        self.delivery = DeliveryPoint()
         #: where the way to each item of the mission leads, item by item
         self._places: tuple[tuple[int, tuple[float, float]], ...] = ()
         #: of the items that are flown to in a curve: where on it the aircraft is
@@ -186,7 +187,7 @@ class MissionLoader:
         """This is the mission that the autopilot holds."""
         self.package = package
         self.finder = finder
-        self.delivery = package.delivery_waypoint
+        self.delivery.adopt(package)
         self.reroute(package.route)
         word = package.policies.get("on_out_of_coverage")
         self.out_of_coverage = word

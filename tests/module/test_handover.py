@@ -7,6 +7,7 @@ Zone A ends at longitude 5.9285 on latitude 52.679, zone B begins at 5.9262 and 
 
 from __future__ import annotations
 
+import json
 from functools import partial
 from typing import Any
 
@@ -22,7 +23,7 @@ from mavproxy_handover.core.model import (
     Phase,
     Station,
 )
-from mavproxy_handover.mission.package import MissionPackage
+from mavproxy_handover.mission.package import MissionPackage, from_texts
 from mavproxy_handover.wire import codec
 from tests import console_lines
 from tests.module import vehicle
@@ -440,8 +441,7 @@ def test_other_commands_and_refusals_without_end_fill_no_console(flight: Bench) 
 
 
 def test_every_station_hears_of_the_delivery_point_and_of_the_landing(flight: Bench) -> None:
-    delivery = flight.companion.autopilot._loader.delivery
-    for number in (delivery, delivery + 1):
+    for number in (8, 9):
         say(flight, mavlink.MAVLink_mission_item_reached_message(number))
     say(flight, mavlink.MAVLink_extended_sys_state_message(0, mavlink.MAV_LANDED_STATE_ON_GROUND))
     flight.run(0.3)
@@ -449,7 +449,7 @@ def test_every_station_hears_of_the_delivery_point_and_of_the_landing(flight: Be
     flight.run(2.0)
     for station in (flight.a, flight.b):
         told = [text for _severity, text in station.told() if "delivery point" in text or "flight is over" in text]
-        assert told == [f"delivery point reached, waypoint {delivery}", "landed: the flight is over"]
+        assert told == ["delivery point reached, waypoint 8", "landed: the flight is over"]
 
 
 def test_there_and_back_again_is_two_epochs(flight: Bench) -> None:
@@ -484,6 +484,32 @@ def test_a_waypoint_and_the_delivery_are_told(flight: Bench) -> None:
     assert flight.journal("waypoint")[-1]["number"] == 8
     assert flight.journal("delivery")[-1]["number"] == 8
     assert flight.mpstate.console.said("Delivery point reached, waypoint 8.")
+
+
+def with_a_change_of_speed_behind_the_delivery(delivery: MissionPackage) -> MissionPackage:
+    """The same mission with item 9, DO_CHANGE_SPEED to 6 m/s."""
+    files = {name: text.decode() for name, text in delivery.files.items()}
+    plan = json.loads(files["delivery.plan"])
+    speed = {"type": "SimpleItem", "command": 178, "frame": 2, "autoContinue": True, "params": [1, 6, -1, 0, 0, 0, 0]}
+    plan["mission"]["items"].insert(8, speed)
+    return from_texts({**files, "delivery.plan": json.dumps(plan)}, "delivery")
+
+
+@pytest.mark.parametrize("announced", [(9,), (8, 9), (8, 8)], ids=["overtaken", "both", "twice"])
+def test_the_delivery_point_is_told_once_also_when_a_do_item_overtakes_its_announcement(
+    bench: Bench, delivery: MissionPackage, announced: tuple[int, ...]
+) -> None:
+    """ArduCopter announces the waypoint and DO_CHANGE_SPEED in one step; a link carries the later of the two."""
+    bench.connect()
+    bench.share(with_a_change_of_speed_behind_the_delivery(delivery))
+    bench.run(1.0)
+    for number in (7, *announced, 10):
+        say(bench, mavlink.MAVLink_mission_item_reached_message(number))
+    assert [entry["number"] for entry in bench.journal("reached")] == [7, *announced, 10]
+    assert [entry["number"] for entry in bench.journal("delivery")] == [8]
+    bench.run(0.3)
+    told = [text for _severity, text in bench.a.told() if "elivery" in text]
+    assert told == ["delivery point reached, waypoint 8"]
 
 
 def test_a_transfer_can_be_called_off_at_the_vehicle(flight: Bench) -> None:

@@ -128,6 +128,14 @@ def test_the_companion_goes_by_the_new_mission(flown: Bench, delivery: MissionPa
     assert len(flown.companion.autopilot.desk.ahead.route.items) == 3
 
 
+def test_the_delivery_point_of_the_package_is_none_of_a_mission_that_is_sent_in_flight(flown: Bench) -> None:
+    assert Program(flown, INSIDE).send() == ACCEPTED
+    flown.autopilot.say(mavlink.MAVLink_mission_item_reached_message(8))
+    flown.mpstate.deliver(flown.autopilot._out[-1])
+    assert flown.journal("reached")[-1]["number"] == 8
+    assert flown.journal("delivery") == []
+
+
 def test_on_the_ground_again_the_mission_is_unknown_and_start_needs_a_package(flown: Bench) -> None:
     assert Program(flown, INSIDE).send() == ACCEPTED
     flown.autopilot.armed = flown.autopilot.airborne = False
