@@ -455,6 +455,19 @@ def test_jumps_are_counted_and_speed_changes_apply() -> None:
     assert fastest == pytest.approx(4.0, abs=0.05)
 
 
+@pytest.mark.parametrize(("action", "text"), [(0, "Gripper Released"), (1, "Gripper Grabbed")])
+def test_a_gripper_is_worked_when_the_waypoint_before_it_is_done(action: int, text: str) -> None:
+    """ArduCopter: AP_Mission::start_command_do_gripper. It says so whether or not a gripper is fitted, and it announces
+    only the waypoint as reached."""
+    bench = ready()
+    there = waypoint(HOME[0] + 2000, HOME[1], delay_s=3)
+    start_mission(bench, TAKEOFF_20, there, Item(211, 2, param1=1, param2=action), Item(20, 2))
+    assert bench.run(200.0, until=lambda: bench.vehicle.copter.mission.current == 4)
+    said = [each for each in bench.texts() if each.startswith(("Gripper", "Reached", "Mission: 3"))]
+    assert said == ["Reached command #2", "Mission: 3 Gripper", text]
+    assert [h.message.seq for h in bench.heard if h.message.get_type() == "MISSION_ITEM_REACHED"] == [1, 2]
+
+
 def test_leaving_auto_stops_the_mission_and_coming_back_resumes_it() -> None:
     bench = ready()
     start_mission(bench, TAKEOFF_20, waypoint(HOME[0] + 20000, HOME[1]), waypoint(HOME[0] + 20000, HOME[1] + 9000))

@@ -25,6 +25,8 @@ __all__ = ["Auto"]
 #: AUTO_OPTIONS bits.
 _ALLOW_ARMING, _ALLOW_TAKEOFF_WITHOUT_THROTTLE = 1, 2
 _SPEED_KINDS = {0: "speed", 1: "speed", 2: "up", 3: "down"}
+#: "do" items that are never announced as reached (AP_Mission::verify_command): relay, servo, camera, gripper
+_NOT_ANNOUNCED = frozenset((181, 183, 203, 206, Cmd.GRIPPER, 2000, 2001))
 
 
 class _MissionReturn(ReturnToLaunch):
@@ -169,15 +171,18 @@ class Auto(Mode):
         elif item.command == Cmd.SET_HOME:
             here = self.copter.location()
             self.copter.set_home(here if item.param1 == 1 else self._absolute(item, here), lock=False)
+        elif item.command == Cmd.GRIPPER:
+            # said whether or not a gripper is fitted, as ArduCopter does
+            self.copter.say(6, f"Gripper {'Grabbed' if item.param2 else 'Released'}")
         elif item.command < Cmd.CONDITION_DELAY:
             self.copter.say(4, f"Mission: {index} not modelled, skipped")
             return False
         return True
 
     def verify_command(self, index: int, item: Item) -> bool:
-        """Whether an item is done; announces those that are."""
+        """Whether an item is done; announces it if it is, but for those that ArduPilot does not announce."""
         done = self._done(index, item)
-        if done:
+        if done and item.command not in _NOT_ANNOUNCED:
             self.copter.listener.item_reached(index)
         return done
 

@@ -40,6 +40,7 @@ class Cmd(IntEnum):
     DO_JUMP = 177
     CHANGE_SPEED = 178
     SET_HOME = 179
+    GRIPPER = 211
     RALLY_POINT = 5100
 
 
@@ -151,7 +152,7 @@ _RULES: dict[int, tuple[bool, str, Callable[[Params], Params]]] = {
     205: (False, "MountControl", lambda p: (p[0], p[1], p[2], 0.0)),
     206: (False, "SetCamTrigDst", lambda p: (p[0], 0.0, p[2], 0.0)),
     207: (False, "FenceEnable", _first),
-    211: (False, "Gripper", lambda p: (p[0], p[1], 0.0, 0.0)),
+    Cmd.GRIPPER: (False, "Gripper", lambda p: (p[0], p[1], 0.0, 0.0)),
     2000: (False, "ImageStartCapture", _all),
     2001: (False, "ImageStopCapture", _first),
 }
