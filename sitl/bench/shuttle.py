@@ -25,7 +25,7 @@ __all__ = ["A", "B", "Shuttle", "Wires", "write_files"]
 A, B = 251, 252
 #: places in the delivery mission: zone of the station alone, and the region of both
 _ALONE = {A: Place(52.6790, 5.9240), B: Place(52.6790, 5.9310)}
-_REGION = Place(52.6790, 5.9273)
+_REGION = Place(52.6790, 5.9255)
 #: an entry that has led to nothing for this long is given up, and the region entered anew
 _GIVE_UP_S = 60.0
 

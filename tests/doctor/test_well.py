@@ -31,7 +31,7 @@ pytestmark = pytest.mark.process
 
 GUARD = shipped("ardupilot_lua") / "handover_guard.lua"
 RECOMMENDED = shipped("ardupilot_lua") / "handover.parm"
-HOME = (52.679, 5.924, 10.0, 0.0)
+HOME = (52.6767, 5.9222, 10.0, 0.0)
 #: what the vehicle's own files leave to decide
 OWN = {"FS_THR_ENABLE": 1, "FENCE_ENABLE": 1, "FENCE_TYPE": 4}
 

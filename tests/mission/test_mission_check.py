@@ -295,7 +295,7 @@ def test_map_names_stations_waypoints_handovers_and_delivery(missions):
     MapSheet(load(missions / "delivery")).paint(axes)
     written = [text.get_text() for text in axes.texts]
     handovers = ["1: GCSA → GCSB\n13.5 s", "2: GCSB → GCSA\n15.4 s", "3: GCSA → GCSB\n14.9 s", "4: GCSB → GCSA\n15.5 s"]
-    for words in ("GCSA", "GCSB", "1, 11", "8", "delivery, 15 m", "R1", "R2", "200 m", "N", *handovers):
+    for words in ("GCSA", "GCSB", "1, 14", "8", "delivery, 15 m", "R1", "R2", "200 m", "N", *handovers):
         assert words in written
     legend = [text.get_text() for text in axes.get_legend().get_texts()]
     assert legend == [

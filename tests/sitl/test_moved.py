@@ -107,9 +107,9 @@ def test_a_fence_of_circles_goes_along() -> None:
     package = _load("delivery")
     plan = json.loads(package.files["delivery.plan"])
     plan["geoFence"]["circles"] = [
-        {"inclusion": False, "version": 1, "circle": {"center": [52.68, 5.92], "radius": 40.0}}
+        {"inclusion": False, "version": 1, "circle": {"center": [52.6777, 5.9182], "radius": 40.0}}
     ]
-    plan["geoFence"]["breachReturn"] = [52.679, 5.924, 30]
+    plan["geoFence"]["breachReturn"] = [52.6767, 5.9222, 30]
     texts = {name: data.decode() for name, data in package.files.items()}
     package = packages.from_texts({**texts, "delivery.plan": json.dumps(plan)}, "delivery")
     there = moved(package, Place(-33.45, -70.66))

@@ -245,7 +245,7 @@ class Station:
             await action.set_takeoff_altitude(HEIGHT_M)
             await action.takeoff()
         elif word == "fly":
-            await action.goto_location(52.6795, 5.9240, 50.0, 0.0)
+            await action.goto_location(52.6772, 5.9222, 50.0, 0.0)
         elif word == "upload":
             await mission.upload_mission([self._item(number) for number in range(len(MISSION))])
         elif word == "param":

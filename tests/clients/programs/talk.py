@@ -29,9 +29,9 @@ Jobs = Mapping[str, Callable[[], tuple[str, "int | None"]]]
 COMMAND_RESULTS = ("accepted", "temporarily_rejected", "denied", "unsupported", "failed", "in_progress", "cancelled")
 #: what `upload` sends: command, latitude and longitude in degrees, height above home in metres; the first is home
 MISSION = (
-    (16, 52.679, 5.924, 0.0),
-    (22, 52.679, 5.924, 12.0),
-    (16, 52.6793, 5.924, 12.0),
+    (16, 52.6767, 5.9222, 0.0),
+    (22, 52.6767, 5.9222, 12.0),
+    (16, 52.677, 5.9222, 12.0),
 )
 #: what `param` sets
 PARAMETER = ("FS_OPTIONS", 0.0)
