@@ -291,3 +291,11 @@ def test_a_position_box_is_configured_as_the_vehicle_has_it_but_for_its_address(
 )
 def test_a_box_that_cannot_be_is_refused(text: str, says: str) -> None:
     assert says in refusal(text)
+
+
+def test_the_low_battery_of_the_thesis_comes_on_the_path_of_the_delivery_after_waypoint_12() -> None:
+    """Section 6.3: "a similar path as shown in Figure 6.1, [...] after way point 12, the drone returned"."""
+    scenario = load_scenario(known_scenarios()["low-battery-return"])
+    assert scenario.mission == "delivery"
+    deeds = [step.deed.describe() for step in scenario.steps]
+    assert deeds.index("mission item 12") + 1 == deeds.index("SIM_BATT_VOLTAGE is 10.3")
