@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Final
 
 from mavproxy_handover.store.durable import replace_whole
-from mavproxy_handover.vehicle_address import MAX_OF_STATION, VehicleAddress, parse_address, plain_text
+from mavproxy_handover.vehicle_address import VehicleAddress, parse_address, plain_text
 
 __all__ = ["ConfirmedAddress", "address_file", "keep_address", "kept_address"]
 
@@ -51,7 +51,7 @@ def kept_address(file: Path) -> ConfirmedAddress | None:
         raise ValueError(f"larger than {_FILE_BYTES} bytes")
     try:
         kept = json.loads(data)
-        listed = tuple(parse_address(text) for text in kept["addresses"][: MAX_OF_STATION + 1])
+        listed = tuple(parse_address(text) for text in kept["addresses"])
         sender, mission, at = (plain_text(kept[key]) for key in ("from", "mission", "confirmed"))
     except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise ValueError(f"not what this program wrote ({type(error).__name__})") from None

@@ -541,7 +541,7 @@ def test_a_station_that_was_restarted_in_flight_opens_it_too(confirmed: Path) ->
         b'"x"',
         b"\xff\xfe",
         b"[" * 4000,
-        b"x" * 5000,
+        b'{"addresses": ["udpout:10.0.0.2:14552"], "from": "GCSA", "mission": "m", "confirmed": "t"}'.ljust(5000),
         json.dumps({"addresses": [], "from": "GCSA", "mission": "m", "confirmed": "t"}).encode(),
         json.dumps({"addresses": ["/dev/ttyUSB0"], "from": "GCSA", "mission": "m", "confirmed": "t"}).encode(),
         json.dumps({"addresses": ["udpin:0.0.0.0:1"], "from": "GCSA", "mission": "m", "confirmed": "t"}).encode(),
@@ -564,6 +564,15 @@ def test_a_file_with_an_address_that_is_not_allowed_any_more_opens_nothing(file:
     desk = Desk(file)
     (line,) = desk.run()
     assert line.endswith("is not used: 127.0.0.1 is this computer itself (offered_addresses_local = true allows it).")
+    assert desk.door.opened == []
+
+
+def test_a_file_with_too_many_addresses_opens_nothing(file: Path) -> None:
+    five = [f"udpout:10.0.0.2:{port}" for port in range(1, 6)]
+    file.write_text(json.dumps({"addresses": five, "from": "GCSA", "mission": "m", "confirmed": "then"}))
+    desk = Desk(file)
+    (line,) = desk.run()
+    assert line.endswith("is not used: 5 addresses, allowed are 4.")
     assert desk.door.opened == []
 
 
