@@ -10,7 +10,6 @@ kernel, which forwards them. When the device is ready it prints `ready`. It ends
 from __future__ import annotations
 
 import argparse
-import fcntl
 import heapq
 import itertools
 import os
@@ -70,6 +69,8 @@ def program(interfaces: Sequence[str], folder: Path) -> Program:
 
 def _open() -> int:
     """The TUN device. Raises OSError."""
+    import fcntl  # not on every system that the command is tried on
+
     device = os.open(_TUN, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
     fcntl.ioctl(device, _TUNSETIFF, struct.pack("16sH22x", _DEVICE.encode(), _IFF_TUN | _IFF_NO_PI))
     return device
