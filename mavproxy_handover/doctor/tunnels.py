@@ -28,6 +28,8 @@ _OF_A_PROGRAM: Final = ("tun", "tap")
 #: tunnels that pack and do not encrypt
 _PLAIN: Final = ("ipip", "gre", "gretap", "ip6gre", "ip6gretap", "sit", "ip6tnl", "vxlan", "geneve", "erspan", "fou")
 _ANY_ADDRESS: Final = ("0.0.0.0", "::")
+#: a packet with a forged sender gets past a tunnel from the network that this machine is in
+_UNSIGNED_INSIDE: Final = "any program inside the tunnel, and a neighbour that forges its address, can"
 _DO: Final = (
     "Make a key ('handover keys make') and name it at both ends; to keep others from reading, lead the link through a "
     "tunnel (docs/encryption.md)."
@@ -109,7 +111,7 @@ def _by(interface: Interface) -> _Way:
         return _Way("stays on this machine", False, "no other program here can", "any program here can")
     if kind in _ENCRYPTED:
         says = f"inside {_ENCRYPTED[kind]} ({name}): others on the way cannot read it"
-        return _Way(says, False, "no other program inside the tunnel can", "any program inside the tunnel can")
+        return _Way(says, False, "no other program inside the tunnel can", _UNSIGNED_INSIDE)
     if kind in _OF_A_PROGRAM:
         return _Way(f"inside a tunnel of a program ({name}): whether it encrypts is not known here", None)
     if kind in _PLAIN:

@@ -54,8 +54,8 @@ def found(patient: Any, monkeypatch: pytest.MonkeyPatch, *interfaces: Interface 
             Interface("wg0", "wireguard"),
             None,
             Level.OK,
-            "inside WireGuard (wg0): others on the way cannot read it; not signed: any program inside the tunnel can "
-            "speak as GCSA",
+            "inside WireGuard (wg0): others on the way cannot read it; not signed: any program inside the tunnel, and "
+            "a neighbour that forges its address, can speak as GCSA",
         ),
         (
             Interface("eth0", ""),

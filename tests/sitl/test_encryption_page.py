@@ -25,9 +25,8 @@ FILES = ("mc/wg-wired", "mc/wg-lte", "gcsa/wg-wired", "gcsa/wg-lte")
 WORDS = {"mc": "PUBLIC_KEY_OF_THE_AIRCRAFT", "gcsa": "PUBLIC_KEY_OF_GCSA", "gcsb": "PUBLIC_KEY_OF_GCSB"}
 WHY_NOT = namespaces.cannot() or tunnel.cannot()
 if not WHY_NOT:
-    WHY_NOT = (
-        "" if shutil.which("wg-quick") and shutil.which("wireguard-go") else "wg-quick and wireguard-go are missing"
-    )
+    missing = [name for name in ("wg-quick", "wireguard-go", "nft") if shutil.which(name) is None]
+    WHY_NOT = f"missing: {', '.join(missing)}" if missing else ""
 
 SCRIPT = """
 import json, os, socket, subprocess, sys, time
@@ -39,7 +38,10 @@ from sitl.run.processes import Processes
 ECHO = "import socket\\nu = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)\\nu.bind(('0.0.0.0', 7))\\n"
 ECHO += "print('up', flush=True)\\nwhile True:\\n    u.sendto(*u.recvfrom(99))\\n"
 
-def answers(address, from_="", wait_s=6.0):
+FORGED = "import socket\\nu = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)\\n"
+FORGED += "u.bind(('10.9.1.2', 14550))\\nu.sendto(b'x', ('10.9.1.1', 14000))\\n"
+
+def answers(address, wait_s=6.0):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as udp:
         udp.settimeout(wait_s)
         udp.sendto(b"x", (address, 7))
@@ -69,6 +71,22 @@ with Namespaces(plan(["GCSA", "GCSB"])) as made, Processes() as processes:
     with made.entered("mc"):
         for address in ("10.9.1.2", "10.9.2.2", "10.9.1.3", "10.9.2.3"):
             said[address] = answers(address)
+        def gets_past():
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ours:
+                ours.bind(("10.9.1.1", 14000))
+                ours.settimeout(1.0)
+                subprocess.run([*inside("gateway"), sys.executable, "-c", FORGED], check=True)
+                try:
+                    return ours.recvfrom(9)[1] == ("10.9.1.2", 14550)
+                except OSError:
+                    return False
+
+        for words in ("addr add 10.9.1.2/32 dev lo", "route add 10.9.1.1/32 via 192.168.11.100 dev air"):
+            subprocess.run(["ip", "-n", "gateway", *words.split()], check=True)
+        said["forged"] = gets_past()
+        subprocess.run(["nft", "-f", str(folder / "rule.nft")], check=True)
+        said["forged, with the rule"] = gets_past()
+        said["through the tunnel, with the rule"] = answers("10.9.1.2")
         processes["mc"].type(f"wg set wg-wired peer {lost} remove; echo removed")
         while "removed" not in processes["mc"].console():
             time.sleep(0.05)
@@ -102,6 +120,8 @@ def test_the_files_of_the_page_bring_up_two_tunnels_to_each_station(tmp_path: Pa
         path = tmp_path / f"{name}.conf"
         path.write_text(filled)
         path.chmod(0o600)
+    (rule,) = blocks("bash")
+    (tmp_path / "rule.nft").write_text(rule)
     done = subprocess.run(
         [sys.executable, "-c", SCRIPT, str(tmp_path), public["gcsb"]],
         env={**os.environ, "PYTHONPATH": str(ROOT)},
@@ -116,6 +136,9 @@ def test_the_files_of_the_page_bring_up_two_tunnels_to_each_station(tmp_path: Pa
         "10.9.2.2": True,
         "10.9.1.3": True,
         "10.9.2.3": True,
+        "forged": True,
+        "forged, with the rule": False,
+        "through the tunnel, with the rule": True,
         "removed": False,
         "the other one": True,
     }
