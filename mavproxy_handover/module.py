@@ -143,7 +143,9 @@ class HandoverModule(mp_module.MPModule):
             self.companion.narrator.running_by(note)
         self._close_side_doors(tell=False)
         self._supervised()
-        stations = ", ".join(f"{port.name}{' (parent)' * (port.sysid == config.parent)}" for port in ports.values())
+        stations = ", ".join(
+            f"{port.name} (parent)" if port.sysid == config.parent else port.name for port in ports.values()
+        )
         self._show(f"handover {VERSION}: {config.name}, stations {stations}, configuration {config.path}")
         self._replay: ReplayStore | None = None
         peers = {port.name: port.peer for port in ports.values() if port.peer is not None}
