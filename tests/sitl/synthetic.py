@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""A run's journals made by hand: the delivery mission flown as planned, without any process.
+"""A run's journals made by hand: the test package `round` flown as planned, without any process.
 
 The track is the planned walk at cruise speed; authority moves where the walk says. Handover 1 is by the book,
 handover 2 loses its request once, handover 3 goes without a ground link (the vehicle passes steps 2 and 5 on),
@@ -18,7 +18,7 @@ from typing import Any
 from mavproxy_handover.mission import package as packages
 from sitl.report.evidence import Evidence, RunNotes
 from sitl.report.journal_reader import Entry
-from sitl.script.places import mission_folder
+from tests.packages import ROUND
 
 VEHICLE_NAME = "drone-1"
 SPEEDUP = 5.0
@@ -57,7 +57,7 @@ def wall(sim_s: float) -> float:
 
 def nominal() -> list[Entry]:
     """Every entry of the flight, sorted."""
-    package = packages.load(mission_folder("delivery"))
+    package = packages.load(ROUND)
     names = {station.sysid: station.name for station in package.stations}
     script = Script()
     _ground(script)
@@ -151,13 +151,13 @@ def _transfer(script: Script, t: float, number: int, old: str, new: str) -> None
 
 def evidence(entries: list[Entry] | None = None, **values: Any) -> Evidence:
     """Evidence of the flight, or of other entries."""
-    package = packages.load(mission_folder("delivery"))
+    package = packages.load(ROUND)
     return Evidence(nominal() if entries is None else entries, package, RunNotes(SPEEDUP, **values))
 
 
 def write_folder(folder: Path, *, verdicts: list[dict[str, Any]] | None = None) -> Path:
     """The flight as the folder of a run."""
-    shutil.copytree(mission_folder("delivery"), folder / "mission")
+    shutil.copytree(ROUND, folder / "mission")
     entries = nominal()
     places = {"vehicle": "vehicle.jsonl", VEHICLE_NAME: "companion/companion.jsonl"}
     files: dict[str, list[str]] = {}
