@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import Any, ClassVar
 
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
@@ -241,6 +241,7 @@ def test_a_package_under_a_false_digest_is_refused(bench: Bench, delivery: Missi
 def test_a_package_of_garbage_is_refused_and_costs_no_lease(bench: Bench, delivery: MissionPackage) -> None:
     class Garbage:
         digest, name = bytes(range(32)), "garbage"
+        addresses: ClassVar[dict[int, tuple[str, ...]]] = {}
 
         @staticmethod
         def to_bytes() -> bytes:
