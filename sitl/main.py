@@ -58,7 +58,7 @@ __all__ = [
 DEFAULT_SPEEDUP = 4.0
 #: A station's heartbeat comes every second of the wall clock, so at a handover up to two seconds pass between the last
 #: one of the old commander and the first one of the new; the autopilot's FS_GCS_TIMEOUT is 10 s of its own time.
-MAX_SPEEDUP = 5.0
+MAX_SPEEDUP = 20.0
 #: what is played where no scenario is named
 USUAL_SCENARIO: Final = {Kind.COPTER: "nominal", Kind.QUADPLANE: "ferry", Kind.PLANE: "dike"}
 #: what MAVProxy's command line splits or eats

@@ -43,6 +43,7 @@ class CommanderChange:
 class RunNotes:
     """What stands in no journal: only who ran the flight knows it."""
 
+    #: simulated seconds in one second of the entries' `t`
     speedup: float = 1.0
     #: label of a step -> monotonic time at which it was done
     marks: dict[str, float] = field(default_factory=dict)

@@ -32,7 +32,7 @@ __all__ = ["RUN_FILE", "RecordError", "RunRecord", "Verdict", "load", "load_run"
 
 RUN_FILE = "run.json"
 #: its values that are numbers; one that is none is left out
-_NUMBERS = frozenset(("speedup", "duration_sim_s", "duration_wall_s", "ended_t"))
+_NUMBERS = frozenset(("speedup", "rate", "duration_sim_s", "duration_wall_s", "ended_t"))
 #: how a run of several vehicles names what is seen of a further one
 _SEEN_OF = seen_of("")
 _SEEN_FILE = "seen.jsonl"
@@ -169,7 +169,7 @@ def _staged(folder: Path, values: Mapping[str, Any]) -> RunRecord:
     entries = _entries(folder, journals)
     offsets = [utc - entry.t for entry in entries if (utc := utc_of(entry.get("utc"))) is not None]
     notes = RunNotes(
-        speedup=_number(values.get("speedup"), 1.0),
+        speedup=_number(values.get("rate", values.get("speedup")), 1.0),
         marks=_moments(values.get("marks")),
         deaths=values.get("deaths") or {},
         kills=_moments(values.get("kills")),

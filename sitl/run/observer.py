@@ -23,6 +23,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from sitl.report.journal_reader import Entry
 from sitl.report.watch import Watch
+from sitl.run.pacing import BOOT_INTERVAL_S, Pacing
 from sitl.run.watchers import Watchers
 
 __all__ = ["Observer"]
@@ -36,9 +37,19 @@ class Observer:
     """Connection to the vehicle plus the journal. `watch` is the aircraft as last heard of."""
 
     def __init__(
-        self, address: str, sysid: int, speedup: float, journal: Path, watchers: Watchers | None = None
+        self,
+        address: str,
+        sysid: int,
+        speedup: float,
+        journal: Path,
+        watchers: Watchers | None = None,
+        clock: Callable[[], float] = time.monotonic,
+        pacing: Pacing | None = None,
     ) -> None:
-        """Connect to `tcp:HOST:PORT`; `watchers`: see `watchers.py`. Raises OSError when nothing listens there."""
+        """Connect to `tcp:HOST:PORT`; `watchers`: see `watchers.py`; `clock`: the time that the journal gets;
+        `speedup`: simulated seconds in a second of it; `pacing`: of a vehicle that does not know the page of simulated
+        time. Raises OSError when nothing listens there."""
+        self._clock, self._pacing = clock, pacing
         _, host, port = address.split(":")
         self.watch = Watch(sysid, speedup)
         self._sysid = sysid
@@ -69,16 +80,20 @@ class Observer:
                 break
             except OSError:
                 data = b""
-            now = time.monotonic()
+            now = self._clock()
             if not data:
                 self.connected = False
                 break
             messages = self._parser.parse_buffer(data) or ()
             self._watchers.show(messages)
             for message in messages:
+                if self._pacing is not None:
+                    self._pacing.take(message)
                 found += self.watch.take(message, now)
                 if message.get_type() == "PARAM_VALUE" and message.param_id in self._wanted:
                     self._said[message.param_id] = message.param_value
+        if self._pacing is not None:
+            self._pacing.tick()
         self._ask()
         self._set()
         for frame in self._watchers.asked():
@@ -98,6 +113,9 @@ class Observer:
             mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
             _LANDED_STATE_INTERVAL_US,
         )
+        if self._pacing is not None:
+            interval_us = BOOT_INTERVAL_S * 1e6
+            self._command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_SYSTEM_TIME, interval_us)
 
     def change_world(self, name: str, value: float) -> Callable[[], bool]:
         """Set a parameter of the simulation, again until the vehicle has it; the function tells whether it has."""
@@ -137,6 +155,8 @@ class Observer:
 
     def close(self) -> None:
         """Close connection and journal."""
+        if self._pacing is not None:
+            self._pacing.release()
         self.connected = False
         self._socket.close()
         self._watchers.close()

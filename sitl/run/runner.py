@@ -33,8 +33,10 @@ from sitl.report.watch import Watch
 from sitl.run.fleet import FIRST, Craft, Flown, first_of
 from sitl.run.memory import memory_of_a_run
 from sitl.run.observer import Observer
+from sitl.run.pacing import Pacing
 from sitl.run.processes import Processes, ProcessGone, ending
 from sitl.run.proxy import give_orders, type_orders
+from sitl.run.sim_time import Page, in_sim_time
 from sitl.run.sites import Site
 from sitl.run.story import Story
 from sitl.run.transmitter import Transmitter
@@ -49,6 +51,8 @@ from sitl.vehicles import LaunchError, RunningVehicle, VehicleSpec, launch
 __all__ = ["Network", "Order", "Result", "run"]
 
 _POLL_S = 0.02
+#: a vehicle that is held goes on within this
+_PACING_S = 0.004
 _LOAD_TIMEOUT_S = 30.0
 #: how much longer than planned a machine that cannot keep up may take
 _SLACK_FACTOR, _SLACK_S = 2.5, 15.0
@@ -152,9 +156,12 @@ class _Flight:
         self.reader = JournalReader()
         self.since = {"typed": 0, "last": 0, "begin": 0}
         self.taken: set[int] = set()
-        self.notes = RunNotes(order.speedup)
+        self.notes = RunNotes(self.rate)
         self.step_verdicts: list[Verdict] = []
-        self.begun_t = time.monotonic()
+        #: simulated time for all programs; None: they go by the wall clock, as real computers and networks do
+        self.page = None if order.network else Page(_memory(order.folder) / "sim_time", make=True)
+        self.rate = order.speedup if self.page is None else 1.0
+        self.begun_t = self.now()
         self.begun_utc = datetime.now(timezone.utc)
         self.vehicle: RunningVehicle | None = None
         self._observer: Observer | None = None
@@ -180,11 +187,18 @@ class _Flight:
         """Simulated seconds, by the first vehicle's clock."""
         return 0.0 if self._observer is None else self._observer.watch.clock.sim_at(t)
 
+    def now(self) -> float:
+        """The time that all programs of the run have, monotonic (s)."""
+        if self.page is None:
+            return time.monotonic()
+        sim_s, begun, _ = self.page.read()
+        return begun + sim_s
+
     def entries(self) -> list[Entry]:
         return self.reader.entries
 
     def sim_s(self) -> float:
-        return self._sim_at(time.monotonic())
+        return self._sim_at(self.now())
 
     def place(self, name: str) -> tuple[float, float]:
         place, home = self.order.scenario.places[name], self.order.package.route.home
@@ -205,7 +219,7 @@ class _Flight:
     def kill(self, process: str) -> None:
         self._begin_anew()
         self.processes[process].kill()
-        self.notes.kills[process] = time.monotonic()
+        self.notes.kills[process] = self.now()
 
     def crash(self, process: str) -> None:
         self._begin_anew()
@@ -271,22 +285,28 @@ class _Flight:
             wiring = lay_out(order.folder, order.package, mission, order.scenario, order.instead, others, sites)
             first = first_of(order.package, mission)
             seen = order.folder / "vehicle.jsonl"
-            self.vehicle, self._observer = self._start_vehicle(wiring, first, order.folder, seen)
+            self.vehicle, self._observer = self._start_vehicle(wiring, first, order.folder, seen, leads=True)
             for craft in others:
                 folder = order.folder / craft.name
-                started = self._start_vehicle(wiring, craft, folder, folder / "vehicle" / "seen.jsonl")
+                seen = folder / "vehicle" / "seen.jsonl"
+                started = self._start_vehicle(wiring, craft, folder, seen, leads=False)
                 self._others[craft.name] = Flown(craft.name, *started)
             self._start_programs(wiring, self.vehicle)
         except (ConfigError, KeysError, OSError) as error:
             raise SetupError(" ".join(str(error).split())) from None
 
-    def _start_vehicle(self, wiring: Wiring, craft: Craft, folder: Path, seen: Path) -> tuple[RunningVehicle, Observer]:
+    def _start_vehicle(
+        self, wiring: Wiring, craft: Craft, folder: Path, seen: Path, *, leads: bool
+    ) -> tuple[RunningVehicle, Observer]:
+        """`leads`: simulated time is this vehicle's."""
         order, home = self.order, craft.package.route.home
         script, parameters = guard_files(craft.package.kind)
         spec = VehicleSpec(
             home=(home.lat_deg, home.lon_deg, home.alt_m, order.heading_deg),
             sysid=craft.sysid,
             speedup=order.speedup,
+            clock=None if self.page is None else self.page.path,
+            leads=leads,
             scripts=(script, *wiring.card),
             defaults=parameters,
             parameters={"HNDO_CHAN": _COMPANION_CHANNEL, **order.scenario.parameters},
@@ -301,7 +321,10 @@ class _Flight:
             raise SetupError(f"{first} {rest[-1].strip()}" if rest else first) from None
         try:
             watching = order.watching or Watchers(order.watchers)
-            return vehicle, Observer(vehicle.monitor, craft.sysid, order.speedup, seen, watching)
+            pacing = None
+            if self.page is not None and order.vehicle != "builtin":  # which writes and follows the page itself
+                pacing = Pacing(self.page, vehicle.pid, order.speedup, leads=leads)
+            return vehicle, Observer(vehicle.monitor, craft.sysid, self.rate, seen, watching, self.now, pacing)
         except OSError:
             vehicle.stop()
             raise
@@ -327,7 +350,8 @@ class _Flight:
     def _start(self, program: Program) -> None:
         if program.journal is not None:
             self.reader.follow(program.journal)
-        self.processes.start(program.name, program.argv, program.folder)
+        argv = program.argv if self.page is None else in_sim_time(self.page.path, program.argv)
+        self.processes.start(program.name, argv, program.folder)
 
     def _await_up(self, programs: Sequence[Program]) -> None:
         """A program that is up has begun its journal, or said that it is ready. Raises SetupError with what its console
@@ -365,13 +389,13 @@ class _Flight:
             steps = len(self.order.scenario.steps)
             self.step_verdicts.append(Verdict(True, f"timeline of {steps} steps", "all done"))
         self._pump(0.2)
-        self.notes.ended_t = time.monotonic()
+        self.notes.ended_t = self.now()
 
     def _do(self, step: Step) -> str:
         """Do a step; returns what went wrong, or nothing."""
         self._about = step.vehicle
         began_wall, began_sim = time.monotonic(), self.sim_s()
-        wall_limit_s = step.timeout_wall_s or (step.timeout_s or 0.0) / self.order.speedup * _SLACK_FACTOR + _SLACK_S
+        wall_limit_s = step.timeout_wall_s or (step.timeout_s or 0.0) * _SLACK_FACTOR + _SLACK_S
         try:
             running = step.deed.begin(self)
             while not running.done():
@@ -391,7 +415,7 @@ class _Flight:
 
     def _done(self, step: Step, running: Running) -> None:
         if step.label:
-            self.notes.marks[step.label] = time.monotonic() if running.at is None else running.at
+            self.notes.marks[step.label] = self.now() if running.at is None else running.at
         if isinstance(step.deed, Steady):
             self.step_verdicts.append(Verdict(True, step.deed.describe(), running.seen()))
 
@@ -416,7 +440,7 @@ class _Flight:
         """Take in what has come, waiting for the vehicle at most so long; tell the story; notice deaths."""
         observer = self._observer
         if observer is not None and observer.connected:
-            select.select([observer], [], [], timeout_s)
+            select.select([observer], [], [], min(timeout_s, _PACING_S))
             self.reader.add(observer.poll())
             for flown in self._others.values():
                 self.reader.add(flown.poll())
@@ -424,7 +448,7 @@ class _Flight:
             time.sleep(timeout_s)
         self.reader.poll()
         if self._transmitter is not None:
-            self._transmitter.tick(time.monotonic())
+            self._transmitter.tick(self.now())
         self._weigh()
         while self._told < len(self.reader.entries):
             entry = self.reader.entries[self._told]
@@ -441,7 +465,7 @@ class _Flight:
 
     def _weigh(self) -> None:
         """Once a second: the memory of the companion."""
-        now = time.monotonic()
+        now = self.now()
         if now < self._memory_at or COMPANION not in self.processes:
             return
         self._memory_at = now + 1.0
@@ -469,6 +493,11 @@ class _Flight:
         return Result(self.order, verdicts, duration_sim_s=evidence.sim_at(self.notes.ended_t), evidence=evidence)
 
 
+def _memory(folder: Path) -> Path:
+    """Where all programs of the run keep what is in memory; `folder` where nothing is."""
+    return Path(os.environ.get("RUNTIME_DIRECTORY") or folder)
+
+
 def _trouble(console: Sequence[str]) -> str:
     """The line in which MAVProxy or a module says why it does not load; nothing if there is none."""
     # not `handover:{`, which is in the command line that `handover companion` prints
@@ -484,6 +513,7 @@ def _write_run(order: Order, flight: _Flight, result: Result) -> None:
         "vehicle": order.vehicle,
         "firmware": flight.watch.firmware,
         "speedup": order.speedup,
+        "rate": flight.rate,
         "begun_utc": flight.begun_utc.isoformat(timespec="seconds"),
         "begun_t": flight.begun_t,
         "ended_t": flight.notes.ended_t,

@@ -25,6 +25,10 @@ class VehicleSpec:
     sysid: int = 1
     speedup: float = 1.0
     """Simulated seconds per second of the wall clock."""
+    clock: Path | None = None
+    """The page of simulated time (`sitl.run.sim_time`), for the kind `builtin`."""
+    leads: bool = True
+    """Its time is that of the page; else it follows the page."""
     scripts: tuple[Path, ...] = ()
     """Lua scripts, copied into the directory's `scripts/`."""
     defaults: tuple[Path, ...] = ()

@@ -17,6 +17,7 @@ import sys
 import time
 from pathlib import Path
 
+from sitl.run.sim_time import Pace, Page
 from sitl.vehicles.builtin import NOT_MODELLED
 from sitl.vehicles.builtin.vehicle import STEP_S, Vehicle, VehicleConfig
 
@@ -90,8 +91,12 @@ class Port:
             vehicle.links[self.serial].detach()
 
 
-def run(vehicle: Vehicle, ports: list[Port], radio: socket.socket) -> None:
-    """Serve until SIGTERM or SIGINT, at the pace of SIM_SPEEDUP, which may change on the way."""
+def run(vehicle: Vehicle, ports: list[Port], radio: socket.socket, page: Page | None = None) -> None:
+    """Serve until SIGTERM or SIGINT, at the pace of SIM_SPEEDUP, which may change on the way.
+
+    `page`: where the programs of the simulation read their time; the vehicle waits for those that are late.
+    """
+    pace = None if page is None else Pace(page)
     running = [True]
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: running.clear())
@@ -114,11 +119,15 @@ def run(vehicle: Vehicle, ports: list[Port], radio: socket.socket) -> None:
         now_s = time.monotonic()
         behind_s = min(behind_s + (now_s - last_s) * speedup, max(_MAX_BURST_S, 4 * _MIN_SLEEP_S * speedup))
         last_s = now_s
+        if pace is not None and not pace.may_go_on(vehicle.copter.time_s):
+            behind_s = 0.0
         while behind_s >= STEP_S:
             behind_s -= STEP_S
             vehicle.step(STEP_S)
         for port in ports:
             port.write(vehicle)
+        if page is not None:
+            page.write(vehicle.copter.time_s, speedup)
 
 
 def _home(text: str) -> tuple[float, float, float, float]:
@@ -168,6 +177,7 @@ def parse(arguments: list[str]) -> argparse.Namespace:
     parser.add_argument("--home", type=_home, required=True, metavar="LAT,LON,ALT,HEADING")
     parser.add_argument("--defaults", default="", metavar="FILE,...", help="parameter files, the last word wins")
     parser.add_argument("--speedup", type=_speedup, default=1.0, metavar="N")
+    parser.add_argument("--clock", type=Path, metavar="PAGE", help="give others simulated time (sitl/run/sim_time.py)")
     parser.add_argument("--sysid", type=int, default=1, choices=range(1, 256), metavar="ID")
     parser.add_argument(
         "--rc-in-port", type=int, default=0, metavar="PORT", help="UDP port for pulse widths of a transmitter, 0: any"
@@ -209,6 +219,7 @@ def main(arguments: list[str] | None = None) -> int:
             )
         )
         ports = [Port(serial, number) for serial, number in numbers.items()]
+        page = None if options.clock is None else Page(options.clock)
         radio = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         radio.bind(("127.0.0.1", options.rc_in_port))
     except (OSError, ValueError) as error:
@@ -216,7 +227,7 @@ def main(arguments: list[str] | None = None) -> int:
         return 2
     if vehicle.unknown_parameters:
         print(f"{vehicle.unknown_parameters} parameters of the files are not modelled", flush=True)
-    run(vehicle, ports, radio)
+    run(vehicle, ports, radio, page)
     return 0
 
 

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Mapping
 from pathlib import Path
 
+from sitl.run.sim_time import in_sim_time
 from sitl.vehicles.spec import VehicleSpec
 
 __all__ = ["command"]
@@ -16,6 +17,7 @@ __all__ = ["command"]
 
 def command(spec: VehicleSpec, ports: Mapping[int, int], parameters: list[Path]) -> tuple[list[str], dict[str, str]]:
     """Arguments and extra environment that start the model; it runs from the same installation as the caller."""
+    page = None if spec.leads else spec.clock
     arguments = [
         sys.executable,
         "-m",
@@ -25,12 +27,16 @@ def command(spec: VehicleSpec, ports: Mapping[int, int], parameters: list[Path])
         "--sysid",
         str(spec.sysid),
         "--speedup",
-        f"{spec.speedup:g}",
+        f"{1.0 if page is not None else spec.speedup:g}",
         "--scripts",
         "scripts",
         "--defaults",
         ",".join(path.name for path in parameters),
     ]
+    if page is not None:  # its steps go by the page, as they go by the wall clock else
+        arguments = list(in_sim_time(page, arguments))
+    elif spec.clock is not None:
+        arguments.append(f"--clock={spec.clock}")
     for serial, port in ports.items():
         arguments += [f"--serial{serial}", f"tcp:{port}"]
     root = str(Path(__file__).resolve().parents[3])

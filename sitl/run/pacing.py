@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Writes the time of ArduPilot's SITL program into the page of simulated time; holds the program where others are late.
+
+The program knows nothing of the page (`sim_time.py`). Its time is read from what it says on the observer's port. Where
+a program of the run is late, or this vehicle is ahead of the first one, it is stopped by SIGSTOP until they have caught
+up. It does not catch up itself: its pace is that of `--speedup` from then on.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+from typing import Any, Final
+
+from sitl.run.sim_time import LATE_S, Pace, Page
+
+__all__ = ["BOOT_INTERVAL_S", "Pacing"]
+
+#: the program is asked for its time so often (simulated seconds)
+BOOT_INTERVAL_S: Final = 0.02
+
+
+class Pacing:
+    """One vehicle. `page`: of the run; `leads`: its time is the time of the run."""
+
+    def __init__(self, page: Page, pid: int, speedup: float, *, leads: bool) -> None:
+        self._page, self._pid, self._speedup, self._leads = page, pid, speedup, leads
+        self._pace = Pace(page)
+        self._sim_s = self._written_s = 0.0
+        #: simulated seconds before the autopilot was started anew
+        self._before_s = 0.0
+        self._last_boot_s = 0.0
+        self._held = False
+
+    def take(self, message: Any) -> None:
+        """A message of the vehicle."""
+        boot_ms = getattr(message, "time_boot_ms", None)
+        if boot_ms is None:
+            return
+        boot_s = boot_ms / 1000.0
+        if boot_s < self._last_boot_s - 1.0:  # it was started anew
+            self._before_s = self._sim_s
+            self._last_boot_s = boot_s
+        self._last_boot_s = max(self._last_boot_s, boot_s)
+        self._sim_s = max(self._sim_s, self._before_s + self._last_boot_s)
+
+    def tick(self) -> None:
+        """To be called often: every few milliseconds."""
+        if self._leads:
+            if self._held or self._sim_s != self._written_s:
+                self._page.write(self._sim_s, self._speedup)
+                self._written_s = self._sim_s
+            hold = not self._pace.may_go_on(self._sim_s)
+        else:
+            hold = self._sim_s > self._page.read()[0] + LATE_S
+        if hold != self._held:
+            self._held = hold
+            self._signal(signal.SIGSTOP if hold else signal.SIGCONT)
+
+    def release(self) -> None:
+        """It goes on whatever comes, so that it can end."""
+        if self._held:
+            self._held = False
+            self._signal(signal.SIGCONT)
+
+    def _signal(self, number: signal.Signals) -> None:
+        try:
+            os.kill(self._pid, number)
+        except ProcessLookupError:
+            pass

@@ -1,0 +1,263 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Simulated time for the programs of a simulation: their clocks go with the vehicle's, at any speed-up.
+
+A flight at eight times real time is faithful only if every time-out lasts eight times shorter on the wall clock. So the
+vehicle writes its simulated time into a page of shared memory, and each program of the run reads its clocks there:
+
+    python -m sitl.run.sim_time PAGE PROGRAM ...      run a Python program with the clocks of PAGE
+
+Rules:
+
+1. `time.time` and `time.monotonic` follow the page. Between two entries of the vehicle they go on at its pace, for
+   `AHEAD_S` of simulated time at most. Each reading is later than the one before. `time.sleep`, `select.select` and `select.poll` wait in
+   simulated time. What waits elsewhere (locks, queues, other processes) waits by the wall clock.
+2. The vehicle does not run away from a program that is late. Each thread that waits for input says until when it has
+   done its work: it found no input, and waits until then. The vehicle stands still while one of them is more than
+   `LATE_S` behind, but at most `PATIENCE_S` of the wall clock for a thread that does not move: it is stopped, dead, or
+   waits for something else.
+3. A vehicle that writes nothing for `SILENT_S` of the wall clock has ended or hangs: the clocks go on without it.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import math
+import mmap
+import os
+import runpy
+import select
+import struct
+import sys
+import threading
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+__all__ = ["AHEAD_S", "LATE_S", "PATIENCE_S", "SILENT_S", "Pace", "Page", "follow", "in_sim_time", "main"]
+
+AHEAD_S: Final = 0.05
+LATE_S: Final = 0.1
+PATIENCE_S: Final = 2.0
+SILENT_S: Final = 5.0
+
+_SLOTS: Final = 128
+#: number of the entry (odd while it is written), wall clock, simulated time, pace, time of the page's first moment on
+#: the wall clock, and UTC then
+_HEAD: Final = struct.Struct("<Qddddd")
+_SLOT: Final = struct.Struct("<QQd")  # process, 0: free; how often it looked for input; until when its work is done
+_SLOTS_AT: Final = 64
+_BYTES: Final = _SLOTS_AT + _SLOTS * _SLOT.size
+#: two readings of a clock differ by this at least: multiprocessing looks again and again until its deadline has passed
+_LEAST_S: Final = 1e-9
+#: the clocks of the machine, which `follow` replaces
+_wall, _sleep, _select, _poll = time.monotonic, time.sleep, select.select, select.poll
+_utc = time.time
+
+
+class Page:
+    """The shared page. One process makes it, the vehicle writes its time, all others read."""
+
+    def __init__(self, path: Path, *, make: bool = False) -> None:
+        """Open the page at `path`, or make it. Raises OSError."""
+        self.path = path
+        with path.open("w+b" if make else "r+b") as file:
+            if make:
+                file.truncate(_BYTES)
+            self._memory = mmap.mmap(file.fileno(), _BYTES)
+        if make:
+            at = _wall()
+            _HEAD.pack_into(self._memory, 0, 0, at, 0.0, 0.0, at, _utc())
+
+    def write(self, sim_s: float, pace: float) -> None:
+        """The vehicle's simulated time now, and how many simulated seconds go by in one of the wall clock."""
+        number, _, _, _, begun, utc = _HEAD.unpack_from(self._memory, 0)
+        struct.pack_into("<Q", self._memory, 0, number + 1)
+        _HEAD.pack_into(self._memory, 0, number + 1, _wall(), sim_s, pace, begun, utc)
+        struct.pack_into("<Q", self._memory, 0, number + 2)
+
+    def read(self) -> tuple[float, float, float]:
+        """Simulated seconds since the page was made, the wall clock when it was made, UTC then."""
+        while True:
+            number, at, sim_s, pace, begun, utc = _HEAD.unpack_from(self._memory, 0)
+            if number % 2 == 0 and struct.unpack_from("<Q", self._memory, 0)[0] == number:
+                break
+        since_s = _wall() - at
+        gone_s = min(since_s * pace, AHEAD_S) + max(0.0, since_s - SILENT_S) * max(pace, 1.0)
+        return sim_s + gone_s, begun, utc
+
+    @property
+    def pace(self) -> float:
+        """Simulated seconds in one of the wall clock, as the vehicle said last."""
+        return max(float(_HEAD.unpack_from(self._memory, 0)[3]), 1e-3)
+
+    def claim(self) -> int:
+        """A slot for a thread of this process. Raises RuntimeError if there is none left."""
+        with self.path.open("r+b") as file:
+            fcntl.lockf(file, fcntl.LOCK_EX)
+            for slot in range(_SLOTS):
+                if _SLOT.unpack_from(self._memory, _SLOTS_AT + slot * _SLOT.size)[0] == 0:
+                    self.promise(slot, 0, -math.inf)
+                    return slot
+        raise RuntimeError(f"{self.path}: more than {_SLOTS} threads wait in simulated time")
+
+    def promise(self, slot: int, looks: int, until_s: float) -> None:
+        """The thread of this slot has looked for input so often, and has done its work until `until_s` (simulated
+        seconds)."""
+        _SLOT.pack_into(self._memory, _SLOTS_AT + slot * _SLOT.size, os.getpid(), looks, until_s)
+
+    def promises(self) -> list[tuple[int, float]]:
+        """What all threads have promised, by slot; of free slots nothing."""
+        found = []
+        for slot in range(_SLOTS):
+            process, looks, until_s = _SLOT.unpack_from(self._memory, _SLOTS_AT + slot * _SLOT.size)
+            if not process:
+                break
+            found.append((looks, until_s))
+        return found
+
+
+class Pace:
+    """The vehicle's side of rule 2: whether it may go on."""
+
+    def __init__(self, page: Page) -> None:
+        self._page = page
+        #: by slot: how often it had looked for input, and when that was first seen
+        self._seen: list[tuple[int, float]] = []
+
+    def may_go_on(self, sim_s: float) -> bool:
+        """Whether no thread that moves is too late."""
+        now = _wall()
+        promises = self._page.promises()
+        self._seen += [(-1, now)] * (len(promises) - len(self._seen))
+        late = False
+        for slot, (looks, until_s) in enumerate(promises):
+            if looks != self._seen[slot][0]:
+                self._seen[slot] = (looks, now)
+            if until_s + LATE_S < sim_s and now - self._seen[slot][1] < PATIENCE_S:
+                late = True
+        return not late
+
+
+class _Follower:
+    """The clocks of one process, by a page."""
+
+    def __init__(self, page: Page) -> None:
+        self._page = page
+        self._last = -math.inf
+        self._mine = threading.local()
+        os.register_at_fork(after_in_child=self._forget)
+
+    def _forget(self) -> None:
+        self._mine = threading.local()
+
+    def monotonic(self) -> float:
+        sim_s, begun, _ = self._page.read()
+        self._last = max(self._last + _LEAST_S, begun + sim_s)
+        return self._last
+
+    def utc(self) -> float:
+        begun, utc = self._page.read()[1:]
+        return utc + self.monotonic() - begun
+
+    def wait(self, look: Callable[[float | None], Any], seconds: float | None) -> Any:
+        """Wait for something at most so many simulated seconds. `look` waits on the wall clock (None: without end) and
+        returns what came, or nothing."""
+        found = look(0.0)
+        if seconds is not None and seconds <= 0.0:  # that it finds nothing here does not mean that it has done its work
+            return found
+        begun = self._page.read()[1]
+        until = math.inf if seconds is None else self.monotonic() + seconds
+        if found:  # its work is not done: it stays as late as it is
+            self._promise(getattr(self._mine, "until_s", -math.inf))
+            return found
+        self._promise(until - begun)
+        while True:
+            left_s = until - self.monotonic()
+            found = look(None if left_s == math.inf else max(left_s, 0.0) / self._page.pace)
+            if found or left_s <= 0.0:
+                self._promise(self.monotonic() - begun)
+                return found
+
+    def _promise(self, until_s: float) -> None:
+        slot = getattr(self._mine, "slot", None)
+        if slot is None:
+            slot = self._mine.slot = self._page.claim()
+            self._mine.looks = 0
+        self._mine.looks += 1
+        self._mine.until_s = until_s
+        self._page.promise(slot, self._mine.looks, until_s)
+
+    def sleep(self, seconds: float) -> None:
+        begun, start = self._page.read()[1], self.monotonic()
+        until = start + max(seconds, 0.0)
+        promised: float | None = getattr(self._mine, "until_s", None)
+        if promised is not None:
+            self._promise(until - begun)
+        while (left_s := until - self.monotonic()) > 0.0:
+            _sleep(left_s / self._page.pace)
+        if promised is not None:  # as late after it as before
+            self._promise(promised + self.monotonic() - start)
+
+    def select(self, read: Any, write: Any, wrong: Any, timeout: float | None = None) -> Any:
+        nothing: tuple[list[Any], list[Any], list[Any]] = ([], [], [])
+
+        def look(left_s: float | None) -> Any:
+            found = _select(read, write, wrong, left_s)
+            return found if found != nothing else None
+
+        return self.wait(look, timeout) or nothing
+
+
+class _Poll:
+    """`select.poll` in simulated time."""
+
+    _follower: _Follower
+
+    def __init__(self) -> None:
+        self._poll = _poll()
+        self.register, self.modify, self.unregister = self._poll.register, self._poll.modify, self._poll.unregister
+
+    def poll(self, timeout: float | None = None) -> list[tuple[int, int]]:
+        def look(left_s: float | None) -> list[tuple[int, int]]:
+            return self._poll.poll(None if left_s is None else math.ceil(left_s * 1000.0))
+
+        seconds = None if timeout is None or timeout < 0 else timeout / 1000.0
+        found: list[tuple[int, int]] = self._follower.wait(look, seconds)
+        return found
+
+
+def follow(page: Page) -> None:
+    """From now on the clocks of this process are those of the page. To be called before what uses them is imported."""
+    follower = _Follower(page)
+    time.monotonic = follower.monotonic
+    time.time = follower.utc
+    time.sleep = follower.sleep  # type: ignore[assignment]
+    select.select = follower.select
+    select.poll = type("poll", (_Poll,), {"_follower": follower})  # type: ignore[assignment, misc]
+
+
+def in_sim_time(page: Path, argv: Sequence[str]) -> tuple[str, ...]:
+    """The command line of a program of our Python, run with the clocks of a page; what stands before Python stays there.
+    A program of another's goes by the wall clock, as it would."""
+    if sys.executable not in argv:
+        return tuple(argv)
+    place = argv.index(sys.executable)
+    return (*argv[: place + 1], "-m", "sitl.run.sim_time", str(page), *argv[place + 1 :])
+
+
+def main(argv: Sequence[str]) -> None:
+    """`PAGE -m MODULE ...` or `PAGE SCRIPT ...`."""
+    follow(Page(Path(argv[0])))
+    if argv[1] == "-m":
+        sys.argv = list(argv[2:])
+        runpy.run_module(argv[2], run_name="__main__", alter_sys=True)
+    else:
+        sys.argv = list(argv[1:])
+        sys.path[0] = str(Path(argv[1]).parent)
+        runpy.run_path(argv[1], run_name="__main__")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
