@@ -55,9 +55,8 @@ __all__ = [
     "summary",
 ]
 
-DEFAULT_SPEEDUP = 4.0
-#: A station's heartbeat comes every second of the wall clock, so at a handover up to two seconds pass between the last
-#: one of the old commander and the first one of the new; the autopilot's FS_GCS_TIMEOUT is 10 s of its own time.
+DEFAULT_SPEEDUP = 8.0
+#: no computer of today simulates three programs of MAVProxy and an aircraft faster
 MAX_SPEEDUP = 20.0
 #: what is played where no scenario is named
 USUAL_SCENARIO: Final = {Kind.COPTER: "nominal", Kind.QUADPLANE: "ferry", Kind.PLANE: "dike"}
@@ -189,14 +188,8 @@ def _list() -> None:
 
 def speedup_of(speedup: float) -> float:
     """The same, if a flight can have it. Raises SetupError."""
-    if speedup > MAX_SPEEDUP:
-        raise SetupError(
-            f"--speedup {speedup:g} is above {MAX_SPEEDUP:g}: heartbeats (up to 2 s apart at a handover) and leases "
-            f"(0.2 s) follow the wall clock, FS_GCS_TIMEOUT (10 s) and HNDO_TIMEOUT (3 s) simulated time, "
-            f"in which they would be {2 * speedup:g} s and {0.2 * speedup:.3g} s apart"
-        )
-    if not speedup >= 0.5:
-        raise SetupError(f"--speedup {speedup:g} is below 0.5")
+    if not 0.5 <= speedup <= MAX_SPEEDUP:
+        raise SetupError(f"--speedup {speedup:g} is not 0.5 to {MAX_SPEEDUP:g}")
     return speedup
 
 

@@ -38,6 +38,8 @@ __all__ = ["RESULTS_FILE", "main"]
 
 RESULTS_FILE: Final = "hosts.json"
 _BAD_USAGE = 2
+#: stations' heartbeats come up to 2 s of the wall clock apart at a handover; FS_GCS_TIMEOUT is 10 s of simulated time
+MAX_SPEEDUP: Final = 5.0
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -112,7 +114,12 @@ def _hosts(arguments: argparse.Namespace, stream: TextIO) -> int:
     folder_of_mission = mission_folder(arguments.mission)
     package = packages.load(folder_of_mission)
     sim.check_vehicle(arguments.vehicle, package, arguments.arducopter, arguments.arduplane)
-    speedup = sim.speedup_of(arguments.speedup)
+    speedup = arguments.speedup
+    if not 0.5 <= speedup <= MAX_SPEEDUP:
+        raise SetupError(
+            f"--speedup {speedup:g} is not 0.5 to {MAX_SPEEDUP:g}: programs and networks of the bench go by the wall "
+            f"clock, FS_GCS_TIMEOUT (10 s) and HNDO_TIMEOUT (3 s) by simulated time"
+        )
     scenario = parse_scenario(flight(package, folder_of_mission, arguments.cut), "bench hosts")
     scenario = with_opening(scenario, package)
     try:

@@ -153,14 +153,18 @@ class _Flight:
         self.order = order
         self.story = story
         self.processes = processes
+        #: simulated time for all programs; None: they go by the wall clock. Real networks do so, and in real time a
+        #: program that is late is seen to be late
+        self.page: Page | None = None
+        if order.network is None and order.speedup != 1.0:
+            self.page = Page(_memory(order.folder) / "sim_time", make=True)
+        #: simulated seconds in a second of the clock that all programs have
+        self.rate = order.speedup if self.page is None else 1.0
         self.reader = JournalReader()
         self.since = {"typed": 0, "last": 0, "begin": 0}
         self.taken: set[int] = set()
         self.notes = RunNotes(self.rate)
         self.step_verdicts: list[Verdict] = []
-        #: simulated time for all programs; None: they go by the wall clock, as real computers and networks do
-        self.page = None if order.network else Page(_memory(order.folder) / "sim_time", make=True)
-        self.rate = order.speedup if self.page is None else 1.0
         self.begun_t = self.now()
         self.begun_utc = datetime.now(timezone.utc)
         self.vehicle: RunningVehicle | None = None

@@ -10,8 +10,8 @@ vehicle writes its simulated time into a page of shared memory, and each program
 Rules:
 
 1. `time.time` and `time.monotonic` follow the page. Between two entries of the vehicle they go on at its pace, for
-   `AHEAD_S` of simulated time at most. Each reading is later than the one before. `time.sleep`, `select.select` and `select.poll` wait in
-   simulated time. What waits elsewhere (locks, queues, other processes) waits by the wall clock.
+   `AHEAD_S` of simulated time at most. Each reading is later than the one before. `time.sleep`, `select.select` and
+   `select.poll` wait in simulated time. What waits elsewhere (locks, queues, other processes) waits by the wall clock.
 2. The vehicle does not run away from a program that is late. Each thread that waits for input says until when it has
    done its work: it found no input, and waits until then. The vehicle stands still while one of them is more than
    `LATE_S` behind, but at most `PATIENCE_S` of the wall clock for a thread that does not move: it is stopped, dead, or
@@ -49,6 +49,8 @@ _HEAD: Final = struct.Struct("<Qddddd")
 _SLOT: Final = struct.Struct("<QQd")  # process, 0: free; how often it looked for input; until when its work is done
 _SLOTS_AT: Final = 64
 _BYTES: Final = _SLOTS_AT + _SLOTS * _SLOT.size
+#: who waits looks at the page so often (s of the wall clock): the vehicle may have gone on faster than it said
+_LOOK_S: Final = 0.05
 #: two readings of a clock differ by this at least: multiprocessing looks again and again until its deadline has passed
 _LEAST_S: Final = 1e-9
 #: the clocks of the machine, which `follow` replaces
@@ -175,10 +177,13 @@ class _Follower:
         self._promise(until - begun)
         while True:
             left_s = until - self.monotonic()
-            found = look(None if left_s == math.inf else max(left_s, 0.0) / self._page.pace)
+            found = look(None if left_s == math.inf else self._on_the_wall(left_s))
             if found or left_s <= 0.0:
                 self._promise(self.monotonic() - begun)
                 return found
+
+    def _on_the_wall(self, left_s: float) -> float:
+        return min(max(left_s, 0.0) / self._page.pace, _LOOK_S)
 
     def _promise(self, until_s: float) -> None:
         slot = getattr(self._mine, "slot", None)
@@ -196,7 +201,7 @@ class _Follower:
         if promised is not None:
             self._promise(until - begun)
         while (left_s := until - self.monotonic()) > 0.0:
-            _sleep(left_s / self._page.pace)
+            _sleep(self._on_the_wall(left_s))
         if promised is not None:  # as late after it as before
             self._promise(promised + self.monotonic() - start)
 
@@ -239,8 +244,8 @@ def follow(page: Page) -> None:
 
 
 def in_sim_time(page: Path, argv: Sequence[str]) -> tuple[str, ...]:
-    """The command line of a program of our Python, run with the clocks of a page; what stands before Python stays there.
-    A program of another's goes by the wall clock, as it would."""
+    """The command line of a program of our Python, run with the clocks of a page; what stands before Python stays.
+    A program of another Python goes by the wall clock."""
     if sys.executable not in argv:
         return tuple(argv)
     place = argv.index(sys.executable)

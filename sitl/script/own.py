@@ -56,8 +56,8 @@ def own_scenario(package: MissionPackage, folder: Path, seed: int | None = None)
     commanders = [names[sysid] for sysid in walk.commanders]
     head: dict[str, Any] = {"name": package.name, "mission": str(folder.resolve()), "begin": "start", "signed": True}
     start: list[dict[str, Any]] = []
-    if package.gaps:  # the guard has to allow them before START, and their limits are seconds of both clocks
-        head |= {"begin": "loaded", "speedup": 1}
+    if package.gaps:  # the guard has to allow them before START
+        head |= {"begin": "loaded"}
         start = [
             {"world": {"name": "HNDO_ALONE_MAX", "value": max(gap.limit_s for gap in package.gaps)}},
             {"pause_s": 3},

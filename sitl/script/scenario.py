@@ -273,8 +273,8 @@ def parse_scenario(text: str, file: str) -> Scenario:
         for name, table in reader.table(data, "places", {}).items()
     }
     speedup = reader.value(data, "speedup", float, None)
-    if speedup is not None and not 0.5 <= speedup <= 5:
-        raise reader.error("speedup", f"{speedup:g} must be 0.5 to 5")
+    if speedup is not None and not 0.5 <= speedup <= 20:
+        raise reader.error("speedup", f"{speedup:g} must be 0.5 to 20")
     fsync_s = reader.value(data, "fsync_s", float, 0.0)
     if not 0 <= fsync_s <= 30:
         raise reader.error("fsync_s", f"{fsync_s:g} must be 0 to 30")

@@ -50,7 +50,6 @@ def test_what_is_expected_of_the_delivery_is_what_its_own_scenario_has() -> None
 def test_a_gap_is_allowed_before_the_start() -> None:
     _package, scenario = made("ridge")
     assert scenario.begin == "loaded"
-    assert scenario.speedup == 1
     assert "HNDO_ALONE_MAX" in scenario.steps[0].deed.describe()
 
 

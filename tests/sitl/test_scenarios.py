@@ -188,7 +188,7 @@ def test_a_long_pause_has_time_to_end() -> None:
         ("[links]\nGCSA = 2\n" + STEP, ["[links] GCSA:", "a list of texts"]),
         ('[[step]]\nimpair = "cut"\n', ["[step 1, impair]", "'cut'"]),
         ("[limit]\n" + STEP, ["limit:", "unknown key"]),
-        ("speedup = 40\n" + STEP, ["speedup:", "40 must be 0.5 to 5"]),
+        ("speedup = 40\n" + STEP, ["speedup:", "40 must be 0.5 to 20"]),
         ('[consent]\nGCSA = "never"\n' + STEP, ["[consent] GCSA:", "automatic, operator"]),
         ('[not_in_control]\nGCSA = "no"\n' + STEP, ["[not_in_control] GCSA:", "auto, always, never"]),
         ("[limits]\nretry_max_s = true\n" + STEP, ["[limits] retry_max_s:", "a number"]),

@@ -1,0 +1,275 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Simulated time of a run: its programs' clocks are the vehicle's, whatever the wall clock says."""
+
+from __future__ import annotations
+
+import math
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from sitl.run import pacing, sim_time
+from sitl.run.pacing import Pacing
+from sitl.run.sim_time import AHEAD_S, LATE_S, PATIENCE_S, SILENT_S, Pace, Page, in_sim_time
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+class Wall:
+    """The wall clock of the page, which a test moves."""
+
+    def __init__(self) -> None:
+        self.now = 1000.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+@pytest.fixture
+def wall(monkeypatch: pytest.MonkeyPatch) -> Wall:
+    clock = Wall()
+    monkeypatch.setattr(sim_time, "_wall", clock)
+    return clock
+
+
+@pytest.fixture
+def page(wall: Wall, tmp_path: Path) -> Page:
+    return Page(tmp_path / "page", make=True)
+
+
+class TestPage:
+    def test_it_stands_still_until_the_vehicle_writes(self, page: Page, wall: Wall) -> None:
+        wall.now += 4.0
+        assert page.read()[:2] == (0.0, 1000.0)
+
+    def test_between_two_entries_it_goes_on_at_the_vehicles_pace(self, page: Page, wall: Wall) -> None:
+        page.write(12.0, 8.0)
+        wall.now += 0.005
+        assert page.read()[0] == pytest.approx(12.04)
+
+    def test_but_not_far_ahead_of_the_vehicle(self, page: Page, wall: Wall) -> None:
+        page.write(12.0, 8.0)
+        wall.now += 0.9
+        assert page.read()[0] == pytest.approx(12.0 + AHEAD_S)
+
+    def test_without_the_vehicle_it_goes_on(self, page: Page, wall: Wall) -> None:
+        page.write(12.0, 8.0)
+        wall.now += SILENT_S + 2.0
+        assert page.read()[0] == pytest.approx(12.0 + AHEAD_S + 16.0)
+
+    def test_another_process_reads_what_is_written(self, page: Page, wall: Wall) -> None:
+        other = Page(page.path)
+        page.write(33.0, 4.0)
+        assert other.read()[0] == 33.0
+        assert other.pace == 4.0
+
+    def test_each_thread_has_a_slot_of_its_own(self, page: Page) -> None:
+        assert [page.claim(), Page(page.path).claim()] == [0, 1]
+        page.promise(1, 7, 2.5)
+        assert page.promises() == [(0, -math.inf), (7, 2.5)]
+
+    def test_there_is_an_end_to_slots(self, page: Page) -> None:
+        for _ in range(128):
+            page.claim()
+        with pytest.raises(RuntimeError, match="more than 128 threads"):
+            page.claim()
+
+
+class TestPace:
+    def test_the_vehicle_goes_on_while_all_have_done_their_work(self, page: Page) -> None:
+        page.promise(page.claim(), 1, 10.0)
+        assert Pace(page).may_go_on(10.0 + LATE_S)
+
+    def test_it_waits_for_one_that_is_late(self, page: Page) -> None:
+        page.promise(page.claim(), 1, 10.0)
+        page.promise(page.claim(), 1, 11.0)
+        assert not Pace(page).may_go_on(10.01 + LATE_S)
+
+    def test_as_long_as_that_one_moves(self, page: Page, wall: Wall) -> None:
+        slot, pace = page.claim(), Pace(page)
+        for looks in range(20):
+            page.promise(slot, looks, 10.0)
+            assert not pace.may_go_on(12.0)
+            wall.now += PATIENCE_S - 0.1
+
+    def test_not_for_one_that_does_not_move(self, page: Page, wall: Wall) -> None:
+        page.promise(page.claim(), 1, 10.0)
+        pace = Pace(page)
+        assert not pace.may_go_on(12.0)
+        wall.now += PATIENCE_S
+        assert pace.may_go_on(12.0)
+
+    def test_and_again_when_it_moves_again(self, page: Page, wall: Wall) -> None:
+        slot, pace = page.claim(), Pace(page)
+        page.promise(slot, 1, 10.0)
+        pace.may_go_on(12.0)
+        wall.now += PATIENCE_S
+        page.promise(slot, 2, 10.5)
+        assert not pace.may_go_on(12.0)
+
+
+PROGRAM = """
+import os, select, sys, time
+def say(word):
+    print(word, flush=True)
+say(f"{time.monotonic():.3f} {time.time():.3f}")
+first, second = time.monotonic(), time.monotonic()
+say(second > first)
+time.sleep(5)
+say("slept")
+select.select([0], [], [], 5)
+say("selected")
+poll = select.poll()
+poll.register(0, select.POLLIN)
+say(poll.poll(5000))
+say(poll.poll(0))
+say(select.select([0], [], [], 0))
+say("reads")
+say(len(select.select([0], [], [])[0]))
+"""
+
+
+class Program:
+    """A program that follows a page; the page moves only when a test says so."""
+
+    def __init__(self, folder: Path) -> None:
+        self.page = Page(folder / "page", make=True)
+        script = folder / "program.py"
+        script.write_text(PROGRAM, encoding="utf-8")
+        self.process = subprocess.Popen(
+            in_sim_time(self.page.path, [sys.executable, str(script)]),
+            cwd=ROOT,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        self.begun, self.utc = self.page.read()[1:]
+
+    def says(self) -> str:
+        assert self.process.stdout is not None
+        return self.process.stdout.readline().strip()
+
+    def waits_until(self) -> float:
+        """Until when it has promised to wait; waits for the promise."""
+        until = time.monotonic() + 20.0
+        while time.monotonic() < until:
+            promises = self.page.promises()
+            if promises and promises[0][1] > self.page.read()[0] + 1.0:
+                return promises[0][1]
+            time.sleep(0.01)
+        raise AssertionError(f"it does not wait: {self.page.promises()}")
+
+
+@pytest.fixture
+def program(tmp_path: Path) -> Iterator[Program]:
+    program = Program(tmp_path)
+    yield program
+    program.process.kill()
+    program.process.communicate()
+
+
+@pytest.mark.process
+def test_a_program_waits_in_the_vehicles_time(program: Program) -> None:
+    assert program.says() == f"{program.begun:.3f} {program.utc:.3f}"
+    assert program.says() == "True"
+    program.page.write(5.1, 0.001)
+    assert program.says() == "slept"
+    assert program.waits_until() == pytest.approx(10.1, abs=0.2)
+    program.page.write(10.4, 0.001)
+    assert program.says() == "selected"
+    program.waits_until()
+    program.page.write(15.9, 0.001)
+    assert [program.says(), program.says(), program.says()] == ["[]", "[]", "([], [], [])"]
+    assert program.says() == "reads"
+    assert program.waits_until() == math.inf
+    assert program.process.stdin is not None
+    program.process.stdin.write("now\n")
+    program.process.stdin.flush()
+    assert program.says() == "1"
+
+
+def test_words_before_python_stay_before_it(tmp_path: Path) -> None:
+    argv = ["/usr/bin/env", "A=1", sys.executable, "-m", "sitl.run.rogue", "--config", "x"]
+    page = tmp_path / "page"
+    assert in_sim_time(page, argv) == (
+        *("/usr/bin/env", "A=1", sys.executable, "-m", "sitl.run.sim_time", str(page)),
+        *("-m", "sitl.run.rogue", "--config", "x"),
+    )
+
+
+def test_the_program_of_another_python_goes_by_the_wall_clock(tmp_path: Path) -> None:
+    assert in_sim_time(tmp_path, ["/opt/other/python", "gcs.py"]) == ("/opt/other/python", "gcs.py")
+
+
+class TestPacing:
+    """ArduPilot's program, which knows nothing of the page."""
+
+    @pytest.fixture
+    def signals(self, monkeypatch: pytest.MonkeyPatch) -> list[tuple[int, signal.Signals]]:
+        sent: list[tuple[int, signal.Signals]] = []
+        monkeypatch.setattr(pacing.os, "kill", lambda pid, number: sent.append((pid, number)))
+        return sent
+
+    def test_its_time_is_that_of_the_page(self, page: Page, signals: list[tuple[int, signal.Signals]]) -> None:
+        paced = Pacing(page, 4711, 8.0, leads=True)
+        paced.take(SimpleNamespace(time_boot_ms=12_340))
+        paced.tick()
+        assert page.read()[0] == 12.34
+        assert page.pace == 8.0
+        assert signals == []
+
+    def test_after_a_reboot_it_goes_on(self, page: Page, signals: list[tuple[int, signal.Signals]]) -> None:
+        paced = Pacing(page, 4711, 8.0, leads=True)
+        for boot_ms in (60_000, 500, 1_500):
+            paced.take(SimpleNamespace(time_boot_ms=boot_ms))
+        paced.tick()
+        assert page.read()[0] == 61.5
+
+    def test_it_is_held_while_a_program_is_late(self, page: Page, signals: list[tuple[int, signal.Signals]]) -> None:
+        slot, paced = page.claim(), Pacing(page, 4711, 8.0, leads=True)
+        paced.take(SimpleNamespace(time_boot_ms=20_000))
+        page.promise(slot, 1, 10.0)
+        paced.tick()
+        paced.tick()
+        assert signals == [(4711, signal.SIGSTOP)]
+        page.promise(slot, 2, 20.0)
+        paced.tick()
+        assert signals[1:] == [(4711, signal.SIGCONT)]
+
+    def test_a_further_one_is_held_while_it_is_ahead(
+        self, page: Page, signals: list[tuple[int, signal.Signals]]
+    ) -> None:
+        paced = Pacing(page, 4711, 8.0, leads=False)
+        page.write(20.0, 8.0)
+        paced.take(SimpleNamespace(time_boot_ms=20_300))
+        paced.tick()
+        assert signals == [(4711, signal.SIGSTOP)]
+        page.write(20.3, 8.0)
+        paced.tick()
+        assert signals[1:] == [(4711, signal.SIGCONT)]
+
+    def test_at_the_end_it_is_let_go(self, page: Page, signals: list[tuple[int, signal.Signals]]) -> None:
+        page.promise(page.claim(), 1, 10.0)
+        paced = Pacing(page, 4711, 8.0, leads=True)
+        paced.take(SimpleNamespace(time_boot_ms=20_000))
+        paced.tick()
+        paced.release()
+        paced.release()
+        assert signals == [(4711, signal.SIGSTOP), (4711, signal.SIGCONT)]
+
+    def test_a_program_that_has_ended_is_no_fault(self, page: Page, monkeypatch: pytest.MonkeyPatch) -> None:
+        def gone(_pid: int, _number: int) -> None:
+            raise ProcessLookupError
+
+        monkeypatch.setattr(pacing.os, "kill", gone)
+        page.promise(page.claim(), 1, 10.0)
+        paced = Pacing(page, 4711, 8.0, leads=True)
+        paced.take(SimpleNamespace(time_boot_ms=20_000))
+        paced.tick()
