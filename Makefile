@@ -10,10 +10,11 @@ SOURCES := $(shell find mavproxy_handover gcs_module sitl missions ardupilot_lua
            pyproject.toml setup.py constraints.txt
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check format clean bench fuzz explore mutants scenarios soak flights hosts picture clients docs reference
+.PHONY: help demo quick test check format clean bench fuzz explore mutants scenarios soak flights hosts picture clients docs reference
 
 help:
 	@echo "make demo    set up, fly the delivery mission in simulation, write a report"
+	@echo "make quick   set up, run the tests that find most faults, in a minute: rules, gate, wire, configuration, stations"
 	@echo "make test    set up, run the tests"
 	@echo "make check   set up, formatting, lint, types, Lua lint, tests"
 	@echo "make bench   speed against stock MAVProxy, transfer durations under loss and delay"
@@ -54,6 +55,10 @@ $(VENV)/installed: $(VENV)/dependencies $(SOURCES)
 
 demo: $(VENV)/installed
 	$(BIN)/handover sim --scenario nominal
+
+QUICK := $(addprefix tests/,core gate wire config stations link autopilot)
+quick: $(VENV)/installed
+	$(BIN)/pytest -n 2 -m 'not slow and not process' $(QUICK)
 
 test: $(VENV)/installed
 	$(BIN)/pytest $(PYTEST_ARGS)

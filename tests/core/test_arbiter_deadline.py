@@ -230,6 +230,7 @@ def test_the_stories_begin_where_they_say() -> None:
     assert lost == [pytest.approx(0.1 + 1.1 + 1.7)]
 
 
+@pytest.mark.slow
 @settings(max_examples=80, deadline=None)
 @given(stories, st.sampled_from([0.05, 0.0937]))
 @example(PARTNER_LOST, 0.05)
@@ -240,6 +241,7 @@ def test_ticks_between_the_deadlines_change_nothing(story: list[tuple[float, Eve
     assert told(story, LIMITS, every_s) == told(story, LIMITS, None)
 
 
+@pytest.mark.slow
 @settings(max_examples=80, deadline=None)
 @given(st.lists(st.tuples(waits, deeds), max_size=25), st.sampled_from([0.05, 0.0937]))
 @example([(0.0, AutopilotState(True, True))], 0.05)  # it does not follow, is told again, and is given up
@@ -271,6 +273,7 @@ def test_an_order_that_is_not_followed_is_given_up_by_the_deadlines_alone() -> N
     assert stuck[1] == (pytest.approx(seen_at + 3.7), FlightAction.LAND)
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(stories, st.sampled_from([0.05, 0.0937]))
 def test_the_same_from_the_middle_of_a_transfer(story: list[tuple[float, Event | Word]], every_s: float) -> None:
@@ -281,6 +284,7 @@ def test_the_same_from_the_middle_of_a_transfer(story: list[tuple[float, Event |
 RESTORED = Snapshot(A, 4, 7, Phase.ON_MISSION, 0, DIGEST, (A, B, A))
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(
     stories,
@@ -292,6 +296,7 @@ def test_the_same_after_a_restart(story: list[tuple[float, Event | Word]], stand
     assert fine == told(story, LIMITS, None, standard=standard, restored=left)
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(stories, st.sets(stations))
 def test_the_same_with_standard_stations(story: list[tuple[float, Event | Word]], standard: set[int]) -> None:

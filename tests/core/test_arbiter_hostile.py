@@ -122,6 +122,7 @@ def test_anything_from_the_start(story: list[tuple[float, Event | str]], standar
             bench.give(event)
 
 
+@pytest.mark.slow
 @settings(max_examples=80, deadline=None)
 @given(
     st.sampled_from([step.name for step in Step]),
@@ -141,6 +142,7 @@ def test_anything_in_a_transfer(step: str, story: list[tuple[float, Event | str]
         bench.give(event)
 
 
+@pytest.mark.slow
 @settings(max_examples=80, deadline=None)
 @given(st.lists(st.tuples(st.sampled_from([C, D]), messages), max_size=40), st.sampled_from([s.name for s in Step]))
 def test_third_stations_cannot_touch_a_transfer(words: list[tuple[int, Message]], step: str) -> None:
@@ -155,6 +157,7 @@ def test_third_stations_cannot_touch_a_transfer(words: list[tuple[int, Message]]
     assert {station for _at, station, _m, _attempt in bench.sent()} <= {A, B}
 
 
+@pytest.mark.slow
 @settings(max_examples=80, deadline=None)
 @given(st.lists(st.tuples(st.sampled_from([B, C, D]), messages), max_size=40), st.sampled_from([s.name for s in Step]))
 def test_the_partner_cannot_take_what_the_commander_has_not_consented_to(
@@ -169,6 +172,7 @@ def test_the_partner_cannot_take_what_the_commander_has_not_consented_to(
         assert bench.arbiter.view.epoch == 1
 
 
+@pytest.mark.slow
 @settings(max_examples=80, deadline=None)
 @given(st.lists(st.tuples(st.sampled_from([A, C, D]), messages), max_size=40), st.sampled_from([s.name for s in Step]))
 def test_the_commander_cannot_press_authority_on_a_partner_that_has_not_confirmed(

@@ -251,6 +251,7 @@ class TestCountdown:
         assert all("At the border you are asked again." in text for text in left)
 
 
+@pytest.mark.slow
 @settings(max_examples=20, deadline=None)
 @given(
     seed=st.integers(0, 10_000),

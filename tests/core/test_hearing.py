@@ -183,6 +183,7 @@ def test_a_commander_that_hears_a_third_of_the_time_commands(on_off: tuple[float
     assert moves(bench) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_at_one_message_in_five_lost_each_way_nothing_is_deaf(seed: int) -> None:
     visits = {A: [(0.0, 900.0)], B: [(400.0, 900.0)]}
@@ -254,6 +255,7 @@ def test_whom_chance_lets_hear_next_to_nothing_is_lost_in_time_in_99_of_100_tria
     assert after_s[0] >= 8.9  # the last answer came up to a second before
 
 
+@pytest.mark.slow
 def test_whom_chance_lets_hear_half_of_it_commands() -> None:
     assert [lost_after(seed, 0.5, 600.0) for seed in range(20)] == [inf] * 20
 
@@ -292,6 +294,7 @@ def test_a_lucky_answer_now_and_then_brings_nothing_back() -> None:
     assert bench.arbiter.view.commander is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("on_s", "off_s"), [(0.3, 4.7), (1.0, 9.0), (2.0, 11.0), (17.0, 11.0), (45.0, 12.0), (20.0, 20.0)]
 )

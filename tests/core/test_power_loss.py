@@ -264,6 +264,7 @@ class TestWhoKnowsBetter:
         assert (commander(bench), bench.arbiter.view.epoch) == (A, LATER)
         assert bench.memory[B] == (LATER, A)
 
+    @pytest.mark.slow
     @pytest.mark.parametrize("missed", range(3))
     def test_never_two_who_believe_in_themselves_in_one_epoch(self, missed: int) -> None:
         """Every history that a disk may have missed, stations heard in every order, each in time or late."""

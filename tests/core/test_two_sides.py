@@ -202,6 +202,7 @@ class TestDeaths:
         assert len(network.flights) == 1
 
 
+@pytest.mark.slow
 class TestBadLinks:
     @pytest.mark.parametrize("ground", [True, False])
     def test_one_message_in_five_lost_each_way(self, ground: bool) -> None:
@@ -262,6 +263,7 @@ class TestBadLinks:
 FATES = st.sampled_from([(), (), (0.01,), (0.01,), (0.4,), (2.5,), (0.01, 0.02), (0.02, 1.5)])
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None)
 @given(
     st.lists(FATES, max_size=120),

@@ -349,6 +349,7 @@ def test_a_flood_of_strangers_does_not_keep_the_peer_waiting(listening: tuple[Ud
     assert device.counters.strangers == 74
 
 
+@pytest.mark.slow
 def test_50000_datagrams_of_garbage_cost_bounded_work_and_no_memory(
     listening: tuple[UdpIn, int], peers: list[Peer]
 ) -> None:

@@ -143,6 +143,7 @@ def test_without_a_package_nothing_is_sent(package: MissionPackage) -> None:
     assert bench.ports[B].got == []
 
 
+@pytest.mark.slow
 def test_one_after_the_other(package: MissionPackage) -> None:
     bench = Bench(package)
     bench.why[A] = Reason.MISSION_MISSING

@@ -430,6 +430,7 @@ def test_the_first_frame_of_a_stream_does_not_let_in_what_is_older_than_a_first_
     assert verifier.check(heartbeat(MIDNIGHT + 1), MIDNIGHT_UTC_S, 0.1) is OK
 
 
+@pytest.mark.slow
 def test_a_hundred_thousand_copies_late_ones_and_replays_against_a_set_of_all_that_was_heard() -> None:
     """Three links carry one station's two streams, each with its own delay and losses; an attacker plays again what
     he likes by any of them. A frame is taken the first time it comes, if no younger one of its stream came more than

@@ -281,6 +281,7 @@ def in_reach(place: PlaceFact) -> bool:
     return place.inside and (place.margin_wh is None or (place.spare_wh is not None and place.spare_wh >= 0.0))
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None)
 @given(before=PLACES, after=PLACES, alive=st.frozensets(st.sampled_from((B, C))), dies_s=st.sampled_from((0, 40)))
 def test_a_good_place_is_never_passed_over_from_the_facts_to_the_command(
@@ -362,6 +363,7 @@ MOMENTS = st.lists(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None)
 @given(moments=MOMENTS, last=st.sampled_from(WHERE), gap=st.booleans())
 def test_when_every_station_is_lost_outside_a_gap_it_comes_home_or_down(
@@ -390,6 +392,7 @@ def test_when_every_station_is_lost_outside_a_gap_it_comes_home_or_down(
 # ---- grave and mild -------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None)
 @given(
     grave=st.sampled_from(("commander lost", "energy", "guard lost, land")),
