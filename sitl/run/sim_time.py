@@ -9,13 +9,14 @@ vehicle writes its simulated time into a page of shared memory, and each program
 
 Rules:
 
-1. `time.time` and `time.monotonic` follow the page. Between two entries of the vehicle they go on at its pace, for
-   `AHEAD_S` of simulated time at most. Each reading is later than the one before. `time.sleep`, `select.select` and
-   `select.poll` wait in simulated time. What waits elsewhere (locks, queues, other processes) waits by the wall clock.
+1. `time.time` and `time.monotonic` are what the page says: in all programs the same, as coarse as the vehicle's steps.
+   Each reading is later than the one before by a trifle. `time.sleep`, `select.select` and `select.poll` wait in
+   simulated time. What waits elsewhere (locks, queues, other processes) waits by the wall clock.
 2. The vehicle does not run away from a program that is late. Each thread that waits for input says until when it has
    done its work: it found no input, and waits until then. The vehicle stands still while one of them is more than
-   `LATE_S` behind, but at most `PATIENCE_S` of the wall clock for a thread that does not move: it is stopped, dead, or
-   waits for something else.
+   `LATE_S` behind. A thread that does not move is waited for as long as it needs the processor or the disk, for
+   `STARVED_S` of the wall clock at most. One that is asleep, stopped or dead is waited for `ASLEEP_S`. A program that
+   starts is late from its first moment: starting takes no simulated time.
 3. A vehicle that writes nothing for `SILENT_S` of the wall clock has ended or hangs: the clocks go on without it.
 """
 
@@ -35,22 +36,22 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-__all__ = ["AHEAD_S", "LATE_S", "PATIENCE_S", "SILENT_S", "Pace", "Page", "follow", "in_sim_time", "main"]
+__all__ = ["ASLEEP_S", "LATE_S", "SILENT_S", "STARVED_S", "Pace", "Page", "follow", "in_sim_time", "main"]
 
-AHEAD_S: Final = 0.05
 LATE_S: Final = 0.1
-PATIENCE_S: Final = 2.0
+ASLEEP_S: Final = 0.5
+STARVED_S: Final = 30.0
 SILENT_S: Final = 5.0
 
 _SLOTS: Final = 128
 #: number of the entry (odd while it is written), wall clock, simulated time, pace, time of the page's first moment on
 #: the wall clock, and UTC then
 _HEAD: Final = struct.Struct("<Qddddd")
-_SLOT: Final = struct.Struct("<QQd")  # process, 0: free; how often it looked for input; until when its work is done
+_SLOT: Final = struct.Struct("<QQd")  # thread, 0: free; how often it looked for input; until when its work is done
 _SLOTS_AT: Final = 64
 _BYTES: Final = _SLOTS_AT + _SLOTS * _SLOT.size
-#: who waits looks at the page so often (s of the wall clock): the vehicle may have gone on faster than it said
-_LOOK_S: Final = 0.05
+#: who waits looks at the page this often (s of the wall clock): the vehicle is not always as fast as it says
+_SHORTEST_S, _LOOK_S = 0.0005, 0.05
 #: two readings of a clock differ by this at least: multiprocessing looks again and again until its deadline has passed
 _LEAST_S: Final = 1e-9
 #: the clocks of the machine, which `follow` replaces
@@ -85,9 +86,7 @@ class Page:
             number, at, sim_s, pace, begun, utc = _HEAD.unpack_from(self._memory, 0)
             if number % 2 == 0 and struct.unpack_from("<Q", self._memory, 0)[0] == number:
                 break
-        since_s = _wall() - at
-        gone_s = min(since_s * pace, AHEAD_S) + max(0.0, since_s - SILENT_S) * max(pace, 1.0)
-        return sim_s + gone_s, begun, utc
+        return sim_s + max(0.0, _wall() - at - SILENT_S) * max(pace, 1.0), begun, utc
 
     @property
     def pace(self) -> float:
@@ -95,28 +94,28 @@ class Page:
         return max(float(_HEAD.unpack_from(self._memory, 0)[3]), 1e-3)
 
     def claim(self) -> int:
-        """A slot for a thread of this process. Raises RuntimeError if there is none left."""
+        """A slot for this thread. Raises RuntimeError if there is none left."""
         with self.path.open("r+b") as file:
             fcntl.lockf(file, fcntl.LOCK_EX)
             for slot in range(_SLOTS):
                 if _SLOT.unpack_from(self._memory, _SLOTS_AT + slot * _SLOT.size)[0] == 0:
-                    self.promise(slot, 0, -math.inf)
+                    self.promise(slot, 0, self.read()[0])
                     return slot
         raise RuntimeError(f"{self.path}: more than {_SLOTS} threads wait in simulated time")
 
     def promise(self, slot: int, looks: int, until_s: float) -> None:
         """The thread of this slot has looked for input so often, and has done its work until `until_s` (simulated
         seconds)."""
-        _SLOT.pack_into(self._memory, _SLOTS_AT + slot * _SLOT.size, os.getpid(), looks, until_s)
+        _SLOT.pack_into(self._memory, _SLOTS_AT + slot * _SLOT.size, threading.get_native_id(), looks, until_s)
 
-    def promises(self) -> list[tuple[int, float]]:
-        """What all threads have promised, by slot; of free slots nothing."""
+    def promises(self) -> list[tuple[int, int, float]]:
+        """What all threads have promised, by slot: thread, looks, until when; of free slots nothing."""
         found = []
         for slot in range(_SLOTS):
-            process, looks, until_s = _SLOT.unpack_from(self._memory, _SLOTS_AT + slot * _SLOT.size)
-            if not process:
+            promise = _SLOT.unpack_from(self._memory, _SLOTS_AT + slot * _SLOT.size)
+            if not promise[0]:
                 break
-            found.append((looks, until_s))
+            found.append(promise)
         return found
 
 
@@ -125,21 +124,31 @@ class Pace:
 
     def __init__(self, page: Page) -> None:
         self._page = page
-        #: by slot: how often it had looked for input, and when that was first seen
-        self._seen: list[tuple[int, float]] = []
+        #: by slot: thread and how often it had looked for input, and when that was first seen
+        self._seen: list[tuple[tuple[int, int], float]] = []
 
     def may_go_on(self, sim_s: float) -> bool:
-        """Whether no thread that moves is too late."""
+        """Whether no thread is too late that will catch up."""
         now = _wall()
         promises = self._page.promises()
-        self._seen += [(-1, now)] * (len(promises) - len(self._seen))
+        self._seen += [((0, 0), now)] * (len(promises) - len(self._seen))
         late = False
-        for slot, (looks, until_s) in enumerate(promises):
-            if looks != self._seen[slot][0]:
-                self._seen[slot] = (looks, now)
-            if until_s + LATE_S < sim_s and now - self._seen[slot][1] < PATIENCE_S:
-                late = True
+        for slot, (thread, looks, until_s) in enumerate(promises):
+            if (thread, looks) != self._seen[slot][0]:
+                self._seen[slot] = ((thread, looks), now)
+            if until_s + LATE_S < sim_s and not late:
+                unmoved_s = now - self._seen[slot][1]
+                late = unmoved_s < ASLEEP_S or (unmoved_s < STARVED_S and _works(thread))
         return not late
+
+
+def _works(thread: int) -> bool:
+    """Whether a thread has the processor, wants it, or waits for the disk."""
+    try:
+        text = Path(f"/proc/{thread}/stat").read_text(encoding="ascii", errors="replace")
+    except OSError:
+        return False
+    return text.rpartition(")")[2].split()[0] in "RD"
 
 
 class _Follower:
@@ -148,11 +157,12 @@ class _Follower:
     def __init__(self, page: Page) -> None:
         self._page = page
         self._last = -math.inf
-        self._mine = threading.local()
-        os.register_at_fork(after_in_child=self._forget)
+        self._start()
+        os.register_at_fork(after_in_child=self._start)
 
-    def _forget(self) -> None:
+    def _start(self) -> None:
         self._mine = threading.local()
+        self._mine.slot, self._mine.looks, self._mine.until_s = self._page.claim(), 0, self._page.read()[0]
 
     def monotonic(self) -> float:
         sim_s, begun, _ = self._page.read()
@@ -172,7 +182,7 @@ class _Follower:
         begun = self._page.read()[1]
         until = math.inf if seconds is None else self.monotonic() + seconds
         if found:  # its work is not done: it stays as late as it is
-            self._promise(getattr(self._mine, "until_s", -math.inf))
+            self._promise(getattr(self._mine, "until_s", self.monotonic() - self._page.read()[1]))
             return found
         self._promise(until - begun)
         while True:
@@ -183,7 +193,7 @@ class _Follower:
                 return found
 
     def _on_the_wall(self, left_s: float) -> float:
-        return min(max(left_s, 0.0) / self._page.pace, _LOOK_S)
+        return min(max(left_s / self._page.pace, _SHORTEST_S), _LOOK_S)
 
     def _promise(self, until_s: float) -> None:
         slot = getattr(self._mine, "slot", None)

@@ -8,6 +8,7 @@ import math
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,7 +18,7 @@ import pytest
 
 from sitl.run import pacing, sim_time
 from sitl.run.pacing import Pacing
-from sitl.run.sim_time import AHEAD_S, LATE_S, PATIENCE_S, SILENT_S, Pace, Page, in_sim_time
+from sitl.run.sim_time import ASLEEP_S, LATE_S, SILENT_S, STARVED_S, Pace, Page, in_sim_time
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -44,25 +45,28 @@ def page(wall: Wall, tmp_path: Path) -> Page:
     return Page(tmp_path / "page", make=True)
 
 
+@pytest.fixture
+def state(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """The state of every thread, as the system says; "": there is none."""
+    state = ["R"]
+    monkeypatch.setattr(sim_time, "_works", lambda _thread: state[0] in ("R", "D"))
+    return state
+
+
 class TestPage:
     def test_it_stands_still_until_the_vehicle_writes(self, page: Page, wall: Wall) -> None:
         wall.now += 4.0
         assert page.read()[:2] == (0.0, 1000.0)
 
-    def test_between_two_entries_it_goes_on_at_the_vehicles_pace(self, page: Page, wall: Wall) -> None:
+    def test_it_is_what_the_vehicle_wrote_last(self, page: Page, wall: Wall) -> None:
         page.write(12.0, 8.0)
-        wall.now += 0.005
-        assert page.read()[0] == pytest.approx(12.04)
-
-    def test_but_not_far_ahead_of_the_vehicle(self, page: Page, wall: Wall) -> None:
-        page.write(12.0, 8.0)
-        wall.now += 0.9
-        assert page.read()[0] == pytest.approx(12.0 + AHEAD_S)
+        wall.now += SILENT_S
+        assert page.read()[0] == 12.0
 
     def test_without_the_vehicle_it_goes_on(self, page: Page, wall: Wall) -> None:
         page.write(12.0, 8.0)
         wall.now += SILENT_S + 2.0
-        assert page.read()[0] == pytest.approx(12.0 + AHEAD_S + 16.0)
+        assert page.read()[0] == pytest.approx(12.0 + 16.0)
 
     def test_another_process_reads_what_is_written(self, page: Page, wall: Wall) -> None:
         other = Page(page.path)
@@ -73,7 +77,8 @@ class TestPage:
     def test_each_thread_has_a_slot_of_its_own(self, page: Page) -> None:
         assert [page.claim(), Page(page.path).claim()] == [0, 1]
         page.promise(1, 7, 2.5)
-        assert page.promises() == [(0, -math.inf), (7, 2.5)]
+        me = threading.get_native_id()
+        assert page.promises() == [(me, 0, 0.0), (me, 7, 2.5)]
 
     def test_there_is_an_end_to_slots(self, page: Page) -> None:
         for _ in range(128):
@@ -92,27 +97,64 @@ class TestPace:
         page.promise(page.claim(), 1, 11.0)
         assert not Pace(page).may_go_on(10.01 + LATE_S)
 
-    def test_as_long_as_that_one_moves(self, page: Page, wall: Wall) -> None:
+    def test_as_long_as_that_one_moves(self, page: Page, wall: Wall, state: list[str]) -> None:
         slot, pace = page.claim(), Pace(page)
-        for looks in range(20):
+        state[0] = "S"
+        for looks in range(200):
             page.promise(slot, looks, 10.0)
             assert not pace.may_go_on(12.0)
-            wall.now += PATIENCE_S - 0.1
+            wall.now += ASLEEP_S - 0.1
 
-    def test_not_for_one_that_does_not_move(self, page: Page, wall: Wall) -> None:
+    @pytest.mark.parametrize("asleep", ["S", "T", "Z", ""])
+    def test_not_for_one_that_is_asleep_stopped_or_dead(
+        self, page: Page, wall: Wall, state: list[str], asleep: str
+    ) -> None:
         page.promise(page.claim(), 1, 10.0)
-        pace = Pace(page)
+        state[0], pace = asleep, Pace(page)
         assert not pace.may_go_on(12.0)
-        wall.now += PATIENCE_S
+        wall.now += ASLEEP_S
         assert pace.may_go_on(12.0)
 
-    def test_and_again_when_it_moves_again(self, page: Page, wall: Wall) -> None:
+    @pytest.mark.parametrize("working", ["R", "D"])
+    def test_longer_for_one_that_gets_no_processor(
+        self, page: Page, wall: Wall, state: list[str], working: str
+    ) -> None:
+        page.promise(page.claim(), 1, 10.0)
+        state[0], pace = working, Pace(page)
+        assert not pace.may_go_on(12.0)
+        wall.now += STARVED_S - 0.1
+        assert not pace.may_go_on(12.0)
+        wall.now += 0.1
+        assert pace.may_go_on(12.0)
+
+    def test_and_again_when_it_moves_again(self, page: Page, wall: Wall, state: list[str]) -> None:
         slot, pace = page.claim(), Pace(page)
+        state[0] = "S"
         page.promise(slot, 1, 10.0)
         pace.may_go_on(12.0)
-        wall.now += PATIENCE_S
+        wall.now += ASLEEP_S
         page.promise(slot, 2, 10.5)
         assert not pace.may_go_on(12.0)
+
+    def test_a_program_that_starts_is_late_from_its_first_moment(self, page: Page) -> None:
+        page.write(50.0, 8.0)
+        page.claim()
+        assert Pace(page).may_go_on(50.0 + LATE_S)
+        assert not Pace(page).may_go_on(50.01 + LATE_S)
+
+
+def test_the_state_of_a_thread_is_that_of_the_system() -> None:
+    assert sim_time._works(threading.get_native_id())
+    asleep = subprocess.Popen([sys.executable, "-c", "print(1, flush=True); input()"], stdin=-1, stdout=-1)
+    assert asleep.stdout is not None
+    asleep.stdout.readline()
+    until = time.monotonic() + 20.0
+    while sim_time._works(asleep.pid) and time.monotonic() < until:
+        time.sleep(0.01)
+    assert not sim_time._works(asleep.pid)
+    asleep.kill()
+    asleep.communicate()
+    assert not sim_time._works(asleep.pid)
 
 
 PROGRAM = """
@@ -161,8 +203,8 @@ class Program:
         until = time.monotonic() + 20.0
         while time.monotonic() < until:
             promises = self.page.promises()
-            if promises and promises[0][1] > self.page.read()[0] + 1.0:
-                return promises[0][1]
+            if promises and promises[0][2] > self.page.read()[0] + 1.0:
+                return promises[0][2]
             time.sleep(0.01)
         raise AssertionError(f"it does not wait: {self.page.promises()}")
 
