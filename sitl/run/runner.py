@@ -53,6 +53,7 @@ __all__ = ["Network", "Order", "Result", "run"]
 _POLL_S = 0.02
 #: a vehicle that is held goes on within this
 _PACING_S = 0.004
+_SETTLE_S, _SETTLE_WALL_S = 0.5, 10.0
 _LOAD_TIMEOUT_S = 30.0
 #: how much longer than planned a machine that cannot keep up may take
 _SLACK_FACTOR, _SLACK_S = 2.5, 15.0
@@ -392,8 +393,14 @@ class _Flight:
         else:
             steps = len(self.order.scenario.steps)
             self.step_verdicts.append(Verdict(True, f"timeline of {steps} steps", "all done"))
-        self._pump(0.2)
+        self._settle()
         self.notes.ended_t = self.now()
+
+    def _settle(self) -> None:
+        """All programs write down what follows from the last step, in their time; on the wall clock it has an end too."""
+        begun, until = self.now(), time.monotonic() + _SETTLE_WALL_S
+        while self.now() - begun < _SETTLE_S and time.monotonic() < until:
+            self._pump(_POLL_S)
 
     def _do(self, step: Step) -> str:
         """Do a step; returns what went wrong, or nothing."""
