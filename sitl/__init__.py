@@ -6,6 +6,7 @@
   report.
 * `script/`: what a scenario says. Its words, what each does to a flight or wants of it, and the reader of its files.
 * `vehicles/`: what flies, ArduPilot's own SITL program or the copter model that ships here.
+* `sim_time.py`: the clocks that all programs of a flight share. It imports nothing of ours.
 * `run/`: what makes it happen. Wires companion and stations to the vehicle, starts all of them, plays the scenario; and
   the programs that stand in between: bad links, the rogue, a station of the standard.
 * `campaign/`: random flights over the real rules in simulated time, without any process, judged by the truth.

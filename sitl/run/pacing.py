@@ -13,7 +13,7 @@ import os
 import signal
 from typing import Any, Final
 
-from sitl.run.sim_time import LATE_S, Pace, Page
+from sitl.sim_time import LATE_S, Pace, Page
 
 __all__ = ["BOOT_INTERVAL_S", "Pacing"]
 

@@ -36,7 +36,6 @@ from sitl.run.observer import Observer
 from sitl.run.pacing import Pacing
 from sitl.run.processes import Processes, ProcessGone, ending
 from sitl.run.proxy import give_orders, type_orders
-from sitl.run.sim_time import Page, in_sim_time
 from sitl.run.sites import Site
 from sitl.run.story import Story
 from sitl.run.transmitter import Transmitter
@@ -46,6 +45,7 @@ from sitl.script.expect import ALWAYS, Loss, OfVehicle
 from sitl.script.places import SetupError, guard_files
 from sitl.script.scenario import Scenario, Step
 from sitl.script.steps import Running, Steady, StepFailed
+from sitl.sim_time import Page, in_sim_time
 from sitl.vehicles import LaunchError, RunningVehicle, VehicleSpec, launch
 
 __all__ = ["Network", "Order", "Result", "run"]
@@ -397,7 +397,7 @@ class _Flight:
         self.notes.ended_t = self.now()
 
     def _settle(self) -> None:
-        """All programs write down what follows from the last step, in their time; on the wall clock it has an end too."""
+        """All programs write down what follows from the last step. Bounded on the wall clock too."""
         begun, until = self.now(), time.monotonic() + _SETTLE_WALL_S
         while self.now() - begun < _SETTLE_S and time.monotonic() < until:
             self._pump(_POLL_S)

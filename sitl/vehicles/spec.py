@@ -26,7 +26,7 @@ class VehicleSpec:
     speedup: float = 1.0
     """Simulated seconds per second of the wall clock."""
     clock: Path | None = None
-    """The page of simulated time (`sitl.run.sim_time`), for the kind `builtin`."""
+    """The page of simulated time (`sitl.sim_time`), for the kind `builtin`."""
     leads: bool = True
     """Its time is that of the page; else it follows the page."""
     scripts: tuple[Path, ...] = ()

@@ -16,9 +16,10 @@ from types import SimpleNamespace
 
 import pytest
 
-from sitl.run import pacing, sim_time
+from sitl import sim_time
+from sitl.run import pacing
 from sitl.run.pacing import Pacing
-from sitl.run.sim_time import ASLEEP_S, LATE_S, SILENT_S, STARVED_S, Pace, Page, in_sim_time
+from sitl.sim_time import ASLEEP_S, LATE_S, SILENT_S, STARVED_S, Pace, Page, in_sim_time
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -221,6 +222,7 @@ def program(tmp_path: Path) -> Iterator[Program]:
 def test_a_program_waits_in_the_vehicles_time(program: Program) -> None:
     assert program.says() == f"{program.begun:.3f} {program.utc:.3f}"
     assert program.says() == "True"
+    assert program.waits_until() == pytest.approx(5.0, abs=0.1)
     program.page.write(5.1, 0.001)
     assert program.says() == "slept"
     assert program.waits_until() == pytest.approx(10.1, abs=0.2)
@@ -241,7 +243,7 @@ def test_words_before_python_stay_before_it(tmp_path: Path) -> None:
     argv = ["/usr/bin/env", "A=1", sys.executable, "-m", "sitl.run.rogue", "--config", "x"]
     page = tmp_path / "page"
     assert in_sim_time(page, argv) == (
-        *("/usr/bin/env", "A=1", sys.executable, "-m", "sitl.run.sim_time", str(page)),
+        *("/usr/bin/env", "A=1", sys.executable, "-m", "sitl.sim_time", str(page)),
         *("-m", "sitl.run.rogue", "--config", "x"),
     )
 

@@ -71,7 +71,7 @@ complete -c handover -n '_shtab_handover_using sim' -l vehicle -xka "builtin ard
 complete -c handover -n '_shtab_handover_using sim' -l arducopter -xka "(__fish_complete_path (commandline -ct))" -d 'the SITL program (else $ARDUCOPTER, PATH, ~/ardupilot, the one fetched)'
 complete -c handover -n '_shtab_handover_using sim' -l arduplane -xka "(__fish_complete_path (commandline -ct))" -d 'ArduPlane'"'"'s SITL program (else $ARDUPLANE, PATH, ~/ardupilot)'
 complete -c handover -n '_shtab_handover_using sim' -l fetch-arducopter -d 'bring ArduPilot'"'"'s published ArduCopter 4.6.3 for this (Linux, x86_64), and end'
-complete -c handover -n '_shtab_handover_using sim' -l speedup -x -d 'simulated seconds per second, 0.5 to 5 (default: 4, or the scenario'"'"'s)'
+complete -c handover -n '_shtab_handover_using sim' -l speedup -x -d 'simulated seconds per second, 0.5 to 20 (default: 8, or the scenario'"'"'s)'
 complete -c handover -n '_shtab_handover_using sim' -l out -xka "(__fish_complete_directories)" -d 'folder of the run (default: runs/TIME-SCENARIO-VEHICLE)'
 complete -c handover -n '_shtab_handover_using sim' -l json -d 'print one JSON object at the end; the story goes to stderr'
 complete -c handover -n '_shtab_handover_using; and test $_shtab_handover_npos -eq 0' -a bench -d 'Benches of several computers. Speed is measured by python -m sitl.bench.'

@@ -17,7 +17,7 @@ import sys
 import time
 from pathlib import Path
 
-from sitl.run.sim_time import Pace, Page
+from sitl.sim_time import Pace, Page
 from sitl.vehicles.builtin import NOT_MODELLED
 from sitl.vehicles.builtin.vehicle import STEP_S, Vehicle, VehicleConfig
 
@@ -27,6 +27,8 @@ __all__ = ["main"]
 _MIN_SLEEP_S = 0.004
 #: Furthest that simulated time may catch up at once.
 _MAX_BURST_S = 0.5
+#: The same where the clocks of others go on with each burst.
+_FOLLOWED_BURST_S = 0.05
 _CHUNK = 65536
 _SPEEDUPS = (0.1, 100)
 _SERIALS = (0, 1, 2)
@@ -121,6 +123,8 @@ def run(vehicle: Vehicle, ports: list[Port], radio: socket.socket, page: Page | 
         last_s = now_s
         if pace is not None and not pace.may_go_on(vehicle.copter.time_s):
             behind_s = 0.0
+        if pace is not None:
+            behind_s = min(behind_s, _FOLLOWED_BURST_S)
         while behind_s >= STEP_S:
             behind_s -= STEP_S
             vehicle.step(STEP_S)
@@ -177,7 +181,7 @@ def parse(arguments: list[str]) -> argparse.Namespace:
     parser.add_argument("--home", type=_home, required=True, metavar="LAT,LON,ALT,HEADING")
     parser.add_argument("--defaults", default="", metavar="FILE,...", help="parameter files, the last word wins")
     parser.add_argument("--speedup", type=_speedup, default=1.0, metavar="N")
-    parser.add_argument("--clock", type=Path, metavar="PAGE", help="give others simulated time (sitl/run/sim_time.py)")
+    parser.add_argument("--clock", type=Path, metavar="PAGE", help="page of simulated time for others")
     parser.add_argument("--sysid", type=int, default=1, choices=range(1, 256), metavar="ID")
     parser.add_argument(
         "--rc-in-port", type=int, default=0, metavar="PORT", help="UDP port for pulse widths of a transmitter, 0: any"

@@ -9,7 +9,7 @@ import sys
 from collections.abc import Mapping
 from pathlib import Path
 
-from sitl.run.sim_time import in_sim_time
+from sitl.sim_time import in_sim_time
 from sitl.vehicles.spec import VehicleSpec
 
 __all__ = ["command"]

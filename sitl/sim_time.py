@@ -5,7 +5,7 @@
 A flight at eight times real time is faithful only if every time-out lasts eight times shorter on the wall clock. So the
 vehicle writes its simulated time into a page of shared memory, and each program of the run reads its clocks there:
 
-    python -m sitl.run.sim_time PAGE PROGRAM ...      run a Python program with the clocks of PAGE
+    python -m sitl.sim_time PAGE PROGRAM ...      run a Python program with the clocks of PAGE
 
 Rules:
 
@@ -38,7 +38,7 @@ from typing import Any, Final
 
 __all__ = ["ASLEEP_S", "LATE_S", "SILENT_S", "STARVED_S", "Pace", "Page", "follow", "in_sim_time", "main"]
 
-LATE_S: Final = 0.1
+LATE_S: Final = 0.03
 ASLEEP_S: Final = 0.5
 STARVED_S: Final = 30.0
 SILENT_S: Final = 5.0
@@ -259,7 +259,7 @@ def in_sim_time(page: Path, argv: Sequence[str]) -> tuple[str, ...]:
     if sys.executable not in argv:
         return tuple(argv)
     place = argv.index(sys.executable)
-    return (*argv[: place + 1], "-m", "sitl.run.sim_time", str(page), *argv[place + 1 :])
+    return (*argv[: place + 1], "-m", "sitl.sim_time", str(page), *argv[place + 1 :])
 
 
 def main(argv: Sequence[str]) -> None:
