@@ -50,6 +50,7 @@ _HEAD: Final = struct.Struct("<Qddddd")
 _SLOT: Final = struct.Struct("<QQd")  # thread, 0: free; how often it looked for input; until when its work is done
 _SLOTS_AT: Final = 64
 _BYTES: Final = _SLOTS_AT + _SLOTS * _SLOT.size
+_TRIES: Final = 1000
 #: who waits looks at the page this often (s of the wall clock): the vehicle is not always as fast as it says
 _SHORTEST_S, _LOOK_S = 0.0005, 0.05
 #: two readings of a clock differ by this at least: multiprocessing looks again and again until its deadline has passed
@@ -82,7 +83,7 @@ class Page:
 
     def read(self) -> tuple[float, float, float]:
         """Simulated seconds since the page was made, the wall clock when it was made, UTC then."""
-        while True:
+        for _ in range(_TRIES):  # the vehicle may have been killed while it wrote
             number, at, sim_s, pace, begun, utc = _HEAD.unpack_from(self._memory, 0)
             if number % 2 == 0 and struct.unpack_from("<Q", self._memory, 0)[0] == number:
                 break
