@@ -743,6 +743,7 @@ class Packer:
             connected=plain,
             forced=plain,
             told_left_s=plain,
+            ready=plain,
         )
         beforehand = _Class(Beforehand, _own=plain, ahead=_Never(lambda: None))
         self._station = _Class(

@@ -80,7 +80,7 @@ def test_without_a_scenario_each_vehicle_flies_one_that_is_for_it(
         flown.append(order.scenario.name)
         raise LaunchError("seen enough")
 
-    monkeypatch.setattr(main, "_fly", fly)
+    monkeypatch.setattr(main, "fly", fly)
     assert main.main(["--vehicle", vehicle]) == 2
     assert flown == [scenario]
 
