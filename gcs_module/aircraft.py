@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Any, Final, Protocol
 
@@ -85,6 +85,8 @@ class Host(Protocol):
     journal: Journal
     console: Any
     mpstate: Any
+    #: numbers of questions about addresses: no two vehicles ask by the same one
+    address_questions: Iterator[int]
 
     def now(self) -> float:
         """Monotonic time (s)."""
@@ -140,6 +142,7 @@ class Aircraft:
             ask=config.offered_addresses,
             local=config.offered_addresses_local,
             keyed=means.signing is not None,
+            numbers=host.address_questions,
         )
         #: the aircraft against its route
         self.route = StationRouteWatch(config.route)

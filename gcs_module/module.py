@@ -8,6 +8,7 @@ them is. What there is of each vehicle is in `aircraft.py`; a fault in one's par
 
 from __future__ import annotations
 
+import itertools
 import sys
 import threading
 import time
@@ -80,6 +81,7 @@ class HandoverGcsModule(mp_module.MPModule):
         self.journal = means.journal
         self.settings_of_ours = our_settings()
         self.narrator = StationNarrator(means.journal, self._tell)
+        self.address_questions = itertools.count(1)
         self.links = Links(mpstate, config.vehicles, self._told_of_link, self.faults)
         self.aircraft = tuple(
             Aircraft(self, vehicle, of_vehicle, _ROW + number)

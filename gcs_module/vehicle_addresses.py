@@ -6,13 +6,14 @@ Another station, or the vehicle, sends them (`MISSION_PACKAGE.addresses`). They 
 here:
 
 1. Only the operator opens a link to such an address, by the number of the question that was shown. A question that was
-   replaced cannot be answered any more.
+   replaced cannot be answered any more. No two vehicles of a station ask by the same number.
 2. The station's own links win. If it has any, nothing is asked; addresses that differ from them are told.
 3. An address must be one that a vehicle can have (`vehicle_address.py`), and must not lead back to this computer unless
    the configuration allows it. It never leads to a port of this program. One bad address spoils what came with it.
 4. While the vehicle is armed nothing is asked and nothing changes. What comes then is looked at after it has disarmed.
-5. Of each sender the newest addresses count, and a line about them is shown at most every QUIET_S, then twice as seldom
-   each time. Taking addresses in costs nothing else: they are looked at when a line is due, or the operator asks.
+5. Of each sender the newest addresses count: they end its older question, also if they are refused. A line about them
+   is shown at most every QUIET_S, then twice as seldom each time. Taking addresses in costs nothing else: they are
+   looked at when a line is due, or the operator asks.
 6. What the operator confirmed is kept in a file of the station and opened again after a restart, until it is withdrawn.
    The file is written and read beside the main loop, and read as strictly as a message.
 """
@@ -20,8 +21,10 @@ here:
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import count
 from math import inf
 from pathlib import Path
 from typing import Final, Protocol
@@ -47,6 +50,10 @@ QUIET_S: Final = 30.0
 _QUIET_MOST_S: Final = 600.0
 #: between two tries to open a link
 _AGAIN_S: Final = 10.0
+#: how long the end of the program may wait for the disk
+_END_S: Final = 2.0
+#: numbers of questions that are known to have been asked
+_ASKED: Final = 100
 
 Listed = tuple[VehicleAddress, ...]
 
@@ -69,8 +76,8 @@ class Door(Protocol):
     def open(self, address: VehicleAddress) -> str:
         """Open a link; returns why that failed, or ""."""
 
-    def close(self) -> None:
-        """Close all that were opened."""
+    def close(self) -> str:
+        """Close all that were opened; returns why one is still open, or ""."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +126,8 @@ class VehicleAddresses:
     """Of one vehicle at one station. Times are monotonic seconds; `utc` is for what people read.
 
     `station`: this station's system id; `ask`: False refuses every address; `local`: this computer's may be sent;
-    `keyed`: the vehicle's frames are proven by a key; `file`: where a confirmed one is kept.
+    `keyed`: the vehicle's frames are proven by a key; `file`: where a confirmed one is kept; `numbers`: of questions,
+    the same for all vehicles of the station.
     """
 
     def __init__(
@@ -131,6 +139,7 @@ class VehicleAddresses:
         ask: bool,
         local: bool,
         keyed: bool,
+        numbers: Iterator[int] | None = None,
         utc: Callable[[], float] = time.time,
     ) -> None:
         self._door = door
@@ -141,12 +150,15 @@ class VehicleAddresses:
         self._keyed = keyed
         self._utc = utc
         self._senders: dict[int, _Sender] = {}
-        self._number = 0
+        self._numbers = count(1) if numbers is None else numbers
+        self._asked: deque[int] = deque(maxlen=_ASKED)
         self._confirmed: ConfirmedAddress | None = None
         #: for the file
         self._keeper = Worker()
         self._read = self._reading = self._unwritten = False
         self._try_at = -inf
+        #: of the last tick
+        self._now = 0.0
         #: addresses whose failure was told
         self._failed: set[VehicleAddress] = set()
         self._lines: list[str] = []
@@ -166,6 +178,7 @@ class VehicleAddresses:
 
         To be called often.
         """
+        self._now = now
         self._keeper.tick(now)
         self._keep()
         if self._read and not armed:
@@ -188,8 +201,22 @@ class VehicleAddresses:
             sender.quiet_s = min(2 * sender.quiet_s, _QUIET_MOST_S)
 
     def _judged(self, sender: _Sender) -> str:
-        """A line about a sender's addresses, "" if nothing is to be said; a question is noted."""
+        """A line about a sender's addresses, "" if nothing is to be said. A question is noted, an older one ends."""
         addresses = unpack_addresses(sender.raw).get(self._station, ())
+        before = sender.question
+        ended = ""
+        if before is not None and before.addresses != addresses:
+            sender.question = None
+            ended = "" if before.refused else f"Question {before.number} does not count any more"
+        line = self._not_asked(sender, addresses)
+        if line is None:
+            return "" if sender.question is not None else self._question(sender, addresses, ended)
+        if not ended:
+            return line
+        return f"{line} {ended}." if line else f"{ended}: what {sender.called} sends now needs no answer."
+
+    def _not_asked(self, sender: _Sender, addresses: Listed) -> str | None:
+        """A line about addresses that are not asked about, "" if nothing is to be said; None: the operator is asked."""
         own = self._door.own()
         if not addresses:
             return self._without(sender) if not own and self._confirmed is None else ""
@@ -205,22 +232,26 @@ class VehicleAddresses:
             return f"{from_sender}. Refused: {wrong}. Ask {sender.operator} for another one."
         if not self._ask:
             return f'{from_sender}. Refused: this station\'s configuration has {OFFER_KEY} = "refuse".'
-        before = sender.question
-        if before is not None and before.addresses == addresses:
-            return ""
-        self._number += 1
-        sender.question = _Question(self._number, addresses, sender.mission)
+        return None
+
+    def _question(self, sender: _Sender, addresses: Listed, ended: str) -> str:
+        number = self._next_number()
+        sender.question = _Question(number, addresses, sender.mission)
         now_used = (
             "This station has no link to the vehicle."
             if self._confirmed is None
             else f"This station uses {self._confirmed.text}, from {self._confirmed.sender}."
         )
         open_way = "" if self._keyed else " Without a key any program there can pose as the vehicle."
-        replaces = "" if before is None or before.refused else f" Question {before.number} does not count any more."
+        replaces = f" {ended}." if ended else ""
         return (
-            f"{from_sender}. {now_used}{open_way}{replaces} Check the address with {sender.operator}. "
-            f"Then type 'handover connect {self._number}', or 'handover connect no'."
+            f"{sender.says} {_shown(addresses)}. {now_used}{open_way}{replaces} Check the address with "
+            f"{sender.operator}. Then type 'handover connect {number}', or 'handover connect no'."
         )
+
+    def _next_number(self) -> int:
+        self._asked.append(next(self._numbers))
+        return self._asked[-1]
 
     @staticmethod
     def _without(sender: _Sender) -> str:
@@ -257,9 +288,7 @@ class VehicleAddresses:
         ]
         if not found:
             number = int(word) if word.isascii() and word.isdecimal() and len(word) < 9 else 0
-            problem = (
-                f"Question {word} does not count any more" if 0 < number <= self._number else f"No question {word}"
-            )
+            problem = f"Question {word} does not count any more" if number in self._asked else f"No question {word}"
             return f"{problem}. 'handover connect' lists the addresses that other stations sent."
         ((sender, question),) = found
         if armed:
@@ -270,9 +299,11 @@ class VehicleAddresses:
         wrong = self._wrong(question.addresses)
         if wrong:
             return f"Refused: {wrong}."
+        why = self._door.close()
+        if why:
+            return f"The link in use cannot be closed: {why}. Nothing was changed."
         sender.question = None
         sender.answered()
-        self._door.close()
         at = time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime(self._utc()))
         self._confirmed = ConfirmedAddress(question.addresses, sender.called, question.mission, at)
         self._unwritten, self._try_at = True, -inf
@@ -293,17 +324,21 @@ class VehicleAddresses:
     def disconnect(self, armed: bool) -> str:
         """The operator's `handover disconnect`: withdraw the address that was confirmed. Returns a line."""
         confirmed = self._confirmed
+        if not self._read:
+            return "The file of the address that was confirmed is still being read. Type 'handover disconnect' again."
         if confirmed is None:
             return "This station uses no address of the vehicle that another station sent."
         if armed:
             return "Not while the vehicle is armed. Type 'handover disconnect' after it has disarmed."
-        self._door.close()
+        why = self._door.close()
         self._confirmed, self._unwritten = None, True
         self._keep()  # at once: the operator may end the program next
         for sender in self._senders.values():  # so that it can be chosen again by its number
             if sender.called == confirmed.sender and sender.question is None:
-                self._number += 1
-                sender.question = _Question(self._number, confirmed.addresses, confirmed.mission, refused=True)
+                sender.question = _Question(self._next_number(), confirmed.addresses, confirmed.mission, refused=True)
+        if why:
+            still = f"Its link is still open: {why}. End this station to close it."
+            return f"The address {confirmed.text} is forgotten. {still}"
         return f"The link to the vehicle at {confirmed.text} is closed, and its address is forgotten."
 
     def asked_for(self) -> None:
@@ -336,8 +371,16 @@ class VehicleAddresses:
     # ---- what was confirmed ---------------------------------------------------------------------------------------
 
     def release(self) -> None:
-        """Close the links that were opened; what was confirmed stays in its file."""
+        """Close the links that were opened; what was confirmed stays in its file.
+
+        What the operator said last is written first. A disk that does not take it holds this up for _END_S.
+        """
         self._door.close()
+        until = time.monotonic() + _END_S
+        while self._read and (self._keeper.busy or self._unwritten) and time.monotonic() < until:
+            self._keeper.tick(self._now)
+            self._keep()
+            time.sleep(0.01)
 
     def _open_next(self, now: float) -> None:
         """Open what was confirmed and is not open yet."""
@@ -385,6 +428,10 @@ class VehicleAddresses:
         origin = f"{result.text}, the vehicle's address from {result.sender}, confirmed {result.at}"
         if wrong:
             self._lines.append(f"{self._file}: {origin}, is not used: {wrong}.")
+            return
+        if not self._ask:
+            refuses = f'This station\'s configuration has {OFFER_KEY} = "refuse".'
+            self._lines.append(f"{origin}, is not used. {refuses}")
             return
         self._confirmed = result
         own = self._door.own()

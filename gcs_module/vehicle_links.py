@@ -80,18 +80,22 @@ class VehicleLinks:
                 self._remove(link, master)
         return ""
 
-    def close(self) -> None:
-        """Close the links that were opened here."""
+    def close(self) -> str:
+        """Close the links that were opened here; returns why one is still open, "" if none is."""
+        if not self._opened:
+            return ""
         link = self._mpstate.module("link")
-        if link is None or not self._opened:
-            return
-        opened = list(self._opened.values())
-        self._opened.clear()
-        others = [master for master in self._mpstate.mav_master if not any(master is each for each in opened)]
+        if link is None:
+            return "MAVProxy's module 'link' is not loaded"
+        opened = self._opened
+        others = [master for master in self._mpstate.mav_master if not any(master is each for each in opened.values())]
         if not others:
             link.link_add(WAITING_LINK)
-        for master in opened:
+        for master in list(opened.values()):
             self._remove(link, master)
+        masters = self._mpstate.mav_master
+        self._opened = {each: opened[each] for each in opened if any(opened[each] is master for master in masters)}
+        return "MAVProxy cannot close it" if self._opened else ""
 
     def _remove(self, link: Any, master: Any) -> None:
         number = next((at for at, each in enumerate(self._mpstate.mav_master) if each is master), None)

@@ -9,7 +9,10 @@ from __future__ import annotations
 
 import json
 import random
+import threading
+import time
 from collections.abc import Callable
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +51,7 @@ class FakeDoor:
         self.own_hosts: set[str] = set()
         self.own_ports: set[int] = set()
         self.fails = ""
+        self.stays = ""
 
     def own(self) -> tuple[str, ...]:
         return self.own_links
@@ -66,9 +70,11 @@ class FakeDoor:
             self.opened.append(address)
         return self.fails
 
-    def close(self) -> None:
+    def close(self) -> str:
         self.closed += 1
-        self.opened.clear()
+        if not self.stays:
+            self.opened.clear()
+        return self.stays
 
 
 class Desk:
@@ -623,3 +629,122 @@ def test_one_that_is_withdrawn_is_not_tried_any_more(desk: Desk) -> None:
     desk.door.fails = ""
     assert desk.run(60) == []
     assert desk.door.opened == []
+
+
+# ---- what a second reader found -----------------------------------------------------------------------------------
+
+
+def test_a_question_ends_when_that_sender_sends_an_address_that_is_refused(desk: Desk) -> None:
+    """Of each sender the newest addresses count."""
+    desk.send(A, WIFI)
+    desk.run()
+    desk.send(A, LOOPBACK)
+    (line,) = desk.run(40)
+    assert line.endswith(
+        "(offered_addresses_local = true allows it). Ask the operator of GCSA for another one. Question 1 does not "
+        "count any more."
+    )
+    assert desk.connect("1").startswith("Question 1 does not count any more.")
+    assert list(desk.made.status()) == []
+    desk.run()
+    assert desk.door.opened == []
+
+
+def test_a_question_ends_when_that_sender_sends_a_mission_without_addresses(desk: Desk) -> None:
+    desk.send(A, WIFI)
+    desk.run()
+    desk.send(A)
+    (line,) = desk.run(40)
+    assert line.endswith("ask for addresses.toml in the mission. Question 1 does not count any more.")
+    assert desk.connect("1").startswith("Question 1 does not count any more.")
+
+
+def test_a_question_ends_when_that_sender_comes_back_to_the_address_in_use(desk: Desk) -> None:
+    desk.send(A, WIFI)
+    desk.run()
+    desk.connect("1")
+    desk.run()
+    desk.send(A, OTHER)
+    desk.run()
+    desk.send(A, WIFI)
+    assert desk.run(40) == ["Question 2 does not count any more: what GCSA sends now needs no answer."]
+    assert desk.connect("2").startswith("Question 2 does not count any more.")
+    desk.run()
+    assert desk.door.opened == [WIFI]
+
+
+def test_two_vehicles_never_ask_by_the_same_number(tmp_path: Path) -> None:
+    """The operator answers for the vehicle that is chosen: the number of another one's question opens nothing."""
+    numbers = count(1)
+    first = Desk(tmp_path / "1.address", numbers=numbers)
+    second = Desk(tmp_path / "2.address", numbers=numbers)
+    first.send(C, OTHER)
+    second.send(A, WIFI)
+    assert first.run()[-1].endswith("Then type 'handover connect 1', or 'handover connect no'.")
+    assert second.run()[-1].endswith("Then type 'handover connect 2', or 'handover connect no'.")
+    assert first.connect("2").startswith("No question 2.")
+    first.run()
+    assert first.door.opened == []
+
+
+def test_a_link_that_cannot_be_closed_is_not_called_closed(desk: Desk, file: Path) -> None:
+    desk.send(A, WIFI)
+    desk.run()
+    desk.connect("1")
+    desk.run()
+    desk.door.stays = "MAVProxy's module 'link' is not loaded"
+    assert desk.made.disconnect(False) == (
+        "The address udpout:10.0.0.2:14552 is forgotten. Its link is still open: MAVProxy's module 'link' is not "
+        "loaded. End this station to close it."
+    )
+    assert not file.exists()
+
+
+def test_no_second_address_is_opened_beside_a_link_that_cannot_be_closed(desk: Desk) -> None:
+    desk.send(A, WIFI)
+    desk.run()
+    desk.connect("1")
+    desk.run()
+    desk.send(C, OTHER)
+    desk.run()
+    desk.door.stays = "MAVProxy's module 'link' is not loaded"
+    assert desk.connect("2") == (
+        "The link in use cannot be closed: MAVProxy's module 'link' is not loaded. Nothing was changed."
+    )
+    desk.run()
+    assert desk.door.opened == [WIFI]
+
+
+def test_withdrawn_before_the_file_was_read_is_not_answered_with_there_is_none(
+    confirmed: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    jobs: list[Callable[[], None]] = []
+    monkeypatch.setattr("mavproxy_handover.worker.in_thread", jobs.append)
+    again = Desk(confirmed)
+    again.run()
+    assert again.made.disconnect(False) == (
+        "The file of the address that was confirmed is still being read. Type 'handover disconnect' again."
+    )
+
+
+def test_a_configuration_that_refuses_opens_no_address_of_an_earlier_run(confirmed: Path) -> None:
+    again = Desk(confirmed, ask=False)
+    assert again.run() == [
+        "udpout:10.0.0.2:14552, the vehicle's address from GCSA, confirmed 2026-11-27 08:00 UTC, is not used. This "
+        'station\'s configuration has offered_addresses = "refuse".'
+    ]
+    assert again.door.opened == []
+
+
+def test_a_withdrawal_is_on_the_disk_though_the_disk_was_busy_when_the_program_ended(
+    desk: Desk, file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The disk still writes what was confirmed while the operator withdraws it and ends the program."""
+    monkeypatch.setattr("mavproxy_handover.worker.in_thread", lambda run: threading.Timer(0.1, run).start())
+    desk.send(A, WIFI)
+    desk.run()
+    desk.connect("1")
+    desk.made.disconnect(False)
+    desk.made.release()
+    time.sleep(0.3)
+    assert not file.exists()

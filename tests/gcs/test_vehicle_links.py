@@ -110,3 +110,23 @@ def test_the_ports_of_this_program_are_known() -> None:
             assert bench.made.is_ours(VehicleAddress("127.0.0.1", port))
         free = next(port for port in range(20000, 20010) if port not in ports)
         assert not bench.made.is_ours(VehicleAddress("127.0.0.1", free))
+
+
+def test_without_mavproxys_link_module_an_open_link_is_not_called_closed() -> None:
+    bench = Bench(waiting())
+    bench.made.open(WIFI)
+    bench.mpstate.public_modules.clear()
+    assert bench.made.close() == "MAVProxy's module 'link' is not loaded"
+    assert bench.made.is_open(WIFI) is True
+    bench.mpstate.public_modules["link"] = bench.link
+    assert bench.made.close() == ""
+    assert [master.label for master in bench.mpstate.mav_master] == [WAITING_LABEL]
+
+
+def test_a_link_that_mavproxy_keeps_because_it_is_the_last_one_is_not_called_closed() -> None:
+    bench = Bench(waiting())
+    bench.made.open(WIFI)
+    bench.link.opens = False
+    assert bench.made.close() == "MAVProxy cannot close it"
+    assert bench.made.own() == ()
+    assert bench.made.is_open(WIFI) is True

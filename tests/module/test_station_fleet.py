@@ -23,11 +23,12 @@ from mavproxy_handover.core.model import FlightAction, Phase, Reason
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.store.keys import key_of, write_key
+from mavproxy_handover.vehicle_address import WAITING_LABEL, VehicleAddress, pack_addresses
 from mavproxy_handover.wire.ids import PROBE_COMPID
 from mavproxy_handover.wire.package_transfer import PackageSender
 from sitl.vehicles.ports import PortPicker
 from tests.module.conftest import Clock
-from tests.module.proxy import Master, MPState
+from tests.module.proxy import LinkModule, Master, MPState
 from tests.module.test_station_module import START, Peer, heartbeat
 from tests.module.vehicle import frames
 from tests.packages import MISSIONS, ROUND
@@ -909,3 +910,25 @@ def test_an_answer_of_a_station_of_an_older_version_is_its_packages(fleet: Fleet
     short = int.from_bytes(delivery.digest[:4], "little")
     fleet.ground(mavlink.MAVLink_mission_package_ack_message(251, 0, short, 0, wants, b""))
     assert "MISSION_CHUNK" in [m.get_type() for m in fleet.peer.received()]
+
+
+def test_two_vehicles_never_ask_about_addresses_by_the_same_number(fleet: Fleet) -> None:
+    """What is typed is for the vehicle that is chosen, whichever the operator has read about."""
+    fleet.mpstate.mav_master[:] = [Master(WAITING_LABEL, "127.0.0.1:0")]
+    link = LinkModule(fleet.mpstate)
+    fleet.mpstate.public_modules["link"] = link
+    fleet.load()
+    fleet.run(2.0)
+    for vehicle in (1, 2):
+        packed = list(pack_addresses({251: (VehicleAddress(f"10.0.0.{vehicle}", 14551),)}).ljust(176, b"\0"))
+        digest = [vehicle] * 32
+        fleet.ground(mavlink.MAVLink_mission_package_message(251, 0, 400, digest, b"delivery", vehicle, packed))
+    fleet.run(2.0)
+    (line,) = fleet.lines("GCSB sends the vehicle's address udpout:10.0.0.2:14551")
+    assert "'handover -v drone-2 connect 2'" in line
+    assert "No question 2." in fleet.type("handover connect 2")[-1]
+    fleet.run(2.0)
+    assert link.added == []
+    fleet.type("handover -v drone-2 connect 2")
+    fleet.run(2.0)
+    assert link.added == ['udpout:10.0.0.2:14551:{"label":"drone-2"}']
