@@ -3,7 +3,8 @@
 """Network namespaces that end with the run: they are known by name in a mount namespace of the run's own only.
 
 `ip netns` keeps a namespace by a mount below /run/netns. Here that folder, and /run/wireguard, are file systems in
-memory that only this process and its children see. So two runs can use the same names, and the kernel removes
+memory that only this process and its children see. The folders themselves stay, as `ip netns` leaves them: to remove
+one would take along what another run has mounted on it. So two runs can use the same names, and the kernel removes
 namespaces, cables and tunnels with the last process of the run, also after SIGKILL: every process of a run ends with
 its parent. Nothing is made in the namespace that the command was started in.
 
@@ -28,7 +29,7 @@ from typing import Any, Final
 from sitl.hosts.plan import Plan
 from sitl.script.places import SetupError
 
-__all__ = ["Namespaces", "cannot", "inside", "run"]
+__all__ = ["Namespaces", "cannot", "inside", "is_inside", "run"]
 
 _NEW_NETWORK, _NEW_MOUNTS = 0x4000_0000, 0x0002_0000
 _PRIVATE, _RECURSIVE = 1 << 18, 1 << 14
@@ -84,6 +85,13 @@ def inside(host: str) -> tuple[str, ...]:
     return ("ip", "netns", "exec", host)
 
 
+def is_inside(host: str) -> bool:
+    """Whether this process is on that host of a run."""
+    with suppress(OSError):
+        return os.path.samefile("/proc/self/ns/net", _NETNS / host)
+    return False
+
+
 class Namespaces:
     """The hosts of a plan. Use it as a context manager; within it this process is on the host that `entered` names."""
 
@@ -91,7 +99,8 @@ class Namespaces:
         self.plan = plan
         self._outside = -1
         self._made: list[str] = []
-        self._mounted: list[tuple[Path, bool]] = []
+        #: folder -> the device that was mounted on it
+        self._mounted: dict[Path, int] = {}
 
     def __enter__(self) -> Namespaces:
         """Make all hosts. Raises SetupError, and leaves nothing then."""
@@ -120,10 +129,9 @@ class Namespaces:
         _call("a mount namespace of the bench's own", _libc().unshare(_NEW_MOUNTS))
         _call("private mounts", _libc().mount(b"none", b"/", b"none", _RECURSIVE | _PRIVATE, None))
         for folder in (_NETNS, _WIREGUARD):
-            new = not folder.exists()
             folder.mkdir(parents=True, exist_ok=True)
             _call(f"{folder}", _libc().mount(b"none", str(folder).encode(), b"tmpfs", 0, b"mode=0700"))
-            self._mounted.append((folder, new))
+            self._mounted[folder] = folder.stat().st_dev
 
     # ---- while they are there -------------------------------------------------------------------------------------
 
@@ -164,17 +172,22 @@ class Namespaces:
 
     # ---- the end --------------------------------------------------------------------------------------------------
 
+    def _ours(self, folder: Path) -> bool:
+        """Whether the run's own file system is mounted there now."""
+        with suppress(OSError):
+            return folder.stat().st_dev == self._mounted.get(folder)
+        return False
+
     def close(self) -> None:
         """Remove everything. Safe to call twice, never raises: what is left goes with this process."""
         for name in reversed(self._made):
-            with suppress(SetupError):
-                run(["ip", "netns", "del", name])
+            if self._ours(_NETNS):  # or the name would be one of this machine's
+                with suppress(SetupError):
+                    run(["ip", "netns", "del", name])
         self._made.clear()
-        for folder, new in reversed(self._mounted):
-            _libc().umount2(str(folder).encode(), 2)  # lazily
-            if new:
-                with suppress(OSError):  # another program has put something there by now
-                    folder.rmdir()
+        for folder in reversed(self._mounted):
+            if self._ours(folder):
+                _libc().umount2(str(folder).encode(), 2)  # lazily
         self._mounted.clear()
         if self._outside >= 0:
             os.close(self._outside)

@@ -22,7 +22,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from sitl.hosts.namespaces import Namespaces, inside, run
+from sitl.hosts.namespaces import Namespaces, inside, is_inside, run
 from sitl.hosts.plan import LTE
 from sitl.run.ending import Orders
 from sitl.run.impairment import Impairment
@@ -87,10 +87,13 @@ def _lead(names: Sequence[str]) -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run until the input ends. Exit code 2: the device cannot be made."""
+    """Run until the input ends. Exit code 2: the device cannot be made, or this is no host of the bench."""
     parser = argparse.ArgumentParser(prog="python -m sitl.hosts.weather", description="Delay and loss of a path.")
     parser.add_argument("interfaces", nargs="+", help="what comes in by these has the weather")
     arguments = parser.parse_args(argv)
+    if not is_inside(LTE):
+        print("weather: this is no host of the bench: its rules would be this machine's", file=sys.stderr)
+        return 2
     orders = Orders()
     try:
         device = _open()

@@ -131,6 +131,48 @@ print(json.dumps(seen))
     assert (known_namespaces() <= before[0], interfaces()) == (True, before[1])
 
 
+#: a run that has made its folders, and then does what it is told
+RUN = """
+import sys
+from pathlib import Path
+from sitl.hosts import namespaces
+from sitl.hosts.plan import plan
+folder = Path(sys.argv[1])
+namespaces._NETNS, namespaces._WIREGUARD = folder / "netns", folder / "wireguard"
+made = namespaces.Namespaces(plan(["GCSA"]))
+made._separate()
+(namespaces._NETNS / "mc").touch()
+made._made.append("mc")
+print("ready", flush=True)
+if sys.stdin.readline() == "close\\n":
+    made.close()
+    print("closed", flush=True)
+    sys.stdin.readline()
+print((namespaces._NETNS / "mc").exists(), flush=True)
+"""
+
+
+def begun_run(folder: Path) -> subprocess.Popen[str]:
+    process = subprocess.Popen(
+        [sys.executable, "-c", RUN, str(folder)],
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "ready\n"
+    return process
+
+
+def test_the_end_of_one_run_takes_nothing_from_another_run(tmp_path: Path) -> None:
+    """A folder that is removed takes along what is mounted on it, in other mount namespaces too."""
+    first = begun_run(tmp_path)
+    second = begun_run(tmp_path)
+    first.communicate("close\n", timeout=20)
+    assert second.communicate("look\n", timeout=20)[0] == "True\n"
+
+
 def test_a_way_out_is_found_before_anything_is_flown(tmp_path: Path) -> None:
     said = ran(
         """
