@@ -21,8 +21,10 @@ from mavproxy_handover.link.names import endpoint
 
 __all__ = ["tunnels"]
 
-#: kinds of interface that encrypt
-_ENCRYPTED: Final = {"wireguard": "WireGuard", "xfrm": "IPsec", "vti": "IPsec", "vti6": "IPsec"}
+#: the kind of interface that always encrypts
+_WIREGUARD: Final = "wireguard"
+#: a policy says whether these encrypt, or only authenticate
+_IPSEC: Final = ("xfrm", "vti", "vti6")
 #: a program is at the other end of these
 _OF_A_PROGRAM: Final = ("tun", "tap")
 #: tunnels that pack and do not encrypt
@@ -109,9 +111,11 @@ def _by(interface: Interface) -> _Way:
     name, kind = interface.name, interface.kind
     if name == "lo":
         return _Way("stays on this machine", False, "no other program here can", "any program here can")
-    if kind in _ENCRYPTED:
-        says = f"inside {_ENCRYPTED[kind]} ({name}): others on the way cannot read it"
+    if kind == _WIREGUARD:  # its end may be a gateway, with more way after it
+        says = f"inside WireGuard ({name}): others on the way to the end of the tunnel cannot read it"
         return _Way(says, False, "no other program inside the tunnel can", _UNSIGNED_INSIDE)
+    if kind in _IPSEC:
+        return _Way(f"inside IPsec ({name}): whether it encrypts is not known here", None)
     if kind in _OF_A_PROGRAM:
         return _Way(f"inside a tunnel of a program ({name}): whether it encrypts is not known here", None)
     if kind in _PLAIN:

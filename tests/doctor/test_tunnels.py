@@ -47,15 +47,15 @@ def found(patient: Any, monkeypatch: pytest.MonkeyPatch, *interfaces: Interface 
             Interface("wg0", "wireguard"),
             KEY,
             Level.OK,
-            "inside WireGuard (wg0): others on the way cannot read it; signed with the key of GCSA: no other program "
-            "inside the tunnel can speak as GCSA",
+            "inside WireGuard (wg0): others on the way to the end of the tunnel cannot read it; signed with the key of "
+            "GCSA: no other program inside the tunnel can speak as GCSA",
         ),
         (
             Interface("wg0", "wireguard"),
             None,
             Level.OK,
-            "inside WireGuard (wg0): others on the way cannot read it; not signed: any program inside the tunnel, and "
-            "a neighbour that forges its address, can speak as GCSA",
+            "inside WireGuard (wg0): others on the way to the end of the tunnel cannot read it; not signed: any program "
+            "inside the tunnel, and a neighbour that forges its address, can speak as GCSA",
         ),
         (
             Interface("eth0", ""),
@@ -95,8 +95,8 @@ def found(patient: Any, monkeypatch: pytest.MonkeyPatch, *interfaces: Interface 
             Interface("ipsec0", "xfrm"),
             KEY,
             Level.OK,
-            "inside IPsec (ipsec0): others on the way cannot read it; signed with the key of GCSA: no other program "
-            "inside the tunnel can speak as GCSA",
+            "inside IPsec (ipsec0): whether it encrypts is not known here; signed with the key of GCSA: others "
+            "cannot speak as GCSA",
         ),
         (
             Interface("lo", ""),
