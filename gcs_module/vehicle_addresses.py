@@ -67,6 +67,9 @@ class Door(Protocol):
     def is_open(self, address: VehicleAddress) -> bool:
         """Whether a link to this address was opened."""
 
+    def is_removed(self, address: VehicleAddress) -> bool:
+        """Whether the operator has removed a link that was opened."""
+
     def leads_back(self, address: VehicleAddress) -> bool:
         """Whether the address is this computer's."""
 
@@ -351,8 +354,14 @@ class VehicleAddresses:
         confirmed = self._confirmed
         if confirmed is not None:
             origin = f"from {confirmed.sender} with mission {confirmed.mission!r}, confirmed {confirmed.at}"
-            open_now = [self._door.is_open(address) for address in confirmed.addresses]
-            if any(open_now):
+            removed = [self._door.is_removed(address) for address in confirmed.addresses]
+            open_now = [
+                self._door.is_open(address) and not gone
+                for address, gone in zip(confirmed.addresses, removed, strict=True)
+            ]
+            if all(removed):
+                state = "not in use: its link was removed"
+            elif any(open_now):
                 state = "in use" if all(open_now) else "in use in part"
             else:
                 state = "not used: this station has its own link" if self._door.own() else "not open yet"

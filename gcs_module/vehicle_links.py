@@ -50,6 +50,11 @@ class VehicleLinks:
         """Whether a link to this address was opened here, also if the operator has removed it since."""
         return address in self._opened
 
+    def is_removed(self, address: VehicleAddress) -> bool:
+        """Whether the operator has removed a link that was opened here."""
+        master = self._opened.get(address)
+        return master is not None and not any(master is each for each in self._mpstate.mav_master)
+
     def leads_back(self, address: VehicleAddress) -> bool:
         """Whether the address is this computer's, by any of its interfaces. Nothing is sent."""
         with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as probe:

@@ -104,6 +104,12 @@ def _own(address: str) -> _Way:
     if interface is None:
         why = f"it waits to be called on {address}, whose interface is not known"
         return _Way(f"whether it is inside a tunnel is not known: {why}", None)
+    if interface.kind == _WIREGUARD:  # Linux takes what is sent to this address by any interface, and answers there
+        says = (
+            f"waits at an address of WireGuard ({interface.name}): others on the way to the end of the tunnel cannot "
+            f"read what comes through it, and only a firewall keeps out what comes past it"
+        )
+        return _Way(says, None, unsigned=_UNSIGNED_INSIDE)
     return _by(interface)
 
 

@@ -54,8 +54,8 @@ def found(patient: Any, monkeypatch: pytest.MonkeyPatch, *interfaces: Interface 
             Interface("wg0", "wireguard"),
             None,
             Level.OK,
-            "inside WireGuard (wg0): others on the way to the end of the tunnel cannot read it; not signed: any program "
-            "inside the tunnel, and a neighbour that forges its address, can speak as GCSA",
+            "inside WireGuard (wg0): others on the way to the end of the tunnel cannot read it; not signed: any "
+            "program inside the tunnel, and a neighbour that forges its address, can speak as GCSA",
         ),
         (
             Interface("eth0", ""),
@@ -136,7 +136,11 @@ def test_a_link_that_waits_on_one_address_is_known_by_its_interface(monkeypatch:
     monkeypatch.setattr(module, "interface_of", owners.get)
     links = ("udpin:10.9.1.1:14550", "tcpin:10.9.9.9:5760")
     said = [finding.found for finding in tunnels(companion(("GCSA", KEY, links)))]
-    assert said[0].startswith("inside WireGuard (wg0)")
+    assert said[0] == (
+        "waits at an address of WireGuard (wg0): others on the way to the end of the tunnel cannot read what comes "
+        "through it, and only a firewall keeps out what comes past it; signed with the key of GCSA: others cannot "
+        "speak as GCSA"
+    )
     assert said[1].startswith(
         "whether it is inside a tunnel is not known: it waits to be called on 10.9.9.9, whose interface is not known;"
     )

@@ -59,6 +59,9 @@ class FakeDoor:
     def is_open(self, address: VehicleAddress) -> bool:
         return address in self.opened
 
+    def is_removed(self, address: VehicleAddress) -> bool:
+        return False
+
     def leads_back(self, address: VehicleAddress) -> bool:
         return address.host in self.own_hosts
 

@@ -87,6 +87,19 @@ def test_from_the_mission_to_the_open_link_and_back(bench: Bench) -> None:
     assert bench.addresses() == ["127.0.0.1:0"]
 
 
+def test_a_link_that_the_operator_has_removed_is_not_called_in_use(bench: Bench) -> None:
+    bench.offer(WIFI)
+    bench.run(2.0)
+    bench.mpstate.type("handover connect 1")
+    bench.run(3.0)
+    bench.mpstate.mav_master.append(Master(None, "0.0.0.0:14550"))
+    bench.link.cmd_link_remove(["0"])
+    (line,) = [line for line in bench.mpstate.type("handover connect") if line.startswith("address")]
+    assert "; not in use: its link was removed ('handover disconnect' withdraws it)" in line
+    bench.run(30.0)
+    assert bench.addresses() == ["0.0.0.0:14550"]
+
+
 def test_after_a_restart_the_link_is_there_again(bench: Bench) -> None:
     bench.offer(WIFI)
     bench.run(2.0)
