@@ -215,7 +215,7 @@ class LogDownload:
             if paced:
                 self._credit_bytes -= size
         served = self._served
-        if served is not None and self._next >= self._piece_end and self._queued_bytes <= LOW_BYTES:
+        if served is not None and self._piece_end <= self._next < served.end and self._queued_bytes <= LOW_BYTES:
             self._own_piece_at = self._next
             self._ask(served, now)
         return bool(queue)

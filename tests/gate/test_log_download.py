@@ -470,3 +470,14 @@ def test_a_fault_of_the_download_is_told_and_ends_it() -> None:
     door.gate.send_downloads(door.now)
     assert [fault.split(":")[0] for fault in door.faults] == ["log download"]
     assert not door.gate.downloads_wait
+
+
+def test_a_request_for_nothing_is_made_once_and_its_answer_reaches_the_station() -> None:
+    """The fault: it was made again in every round of the main loop, and the answer was taken for the companion's."""
+    bench = Bench()
+    bench.ask(180, 0)
+    bench.run(0.1)
+    assert bench.asked() == [("LOG_REQUEST_DATA", 180, 0)]
+    bench.come(180, 0)
+    bench.run(0.1)
+    assert bench.station.got == [180]
