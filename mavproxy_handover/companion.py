@@ -27,7 +27,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.autopilot import hands
 from mavproxy_handover.autopilot.autopilot import Autopilot
 from mavproxy_handover.autopilot.briefing import Briefing
-from mavproxy_handover.autopilot.orders import commanded, disarms
+from mavproxy_handover.autopilot.orders import UNDOING, commanded, disarms
 from mavproxy_handover.autopilot.overrides import Overrides
 from mavproxy_handover.autopilot.position_watch import Box
 from mavproxy_handover.autopilot.read_back import WITHDRAWN
@@ -302,8 +302,8 @@ class Companion:
                 self._accepted(port, frame, verdict.what, now)
                 self._chosen(frame, now)
                 if disarms(frame):
+                    self.autopilot.orders.disarmed(port, frame, now)
                     self.autopilot.read_back.withdraw(now)
-                    self.autopilot.orders.give_start_up(f"{port.name} disarmed", now)
             case Fate.CONSUME:
                 if frame.sysid == port.sysid or verdict.access in _COMMANDS:
                     self._consume(port, frame, verdict, now)
@@ -373,6 +373,7 @@ class Companion:
             orders.start_asked(port, frame, verdict.what, now)
             return
         needs = MIDWAY if midway else self.arbiter.take_off_needs(port.sysid, now)
+        needs = needs or (UNDOING if orders.undoing else ())
         if needs:
             self._refuse_take_off(port, frame, verdict, needs, now)
             return

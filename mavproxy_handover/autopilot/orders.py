@@ -38,7 +38,10 @@ from mavproxy_handover.wire.conversation import Ask, Asking, Conversation, Conve
 from mavproxy_handover.wire.frames import Frame, field_float, field_int
 from mavproxy_handover.wire.ids import MISSION_START
 
-__all__ = ["Orders", "commanded", "disarms"]
+__all__ = ["UNDOING", "Orders", "commanded", "disarms"]
+
+#: what an arm lacks while a START that was called off is being undone
+UNDOING: Final = ("the START before is still being undone: send it again",)
 
 #: messages that carry a MAV_CMD
 _CARRIERS: Final = (mavlink.MAVLINK_MSG_ID_COMMAND_LONG, mavlink.MAVLINK_MSG_ID_COMMAND_INT)
@@ -119,6 +122,8 @@ class Orders:
         self._needs = OncePerCause()
         #: who had the mission flown on last, by which word, and when
         self._went_on: tuple[StationPort, str, float] | None = None
+        #: the disarm that the commander sent last
+        self._disarm: Frame | None = None
         #: is told that a return is about to be ordered; returns what tells whether its place is in the autopilot's list
         self.before_return: Callable[[float], Callable[[], bool]] = lambda _now: lambda: True
         #: the autopilot returns because it was told so here
@@ -130,6 +135,11 @@ class Orders:
     def starting(self) -> bool:
         """A START is under way."""
         return _START in self._conversations
+
+    @property
+    def undoing(self) -> bool:
+        """What a START that was called off has left behind is being undone."""
+        return _CALLED_OFF in self._conversations
 
     # ---- START ----------------------------------------------------------------------------------------------------
 
@@ -162,8 +172,11 @@ class Orders:
             self._answer(asker, result, f"START failed: {text}" if text else "")
 
         procedures = self._procedures()
+        undoing = self._conversations.drop(_CALLED_OFF)
 
         def steps() -> Asking:
+            if undoing:  # from its beginning: beside this START it would take it out of its mode
+                yield from procedures.call_off_start()
             yield from self._read_back()
             yield from procedures.start()
 
@@ -180,12 +193,18 @@ class Orders:
         """A command that arms or takes off cannot be: what START still needs."""
         voice, sender = self._ties.voice, (frame.sysid, frame.compid)
         command = commanded(frame)
-        # the autopilot's answer to the disarm ends the wait for an answer to the arm
-        answered_so = command == _ARM and needs == (WITHDRAWN,)
-        if command is not None and not answered_so:
+        if command is not None and not (needs == (WITHDRAWN,) and self._answered_by_disarm(frame)):
             voice.acknowledge(port, sender, command, mavlink.MAV_RESULT_TEMPORARILY_REJECTED)
         modes = self._procedures().vehicle.judged_by
         self._tell_needs(port, called(subject_of(frame), modes=modes), needs, now)
+
+    def _answered_by_disarm(self, frame: Frame) -> bool:
+        """The autopilot's answer to the disarm ends the wait for an answer to this command, too: the same program sent
+        both, and both have the same number."""
+        disarm = self._disarm
+        if disarm is None or (disarm.sysid, disarm.compid) != (frame.sysid, frame.compid):
+            return False
+        return commanded(disarm) == commanded(frame)
 
     def _tell_needs(self, port: StationPort, what: str, needs: tuple[str, ...], now: float) -> None:
         """All of them in one text. What is behind a colon are figures, which change while the need does not."""
@@ -202,6 +221,11 @@ class Orders:
             self._ties.handle(StartFinished(False, why), now)
             self._answer(asker, mavlink.MAV_RESULT_FAILED, f"START failed: {why}")
             self._conversations.begin(_CALLED_OFF, self._procedures().call_off_start(), lambda _talk, _now: None, now)
+
+    def disarmed(self, port: StationPort, frame: Frame, now: float) -> None:
+        """The commander's disarm went to the autopilot."""
+        self._disarm, self._went_on = frame, None
+        self.give_start_up(f"{port.name} disarmed", now)
 
     def passed(self, port: StationPort, intent: Intent, now: float) -> None:
         """A command of the commander in flight went to the autopilot."""

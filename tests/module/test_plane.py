@@ -8,6 +8,7 @@ import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
@@ -400,3 +401,51 @@ def test_a_start_that_is_called_off_does_not_leave_it_in_auto(ready: Bench) -> N
     ready.until(lambda: FAILED in ready.a.acks(START))
     ready.run(5.0)
     assert (ready.autopilot.mode, ready.autopilot.armed) == (0, False)
+
+
+def beats_each_second_alone(plane: PlaneAutopilot) -> None:
+    """As ArduPlane: no heartbeat because of a command."""
+
+    def command(message: Any) -> None:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(plane, "beat", lambda: None)
+            PlaneAutopilot._command(plane, message)
+
+    plane._command = command  # type: ignore[method-assign]
+
+
+@pytest.mark.parametrize("wait_s", [0.05, 0.5, 1.5])
+def test_a_start_right_after_one_that_a_disarm_ended_is_flown_in_auto(ready: Bench, wait_s: float) -> None:
+    """The fault: the first START's way out of AUTO went on beside the second START, which armed in MANUAL then."""
+    beats_each_second_alone(ready.autopilot)
+    ready.autopilot.script[ARM] = None
+    ready.a.command(START)
+    ready.until(lambda: ARM in ready.autopilot.commands())
+    ready.a.command(ARM, 0)
+    ready.run(0.05)
+    del ready.autopilot.script[ARM]
+    ready.run(wait_s)
+    ready.a.command(START)
+    ready.run(8.0)
+    assert (ready.autopilot.mode, ready.autopilot.armed) == (AUTO, True)
+    assert ready.a.acks(START) == [IN_PROGRESS, FAILED, IN_PROGRESS, ACCEPTED]
+    assert ready.companion.view.phase is Phase.ON_MISSION
+
+
+def test_an_arm_right_after_a_start_that_a_disarm_ended_does_not_take_it_off(ready: Bench) -> None:
+    """The fault: it was still in AUTO."""
+    beats_each_second_alone(ready.autopilot)
+    ready.autopilot.script[ARM] = None
+    ready.a.command(START)
+    ready.until(lambda: ARM in ready.autopilot.commands())
+    ready.a.command(ARM, 0)
+    ready.run(0.05)
+    del ready.autopilot.script[ARM]
+    ready.a.command(ARM, 1)
+    ready.run(3.0)
+    assert (ready.autopilot.mode, ready.autopilot.armed) == (0, False)
+    assert ready.a.acks(ARM) == [REJECTED]
+    assert "arm refused: the START before is still being undone: send it again" in ready.a.texts()
+    ready.a.command(ARM, 1)
+    ready.run(3.0)
+    assert (ready.autopilot.mode, ready.autopilot.armed) == (0, True)

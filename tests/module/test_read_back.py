@@ -162,11 +162,24 @@ def test_a_later_disarm_withdraws_an_arm_that_waits(loaded: Bench, disarm: tuple
     assert disarm[0] in loaded.autopilot.commands()
     assert not any(m.command == ARM and m.param1 for m in loaded.autopilot.got("COMMAND_LONG"))
     assert "arm refused: withdrawn by a later disarm" in loaded.a.texts()
-    # a station could not tell it from the answer to the disarm
-    assert REJECTED not in loaded.a.acks(ARM)
+    # of the same command a station could not tell it from the answer to the disarm
+    assert loaded.a.acks(ARM) == ([ACCEPTED] if disarm[0] == ARM else [REJECTED])
     loaded.a.command(ARM, 1)
     loaded.run(0.5)
     assert loaded.autopilot.armed
+
+
+def test_a_program_whose_arm_another_program_of_the_station_withdraws_is_answered(loaded: Bench) -> None:
+    """The fault: the autopilot answers the disarm to the program that sent it, and the arm had no answer at all."""
+    loaded.autopilot.silent_lists = True
+    tablet = mavlink.MAVLink(None, srcSystem=loaded.a.sysid, srcComponent=230)
+    arm = mavlink.MAVLink_command_long_message(*VEHICLE, ARM, 0, 1, 0, 0, 0, 0, 0, 0)
+    loaded.a.send_bytes(arm.pack(tablet))
+    loaded.run(0.5)
+    loaded.a.command(ARM, 0)
+    loaded.run(0.5)
+    answers = [(m.target_component, m.result) for m in loaded.a.got("COMMAND_ACK") if m.command == ARM]
+    assert sorted(answers) == [(190, ACCEPTED), (230, REJECTED)]
 
 
 def test_another_command_that_waits_is_withdrawn_too_and_answered(loaded: Bench) -> None:

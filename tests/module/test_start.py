@@ -294,6 +294,19 @@ def test_a_start_some_seconds_before_the_landing_is_not_said_to_have_had_no_effe
     assert "had no effect" not in ready.a.texts()
 
 
+def test_a_start_that_its_own_station_ends_by_a_disarm_is_not_said_to_have_had_no_effect(ready: Bench) -> None:
+    """The fault: it flew on for a second, then the station disarmed, and heard that it had landed before."""
+    ready.a.command(START)
+    ready.until(lambda: ready.companion.view.phase is Phase.ON_MISSION)
+    ready.run(3.0)
+    ready.a.command(MODE, 1, AUTO)
+    ready.run(0.3)
+    ready.a.command(ARM, 0, 21196)
+    ready.until(lambda: ready.companion.view.phase is Phase.ON_LOAD)
+    ready.run(1.0)
+    assert "had no effect" not in ready.a.texts()
+
+
 TAKE_OFF, AUX, FLY = mavlink.MAV_CMD_NAV_TAKEOFF, mavlink.MAV_CMD_DO_AUX_FUNCTION, mavlink.MAV_CMD_SOLO_BTN_FLY_HOLD
 LAND_START, RETURN_PATH = mavlink.MAV_CMD_DO_LAND_START, 188
 MODE = mavlink.MAV_CMD_DO_SET_MODE
