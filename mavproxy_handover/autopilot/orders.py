@@ -55,19 +55,24 @@ _PAUSE_CONTINUE: Final[int] = mavlink.MAV_CMD_DO_PAUSE_CONTINUE
 #: its first parameter
 _STOP, _CONTINUE = 0.0, 1.0
 _ARM: Final[int] = mavlink.MAV_CMD_COMPONENT_ARM_DISARM
-#: switches that disarm or stop the motors in one of their positions
-_DISARMING: Final = frozenset(
-    SWITCH_NUMBERS[name]
-    for name in (
-        "ARMDISARM_UNUSED",
-        "ARMDISARM",
-        "ARMDISARM_AIRMODE",
-        "ARM_EMERGENCY_STOP",
-        "DISARM",
-        "MOTOR_ESTOP",
-        "MOTOR_INTERLOCK",
+#: switches that disarm or stop the motors, and the position in which they do
+_LOW, _HIGH = 0, 2
+_DISARMING: Final = {
+    SWITCH_NUMBERS[name]: position
+    for name, position in (
+        ("ARMDISARM_UNUSED", _LOW),
+        ("ARMDISARM", _LOW),
+        ("ARMDISARM_AIRMODE", _LOW),
+        ("ARM_EMERGENCY_STOP", _LOW),
+        ("DISARM", _HIGH),
+        ("MOTOR_ESTOP", _HIGH),
+        ("MOTOR_INTERLOCK", _LOW),
     )
-)
+}
+#: the autopilot keeps so much of a switch's number, and of its position
+_SWITCH_MASK, _POSITION_MASK = 0xFFFF, 0xFF
+#: above this DO_FLIGHTTERMINATION ends the flight
+_TERMINATES: Final = 0.5
 #: a command that flies the mission on had no effect if the autopilot says so soon (s) that it is disarmed: it says so
 #: every second
 _NO_EFFECT_S: Final = 2.0
@@ -84,10 +89,14 @@ def disarms(frame: Frame) -> bool:
     """Whether a frame that passes on the ground disarms, stops the motors, or ends the flight."""
     if frame.msgid not in _CARRIERS:
         return False
-    command, first = commanded(frame), field_float(frame, "param1")
+    command, first, second = commanded(frame), field_float(frame, "param1"), field_float(frame, "param2")
     if command == mavlink.MAV_CMD_DO_AUX_FUNCTION:
-        return isfinite(first) and int(first) in _DISARMING
-    return command == mavlink.MAV_CMD_DO_FLIGHTTERMINATION or (command == _ARM and first == 0.0)
+        position = _DISARMING.get(int(first) & _SWITCH_MASK) if isfinite(first) else None
+        # what is no number may be any position
+        return position is not None and (not isfinite(second) or int(second) & _POSITION_MASK == position)
+    if command == mavlink.MAV_CMD_DO_FLIGHTTERMINATION:
+        return not first <= _TERMINATES
+    return command == _ARM and first == 0.0
 
 
 @dataclass(frozen=True, slots=True)

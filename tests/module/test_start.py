@@ -15,6 +15,7 @@ from tests.module.vehicle import AUTO, GUIDED, RTL, PlaneAutopilot
 from tests.packages import MISSIONS
 
 START, MODE, ARM = mavlink.MAV_CMD_MISSION_START, mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_CMD_COMPONENT_ARM_DISARM
+AUX, TERMINATE = mavlink.MAV_CMD_DO_AUX_FUNCTION, mavlink.MAV_CMD_DO_FLIGHTTERMINATION
 ACCEPTED, DENIED, FAILED = mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_DENIED, mavlink.MAV_RESULT_FAILED
 REJECTED, IN_PROGRESS = mavlink.MAV_RESULT_TEMPORARILY_REJECTED, mavlink.MAV_RESULT_IN_PROGRESS
 NOT_IN_CONTROL = 10
@@ -254,6 +255,33 @@ def test_a_disarm_ends_a_start_that_is_under_way(ready: Bench) -> None:
     ready.until(lambda: ready.companion.view.phase is Phase.ON_MISSION)
 
 
+@pytest.mark.parametrize("command", [(AUX, 31, 0), (AUX, 31, 1), (AUX, 32, 2), (AUX, 81, 0), (TERMINATE, 0)], ids=str)
+def test_what_stops_no_motor_ends_no_start(ready: Bench, command: tuple[int, ...]) -> None:
+    """The fault: the emergency stop was released, and START failed because GCSA had disarmed."""
+    ready.autopilot.script[MODE] = None
+    ready.a.command(START)
+    ready.until(lambda: MODE in ready.autopilot.commands())
+    ready.a.command(*command)
+    ready.run(0.2)
+    del ready.autopilot.script[MODE]
+    ready.until(lambda: ready.companion.view.phase is Phase.ON_MISSION)
+    assert command[0] in ready.autopilot.commands()
+    assert "disarmed" not in ready.a.texts()
+
+
+@pytest.mark.parametrize("command", [(AUX, 31, 2), (AUX, 32, 0), (AUX, 165, 0), (AUX, 65536 + 81, 2)], ids=str)
+def test_a_switch_that_stops_the_motors_ends_a_start(ready: Bench, command: tuple[int, ...]) -> None:
+    """The autopilot keeps 16 bits of a switch's number."""
+    ready.autopilot.script[MODE] = None
+    ready.a.command(START)
+    ready.until(lambda: MODE in ready.autopilot.commands())
+    ready.a.command(*command)
+    ready.run(5.0)
+    assert command[0] in ready.autopilot.commands()
+    assert ready.a.acks(START) == [IN_PROGRESS, FAILED]
+    assert not ready.autopilot.armed
+
+
 NO_EFFECT = "START had no effect: the vehicle had landed and disarmed. Send START again."
 
 
@@ -307,7 +335,7 @@ def test_a_start_that_its_own_station_ends_by_a_disarm_is_not_said_to_have_had_n
     assert "had no effect" not in ready.a.texts()
 
 
-TAKE_OFF, AUX, FLY = mavlink.MAV_CMD_NAV_TAKEOFF, mavlink.MAV_CMD_DO_AUX_FUNCTION, mavlink.MAV_CMD_SOLO_BTN_FLY_HOLD
+TAKE_OFF, FLY = mavlink.MAV_CMD_NAV_TAKEOFF, mavlink.MAV_CMD_SOLO_BTN_FLY_HOLD
 LAND_START, RETURN_PATH = mavlink.MAV_CMD_DO_LAND_START, 188
 MODE = mavlink.MAV_CMD_DO_SET_MODE
 
