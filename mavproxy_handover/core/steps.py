@@ -3,7 +3,8 @@
 """The steps of a transfer in words, for the companion's console, as the thesis shows them (figures 6.3 and 6.14).
 
 A step is told once in a transfer, however often its message is sent. A station's message is told only if it counts: it
-names the transfer under way, and the station may say it (`transfer.cause_of`).
+names the transfer under way, and the station may say it (`transfer.cause_of`). A lost commander says nothing that
+counts.
 """
 
 from __future__ import annotations
@@ -52,7 +53,8 @@ class StepWords:
         """The line for a message of `station`; "": none. `view`: the one in force before it is handled."""
         key, cause = message.key, cause_of(message, station)
         under_way = (key.to_station, key.handover_id, key.epoch) == (view.partner, view.handover_id, view.epoch)
-        if cause is None or not under_way:
+        dropped = view.commander is None and station == key.from_station  # it is lost: it is asked nothing
+        if cause is None or not under_way or dropped:
             return ""
         return self._once(key, _RECEIVED[cause].format(self._name(station)))
 

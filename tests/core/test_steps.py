@@ -57,6 +57,14 @@ def test_what_is_received(station: int, message: TransferMessage, line: str) -> 
     assert words().received(station, message, VIEW) == line
 
 
+def test_a_lost_commander_is_asked_nothing_so_its_late_words_are_no_steps() -> None:
+    """The fault: "OK handover received from GCSA." in a forced transfer, which drops that word."""
+    forced = AuthorityView(Phase.EMERGENCY, None, B, 3, handover_id=7)
+    for message in (OkHandover(KEY), OkHandover(KEY, Consent.DENIED), DisconnectHandover(KEY)):
+        assert words().received(A, message, forced) == ""
+    assert words().received(B, DroneConnected(KEY), forced) == "Drone connected received from GCSB."
+
+
 @pytest.mark.parametrize(
     ("message", "awaits", "line"),
     [
