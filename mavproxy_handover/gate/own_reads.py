@@ -7,13 +7,14 @@ of its own download, never asks for another one, and waits for ever. So an answe
 
 1. One question of the companion keeps one value aboard, within `ANSWER_S`.
 2. A value that is not the one that came last goes to the stations, so that no station misses a change.
-3. The question is forgotten when a station reads or sets that parameter: it gets its answer.
+3. The questions are forgotten when a station reads or sets that parameter: it gets its answer.
 
 Time is an argument (monotonic seconds).
 """
 
 from __future__ import annotations
 
+from collections import deque
 from typing import Final
 
 from pymavlink.dialects.v20 import handover as mavlink
@@ -27,6 +28,8 @@ ANSWER_S: Final = 1.0
 _NO_INDEX: Final = 0xFFFF
 #: names that are known at once, several times what an autopilot has
 _MOST: Final = 8192
+#: questions for one parameter that wait for their answers
+_MOST_QUESTIONS: Final = 8
 
 _READ: Final[int] = mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_READ
 _SET: Final[int] = mavlink.MAVLINK_MSG_ID_PARAM_SET
@@ -36,13 +39,14 @@ class OwnReads:
     """What the companion has asked for, and the last value of each parameter."""
 
     def __init__(self) -> None:
-        self._asked_at: dict[bytes, float] = {}
+        #: when each question was put that waits for its answer, by the parameter's name
+        self._asked_at: dict[bytes, deque[float]] = {}
         self._values: dict[bytes, bytes] = {}
 
     def companion_sent(self, frame: Frame, now: float) -> None:
         """The companion says this to the autopilot."""
         if frame.msgid == _READ:
-            self._asked_at[field_bytes(frame, "param_id")] = now
+            self._asked_at.setdefault(field_bytes(frame, "param_id"), deque(maxlen=_MOST_QUESTIONS)).append(now)
 
     def station_sent(self, frame: Frame) -> None:
         """A station says this to the autopilot."""
@@ -58,5 +62,8 @@ class OwnReads:
         self._values[name] = value
         if field_int(frame, "param_index") != _NO_INDEX:
             return False
-        asked_at = self._asked_at.pop(name, None)
-        return asked_at is not None and now - asked_at <= ANSWER_S and value == before
+        asked_at = self._asked_at.get(name)
+        while asked_at:
+            if now - asked_at.popleft() <= ANSWER_S:
+                return value == before
+        return False

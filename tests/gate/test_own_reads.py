@@ -51,6 +51,34 @@ def test_the_answer_to_the_companion_stays_aboard_and_the_next_value_does_not() 
     assert bench.heard() == [8.0]
 
 
+def test_each_of_two_questions_keeps_its_answer_aboard() -> None:
+    """The fault: the cruise speed is read for a load and before a flight; the second answer reached the stations."""
+    bench = Bench()
+    bench.reads()
+    bench.door.now += 0.5
+    bench.reads()
+    bench.comes(8.0)
+    bench.comes(8.0)
+    assert bench.heard() == []
+    bench.comes(8.0)
+    assert bench.heard() == [8.0]
+    bench.reads()
+    bench.door.now += 0.6
+    bench.reads()
+    bench.door.now += 0.6
+    bench.comes(8.0)
+    bench.comes(8.0)
+    assert bench.heard() == [8.0], "the first question is too old"
+
+
+def test_questions_without_an_answer_fill_no_memory() -> None:
+    bench = Bench()
+    for _ in range(1000):
+        bench.reads()
+    (asked,) = bench.door.gate._own_reads._asked_at.values()
+    assert len(asked) <= 8
+
+
 def test_a_change_while_the_companion_asks_reaches_the_stations() -> None:
     """The autopilot announces a change as it answers a read by name: index 65535, to nobody."""
     bench = Bench()
