@@ -15,10 +15,13 @@ from typing import Any, Final
 
 from sitl.sim_time import LATE_S, Pace, Page
 
-__all__ = ["BOOT_INTERVAL_S", "Pacing"]
+__all__ = ["BOOT_INTERVAL_S", "STEP_S", "Pacing"]
 
 #: the program is asked for its time so often (simulated seconds)
 BOOT_INTERVAL_S: Final = 0.02
+#: time goes on by this much at once. If the caller was busy, the vehicle is further: a larger step would
+#: look to every program as if it had stood still itself
+STEP_S: Final = 0.05
 
 
 class Pacing:
@@ -48,10 +51,12 @@ class Pacing:
     def tick(self) -> None:
         """To be called often: every few milliseconds."""
         if self._leads:
-            if self._held or self._sim_s != self._written_s:
-                self._page.write(self._sim_s, self._speedup)
+            if self._written_s == 0.0:
                 self._written_s = self._sim_s
-            hold = not self._pace.may_go_on(self._sim_s)
+            elif self._pace.may_go_on(self._written_s):
+                self._written_s = min(self._sim_s, self._written_s + STEP_S)
+            self._page.write(self._written_s, self._speedup)
+            hold = self._sim_s > self._written_s or not self._pace.may_go_on(self._written_s)
         else:
             hold = self._sim_s > self._page.read()[0] + LATE_S
         if hold != self._held:

@@ -269,6 +269,18 @@ class TestPacing:
         assert page.pace == 8.0
         assert signals == []
 
+    def test_time_goes_on_in_small_steps_though_the_vehicle_is_further(
+        self, page: Page, signals: list[tuple[int, signal.Signals]]
+    ) -> None:
+        paced = Pacing(page, 4711, 8.0, leads=True)
+        times = []
+        for boot_ms in (10_000, 10_020, 10_140, 10_140, 10_140):
+            paced.take(SimpleNamespace(time_boot_ms=boot_ms))
+            paced.tick()
+            times.append(round(page.read()[0], 3))
+        assert times == [10.0, 10.02, 10.07, 10.12, 10.14]
+        assert signals == [(4711, signal.SIGSTOP), (4711, signal.SIGCONT)]
+
     def test_after_a_reboot_it_goes_on(self, page: Page, signals: list[tuple[int, signal.Signals]]) -> None:
         paced = Pacing(page, 4711, 8.0, leads=True)
         for boot_ms in (60_000, 500, 1_500):
