@@ -14,6 +14,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from math import inf
+from typing import Final
 
 from mavproxy_handover.mission.geodesy import distance_m
 from mavproxy_handover.mission.items import COMMANDS, LANDINGS, RETURN_TO_LAUNCH
@@ -25,6 +26,9 @@ from sitl.report.record import Verdict
 from sitl.report.watch import VEHICLE
 
 __all__ = ["ALWAYS", "EXPECTATIONS", "Expectation", "Loss", "OfVehicle"]
+
+#: two programs may give the same moment times that differ by so much (s)
+_SAME_MOMENT_S: Final = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -255,7 +259,11 @@ class Modes(Expectation):
 
 @dataclass(frozen=True, slots=True)
 class ModeWithin(Expectation):
-    """The autopilot shows a mode within so many simulated seconds after the moment that a step's label names."""
+    """The autopilot shows a mode within so many simulated seconds after the moment that a step's label names.
+
+    The moment is often an entry of the companion, the mode is an entry of the observer: the clocks of two programs
+    differ by up to one step of the vehicle, so an answer in the same step may bear the earlier time.
+    """
 
     mode: str
     after: str
@@ -270,8 +278,8 @@ class ModeWithin(Expectation):
         if mark is None:
             return Verdict(False, wanted, f"'{self.after}' never came")
         for entry in evidence.of(VEHICLE, "mode"):
-            if entry.t >= mark and entry.get("mode") == self.mode:
-                took = evidence.sim_at(entry.t) - evidence.sim_at(mark)
+            if entry.t >= mark - _SAME_MOMENT_S and entry.get("mode") == self.mode:
+                took = max(0.0, evidence.sim_at(entry.t) - evidence.sim_at(mark))
                 return Verdict(took <= self.within_s, wanted, f"after {took:.1f} s")
         return Verdict(False, wanted, "the mode was never shown after that")
 

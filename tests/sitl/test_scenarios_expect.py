@@ -277,6 +277,13 @@ def test_a_mode_in_time_holds_and_a_late_one_fails() -> None:
     assert not ModeWithin("RTL", "killed", 3.5).judge(evidence(entries, marks=marks)).held
 
 
+def test_a_mode_of_the_same_moment_counts_whatever_the_order_of_the_two_clocks() -> None:
+    entries = with_entry(wall(100) - 0.0001, "vehicle", "mode", mode="RTL")
+    verdict = ModeWithin("RTL", "killed", 4.5).judge(evidence(entries, marks={"killed": wall(100)}))
+    assert verdict.held
+    assert verdict.seen == "after 0.0 s"
+
+
 def test_a_mode_shown_before_the_moment_does_not_count() -> None:
     entries = with_entry(wall(90), "vehicle", "mode", mode="RTL")
     verdict = ModeWithin("RTL", "killed", 60).judge(evidence(entries, marks={"killed": wall(100)}))
