@@ -10,13 +10,15 @@ SOURCES := $(shell find mavproxy_handover gcs_module sitl missions ardupilot_lua
            pyproject.toml setup.py constraints.txt
 
 .DEFAULT_GOAL := help
-.PHONY: help demo quick test check format clean bench fuzz explore mutants scenarios soak flights hosts picture clients docs reference
+.PHONY: help demo quick test check lint types lint-lua format clean bench fuzz explore mutants scenarios soak flights hosts picture clients docs reference
 
 help:
 	@echo "make demo    set up, fly the delivery mission in simulation, write a report"
 	@echo "make quick   set up, run the tests that find most faults, in a minute: rules, gate, wire, configuration, stations"
-	@echo "make test    set up, run the tests"
-	@echo "make check   set up, formatting, lint, types, Lua lint, tests"
+	@echo "make test    set up, check formatting, lint and types, run the tests"
+	@echo "make check   the same, and Lua lint where luacheck is installed"
+	@echo "make lint    set up, check formatting and lint"
+	@echo "make types   set up, check types"
 	@echo "make bench   speed against stock MAVProxy, transfer durations under loss and delay"
 	@echo "make explore every reachable state of the real core, deep"
 	@echo "make fuzz    coverage-guided fuzzing of gate, packages, ground link, serial stream, files (needs atheris)"
@@ -60,16 +62,21 @@ QUICK := $(addprefix tests/,core gate wire config stations link autopilot)
 quick: $(VENV)/installed
 	$(BIN)/pytest -n 2 -m 'not slow and not process' $(QUICK)
 
-test: $(VENV)/installed
+test: lint types
 	$(BIN)/pytest $(PYTEST_ARGS)
 
-check: $(VENV)/installed
+check: lint-lua test
+
+lint: $(VENV)/installed
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
+
+types: $(VENV)/installed
 	$(BIN)/mypy mavproxy_handover gcs_module sitl
+
+lint-lua:
 	@if command -v luacheck > /dev/null; then luacheck --config ardupilot_lua/.luacheckrc ardupilot_lua; \
 	  else echo "luacheck is not installed (Debian: lua-check): the Lua lint was SKIPPED"; fi
-	$(BIN)/pytest $(PYTEST_ARGS)
 
 bench: $(VENV)/installed
 	$(BIN)/python -m sitl.bench $(ARGS)
