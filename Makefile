@@ -58,7 +58,7 @@ $(VENV)/installed: $(VENV)/dependencies $(SOURCES)
 demo: $(VENV)/installed
 	$(BIN)/handover sim --scenario nominal
 
-QUICK := $(addprefix tests/,core gate wire config stations link autopilot)
+QUICK := $(addprefix tests/,core gate wire config stations link autopilot vehicle)
 quick: $(VENV)/installed
 	$(BIN)/pytest -n 2 -m 'not slow and not process' $(QUICK)
 

@@ -17,7 +17,6 @@ from typing import Any, Final
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot import own_failsafes
-from mavproxy_handover.autopilot.aircraft import Aircraft
 from mavproxy_handover.autopilot.border_watch import BorderWatch
 from mavproxy_handover.autopilot.command_desk import CommandDesk
 from mavproxy_handover.autopilot.copter import Copter
@@ -26,7 +25,6 @@ from mavproxy_handover.autopilot.execution_watch import ExecutionWatch
 from mavproxy_handover.autopilot.gaps import GapWatch
 from mavproxy_handover.autopilot.ground_uploads import GroundUploads
 from mavproxy_handover.autopilot.guard_link import GuardLink
-from mavproxy_handover.autopilot.kinds import COPTER, PLANE
 from mavproxy_handover.autopilot.loading import Along, MissionLoader, MissionWriter, Prepared, Way, way_of
 from mavproxy_handover.autopilot.orders import Orders
 from mavproxy_handover.autopilot.own_failsafes import PlanFacts, plan_facts
@@ -67,6 +65,8 @@ from mavproxy_handover.mission.plan import Route
 from mavproxy_handover.mission.walk import Handover, speed_at
 from mavproxy_handover.schedule import attempt
 from mavproxy_handover.stations.port import StationPort
+from mavproxy_handover.vehicle.kinds import COPTER, PLANE
+from mavproxy_handover.vehicle.state import Aircraft
 from mavproxy_handover.wire.conversation import Asking, Conversation, Conversations
 from mavproxy_handover.wire.frames import Frame
 from mavproxy_handover.wire.ids import COMPANION_COMPID, EVERYBODY, GUARD_STATUS_TUNNEL

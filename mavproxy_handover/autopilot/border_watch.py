@@ -10,11 +10,11 @@ from __future__ import annotations
 
 from typing import Final
 
-from mavproxy_handover.autopilot.aircraft import Aircraft
 from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.core.events import BordersSeen
 from mavproxy_handover.core.model import BorderFact
 from mavproxy_handover.mission.crossings import Seen, WayAhead
+from mavproxy_handover.vehicle.state import Aircraft
 
 __all__ = ["BorderWatch"]
 

@@ -29,7 +29,6 @@ from typing import Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.aircraft import Aircraft
 from mavproxy_handover.autopilot.energy import FAULT, EnergyWatch
 from mavproxy_handover.autopilot.places import PlaceWatch
 from mavproxy_handover.autopilot.ties import Ties
@@ -53,6 +52,7 @@ from mavproxy_handover.mission.geodesy import offset
 from mavproxy_handover.mission.walk import Leg
 from mavproxy_handover.mission.wings import AS_IT_COMES
 from mavproxy_handover.stations.port import StationPort
+from mavproxy_handover.vehicle.state import Aircraft
 
 __all__ = ["MOST", "PER_S", "CommandDesk"]
 

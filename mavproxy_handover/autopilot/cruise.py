@@ -25,8 +25,8 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.kinds import COPTER, Vehicle
 from mavproxy_handover.autopilot.mission_protocol import AutopilotError
+from mavproxy_handover.vehicle.kinds import COPTER, Vehicle
 from mavproxy_handover.wire.conversation import Ask, Asking, NoAnswer
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID
 

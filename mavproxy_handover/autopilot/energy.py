@@ -18,7 +18,6 @@ from dataclasses import replace
 from math import inf
 from typing import Any, Final
 
-from mavproxy_handover.autopilot.aircraft import Aircraft
 from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.core.events import EnergyJudged
 from mavproxy_handover.core.safety.battery import SILENT_S, Batteries, Charge, PackMemory, PackReport
@@ -26,6 +25,7 @@ from mavproxy_handover.core.safety.energy import EnergyFact, EnergyModel, Piece
 from mavproxy_handover.core.safety.energy_prior import EnergySettings
 from mavproxy_handover.core.safety.learning import Learner, Motion, thrust_direction
 from mavproxy_handover.schedule import attempt
+from mavproxy_handover.vehicle.state import Aircraft
 
 __all__ = ["FAULT", "EnergyWatch", "pack_report"]
 

@@ -15,12 +15,12 @@ from collections.abc import Mapping, Sequence
 from math import isfinite
 from typing import Final
 
-from mavproxy_handover.autopilot.aircraft import Aircraft
 from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.core.events import GapsJudged
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import GapFact
 from mavproxy_handover.mission.gaps import Stretch
+from mavproxy_handover.vehicle.state import Aircraft
 
 __all__ = ["ALONE_MAX", "GapWatch", "lacking"]
 

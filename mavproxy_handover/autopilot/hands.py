@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
 """Who may have chosen the flight mode: the autopilot's words and the commander's commands in the words of the rules
-(`core/safety/helm.py`). What differs by firmware is in `kinds.py`, with the sources.
+(`core/safety/helm.py`). What differs by firmware is in `vehicle/kinds.py`, with the sources.
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.kinds import COPTER, Vehicle
 from mavproxy_handover.core.events import HandSeen
 from mavproxy_handover.core.model import Flown, Hand
+from mavproxy_handover.vehicle.kinds import COPTER, Vehicle
 from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.frames import Frame
 
@@ -73,7 +73,7 @@ def of_command(
 ) -> HandSeen | None:
     """What a frame of the commander asks of the flight mode; None: nothing.
 
-    `leads_to`: what is flown when the mission goes on with an item, None where that changes nothing (`down.py`).
+    `leads_to`: what is flown when the mission goes on with an item, None if that changes nothing (`plane_landing.py`).
     """
     if frame.msgid not in (_SET_MODE, _SET_ITEM) and frame.msgid not in _CARRIERS:
         return None

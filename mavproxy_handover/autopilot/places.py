@@ -35,8 +35,6 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.aircraft import Aircraft
-from mavproxy_handover.autopilot.kinds import VEHICLES
 from mavproxy_handover.autopilot.mission_protocol import MissionProtocol
 from mavproxy_handover.autopilot.orders import Orders
 from mavproxy_handover.autopilot.own_failsafes import BELOW_CEILING_M
@@ -58,6 +56,8 @@ from mavproxy_handover.mission.places import FenceLimits, PlaceFinder, flown_s
 from mavproxy_handover.mission.plan import Route
 from mavproxy_handover.mission.returns import before_return
 from mavproxy_handover.schedule import attempt
+from mavproxy_handover.vehicle.kinds import VEHICLES
+from mavproxy_handover.vehicle.state import Aircraft
 from mavproxy_handover.wire.conversation import Conversation, Conversations
 
 __all__ = ["PlaceWatch"]

@@ -33,7 +33,6 @@ from typing import Any, Final, Protocol
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.aircraft import Aircraft
 from mavproxy_handover.autopilot.box_heights import BoxHeights, slack_m
 from mavproxy_handover.autopilot.box_layout_watch import LayoutWatch, Verdict
 from mavproxy_handover.autopilot.cross_check import UNKNOWN_HEADING, CrossCheck, Difference, Place
@@ -41,6 +40,7 @@ from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.config.position import ARMED, BOX, PositionSettings
 from mavproxy_handover.core.never import assert_never
 from mavproxy_handover.link.box_line import Fix
+from mavproxy_handover.vehicle.state import Aircraft
 from mavproxy_handover.wire.box_layout import BoxRecord
 
 __all__ = ["Box", "PositionWatch", "Standing"]

@@ -11,11 +11,11 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from mavproxy_handover.autopilot.aircraft import Aircraft
 from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.core.safety.route import RouteCheck, RouteLimits, TrackFact
 from mavproxy_handover.mission.plan import Route
 from mavproxy_handover.mission.track import Motion, RouteTracker
+from mavproxy_handover.vehicle.state import Aircraft
 
 __all__ = ["RouteWatch"]
 

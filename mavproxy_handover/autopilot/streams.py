@@ -19,8 +19,8 @@ from typing import Any
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.aircraft import Aircraft
 from mavproxy_handover.autopilot.procedures import STREAMS, Procedures
+from mavproxy_handover.vehicle.state import Aircraft
 
 __all__ = ["Streams"]
 

@@ -7,10 +7,10 @@ A position that is too old goes to nobody: to an operator it would look like the
 
 from __future__ import annotations
 
-from mavproxy_handover.autopilot.aircraft import Aircraft
 from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.core.model import AuthorityView
 from mavproxy_handover.schedule import attempt
+from mavproxy_handover.vehicle.state import Aircraft
 
 __all__ = ["Telemetry"]
 

@@ -21,9 +21,9 @@ import math
 from dataclasses import replace
 from typing import Final
 
-from mavproxy_handover.autopilot.aircraft import Aircraft
 from mavproxy_handover.core.model import ZoneFact
 from mavproxy_handover.mission.reached import Belonging
+from mavproxy_handover.vehicle.state import Aircraft
 
 __all__ = ["MISSING_S", "WaypointWatch"]
 

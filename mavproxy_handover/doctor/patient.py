@@ -13,7 +13,6 @@ from math import inf
 from pathlib import Path, PurePosixPath
 from typing import Final
 
-from mavproxy_handover.autopilot.aircraft import Aircraft
 from mavproxy_handover.cli.machine import CONFIGURATION, below
 from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.config.files import ConfigError, load_station
@@ -23,6 +22,7 @@ from mavproxy_handover.doctor.accounts import Account, account_of, myself
 from mavproxy_handover.doctor.processes import Process, companion_of, lock_holder
 from mavproxy_handover.doctor.units import Unit, read_unit
 from mavproxy_handover.mission.package import MissionPackage
+from mavproxy_handover.vehicle.state import Aircraft
 
 __all__ = ["CompanionStarted", "Patient", "admit"]
 

@@ -16,12 +16,12 @@ from typing import Any, Final, cast
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.aircraft import Aircraft
 from mavproxy_handover.autopilot.energy import EnergyWatch
 from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.core.events import SignsSeen, Tick
 from mavproxy_handover.core.safety.energy import Piece, way_home
 from mavproxy_handover.core.safety.energy_prior import EnergySettings
+from mavproxy_handover.vehicle.state import Aircraft
 from sitl.bench.loop import BenchError
 from sitl.bench.numbers import Pair, abba, compare, settled
 from sitl.bench.results import Measurement, from_comparison

@@ -17,7 +17,7 @@ from typing import Any, Final
 
 from pymavlink import DFReader
 
-from mavproxy_handover.autopilot.kinds import Vehicle
+from mavproxy_handover.vehicle.kinds import Vehicle
 from sitl.replay.recording import Recording, RecordingError
 from sitl.replay.samples import Sample, recorded
 

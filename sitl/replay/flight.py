@@ -27,7 +27,6 @@ from typing import Any, Final, cast
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.autopilot import Autopilot
-from mavproxy_handover.autopilot.kinds import vehicle_of
 from mavproxy_handover.autopilot.loading import Prepared, prepare
 from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.clocks import Clocks
@@ -44,6 +43,7 @@ from mavproxy_handover.narrator import Narrator
 from mavproxy_handover.schedule import TICK_S
 from mavproxy_handover.stations.voice import Voice
 from mavproxy_handover.store.journal import Journal
+from mavproxy_handover.vehicle.kinds import vehicle_of
 from sitl.replay.ground import Ground, silences
 from sitl.replay.happened import Decision, Happened, decision_of
 from sitl.replay.recording import Recording

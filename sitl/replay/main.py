@@ -14,12 +14,12 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any, Final
 
-from mavproxy_handover.autopilot.kinds import COPTER, PLANE
 from mavproxy_handover.config.toml import ConfigError
 from mavproxy_handover.config.vehicle import VehicleConfig
 from mavproxy_handover.mission import package as packages
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.package import MissionPackage
+from mavproxy_handover.vehicle.kinds import COPTER, PLANE
 from sitl.replay.compare import Comparison, compare
 from sitl.replay.flight import Replay, replay
 from sitl.replay.happened import Decision, Happened, journal_beside, read_journal

@@ -7,7 +7,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final
 
-from mavproxy_handover.autopilot.kinds import Vehicle
+from mavproxy_handover.vehicle.kinds import Vehicle
 from sitl.replay.dataflash import read_dataflash
 from sitl.replay.recording import Recording, RecordingError, read_tlog
 from sitl.replay.table import read_table

@@ -16,8 +16,8 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.kinds import COPTER, Vehicle
 from mavproxy_handover.mission.geodesy import distance_m
+from mavproxy_handover.vehicle.kinds import COPTER, Vehicle
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID
 from sitl.replay.recording import Recording
 

@@ -16,7 +16,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import Final
 
-from mavproxy_handover.autopilot.kinds import Vehicle
+from mavproxy_handover.vehicle.kinds import Vehicle
 from sitl.replay.recording import Recording, RecordingError
 from sitl.replay.samples import Sample, recorded
 

@@ -13,7 +13,6 @@ from typing import Any, cast
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.aircraft import Aircraft
 from mavproxy_handover.autopilot.gaps import GapWatch, lacking
 from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.core.events import Event, GapsJudged
@@ -21,6 +20,7 @@ from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import GapFact
 from mavproxy_handover.mission.gaps import Stretch
 from mavproxy_handover.mission.package import load
+from mavproxy_handover.vehicle.state import Aircraft
 
 RIDGE = load(Path(__file__).parents[2] / "missions" / "ridge")
 (RIDGE_GAP,) = RIDGE.stretches(RIDGE.walk())

@@ -9,15 +9,15 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.aircraft import Aircraft
 from mavproxy_handover.autopilot.cruise import held_cruise, write_cruise
-from mavproxy_handover.autopilot.kinds import PLANE
 from mavproxy_handover.autopilot.plane import Plane
 from mavproxy_handover.core.model import FlightAction, Flown
+from mavproxy_handover.vehicle.kinds import PLANE
+from mavproxy_handover.vehicle.state import Aircraft
 from mavproxy_handover.wire.conversation import Asking, Conversation, NoAnswer
 from tests.autopilot.test_copter import talk
-from tests.autopilot.test_down import COMMANDS, route
 from tests.module.vehicle import PlaneAutopilot
+from tests.vehicle.test_plane_landing import COMMANDS, route
 
 MODE, ARM = mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_CMD_COMPONENT_ARM_DISARM
 CURRENT, DOWN = mavlink.MAV_CMD_DO_SET_MISSION_CURRENT, mavlink.MAV_CMD_DO_LAND_START

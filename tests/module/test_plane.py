@@ -15,12 +15,12 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.model import FlightAction, Flown, Hand, Kind, Phase
 from mavproxy_handover.mission.package import MissionPackage, load
-from tests.autopilot.test_down import COMMANDS, route
 from tests.module.conftest import Bench
 from tests.module.test_commands_in_flight import along_the_dike
 from tests.module.test_staging import Program
 from tests.module.vehicle import PlaneAutopilot
 from tests.packages import ROUND
+from tests.vehicle.test_plane_landing import COMMANDS, route
 
 START, MODE, ARM = mavlink.MAV_CMD_MISSION_START, mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_CMD_COMPONENT_ARM_DISARM
 PAUSE, CURRENT = mavlink.MAV_CMD_DO_PAUSE_CONTINUE, mavlink.MAV_CMD_DO_SET_MISSION_CURRENT

@@ -14,8 +14,6 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as stock
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.aircraft import Aircraft
-from mavproxy_handover.autopilot.kinds import COPTER, PLANE
 from mavproxy_handover.autopilot.own_failsafes import PlanFacts, circles_for_ever, plan_facts
 from mavproxy_handover.autopilot.preflight import (
     NAMES,
@@ -32,12 +30,14 @@ from mavproxy_handover.core.model import GuardState, Kind
 from mavproxy_handover.core.safety.energy_prior import EnergySettings
 from mavproxy_handover.mission.items import MissionItem
 from mavproxy_handover.mission.package import MissionPackage, load
+from mavproxy_handover.vehicle.kinds import COPTER, PLANE
+from mavproxy_handover.vehicle.state import Aircraft
 from mavproxy_handover.wire.conversation import Conversations
 from tests.autopilot.test_copter import talk
-from tests.autopilot.test_down import route
 from tests.module.conftest import Bench, Clock
 from tests.module.vehicle import Autopilot
 from tests.packages import MISSIONS, ROUND
+from tests.vehicle.test_plane_landing import route
 
 PARAMETER_FILE = Path(__file__).parents[2] / "ardupilot_lua" / "handover.parm"
 PLANE_FILE = PARAMETER_FILE.with_name("handover_plane.parm")

@@ -18,12 +18,12 @@ from typing import Any, cast
 
 from pymavlink.dialects.v20 import all as dialect
 
-from mavproxy_handover.autopilot.aircraft import Aircraft
 from mavproxy_handover.autopilot.energy import EnergyWatch
 from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.core.safety.energy import EnergyFact, EnergyModel, Piece, Wind, way_home
 from mavproxy_handover.core.safety.energy_prior import EnergySettings
 from mavproxy_handover.mission.geodesy import bearing_deg, distance_m, offset
+from mavproxy_handover.vehicle.state import Aircraft
 from sitl.vehicles import VehicleSpec, launch
 from tests.sitl.guard_flight import HOME, Wire
 

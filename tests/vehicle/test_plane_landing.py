@@ -7,10 +7,10 @@ from __future__ import annotations
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.aircraft import Aircraft
 from mavproxy_handover.core.model import Flown
 from mavproxy_handover.mission.items import MissionItem
 from mavproxy_handover.mission.plan import Home, Route
+from mavproxy_handover.vehicle.state import Aircraft
 
 MANUAL, AUTO, RTL, LOITER, GUIDED = 0, 10, 11, 12, 15
 #: take-off, three waypoints, DO_LAND_START (5), two waypoints and the landing (8)

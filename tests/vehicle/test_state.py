@@ -9,8 +9,8 @@ import math
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.aircraft import Aircraft
 from mavproxy_handover.core.model import AuthorityView, GuardState, LeaseState, Phase, Reason
+from mavproxy_handover.vehicle.state import Aircraft
 from mavproxy_handover.wire import codec, status
 from mavproxy_handover.wire.codec import AircraftState
 from mavproxy_handover.wire.lease import unpack_lease

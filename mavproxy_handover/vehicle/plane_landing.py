@@ -22,10 +22,10 @@ from __future__ import annotations
 
 from typing import Final
 
-from mavproxy_handover.autopilot.kinds import PLANE, Vehicle
 from mavproxy_handover.core.model import Flown
 from mavproxy_handover.mission.items import COMMANDS, LANDINGS
 from mavproxy_handover.mission.plan import Route, ways_from_land_starts
+from mavproxy_handover.vehicle.kinds import PLANE, Vehicle
 
 __all__ = ["WaysDown", "ways_down"]
 

@@ -10,10 +10,10 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.down import WaysDown
-from mavproxy_handover.autopilot.kinds import COPTER, PLANE, Vehicle, vehicle_of
 from mavproxy_handover.core.model import Flown, Kind
 from mavproxy_handover.gate.policy.modes import UNKNOWN, Modes
+from mavproxy_handover.vehicle.kinds import COPTER, PLANE, Vehicle, vehicle_of
+from mavproxy_handover.vehicle.plane_landing import WaysDown
 from mavproxy_handover.wire.codec import AircraftState
 
 __all__ = ["Aircraft"]
