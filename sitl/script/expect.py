@@ -129,7 +129,7 @@ class Number(Expectation):
 @dataclass(frozen=True, slots=True)
 class Follows(Expectation):
     """Every entry with this source, this event and these values, of which there is at least one, comes within so many
-    seconds of the wall clock behind another event of that source.
+    seconds after another event of that source.
 
     That is the last `after` before it that tells of the same station, where both tell of one, and of item `number`, if
     one is given.

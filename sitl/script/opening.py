@@ -20,11 +20,11 @@ __all__ = ["BEGINNINGS", "opening"]
 #: stations connected and the parent in command; the mission loaded; on the way
 BEGINNINGS = ("connected", "loaded", "start")
 
-#: (what is done or waited for, time limit in simulated seconds, or None, and on the wall clock, or None, what is told)
-Opened = tuple[Deed, "float | None", "float | None", str]
-_CONNECT_WALL_S = 40.0
-_PACKAGE_WALL_S = 60.0
-_ZONE_WALL_S = 20.0
+#: (what is done or waited for, time limit in simulated seconds, what is told)
+Opened = tuple[Deed, float, str]
+_CONNECT_S = 40.0
+_PACKAGE_S = 60.0
+_ZONE_S = 20.0
 _READY_S = 120.0
 _START_S = 60.0
 #: ArduPlane arms so long (simulated seconds) behind its position, when its gyros have agreed for a time
@@ -45,40 +45,39 @@ def opening(
     steps: list[Opened] = [
         (
             _vehicle("station_heard" if station.name in standard else "connected", station.name, since="begin"),
-            None,
-            _CONNECT_WALL_S,
+            _CONNECT_S,
             "",
         )
         for station in package.stations
     ]
-    steps.append((_vehicle("authority", parent, since="begin"), None, _CONNECT_WALL_S, ""))
+    steps.append((_vehicle("authority", parent, since="begin"), _CONNECT_S, ""))
     winged = package.kind.winged
-    steps.append((WaitReady(True), _READY_S, None, ""))
+    steps.append((WaitReady(True), _READY_S, ""))
     if winged:
-        steps.append((Pause(_GYROS_S), _READY_S, None, ""))
+        steps.append((Pause(_GYROS_S), _READY_S, ""))
     if begin == "connected":
         return steps
     if not on_board:
         told = "The parent station shares the mission with the vehicle and with its partners."
-        steps.append((Type(parent, "handover share"), None, _PACKAGE_WALL_S, told))
-    steps.append((_vehicle("mission_loaded", since="begin"), None, _PACKAGE_WALL_S, ""))
-    steps.append((_vehicle("zone_entered", parent, since="begin"), None, _ZONE_WALL_S, ""))
+        steps.append((Type(parent, "handover share"), _PACKAGE_S, told))
+    steps.append((_vehicle("mission_loaded", since="begin"), _PACKAGE_S, ""))
+    steps.append((_vehicle("zone_entered", parent, since="begin"), _ZONE_S, ""))
     if winged:
-        steps.append((_vehicle("preflight", since="begin"), None, _PACKAGE_WALL_S, ""))
+        steps.append((_vehicle("preflight", since="begin"), _PACKAGE_S, ""))
     if not on_board:
         steps += [
-            (Wait("package_received", station.name, "begin"), None, _PACKAGE_WALL_S, "")
+            (Wait("package_received", station.name, "begin"), _PACKAGE_S, "")
             for station in package.stations
             if station != package.parent
         ]
     if begin == "loaded":
         return steps
     for name in shows:  # the commander forbids takeover, which changes nothing; another's release is refused
-        steps.append((Type(name, "request" if name == parent else "release"), None, _ZONE_WALL_S, ""))
-        steps.append((_vehicle("control", name, since="begin"), None, _ZONE_WALL_S, ""))
+        steps.append((Type(name, "request" if name == parent else "release"), _ZONE_S, ""))
+        steps.append((_vehicle("control", name, since="begin"), _ZONE_S, ""))
     line = "start" if parent in standard else "handover start"
-    steps.append((Type(parent, line), None, _ZONE_WALL_S, "START."))
-    steps.append((_vehicle("started"), _START_S, None, ""))
+    steps.append((Type(parent, line), _ZONE_S, "START."))
+    steps.append((_vehicle("started"), _START_S, ""))
     return steps
 
 

@@ -7,7 +7,8 @@ expectations of `expect.py`; each `[[step]]` and each `[[expect]]` has exactly o
 
     label = "stopped"     a name for the moment at which the step was done (for `mode_within` and the like)
     say = "sentence"      told in the story before the step begins
-    timeout_s = 60        simulated seconds the step may take; timeout_wall_s: the same in seconds of the wall clock
+    timeout_s = 60        simulated seconds that the step may take
+    timeout_wall_s = 60   the same on the wall clock, where `speedup = 1` measures how quick the programs are
 
 Before the steps stands what the flight is made of, where that differs from the plain one:
 
@@ -398,7 +399,7 @@ def with_opening(scenario: Scenario, package: MissionPackage) -> Scenario:
         return scenario
     shows = [name for name in scenario.standard if name not in scenario.consent]
     opened = opening(scenario.begin, package, scenario.standard, shows, on_board=scenario.on_board)
-    steps = (Step(0, deed, "", say, simulated, wall) for deed, simulated, wall, say in opened)
+    steps = (Step(0, deed, "", say, limit_s) for deed, limit_s, say in opened)
     return replace(scenario, steps=(*steps, *scenario.steps))
 
 
