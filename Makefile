@@ -2,8 +2,9 @@
 
 PYTHON ?= python3
 # tests of one file stay together: several of them start processes. As they stand, the longest are in the middle, and
-# both workers end at one time; in the order of xdist, by the number of tests, the flights are the last
-PYTEST_ARGS ?= -n 2 --dist loadfile --no-loadscope-reorder
+# all workers end at one time; in the order of xdist, by the number of tests, the flights are the last. Three workers on
+# two cores: a third of the time of the tests is waiting for processes
+PYTEST_ARGS ?= -n 3 --dist loadfile --no-loadscope-reorder
 VENV := .venv
 BIN := $(VENV)/bin
 SOURCES := $(shell find mavproxy_handover gcs_module sitl missions ardupilot_lua docs/man -type f -not -path '*/__pycache__/*') \

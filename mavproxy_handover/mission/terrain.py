@@ -60,9 +60,9 @@ class Terrain:
         lon = wrap_longitude_deg(end[1] - start[1])
         size = max(abs(end[0] - start[0]), abs(lon)) / self.cell_deg
         steps = min(_MOST_STEPS, max(1, math.ceil(2.0 * size)))
-        part = np.linspace(0.0, 1.0, steps + 1)
+        part = np.linspace(0.0, 1.0, steps + 1, dtype=np.float64)
         found = self._around(start[0] + part * (end[0] - start[0]), start[1] + part * lon - west)
-        return None if found.size == 0 else float(found.max())
+        return None if found.size == 0 else float(np.max(found))
 
     def _around(self, lats: NDArray[np.float64], east: NDArray[np.float64]) -> NDArray[np.float64]:
         """The known heights of the four cells around each place; `east` of the first cell, in degrees."""
@@ -96,7 +96,7 @@ class Terrain:
     def lowest_m(self, spot: _Spot) -> float | None:
         """The lowest of the cells around a place; None where none is known."""
         found = self._around(np.array([spot[0]]), np.array([spot[1] - beside_deg(self.west, spot[1])]))
-        return None if found.size == 0 else float(found.min())
+        return None if found.size == 0 else float(np.min(found))
 
 
 @dataclass(frozen=True, slots=True)
