@@ -598,7 +598,7 @@ def a_commander_without_links_until_just_before_it_is_lost(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_silent_commander_taken_for_a_consenting_one_is_found(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Random stories find this fault once in more than a thousand: its story is written out."""
+    """300 random stories do not always find this fault: a story that shows it is written out."""
     a_commander_without_links_until_just_before_it_is_lost(seed)
     monkeypatch.setitem(MOVES, (Step.CONSENT, Cause.TIMEOUT), Step.CONNECT)
     with pytest.raises(AssertionError):
