@@ -13,6 +13,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.core.model import Flown, Kind
 from mavproxy_handover.gate.policy.modes import UNKNOWN, Modes
 from mavproxy_handover.vehicle.kinds import COPTER, PLANE, Vehicle, vehicle_of
+from mavproxy_handover.vehicle.parameters import Parameters
 from mavproxy_handover.vehicle.plane_landing import WaysDown
 from mavproxy_handover.wire.codec import AircraftState
 
@@ -56,9 +57,9 @@ class Aircraft:
         self._vtol_state = mavlink.MAV_VTOL_STATE_UNDEFINED
         #: it was an ArduPlane when it was armed, or has flown on wings since
         self._winged = False
-        #: a plane that hovers too: it has said so, or has the parameter
-        self._has_rotors = False
-        self._radius_m: dict[str, float] = {}
+        #: when it said last that it hovers as well as flies on wings
+        self._hovers_too_at = -math.inf
+        self.parameters = Parameters()
         self.landed_state = mavlink.MAV_LANDED_STATE_UNDEFINED
         self.landed_state_at = -math.inf
         #: the position that counts, and when it came
@@ -130,13 +131,11 @@ class Aircraft:
         self.landed_state, self.landed_state_at = m.landed_state, now
         self._vtol_state = m.vtol_state
         self._winged = self._winged or (self.armed and m.vtol_state in _ON_WINGS)
-        self._has_rotors = self._has_rotors or m.vtol_state != mavlink.MAV_VTOL_STATE_UNDEFINED
+        if m.vtol_state != mavlink.MAV_VTOL_STATE_UNDEFINED:
+            self._hovers_too_at = now
 
-    def _take_parameter(self, m: Any, _now: float) -> None:
-        if m.param_id == _HAS_ROTORS:
-            self._has_rotors = m.param_value > 0.0
-        elif m.param_id in (_RADIUS, _RETURN_RADIUS) and math.isfinite(m.param_value):
-            self._radius_m[m.param_id] = abs(m.param_value)
+    def _take_parameter(self, m: Any, now: float) -> None:
+        self.parameters.take(m, now)
 
     def _take_waypoint(self, m: Any, now: float) -> None:
         self.waypoint, self.waypoint_at = m.seq, now
@@ -159,6 +158,19 @@ class Aircraft:
         if self.vehicle is not PLANE:
             return Kind.COPTER
         return Kind.QUADPLANE if self._has_rotors else Kind.PLANE
+
+    @property
+    def _has_rotors(self) -> bool:
+        """It hovers too: by its own words or by its parameter, the later one."""
+        parameter = self.parameters.get(_HAS_ROTORS)
+        if parameter is None or parameter.at < self._hovers_too_at:
+            return self._hovers_too_at > -math.inf
+        return parameter.value > 0.0
+
+    def _radius_m(self, name: str) -> float | None:
+        """The radius (m) of a circle that a parameter gives; None: the autopilot has not told it."""
+        parameter = self.parameters.get(name)
+        return None if parameter is None else abs(parameter.value)
 
     @property
     def flown(self) -> Flown | None:
@@ -196,7 +208,7 @@ class Aircraft:
     def loiter_radius_m(self) -> float | None:
         """The radius of the circle that wings fly where nothing else is asked for (m); None: it is not known. Up to 1
         it is the firmware's own (`Plane::update_loiter`)."""
-        radius_m = self._radius_m.get(_RADIUS)
+        radius_m = self._radius_m(_RADIUS)
         return radius_m if radius_m is None or radius_m > 1.0 else _CIRCLE_M
 
     @property
@@ -204,7 +216,7 @@ class Aircraft:
         """How far from the place of a return it stays while it circles there (m); 0 where it does not."""
         if not self.kind.winged or self.hovers:
             return 0.0
-        return self._radius_m.get(_RETURN_RADIUS) or self.loiter_radius_m or _CIRCLE_M
+        return self._radius_m(_RETURN_RADIUS) or self.loiter_radius_m or _CIRCLE_M
 
     @property
     def circles_s(self) -> float:
