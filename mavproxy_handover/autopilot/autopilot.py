@@ -10,7 +10,7 @@ here and known nowhere else.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, Final
 
@@ -120,7 +120,9 @@ class Autopilot:
             COPTER: Copter(*to_whom, lambda: self.aircraft.foreign),
             PLANE: Plane(*to_whom, self.aircraft),
         }
-        self._preflight = Preflight(config.sysid, config.limits, talks, ties.narrator.preflight, config.energy)
+        self._preflight = Preflight(
+            config.sysid, self.aircraft, config.limits, talks, ties.narrator.preflight, config.energy
+        )
         self._streams = Streams(self.procedures, ties.voice.ask_rates)
         #: before a flight begins: whether the autopilot still holds its mission
         self.read_back = ReadBack(talks, self._compare, self._changed_past)
@@ -136,8 +138,8 @@ class Autopilot:
         self._aircraft_lacks = self._return_lacks = self._heights_lack = ""
         #: why START is refused for the position box, as it was told last
         self._box_lacks = ""
-        #: the parameters by which that was judged
-        self._judged_by: Mapping[str, float] | None = None
+        #: the state of the parameters by which that was judged (`Preflight.changes`)
+        self._judged_by: tuple[float, int] | None = None
         self._waypoints = WaypointWatch(config.limits.leave_margin_m, self.aircraft)
         self._borders = BorderWatch(config.limits.operator_timeout_s, self.aircraft, ties)
         self._execution = ExecutionWatch(
@@ -184,7 +186,7 @@ class Autopilot:
             "GLOBAL_POSITION_INT": self._on_position,
             "TUNNEL": self._on_tunnel,
             "STATUSTEXT": self._on_text,
-            "PARAM_VALUE": self._on_parameter,
+            "PARAM_VALUE": self.places.take,
             **dict.fromkeys(("ATTITUDE", "BATTERY_STATUS", "WIND"), self._on_energy),
             "MISSION_ITEM_REACHED": self._on_reached,
             **dict.fromkeys(("HOME_POSITION", "FENCE_STATUS", "SYS_STATUS"), self.places.take),
@@ -382,10 +384,6 @@ class Autopilot:
             self._ties.voice.say_to_all(misfit)
         self._misfit = misfit
 
-    def _on_parameter(self, message: Any, now: float) -> None:
-        self._preflight.told(message.param_id, message.param_value)
-        self.places.take(message, now)
-
     def _on_energy(self, message: Any, now: float) -> None:
         aircraft = self.aircraft  # before its first heartbeat nothing is known of arming
         self._energy.take(message, now, on_ground=not aircraft.armed and aircraft.heartbeat_at > -math.inf)
@@ -515,7 +513,7 @@ class Autopilot:
 
     def _judge_plan(self, now: float) -> None:
         """Tell the arbiter what START lacks for gaps and heights, for a return that lands, and of the aircraft."""
-        self._judged_by = self._preflight.parameters
+        self._judged_by = self._preflight.changes
         self._gaps.judge(self._preflight.parameters, now)
         unfit = self._preflight.other_type or self._other_kind
         if unfit != self._aircraft_lacks:
@@ -597,7 +595,7 @@ class Autopilot:
     def tick(self, now: float) -> None:
         """Time has passed; to be called often."""
         self._attempt("conversations", self.conversations.tick, now)
-        if self._preflight.parameters is not self._judged_by:
+        if self._preflight.changes != self._judged_by:
             self._attempt("the plan", self._judge_plan, now)
         self._attempt("mission packages", self._missions.tick, now)
         self._attempt("places of a return", self.places.tick, now)
@@ -640,7 +638,7 @@ class Autopilot:
         firmware = None if self.guard_status is None else self.guard_status.firmware
         asked = grounded or self.aircraft.always_armed
         misfit = self._guards.problem(now)
-        self._preflight.each_second(self.aircraft, asked, self._ties.arbiter.guard(now), firmware, now, misfit)
+        self._preflight.each_second(asked, self._ties.arbiter.guard(now), firmware, now, misfit)
 
     def _look_ahead(self, now: float) -> None:
         if now >= self._walk_at:

@@ -430,6 +430,7 @@ class Preflight:
     def __init__(
         self,
         sysid: int,
+        aircraft: Aircraft,
         limits: Limits,
         conversations: Conversations,
         report: Callable[[str, str, bool], None],
@@ -437,17 +438,14 @@ class Preflight:
     ) -> None:
         """`energy`: the vehicle's own, which says how many batteries it flies by where the mission does not."""
         self._sysid = sysid
+        self._aircraft = aircraft
         self._limits = limits
         self._conversations = conversations
         self._report = report
         #: None: not read yet
         self.findings: tuple[Finding, ...] | None = None
-        #: what was read last, None before that
-        self.parameters: Mapping[str, float] | None = None
-        #: what it has told since it was asked for all of them
-        self._told: dict[str, float] = {}
-        #: losing the radio would be noticed, as far as is known
-        self.radio_watched = True
+        #: when the reading that ended last began; None: no reading has ended
+        self._read_at: float | None = None
         self._heard_at = -math.inf
         self._due_at = math.inf
         self._unread = True
@@ -469,13 +467,20 @@ class Preflight:
         if energy is not None:
             self._batteries = _batteries(energy.over(self._own_energy))
 
-    def told(self, name: str, value: float) -> None:
-        """A PARAM_VALUE of the autopilot: it tells everybody of each that is set."""
-        if name not in _KNOWN or not math.isfinite(value):
-            return
-        self._told[name] = float(value)
-        if self.parameters is not None:
-            self.parameters = {**self.parameters, name: float(value)}
+    @property
+    def parameters(self) -> Mapping[str, float] | None:
+        """What the autopilot has told since the last reading began; None before a reading has ended."""
+        return None if self._read_at is None else self._aircraft.parameters.since(self._read_at)
+
+    @property
+    def changes(self) -> tuple[float, int] | None:
+        """Differs from before when `parameters` may differ; None before a reading has ended."""
+        return None if self._read_at is None else (self._read_at, self._aircraft.parameters.changes)
+
+    @property
+    def radio_watched(self) -> bool:
+        """Losing the radio would be noticed, as far as is known."""
+        return (self.parameters or {}).get(self._aircraft.vehicle.radio_failsafe, 1) != 0
 
     def heights_lack(self, home_alt_m: float | None) -> str:
         """Why the plan would not be flown at the heights that were checked, in words; "" if it would. `home_alt_m`: the
@@ -499,7 +504,6 @@ class Preflight:
 
     def each_second(
         self,
-        aircraft: Aircraft,
         grounded: bool,
         guard: GuardState,
         firmware: tuple[int, int] | None,
@@ -508,7 +512,7 @@ class Preflight:
     ) -> None:
         """Time has passed. `grounded`: neither armed nor flying, or on the ground and always armed. `misfit`: why
         leases and guard do not fit."""
-        heartbeat_at = aircraft.heartbeat_at
+        aircraft, heartbeat_at = self._aircraft, self._aircraft.heartbeat_at
         if heartbeat_at - self._heard_at > _REBOOT_S:  # appeared, or came back: another one, for all that is known
             self._due_at = now + _SETTLE_S
             self._heard_on, self._unread = None, True
@@ -522,17 +526,17 @@ class Preflight:
         if now < self._due_at or not grounded or now - heartbeat_at > _REBOOT_S or "preflight" in self._conversations:
             return
         self._due_at, self._unread = math.inf, False
-        self._told.clear()
-        vehicle, batteries = aircraft.vehicle, self._batteries
+        batteries, asked_at = self._batteries, now
 
-        def done(talk: Conversation, now: float) -> None:
-            self.parameters = {**(talk.result or {}), **self._told}  # what was set meanwhile may have been read before
-            self.radio_watched = self.parameters.get(vehicle.radio_failsafe, 1) != 0
+        def done(_talk: Conversation, now: float) -> None:
+            self._read_at = asked_at
+            values = aircraft.parameters.since(asked_at)
+            parameters = {name: values[name] for name in _KNOWN if name in values}
             told = aircraft.foreign, self._heard_on, self._plan, self._gap_s, aircraft.kind, batteries
-            found = Found(self.parameters, guard, firmware, *told, aircraft.home_alt_m, self._misfit)
+            found = Found(parameters, guard, firmware, *told, aircraft.home_alt_m, self._misfit)
             self._conclude(judge(found, self._limits), now)
 
-        self._conversations.begin("preflight", reading(self._sysid, names_of(vehicle, batteries)), done, now)
+        self._conversations.begin("preflight", reading(self._sysid, names_of(aircraft.vehicle, batteries)), done, now)
 
     def _conclude(self, findings: tuple[Finding, ...], now: float) -> None:
         before, self.findings = self.findings, findings

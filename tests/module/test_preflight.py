@@ -513,17 +513,18 @@ def test_how_many_batteries_fly_it_is_the_missions_to_say_and_else_the_vehicles(
     coder, written = mavlink.MAVLink(None, srcSystem=1, srcComponent=191), list[bytes]()
     talks = Conversations(lambda message: written.append(bytes(message.pack(coder))), lambda where, text: None)
     said: list[str] = []
-    preflight = Preflight(1, Limits(), talks, lambda text, parameter, fits: said.append(text), own)
+    aircraft = Aircraft()
+    preflight = Preflight(1, aircraft, Limits(), talks, lambda text, parameter, fits: said.append(text), own)
     if missions is not None:
         preflight.planned(FLAT, energy=missions)
         preflight.planned(FLAT)  # a mission sent in flight says nothing of batteries
-    aircraft = Aircraft()
     for tick in range(300):
         now = 0.05 * tick
         aircraft.heartbeat_at = now
-        preflight.each_second(aircraft, True, GuardState.LIVE, (4, 7), now)
+        preflight.each_second(True, GuardState.LIVE, (4, 7), now)
         waiting, written[:] = list(written), []
         for message in autopilot.step(waiting, now):
+            aircraft.take(message, now)
             talks.on_message(message, now)
         talks.tick(now)
     assert said == [text]
