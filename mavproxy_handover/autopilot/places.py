@@ -89,7 +89,7 @@ _RETURN_SPEEDS: Final = {
     **{name: units for vehicle in VEHICLES for name, units in vehicle.back_speed.items()},
     **{name: units for vehicle in VEHICLES for name, units in vehicle.cruise.items()},
 }
-#: what is read of the autopilot, and what counts of what it tells
+#: what is read of the autopilot
 _NAMES: Final = (
     *_RETURN_ALTS, *_RETURN_SPEEDS, "FENCE_ENABLE", "FENCE_AUTOENABLE", "FENCE_TYPE", "FENCE_RADIUS", "FENCE_ALT_MAX",
     "WP_LOITER_RAD",
@@ -152,7 +152,8 @@ class PlaceWatch:
         self._rally: tuple[RallyPoint, ...] = ()
         self._found: Place | None = None
         self._home: tuple[float, float] | None = None
-        self._parameters: dict[str, float] = {}
+        #: what the autopilot has told of its parameters
+        self._parameters = aircraft.parameters.since()
         #: a station has sent these
         self._rally_sent = False
         self._replaced_at: float | None = None  # and not gathered yet
@@ -302,8 +303,6 @@ class PlaceWatch:
                 elif self._turned is None:
                     self._turned = self._energy()
             case "PARAM_VALUE":
-                if message.param_id in _NAMES and math.isfinite(message.param_value):
-                    self._parameters[message.param_id] = float(message.param_value)
                 self._keeper.counted(message.param_id, now)
             case "HOME_POSITION":
                 self._home_is(message.latitude / 1e7, message.longitude / 1e7)
@@ -587,7 +586,6 @@ class PlaceWatch:
             def read(talk: Conversation, _now: float) -> None:
                 if talk.result:
                     self._parameters_at = math.inf
-                    self._parameters.update(talk.result)
 
             self._conversations.begin(_PARAMETERS, reading(self._sysid, _NAMES), read, now)
         if now >= self._fence_at and _OWN_FENCE not in self._conversations:
