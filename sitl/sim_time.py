@@ -83,11 +83,12 @@ class Page:
 
     def read(self) -> tuple[float, float, float]:
         """Simulated seconds since the page was made, the wall clock when it was made, UTC then."""
+        now = _wall()  # before the page is read: a reader that gets no processor meanwhile must not see a silence
         for _ in range(_TRIES):  # the vehicle may have been killed while it wrote
             number, at, sim_s, pace, begun, utc = _HEAD.unpack_from(self._memory, 0)
             if number % 2 == 0 and struct.unpack_from("<Q", self._memory, 0)[0] == number:
                 break
-        return sim_s + max(0.0, _wall() - at - SILENT_S) * max(pace, 1.0), begun, utc
+        return sim_s + max(0.0, now - at - SILENT_S) * max(pace, 1.0), begun, utc
 
     @property
     def pace(self) -> float:

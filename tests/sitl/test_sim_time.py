@@ -13,6 +13,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -68,6 +69,20 @@ class TestPage:
         page.write(12.0, 8.0)
         wall.now += SILENT_S + 2.0
         assert page.read()[0] == pytest.approx(12.0 + 16.0)
+
+    def test_a_reader_that_gets_no_processor_sees_no_silence(
+        self, page: Page, wall: Wall, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        page.write(12.0, 8.0)
+        head = sim_time._HEAD
+
+        def slowly(*arguments: Any) -> Any:
+            found = head.unpack_from(*arguments)
+            wall.now += SILENT_S + 2.0
+            return found
+
+        monkeypatch.setattr(sim_time, "_HEAD", SimpleNamespace(unpack_from=slowly))
+        assert page.read()[0] == 12.0
 
     def test_another_process_reads_what_is_written(self, page: Page, wall: Wall) -> None:
         other = Page(page.path)
