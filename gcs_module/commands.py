@@ -105,6 +105,8 @@ class StationCommands:
         self._talks: dict[str, Conversation] = {}
         #: the command and parameters of each word that was sent
         self._sent: dict[str, tuple[int, tuple[float, ...]]] = {}
+        #: of the last question about a limit or a rehearsal
+        self._nonce = 0
         #: when a question was answered last
         self._answered_at = -inf
         #: refused, and until when words that say why may still come
@@ -282,10 +284,14 @@ class StationCommands:
             return
         now = time.monotonic()
         word = f"OVERRIDE {limit}"
-        nonce = int(now * 1e6) & 0xFFFFFFFF  # another one each time it is typed
-        asking = _override_asking(self._module.sysid, number, nonce)
+        asking = _override_asking(self._module.sysid, number, self._next_nonce(now))
         self._talks[word] = Conversation(asking, self._module.to_vehicle, now)
         self._module.narrator.command_sent(word)
+
+    def _next_nonce(self, now: float) -> int:
+        """The number of a question: a new one each time, even within one step of a coarse clock."""
+        self._nonce = max(self._nonce + 1, int(now * 1e6))
+        return self._nonce & 0xFFFFFFFF
 
     def _rehearse(self) -> None:
         """Whoever commands may begin one; while one is under way, anybody is told of it."""
@@ -308,8 +314,7 @@ class StationCommands:
 
     def _ask_rehearsal(self, word: str, wish: int) -> None:
         now = time.monotonic()
-        nonce = int(now * 1e6) & 0xFFFFFFFF
-        asking = _rehearsal_asking(self._module.sysid, wish, nonce)
+        asking = _rehearsal_asking(self._module.sysid, wish, self._next_nonce(now))
         self._talks[word] = Conversation(asking, self._module.to_vehicle, now)
         if word != _REPORT:
             self._module.narrator.command_sent(word)
@@ -465,7 +470,8 @@ def _override_asking(vehicle: int, limit: int, nonce: int) -> Asking:
     message = mavlink.MAVLink_handover_override_message(vehicle, COMPANION_COMPID, vehicle, limit, nonce, 0)
 
     def answer(m: Any) -> Any:
-        return m.seconds if m.get_type() == "HANDOVER_OVERRIDE" and m.nonce == nonce else None
+        ours = m.get_type() == "HANDOVER_OVERRIDE" and m.nonce == nonce and m.limit == limit
+        return m.seconds if ours else None
 
     seconds = yield Ask("the override", (message,), answer, timeout_s=1.0, tries=5)
     return mavlink.MAV_RESULT_ACCEPTED if seconds else mavlink.MAV_RESULT_DENIED

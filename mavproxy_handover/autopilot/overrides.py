@@ -2,8 +2,8 @@
 
 """`handover override`: the operator lifts one limit of commands for a minute, at the commander's station or aboard.
 
-By HANDOVER_OVERRIDE, which is answered in kind. A station repeats it until it is answered, so a copy (the same nonce of
-the same station) is answered again and lifts nothing anew. Of whoever does not command it is refused.
+By HANDOVER_OVERRIDE, which is answered in kind. A station repeats it until it is answered, so a copy (the same station,
+limit and nonce) is answered again and lifts nothing anew. Of whoever does not command it is refused.
 """
 
 from __future__ import annotations
@@ -31,16 +31,16 @@ class Overrides:
         self._desk = desk
         self._commander = commander
         self._vehicle = vehicle
-        #: the last one of each station that was carried out
-        self._last: dict[int, int] = {}
+        #: station and limit -> nonce of the last one that was carried out
+        self._last: dict[tuple[int, Limit], int] = {}
 
     def take(self, port: StationPort, message: Any, now: float) -> Any:
         """HANDOVER_OVERRIDE of a station, any; returns the answer."""
         name = LIMITS.get(message.limit)
         limit = None if name is None else Limit(name)
         commands = port.sysid == self._commander()
-        if limit is not None and commands and self._last.get(port.sysid) != message.nonce:
-            self._last[port.sysid] = message.nonce
+        if limit is not None and commands and self._last.get((port.sysid, limit)) != message.nonce:
+            self._last[port.sysid, limit] = message.nonce
             self._desk.lift(limit, port.name, now)
         left_s = self._desk.rules.lifted_s(now).get(limit, 0.0) if limit is not None and commands else 0.0
         return mavlink.MAVLink_handover_override_message(

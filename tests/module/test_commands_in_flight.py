@@ -195,6 +195,12 @@ def test_the_commanders_override_lifts_one_limit_for_a_minute(flown: Bench) -> N
     assert passed(flown) == 1
 
 
+def test_another_limit_under_the_same_number_is_no_copy(flown: Bench) -> None:
+    assert override(flown, mavlink.HANDOVER_LIMIT_FENCE) == 60
+    assert override(flown, mavlink.HANDOVER_LIMIT_COVERAGE) == 60
+    assert [entry["limit"] for entry in flown.journal("override")] == ["fence", "coverage"]
+
+
 @pytest.mark.parametrize("limit", [0, 4, 255])
 def test_a_limit_that_is_none_is_refused(flown: Bench, limit: int) -> None:
     assert override(flown, limit) == 0

@@ -56,6 +56,24 @@ def test_it_is_asked_again_with_the_same_number_until_it_is_answered(bench: Stat
     assert again.nonce != asked[0].nonce, "typed anew it is meant anew"
 
 
+def test_two_limits_in_one_moment_are_two_questions(bench: StationBench) -> None:  # noqa: F811
+    bench.mpstate.type("handover override fence")
+    bench.mpstate.type("handover override coverage")
+    fence, coverage = overrides(bench)
+    assert (fence.limit, coverage.limit) == (2, 3)
+    assert fence.nonce != coverage.nonce, "the vehicle would take the second for a copy of the first"
+
+
+def test_an_answer_about_another_limit_is_none(bench: StationBench) -> None:  # noqa: F811
+    bench.mpstate.type("handover override coverage")
+    (question,) = overrides(bench)
+    answer(bench, question, 60, limit=2)
+    bench.run(0.3)
+    assert not bench.mpstate.console.said("OVERRIDE coverage accepted.")
+    answer(bench, question, 60)
+    assert bench.mpstate.console.said("OVERRIDE coverage accepted.")
+
+
 def test_without_an_answer_it_is_given_up(bench: StationBench) -> None:  # noqa: F811
     bench.mpstate.type("handover override energy")
     bench.run(8.0)
