@@ -17,7 +17,8 @@ Rules:
    `LATE_S` behind. A thread that does not move is waited for as long as it needs the processor or the disk, for
    `STARVED_S` of the wall clock at most. One that is asleep, stopped or dead is waited for `ASLEEP_S`. A program that
    starts is late from its first moment: starting takes no simulated time.
-3. A vehicle that writes nothing for `SILENT_S` of the wall clock has ended or hangs: the clocks go on without it.
+3. A vehicle that writes nothing for `SILENT_S` of the wall clock hangs, and one that has ended writes no more
+   (`Page.let_go`): the clocks go on without it. A vehicle that gets no processor is silent as well, for less.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ __all__ = ["ASLEEP_S", "LATE_S", "SILENT_S", "STARVED_S", "Pace", "Page", "follo
 LATE_S: Final = 0.03
 ASLEEP_S: Final = 0.5
 STARVED_S: Final = 30.0
-SILENT_S: Final = 5.0
+SILENT_S: Final = 30.0
 
 _SLOTS: Final = 128
 #: number of the entry (odd while it is written), wall clock, simulated time, pace, time of the page's first moment on
@@ -76,9 +77,17 @@ class Page:
 
     def write(self, sim_s: float, pace: float) -> None:
         """The vehicle's simulated time now, and how many simulated seconds go by in one of the wall clock."""
+        self._write(_wall(), sim_s, pace)
+
+    def let_go(self) -> None:
+        """No vehicle writes any more: from now on the clocks go on without one, so that all programs can end."""
+        sim_s, pace = _HEAD.unpack_from(self._memory, 0)[2:4]
+        self._write(_wall() - SILENT_S, sim_s, pace)
+
+    def _write(self, at: float, sim_s: float, pace: float) -> None:
         number, _, _, _, begun, utc = _HEAD.unpack_from(self._memory, 0)
         struct.pack_into("<Q", self._memory, 0, number + 1)
-        _HEAD.pack_into(self._memory, 0, number + 1, _wall(), sim_s, pace, begun, utc)
+        _HEAD.pack_into(self._memory, 0, number + 1, at, sim_s, pace, begun, utc)
         struct.pack_into("<Q", self._memory, 0, number + 2)
 
     def read(self) -> tuple[float, float, float]:

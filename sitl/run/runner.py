@@ -432,6 +432,9 @@ class _Flight:
         for observer in (self._observer, *(flown.observer for flown in self._others.values())):
             if observer is not None:
                 observer.close()
+        # the built-in vehicle writes the page itself, and ends after the programs
+        if self.page is not None and (self.order.vehicle != "builtin" or not (self.vehicle and self.vehicle.alive())):
+            self.page.let_go()
         if self._transmitter is not None:
             self._transmitter.close()
         self._memory.close()

@@ -70,6 +70,19 @@ class TestPage:
         wall.now += SILENT_S + 2.0
         assert page.read()[0] == pytest.approx(12.0 + 16.0)
 
+    def test_a_vehicle_that_gets_no_processor_for_a_while_is_waited_for(self, page: Page, wall: Wall) -> None:
+        page.write(12.0, 8.0)
+        wall.now += 25.0
+        assert page.read()[0] == 12.0
+
+    def test_at_the_end_no_program_waits_for_the_vehicle(self, page: Page, wall: Wall) -> None:
+        page.write(12.0, 8.0)
+        wall.now += 1.0
+        page.let_go()
+        assert page.read()[0] == 12.0
+        wall.now += 0.5
+        assert page.read()[0] == pytest.approx(16.0)
+
     def test_a_reader_that_gets_no_processor_sees_no_silence(
         self, page: Page, wall: Wall, monkeypatch: pytest.MonkeyPatch
     ) -> None:
