@@ -48,7 +48,7 @@ from gcs_module.package_desk import PackageDesk
 from gcs_module.route_watch import StationRouteWatch
 from gcs_module.texts import SEVERITIES, Texts
 from gcs_module.uplink import UplinkChoice
-from gcs_module.vehicle_addresses import VehicleAddresses
+from gcs_module.vehicle_addresses import SILENT_S, VehicleAddresses
 from gcs_module.vehicle_links import VehicleLinks
 from gcs_module.view import View, telemetry_line
 from mavproxy_handover.config.files import FleetVehicle, StationConfig
@@ -439,8 +439,11 @@ class Aircraft:
 
     @property
     def armed(self) -> bool:
-        """Whether the vehicle was heard and has not said since that it is disarmed."""
-        return self._mode_at > -math.inf and not self.disarmed
+        """Whether autopilot or companion was heard within SILENT_S, and the autopilot has not said that it is
+        disarmed."""
+        now = self._now()
+        silent_s = min(now - self._mode_at, self.core.vehicle_silent_s(now))
+        return self._mode_at > -math.inf and not self.disarmed and silent_s < SILENT_S
 
     def _see_to_addresses(self, now: float) -> None:
         for line in self.addresses.tick(now, self.armed):

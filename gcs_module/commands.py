@@ -75,7 +75,7 @@ class Host(Protocol):
 
     @property
     def armed(self) -> bool:
-        """Whether the vehicle was heard and has not said since that it is disarmed."""
+        """Whether the vehicle is heard and has not said that it is disarmed."""
 
     def operator(self, event: Event) -> None:
         """An operator's word to the core."""

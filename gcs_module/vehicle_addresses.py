@@ -11,6 +11,8 @@ here:
 3. An address must be one that a vehicle can have (`vehicle_address.py`), and must not lead back to this computer unless
    the configuration allows it. It never leads to a port of this program. One bad address spoils what came with it.
 4. While the vehicle is armed nothing is asked and nothing changes. What comes then is looked at after it has disarmed.
+   A vehicle that was not heard for SILENT_S does not count as armed: its link is of no use, and anything may have sent
+   the last heartbeat.
 5. Of each sender the newest addresses count: they end its older question, also if they are refused. A line about them
    is shown at most every QUIET_S, then twice as seldom each time. Taking addresses in costs nothing else: they are
    looked at when a line is due, or the operator asks.
@@ -40,11 +42,13 @@ from mavproxy_handover.vehicle_address import (
 )
 from mavproxy_handover.worker import Worker
 
-__all__ = ["LOCAL_KEY", "OFFER_KEY", "QUIET_S", "VehicleAddresses"]
+__all__ = ["LOCAL_KEY", "OFFER_KEY", "QUIET_S", "SILENT_S", "VehicleAddresses"]
 
 #: keys of [station]
 OFFER_KEY: Final = "offered_addresses"
 LOCAL_KEY: Final = "offered_addresses_local"
+#: a vehicle that was not heard for so long does not count as armed
+SILENT_S: Final = 60.0
 #: between two lines about the addresses of one sender, first and longest
 QUIET_S: Final = 30.0
 _QUIET_MOST_S: Final = 600.0
@@ -177,9 +181,8 @@ class VehicleAddresses:
         known.raw, known.mission = raw, plain_text(mission)
 
     def tick(self, now: float, armed: bool) -> list[str]:
-        """Time has passed; returns lines for the operator. `armed`: the vehicle is heard and not known to be disarmed.
-
-        To be called often.
+        """Time has passed; returns lines for the operator. `armed`: the vehicle is heard and not known to be disarmed
+        (rule 4). To be called often.
         """
         self._now = now
         self._keeper.tick(now)
@@ -295,7 +298,7 @@ class VehicleAddresses:
             return f"{problem}. 'handover connect' lists the addresses that other stations sent."
         ((sender, question),) = found
         if armed:
-            return f"Not while the vehicle is armed. Type 'handover connect {word}' after it has disarmed."
+            return _not_while_armed(f"handover connect {word}")
         own = self._door.own()
         if own:
             return f"This station keeps its own link: {', '.join(own)}."
@@ -332,7 +335,7 @@ class VehicleAddresses:
         if confirmed is None:
             return "This station uses no address of the vehicle that another station sent."
         if armed:
-            return "Not while the vehicle is armed. Type 'handover disconnect' after it has disarmed."
+            return _not_while_armed("handover disconnect")
         why = self._door.close()
         self._confirmed, self._unwritten = None, True
         self._keep()  # at once: the operator may end the program next
@@ -375,7 +378,8 @@ class VehicleAddresses:
                     f"'handover connect {question.number}' opens it"
                 )
             if sender.raw != sender.seen and any(sender.raw):
-                yield f"{sender.called} sends addresses: 'handover connect' shows them when the vehicle is disarmed"
+                shows = "'handover connect' shows them when the vehicle is disarmed or silent"
+                yield f"{sender.called} sends addresses: {shows}"
 
     # ---- what was confirmed ---------------------------------------------------------------------------------------
 
@@ -451,6 +455,12 @@ class VehicleAddresses:
         if isinstance(result, Exception):
             after = "is not kept for" if self._confirmed is not None else "will come back after"
             self._lines.append(f"The vehicle's address {after} a restart: {self._file}: {result}.")
+
+
+def _not_while_armed(command: str) -> str:
+    return (
+        f"Not while the vehicle is armed. Type '{command}' after it has disarmed, or after {SILENT_S:.0f} s of silence."
+    )
 
 
 def _shown(addresses: Listed) -> str:

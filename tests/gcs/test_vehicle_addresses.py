@@ -314,7 +314,7 @@ def test_while_the_vehicle_is_armed_nothing_is_asked_and_it_is_after(desk: Desk)
     desk.send(A, WIFI)
     assert desk.run(100) == []
     assert list(desk.made.status()) == [
-        "GCSA sends addresses: 'handover connect' shows them when the vehicle is disarmed"
+        "GCSA sends addresses: 'handover connect' shows them when the vehicle is disarmed or silent"
     ]
     desk.armed = False
     assert desk.run() == [ASKED]
@@ -324,13 +324,16 @@ def test_while_the_vehicle_is_armed_nothing_is_opened_and_nothing_withdrawn(desk
     desk.send(A, WIFI)
     desk.run()
     desk.armed = True
-    assert desk.connect("1") == "Not while the vehicle is armed. Type 'handover connect 1' after it has disarmed."
+    assert (
+        desk.connect("1")
+        == "Not while the vehicle is armed. Type 'handover connect 1' after it has disarmed, or after 60 s of silence."
+    )
     desk.armed = False
     desk.connect("1")
     desk.run()
     desk.armed = True
     assert desk.made.disconnect(True) == (
-        "Not while the vehicle is armed. Type 'handover disconnect' after it has disarmed."
+        "Not while the vehicle is armed. Type 'handover disconnect' after it has disarmed, or after 60 s of silence."
     )
     assert desk.door.opened == [WIFI]
 

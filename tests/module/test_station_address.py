@@ -80,11 +80,47 @@ def test_from_the_mission_to_the_open_link_and_back(bench: Bench) -> None:
     assert [entry["text"] for entry in bench.journal("address")][-1] == f"Link to the vehicle opened: {WIFI}."
     bench.hear(heartbeat(armed=True), autopilot=True)
     assert bench.mpstate.type("handover disconnect")[-1].endswith(
-        "Not while the vehicle is armed. Type 'handover disconnect' after it has disarmed."
+        "Not while the vehicle is armed. Type 'handover disconnect' after it has disarmed, or after 60 s of silence."
     )
     bench.hear(heartbeat(armed=False), autopilot=True)
     bench.mpstate.type("handover disconnect")
     assert bench.addresses() == ["127.0.0.1:0"]
+
+
+def test_a_vehicle_that_said_armed_and_fell_silent_keeps_no_link_for_ever(bench: Bench) -> None:
+    """Its battery was pulled, or another program at that address sent one heartbeat."""
+    bench.offer(WIFI)
+    bench.run(2.0)
+    bench.mpstate.type("handover connect 1")
+    bench.run(3.0)
+    bench.hear(heartbeat(armed=True), autopilot=True)
+    bench.run(55.0)
+    assert bench.mpstate.type("handover disconnect")[-1].endswith(
+        "Not while the vehicle is armed. Type 'handover disconnect' after it has disarmed, or after 60 s of silence."
+    )
+    bench.offer("udpout:10.0.0.9:14551")
+    bench.run(0.5)
+    assert bench.mpstate.type("handover connect")[-1].endswith("shows them when the vehicle is disarmed or silent")
+    bench.run(10.0)
+    assert bench.said("This station uses udpout:10.0.0.2:14551, from GCSB. Without a key")
+    bench.mpstate.type("handover connect 2")
+    bench.run(3.0)
+    assert bench.addresses() == ["10.0.0.9:14551"]
+    bench.mpstate.type("handover disconnect")
+    assert bench.addresses() == ["127.0.0.1:0"]
+
+
+def test_while_the_companion_is_heard_the_vehicle_stays_armed(bench: Bench) -> None:
+    """The autopilot's heartbeats may be lost, or MAVProxy may show another vehicle's."""
+    bench.offer(WIFI)
+    bench.run(2.0)
+    bench.mpstate.type("handover connect 1")
+    bench.run(3.0)
+    bench.hear(heartbeat(armed=True), autopilot=True)
+    bench.run(50.0)
+    bench.hear(heartbeat(armed=True))
+    bench.run(50.0)
+    assert "Not while the vehicle is armed." in bench.mpstate.type("handover disconnect")[-1]
 
 
 def test_a_link_that_the_operator_has_removed_is_not_called_in_use(bench: Bench) -> None:
