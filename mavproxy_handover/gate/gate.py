@@ -302,6 +302,7 @@ class Gate:
         """Note what waits to be noted, and see which streams have ended; to be called often."""
         self.note()
         self._latent.tick(self.view.commander, now)
+        self._log_download.tick(now)
         self._tell_stations(now)
 
     def note(self) -> None:

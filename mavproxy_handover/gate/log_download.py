@@ -11,14 +11,18 @@ MAVProxy: 0.7 s, then 20 gaps at once, of which ArduPilot serves one and ignores
 2. The autopilot is asked for `PIECE_BYTES` of the log at a time, and for the next piece when no more than `LOW_BYTES`
    wait here. So the queue neither runs empty nor fills up, and the autopilot is never told to stop: on a network link a
    megabyte would still be on its way then. A frame that comes while the queue is full is lost.
-3. Requests that come while one is served wait for their turn, `MOST_REQUESTS` of them.
+3. Requests that come while one is served wait for their turn, `MOST_REQUESTS` of them. A request that holds all that is
+   left of the one that is served, and begins before it, takes its place: the autopilot itself would begin anew.
 4. A station that asks again for what it was sent has lost it: the pace is halved, down to `LEAST_PACE_BYTES_PER_S`. A
    program that asks for the next part when it has the one before (MAVSDK) shows that it has read all: the pace is
    doubled, up to `MOST_PACE_BYTES_PER_S`, unless some of it was lost. A download from offset 0 begins with
    `PACE_BYTES_PER_S`.
 5. A LOG_DATA without data says "end of log" and makes MAVProxy close its file. It is passed on only if the station
    asked for that place itself, not where the companion asked for the next piece.
-6. If the autopilot sends nothing for `STALL_S`, all is forgotten. The station asks again by its own rules.
+6. If the autopilot sends nothing for `AGAIN_S`, and nothing waits here, it is asked again for the rest of the piece,
+   `TRIES` times: the last frame of a piece may be lost, and the autopilot does not know. After `STALL_S` the next
+   request of the station counts alone. The station asks again by its own rules.
+7. If the station's link takes nothing for `STUCK_S`, all is forgotten. The link is gone.
 
 Time is an argument (monotonic seconds).
 """
@@ -36,6 +40,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.wire.frames import Frame, field_int
 
 __all__ = [
+    "AGAIN_S",
     "LEAST_PACE_BYTES_PER_S",
     "LOW_BYTES",
     "MOST_BYTES",
@@ -44,6 +49,8 @@ __all__ = [
     "PACE_BYTES_PER_S",
     "PIECE_BYTES",
     "STALL_S",
+    "STUCK_S",
+    "TRIES",
     "LogDownload",
     "Receiver",
 ]
@@ -64,6 +71,10 @@ MOST_BYTES: Final = 524_288
 MOST_REQUESTS: Final = 32
 #: shorter than the 0.7 s after which MAVProxy asks again
 STALL_S: Final = 0.5
+#: an autopilot on a serial line of 57,600 baud sends a frame in 19 ms
+AGAIN_S: Final = 0.3
+TRIES: Final = 3
+STUCK_S: Final = 10.0
 #: gaps are asked for in one go: one halving for all of them
 _SLOWER_EACH_S: Final = 1.0
 
@@ -111,6 +122,8 @@ class LogDownload:
         self._next = self._piece_end = 0
         self._own_piece_at = -1
         self._heard_at = -math.inf
+        #: how often the autopilot may still be asked again for the piece
+        self._tries = TRIES
         self._queue: deque[bytes] = deque()
         self._queued_bytes = 0
         #: of the log that is downloaded: up to where it was sent
@@ -120,6 +133,8 @@ class LogDownload:
         #: of the part that was asked for last some was lost
         self._lossy = False
         self._credit_bytes, self._credit_at = BURST_BYTES, -math.inf
+        #: when the station's link took something last, or began to have something to take
+        self._took_at = -math.inf
 
     @property
     def queued_bytes(self) -> int:
@@ -145,9 +160,13 @@ class LogDownload:
         if receiver is not self._receiver or stalled:
             self.forget()
         self._receiver = receiver
-        if self._served is None:
+        served = self._served
+        if served is not None and served.log == asked.log and asked.begin < self._next and asked.end >= served.end:
+            self._clear_queue()
             self._serve(asked, now)
-        elif len(self._waiting) < MOST_REQUESTS and asked != self._served and asked not in self._waiting:
+        elif served is None:
+            self._serve(asked, now)
+        elif len(self._waiting) < MOST_REQUESTS and asked != served and asked not in self._waiting:
             self._waiting.append(asked)
 
     def _judge_pace(self, asked: _Range, now: float) -> None:
@@ -165,10 +184,21 @@ class LogDownload:
         self._served, self._next, self._own_piece_at = asked, asked.begin, -1
         self._ask(asked, now)
 
+    def tick(self, now: float) -> None:
+        """Ask the autopilot again for what did not come (rule 6); to be called often."""
+        served = self._served
+        if served is None or self._queue or not self._tries or now - self._heard_at < AGAIN_S:
+            return
+        tries = self._tries - 1
+        # where nothing of the station's own request has come, its answer is the station's
+        self._own_piece_at = -1 if self._next == served.begin else self._next
+        self._ask(served, now)
+        self._tries = tries
+
     def _ask(self, served: _Range, now: float) -> None:
         """Ask for the next piece."""
         self._piece_end = min(self._next + PIECE_BYTES, served.end)
-        self._heard_at = now
+        self._heard_at, self._tries = now, TRIES
         self._to_autopilot(served.asks(self._next))
 
     def keeps(self, receiver: Receiver, frame: Frame, raw: bytes, now: float) -> bool:
@@ -179,12 +209,14 @@ class LogDownload:
         begin, count = field_int(frame, "ofs"), field_int(frame, "count")
         if not served.begin <= begin <= served.end:  # of a request before this one
             return False
-        self._heard_at = now
+        self._heard_at, self._tries = now, TRIES
         if count == 0 and begin == self._own_piece_at:
             self._over(now)
             return True
         if begin < self._next or self._queued_bytes + len(raw) > MOST_BYTES:
             return True
+        if not self._queue:
+            self._took_at = now
         self._queue.append(raw)
         self._queued_bytes += len(raw)
         self._next = begin + count
@@ -210,6 +242,7 @@ class LogDownload:
         while queue and (not paced or self._credit_bytes > 0.0):
             if not receiver.write_more(queue[0]):
                 break
+            self._took_at = now
             size = len(queue.popleft())
             self._queued_bytes -= size
             if paced:
@@ -218,11 +251,16 @@ class LogDownload:
         if served is not None and self._piece_end <= self._next < served.end and self._queued_bytes <= LOW_BYTES:
             self._own_piece_at = self._next
             self._ask(served, now)
+        if queue and now - self._took_at > STUCK_S:
+            self.forget()
         return bool(queue)
 
     def forget(self) -> None:
         """Authority moves, the station ends the download, or it asks for something else."""
         self._receiver = self._served = None
         self._waiting.clear()
+        self._clear_queue()
+
+    def _clear_queue(self) -> None:
         self._queue.clear()
         self._queued_bytes = 0

@@ -481,3 +481,75 @@ def test_a_request_for_nothing_is_made_once_and_its_answer_reaches_the_station()
     bench.come(180, 0)
     bench.run(0.1)
     assert bench.station.got == [180]
+
+
+def test_where_the_last_frame_of_a_piece_is_lost_the_rest_is_asked_for_again() -> None:
+    """The fault: nothing was asked until the station's own time-out, 0.7 s in MAVProxy."""
+    bench = Bench()
+    bench.ask(0, 900)
+    bench.row(9)
+    bench.download.send(bench.now)
+    bench.asked()
+    bench.now += 0.2
+    bench.download.tick(bench.now)
+    assert bench.asked() == []
+    bench.now += 0.2
+    bench.download.tick(bench.now)
+    assert bench.asked() == [("LOG_REQUEST_DATA", 810, 90)]
+    bench.row(1, 810)
+    bench.now += 5.0
+    bench.download.tick(bench.now)
+    assert bench.asked() == []
+
+
+def test_an_autopilot_that_answers_nothing_is_asked_three_times_more() -> None:
+    bench = Bench()
+    bench.ask(0, 900)
+    bench.asked()
+    for _ in range(100):
+        bench.now += 0.1
+        bench.download.tick(bench.now)
+    assert bench.asked() == [("LOG_REQUEST_DATA", 0, 900)] * 3
+
+
+def test_while_the_station_has_not_taken_what_came_the_autopilot_is_asked_for_nothing() -> None:
+    bench = Bench(flow_controlled=True)
+    bench.station.room = 0
+    bench.ask(0)
+    bench.row(PIECE_FRAMES)
+    bench.asked()
+    bench.now += 1.0
+    bench.download.tick(bench.now)
+    assert bench.asked() == []
+
+
+def test_a_station_whose_link_is_gone_costs_the_main_loop_nothing_after_some_seconds() -> None:
+    """The fault: what waited for it was offered to its link 500 times a second until authority moved."""
+    bench = Bench(flow_controlled=True)
+    bench.ask(0)
+    bench.row(20)
+    bench.station.room = 5
+    assert bench.download.send(bench.now)
+    bench.now += 9.0
+    assert bench.download.send(bench.now)
+    bench.now += 2.0
+    assert not bench.download.send(bench.now)
+    assert bench.download.queued_bytes == 0
+    bench.station.room = 1 << 30
+    bench.ask(450, 90)
+    bench.row(1, 450)
+    bench.download.send(bench.now)
+    assert bench.station.got == [0, 90, 180, 270, 360, 450]
+
+
+def test_a_request_that_holds_all_that_is_left_of_the_one_before_takes_its_place() -> None:
+    """The fault: a program that asks for the rest of the log after a gap got the rest twice, at the lowest pace."""
+    bench = Bench()
+    bench.ask(0)
+    bench.row(PIECE_FRAMES)
+    bench.asked()
+    bench.ask(180)
+    assert bench.asked() == [("LOG_REQUEST_DATA", 180, PIECE)]
+    assert bench.come(180)
+    bench.download.send(bench.now)
+    assert bench.station.got == [180]
