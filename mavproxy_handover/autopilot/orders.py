@@ -243,9 +243,11 @@ class Orders:
 
     def flight_over(self, now: float) -> None:
         """The autopilot says that it is disarmed. A command that came after that, and before it said so, was accepted
-        by it and began nothing."""
+        by it and began nothing. A station that does not command any more is told nothing: it cannot send START."""
         went_on, self._went_on = self._went_on, None
-        if went_on is not None and now - went_on[2] <= _NO_EFFECT_S:
+        if went_on is None or not self._ties.commands(went_on[0].sysid):
+            return
+        if now - went_on[2] <= _NO_EFFECT_S:
             text = f"{went_on[1]} had no effect: the vehicle had landed and disarmed. Send START again."
             self._ties.voice.say(went_on[0], text)
 

@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
@@ -309,6 +311,17 @@ def test_a_start_after_the_landing_and_before_the_heartbeat_says_so_is_answered_
     ready.autopilot.forgets.clear()
     ready.a.command(START)
     ready.until(lambda: ready.companion.view.phase is Phase.ON_MISSION)
+
+
+def test_a_station_that_commands_no_more_is_not_told_to_send_start_again(ready: Bench) -> None:
+    landed(ready)
+    ready.a.command(START)
+    ready.run(0.1)
+    orders = ready.companion.autopilot.orders
+    orders._ties = replace(orders._ties, commands=lambda station: station == 252)
+    ready.run(2.0)
+    assert ready.companion.view.phase is Phase.ON_LOAD
+    assert "had no effect" not in ready.a.texts()
 
 
 def test_a_start_some_seconds_before_the_landing_is_not_said_to_have_had_no_effect(ready: Bench) -> None:
