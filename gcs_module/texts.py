@@ -106,9 +106,7 @@ class Texts:
             self._add(parts.text, parts.level, now)
 
     def _add(self, text: str, level: Level, now: float) -> None:
-        words = " ".join(
-            text.removeprefix(MARK).split()
-        )  # a piece is filled with blanks, so that it ends between two words
+        words = " ".join(text.removeprefix(MARK).split())  # a piece may be filled with blanks
         if words:
             self._whole.append(Text(now + _WAITS_S, level, words, self._shown(text)))
 

@@ -2,23 +2,20 @@
 
 """A text as STATUSTEXT: what is longer than one message comes in pieces that belong together.
 
-Programs differ. Some put the pieces together by id and number; some show each one as it comes, a line each. So it is
-cut between words: after a sentence or a clause where one ends in the second half of a piece, else where the piece is
-full. A piece that is not full ends the text for those that put it together (MAVLink: "any null character
-in the text field is taken to mean this was the last chunk"), so every piece but the last is filled up with blanks: the
-whole is the text again, with more than one blank where it was cut. A character is never cut in half, and a word only if
-it is longer than a piece.
+Most programs put the pieces together by id and number, as they are (MAVProxy, MAVSDK, QGroundControl). So a text is cut
+where a piece is full, in the middle of a word too: put together it is the text again. A piece that is not full ends the
+text (MAVLink: "any null character in the text field is taken to mean this was the last chunk"). No character is cut in
+half: such a piece is filled up with blanks.
 
 A program that knows nothing of this system may show texts of the autopilot's component alone (MAVProxy does). It gets
 the companion's texts in the autopilot's name. Such a text begins with `MARK`, and its number is above those of
-ArduPilot, which counts its own texts from 1. It is cut where a piece is full, so that no blanks stand in it.
+ArduPilot, which counts its own texts from 1.
 
 Source: mavlink.io, STATUSTEXT; MAVProxy's module link and QGroundControl put pieces together as described.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
@@ -34,40 +31,21 @@ _MARKED_IDS: Final = 0x8000
 #: texts that are counted before the numbers begin anew
 MOST_IDS: Final = 0x7FFF
 TEXT_BYTES: Final = 50
-#: where a person would pause
-_PAUSES: Final = (b". ", b"; ", b": ", b", ")
 #: their number is a byte
 _MOST: Final = 256
 
 
 def pieces(text: str) -> list[bytes]:
     """The text in pieces of `TEXT_BYTES`, UTF-8; the last is shorter, if need be empty. What fits into one is alone."""
-    return _cut(
-        text, lambda rest: _after_clause(rest) or rest.rfind(b" ", 1, TEXT_BYTES) + 1 or _whole_characters(rest)
-    )
-
-
-def full_pieces(text: str) -> list[bytes]:
-    """The same cut where a piece is full, in the middle of a word too: put together it is the text, without blanks."""
-    return _cut(text, _whole_characters)
-
-
-def _cut(text: str, where: Callable[[bytes], int]) -> list[bytes]:
     rest = text.encode("utf-8", "replace")
     if len(rest) <= TEXT_BYTES:
         return [rest]
     found = []
     while len(rest) >= TEXT_BYTES:
-        end = where(rest)
+        end = _whole_characters(rest)
         found.append(rest[:end].ljust(TEXT_BYTES))
         rest = rest[end:]
     return [*found, rest][:_MOST]
-
-
-def _after_clause(rest: bytes) -> int:
-    """How many bytes of a piece end with a sentence or a clause; 0: none ends in its second half."""
-    ends = [rest.rfind(mark, TEXT_BYTES // 2, TEXT_BYTES) for mark in _PAUSES]
-    return max(ends) + 2 if max(ends) >= 0 else 0
 
 
 def _whole_characters(rest: bytes) -> int:
@@ -84,11 +62,8 @@ def status_texts(text: str, severity: int, text_id: int) -> list[Any]:
 
 
 def marked_texts(text: str, severity: int, text_id: int) -> list[Any]:
-    """The messages that say it in the autopilot's name. `text_id`, 1 to `MOST_IDS`.
-
-    Most programs put pieces together as they are (MAVProxy, MAVSDK), so no piece is filled with blanks.
-    """
-    return _messages(full_pieces(f"{MARK}{text}"), severity, _MARKED_IDS + text_id)
+    """The messages that say it in the autopilot's name. `text_id`, 1 to `MOST_IDS`."""
+    return _messages(pieces(f"{MARK}{text}"), severity, _MARKED_IDS + text_id)
 
 
 def _messages(parts: list[bytes], severity: int, text_id: int) -> list[Any]:
