@@ -22,6 +22,7 @@ from functools import partial
 from math import inf
 from typing import Any, Final, TypeVar
 
+from pymavlink import mavutil
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot import hands
@@ -66,7 +67,7 @@ from mavproxy_handover.stations.voice import Voice
 from mavproxy_handover.store.journal import Journal, strangers_path
 from mavproxy_handover.store.keeper import StateKeeper
 from mavproxy_handover.wire import codec, status
-from mavproxy_handover.wire.frames import Frame, parse_one
+from mavproxy_handover.wire.frames import Frame, checked_types, parse_one
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, MISSION_START
 
 __all__ = ["Companion", "Edge"]
@@ -80,8 +81,6 @@ _BEAT_S: Final = 0.9
 _BEAT_ALONE_S: Final = 1.9
 _HEARTBEAT: Final = mavlink.MAVLINK_MSG_ID_HEARTBEAT
 _CONTROL_STATUS: Final = mavlink.MAVLINK_MSG_ID_CONTROL_STATUS
-#: messages whose CRC pymavlink has checked, and by our own definitions, unless it is told not to (MAV_IGNORE_CRC)
-_CHECKED: Final = frozenset(() if getattr(mavlink, "MAVLINK_IGNORE_CRC", False) else mavlink.mavlink_map.values())
 #: what strangers fill is no more than that, twice
 _STRANGERS_BYTES = 8 * 1024 * 1024
 #: what passes and changes something: it is in the journal
@@ -144,6 +143,8 @@ class Companion:
         identity = Identity(config.name, tuple(entry.station for entry in config.stations), config.parent, edge.nonce)
         self.arbiter = Arbiter(identity, config.limits, self._restart.restored)
         self._edge = edge
+        #: MAVProxy's messages whose CRC need not be checked again: MAVProxy may speak another dialect than ours
+        self._checked = checked_types(mavutil.mavlink) | checked_types(mavlink)
         self._voice = Voice(config.sysid, self._write_autopilot, ports, self.fault)
         told = (self._station_told, self._say)
         self.gate = Gate(config.sysid, ports, config.observers, edge.write_autopilot, self.fault, *told)
@@ -467,7 +468,7 @@ class Companion:
 
     def on_autopilot(self, message: Any, now: float) -> None:
         """A message that MAVProxy received from the vehicle's side."""
-        frame = parse_one(message.get_msgbuf(), proven=type(message) in _CHECKED)
+        frame = parse_one(message.get_msgbuf(), proven=type(message) in self._checked)
         if frame is None:
             return
         if frame.sysid == self.config.sysid and frame.known:

@@ -32,7 +32,7 @@ from binascii import crc_hqx
 from bisect import bisect_right
 from dataclasses import dataclass
 from math import inf
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from pymavlink.dialects.v20 import handover as mavlink
 
@@ -42,6 +42,7 @@ __all__ = [
     "Frame",
     "FrameCounters",
     "FrameSplitter",
+    "checked_types",
     "field_bytes",
     "field_float",
     "field_int",
@@ -138,6 +139,17 @@ def _definition(message: type) -> _Definition:
 
 _FIELDS: Final[dict[int, dict[str, slice]]] = {msgid: _fields(cls) for msgid, cls in mavlink.mavlink_map.items()}
 _DEFINITIONS: Final[dict[int, _Definition]] = {msgid: _definition(cls) for msgid, cls in mavlink.mavlink_map.items()}
+
+
+def checked_types(dialect: Any) -> frozenset[type]:
+    """The messages of a dialect module of pymavlink whose CRC it has checked as our definition would: with the same
+    extra byte. None if pymavlink is told to check no CRC (MAV_IGNORE_CRC)."""
+    if getattr(dialect, "MAVLINK_IGNORE_CRC", False):
+        return frozenset()
+    ours, theirs = mavlink.mavlink_map, getattr(dialect, "mavlink_map", {})
+    return frozenset(
+        each for msgid, each in theirs.items() if msgid in ours and each.crc_extra == ours[msgid].crc_extra
+    )
 
 
 def target_places(msgid: int) -> tuple[int, int | None, int | None]:

@@ -8,13 +8,16 @@ import os
 import random
 import subprocess
 import sys
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from pymavlink.dialects.v20 import all as stock_all
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover import module as vehicle_module
 from mavproxy_handover.gate.judge import GateReason
+from mavproxy_handover.wire.frames import checked_types
 from tests.module.conftest import Bench
 
 RTL = mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH
@@ -186,13 +189,32 @@ def test_what_mavproxy_did_not_check_by_our_definitions_is_checked_here(flight: 
 
 
 def test_what_pymavlink_was_told_not_to_check_is_checked_here() -> None:
-    script = "from mavproxy_handover.companion import _CHECKED; print(len(_CHECKED))"
+    script = (
+        "from pymavlink.dialects.v20 import all; from mavproxy_handover.wire.frames import checked_types; "
+        "print(len(checked_types(all)))"
+    )
     plain = {name: value for name, value in os.environ.items() if name != "MAV_IGNORE_CRC"}
     checked = [
         int(subprocess.run([sys.executable, "-c", script], env=env, check=True, capture_output=True, text=True).stdout)
         for env in (plain, plain | {"MAV_IGNORE_CRC": "1"})
     ]
-    assert checked == [len(mavlink.mavlink_map), 0]
+    assert checked[0] > 250
+    assert checked[1] == 0
+
+
+def test_what_mavproxy_has_checked_by_another_dialect_is_not_checked_again() -> None:
+    """The fault: MAVProxy speaks the dialect `all`, and each frame's CRC was computed twice."""
+    checked = checked_types(stock_all)
+    assert stock_all.MAVLink_attitude_message in checked
+    assert stock_all.MAVLink_log_data_message in checked
+    assert _Foreign not in checked
+    assert all(each.crc_extra == mavlink.mavlink_map[each.id].crc_extra for each in checked), (
+        "another extra byte is another check"
+    )
+    other = type("MAVLink_attitude_message", (), {"id": 30, "crc_extra": 40})
+    dialect = SimpleNamespace(mavlink_map={30: other}, MAVLINK_IGNORE_CRC=False)
+    assert checked_types(dialect) == frozenset()
+    assert checked_types(SimpleNamespace()) == frozenset()
 
 
 def test_an_observer_gets_the_answer_to_what_it_asked_and_no_other(flight: Bench) -> None:
