@@ -41,7 +41,7 @@ from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.gate.policy.switches import switch_name, switch_rule
 from mavproxy_handover.mission.geodesy import distance_m
 from mavproxy_handover.mission.heights import above_sea, above_terrain, low_ways, named
-from mavproxy_handover.mission.items import LANDINGS, LOITER_TURNS, MissionItem, stored_radius_m
+from mavproxy_handover.mission.items import GRIPPER, LANDINGS, LOITER_TURNS, MissionItem, stored_radius_m
 from mavproxy_handover.mission.leg import Leg
 from mavproxy_handover.mission.plan import Route, ways_from_land_starts
 from mavproxy_handover.mission.walk import legs_of
@@ -75,14 +75,14 @@ NAMES: Final = (
     "RTL_CLIMB_MIN", "RTL_CLIMB_MIN_M", "RTL_LOIT_TIME", "HNDO_ACTION", "FS_DR_ENABLE",
     "TERRAIN_ENABLE", "WPNAV_RFND_USE", "RNGFND1_TYPE", "CIRCLE_RATE",
     "WPNAV_SPEED", "WP_SPD", "WPNAV_SPEED_UP", "WP_SPD_UP", "WPNAV_SPEED_DN", "WP_SPD_DN", "LAND_SPEED", "LAND_SPD_MS",
-    "LAND_ALT_LOW", "LAND_ALT_LOW_M", "WPNAV_ACCEL", "WP_ACC", "OA_TYPE",
+    "LAND_ALT_LOW", "LAND_ALT_LOW_M", "WPNAV_ACCEL", "WP_ACC", "OA_TYPE", "GRIP_ENABLE",
 )  # fmt: skip
 #: the same of an aircraft with wings
 PLANE_NAMES: Final = (
     *_SWITCHED,
     "BATT_MONITOR", "BATT_FS_LOW_ACT", "BATT_FS_CRT_ACT", "BATT_LOW_VOLT", "BATT_LOW_MAH",
     "FENCE_ENABLE", "FENCE_AUTOENABLE", "FENCE_TYPE", "FENCE_ACTION", "FENCE_OPTIONS", "FENCE_RADIUS", "FENCE_ALT_MAX",
-    "RTL_ALTITUDE", "ALT_HOLD_RTL", "RALLY_INCL_HOME", "HNDO_ACTION", "MIS_RESTART",
+    "RTL_ALTITUDE", "ALT_HOLD_RTL", "RALLY_INCL_HOME", "HNDO_ACTION", "MIS_RESTART", "GRIP_ENABLE",
     "FS_SHORT_ACTN", "FS_LONG_ACTN", "RTL_AUTOLAND", "RTL_CLIMB_MIN", "FLIGHT_OPTIONS", "TERRAIN_FOLLOW",
     "Q_ENABLE", "Q_RTL_MODE", "Q_RTL_ALT", "Q_OPTIONS", "TERRAIN_ENABLE", "TRIM_ARSPD_CM", "AIRSPEED_CRUISE",
 )  # fmt: skip
@@ -127,6 +127,8 @@ class PlanFacts:
     cruise_mps: float | None = None
     #: which ways are at home's height or near it, in words; "": none
     low: str = ""
+    #: number of its first DO_GRIPPER; None: it has none
+    gripper: int | None = None
 
 
 def plan_facts(route: Route, cruise_mps: float | None = None) -> PlanFacts:
@@ -152,6 +154,7 @@ def plan_facts(route: Route, cruise_mps: float | None = None) -> PlanFacts:
         0.0 if route.kind.winged else _circle_deg_s(route, legs),
         cruise_mps,
         next((low.text for low in low_ways(route, legs)), ""),
+        next((item.seq for item in route.items if item.command == GRIPPER), None),
     )
 
 
@@ -282,6 +285,13 @@ def _terrain(p: Parameters, plan: PlanFacts | None) -> str | None:
 
 def _low_way(p: Parameters, plan: PlanFacts | None) -> str | None:
     return None if plan is None or not plan.low else plan.low
+
+
+def _gripper(p: Mapping[str, float], plan: PlanFacts | None) -> str | None:
+    """ArduPilot without a gripper says `Gripper Released` all the same, and keeps the load."""
+    if plan is None or plan.gripper is None or p.get("GRIP_ENABLE", 1) != 0:
+        return None
+    return f"is 0: item {plan.gripper} (DO_GRIPPER) moves no gripper, and the load stays on board"
 
 
 def _circle_rate(p: Parameters, plan: PlanFacts | None) -> str | None:
@@ -621,6 +631,7 @@ RULES: Final[tuple[Row, ...]] = (
     *_rules_of("BATT"),
     *((name, _way(name, ways), COPTERS) for name, ways in _WAYS.items()),
     *((name, _way(name, ways), WINGED) for name, ways in _WINGED_WAYS.items()),
+    ("GRIP_ENABLE", _gripper, EVERY),
     ("FENCE_ENABLE", _enabled, EVERY),
     ("FENCE_TYPE", _kinds, EVERY),
     ("FENCE_ACTION", _reported, EVERY),

@@ -645,6 +645,29 @@ def test_circles_take_as_long_as_they_were_counted(changes: dict[str, float], te
     assert judge(found(plan=PlanFacts(True, 1, 200.0, 50.0), **changes), Limits()) == ()
 
 
+@pytest.mark.parametrize("kind", [Kind.COPTER, Kind.PLANE])
+def test_a_mission_that_opens_a_gripper_needs_one(kind: Kind) -> None:
+    """The fault: nothing was said, the autopilot says `Gripper Released`, and the load comes home."""
+    plan = PlanFacts(True, 1, 200.0, 50.0, gripper=9, lands=True)
+
+    def said(changes: dict[str, float], plan: PlanFacts) -> list[str]:
+        findings = judge(replace(found(plan=plan, **changes), kind=kind), Limits())
+        return [finding.text for finding in findings if finding.parameter == "GRIP_ENABLE"]
+
+    text = "GRIP_ENABLE is 0: item 9 (DO_GRIPPER) moves no gripper, and the load stays on board"
+    assert said({"GRIP_ENABLE": 0.0}, plan) == [text]
+    assert said({"GRIP_ENABLE": 1.0}, plan) == []
+    assert said({}, plan) == [], "not answered is not off"
+    assert said({"GRIP_ENABLE": 0.0}, replace(plan, gripper=None)) == []
+    assert "GRIP_ENABLE" in names_of(COPTER)
+    assert "GRIP_ENABLE" in names_of(PLANE)
+
+
+def test_the_gripper_of_the_delivery_is_its_item_9() -> None:
+    assert plan_facts(load(MISSIONS / "delivery").route).gripper == 9
+    assert plan_facts(load(MISSIONS / "linear").route).gripper is None
+
+
 @pytest.mark.parametrize(
     ("changes", "texts"),
     [
