@@ -13,7 +13,9 @@ the companion one journal, so (`BUDGETS`):
 2. While the commander has a file open for writing, and for `PRIORITY_S` after whatever it asked of file transfer,
    nobody else uses that of the autopilot, which closes the file of a session that has paused for 3 s as soon as another
    one asks for anything, and closing applies what is half-written; and one that pauses less keeps the commander out.
-3. Of one station only `SENDERS` senders (system, component) reach the autopilot: it remembers twenty, for ever, and a
+3. An observer may end the reading of the file that it opened last, unless another station has opened one since. It could
+   not otherwise, and the autopilot refuses everybody else's requests until the open file was left alone for 3 s.
+4. Of one station only `SENDERS` senders (system, component) reach the autopilot: it remembers twenty, for ever, and a
    component of the aircraft that speaks up later would not be found any more.
 
 The commander is not limited. Memory is bounded by the number of stations. Time is an argument (monotonic seconds).
@@ -35,7 +37,9 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.gate.flush import FlushTracker
 from mavproxy_handover.gate.judge import Fate, GateReason, Verdict
 from mavproxy_handover.gate.policy.access import Access
-from mavproxy_handover.wire.frames import Frame
+from mavproxy_handover.wire.file_transfer import head_of
+from mavproxy_handover.wire.frames import Frame, field_bytes
+from mavproxy_handover.wire.ids import FTP_OPEN_READ, FTP_TERMINATE
 
 __all__ = ["BUDGETS", "PRIORITY_S", "SENDERS", "SLOW_LIST_S", "SLOW_S", "Budget", "Questions", "Sort"]
 
@@ -110,16 +114,21 @@ class Questions:
         #: until when what observers have asked for slows down the autopilot's streams
         self._slow_until = -math.inf
         self._commander_at = -math.inf  #: its last request of file transfer
+        #: system, component and session of the observer that has opened a file for reading, and nobody has since
+        self._reader: tuple[int, int, int] | None = None
         #: by station: who has asked the autopilot
         self._senders: dict[int, set[tuple[int, int]]] = {}
 
     def commander_sent(self, frame: Frame, now: float) -> None:
         """A frame of the commander went to the autopilot (rule 2)."""
         if frame.msgid == _FTP:
-            self._commander_at = now
+            self._commander_at, self._reader = now, None
 
     def limit(self, frame: Frame, verdict: Verdict, station_sysid: int, commander: int | None, now: float) -> Verdict:
-        """The verdict that stands: `verdict`, or that the station has to wait."""
+        """The verdict that stands: `verdict`, or that the station has to wait; or that it may end its own reading."""
+        reads = frame.msgid == _FTP and station_sysid != commander
+        if reads and verdict.reason is GateReason.NOT_IN_CONTROL and self._ends_own(frame):
+            verdict = verdict._replace(fate=Fate.FORWARD, access=Access.READ, reason=GateReason.ALLOWED)
         sort = _COUNTED.get((verdict.fate, verdict.access))
         if station_sysid == commander or sort is None:
             return verdict
@@ -135,7 +144,20 @@ class Questions:
         if autopilots and commander is not None and self._commander_needs_files(commander, now):
             return verdict._replace(fate=Fate.REFUSE, reason=GateReason.FILE_BUSY)
         self._slow_until = slow_until
+        if autopilots:
+            self._note_reader(frame)
         return verdict
+
+    def _ends_own(self, frame: Frame) -> bool:
+        head = head_of(field_bytes(frame, "payload"))
+        return head.opcode == FTP_TERMINATE and self._reader == (frame.sysid, frame.compid, head.session)
+
+    def _note_reader(self, frame: Frame) -> None:
+        head = head_of(field_bytes(frame, "payload"))
+        if head.opcode == FTP_OPEN_READ:
+            self._reader = frame.sysid, frame.compid, head.session
+        elif head.opcode == FTP_TERMINATE:
+            self._reader = None
 
     def _commander_needs_files(self, commander: int, now: float) -> bool:
         return now - self._commander_at < PRIORITY_S or self._flusher.writes(commander)

@@ -232,3 +232,32 @@ def test_the_refusal_says_that_there_is_no_session(desk: Desk, make: Make) -> No
     message = mavlink.MAVLink(None).decode(bytearray(answer))
     assert (message.target_system, message.get_srcComponent()) == (GCSB, 1)
     assert (message.payload[3], message.payload[5], message.payload[12]) == (129, OPEN, 5)
+
+
+NOT_IN_CONTROL = (Fate.REFUSE, GateReason.NOT_IN_CONTROL)
+
+
+def test_an_observer_may_end_its_own_reading(desk: Desk, make: Make) -> None:
+    """The fault: its file stayed open at the autopilot, which refused the commander's next request for a file."""
+    assert desk.outcome(ftp(make, TERMINATE, GCSB), 0.0) == NOT_IN_CONTROL
+    assert desk.outcome(ftp(make, OPEN, GCSB, b"@PARAM/param.pck"), 0.1) == ALLOWED
+    assert desk.outcome(ftp(make, TERMINATE, GCSB, session=4), 0.2) == NOT_IN_CONTROL
+    assert desk.outcome(ftp(make, TERMINATE, TRACKER_OF_B), 0.3) == NOT_IN_CONTROL
+    assert desk.outcome(ftp(make, TERMINATE, GCSC), 0.4) == NOT_IN_CONTROL
+    assert desk.outcome(ftp(make, TERMINATE, GCSB), 0.5) == ALLOWED
+    assert desk.outcome(ftp(make, TERMINATE, GCSB), 0.6) == NOT_IN_CONTROL
+
+
+def test_it_may_not_when_another_station_has_opened_a_file_since(desk: Desk, make: Make) -> None:
+    assert desk.outcome(ftp(make, OPEN, GCSB, b"@PARAM/param.pck"), 0.0) == ALLOWED
+    assert desk.outcome(ftp(make, OPEN, GCSC, b"@PARAM/param.pck"), 0.1) == ALLOWED
+    assert desk.outcome(ftp(make, TERMINATE, GCSB), 0.2) == NOT_IN_CONTROL
+    assert desk.outcome(ftp(make, OPEN, GCSB, b"@PARAM/param.pck"), 0.3) == ALLOWED
+    desk.ask(ftp(make, OPEN, GCSA, b"@MISSION/mission.dat"), 0.4)
+    for at in (0.5, 20.0):
+        assert desk.outcome(ftp(make, TERMINATE, GCSB), at) == NOT_IN_CONTROL
+
+
+def test_an_observer_never_resets_the_sessions_of_all(desk: Desk, make: Make) -> None:
+    assert desk.outcome(ftp(make, OPEN, GCSB, b"@PARAM/param.pck"), 0.0) == ALLOWED
+    assert desk.outcome(ftp(make, 2, GCSB), 0.1) == NOT_IN_CONTROL

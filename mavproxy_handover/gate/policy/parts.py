@@ -87,7 +87,7 @@ FTP_RULES: Final = (
     ),
     Rule(
         Access.COMMAND,
-        "older firmware has one open file for everybody: to end it may end the commander's upload",
+        "ArduPilot has one open file for everybody: to end it may end the commander's upload; an observer ends its own read",
         names("TerminateSession ResetSessions"),
     ),
     Rule(Access.NEVER, "a server's answer, and no station is a server", names("Ack Nak")),
