@@ -58,6 +58,7 @@ from mavproxy_handover.core.never import assert_never
 from mavproxy_handover.gate.latent import fuller
 from mavproxy_handover.hosting import guarded
 from mavproxy_handover.link.timesync import probe_answer
+from mavproxy_handover.mission.addresses import without_addresses
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.store.confirmed_address import address_file
 from mavproxy_handover.store.journal import Journal
@@ -170,8 +171,11 @@ class Aircraft:
     def begin(self) -> None:
         """Everything is there: the first look at its links, and what the station holds for it."""
         self._see_to_links()
-        if self.desk.held is not None:
-            self._handle(MissionHeld(self.desk.held.digest))
+        held = self.desk.held
+        if held is not None:
+            self._handle(MissionHeld(held.digest))
+            if held.addresses_fault:
+                self._notice(Notice("address", without_addresses(held.addresses_fault)))
 
     def release(self) -> None:
         """Give its links back as they were, and take what is drawn of it from the map."""

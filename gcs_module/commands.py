@@ -24,6 +24,7 @@ from gcs_module.vehicle_addresses import VehicleAddresses
 from gcs_module.view import View, telemetry_line, telemetry_table
 from mavproxy_handover.config.station import StationConfig
 from mavproxy_handover.core.model import Consent
+from mavproxy_handover.mission.addresses import without_addresses
 from mavproxy_handover.wire.conversation import Ask, Asking, Conversation, command_long
 from mavproxy_handover.wire.ids import (
     AUTOPILOT_COMPID,
@@ -379,6 +380,8 @@ class StationCommands:
         for peer in module.config.peers:
             module.desk.offer(peer.station.sysid, 0, now)
         module.view.line(f"Sharing mission {module.desk.held.name!r}.")
+        if module.desk.held.addresses_fault:
+            module.view.line(without_addresses(module.desk.held.addresses_fault))
 
     def _telemetry(self) -> None:
         module, telemetry = self._module, self._module.view.last_telemetry

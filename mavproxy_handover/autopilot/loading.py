@@ -10,7 +10,7 @@ once only: the commanders that it finds are kept with the state of authority.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import inf
 from typing import Any, Final
 
@@ -160,8 +160,7 @@ class MissionLoader:
                 raise MissionError(f"station {station.name} ({station.sysid}) is not one of this vehicle's")
         if package.parent.sysid != self._config.parent:
             raise MissionError(f"parent {package.parent.name} is not this vehicle's")
-        own = {sysid: found for sysid, found in addresses.items() if package.station(sysid) is not None}
-        return prepare(replace(package, addresses=own))
+        return prepare(package.with_addresses(addresses))
 
     def said(self, digest: bytes) -> int | None:
         """The last result that the sender of this package was told; None: nothing that counts."""

@@ -23,11 +23,13 @@ from typing import Any
 from mavproxy_handover.config.toml import ConfigError, parse_toml, read_file
 from mavproxy_handover.config.vehicle import VehicleConfig, vehicle_of
 from mavproxy_handover.mission import package as mission_package
+from mavproxy_handover.mission.addresses import without_addresses
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.store.keeper import in_flight
 from mavproxy_handover.store.keys import StationKeys, load_key, load_station_keys
 from mavproxy_handover.store.run_record import RunRecord
+from mavproxy_handover.vehicle_address import pack_addresses, unpack_addresses
 from mavproxy_handover.wire.signing import KEY_BYTES
 
 __all__ = ["Running", "Start", "forget", "keep", "load_running", "start_of"]
@@ -91,13 +93,16 @@ def load_running(path: Path, *, restarted: bool = False) -> Running:
     notes: list[str] = ["Restart: there is no record of the run before, so the files were read"] if restart else []
     warn = notes.append if restart else None
     key = partial(load_key, warn=warn)
+    mission = None if config.mission is None else mission_package.load(config.mission)
+    if mission is not None and mission.addresses_fault:
+        notes.append(without_addresses(mission.addresses_fault))
     return Running(
         config,
         text,
         {entry.station.name: load_station_keys(entry.key, warn=warn) for entry in config.stations if entry.key},
         None if config.autopilot_key is None else key(config.autopilot_key),
         None if config.guard_key is None else key(config.guard_key),
-        None if config.mission is None else mission_package.load(config.mission),
+        mission,
         restart=restart,
         notes=tuple(notes),
     )
@@ -137,6 +142,7 @@ def _packed(running: Running) -> Mapping[str, Any]:
         "autopilot_key": _word(running.autopilot_key),
         "guard_key": _word(running.guard_key),
         "mission": None if running.mission is None else _word(running.mission.to_bytes()),
+        "mission_addresses": None if running.mission is None else _word(pack_addresses(running.mission.addresses)),
         "addresses": {host: list(found) for host, found in running.addresses.items()},
     }
 
@@ -149,6 +155,7 @@ def _kept(path: Path) -> Running | None:
     try:
         text, mission = _bytes(record["text"]), _optional(record["mission"], _bytes)
         layout = _optional(record.get("layout"), _bytes)
+        addresses = _optional(record.get("mission_addresses"), _bytes) or b""
         keys = {name: StationKeys(_key(now), _optional(old, _key)) for name, (now, old) in record["keys"].items()}
         return Running(
             vehicle_of(parse_toml(text, path), path, layout),
@@ -156,7 +163,9 @@ def _kept(path: Path) -> Running | None:
             keys,
             _optional(record["autopilot_key"], _key),
             _optional(record["guard_key"], _key),
-            None if mission is None else mission_package.from_bytes(mission),
+            None
+            if mission is None
+            else mission_package.from_bytes(mission).with_addresses(unpack_addresses(addresses)),
             {str(host): tuple(map(str, found)) for host, found in record["addresses"].items()},
         )
     except (ConfigError, MissionError, KeyError, TypeError, ValueError, AttributeError):

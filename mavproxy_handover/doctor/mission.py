@@ -42,6 +42,7 @@ def missions(patient: Patient) -> Iterator[Finding]:
                 yield found
             else:
                 patient.digests[vehicle.sysid] = found.digest
+                yield from _damaged(found)
                 yield ok(f"mission of {vehicle.called}", f"{found.name!r}, digest {shown(found.digest)}")
 
 
@@ -60,12 +61,19 @@ def _of_vehicle(patient: Patient, vehicle: VehicleConfig) -> Iterator[Finding]:
         else:
             patient.package = found
             yield ok("mission on board", f"{found.name!r}, digest {shown(found.digest)}")
+            yield from _damaged(found)
             yield from _addresses(vehicle, found)
     else:
         yield ok("mission on board", "none in the configuration: the parent sends it")
     if vehicle.state is not None:
         yield from _held(patient, StateStore(patient.at(vehicle.state), vehicle.name))
     yield from _consent(patient, vehicle)
+
+
+def _damaged(package: MissionPackage) -> Iterator[Finding]:
+    """The file of the addresses cannot be used; the mission can."""
+    if package.addresses_fault:
+        yield error("addresses", package.addresses_fault, "Put the file right, or remove it.")
 
 
 def _addresses(vehicle: VehicleConfig, package: MissionPackage) -> Iterator[Finding]:

@@ -5,6 +5,8 @@
 The file is optional, and no part of the mission: the digest does not change with it. So two stations that differ only
 in their addresses hold the same mission. The addresses travel beside the package (`MISSION_PACKAGE.addresses`). A
 station never opens one by itself: its operator confirms it. Keys never travel.
+
+A damaged file costs the addresses and not the mission: a station that is restarted in flight needs the mission.
 """
 
 from __future__ import annotations
@@ -21,17 +23,23 @@ from mavproxy_handover.vehicle_address import (
     parse_address,
 )
 
-__all__ = ["ADDRESSES_FILE", "read_addresses"]
+__all__ = ["ADDRESSES_FILE", "read_addresses", "without_addresses"]
 
 ADDRESSES_FILE = "addresses.toml"
 
 
-def read_addresses(table: Mapping[str, object], stations: Mapping[str, int]) -> Addresses:
-    """The addresses of a parsed `addresses.toml`. `stations`: system ids of the mission's stations by name.
+def without_addresses(fault: str) -> str:
+    """What is told of a package with this fault of its addresses."""
+    return f"{fault}. The mission is used without addresses of the vehicle. Put the file right, or remove it."
+
+
+def read_addresses(table: Mapping[str, object], stations: Mapping[str, int], file: str = ADDRESSES_FILE) -> Addresses:
+    """The addresses of a parsed `addresses.toml`. `stations`: system ids of the mission's stations by name; `file`: how
+    errors name it.
 
     Raises MissionError.
     """
-    where = Where(ADDRESSES_FILE)
+    where = Where(file)
     where.known_keys(table, ("vehicle",))
     inside = where.at("[vehicle]")
     listed = inside.table(where.need(table, "vehicle"), "vehicle")

@@ -20,7 +20,7 @@ from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import Kind, Station
 from mavproxy_handover.core.safety.energy import Wind
 from mavproxy_handover.core.safety.energy_prior import RETURN_ALT_M, WINGED_RETURN_ALT_M
-from mavproxy_handover.mission.addresses import ADDRESSES_FILE
+from mavproxy_handover.mission.addresses import ADDRESSES_FILE, without_addresses
 from mavproxy_handover.mission.curves import WITHIN_M
 from mavproxy_handover.mission.energy import Budget, budget_of, places_inside, places_of, released_at
 from mavproxy_handover.mission.fence import outside_fence
@@ -162,6 +162,8 @@ def check(
 
 
 def _addresses(package: MissionPackage) -> Iterator[Finding]:
+    if package.addresses_fault:
+        yield Finding(Severity.ERROR, without_addresses(package.addresses_fault))
     for station in package.stations:
         for address in package.addresses.get(station.sysid, ()):
             if on_this_computer(address):

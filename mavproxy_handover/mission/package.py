@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import re
 import sys
 import zlib
@@ -167,6 +168,8 @@ class MissionPackage:
     digest: bytes
     #: where each station reaches the vehicle, by its system id; no part of the digest
     addresses: Addresses = field(default_factory=lambda: MappingProxyType({}))
+    #: what is wrong with the file of the addresses, with file and place; "" if nothing is
+    addresses_fault: str = ""
 
     @property
     def parent(self) -> StationEntry:
@@ -243,6 +246,11 @@ class MissionPackage:
             energy=self.energy.over(_flown_at(cruise_mps)) if self.kind.winged else self.energy,
         )
 
+    def with_addresses(self, addresses: Addresses) -> MissionPackage:
+        """The same package with these addresses, as far as they are for its own stations."""
+        own = {sysid: found for sysid, found in addresses.items() if self.station(sysid) is not None}
+        return replace(self, addresses=MappingProxyType(own))
+
     def to_bytes(self) -> bytes:
         """The package as it travels, at most 64 KiB; `from_bytes` makes an equal package of it."""
         return zlib.compress(_plain_form(self.files), 9)
@@ -256,14 +264,19 @@ class MissionPackage:
 
 def load(folder: str | Path) -> MissionPackage:
     """Read the mission package in `folder`, with its addresses. Raises MissionError, also for files that cannot be
-    read."""
+    read. A fault of the addresses does not raise: the package has none then, and says why (`addresses_fault`)."""
     folder = Path(folder)
     mission_text = _read_file(folder, MISSION_FILE)
     texts = {MISSION_FILE: mission_text}
     for name in _referenced(_toml(mission_text)):
         texts[name] = _read_file(folder, name)
     package = from_texts(texts, str(folder))
-    return replace(package, addresses=_addresses(folder, package)) if (folder / ADDRESSES_FILE).exists() else package
+    if not os.path.lexists(folder / ADDRESSES_FILE):
+        return package
+    try:
+        return replace(package, addresses=_addresses(folder, package))
+    except MissionError as fault:
+        return replace(package, addresses_fault=str(fault))
 
 
 def from_texts(texts: Mapping[str, str], source: str) -> MissionPackage:
@@ -320,8 +333,9 @@ def from_bytes(data: bytes) -> MissionPackage:
 
 def _addresses(folder: Path, package: MissionPackage) -> Addresses:
     """Raises MissionError."""
-    table = _toml(_read_file(folder, ADDRESSES_FILE), ADDRESSES_FILE)
-    return MappingProxyType(read_addresses(table, {each.name: each.sysid for each in package.stations}))
+    file = str(folder / ADDRESSES_FILE)
+    table = _toml(_read_file(folder, ADDRESSES_FILE), file)
+    return MappingProxyType(read_addresses(table, {each.name: each.sysid for each in package.stations}, file))
 
 
 def _plain_form(files: Mapping[str, bytes]) -> bytes:

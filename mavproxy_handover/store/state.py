@@ -9,7 +9,8 @@ Rules
   (`StateError`); the companion then starts without authority, which in flight means the way home.
 * It says in which boot it was written, and its serial: a disk may be late, and then the file is not the last word. What
   is made of that is the `keeper`'s.
-* The mission package has a file of its own, because it is large and seldom changes.
+* The mission package has a file of its own, because it is large and seldom changes. The vehicle's addresses that came
+  with it are in a further one, bound to its digest. What is wrong there costs the addresses alone.
 """
 
 from __future__ import annotations
@@ -30,6 +31,13 @@ from mavproxy_handover.core.snapshot import Snapshot
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.package import MissionPackage, from_bytes
 from mavproxy_handover.store.durable import sync_folder
+from mavproxy_handover.vehicle_address import (
+    ENTRY_BYTES,
+    MAX_ADDRESSES,
+    Addresses,
+    pack_addresses,
+    unpack_addresses,
+)
 
 __all__ = ["Kept", "StateError", "StateStore", "pack", "unpack"]
 
@@ -38,6 +46,7 @@ _MAX_SYSID = 255
 #: the next run begins one above what it finds, and each change of authority takes one more of the 32 bits
 _MAX_EPOCH = 0xFFFF_0000
 _DIGEST_BYTES = 32
+_MOST_ADDRESS_BYTES = _DIGEST_BYTES + MAX_ADDRESSES * ENTRY_BYTES
 #: more than the most that is believed of a battery monitor comes to: no word of one costs the file
 _MOST_AMOUNT = 1e12
 
@@ -110,6 +119,7 @@ class StateStore:
         self._vehicle = vehicle
         self._path = folder / f"{vehicle}.state.json"
         self._package_path = folder / f"{vehicle}.mission"
+        self._addresses_path = folder / f"{vehicle}.addresses"
 
     def save(self, snapshot: Snapshot, boot: str = "", serial: int = 0) -> None:
         """Write the snapshot; on return it survives a crash and a loss of power. Raises OSError."""
@@ -118,6 +128,7 @@ class StateStore:
     def save_package(self, package: MissionPackage) -> None:
         """Write the mission package. Raises OSError."""
         _write(self._package_path, package.to_bytes())
+        _write(self._addresses_path, _bound(package.digest, pack_addresses(package.addresses)))
 
     def load(self) -> Kept | None:
         """What was saved last; None if nothing ever was. Raises StateError: there is a file that cannot be trusted."""
@@ -138,7 +149,22 @@ class StateStore:
             package = from_bytes(self._package_path.read_bytes())
         except (OSError, MissionError):
             return None
-        return package if package.digest == digest else None
+        return package.with_addresses(self._addresses(digest)) if package.digest == digest else None
+
+    def _addresses(self, digest: bytes) -> Addresses:
+        """Those that came with the package with this digest; none if that is not certain."""
+        try:
+            with self._addresses_path.open("rb") as stream:
+                raw = stream.read(_MOST_ADDRESS_BYTES + 1)
+        except OSError:
+            return {}
+        packed = raw[hashlib.sha256().digest_size :]
+        return unpack_addresses(packed) if raw == _bound(digest, packed) else {}
+
+
+def _bound(digest: bytes, packed: bytes) -> bytes:
+    """Addresses with a checksum over them and the digest of their package."""
+    return hashlib.sha256(digest + packed).digest() + packed
 
 
 def _snapshot(body: Mapping[str, Any]) -> Snapshot:

@@ -258,7 +258,17 @@ def test_the_names_of_what_is_kept(config: Path) -> None:
     keep(load_running(config))
     record = RunRecord(config).load()
     assert record is not None
-    assert sorted(record) == ["addresses", "autopilot_key", "guard_key", "keys", "layout", "mission", "path", "text"]
+    assert sorted(record) == [
+        "addresses",
+        "autopilot_key",
+        "guard_key",
+        "keys",
+        "layout",
+        "mission",
+        "mission_addresses",
+        "path",
+        "text",
+    ]
 
 
 def test_a_restart_in_flight_goes_on_with_the_layout_of_the_box_that_flew(config: Path) -> None:
@@ -278,3 +288,20 @@ def test_a_restart_in_flight_goes_on_with_the_layout_of_the_box_that_flew(config
     assert found.restart
     assert found.config.position == before.config.position
     assert (found.config.position.layout.name, found.config.position.layout.size) == ("acme", 40)
+
+
+def test_a_restart_keeps_the_addresses_that_came_with_the_mission_and_a_damaged_file_is_told(config: Path) -> None:
+    folder = load_running(config).config.mission
+    assert folder is not None
+    file = folder / "addresses.toml"
+    file.write_text('[vehicle]\nGCSB = ["udpout:10.0.0.2:14552"]\n')
+    found = load_running(config)
+    keep(found)
+    file.write_text("x =")
+    again = load_running(config, restarted=True)
+    assert again.mission is not None
+    assert found.mission is not None
+    assert dict(again.mission.addresses) == dict(found.mission.addresses) != {}
+    RunRecord(config).remove()
+    (note,) = load_running(config).notes
+    assert note.startswith(f"{file}: not TOML: ")

@@ -327,6 +327,14 @@ def test_an_address_of_the_mission_at_which_the_vehicle_does_not_listen_is_a_war
     assert [each for each in found.lines("warning") if each.startswith("mission: addresses: ")] == []
 
 
+def test_a_damaged_file_of_the_addresses_is_an_error_and_the_mission_is_there(
+    machine: Machine, capsys: pytest.CaptureFixture[str]
+) -> None:
+    machine.path("srv/delivery/addresses.toml").write_text("[vehicle]\nGCSX = []\n")
+    (said,) = machine.doctor(capsys, "--no-links").of("mission", "error")
+    assert "delivery/addresses.toml: [vehicle]: unknown key 'GCSX'" in said
+
+
 def test_a_drop_in_says_who_runs_it_and_how(machine: Machine, capsys: pytest.CaptureFixture[str]) -> None:
     folder = machine.path("etc/systemd/system/handover-companion.service.d")
     folder.mkdir()

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.package import from_bytes, load
+from mavproxy_handover.store.state import StateStore
 from mavproxy_handover.vehicle_address import VehicleAddress
 from tests.packages import ROUND
 
@@ -88,10 +88,33 @@ def test_two_that_differ_only_in_addresses_are_the_same_mission(folder: Path) ->
         ),
     ],
 )
-def test_a_wrong_file_is_refused_by_file_place_and_what_is_allowed(folder: Path, text: str, error: str) -> None:
-    with pytest.raises(MissionError) as caught:
-        load(written(folder, text))
-    assert str(caught.value).startswith(error)
+def test_a_wrong_file_costs_the_addresses_and_not_the_mission(folder: Path, text: str, error: str) -> None:
+    """The fault: a station that was restarted in flight did not start."""
+    package = load(written(folder, text))
+    assert package == load(ROUND)
+    assert dict(package.addresses) == {}
+    assert package.addresses_fault.startswith(f"{folder / error}")
+
+
+def test_a_fault_of_the_text_has_its_line(folder: Path) -> None:
+    fault = load(written(folder, "[vehicle]\nGCSB = [\nx")).addresses_fault
+    assert "(at line 3, column 1)" in fault
+
+
+def test_a_file_that_cannot_be_read_costs_the_addresses_alone(folder: Path) -> None:
+    (folder / "addresses.toml").mkdir()
+    assert load(folder).addresses_fault == f"{folder}/addresses.toml: Is a directory"
+    (folder / "addresses.toml").rmdir()
+    (folder / "addresses.toml").symlink_to("nowhere")
+    assert load(folder).addresses_fault == f"{folder}/addresses.toml: No such file or directory"
+    (folder / "addresses.toml").unlink()
+    (folder / "addresses.toml").write_bytes(b"\xff")
+    assert load(folder).addresses_fault == f"{folder}/addresses.toml: not UTF-8 text (byte 0)"
+
+
+def test_a_right_file_has_no_fault(folder: Path) -> None:
+    assert load(folder).addresses_fault == ""
+    assert load(written(folder, GOOD)).addresses_fault == ""
 
 
 def test_no_more_addresses_than_a_message_has_room_for(folder: Path) -> None:
@@ -109,8 +132,28 @@ def test_no_more_addresses_than_a_message_has_room_for(folder: Path) -> None:
     (folder / "zones.geojson").write_text(f'{{"type":"FeatureCollection","features":[{features}]}}', encoding="utf-8")
     four = '["udpout:10.0.0.2:1", "udpout:10.0.0.2:2", "udpout:10.0.0.2:3", "udpout:10.0.0.2:4"]'
     rows = "".join(f"S{n} = {four}\n" for n in range(1, 7))
-    with pytest.raises(MissionError) as caught:
-        load(written(folder, f"[vehicle]\n{rows}"))
-    assert str(caught.value) == (
-        "addresses.toml: [vehicle]: 24 addresses (allowed: at most 22 for all stations together)"
+    assert load(written(folder, f"[vehicle]\n{rows}")).addresses_fault == (
+        f"{folder}/addresses.toml: [vehicle]: 24 addresses (allowed: at most 22 for all stations together)"
     )
+
+
+def test_the_state_keeps_them_with_the_package(folder: Path, tmp_path: Path) -> None:
+    """The fault: after a restart of the companion the package that it gave back to a station had no addresses."""
+    package = load(written(folder, GOOD))
+    store = StateStore(tmp_path / "state", "drone-1")
+    store.save_package(package)
+    kept = StateStore(tmp_path / "state", "drone-1").load_package(package.digest)
+    assert kept == package
+    assert dict(kept.addresses) == {252: (VehicleAddress("10.0.0.2", 14552), VehicleAddress("100.64.3.7", 5762))}
+    store.save_package(from_bytes(package.to_bytes()))
+    assert dict(store.load_package(package.digest).addresses) == {}
+
+
+@pytest.mark.parametrize("damage", [b"", b"x", bytes(40), b"\xff" * 400])
+def test_a_damaged_file_of_the_state_costs_the_addresses_alone(folder: Path, tmp_path: Path, damage: bytes) -> None:
+    package = load(written(folder, GOOD))
+    store = StateStore(tmp_path / "state", "drone-1")
+    store.save_package(package)
+    (tmp_path / "state" / "drone-1.addresses").write_bytes(damage)
+    assert store.load_package(package.digest) == package
+    assert dict(store.load_package(package.digest).addresses) == {}

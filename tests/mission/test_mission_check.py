@@ -214,6 +214,17 @@ def test_the_vehicles_addresses_are_listed_by_station(missions, tmp_path):
     assert report.count(Severity.WARNING) == 0
 
 
+def test_a_damaged_file_of_the_addresses_is_an_error_with_its_line(missions, tmp_path):
+    folder = Path(shutil.copytree(missions / "delivery", tmp_path / "delivery"))
+    (folder / "addresses.toml").write_text("x =")
+    report = check(load(folder))
+    (text,) = [finding.text for finding in report.findings if finding.severity is Severity.ERROR]
+    assert text.startswith(f"{folder}/addresses.toml: not TOML: ")
+    assert "(at line 1, column 4" in text or "(at end of document)" in text
+    assert text.endswith("The mission is used without addresses of the vehicle. Put the file right, or remove it.")
+    assert report.exit_code == 1
+
+
 def test_an_address_on_the_stations_own_computer_is_a_warning(missions, tmp_path):
     folder = Path(shutil.copytree(missions / "delivery", tmp_path / "delivery"))
     (folder / "addresses.toml").write_text('[vehicle]\nGCSB = ["udpout:127.0.0.1:14552"]\n')

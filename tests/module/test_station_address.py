@@ -7,6 +7,7 @@ The bench's station is GCSA here, and GCSB sends; who is parent does not matter 
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -222,3 +223,16 @@ def test_a_mission_that_the_vehicle_sends_back_may_carry_its_address_and_no_othe
     bench.hear(offer)
     bench.run(2.0)
     assert bench.said(f"The vehicle sends its address {WIFI}. This station has no link to the vehicle.")
+
+
+def test_a_station_starts_with_a_mission_whose_addresses_are_damaged(bench: Bench, tmp_path: Path) -> None:
+    """The fault: a station that was restarted in flight did not start."""
+    folder = Path(shutil.copytree(ROUND, tmp_path / "mission"))
+    (folder / "addresses.toml").write_text("x =")
+    bench.mpstate.unload("handover_gcs")
+    bench.configure(mission=folder)
+    bench.load()
+    words = f"{folder}/addresses.toml: not TOML: "
+    assert bench.said(words)
+    assert bench.said("The mission is used without addresses of the vehicle. Put the file right, or remove it.")
+    assert "The mission is used without addresses" in bench.mpstate.type("handover share")[-1]
