@@ -13,8 +13,8 @@ the companion one journal, so (`BUDGETS`):
 2. While the commander has a file open for writing, and for `PRIORITY_S` after whatever it asked of file transfer,
    nobody else uses that of the autopilot, which closes the file of a session that has paused for 3 s as soon as another
    one asks for anything, and closing applies what is half-written; and one that pauses less keeps the commander out.
-3. An observer may end the reading of the file that it opened last, unless another station has opened one since. It could
-   not otherwise, and the autopilot refuses everybody else's requests until the open file was left alone for 3 s.
+3. An observer may end the reading of the file that it opened last, unless another station has opened one since. Else
+   the file stays open, and the autopilot refuses everybody else's requests until it was left alone for 3 s.
 4. Of one station only `SENDERS` senders (system, component) reach the autopilot: it remembers twenty, for ever, and a
    component of the aircraft that speaks up later would not be found any more.
 

@@ -87,7 +87,7 @@ FTP_RULES: Final = (
     ),
     Rule(
         Access.COMMAND,
-        "ArduPilot has one open file for everybody: to end it may end the commander's upload; an observer ends its own read",
+        "one open file for everybody: to end it may end the commander's upload; an observer may end its own reading",
         names("TerminateSession ResetSessions"),
     ),
     Rule(Access.NEVER, "a server's answer, and no station is a server", names("Ack Nak")),
