@@ -25,7 +25,7 @@ from mavproxy_handover.config.vehicle import VehicleConfig
 from mavproxy_handover.doctor.finding import Finding, error, ok, unseen, warning
 from mavproxy_handover.doctor.journal import position_box_by_journal
 from mavproxy_handover.doctor.patient import Patient
-from mavproxy_handover.link.box_line import BoxCounters, BoxLine, Fix
+from mavproxy_handover.link.box_line import SILENT, BoxCounters, BoxLine, Fix
 from mavproxy_handover.link.forms import LinkError
 from mavproxy_handover.wire.box_layout import LAYOUTS, BoxLayout
 
@@ -119,7 +119,8 @@ def _findings(patient: Patient, vehicle: VehicleConfig, what: str, heard: _Heard
         return
     if fix is None:
         do = "Look whether it has started, whether it serves a second client, and what else listens on that port."
-        why = f" ({heard.first_trouble})" if heard.first_trouble else ""
+        # the line may have given up just before this stopped to listen: that says nothing more
+        why = f" ({heard.first_trouble})" if heard.first_trouble not in ("", SILENT) else ""
         yield wrong(what, f"connects, and sends nothing in {heard.for_s:.0f} s{why}", do)
         return
     rate = counters.records / heard.for_s

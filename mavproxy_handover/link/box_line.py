@@ -29,7 +29,7 @@ from mavproxy_handover.link.names import Names
 from mavproxy_handover.wire.box_layout import THESIS, BoxLayout, BoxRecord
 from mavproxy_handover.wire.box_record import LEAP_S, BoxStream, Lateness
 
-__all__ = ["MOST_WAIT_S", "SILENT_S", "BoxCounters", "BoxLine", "Fix", "box_address"]
+__all__ = ["MOST_WAIT_S", "SILENT", "SILENT_S", "BoxCounters", "BoxLine", "Fix", "box_address"]
 
 _READ_BYTES: Final = 8192
 #: reads in one go: some 580 records, twenty times a second
@@ -37,6 +37,8 @@ _READS: Final = 4
 _FIRST_WAIT_S, MOST_WAIT_S = 0.25, 2.0
 #: nothing new for so long: the connection is of no use
 SILENT_S: Final = 3.0
+#: and this is said of it
+SILENT: Final = f"nothing new for {SILENT_S:g} s"
 assert SILENT_S < LEAP_S, "a box that was silent is connected to anew before its time may leap"
 #: bytes kept of the beginning of a connection, for people who compare layouts
 _HEAD_BYTES: Final = 1024
@@ -129,7 +131,7 @@ class BoxLine:
             self._news_at = now
         fix = self._receive(self._socket, now)
         if self._socket is not None and now - self._news_at >= SILENT_S:
-            self._give_up(f"nothing new for {SILENT_S:g} s")
+            self._give_up(SILENT)
         return fix
 
     def raw(self) -> bytes:

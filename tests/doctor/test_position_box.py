@@ -98,6 +98,15 @@ def test_a_planted_fault_of_the_box_is_found(attempt: Try, says: Says, words: st
     assert found.code == 1
 
 
+def test_a_silent_box_whose_connection_was_given_up_just_before_is_told_in_the_same_words(
+    attempt: Try, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On a busy machine the doctor listens for a little longer than the time after which a line is given up."""
+    monkeypatch.setattr("mavproxy_handover.doctor.position_box._LISTEN_S", 3.3)
+    (said,) = [line for line in attempt(lambda: b"").lines("error") if line.startswith("position box: ")]
+    assert "connects, and sends nothing in 3 s -> Look whether it has started" in said
+
+
 def test_a_box_that_is_not_there(attempt: Try) -> None:
     found = attempt(f"tcp:127.0.0.1:{free_port()}")
     (said,) = [line for line in found.lines("error") if line.startswith("position box: ")]
