@@ -114,7 +114,7 @@ def test_a_line_that_nobody_reads_holds_nobody_up(line: Line) -> None:
         link.write(FRAME)
         assert line.port.write(FRAME) == len(FRAME)
         link.tick(begun)
-    assert time.monotonic() - begun < 2.0
+    assert time.monotonic() - begun < 20.0  # a wait of 10 ms for each is noticed, a busy machine is not
     assert line.master.written == []
     found = b""
     while data := line.arrived():
