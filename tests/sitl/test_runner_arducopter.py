@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The same as `test_runner_flights.py` on ArduCopter: the very guard, on the very autopilot."""
+"""The same as `test_built_in_scenarios.py` on ArduCopter: the very guard, on the very autopilot."""
 
 from __future__ import annotations
 
