@@ -303,7 +303,7 @@ class Companion:
                 self._accepted(port, frame, verdict.what, now)
                 self._chosen(frame, now)
                 if disarms(frame):
-                    self.autopilot.orders.disarmed(port, frame, now)
+                    self.autopilot.orders.disarmed(port, frame, self.autopilot.aircraft.armed, now)
                     self.autopilot.read_back.withdraw(now)
             case Fate.CONSUME:
                 if frame.sysid == port.sysid or verdict.access in _COMMANDS:

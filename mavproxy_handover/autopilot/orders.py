@@ -16,7 +16,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from math import isfinite
-from typing import Final
+from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
@@ -51,6 +51,7 @@ _CALLED_OFF: Final = "start called off"
 _HOME: Final = "home"
 _SPEED: Final = "speed"
 _PAUSE: Final = "pause"
+_DISARM: Final = "disarm"
 _PAUSE_CONTINUE: Final[int] = mavlink.MAV_CMD_DO_PAUSE_CONTINUE
 #: its first parameter
 _STOP, _CONTINUE = 0.0, 1.0
@@ -76,6 +77,8 @@ _TERMINATES: Final = 0.5
 #: a command that flies the mission on had no effect if the autopilot says so soon (s) that it is disarmed: it says so
 #: every second
 _NO_EFFECT_S: Final = 2.0
+#: so long (s) a START waits for the answer to a disarm
+_ANSWER_S: Final = 1.0
 #: so long (s) a return waits for its place to be in the autopilot's list
 _PLACE_S: Final = 1.0
 
@@ -97,6 +100,18 @@ def disarms(frame: Frame) -> bool:
     if command == mavlink.MAV_CMD_DO_FLIGHTTERMINATION:
         return not first <= _TERMINATES
     return command == _ARM and first == 0.0
+
+
+def _answer_to(frame: Frame) -> Asking:
+    """Wait for the autopilot's answer to a station's command; returns its result."""
+    number = commanded(frame)
+
+    def answer(m: Any) -> int | None:
+        if m.get_type() != "COMMAND_ACK" or m.command != number or m.result == mavlink.MAV_RESULT_IN_PROGRESS:
+            return None
+        return int(m.result)
+
+    return (yield Ask("the answer to the disarm", (), answer, _ANSWER_S, tries=1))
 
 
 @dataclass(frozen=True, slots=True)
@@ -231,10 +246,23 @@ class Orders:
             self._answer(asker, mavlink.MAV_RESULT_FAILED, f"START failed: {why}")
             self._conversations.begin(_CALLED_OFF, self._procedures().call_off_start(), lambda _talk, _now: None, now)
 
-    def disarmed(self, port: StationPort, frame: Frame, now: float) -> None:
-        """The commander's disarm went to the autopilot."""
+    def disarmed(self, port: StationPort, frame: Frame, armed: bool, now: float) -> None:
+        """The commander's disarm went to the autopilot. It ends a START. `armed`: by the autopilot's heartbeat.
+
+        An autopilot that is armed may refuse, because it has taken off: START waits for its answer then. One that is
+        not armed may still get the arm of this START, and a plane refuses to disarm what is disarmed.
+        """
         self._disarm, self._went_on = frame, None
-        self.give_start_up(f"{port.name} disarmed", now)
+        why = f"{port.name} disarmed"
+        if not self.starting or not armed:
+            self.give_start_up(why, now)
+            return
+
+        def done(talk: Conversation, now: float) -> None:
+            if talk.result in (None, mavlink.MAV_RESULT_ACCEPTED):
+                self.give_start_up(why, now)
+
+        self._conversations.begin(_DISARM, _answer_to(frame), done, now)
 
     def passed(self, port: StationPort, intent: Intent, now: float) -> None:
         """A command of the commander in flight went to the autopilot."""

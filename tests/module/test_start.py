@@ -271,6 +271,33 @@ def test_what_stops_no_motor_ends_no_start(ready: Bench, command: tuple[int, ...
     assert "disarmed" not in ready.a.texts()
 
 
+def test_a_disarm_that_the_autopilot_refuses_ends_no_start(ready: Bench) -> None:
+    """The fault: START was answered FAILED, and the aircraft flew its mission."""
+    ready.a.command(START)
+    ready.until(lambda: START in ready.autopilot.commands())
+    ready.autopilot.script[ARM] = FAILED
+    ready.a.command(ARM, 0)
+    ready.run(4.0)
+    assert ready.a.acks(START) == [IN_PROGRESS, ACCEPTED]
+    assert "START failed" not in ready.a.texts()
+    assert (ready.companion.view.phase, ready.autopilot.armed) == (Phase.ON_MISSION, True)
+
+
+@pytest.mark.parametrize("answer", [ACCEPTED, None], ids=["accepted", "no answer"])
+def test_a_disarm_that_the_autopilot_does_not_refuse_ends_start_though_it_is_armed(
+    ready: Bench, answer: int | None
+) -> None:
+    ready.autopilot.forgets.add(START)  # it says ACCEPTED and stays in GUIDED: START waits for AUTO
+    ready.a.command(START)
+    ready.until(lambda: START in ready.autopilot.commands())
+    if answer is None:
+        ready.autopilot.script[ARM] = None
+    ready.a.command(ARM, 0)
+    ready.run(1.5)
+    assert ready.a.acks(START) == [IN_PROGRESS, FAILED]
+    assert "START failed: GCSA disarmed" in ready.a.texts()
+
+
 @pytest.mark.parametrize("command", [(AUX, 31, 2), (AUX, 32, 0), (AUX, 165, 0), (AUX, 65536 + 81, 2)], ids=str)
 def test_a_switch_that_stops_the_motors_ends_a_start(ready: Bench, command: tuple[int, ...]) -> None:
     """The autopilot keeps 16 bits of a switch's number."""
