@@ -45,9 +45,11 @@ STARVED_S: Final = 30.0
 SILENT_S: Final = 30.0
 
 _SLOTS: Final = 128
-#: number of the entry (odd while it is written), wall clock, simulated time, pace, time of the page's first moment on
-#: the wall clock, and UTC then
-_HEAD: Final = struct.Struct("<Qddddd")
+#: number of the entry, odd while it is written
+_NUMBER: Final = struct.Struct("<Q")
+#: wall clock, simulated time, pace, time of the page's first moment on the wall clock, and UTC then
+_HEAD: Final = struct.Struct("<ddddd")
+_HEAD_AT: Final = _NUMBER.size
 _SLOT: Final = struct.Struct("<QQd")  # thread, 0: free; how often it looked for input; until when its work is done
 _SLOTS_AT: Final = 64
 _BYTES: Final = _SLOTS_AT + _SLOTS * _SLOT.size
@@ -73,7 +75,7 @@ class Page:
             self._memory = mmap.mmap(file.fileno(), _BYTES)
         if make:
             at = _wall()
-            _HEAD.pack_into(self._memory, 0, 0, at, 0.0, 0.0, at, _utc())
+            self._put(_HEAD_AT, _HEAD.pack(at, 0.0, 0.0, at, _utc()))
 
     def write(self, sim_s: float, pace: float) -> None:
         """The vehicle's simulated time now, and how many simulated seconds go by in one of the wall clock."""
@@ -81,28 +83,34 @@ class Page:
 
     def let_go(self) -> None:
         """No vehicle writes any more: from now on the clocks go on without one, so that all programs can end."""
-        sim_s, pace = _HEAD.unpack_from(self._memory, 0)[2:4]
+        sim_s, pace = _HEAD.unpack_from(self._memory, _HEAD_AT)[1:3]
         self._write(_wall() - SILENT_S, sim_s, pace)
 
     def _write(self, at: float, sim_s: float, pace: float) -> None:
-        number, _, _, _, begun, utc = _HEAD.unpack_from(self._memory, 0)
-        struct.pack_into("<Q", self._memory, 0, number + 1)
-        _HEAD.pack_into(self._memory, 0, number + 1, at, sim_s, pace, begun, utc)
-        struct.pack_into("<Q", self._memory, 0, number + 2)
+        number: int = _NUMBER.unpack_from(self._memory, 0)[0]
+        begun, utc = _HEAD.unpack_from(self._memory, _HEAD_AT)[3:]
+        self._put(0, _NUMBER.pack(number | 1))
+        self._put(_HEAD_AT, _HEAD.pack(at, sim_s, pace, begun, utc))
+        self._put(0, _NUMBER.pack((number | 1) + 1))
+
+    def _put(self, at: int, data: bytes) -> None:
+        """Write whole numbers at once. `struct.pack_into` would write zeros before, which others would read."""
+        self._memory[at : at + len(data)] = data
 
     def read(self) -> tuple[float, float, float]:
         """Simulated seconds since the page was made, the wall clock when it was made, UTC then."""
         now = _wall()  # before the page is read: a reader that gets no processor meanwhile must not see a silence
         for _ in range(_TRIES):  # the vehicle may have been killed while it wrote
-            number, at, sim_s, pace, begun, utc = _HEAD.unpack_from(self._memory, 0)
-            if number % 2 == 0 and struct.unpack_from("<Q", self._memory, 0)[0] == number:
+            number = _NUMBER.unpack_from(self._memory, 0)[0]
+            at, sim_s, pace, begun, utc = _HEAD.unpack_from(self._memory, _HEAD_AT)
+            if number % 2 == 0 and _NUMBER.unpack_from(self._memory, 0)[0] == number:
                 break
         return sim_s + max(0.0, now - at - SILENT_S) * max(pace, 1.0), begun, utc
 
     @property
     def pace(self) -> float:
         """Simulated seconds in one of the wall clock, as the vehicle said last."""
-        return max(float(_HEAD.unpack_from(self._memory, 0)[3]), 1e-3)
+        return max(float(_HEAD.unpack_from(self._memory, _HEAD_AT)[2]), 1e-3)
 
     def claim(self) -> int:
         """A slot for this thread. Raises RuntimeError if there is none left."""
@@ -117,7 +125,7 @@ class Page:
     def promise(self, slot: int, looks: int, until_s: float) -> None:
         """The thread of this slot has looked for input so often, and has done its work until `until_s` (simulated
         seconds)."""
-        _SLOT.pack_into(self._memory, _SLOTS_AT + slot * _SLOT.size, threading.get_native_id(), looks, until_s)
+        self._put(_SLOTS_AT + slot * _SLOT.size, _SLOT.pack(threading.get_native_id(), looks, until_s))
 
     def promises(self) -> list[tuple[int, int, float]]:
         """What all threads have promised, by slot: thread, looks, until when; of free slots nothing."""

@@ -116,6 +116,41 @@ class TestPage:
             page.claim()
 
 
+WRITER = """
+import sys
+from pathlib import Path
+from sitl.sim_time import Page
+page = Page(Path(sys.argv[1]))
+slot = page.claim()
+page.write(33.0, 4.0)
+print("writes", flush=True)
+while True:
+    page.write(33.0, 4.0)
+    page.promise(slot, 7, 8.0)
+"""
+
+
+@pytest.mark.process
+def test_what_is_written_is_read_whole(tmp_path: Path) -> None:
+    page = Page(tmp_path / "page", make=True)
+    begun, utc = page.read()[1:]
+    page.claim()
+    writer = subprocess.Popen([sys.executable, "-c", WRITER, str(page.path)], cwd=ROOT, stdout=-1)
+    try:
+        assert writer.stdout is not None
+        writer.stdout.readline()
+        wrong = []
+        until = time.monotonic() + 2.0
+        while time.monotonic() < until:
+            read, threads = page.read(), [promise[0] for promise in page.promises()]
+            if read != (33.0, begun, utc) or threads != [threading.get_native_id(), writer.pid]:
+                wrong.append((read, threads))
+        assert wrong == []
+    finally:
+        writer.kill()
+        writer.communicate()
+
+
 class TestPace:
     def test_the_vehicle_goes_on_while_all_have_done_their_work(self, page: Page) -> None:
         page.promise(page.claim(), 1, 10.0)
