@@ -16,6 +16,7 @@ import pytest
 from gcs_module import module as gcs_module
 from mavproxy_handover import commands as vehicle_commands
 from mavproxy_handover import module as vehicle_module
+from mavproxy_handover.core.events import Action, Event, Tick
 from mavproxy_handover.main_loop import readable
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage
@@ -122,6 +123,18 @@ class Bench:
                 return
             self.run(STEP_S)
         raise AssertionError("it never came to that; " + "; ".join(self.mpstate.console.lines[-5:]))
+
+    def decide(self, *actions: Action) -> None:
+        """The arbiter gets one event and asks for these actions, and for nothing else."""
+        arbiter = self.companion.arbiter
+        handle = arbiter.handle
+
+        def decided(_event: Event, _now: float) -> list[Action]:
+            arbiter.handle = handle
+            return list(actions)
+
+        arbiter.handle = decided
+        self.companion.handle(Tick(), self.clock.now)
 
     def connect(self) -> None:
         """Load, and wait until the parent commands and every need of START but the mission is met."""

@@ -13,7 +13,8 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.model import FlightAction, Flown, Hand, Kind, Phase
+from mavproxy_handover.core.events import Fly
+from mavproxy_handover.core.model import FlightAction, Flown, Hand, Kind, Phase, Reason
 from mavproxy_handover.mission.package import MissionPackage, load
 from tests.module.conftest import Bench
 from tests.module.test_commands_in_flight import along_the_dike
@@ -359,6 +360,15 @@ def test_a_hold_of_the_companions_own_is_known_to_be_its_own(flight: Bench) -> N
     flight.run(3.0)
     helm = flight.companion.arbiter._execution._helm
     assert (flight.autopilot.mode, helm.flown, helm.chosen_by) == (LOITER, Flown.STOP, Hand.COMPANION)
+
+
+def test_a_hold_and_a_flight_on_that_the_rules_decide_are_known_to_be_the_companions_own(flight: Bench) -> None:
+    """Each order has an event for the rules: the mode that follows is the companion's choice."""
+    helm = flight.companion.arbiter._execution._helm
+    for action, mode, flown in ((FlightAction.HOLD, LOITER, Flown.STOP), (FlightAction.CONTINUE, AUTO, Flown.MISSION)):
+        flight.decide(Fly(action, Reason.LINK_QUALITY))
+        flight.run(3.0)
+        assert (flight.autopilot.mode, helm.flown, helm.chosen_by) == (mode, flown, Hand.COMPANION)
 
 
 def test_a_circle_around_the_place_is_at_the_place(flight: Bench) -> None:

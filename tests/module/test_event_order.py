@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Events that are appended while an event is handled: their order, and what becomes of what was ordered before them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.core.events import Fly, PlaceJudged
+from mavproxy_handover.core.model import FlightAction, Phase, Reason
+from mavproxy_handover.mission.package import MissionPackage
+from tests.module.conftest import Bench
+from tests.module.vehicle import LAND, RTL
+
+START, MODE, ARM = mavlink.MAV_CMD_MISSION_START, mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_CMD_COMPONENT_ARM_DISARM
+FAILED, IN_PROGRESS = mavlink.MAV_RESULT_FAILED, mavlink.MAV_RESULT_IN_PROGRESS
+#: a position in the zones of both stations
+IN_BOTH_ZONES = (52.679, 5.9270)
+
+
+def texts(bench: Bench, event: str) -> list[str]:
+    return [entry["text"] for entry in bench.journal(event)]
+
+
+def modes(bench: Bench) -> list[int]:
+    """The modes that the autopilot was told to fly, in order."""
+    return [int(m.param2) for m in bench.autopilot.got("COMMAND_LONG") if m.command == MODE]
+
+
+@pytest.fixture
+def flying(bench: Bench, delivery: MissionPackage) -> Bench:
+    """On its mission, in both zones."""
+    bench.config.write_text(bench.config.read_text() + '[policy]\nno_station = "off"\ncoverage_ends = "off"\n')
+    bench.connect()
+    bench.share(delivery)
+    bench.run(6.0)
+    bench.a.command(START)
+    bench.until(lambda: bench.companion.view.phase is Phase.ON_MISSION)
+    bench.autopilot.position = IN_BOTH_ZONES
+    bench.run(20.0)
+    bench.autopilot.received.clear()
+    return bench
+
+
+def test_a_return_that_is_followed_by_a_landing_is_told_and_never_ordered(flying: Bench) -> None:
+    """The last look before a return finds that no place is in reach. So the return is followed by a landing."""
+    orders = flying.companion.autopilot.orders
+    look = orders.before_return
+
+    def finds_nothing(now: float) -> Callable[[], bool]:
+        written = look(now)
+        flying.companion.handle(PlaceJudged("home", False, "out of reach"), now)
+        return written
+
+    orders.before_return = finds_nothing
+    flying.a.alive = flying.b.alive = False
+    flying.until(lambda: flying.autopilot.mode in (LAND, RTL), 20.0)
+    flying.run(3.0)
+    assert modes(flying) == [LAND]
+    assert texts(flying, "fly") == ["the autopilot flies LAND"]
+    assert texts(flying, "emergency") == ["commander lost: return", "commander lost: land"]
+    assert texts(flying, "decision") == [
+        "RETURN to home: GCSA silent 5 s; 203 m, needs 6 % of 100 %, not covered",
+        "LAND: GCSA silent 5 s",
+    ]
+    heard = flying.b.texts()
+    assert heard.index("RETURN to home: GCSA silent 5 s") < heard.index("LAND: GCSA silent 5 s")
+
+
+def test_a_return_to_another_place_is_ordered_after_the_place_is_written_and_told_once(
+    bench: Bench, delivery: MissionPackage
+) -> None:
+    bench.connect()
+    bench.share(delivery)
+    bench.run(6.0)
+    bench.a.command(START)
+    bench.until(lambda: bench.companion.view.phase is Phase.ON_MISSION)
+    bench.autopilot.position = IN_BOTH_ZONES
+    bench.run(20.0)
+    bench.autopilot.received.clear()
+    bench.a.alive = bench.b.alive = False
+    bench.until(lambda: bench.autopilot.mode == RTL, 20.0)
+    bench.run(3.0)
+    assert modes(bench) == [RTL]
+    assert texts(bench, "fly") == ["the autopilot flies RTL"]
+    assert [text.partition(":")[0] for text in texts(bench, "decision")] == ["RETURN to home"]
+
+
+def test_a_start_that_ends_with_its_commander_is_over_for_the_rules_too(ready: Bench) -> None:
+    """The new view ends the START; the word that it is over is an event of its own."""
+    ready.autopilot.script[ARM] = None
+    ready.a.command(START)
+    ready.until(lambda: ARM in ready.autopilot.commands())
+    ready.a.alive = False
+    ready.until(lambda: ready.companion.view.commander is None)
+    ready.run(0.5)
+    assert texts(ready, "start_failed") == ["START failed: its commander commands no more"]
+    assert ready.a.acks(START) == [IN_PROGRESS, FAILED]
+    assert ready.a.texts().count("START failed: its commander commands no more") == 1
+    assert not ready.companion.arbiter._authority.starting
+    assert ready.b.got("CONTROL_STATUS")[-1].gcs_main == 0
+
+
+def test_a_way_home_that_ends_a_start_is_commanded_and_the_start_is_over(ready: Bench) -> None:
+    ready.autopilot.script[ARM] = None
+    ready.a.command(START)
+    ready.until(lambda: ARM in ready.autopilot.commands())
+    ready.autopilot.received.clear()
+    ready.decide(Fly(FlightAction.LAND, Reason.COMMANDER_LOST))
+    ready.run(1.0)
+    assert modes(ready) == [LAND]
+    assert texts(ready, "start_failed") == ["START failed: the aircraft is brought home"]
+    assert ready.a.acks(START) == [IN_PROGRESS, FAILED]
+    assert not ready.companion.arbiter._authority.starting
