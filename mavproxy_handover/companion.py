@@ -42,6 +42,7 @@ from mavproxy_handover.core.model import AuthorityView, FlightAction, LeaseState
 from mavproxy_handover.core.never import assert_never
 from mavproxy_handover.core.snapshot import Snapshot
 from mavproxy_handover.core.start import MIDWAY
+from mavproxy_handover.event_queue import EventQueue
 from mavproxy_handover.gate.gate import Gate
 from mavproxy_handover.gate.intent import intent_of, repeats, wish_of
 from mavproxy_handover.gate.judge import Fate, Verdict, uploads
@@ -142,6 +143,7 @@ class Companion:
         self._restart = Restart(keeper, self.fault, self._not_kept)
         identity = Identity(config.name, tuple(entry.station for entry in config.stations), config.parent, edge.nonce)
         self.arbiter = Arbiter(identity, config.limits, self._restart.restored)
+        self._queue: EventQueue[float] = EventQueue(self._take, self._begin_order)
         self._edge = edge
         #: MAVProxy's messages whose CRC need not be checked again: MAVProxy may speak another dialect than ours
         self._checked = checked_types(mavutil.mavlink) | checked_types(mavlink)
@@ -590,9 +592,15 @@ class Companion:
     # ---- the arbiter ----------------------------------------------------------------------------------------------
 
     def handle(self, event: events.Event, now: float) -> None:
+        """Append an event to the queue, and handle all that wait (`EventQueue` has the order).
+
+        While an event is handled, this only appends. After `fail_closed` no event is handled.
+        """
+        if not self.failed:
+            self._queue.put(event, now)
+
+    def _take(self, event: events.Event, now: float) -> None:
         """Give one event to the arbiter and carry out what it asks for."""
-        if self.failed:
-            return
         self._due_at = _UNKNOWN
         try:
             actions = self.arbiter.handle(event, now)
@@ -604,12 +612,18 @@ class Companion:
                 return
             self._attempt(f"action {type(action).__name__}", self._perform, action, now)
 
+    def _begin_order(self, now: float) -> None:
+        """All events are handled: the autopilot gets the order that was decided last, if there is one."""
+        self._attempt("action Fly", self.autopilot.orders.begin, now)
+
     def fail_closed(self, text: str, now: float) -> None:
         """No station commands from here on, and no lease is sent: the guard brings the aircraft home.
 
-        What can be done to help it is done, each for itself: after one fault another is no surprise.
+        Events that wait are dropped, and none is handled afterwards. What can be done to help the guard is done, each
+        for itself: after one fault another is no surprise.
         """
         self.failed = True
+        self._queue.clear()
         nobody = AuthorityView(self.view.phase, None, None, self.view.epoch, LeaseState.LOST, self.view.armed)
         self._attempt("flush", self._put_in_force, nobody, now)
         self.narrator.failed_closed(text)
@@ -666,10 +680,10 @@ class Companion:
             case events.Announce():
                 self._announce(action, now)
             case events.BeginStart():
-                self.autopilot.orders.start(now)
+                self.autopilot.orders.start(action.station, now)
                 self._warn()
             case events.StartRefused():
-                self.autopilot.orders.refuse_start(action.needs, now)
+                self.autopilot.orders.refuse_start(action.station, action.needs, now)
             case events.RehearsalMoved():
                 self.rehearsal.moved(action, now)
             case events.Advise():
@@ -690,7 +704,7 @@ class Companion:
             return
         # what stands still by this order must not be left standing
         self._attempt("state", lambda: self._restart.save(self._snapshot()))
-        self.autopilot.orders.fly(action.action, now)
+        self.autopilot.orders.order(action.action, now)
 
     def _announce(self, told: events.Announce, now: float) -> None:
         self._attempt("journal", self.narrator.decision, told)

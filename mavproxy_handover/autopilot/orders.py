@@ -140,7 +140,10 @@ class Orders:
         self._procedures = procedures
         self._conversations = conversations
         self._ties = ties
-        self._asker: _Asker | None = None
+        #: of each station, who there asked for a START that the rules have not answered yet
+        self._asked: dict[int, _Asker] = {}
+        #: who asked for the START that is under way, or was last
+        self._starter: _Asker | None = None
         #: who asked for the stop that is under way, and for which
         self._stopper: tuple[_Asker, bool] | None = None
         self._needs = OncePerCause()
@@ -152,8 +155,8 @@ class Orders:
         self.before_return: Callable[[float], Callable[[], bool]] = lambda _now: lambda: True
         #: the autopilot returns because it was told so here
         self.returning = False
-        #: how many ways home, stops and landings have been ordered
-        self._ordered = 0
+        #: the order that `begin` gives to the autopilot
+        self._ordered: tuple[FlightAction, Asking] | None = None
 
     @property
     def starting(self) -> bool:
@@ -171,18 +174,17 @@ class Orders:
         """The commander's START, on the ground; `what`: the frame in words."""
         asker = _Asker(port, (frame.sysid, frame.compid))
         if self.starting:  # asked again: it is on its way
-            mine = asker == self._asker
+            mine = asker == self._starter
             result = mavlink.MAV_RESULT_IN_PROGRESS if mine else mavlink.MAV_RESULT_TEMPORARILY_REJECTED
             self._ties.voice.acknowledge(port, asker.sender, MISSION_START, result)
             return
         self._ties.narrator.start_asked(port.name, what, now)
-        self._asker = asker
+        self._asked[port.sysid] = asker
         self._ties.handle(StartRequested(port.sysid), now)
 
-    def start(self, now: float) -> None:
-        """Read the mission back, arm and fly it; who asked is told what comes of it."""
-        asker = self._asker
-        assert asker is not None  # the arbiter has asked for this because somebody did
+    def start(self, station: int, now: float) -> None:
+        """Read the mission back, arm and fly it. The program at `station` that asked is told the result."""
+        self._starter = asker = self._asked.pop(station)
         self._answer(asker, mavlink.MAV_RESULT_IN_PROGRESS)
 
         def done(talk: Conversation, now: float) -> None:
@@ -207,11 +209,11 @@ class Orders:
         self._ties.narrator.start_begun(asker.port.name, procedures.vehicle.starts_by)
         self._conversations.begin(_START, steps(), done, now)
 
-    def refuse_start(self, needs: tuple[str, ...], now: float) -> None:
-        """START cannot be: what it still needs."""
-        if self._asker is not None:
-            self._answer(self._asker, mavlink.MAV_RESULT_TEMPORARILY_REJECTED)
-            self._tell_needs(self._asker.port, "START", needs, now)
+    def refuse_start(self, station: int, needs: tuple[str, ...], now: float) -> None:
+        """The START that `station` asked for is refused: tell it what START still needs."""
+        asker = self._asked.pop(station)
+        self._answer(asker, mavlink.MAV_RESULT_TEMPORARILY_REJECTED)
+        self._tell_needs(asker.port, "START", needs, now)
 
     def refuse_take_off(self, port: StationPort, frame: Frame, needs: tuple[str, ...], now: float) -> None:
         """A command that arms or takes off cannot be: what START still needs."""
@@ -240,8 +242,8 @@ class Orders:
 
     def give_start_up(self, why: str, now: float) -> None:
         """End a START that is under way, if one is."""
-        if self._conversations.drop(_START) and self._asker is not None:
-            asker = self._asker
+        asker = self._starter
+        if self._conversations.drop(_START) and asker is not None:
             self._ties.handle(StartFinished(False, why), now)
             self._answer(asker, mavlink.MAV_RESULT_FAILED, f"START failed: {why}")
             self._conversations.begin(_CALLED_OFF, self._procedures().call_off_start(), lambda _talk, _now: None, now)
@@ -347,23 +349,30 @@ class Orders:
 
     # ---- the way home ---------------------------------------------------------------------------------------------
 
-    def fly(self, action: FlightAction, now: float) -> None:
-        """Have the autopilot stop, go on, fly home, or land.
+    def order(self, action: FlightAction, now: float) -> None:
+        """Take the order to stop, to go on, to fly home, or to land. `begin` gives it to the autopilot.
 
-        The place of a return is looked at once more before it is ordered, and that may show that none is in reach: what
-        was decided for it was ordered within, and stays.
+        The place of a return is judged once more here. By that event the rules may decide for a landing: then the
+        landing replaces the return, and the autopilot never gets the return.
         """
-        self._ordered += 1
-        ordered = self._ordered
         pauses = action in (FlightAction.HOLD, FlightAction.CONTINUE)
         self._give_stop_up("the companion commands")
         if not pauses:
             self.give_start_up("the aircraft is brought home", now)
         written = self._place(now) if action is FlightAction.RETURN else lambda: True
-        if ordered != self._ordered:
-            return
         asking = self._holding(action is FlightAction.HOLD, now) if pauses else self._way_home(action, written)
-        self._begin_home(action, asking, now)
+        self._ordered = action, asking
+
+    def begin(self, now: float) -> None:
+        """Give the order that was taken last to the autopilot, if it has not got it yet."""
+        ordered, self._ordered = self._ordered, None
+        if ordered is not None:
+            self._begin_home(*ordered, now)
+
+    def fly(self, action: FlightAction, now: float) -> None:
+        """Take an order and give it to the autopilot at once."""
+        self.order(action, now)
+        self.begin(now)
 
     def _holding(self, pause: bool, now: float) -> Asking:
         procedures = self._procedures()

@@ -75,15 +75,15 @@ def notification(owner: tuple[int, int], requester: int, timeout_s: float) -> An
 
 
 class OperatorControl:
-    """The station that asked last, and those that are asked. `handle` gives a request to the arbiter, which decides."""
+    """The programs that asked last, and the stations that are asked. `handle` gives a request to the arbiter."""
 
     def __init__(self, voice: Voice, narrator: Narrator, handle: Callable[[Event, float], None]) -> None:
         self._voice = voice
         self._narrator = narrator
         self._handle = handle
         self._denied = OncePerCause()
-        #: system, component that asked last, and the component that was asked
-        self._asker = (0, 0, 0)
+        #: of each station, system and component that asked last, and the component that was asked
+        self._askers: dict[int, tuple[int, int, int]] = {}
         #: (station, transfer) of the question that the owner was asked last, and of the one that it has acknowledged
         self._question: tuple[int, int] | None = None
         self._acknowledged: tuple[int, int] | None = None
@@ -100,7 +100,7 @@ class OperatorControl:
         if itself and not port.component:
             port.spoke(frame.compid)
         request = read_request(message, port.identity)
-        self._asker = (frame.sysid, frame.compid, message.target_component)
+        self._askers[port.sysid] = (frame.sysid, frame.compid, message.target_component)
         if isinstance(request, str):
             self._narrator.request_not_understood(port.name, request, now)
             self.answer(port, mavlink.MAV_RESULT_DENIED, request, now)
@@ -113,7 +113,7 @@ class OperatorControl:
 
     def answer(self, port: StationPort, result: int, text: str, now: float) -> None:
         """COMMAND_ACK of the component that was asked, the companion where nobody was named; and why it is denied."""
-        sysid, compid, component = self._asker
+        sysid, compid, component = self._askers[port.sysid]
         self._voice.acknowledge(port, (sysid, compid), OPERATOR_CONTROL, result, component)
         if text and self._denied.allow(port.sysid, text, now):
             self._voice.say(port, f"Control denied: {text}")

@@ -88,8 +88,8 @@ class RehearsalDesk:
         self.book: RehearsalBook | None = None
         #: the last wish of each station to begin and to end one: its nonce, and whether it came true
         self._last: dict[tuple[int, int], tuple[int, bool]] = {}
-        #: the word that is being judged was refused
-        self._turned_down = False
+        #: the stations whose last wish to begin one (True), or to end one, the rules refused
+        self._refused: set[tuple[int, bool]] = set()
         self._reports = RefusalLimiter(_REPORTS_PER_S)
         self._look_at = self._keep_at = -inf
         #: who had authority when a transfer was begun
@@ -114,9 +114,10 @@ class RehearsalDesk:
             self._answer(port, message, False)
 
     def _ask(self, port: StationPort, begin: bool, now: float) -> bool:
-        self._turned_down = False
+        asked = port.sysid, begin
+        self._refused.discard(asked)
         self._handle(RehearsalAsked(port.sysid, begin), now)
-        return not self._turned_down and self._around.view().rehearsal is begin
+        return asked not in self._refused and self._around.view().rehearsal is begin
 
     def _answer(self, port: StationPort, message: Any, accepted: bool, lines: Sequence[str] = ()) -> None:
         for each in status.rehearsal(port.target, self._vehicle, message.wish, message.nonce, accepted, lines):
@@ -141,7 +142,7 @@ class RehearsalDesk:
 
     def refused(self, refused: RehearsalRefused, now: float) -> None:
         """It does not begin, or end, by that station's word."""
-        self._turned_down = True
+        self._refused.add((refused.station, refused.begin))
         text = f"{_TYPED[refused.begin]} refused: {'; '.join(refused.needs)}"
         port = self._voice.ports[refused.station]
         self._narrator.told(port.name, text, now)

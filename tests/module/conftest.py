@@ -16,6 +16,7 @@ import pytest
 from gcs_module import module as gcs_module
 from mavproxy_handover import commands as vehicle_commands
 from mavproxy_handover import module as vehicle_module
+from mavproxy_handover.companion import Companion
 from mavproxy_handover.core.events import Action, Event, Tick
 from mavproxy_handover.main_loop import readable
 from mavproxy_handover.mission import package as mission_package
@@ -211,6 +212,28 @@ def first_load(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(gcs_module, "_last", {})
     monkeypatch.delenv("HANDOVER_CONFIG", raising=False)
     monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture(autouse=True)
+def nested_events(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[str]]:
+    """No event is handled inside another one: those that are, are listed here, and the test fails."""
+    take = Companion._take
+    handled: list[str] = []
+    nested: list[str] = []
+
+    def counted(companion: Companion, event: Event, now: float) -> None:
+        name = type(event).__name__
+        if handled:
+            nested.append(f"{name} inside {handled[-1]}")
+        handled.append(name)
+        try:
+            take(companion, event, now)
+        finally:
+            handled.pop()
+
+    monkeypatch.setattr(Companion, "_take", counted)
+    yield nested
+    assert nested == []
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from collections.abc import Callable
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.events import Fly, PlaceJudged
+from mavproxy_handover.core.events import Action, Announce, Event, Fly, LinkJudged, PlaceJudged, Tick
 from mavproxy_handover.core.model import FlightAction, Phase, Reason
 from mavproxy_handover.mission.package import MissionPackage
 from tests.module.conftest import Bench
@@ -115,3 +115,113 @@ def test_a_way_home_that_ends_a_start_is_commanded_and_the_start_is_over(ready: 
     assert texts(ready, "start_failed") == ["START failed: the aircraft is brought home"]
     assert ready.a.acks(START) == [IN_PROGRESS, FAILED]
     assert not ready.companion.arbiter._authority.starting
+
+
+# ---- the order of events ------------------------------------------------------------------------------------------
+
+
+def handled(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """The texts of links that are judged and of decisions that are told from now on, in order."""
+    seen: list[str] = []
+    handle, decision = bench.companion.arbiter.handle, bench.companion.narrator.decision
+
+    def handles(event: Event, now: float) -> list[Action]:
+        if isinstance(event, LinkJudged):
+            seen.append(event.text)
+        result: list[Action] = handle(event, now)
+        return result
+
+    def decides(told: Announce) -> None:
+        seen.append(told.text)
+        decision(told)
+
+    monkeypatch.setattr(bench.companion.arbiter, "handle", handles)
+    monkeypatch.setattr(bench.companion.narrator, "decision", decides)
+    return seen
+
+
+def judged(text: str) -> LinkJudged:
+    return LinkJudged(252, False, False, text)
+
+
+def told(text: str) -> Announce:
+    return Announce(text, None, Reason.NONE)
+
+
+def test_events_that_an_action_appends_come_after_all_actions_in_the_order_of_appending(
+    ready: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen = handled(ready, monkeypatch)
+    announce = ready.companion._announcer.tell
+
+    def tell(action: Announce, now: float) -> None:
+        announce(action, now)
+        if action.text == "first":
+            ready.companion.handle(judged("appended first"), now)
+            ready.companion.handle(judged("appended second"), now)
+
+    monkeypatch.setattr(ready.companion._announcer, "tell", tell)
+    ready.decide(told("first"), told("second"))
+    assert seen == ["first", "second", "appended first", "appended second"]
+
+
+def test_an_action_that_breaks_costs_neither_the_next_one_nor_an_event_that_waits(
+    ready: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen = handled(ready, monkeypatch)
+
+    def tell(action: Announce, now: float) -> None:
+        if action.text == "first":
+            ready.companion.handle(judged("appended"), now)
+            raise RuntimeError("a bug")
+
+    monkeypatch.setattr(ready.companion._announcer, "tell", tell)
+    ready.decide(told("first"), told("second"))
+    assert seen == ["first", "second", "appended"]
+    assert ready.companion.faults == {"action Announce": 1}
+
+
+def test_after_an_internal_fault_no_event_that_waits_is_handled(flying: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The arbiter breaks on an event that another one has appended; more of them wait."""
+    seen = handled(flying, monkeypatch)
+    companion = flying.companion
+
+    def tell(_action: Announce, now: float) -> None:
+        for text in ("breaks", "waits", "waits too"):
+            companion.handle(judged(text), now)
+
+    handle = companion.arbiter.handle
+
+    def breaks(event: Event, now: float) -> list[Action]:
+        result: list[Action] = handle(event, now)
+        if isinstance(event, LinkJudged) and event.text == "breaks":
+            raise RuntimeError("a bug")
+        return result
+
+    companion.arbiter.handle = breaks
+    monkeypatch.setattr(companion._announcer, "tell", tell)
+    flying.decide(told("first"), told("second"))
+    assert seen[:3] == ["first", "second", "breaks"]
+    assert "waits" not in seen
+    assert companion.failed
+    assert companion.view.commander is None
+    flying.run(3.0)
+    assert companion.view.commander is None, "it hears both stations, and grants nothing"
+    assert "waits" not in seen
+    assert modes(flying) == [RTL]
+
+
+def test_of_two_orders_only_the_last_one_is_given_to_the_autopilot(flying: Bench) -> None:
+    flying.decide(Fly(FlightAction.RETURN, Reason.COMMANDER_LOST), Fly(FlightAction.LAND, Reason.COMMANDER_LOST))
+    flying.run(2.0)
+    assert modes(flying) == [LAND]
+
+
+def test_an_event_that_is_handled_inside_another_one_is_noticed(
+    ready: Bench, monkeypatch: pytest.MonkeyPatch, nested_events: list[str]
+) -> None:
+    """The check that all tests of this folder end with can fail."""
+    monkeypatch.setattr(ready.companion._announcer, "tell", lambda _told, now: ready.companion._take(Tick(), now))
+    ready.decide(told("first"))
+    assert nested_events == ["Tick inside Tick"]
+    nested_events.clear()
