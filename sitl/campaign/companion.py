@@ -24,6 +24,7 @@ from mavproxy_handover.core.safety.commands import CommandRules, Outcome, Ruling
 from mavproxy_handover.core.safety.route import RouteCheck, RouteLimits, TrackFact
 from mavproxy_handover.core.snapshot import Snapshot
 from mavproxy_handover.core.start import refused
+from mavproxy_handover.event_queue import EventQueue
 from mavproxy_handover.mission.zones import Circle as ZoneCircle
 from mavproxy_handover.mission.zones import Zone, ZoneFinder
 from sitl.campaign.aircraft import BY_MISSION, Aircraft, Mode
@@ -116,6 +117,9 @@ class Companion:
         self.arbiter: Arbiter | None = None
         self._watch: Watch | None = None
         self.view = AuthorityView()
+        self._queue: EventQueue[int] = EventQueue(self._take, self._begin_order)
+        #: what the aircraft is ordered when all events are handled: a later order replaces an earlier one
+        self._ordered: FlightAction | None = None
         #: what was said last of mode and motion, which is said again only where every step is made
         self._told: dict[type, object] = {}
         #: whether it flew at the last heartbeat, and what
@@ -202,6 +206,10 @@ class Companion:
 
     def give(self, event: events.Event, now: int) -> None:
         """One event for the rules; nobody hears it while the companion is down."""
+        if self.arbiter is not None:
+            self._queue.put(event, now)
+
+    def _take(self, event: events.Event, now: int) -> None:
         arbiter, watch = self.arbiter, self._watch
         if arbiter is None:
             return
@@ -251,14 +259,12 @@ class Companion:
                 self._in_force(action.view, now)
                 ties.stir(now, 2.5, ())
             case events.Fly():
-                order = (now, action.action.name, action.reason.name)
-                self._log.orders.append(order)
+                self._log.orders.append((now, action.action.name, action.reason.name))
                 self._keep()
                 self._log.note(now, f"the companion orders {action.action.name} ({action.reason.name.lower()})")
                 if action.action is FlightAction.RETURN:
                     self._before_return(now)
-                if self._log.orders[-1] is order:  # that look may lead to something graver, and that was done by now
-                    ties.order(action.action, now)
+                self._ordered = action.action
                 ties.stir(now, _LONG_S, ())
             case events.BeginStart():
                 ties.take_off(now)
@@ -278,6 +284,11 @@ class Companion:
                 ties.stir(now, settle_s if self._aircraft.flying else _ON_GROUND_S, pauses)
             case _:
                 assert_never(action)
+
+    def _begin_order(self, now: int) -> None:
+        ordered, self._ordered = self._ordered, None
+        if ordered is not None:
+            self._ties.order(ordered, now)
 
     def _keep(self) -> None:
         """As it is done before anything is said or ordered."""

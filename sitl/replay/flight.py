@@ -38,6 +38,7 @@ from mavproxy_handover.core.messages import Message
 from mavproxy_handover.core.model import GuardState, Phase
 from mavproxy_handover.core.never import assert_never
 from mavproxy_handover.core.snapshot import Snapshot
+from mavproxy_handover.event_queue import EventQueue
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.narrator import Narrator
 from mavproxy_handover.schedule import TICK_S
@@ -157,6 +158,7 @@ class _Flight:
         narrator = Narrator(config.name, book, book, self._arbiter, lambda _line: None, lambda: self._view.phase)
         voice = Voice(config.sysid, self._asked, {}, self._fault)
         self._narrator = narrator
+        self._queue: EventQueue[float] = EventQueue(self._decide, self._begin_order)
         self._autopilot = Autopilot(
             Running(config, b""),
             Ties(
@@ -187,6 +189,12 @@ class _Flight:
         self.replay.faults.append(f"{where}: {text}")
 
     def _handle(self, event: events.Event, now: float) -> None:
+        self._queue.put(event, now)
+
+    def _begin_order(self, now: float) -> None:
+        self._autopilot.orders.begin(now)
+
+    def _decide(self, event: events.Event, now: float) -> None:
         if self._failed:
             return
         try:
@@ -214,7 +222,7 @@ class _Flight:
             case events.Announce():
                 self._narrator.decision(action)
             case events.Fly():
-                self._autopilot.orders.fly(action.action, now)
+                self._autopilot.orders.order(action.action, now)
             case events.BeginStart() | events.StartRefused():  # the recording says what came of it
                 pass
             case events.RehearsalMoved() | events.RehearsalRefused():
