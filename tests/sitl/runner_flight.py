@@ -97,7 +97,7 @@ def processes_in(folder: Path) -> list[int]:
 
 def fly(start: Start, vehicle: str, scenario: str, folder: Path) -> dict[str, Any]:
     process = start(folder, "--vehicle", vehicle, "--scenario", scenario)
-    out, story = process.communicate(timeout=280)
+    out, story = process.communicate(timeout=800)
     assert process.returncode == 0, story
     assert processes_in(folder) == []
     (line,) = out.splitlines()

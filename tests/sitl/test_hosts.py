@@ -286,7 +286,7 @@ def test_a_flight_with_a_path_cut_a_handover_and_a_tunnel(tmp_path: Path) -> Non
     """Judged by journals, telemetry logs and the results, and by no sentence."""
     folder = tmp_path / "run"
     process = started(folder, "--tunnel", "GCSA", "--speedup", "2")
-    out, story = process.communicate(timeout=280)
+    out, story = process.communicate(timeout=800)
     assert process.returncode == 0, story
     results = json.loads((folder / "hosts.json").read_text(encoding="utf-8"))
     marks = json.loads((folder / "run.json").read_text(encoding="utf-8"))["marks"]

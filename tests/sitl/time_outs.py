@@ -54,7 +54,7 @@ class Run:
         return _entries(self.folder / "vehicle.jsonl")
 
     def heartbeats_before(self, sysid: int, utc_s: float) -> list[float]:
-        """When the companion received heartbeats of a station, in seconds from that time: all before it."""
+        """When the companion received heartbeats of a station before a time, in (negative) seconds from it."""
         log = mavutil.mavlink_connection(str(self.folder / "companion" / "companion.tlog"))
         found = []
         while (message := log.recv_match(type="HEARTBEAT")) is not None:
@@ -150,8 +150,12 @@ def result_repeated(run: Run) -> list[float]:
     if given_up is None:
         return []
     handover = f"handover {given_up['text'].split()[-2]} "
-    ends = [entry for entry in run.companion if entry["event"] in ("transfer_committed", "transfer_aborted")]
-    return _between(_first(ends, ends[0]["event"], handover) or _first(ends, ends[-1]["event"], handover), given_up)
+    ended = [
+        entry
+        for entry in run.companion
+        if entry["event"] in ("transfer_committed", "transfer_aborted") and entry["text"].startswith(handover)
+    ]
+    return _between(ended[0] if ended else None, given_up)
 
 
 def held(run: Run) -> list[float]:
