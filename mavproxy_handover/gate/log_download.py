@@ -12,7 +12,7 @@ MAVProxy: 0.7 s, then 20 gaps at once, of which ArduPilot serves one and ignores
    wait here. So the queue neither runs empty nor fills up, and the autopilot is never told to stop: on a network link a
    megabyte would still be on its way then. A frame that comes while the queue is full is lost.
 3. Requests that come while one is served wait for their turn, `MOST_REQUESTS` of them. A request that holds all that is
-   left of the one that is served, and begins before it, takes its place: the autopilot itself would begin anew.
+   left of the one that is served, and begins elsewhere, takes its place: the autopilot itself would begin anew.
 4. A station that asks again for what it was sent has lost it: the pace is halved, down to `LEAST_PACE_BYTES_PER_S`. A
    program that asks for the next part when it has the one before (MAVSDK) shows that it has read all: the pace is
    doubled, up to `MOST_PACE_BYTES_PER_S`, unless some of it was lost. A download from offset 0 begins with
@@ -161,13 +161,19 @@ class LogDownload:
             self.forget()
         self._receiver = receiver
         served = self._served
-        if served is not None and served.log == asked.log and asked.begin < self._next and asked.end >= served.end:
+        if served is not None and self._replaces(asked, served):
             self._clear_queue()
             self._serve(asked, now)
         elif served is None:
             self._serve(asked, now)
         elif len(self._waiting) < MOST_REQUESTS and asked != served and asked not in self._waiting:
             self._waiting.append(asked)
+
+    def _replaces(self, asked: _Range, served: _Range) -> bool:
+        """Whether a request takes the place of the one that is served (rule 3). One that is only repeated does not: a
+        program that hears nothing for half a second would begin the same place anew again and again."""
+        left = asked.log == served.log and asked.begin < self._next and asked.end >= served.end
+        return left and asked.begin != served.begin
 
     def _judge_pace(self, asked: _Range, now: float) -> None:
         if asked.begin == 0 or asked.log != self._log:

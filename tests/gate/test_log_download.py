@@ -553,3 +553,17 @@ def test_a_request_that_holds_all_that_is_left_of_the_one_before_takes_its_place
     assert bench.come(180)
     bench.download.send(bench.now)
     assert bench.station.got == [180]
+
+
+def test_a_request_that_is_only_repeated_does_not_begin_anew() -> None:
+    """The fault: a program on a busy computer repeated its request each half second and got the same place each time."""
+    bench = Bench()
+    bench.ask(180)
+    bench.row(100, 180)
+    bench.asked()
+    for _ in range(5):
+        bench.now += 0.5
+        bench.ask(180)
+        assert bench.asked() == []
+        assert bench.come(180 + bench.download.queued_bytes // FRAME * WHOLE)
+    assert bench.download.queued_bytes == 105 * FRAME
