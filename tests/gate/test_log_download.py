@@ -556,7 +556,7 @@ def test_a_request_that_holds_all_that_is_left_of_the_one_before_takes_its_place
 
 
 def test_a_request_that_is_only_repeated_does_not_begin_anew() -> None:
-    """The fault: a program on a busy computer repeated its request each half second and got the same place each time."""
+    """The fault: a program on a busy computer asked again each half second, and got the same place each time."""
     bench = Bench()
     bench.ask(180)
     bench.row(100, 180)
