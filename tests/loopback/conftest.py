@@ -18,7 +18,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.cli.launch import mavproxy
 
-LIMIT_S = 20.0
+LIMIT_S = 60.0
 
 
 def wait_for(condition: Callable[[], Any], what: Callable[[], str]) -> None:
