@@ -76,7 +76,7 @@ def starting() -> Iterator[Start]:
 
 def companion_up(folder: Path) -> None:
     """Wait until the companion's journal has begun."""
-    until = time.monotonic() + 30
+    until = time.monotonic() + 120
     while not (folder / "companion" / "companion.jsonl").exists():
         assert time.monotonic() < until, "the companion did not come up"
         time.sleep(0.1)

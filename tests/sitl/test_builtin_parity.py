@@ -122,7 +122,7 @@ class Session:
         spec = VehicleSpec(home=HOME, speedup=SPEEDUP, parameters={"RALLY_LIMIT_KM": 0, "MAV2_EXTRA3": 4})
         self.vehicle: RunningVehicle = launch(kind, spec, directory)
         _, host, port = self.vehicle.companion_master.split(":")
-        self.socket = socket.create_connection((host, int(port)), timeout=5)
+        self.socket = socket.create_connection((host, int(port)), timeout=30)
         self.socket.settimeout(0.005)
         self.splitter = FrameSplitter()
         self.encoder = dialect.MAVLink(None, *COMPANION)

@@ -152,7 +152,7 @@ def started(processes: Processes, folder: Path, more: str = "", port: int | None
     argv = [sys.executable, "-m", "sitl.run.noisy_lines", "--config", str(config)]
     argv += [] if port is None else ["--autopilot", str(port)]
     child = processes.start("lines", argv, folder)
-    until = time.monotonic() + 20.0
+    until = time.monotonic() + 60.0
     while "ready" not in child.console():
         assert child.alive(), child.console()
         assert time.monotonic() < until
@@ -166,7 +166,7 @@ def test_bytes_go_both_ways_between_the_companions_device_and_the_stations(
 ) -> None:
     child = started(processes, tmp_path)
     device = open_device(f"serial:{tmp_path}/vehicle-GCSA:921600")
-    station = serial.Serial(str(tmp_path / "GCSA"), 921600, timeout=10.0)
+    station = serial.Serial(str(tmp_path / "GCSA"), 921600, timeout=30.0)
     assert device.write(command(1).raw)
     assert station.read(len(command(1).raw)) == command(1).raw
     station.write(heartbeat(2).raw + command(3).raw)
@@ -182,7 +182,7 @@ def test_bytes_go_both_ways_between_the_companions_device_and_the_stations(
 @pytest.mark.process
 def test_to_be_told_to_end_in_the_midst_of_the_end_costs_no_summary(processes: Processes, tmp_path: Path) -> None:
     child = started(processes, tmp_path)
-    until = time.monotonic() + 20.0
+    until = time.monotonic() + 60.0
     while child.alive():
         child.ask_to_end()  # standard input ends at the first, a signal comes with each
         assert time.monotonic() < until

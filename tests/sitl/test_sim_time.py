@@ -212,7 +212,7 @@ def test_the_state_of_a_thread_is_that_of_the_system() -> None:
     asleep = subprocess.Popen([sys.executable, "-c", "print(1, flush=True); input()"], stdin=-1, stdout=-1)
     assert asleep.stdout is not None
     asleep.stdout.readline()
-    until = time.monotonic() + 20.0
+    until = time.monotonic() + 60.0
     while sim_time._works(asleep.pid) and time.monotonic() < until:
         time.sleep(0.01)
     assert not sim_time._works(asleep.pid)
@@ -264,7 +264,7 @@ class Program:
 
     def waits_until(self) -> float:
         """Until when it has promised to wait; waits for the promise."""
-        until = time.monotonic() + 20.0
+        until = time.monotonic() + 60.0
         while time.monotonic() < until:
             promises = self.page.promises()
             if promises and promises[0][2] > self.page.read()[0] + 1.0:
