@@ -614,7 +614,9 @@ class Companion:
 
     def _begin_order(self, now: float) -> None:
         """All events are handled: the autopilot gets the order that was decided last, if there is one."""
-        self._attempt("action Fly", self.autopilot.orders.begin, now)
+        orders = self.autopilot.orders
+        if orders.ordered is not None:  # after nearly every event there is none
+            self._attempt("action Fly", orders.begin, now)
 
     def fail_closed(self, text: str, now: float) -> None:
         """No station commands from here on, and no lease is sent: the guard brings the aircraft home.

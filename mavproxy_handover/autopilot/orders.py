@@ -156,7 +156,7 @@ class Orders:
         #: the autopilot returns because it was told so here
         self.returning = False
         #: the order that `begin` gives to the autopilot
-        self._ordered: tuple[FlightAction, Asking] | None = None
+        self.ordered: tuple[FlightAction, Asking] | None = None
 
     @property
     def starting(self) -> bool:
@@ -361,11 +361,11 @@ class Orders:
             self.give_start_up("the aircraft is brought home", now)
         written = self._place(now) if action is FlightAction.RETURN else lambda: True
         asking = self._holding(action is FlightAction.HOLD, now) if pauses else self._way_home(action, written)
-        self._ordered = action, asking
+        self.ordered = action, asking
 
     def begin(self, now: float) -> None:
         """Give the order that was taken last to the autopilot, if it has not got it yet."""
-        ordered, self._ordered = self._ordered, None
+        ordered, self.ordered = self.ordered, None
         if ordered is not None:
             self._begin_home(*ordered, now)
 
