@@ -66,7 +66,7 @@ from mavproxy_handover.mission.walk import Handover, speed_at
 from mavproxy_handover.schedule import attempt
 from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.vehicle.kinds import COPTER, PLANE
-from mavproxy_handover.vehicle.state import Aircraft
+from mavproxy_handover.vehicle.state import VehicleState
 from mavproxy_handover.wire.conversation import Asking, Conversation, Conversations
 from mavproxy_handover.wire.frames import Frame
 from mavproxy_handover.wire.ids import COMPANION_COMPID, EVERYBODY, GUARD_STATUS_TUNNEL
@@ -97,7 +97,7 @@ class Autopilot:
     def __init__(self, running: Running, ties: Ties, nonce: int, box: Box | None = None) -> None:
         """`nonce`: of this run's leases, never 0; `box`: the position box, where there is one."""
         config = running.config
-        self.aircraft = Aircraft()
+        self.aircraft = VehicleState()
         #: whose word of where it is counts
         self.positions = PositionWatch(config.position, self.aircraft, box, ties)
         #: what the guard said last of itself
@@ -115,7 +115,7 @@ class Autopilot:
         self._misfit = ""
         #: those with the autopilot that are going on
         talks = self.conversations = Conversations(ties.voice.to_autopilot, ties.fault)
-        to_whom = config.sysid, lambda: self.aircraft.status_text
+        to_whom = config.sysid, lambda: self.aircraft.telemetry.text
         self._procedures = {
             COPTER: Copter(*to_whom, lambda: self.aircraft.foreign),
             PLANE: Plane(*to_whom, self.aircraft),
@@ -187,9 +187,9 @@ class Autopilot:
             "TUNNEL": self._on_tunnel,
             "STATUSTEXT": self._on_text,
             "PARAM_VALUE": self.places.take,
-            **dict.fromkeys(("ATTITUDE", "BATTERY_STATUS", "WIND"), self._on_energy),
+            **dict.fromkeys(("BATTERY_STATUS", "WIND"), self._on_energy),
             "MISSION_ITEM_REACHED": self._on_reached,
-            **dict.fromkeys(("HOME_POSITION", "FENCE_STATUS", "SYS_STATUS"), self.places.take),
+            "HOME_POSITION": self.places.take,
         }
         #: what the autopilot holds to fly, as far as is known
         self._flown: Route | None = None
@@ -266,7 +266,7 @@ class Autopilot:
         aircraft, narrator = self.aircraft, self._ties.narrator
         if self._reboots.seen(message, aircraft.flying, now):
             self._tell_restart(now)
-        waypoint, mode, known = aircraft.waypoint, aircraft.custom_mode, aircraft.heartbeat_at > -math.inf
+        waypoint, mode, known = aircraft.waypoint, aircraft.custom_mode, aircraft.telemetry.heartbeat.at > -math.inf
         on_mission = aircraft.flies_mission
         aircraft.take(message, now)
         if self.conversations and _for_companion(message, self._sysid):
@@ -306,7 +306,7 @@ class Autopilot:
     def check_zones(self, now: float) -> None:
         """Tell the arbiter where the last position is with respect to every zone."""
         self.position_waits = False
-        if now - self.aircraft.position_at > _OLD_S:
+        if now - self.aircraft.position.at > _OLD_S:
             return
         if self.aircraft.dead_reckoning and not self.positions.by_box:
             return
@@ -332,7 +332,7 @@ class Autopilot:
         aircraft = self.aircraft
         self._attempt("places of a return", self.places.take, message, now)
         # without a heartbeat of late nothing is known of arming and of the mode: what was before need not be so
-        if now - aircraft.heartbeat_at < _HEARTBEAT_S:
+        if now - aircraft.telemetry.heartbeat.at < _HEARTBEAT_S:
             self._attempt("motion", self._execution.state, now)  # first: what is flown by now need not be commanded
             self._ties.handle(self._autopilot_state(), now)
 
@@ -347,9 +347,9 @@ class Autopilot:
         self._execution.text(message.text, now)
 
     def _on_position(self, _message: Any, now: float) -> None:
-        if self.aircraft.own_position_at == now:  # else that message held no position
+        if self.aircraft.telemetry.own_position.at == now:  # else that message held no position
             self._streams.position_seen()
-        if self.aircraft.position_at == now:
+        if self.aircraft.position.at == now:
             self._placed(now)
 
     def look_at_box(self, now: float) -> None:
@@ -386,7 +386,7 @@ class Autopilot:
 
     def _on_energy(self, message: Any, now: float) -> None:
         aircraft = self.aircraft  # before its first heartbeat nothing is known of arming
-        self._energy.take(message, now, on_ground=not aircraft.armed and aircraft.heartbeat_at > -math.inf)
+        self._energy.take(message, now, on_ground=not aircraft.armed and aircraft.telemetry.heartbeat.at > -math.inf)
 
     def _adopted(self, package: MissionPackage, way: Way, now: float) -> None:
         self._energy.adopt(package.energy, way, now, wings=package.kind.winged)
@@ -401,7 +401,7 @@ class Autopilot:
 
     def tell_landed(self) -> None:
         """The flight is over: every station hears it."""
-        on_ground = self.aircraft.landed_state == mavlink.MAV_LANDED_STATE_ON_GROUND
+        on_ground = self.aircraft.telemetry.landed.state == mavlink.MAV_LANDED_STATE_ON_GROUND
         text = f"{'landed' if on_ground else 'disarmed'}: the flight is over"
         self._ties.voice.say_to_all(text, mavlink.MAV_SEVERITY_NOTICE)
 
@@ -532,7 +532,7 @@ class Autopilot:
     def _other_kind(self) -> str:
         """Which kind of aircraft the mission was checked for, in words; "" if it is this one, or not known."""
         aircraft, route = self.aircraft, self._flown
-        if route is None or aircraft.heartbeat_at == -math.inf or route.kind is aircraft.kind:
+        if route is None or aircraft.telemetry.heartbeat.at == -math.inf or route.kind is aircraft.kind:
             return ""
         return f"the mission is for a {route.kind.value}, and this is a {aircraft.kind.value}"
 
@@ -631,7 +631,7 @@ class Autopilot:
             self._missions.flight_over(now)
             if self._standing.kept:
                 self._uploads.found(now)
-        if self._on_board is not None and grounded and self.aircraft.position is not None:
+        if self._on_board is not None and grounded and self.aircraft.position.value is not None:
             self._missions.load_on_board(self._on_board, now)
 
     def _check(self, grounded: bool, now: float) -> None:

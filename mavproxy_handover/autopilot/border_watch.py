@@ -14,7 +14,7 @@ from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.core.events import BordersSeen
 from mavproxy_handover.core.model import BorderFact
 from mavproxy_handover.mission.crossings import Seen, WayAhead
-from mavproxy_handover.vehicle.state import Aircraft
+from mavproxy_handover.vehicle.state import VehicleState
 
 __all__ = ["BorderWatch"]
 
@@ -25,7 +25,7 @@ _BEYOND_S: Final = 15.0
 class BorderWatch:
     """The way ahead of one vehicle. Times are monotonic seconds."""
 
-    def __init__(self, operator_timeout_s: float, aircraft: Aircraft, ties: Ties) -> None:
+    def __init__(self, operator_timeout_s: float, aircraft: VehicleState, ties: Ties) -> None:
         """`operator_timeout_s`: as long as an operator who is asked may take."""
         self._within_s = operator_timeout_s + _BEYOND_S
         self._aircraft = aircraft

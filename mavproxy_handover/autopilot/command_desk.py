@@ -52,7 +52,7 @@ from mavproxy_handover.mission.geodesy import offset
 from mavproxy_handover.mission.walk import Leg
 from mavproxy_handover.mission.wings import AS_IT_COMES
 from mavproxy_handover.stations.port import StationPort
-from mavproxy_handover.vehicle.state import Aircraft
+from mavproxy_handover.vehicle.state import VehicleState
 
 __all__ = ["MOST", "PER_S", "CommandDesk"]
 
@@ -122,7 +122,7 @@ class CommandDesk:
     def __init__(
         self,
         policies: Mapping[Limit, str],
-        aircraft: Aircraft,
+        aircraft: VehicleState,
         energy: EnergyWatch,
         places: PlaceWatch,
         ties: Ties,
@@ -384,7 +384,7 @@ class CommandDesk:
     def here(self, now: float) -> _Place | None:
         """Where the aircraft is: latitude, longitude, metres above home; None: nobody knows."""
         aircraft = self._aircraft
-        return aircraft.where if now - aircraft.position_at < self._ties.stale_s else None
+        return aircraft.where if now - aircraft.position.at < self._ties.stale_s else None
 
     # ---- ways -----------------------------------------------------------------------------------------------------
 
@@ -436,7 +436,7 @@ class CommandDesk:
 
     def _place_of(self, aim: Aim, here: _Place) -> _Place | None:
         """Where a target lies: degrees, metres above home. None: a local frame, and home is not known."""
-        position = self._aircraft.position
+        position = self._aircraft.position.value
         assert position is not None
         if aim.on_earth:
             home_m = (position.alt - position.relative_alt) / 1000.0 if aim.frame in _ABOVE_SEA else 0.0

@@ -25,7 +25,7 @@ from mavproxy_handover.core.safety.energy import EnergyFact, EnergyModel, Piece
 from mavproxy_handover.core.safety.energy_prior import EnergySettings
 from mavproxy_handover.core.safety.learning import Learner, Motion, thrust_direction
 from mavproxy_handover.schedule import attempt
-from mavproxy_handover.vehicle.state import Aircraft
+from mavproxy_handover.vehicle.state import VehicleState
 
 __all__ = ["FAULT", "EnergyWatch", "pack_report"]
 
@@ -80,7 +80,6 @@ class EnergyWatch:
         self._batteries: Batteries | None = None
         #: the last report of each monitor
         self._reports: dict[int, tuple[PackReport, float]] = {}
-        self._attitude: tuple[Any, float] | None = None
         #: of the loaded mission: counts its way, at a height of return
         self._way: Callable[[float], Sequence[Piece]] | None = None
         self._counted: tuple[EnergyModel, float] | None = None
@@ -105,12 +104,10 @@ class EnergyWatch:
     # ---- what comes in --------------------------------------------------------------------------------------------
 
     def take(self, message: Any, now: float, on_ground: bool) -> None:
-        """ATTITUDE, BATTERY_STATUS or WIND of the autopilot. `on_ground`: it is known to be disarmed."""
+        """BATTERY_STATUS or WIND of the autopilot. `on_ground`: it is known to be disarmed."""
         try:
             kind = message.get_type()
-            if kind == "ATTITUDE":
-                self._attitude = (message, now)
-            elif kind == "WIND" and self._learner is not None:
+            if kind == "WIND" and self._learner is not None:
                 self._learner.wind_seen(message.speed, message.direction, now)
             elif kind == "BATTERY_STATUS":
                 self._on_battery(message.id, pack_report(message), now, on_ground)
@@ -164,7 +161,7 @@ class EnergyWatch:
 
     # ---- each second ----------------------------------------------------------------------------------------------
 
-    def each_second(self, aircraft: Aircraft, grounded: bool, now: float) -> None:
+    def each_second(self, aircraft: VehicleState, grounded: bool, now: float) -> None:
         """Learn, and say what is known now. `grounded`: neither armed nor about to be."""
         if grounded:
             self._said.clear()
@@ -202,7 +199,7 @@ class EnergyWatch:
         drawn_w = max(model.hover_w, model.cruise_w, known.power_w or 0.0)
         return max(0.0, known.left_wh - drawn_w * max(0.0, now - known.at) / _JOULES_A_WH)
 
-    def _weigh(self, aircraft: Aircraft) -> None:
+    def _weigh(self, aircraft: VehicleState) -> None:
         """With the payload from the ground on, and without it once AUTO is past the item that drops it."""
         learner, released = self._learner, self.released_at
         if learner is None:
@@ -212,12 +209,17 @@ class EnergyWatch:
         elif released is not None and aircraft.flies_mission and aircraft.waypoint > released:
             learner.carry(False)
 
-    def _learn(self, aircraft: Aircraft, now: float) -> None:
-        position, attitude = aircraft.own_position, self._attitude
-        if self._learner is None or self._batteries is None or position is None or attitude is None:
+    def _learn(self, aircraft: VehicleState, now: float) -> None:
+        position, attitude = aircraft.telemetry.own_position.value, aircraft.telemetry.attitude
+        if self._learner is None or self._batteries is None or position is None:
             return
-        message, at = attitude
-        if not aircraft.flying or now - at > _FRESH_S or now - aircraft.own_position_at > _FRESH_S:
+        message = attitude.value
+        if (
+            message is None
+            or not aircraft.flying
+            or now - attitude.at > _FRESH_S
+            or now - aircraft.telemetry.own_position.at > _FRESH_S
+        ):
             return
         lean, towards = thrust_direction(message.roll, message.pitch, message.yaw)
         speeds = (position.vx / 100.0, position.vy / 100.0, -position.vz / 100.0)

@@ -18,7 +18,7 @@ from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.core.events import HandSeen, ModeSeen, MotionSeen, MotionUnseen
 from mavproxy_handover.core.model import Hand
 from mavproxy_handover.mission.geodesy import distance_m
-from mavproxy_handover.vehicle.state import Aircraft
+from mavproxy_handover.vehicle.state import VehicleState
 from mavproxy_handover.wire.lease import GuardStatus
 
 __all__ = ["ExecutionWatch"]
@@ -41,7 +41,7 @@ class ExecutionWatch:
 
     def __init__(
         self,
-        aircraft: Aircraft,
+        aircraft: VehicleState,
         ties: Ties,
         radio_watched: Callable[[], bool],
         place: Callable[[], tuple[float, float] | None],
@@ -58,16 +58,16 @@ class ExecutionWatch:
     def state(self, now: float) -> None:
         """A heartbeat, or whether it has landed."""
         aircraft = self._aircraft
-        if aircraft.critical and not self._critical:
+        if aircraft.telemetry.heartbeat.critical and not self._critical:
             self._ties.handle(HandSeen(Hand.FAILSAFE), now)
-        self._critical = aircraft.critical
+        self._critical = aircraft.telemetry.heartbeat.critical
         name = aircraft.vehicle.mode_name(aircraft.custom_mode)
-        landing = aircraft.landed_state == _LANDING
+        landing = aircraft.telemetry.landed.state == _LANDING
         self._ties.handle(ModeSeen(aircraft.flown, name, landing, self._radio(now)), now)
 
     def _radio(self, now: float) -> bool:
-        status = self._aircraft.sys_status
-        lately = now - self._aircraft.sys_status_at < _RADIO_S
+        status = self._aircraft.telemetry.sys_status.value
+        lately = now - self._aircraft.telemetry.sys_status.at < _RADIO_S
         return status is not None and lately and self._radio_watched() and hands.radio_lives(status)
 
     def text(self, text: str, now: float) -> None:
@@ -86,11 +86,11 @@ class ExecutionWatch:
     def each_second(self, now: float) -> None:
         """Motion."""
         aircraft = self._aircraft
-        moved, self._moves = self._moves, now - aircraft.own_position_at < _STOPPED_S
-        if not aircraft.flying or aircraft.own_position is None:
+        moved, self._moves = self._moves, now - aircraft.telemetry.own_position.at < _STOPPED_S
+        if not aircraft.flying or aircraft.telemetry.own_position.value is None:
             return
         if self._moves:
-            climb_mps = -aircraft.own_position.vz / 100.0
+            climb_mps = -aircraft.telemetry.own_position.value.vz / 100.0
             self._ties.handle(MotionSeen(aircraft.own_speed_mps, climb_mps, self._left_m(now)), now)
         elif moved:
             self._ties.handle(MotionUnseen(), now)
@@ -100,9 +100,9 @@ class ExecutionWatch:
         aircraft = self._aircraft
         if not aircraft.to_place:
             return None
-        away_m = aircraft.waypoint_distance_m
-        if now - aircraft.waypoint_distance_at >= _STOPPED_S:
-            own, place = aircraft.own_position, self._place()
+        away_m = aircraft.telemetry.to_waypoint_m.value
+        if now - aircraft.telemetry.to_waypoint_m.at >= _STOPPED_S:
+            own, place = aircraft.telemetry.own_position.value, self._place()
             if own is None or place is None:
                 return None
             away_m = distance_m(own.lat / 1e7, own.lon / 1e7, *place)
@@ -114,11 +114,15 @@ class ExecutionWatch:
         FENCE_STATUS comes only while a fence is on; where it does not, SYS_STATUS has a word of it.
         """
         aircraft = self._aircraft
-        fence: Any = aircraft.fence_status
-        if fence is not None and now - aircraft.fence_status_at < _STOPPED_S:
+        fence: Any = aircraft.telemetry.fence_status.value
+        if fence is not None and now - aircraft.telemetry.fence_status.at < _STOPPED_S:
             if not fence.breach_status:
                 return ""
             return f"outside the fence: {_BREACHES.get(fence.breach_type, 'breached')}"
-        lately = now - aircraft.sys_status_at < _STOPPED_S
-        known = lately and aircraft.sys_status is not None and hands.breached(aircraft.sys_status)
+        lately = now - aircraft.telemetry.sys_status.at < _STOPPED_S
+        known = (
+            lately
+            and aircraft.telemetry.sys_status.value is not None
+            and hands.breached(aircraft.telemetry.sys_status.value)
+        )
         return "outside the fence" if known else ""

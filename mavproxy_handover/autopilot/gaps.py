@@ -20,7 +20,7 @@ from mavproxy_handover.core.events import GapsJudged
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import GapFact
 from mavproxy_handover.mission.gaps import Stretch
-from mavproxy_handover.vehicle.state import Aircraft
+from mavproxy_handover.vehicle.state import VehicleState
 
 __all__ = ["ALONE_MAX", "GapWatch", "lacking"]
 
@@ -62,7 +62,7 @@ def lacking(stretches: Sequence[Stretch], parameters: Mapping[str, float] | None
 class GapWatch:
     """The gaps of one vehicle's mission. Times are monotonic seconds."""
 
-    def __init__(self, limits: Limits, aircraft: Aircraft, ties: Ties) -> None:
+    def __init__(self, limits: Limits, aircraft: VehicleState, ties: Ties) -> None:
         self._lead_s = limits.hold_lead_s + _EARLIER_S
         self._guarded = limits.guard_required
         self._aircraft = aircraft

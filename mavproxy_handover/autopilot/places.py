@@ -57,7 +57,7 @@ from mavproxy_handover.mission.plan import Route
 from mavproxy_handover.mission.returns import before_return
 from mavproxy_handover.schedule import attempt
 from mavproxy_handover.vehicle.kinds import VEHICLES
-from mavproxy_handover.vehicle.state import Aircraft
+from mavproxy_handover.vehicle.state import VehicleState
 from mavproxy_handover.wire.conversation import Conversation, Conversations
 
 __all__ = ["PlaceWatch"]
@@ -81,7 +81,6 @@ _REBOOT_S: Final = 3.0
 _LAST_S: Final = 12.0
 #: what was said of a breach of the fence counts so long
 _BREACH_S: Final = 3.0
-_GEOFENCE: Final = mavlink.MAV_SYS_STATUS_GEOFENCE
 #: parameter for the height of a return -> its units in a metre; a firmware has one of them
 _RETURN_ALTS: Final = {"RTL_ALT_M": 1.0, "RTL_ALT": 100.0, "RTL_ALTITUDE": 1.0, "ALT_HOLD_RTL": 100.0}
 #: parameter for the speed of a return (0: the one behind it), then that of missions -> its units in one m/s
@@ -125,7 +124,7 @@ class PlaceWatch:
     def __init__(
         self,
         sysid: int,
-        aircraft: Aircraft,
+        aircraft: VehicleState,
         energy: Callable[[], EnergyFact],
         orders: Orders,
         conversations: Conversations,
@@ -151,6 +150,7 @@ class PlaceWatch:
         self._finder = PlaceFinder((), Fence(()))
         self._rally: tuple[RallyPoint, ...] = ()
         self._found: Place | None = None
+        #: home as it is among the places
         self._home: tuple[float, float] | None = None
         #: what the autopilot has told of its parameters
         self._parameters = aircraft.parameters.since()
@@ -171,8 +171,6 @@ class PlaceWatch:
         self._heard_at = -math.inf
         self._armed = False
         self._settled_at = math.inf
-        self._breached_at = -math.inf
-        self._failsafe = False
         self._judged: PlaceJudged | None = None
         #: the place that is in the journal, the one that stations know of, and one that a return is sent to when it is
         #: in the list
@@ -284,13 +282,12 @@ class PlaceWatch:
     # ---- what comes in --------------------------------------------------------------------------------------------
 
     def take(self, message: Any, now: float) -> None:
-        """HEARTBEAT, PARAM_VALUE, HOME_POSITION, SYS_STATUS or FENCE_STATUS of the autopilot."""
+        """HEARTBEAT, PARAM_VALUE or HOME_POSITION of the autopilot, which the state has taken in."""
         match message.get_type():
             case "HEARTBEAT":
                 if now - self._heard_at > _REBOOT_S:
                     self.autopilot_restarted(now)  # another one, for all that is known
                 self._heard_at = now
-                self._failsafe = message.system_status >= mavlink.MAV_STATE_CRITICAL
                 if self._aircraft.armed and not self._armed:
                     self._home_at = now  # it moves home to where it arms
                     self._unwritten_told = False
@@ -305,17 +302,11 @@ class PlaceWatch:
             case "PARAM_VALUE":
                 self._keeper.counted(message.param_id, now)
             case "HOME_POSITION":
-                self._home_is(message.latitude / 1e7, message.longitude / 1e7)
-            case "FENCE_STATUS" if message.breach_status:
-                self._breached_at = now
-            case "SYS_STATUS":
-                wrong = message.onboard_control_sensors_enabled & ~message.onboard_control_sensors_health
-                if wrong & _GEOFENCE:
-                    self._breached_at = now
+                self._look_at_home()
 
-    def _home_is(self, lat_deg: float, lon_deg: float) -> None:
-        if (lat_deg, lon_deg) not in ((0.0, 0.0), self._home):
-            self._home = lat_deg, lon_deg
+    def _look_at_home(self) -> None:
+        if self._aircraft.telemetry.home.value != self._home:
+            self._home = self._aircraft.telemetry.home.value
             self._finder.relief = None if self._package is None else self._package.relief(self._home)
             self._gather()
 
@@ -345,7 +336,7 @@ class PlaceWatch:
         if self._replaced_at is not None:
             self._replaced_at = None
             self._gather()
-        here, unseen_s = self._aircraft.where, now - self._aircraft.position_at
+        here, unseen_s = self._aircraft.where, now - self._aircraft.position.at
         if here is not None and unseen_s <= _FRESH_S:
             self._measure(here)
         elif here is not None and self._aircraft.flying and not self._aircraft.to_place:
@@ -574,10 +565,12 @@ class PlaceWatch:
         if now >= self._home_at and _WHERE_HOME_IS not in self._conversations:
             self._home_at = now + _AGAIN_S
 
-            def home(talk: Conversation, _now: float) -> None:
+            def home(talk: Conversation, now: float) -> None:
                 if talk.failure is None:
                     self._home_at = math.inf
-                    self._home_is(*talk.result)
+                    lat_deg, lon_deg = talk.result
+                    self._aircraft.has_home(lat_deg, lon_deg, now)
+                    self._look_at_home()
 
             self._conversations.begin(_WHERE_HOME_IS, self._lists.home(), home, now)
         if now >= self._parameters_at and _PARAMETERS not in self._conversations:
@@ -656,10 +649,11 @@ class PlaceWatch:
     def _may_bounce(self, now: float) -> bool:
         """Whether a return that is under way may be begun anew."""
         view, where = self._ties.arbiter.view, self._aircraft.where
-        outside = where is None or not self._finder.in_fence(where[:2]) or now - self._breached_at <= _BREACH_S
+        outside = where is None or not self._finder.in_fence(where[:2]) or now - self._aircraft.breached_at <= _BREACH_S
         commanded = view.commander is not None and view.lease in _COMMANDED
+        failsafe = self._aircraft.telemetry.heartbeat.failsafe
         # by a bounce what hovers already would fly off forwards once more
-        return self._orders.returning and commanded and not outside and not self._failsafe and not self._aircraft.hovers
+        return self._orders.returning and commanded and not outside and not failsafe and not self._aircraft.hovers
 
 
 def _fence_limits(parameters: Mapping[str, float]) -> FenceLimits:

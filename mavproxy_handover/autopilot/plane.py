@@ -35,7 +35,7 @@ from mavproxy_handover.autopilot.mission_protocol import AutopilotError, Refused
 from mavproxy_handover.autopilot.procedures import Procedures, disobeys
 from mavproxy_handover.core.model import FlightAction, Flown, Kind
 from mavproxy_handover.vehicle.kinds import PLANE, Vehicle
-from mavproxy_handover.vehicle.state import Aircraft
+from mavproxy_handover.vehicle.state import VehicleState
 from mavproxy_handover.wire.conversation import Asking, NoAnswer
 
 __all__ = ["WAY_DOWN", "Plane"]
@@ -56,7 +56,7 @@ _NEAR_GROUND: Final = (mavlink.MAV_LANDED_STATE_TAKEOFF, mavlink.MAV_LANDED_STAT
 class Plane(Procedures):
     """Those of ArduPlane; `aircraft`: what it has said of itself, which is told each message before these are."""
 
-    aircraft: Aircraft
+    aircraft: VehicleState
 
     @property
     def vehicle(self) -> Vehicle:
@@ -106,11 +106,11 @@ class Plane(Procedures):
             raise RefusedError(f"it flies {mode}, which nothing stops and nothing goes on with")
         if pause and self.aircraft.hovers:
             raise RefusedError("it hovers: there is no stop before it flies forwards")
-        if pause and self.aircraft.landed_state in _NEAR_GROUND:
+        if pause and self.aircraft.telemetry.landed.state in _NEAR_GROUND:
             raise RefusedError("it takes off or lands: there is no stop so low")
         if pause:
             if flown is not Flown.STOP:
-                self.aircraft.stopped_in = flown
+                self.aircraft.stop_from(flown)
             yield from self._mode(_LOITER)
         elif flown is Flown.STOP:
             if self.aircraft.custom_mode != _LOITER:

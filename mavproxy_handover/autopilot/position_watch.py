@@ -40,7 +40,7 @@ from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.config.position import ARMED, BOX, PositionSettings
 from mavproxy_handover.core.never import assert_never
 from mavproxy_handover.link.box_line import Fix
-from mavproxy_handover.vehicle.state import Aircraft
+from mavproxy_handover.vehicle.state import VehicleState
 from mavproxy_handover.wire.box_layout import BoxRecord
 
 __all__ = ["Box", "PositionWatch", "Standing"]
@@ -88,7 +88,7 @@ class Standing(Enum):
 class PositionWatch:
     """Of one vehicle; `box` None: there is none. Times are monotonic seconds."""
 
-    def __init__(self, settings: PositionSettings, aircraft: Aircraft, box: Box | None, ties: Ties) -> None:
+    def __init__(self, settings: PositionSettings, aircraft: VehicleState, box: Box | None, ties: Ties) -> None:
         self._settings = settings
         self._aircraft = aircraft
         self._box = box
@@ -113,7 +113,7 @@ class PositionWatch:
         self._height_then: tuple[float, float] | None = None
         #: home, in metres above sea level, by the autopilot
         self._home_alt_m: float | None = None
-        aircraft.trusts_own = not self.by_box
+        aircraft.trust_own(not self.by_box)
 
     # ---- what comes -------------------------------------------------------------------------------------------------
 
@@ -129,7 +129,7 @@ class PositionWatch:
             return False
         self._heard_at, self._late_s = now, fix.late_s
         self._standing = self._judge(fix, now)
-        self._aircraft.trusts_own = not self.by_box and self._check.sound
+        self._aircraft.trust_own(not self.by_box and self._check.sound)
         if not self.by_box or not self._counts(now):
             return False
         self._aircraft.placed(self._position(fix.record), now)
@@ -144,7 +144,7 @@ class PositionWatch:
         self._layout.look(raw, self._own(now), armed=armed)
         if self._layout.verdict is Verdict.OTHER and before is not Verdict.OTHER:
             self._check = CrossCheck(self._settings)
-            self._aircraft.trusts_own = not self.by_box
+            self._aircraft.trust_own(not self.by_box)
 
     def _judge(self, fix: Fix, now: float) -> Standing:
         armed = self._aircraft.armed
@@ -192,8 +192,8 @@ class PositionWatch:
 
     def _own(self, now: float) -> Place | None:
         """The autopilot's word, where it is one to go by."""
-        aircraft, position = self._aircraft, self._aircraft.own_position
-        if position is None or now - aircraft.own_position_at > _FRESH_S or aircraft.dead_reckoning:
+        aircraft, position = self._aircraft, self._aircraft.telemetry.own_position.value
+        if position is None or now - aircraft.telemetry.own_position.at > _FRESH_S or aircraft.dead_reckoning:
             return None
         self._home_alt_m = (position.alt - position.relative_alt) / 1000.0
         return Place.by_autopilot(position)
@@ -201,7 +201,7 @@ class PositionWatch:
     def _lenient(self, now: float) -> bool:
         """Whether the box is believed whatever the autopilot says of the position."""
         aircraft = self._aircraft
-        known = now - aircraft.heartbeat_at < _HEARTBEAT_S
+        known = now - aircraft.telemetry.heartbeat.at < _HEARTBEAT_S
         return self._settings.check == ARMED and known and not aircraft.armed
 
     def _forget(self, now: float) -> None:
@@ -209,11 +209,11 @@ class PositionWatch:
         if self.by_box or self._check.sound or now - self._heard_at < _SILENT_S or self._aircraft.armed:
             return
         self._check = CrossCheck(self._settings)
-        self._aircraft.trusts_own = True
+        self._aircraft.trust_own(True)
 
     def _position(self, record: BoxRecord) -> Any:
         """The record in the form of the autopilot's own message, with the autopilot's home and time."""
-        own, alt_m = self._aircraft.own_position, self._height_m(record)
+        own, alt_m = self._aircraft.telemetry.own_position.value, self._height_m(record)
         if self._home_alt_m is None:  # the first that is known: it stands on the ground
             self._home_alt_m = alt_m
         heading, down_mps = record.heading_deg, record.down_mps
@@ -236,7 +236,7 @@ class PositionWatch:
         if not math.isnan(record.alt_m):
             return record.alt_m
         if self._height_then is None:
-            own = self._aircraft.own_position
+            own = self._aircraft.telemetry.own_position.value
             return 0.0 if own is None else own.alt / 1000.0
         own_m, box_m = self._height_then
         climbed_m = self._heights.above_sea_m(record) - box_m

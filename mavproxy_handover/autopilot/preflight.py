@@ -32,7 +32,7 @@ from mavproxy_handover.core.model import GuardState, Kind
 from mavproxy_handover.core.safety.energy_prior import ENERGY_RANGES, EnergySettings
 from mavproxy_handover.mission.heights import home_disagrees
 from mavproxy_handover.vehicle.kinds import COPTER, PLANE, Vehicle
-from mavproxy_handover.vehicle.state import Aircraft
+from mavproxy_handover.vehicle.state import VehicleState
 from mavproxy_handover.wire.conversation import Ask, Asking, Conversation, Conversations, NoAnswer
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, COMPANION_COMPID
 
@@ -430,7 +430,7 @@ class Preflight:
     def __init__(
         self,
         sysid: int,
-        aircraft: Aircraft,
+        aircraft: VehicleState,
         limits: Limits,
         conversations: Conversations,
         report: Callable[[str, str, bool], None],
@@ -512,7 +512,7 @@ class Preflight:
     ) -> None:
         """Time has passed. `grounded`: neither armed nor flying, or on the ground and always armed. `misfit`: why
         leases and guard do not fit."""
-        aircraft, heartbeat_at = self._aircraft, self._aircraft.heartbeat_at
+        aircraft, heartbeat_at = self._aircraft, self._aircraft.telemetry.heartbeat.at
         if heartbeat_at - self._heard_at > _REBOOT_S:  # appeared, or came back: another one, for all that is known
             self._due_at = now + _SETTLE_S
             self._heard_on, self._unread = None, True

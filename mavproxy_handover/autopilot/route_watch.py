@@ -15,7 +15,7 @@ from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.core.safety.route import RouteCheck, RouteLimits, TrackFact
 from mavproxy_handover.mission.plan import Route
 from mavproxy_handover.mission.track import Motion, RouteTracker
-from mavproxy_handover.vehicle.state import Aircraft
+from mavproxy_handover.vehicle.state import VehicleState
 
 __all__ = ["RouteWatch"]
 
@@ -30,7 +30,7 @@ _SHOWN_S: Final = 5.0
 class RouteWatch:
     """`look` after each position. Times are monotonic seconds."""
 
-    def __init__(self, limits: RouteLimits, aircraft: Aircraft, ties: Ties) -> None:
+    def __init__(self, limits: RouteLimits, aircraft: VehicleState, ties: Ties) -> None:
         self._aircraft = aircraft
         self._ties = ties
         self._check = RouteCheck(limits)
@@ -56,7 +56,7 @@ class RouteWatch:
 
     def look(self, now: float) -> None:
         """Compare the last position to the leg that is flown, if there was none just now."""
-        heard_at = min(self._aircraft.waypoint_at, self._aircraft.heartbeat_at)
+        heard_at = min(self._aircraft.telemetry.waypoint.at, self._aircraft.telemetry.heartbeat.at)
         if now - self._looked_at < _LOOK_S or now - heard_at > _STOPPED_S:  # what it flies to is not known
             return
         self._looked_at = now

@@ -20,7 +20,7 @@ from typing import Any
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.procedures import STREAMS, Procedures
-from mavproxy_handover.vehicle.state import Aircraft
+from mavproxy_handover.vehicle.state import VehicleState
 
 __all__ = ["Streams"]
 
@@ -50,18 +50,18 @@ class Streams:
         """Ask for everything again, within a second: whoever set the rates commands no more."""
         self._asked, self._again_at = False, 0.0
 
-    def each_second(self, aircraft: Aircraft, now: float) -> None:
+    def each_second(self, aircraft: VehicleState, now: float) -> None:
         """Ask for what is missing."""
         slow, self._positions = self._positions < _POSITIONS_A_SECOND, 0
-        if now - aircraft.heartbeat_at >= _SILENT_S:
+        if now - aircraft.telemetry.heartbeat.at >= _SILENT_S:
             self._asked = False
             return
         wanted = set()
         if slow:
             wanted.add(mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT)
-        if now - aircraft.landed_state_at > _NO_LANDED_STATE_S:
+        if now - aircraft.telemetry.landed.at > _NO_LANDED_STATE_S:
             wanted.add(mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE)
-        if not self._asked or now - aircraft.own_position_at > _NO_POSITION_S:
+        if not self._asked or now - aircraft.telemetry.own_position.at > _NO_POSITION_S:
             wanted.update(STREAMS)
         if wanted and now >= self._again_at:
             self._again_at, self._asked = now + _PAUSE_S, True

@@ -10,7 +10,7 @@ from __future__ import annotations
 from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.core.model import AuthorityView
 from mavproxy_handover.schedule import attempt
-from mavproxy_handover.vehicle.state import Aircraft
+from mavproxy_handover.vehicle.state import VehicleState
 
 __all__ = ["Telemetry"]
 
@@ -18,7 +18,7 @@ __all__ = ["Telemetry"]
 class Telemetry:
     """`stale_s`: how old the position may be."""
 
-    def __init__(self, aircraft: Aircraft, ties: Ties, stale_s: float) -> None:
+    def __init__(self, aircraft: VehicleState, ties: Ties, stale_s: float) -> None:
         self._aircraft = aircraft
         self._ties = ties
         self._stale_s = stale_s
@@ -27,7 +27,7 @@ class Telemetry:
         """Send where the aircraft is and what it does; `view`: the one in force."""
         aircraft, ties = self._aircraft, self._ties
         where = aircraft.where
-        if where is None or now - aircraft.position_at > self._stale_s:
+        if where is None or now - aircraft.position.at > self._stale_s:
             return
         zones = ties.arbiter.zones()
         ties.narrator.zones(zones)
@@ -37,5 +37,5 @@ class Telemetry:
             if port is not None and station == view.commander:
                 ties.narrator.telemetry(port.name)
             if port is not None:
-                told = aircraft.telemetry(port.target, int(ties.clocks.utc() * 1e6), zones)
+                told = aircraft.record(port.target, int(ties.clocks.utc() * 1e6), zones)
                 attempt(ties.fault, f"sending to {port.name}", port.send, told)

@@ -23,7 +23,7 @@ from typing import Final
 
 from mavproxy_handover.core.model import ZoneFact
 from mavproxy_handover.mission.reached import Belonging
-from mavproxy_handover.vehicle.state import Aircraft
+from mavproxy_handover.vehicle.state import VehicleState
 
 __all__ = ["MISSING_S", "WaypointWatch"]
 
@@ -34,7 +34,7 @@ MISSING_S: Final = 5.0
 class WaypointWatch:
     """The waypoints of one vehicle. Times are monotonic seconds."""
 
-    def __init__(self, leave_margin_m: float, aircraft: Aircraft) -> None:
+    def __init__(self, leave_margin_m: float, aircraft: VehicleState) -> None:
         """`leave_margin_m`: a zone is left so far outside its border."""
         self._leave_margin_m = leave_margin_m
         self._aircraft = aircraft
@@ -75,11 +75,11 @@ class WaypointWatch:
         aircraft, belonging = self._aircraft, self._belonging
         if belonging is None or aircraft.foreign:
             return None
-        mode_known = aircraft.heartbeat_at > -math.inf
+        mode_known = aircraft.telemetry.heartbeat.at > -math.inf
         if mode_known and not aircraft.flies_mission:
             return None
-        if aircraft.position_at - max(aircraft.waypoint_at, self._since) > MISSING_S:
+        if aircraft.position.at - max(aircraft.telemetry.waypoint.at, self._since) > MISSING_S:
             return None
-        if not mode_known or aircraft.waypoint_at < self._since:
+        if not mode_known or aircraft.telemetry.waypoint.at < self._since:
             return belonging.stations
         return belonging.awaiting(aircraft.waypoint + self._reached)

@@ -221,7 +221,7 @@ class _Visit:
             self.talk.ask(_message(sysid, "SYSTEM_TIME"))
         package = self._patient.package
         high = package is not None and bool(above_sea(package.route))
-        if (high or self._vehicle.position.box) and self._aircraft.own_position is None:
+        if (high or self._vehicle.position.box) and self._aircraft.telemetry.own_position.value is None:
             self.talk.ask(_message(sysid, "GLOBAL_POSITION_INT"))
         yield self._time()
         names = preflight.names_of(self._aircraft.vehicle, self._batteries)

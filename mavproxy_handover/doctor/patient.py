@@ -22,7 +22,7 @@ from mavproxy_handover.doctor.accounts import Account, account_of, myself
 from mavproxy_handover.doctor.processes import Process, companion_of, lock_holder
 from mavproxy_handover.doctor.units import Unit, read_unit
 from mavproxy_handover.mission.package import MissionPackage
-from mavproxy_handover.vehicle.state import Aircraft
+from mavproxy_handover.vehicle.state import VehicleState
 
 __all__ = ["CompanionStarted", "Patient", "admit"]
 
@@ -74,7 +74,7 @@ class Patient:
     #: of a station: vehicle -> digest of its package here
     digests: dict[int, bytes] = field(default_factory=dict)
     #: what the autopilot says of itself
-    aircraft: Aircraft = field(default_factory=Aircraft)
+    aircraft: VehicleState = field(default_factory=VehicleState)
 
     looked_at: float = -inf
 

@@ -83,7 +83,7 @@ def position_box(patient: Patient) -> Iterator[Finding]:
 
 def _listen(patient: Patient, line: BoxLine) -> _Heard:
     heard = _Heard(LayoutWatch(line.layout), counters=line.counters)
-    own = patient.aircraft.own_position
+    own = patient.aircraft.telemetry.own_position.value
     place = None if own is None or patient.aircraft.armed else Place.by_autopilot(own)
     begun = now = patient.clocks.monotonic()
     while now < begun + _LISTEN_S:
@@ -176,7 +176,7 @@ def _shown(layout: BoxLayout, record: bytes) -> str:
 
 def _compared(patient: Patient, vehicle: VehicleConfig, fix: Fix) -> Finding:
     """Whether it is where the autopilot has it; an aircraft that may move is not compared."""
-    what, own, record = "its position", patient.aircraft.own_position, fix.record
+    what, own, record = "its position", patient.aircraft.telemetry.own_position.value, fix.record
     heights = [
         f"{value:.0f} m {words}"
         for value, words in (

@@ -1,12 +1,23 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the autopilot last said of the aircraft, and the messages that pass it on."""
+"""What the autopilot last said of the vehicle: telemetry, parameters and where it is, each value with its time.
+
+Rules:
+
+1. Every value is replaced as a whole when the autopilot says it again, and carries the time (monotonic s) at which it
+   did. A value that was never said is what MAVLink has for unknown, and its time is -inf.
+2. Only this module writes: `VehicleState.take` for what the autopilot says, and its other methods for what another
+   part has found out. Every other part reads, and keeps no copy.
+3. `telemetry` has the autopilot's own words. `position` is the position that counts, which the box may give instead
+   (`position_watch.py`).
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any, Final
+from dataclasses import dataclass
+from typing import Any, Final, Generic, TypeVar
 
 from pymavlink.dialects.v20 import handover as mavlink
 
@@ -17,8 +28,11 @@ from mavproxy_handover.vehicle.parameters import Parameters
 from mavproxy_handover.vehicle.plane_landing import WaysDown
 from mavproxy_handover.wire.codec import AircraftState
 
-__all__ = ["Aircraft"]
+__all__ = ["Fix", "Heartbeat", "Landed", "Said", "Telemetry", "VehicleState"]
 
+T = TypeVar("T")
+
+_GEOFENCE: Final = mavlink.MAV_SYS_STATUS_GEOFENCE
 _ON_GROUND = mavlink.MAV_LANDED_STATE_ON_GROUND
 _HOVERS: Final = (mavlink.MAV_VTOL_STATE_TRANSITION_TO_MC, mavlink.MAV_VTOL_STATE_MC)
 #: what a copter never says: it is MC all the time
@@ -38,56 +52,113 @@ _SLOWEST_MPS: Final = 5.0
 _HAS_ROTORS, _RADIUS, _RETURN_RADIUS = "Q_ENABLE", "WP_LOITER_RAD", "RTL_RADIUS"
 
 
-class Aircraft:
-    """The last values, in MAVLink's units; a value that was never heard is what MAVLink has for unknown."""
+@dataclass(frozen=True, slots=True)
+class Said(Generic[T]):
+    """What the autopilot said last of one thing, and when (monotonic s)."""
+
+    value: T
+    at: float = -math.inf
+
+
+@dataclass(frozen=True, slots=True)
+class Heartbeat:
+    """What a HEARTBEAT says. `at`: when it came (monotonic s)."""
+
+    at: float = -math.inf
+    armed: bool = False
+    custom_mode: int = 0
+    #: MAV_STATE
+    status: int = mavlink.MAV_STATE_UNINIT
+    #: its firmware: ArduCopter until it is known, and where it is none of ours
+    vehicle: Vehicle = COPTER
+    #: what it is, in words, where that is nothing that is flown here: the numbers of its modes are not known
+    foreign: str = ""
+
+    @property
+    def critical(self) -> bool:
+        """A failsafe has triggered."""
+        return bool(self.status == mavlink.MAV_STATE_CRITICAL)
+
+    @property
+    def failsafe(self) -> bool:
+        """A failsafe acts, or worse."""
+        return bool(self.status >= mavlink.MAV_STATE_CRITICAL)
+
+
+@dataclass(frozen=True, slots=True)
+class Landed:
+    """What EXTENDED_SYS_STATE says: MAV_LANDED_STATE and MAV_VTOL_STATE. `at`: when it came (monotonic s)."""
+
+    at: float = -math.inf
+    state: int = mavlink.MAV_LANDED_STATE_UNDEFINED
+    vtol_state: int = mavlink.MAV_VTOL_STATE_UNDEFINED
+
+
+@dataclass(frozen=True, slots=True)
+class Fix:
+    """Whether the receiver had a fix, and whether it has one now. `at`: when it said so last (monotonic s)."""
+
+    at: float = -math.inf
+    had: bool = False
+    has: bool = False
+
+
+_UNSAID: Final[Said[Any | None]] = Said(None)
+
+
+class Telemetry:
+    """The autopilot's own words, each with its time. Units are MAVLink's where a whole message is kept."""
 
     def __init__(self) -> None:
-        self.armed = False
-        #: it has been heard disarmed
-        self._was_disarmed = False
-        self.custom_mode = 0
-        #: what it is, in words, where that is nothing that is flown here: the numbers of its modes are not known
-        self.foreign = ""
-        #: its firmware, ArduCopter until it is known, and where it is none of ours
-        self.vehicle: Vehicle = COPTER
+        self.heartbeat = Heartbeat()
+        self.landed = Landed()
+        #: GLOBAL_POSITION_INT
+        self.own_position = _UNSAID
+        self.fix = Fix()
+        #: the item that is flown to, and how far away it is
+        self.waypoint: Said[int] = Said(0)
+        self.to_waypoint_m: Said[float] = Said(math.nan)
+        #: ATTITUDE, SYS_STATUS and FENCE_STATUS
+        self.attitude = self.sys_status = self.fence_status = _UNSAID
+        #: latitude and longitude (degrees) of its home
+        self.home: Said[tuple[float, float] | None] = Said(None)
+        #: STATUSTEXT
+        self.text = ""
+
+    def take_heartbeat(self, m: Any, now: float, known: Vehicle | None) -> None:
+        """HEARTBEAT; `known`: the firmware that it is of, None: nothing that is flown here."""
+        self.heartbeat = Heartbeat(
+            now,
+            bool(m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED),
+            m.custom_mode,
+            m.system_status,
+            COPTER if known is None else known,
+            "" if known else f"{_words('MAV_AUTOPILOT', m.autopilot)} {_words('MAV_TYPE', m.type)}",
+        )
+
+
+class VehicleState:
+    """One vehicle as its autopilot last described it."""
+
+    def __init__(self) -> None:
+        self.telemetry = Telemetry()
+        self.parameters = Parameters()
+        #: the position that counts, as GLOBAL_POSITION_INT
+        self.position = _UNSAID
+        #: whether that is the autopilot's own (`position_watch.py`)
+        self.trusts_own = True
         #: whether a plane in AUTO flies its mission, or has been sent down
         self.ways_down = WaysDown()
-        #: what it was stopped in, where that is done by a mode of its own
-        self.stopped_in: Flown | None = None
-        self._vtol_state = mavlink.MAV_VTOL_STATE_UNDEFINED
+        #: it has been heard disarmed
+        self._was_disarmed = False
         #: it was an ArduPlane when it was armed, or has flown on wings since
         self._winged = False
         #: when it said last that it hovers as well as flies on wings
         self._hovers_too_at = -math.inf
-        self.parameters = Parameters()
-        self.landed_state = mavlink.MAV_LANDED_STATE_UNDEFINED
-        self.landed_state_at = -math.inf
-        #: the position that counts, and when it came
-        self.position: Any | None = None
-        self.position_at = -math.inf
-        #: the autopilot's own word of it
-        self.own_position: Any | None = None
-        self.own_position_at = -math.inf
-        #: whether that is the one that counts (`position_watch.py`)
-        self.trusts_own = True
-        self.heartbeat_at = -math.inf
-        self.status_text = ""
-        self._attitude: Any | None = None
-        self._battery_voltage = 0xFFFF
-        self._battery_remaining = -1
-        self.waypoint = 0
-        self.waypoint_at = -math.inf
-        self.waypoint_distance_m = math.nan
-        self.waypoint_distance_at = -math.inf
-        #: a failsafe has triggered, by the heartbeat
-        self.critical = False
-        #: its receiver had a fix, and whether it has one now
-        self._had_fix = self._has_fix = False
-        #: SYS_STATUS, FENCE_STATUS and their times
-        self.sys_status: Any | None = None
-        self.sys_status_at = -math.inf
-        self.fence_status: Any | None = None
-        self.fence_status_at = -math.inf
+        #: what it was stopped in, where that is done by a mode of its own
+        self.stopped_in: Flown | None = None
+        #: when it said last that it is outside its fence
+        self.breached_at = -math.inf
 
     def take(self, m: Any, now: float) -> None:
         """Take in a message of the autopilot."""
@@ -96,40 +167,47 @@ class Aircraft:
             take(self, m, now)
 
     def _take_heartbeat(self, m: Any, now: float) -> None:
-        self.heartbeat_at = now
-        self.armed = bool(m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
-        self._was_disarmed |= not self.armed
-        self.custom_mode = m.custom_mode
-        self.critical = m.system_status == mavlink.MAV_STATE_CRITICAL
+        armed = bool(m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+        self._was_disarmed |= not armed
         # in the air it becomes no other aircraft, whatever it calls itself by then
-        self._winged = self.armed and (self._winged or self.vehicle is PLANE)
-        known = vehicle_of(m.autopilot, m.type, winged=self._winged)
-        self.vehicle = COPTER if known is None else known
-        self.foreign = "" if known else f"{_words('MAV_AUTOPILOT', m.autopilot)} {_words('MAV_TYPE', m.type)}"
+        self._winged = armed and (self._winged or self.vehicle is PLANE)
+        self.telemetry.take_heartbeat(m, now, vehicle_of(m.autopilot, m.type, winged=self._winged))
         self.ways_down.mode(self.vehicle, m.custom_mode, now)
 
     def _take_position(self, m: Any, now: float) -> None:
         if m.lat == 0 and m.lon == 0:  # no position yet
             return
-        self.own_position, self.own_position_at = m, now
+        self.telemetry.own_position = Said(m, now)
         if self.trusts_own:
             self.placed(m, now)
 
     def placed(self, position: Any, now: float) -> None:
         """It is here, by the word that counts: a GLOBAL_POSITION_INT, of the autopilot or made of another's word."""
-        self.position, self.position_at = position, now
+        self.position = Said(position, now)
 
-    def _take_attitude(self, m: Any, _now: float) -> None:
-        self._attitude = m
+    def trust_own(self, trusted: bool) -> None:
+        """Whether the autopilot's own positions are the ones that count from now on."""
+        self.trusts_own = trusted
 
-    def _take_battery(self, m: Any, now: float) -> None:
-        self.sys_status, self.sys_status_at = m, now
-        self._battery_voltage = m.voltage_battery
-        self._battery_remaining = m.battery_remaining
+    def stop_from(self, flown: Flown) -> None:
+        """It flies this, and is about to be stopped."""
+        self.stopped_in = flown
+
+    def has_home(self, lat_deg: float, lon_deg: float, now: float) -> None:
+        """Its home, by HOME_POSITION or item 0 of its mission; 0, 0: it has none yet."""
+        if (lat_deg, lon_deg) != (0.0, 0.0):
+            self.telemetry.home = Said((lat_deg, lon_deg), now)
+
+    def _take_attitude(self, m: Any, now: float) -> None:
+        self.telemetry.attitude = Said(m, now)
+
+    def _take_sys_status(self, m: Any, now: float) -> None:
+        self.telemetry.sys_status = Said(m, now)
+        if m.onboard_control_sensors_enabled & ~m.onboard_control_sensors_health & _GEOFENCE:
+            self.breached_at = now
 
     def _take_landed(self, m: Any, now: float) -> None:
-        self.landed_state, self.landed_state_at = m.landed_state, now
-        self._vtol_state = m.vtol_state
+        self.telemetry.landed = Landed(now, m.landed_state, m.vtol_state)
         self._winged = self._winged or (self.armed and m.vtol_state in _ON_WINGS)
         if m.vtol_state != mavlink.MAV_VTOL_STATE_UNDEFINED:
             self._hovers_too_at = now
@@ -138,17 +216,53 @@ class Aircraft:
         self.parameters.take(m, now)
 
     def _take_waypoint(self, m: Any, now: float) -> None:
-        self.waypoint, self.waypoint_at = m.seq, now
+        self.telemetry.waypoint = Said(m.seq, now)
         self.ways_down.waypoint(m.seq, now)
 
     def _take_distance(self, m: Any, now: float) -> None:
-        self.waypoint_distance_m, self.waypoint_distance_at = float(m.wp_dist), now
+        self.telemetry.to_waypoint_m = Said(float(m.wp_dist), now)
 
     def _take_fence(self, m: Any, now: float) -> None:
-        self.fence_status, self.fence_status_at = m, now
+        self.telemetry.fence_status = Said(m, now)
+        if m.breach_status:
+            self.breached_at = now
+
+    def _take_home(self, m: Any, now: float) -> None:
+        self.has_home(m.latitude / 1e7, m.longitude / 1e7, now)
 
     def _take_text(self, m: Any, _now: float) -> None:
-        self.status_text = m.text
+        self.telemetry.text = m.text
+
+    def _take_fix(self, m: Any, now: float) -> None:
+        has = m.fix_type >= mavlink.GPS_FIX_TYPE_3D_FIX
+        self.telemetry.fix = Fix(now, self.telemetry.fix.had or has, has)
+
+    # ---- its heartbeat --------------------------------------------------------------------------------------------
+
+    @property
+    def armed(self) -> bool:
+        """By its last heartbeat."""
+        return self.telemetry.heartbeat.armed
+
+    @property
+    def custom_mode(self) -> int:
+        """The number of its flight mode."""
+        return self.telemetry.heartbeat.custom_mode
+
+    @property
+    def vehicle(self) -> Vehicle:
+        """Its firmware, ArduCopter until it is known, and where it is none of ours."""
+        return self.telemetry.heartbeat.vehicle
+
+    @property
+    def foreign(self) -> str:
+        """What it is, in words, where that is nothing that is flown here; "" else."""
+        return self.telemetry.heartbeat.foreign
+
+    @property
+    def waypoint(self) -> int:
+        """The item of the mission that is flown to; 0 before it is known."""
+        return self.telemetry.waypoint.value
 
     # ---- what it is -----------------------------------------------------------------------------------------------
 
@@ -202,7 +316,7 @@ class Aircraft:
     @property
     def hovers(self) -> bool:
         """It has wings, and is carried by its rotors, or about to be."""
-        return self.kind.winged and self._vtol_state in _HOVERS
+        return self.kind.winged and self.telemetry.landed.vtol_state in _HOVERS
 
     @property
     def loiter_radius_m(self) -> float | None:
@@ -236,50 +350,55 @@ class Aircraft:
     @property
     def dead_reckoning(self) -> bool:
         """The receiver had a fix and has it no more: positions come on, and are the estimator's guess."""
-        return self._had_fix and not self._has_fix
-
-    def _take_fix(self, m: Any, _now: float) -> None:
-        self._has_fix = m.fix_type >= mavlink.GPS_FIX_TYPE_3D_FIX
-        self._had_fix = self._had_fix or self._has_fix
+        fix = self.telemetry.fix
+        return fix.had and not fix.has
 
     @property
     def flying(self) -> bool:
         """Armed and off the ground, or armed with the ground contact unknown."""
-        return self.armed and self.landed_state != _ON_GROUND
+        return self.armed and self.telemetry.landed.state != _ON_GROUND
 
     @property
     def always_armed(self) -> bool:
         """With wings, on the ground, and never heard disarmed: where ARMING_REQUIRE is 0 it never is."""
-        return self.kind.winged and self.landed_state == _ON_GROUND and not self._was_disarmed
+        return self.kind.winged and self.telemetry.landed.state == _ON_GROUND and not self._was_disarmed
 
     @property
     def track(self) -> tuple[float, float]:
         """Course over ground (deg) and ground speed (m/s)."""
-        if self.position is None:
+        position = self.position.value
+        if position is None:
             return 0.0, 0.0
-        north, east = _over_ground(self.position)
+        north, east = _over_ground(position)
         return math.degrees(math.atan2(east, north)) % 360.0, math.hypot(north, east)
 
     @property
     def own_speed_mps(self) -> float:
         """Ground speed by the autopilot's own word."""
-        return 0.0 if self.own_position is None else math.hypot(*_over_ground(self.own_position))
+        position = self.telemetry.own_position.value
+        return 0.0 if position is None else math.hypot(*_over_ground(position))
 
     @property
     def where(self) -> tuple[float, float, float] | None:
         """Latitude and longitude (degrees), height above home (m); None before they are known."""
-        position = self.position
+        position = self.position.value
         return None if position is None else (position.lat / 1e7, position.lon / 1e7, position.relative_alt / 1000.0)
 
     @property
     def home_alt_m(self) -> float | None:
         """Its home above the sea (m), as its own positions have it; None before they are known."""
-        position = self.own_position
+        position = self.telemetry.own_position.value
         return None if position is None else (position.alt - position.relative_alt) / 1000.0
+
+    @property
+    def _battery(self) -> tuple[int, int]:
+        """Voltage (mV) and charge (%), in MAVLink's words for unknown where they are not known."""
+        status = self.telemetry.sys_status.value
+        return (0xFFFF, -1) if status is None else (status.voltage_battery, status.battery_remaining)
 
     def state(self) -> AircraftState:
         """What HANDOVER_REQUEST tells."""
-        position = self.position
+        position = self.position.value
         if position is None:
             return AircraftState(waypoint=self.waypoint, custom_mode=self.custom_mode)
         return AircraftState(
@@ -288,14 +407,14 @@ class Aircraft:
             relative_alt=position.relative_alt,
             heading=position.hdg,
             groundspeed=self.track[1],
-            battery_remaining=self._battery_remaining,
+            battery_remaining=self._battery[1],
             waypoint=self.waypoint,
             custom_mode=self.custom_mode,
         )
 
-    def telemetry(self, target: tuple[int, int], utc_us: int, zones: tuple[int, int]) -> Any:
+    def record(self, target: tuple[int, int], utc_us: int, zones: tuple[int, int]) -> Any:
         """HANDOVER_TELEMETRY, the telemetry record of the thesis (section 4.3.2). `zones`: as `Arbiter.zones`."""
-        position, attitude = self.position, self._attitude
+        position, attitude = self.position.value, self.telemetry.attitude.value
         rates = (0.0, 0.0, 0.0) if attitude is None else (attitude.rollspeed, attitude.pitchspeed, attitude.yawspeed)
         if position is None:
             where = (0, 0, 0, 0, 0)
@@ -309,15 +428,14 @@ class Aircraft:
             *target,
             utc_us,
             where[0],
-            self._battery_voltage,
-            self._battery_remaining,
+            *self._battery,
             *where[1:],
             *rates,
             *velocity,
             heading,
             self.track[1],
             self.waypoint,
-            self.waypoint_distance_m,
+            self.telemetry.to_waypoint_m.value,
             zones[0],
             int(self.armed),
             self.custom_mode,
@@ -335,16 +453,17 @@ def _words(enum: str, value: int) -> str:
     return str(value) if entry is None else entry.name.removeprefix(f"{enum}_").lower().replace("_", " ")
 
 
-_TAKE: Final[dict[str, Callable[[Aircraft, Any, float], None]]] = {
-    "HEARTBEAT": Aircraft._take_heartbeat,
-    "GLOBAL_POSITION_INT": Aircraft._take_position,
-    "ATTITUDE": Aircraft._take_attitude,
-    "SYS_STATUS": Aircraft._take_battery,
-    "EXTENDED_SYS_STATE": Aircraft._take_landed,
-    "MISSION_CURRENT": Aircraft._take_waypoint,
-    "NAV_CONTROLLER_OUTPUT": Aircraft._take_distance,
-    "STATUSTEXT": Aircraft._take_text,
-    "FENCE_STATUS": Aircraft._take_fence,
-    "GPS_RAW_INT": Aircraft._take_fix,
-    "PARAM_VALUE": Aircraft._take_parameter,
+_TAKE: Final[dict[str, Callable[[VehicleState, Any, float], None]]] = {
+    "HEARTBEAT": VehicleState._take_heartbeat,
+    "GLOBAL_POSITION_INT": VehicleState._take_position,
+    "ATTITUDE": VehicleState._take_attitude,
+    "SYS_STATUS": VehicleState._take_sys_status,
+    "EXTENDED_SYS_STATE": VehicleState._take_landed,
+    "MISSION_CURRENT": VehicleState._take_waypoint,
+    "NAV_CONTROLLER_OUTPUT": VehicleState._take_distance,
+    "STATUSTEXT": VehicleState._take_text,
+    "FENCE_STATUS": VehicleState._take_fence,
+    "HOME_POSITION": VehicleState._take_home,
+    "GPS_RAW_INT": VehicleState._take_fix,
+    "PARAM_VALUE": VehicleState._take_parameter,
 }

@@ -21,7 +21,7 @@ from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.core.events import SignsSeen, Tick
 from mavproxy_handover.core.safety.energy import Piece, way_home
 from mavproxy_handover.core.safety.energy_prior import EnergySettings
-from mavproxy_handover.vehicle.state import Aircraft
+from mavproxy_handover.vehicle.state import VehicleState
 from sitl.bench.loop import BenchError
 from sitl.bench.numbers import Pair, abba, compare, settled
 from sitl.bench.results import Measurement, from_comparison
@@ -57,7 +57,7 @@ class Pilot:
         talks = {"narrator": quiet, "voice": quiet, "handle": _nobody}
         ties = SimpleNamespace(**talks, fault=lambda _where, text: self.faults.append(text))
         self.watch = EnergyWatch(_SETTINGS, cast("Ties", ties))
-        self._aircraft = Aircraft()
+        self._aircraft = VehicleState()
         self._now = 1000.0
         armed = mavlink.MAV_MODE_FLAG_SAFETY_ARMED
         self._aircraft.take(mavlink.MAVLink_heartbeat_message(2, 3, armed, 3, 4, 3), self._now)
@@ -82,7 +82,7 @@ class Pilot:
         self._aircraft.take(position, self._now)
         watch = self.watch
         for _ in range(4):
-            watch.take(self._attitude, self._now, False)
+            self._aircraft.take(self._attitude, self._now)
         watch.take(self._wind, self._now, False)
         watch.take(self._batteries[number], self._now, False)
         watch.each_second(self._aircraft, False, self._now)

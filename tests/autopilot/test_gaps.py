@@ -20,7 +20,7 @@ from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import GapFact
 from mavproxy_handover.mission.gaps import Stretch
 from mavproxy_handover.mission.package import load
-from mavproxy_handover.vehicle.state import Aircraft
+from mavproxy_handover.vehicle.state import VehicleState
 
 RIDGE = load(Path(__file__).parents[2] / "missions" / "ridge")
 (RIDGE_GAP,) = RIDGE.stretches(RIDGE.walk())
@@ -36,7 +36,7 @@ class Cockpit:
 
     def __init__(self, limits: Limits | None = None) -> None:
         self.told: list[Event] = []
-        self.aircraft = Aircraft()
+        self.aircraft = VehicleState()
         ties = SimpleNamespace(handle=lambda event, _now: self.told.append(event))
         self.watch = GapWatch(limits or Limits(), self.aircraft, cast(Ties, ties))
         self.watch.adopt((RIDGE_GAP,))

@@ -13,7 +13,7 @@ from mavproxy_handover.autopilot.cruise import held_cruise, write_cruise
 from mavproxy_handover.autopilot.plane import Plane
 from mavproxy_handover.core.model import FlightAction, Flown
 from mavproxy_handover.vehicle.kinds import PLANE
-from mavproxy_handover.vehicle.state import Aircraft
+from mavproxy_handover.vehicle.state import VehicleState
 from mavproxy_handover.wire.conversation import Asking, Conversation, NoAnswer
 from tests.autopilot.test_copter import talk
 from tests.module.vehicle import PlaneAutopilot
@@ -32,7 +32,7 @@ class Cockpit:
     def __init__(self, rotors: bool) -> None:
         self.autopilot = PlaneAutopilot(rotors)
         self.autopilot.guard_state = None
-        self.aircraft = Aircraft()
+        self.aircraft = VehicleState()
         self.plane = Plane(1, lambda: "PreArm: why", self.aircraft)
         step = self.autopilot.step
 

@@ -77,7 +77,7 @@ def test_the_place_of_the_thesiss_record_is_where_the_aircraft_is(bench: Bench, 
     sound(bench, box, configured("thesis"))
     bench.run(1.0)
     assert where(bench) == pytest.approx(box.place, abs=1e-6)
-    position = bench.companion.autopilot.aircraft.position
+    position = bench.companion.autopilot.aircraft.position.value
     assert (position.vx, position.vy, position.vz, position.hdg) == (30, 40, 0, 9000)
 
 
@@ -246,7 +246,7 @@ def test_without_a_height_above_sea_level_the_autopilots_is_told(bench: Bench, b
     bench.run(1.0)
     assert bench.companion.autopilot.aircraft.where[2] == pytest.approx(30.0)
     (last,) = bench.a.got("HANDOVER_TELEMETRY")[-1:]
-    own = bench.companion.autopilot.aircraft.own_position
+    own = bench.companion.autopilot.aircraft.telemetry.own_position.value
     assert (last.alt, last.relative_alt) == (own.alt, own.relative_alt)
 
 

@@ -103,7 +103,7 @@ def standing(bench: Bench) -> Any:
 def where(bench: Bench) -> tuple[float, float] | None:
     """The position that counts, if it is fresh."""
     aircraft = bench.companion.autopilot.aircraft
-    fresh = bench.clock.now - aircraft.position_at < 0.5
+    fresh = bench.clock.now - aircraft.position.at < 0.5
     return aircraft.where[:2] if fresh and aircraft.where is not None else None
 
 
@@ -141,7 +141,7 @@ def test_the_boxs_word_is_where_the_aircraft_is(bench: Bench, box: Box, delivery
     aircraft = bench.companion.autopilot.aircraft
     assert aircraft.track == pytest.approx((math.degrees(math.atan2(4.0, 3.0)), 5.0))
     assert aircraft.where[2] == pytest.approx(12.0), "above the autopilot's home"
-    assert aircraft.position.hdg == 9000
+    assert aircraft.position.value.hdg == 9000
     (last,) = bench.a.got("HANDOVER_TELEMETRY")[-1:]
     assert (last.lat / 1e7, last.lon / 1e7) == pytest.approx(box.place, abs=1e-6)
     assert told(bench) == [], "as it should be: nobody has to be told"

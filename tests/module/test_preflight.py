@@ -31,7 +31,7 @@ from mavproxy_handover.core.safety.energy_prior import EnergySettings
 from mavproxy_handover.mission.items import MissionItem
 from mavproxy_handover.mission.package import MissionPackage, load
 from mavproxy_handover.vehicle.kinds import COPTER, PLANE
-from mavproxy_handover.vehicle.state import Aircraft
+from mavproxy_handover.vehicle.state import VehicleState
 from mavproxy_handover.wire.conversation import Conversations
 from tests.autopilot.test_copter import talk
 from tests.module.conftest import Bench, Clock
@@ -513,14 +513,14 @@ def test_how_many_batteries_fly_it_is_the_missions_to_say_and_else_the_vehicles(
     coder, written = mavlink.MAVLink(None, srcSystem=1, srcComponent=191), list[bytes]()
     talks = Conversations(lambda message: written.append(bytes(message.pack(coder))), lambda where, text: None)
     said: list[str] = []
-    aircraft = Aircraft()
+    aircraft = VehicleState()
     preflight = Preflight(1, aircraft, Limits(), talks, lambda text, parameter, fits: said.append(text), own)
     if missions is not None:
         preflight.planned(FLAT, energy=missions)
         preflight.planned(FLAT)  # a mission sent in flight says nothing of batteries
     for tick in range(300):
         now = 0.05 * tick
-        aircraft.heartbeat_at = now
+        aircraft.take(mavlink.MAVLink_heartbeat_message(2, 3, 0, 0, 3, 3), now)
         preflight.each_second(True, GuardState.LIVE, (4, 7), now)
         waiting, written[:] = list(written), []
         for message in autopilot.step(waiting, now):

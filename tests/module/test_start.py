@@ -319,7 +319,7 @@ def landed(ready: Bench) -> None:
     ready.a.command(START)
     ready.until(lambda: ready.companion.view.phase is Phase.ON_MISSION)
     ready.run(3.0)
-    ready.until(lambda: ready.clock.now - ready.companion.autopilot.aircraft.heartbeat_at < 0.1)
+    ready.until(lambda: ready.clock.now - ready.companion.autopilot.aircraft.telemetry.heartbeat.at < 0.1)
     ready.autopilot.armed, ready.autopilot.airborne = False, False
     ready.autopilot.forgets.update((START, MODE))  # it says ACCEPTED, and nothing flies
 

@@ -57,7 +57,7 @@ def fly(folder: Path, route: Route, speedup: float = 10.0) -> list[Place]:
     found: list[Place] = []
     try:
         flight = Flight(vehicle.address(1), EnergySettings())
-        flight.until(lambda: flight.now > 0.0 or flight.aircraft.heartbeat_at >= 0.0, 60, "the autopilot")
+        flight.until(lambda: flight.now > 0.0 or flight.aircraft.telemetry.heartbeat.at >= 0.0, 60, "the autopilot")
         for message, hertz in _RATES.items():
             flight.command(511, message, 1e6 / hertz)
         flight.until(lambda: flight.now > 15.0, 60, "room for a mission")
@@ -68,8 +68,8 @@ def fly(folder: Path, route: Route, speedup: float = 10.0) -> list[Place]:
 
         def there() -> bool:
             aircraft = flight.aircraft
-            if aircraft.where is not None and (not found or aircraft.position_at > found[-1].time_s):
-                found.append(Place(aircraft.position_at, *aircraft.where, aircraft.waypoint))
+            if aircraft.where is not None and (not found or aircraft.position.at > found[-1].time_s):
+                found.append(Place(aircraft.position.at, *aircraft.where, aircraft.waypoint))
             return aircraft.waypoint >= last or not aircraft.armed
 
         flight.until(there, 3000, "the mission")

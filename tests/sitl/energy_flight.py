@@ -23,7 +23,7 @@ from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.core.safety.energy import EnergyFact, EnergyModel, Piece, Wind, way_home
 from mavproxy_handover.core.safety.energy_prior import EnergySettings
 from mavproxy_handover.mission.geodesy import bearing_deg, distance_m, offset
-from mavproxy_handover.vehicle.state import Aircraft
+from mavproxy_handover.vehicle.state import VehicleState
 from sitl.vehicles import VehicleSpec, launch
 from tests.sitl.guard_flight import HOME, Wire
 
@@ -56,7 +56,7 @@ class Flight:
 
     def __init__(self, address: str, settings: EnergySettings) -> None:
         self.wire = Wire(address, 255, 190)
-        self.aircraft = Aircraft()
+        self.aircraft = VehicleState()
         self.faults: list[str] = []
         quiet = SimpleNamespace(energy=_nobody, energy_warning=_nobody)
         ties = SimpleNamespace(narrator=quiet, handle=_nobody, fault=lambda _where, text: self.faults.append(text))
@@ -88,7 +88,7 @@ class Flight:
         kind = message.get_type()
         self.now = max(self.now, getattr(message, "time_boot_ms", 0) / 1000.0)
         self.aircraft.take(message, self.now)
-        if kind in ("ATTITUDE", "WIND", "BATTERY_STATUS"):
+        if kind in ("WIND", "BATTERY_STATUS"):
             self.watch.take(message, self.now, not self.aircraft.armed)
         if kind == "BATTERY_STATUS":
             self.used_wh = message.energy_consumed / 36.0
@@ -180,7 +180,7 @@ def _fly(
     flight: Flight, settings: EnergySettings, place: tuple[float, float], wind: Wind, return_mps: float | None
 ) -> Flown:
     length, bearing = distance_m(*HOME[:2], *place), bearing_deg(*HOME[:2], *place)
-    flight.until(lambda: flight.now > 0.0 or flight.aircraft.heartbeat_at >= 0.0, 60, "the autopilot")
+    flight.until(lambda: flight.now > 0.0 or flight.aircraft.telemetry.heartbeat.at >= 0.0, 60, "the autopilot")
     for message, hertz in RATES.items():
         flight.command(511, message, 1e6 / hertz)
     flight.until(lambda: flight.now > 15.0, 60, "room for a mission")

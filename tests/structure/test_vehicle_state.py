@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the autopilot says is kept once: no part of the companion has a copy of the parameters beside the state's."""
+"""What the autopilot says is kept once, in small classes: no part has a copy of the parameters beside the state's."""
 
 from __future__ import annotations
 
@@ -47,3 +47,46 @@ def test_a_second_copy_would_be_found() -> None:
     copy = "class Watch:\n    def take(self, m):\n        self._told[m.param_id] = float(m.param_value)\n"
     assert list(readers(copy)) == ["Watch"]
     assert list(readers("class Watch:\n    pass\n")) == []
+
+
+#: a class of these parts has no more fields
+MOST_FIELDS = 15
+PARTS = ("mavproxy_handover.vehicle.", "mavproxy_handover.monitors.")
+#: data of a firmware, a table and no state
+TABLES = {"mavproxy_handover.vehicle.kinds:Vehicle"}
+
+
+def fields(cls: ast.ClassDef) -> set[str]:
+    """What a class keeps: its annotated fields, and whatever its methods assign to `self`."""
+    declared = {
+        node.target.id for node in cls.body if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name)
+    }
+    assigned = {
+        node.attr
+        for node in ast.walk(cls)
+        if isinstance(node, ast.Attribute)
+        and isinstance(node.ctx, ast.Store)
+        and isinstance(node.value, ast.Name)
+        and node.value.id == "self"
+    }
+    return declared | assigned
+
+
+def test_no_class_of_state_and_monitors_keeps_much() -> None:
+    large = {
+        f"{module}:{node.name}": len(fields(node))
+        for module, path in files().items()
+        if module.startswith(PARTS)
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ClassDef) and len(fields(node)) > MOST_FIELDS
+    }
+    assert set(large) == TABLES, large
+
+
+def test_fields_are_counted_however_they_are_made() -> None:
+    source = (
+        "class A:\n    a: int\n    def f(self):\n        self.b, self.c = 1, 2\n        self.b += 1\n        x.d = 3\n"
+    )
+    (cls,) = ast.parse(source).body
+    assert isinstance(cls, ast.ClassDef)
+    assert fields(cls) == {"a", "b", "c"}

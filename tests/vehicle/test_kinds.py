@@ -11,7 +11,7 @@ from mavproxy_handover.autopilot import hands
 from mavproxy_handover.core.events import HandSeen
 from mavproxy_handover.core.model import Flown, Hand, Kind
 from mavproxy_handover.vehicle.kinds import COPTER, PLANE, VEHICLES, Vehicle
-from mavproxy_handover.vehicle.state import Aircraft
+from mavproxy_handover.vehicle.state import VehicleState
 from mavproxy_handover.wire.frames import parse_one
 
 #: ArduPlane's mode.h
@@ -94,9 +94,9 @@ def test_the_modes_by_role_do_what_their_role_says(vehicle: Vehicle) -> None:
 # ---- what it says of itself ---------------------------------------------------------------------------------------
 
 
-def told(kind: int, vtol_state: int = 0, **parameters: float) -> Aircraft:
+def told(kind: int, vtol_state: int = 0, **parameters: float) -> VehicleState:
     """An aircraft that has said this of itself, in flight at 20 m/s."""
-    aircraft = Aircraft()
+    aircraft = VehicleState()
     aircraft.take(mavlink.MAVLink_heartbeat_message(kind, 3, 128, 10, 4, 3), 1.0)
     aircraft.take(mavlink.MAVLink_extended_sys_state_message(vtol_state, 2), 1.0)
     aircraft.take(mavlink.MAVLink_global_position_int_message(0, 526790000, 59240000, 0, 0, 2000, 0, 0, 0), 1.0)
@@ -105,7 +105,7 @@ def told(kind: int, vtol_state: int = 0, **parameters: float) -> Aircraft:
     return aircraft
 
 
-def twice(kind: int, vtol_state: int) -> Aircraft:
+def twice(kind: int, vtol_state: int) -> VehicleState:
     """The same, and one heartbeat more: ArduPlane with Q_MAV_TYPE set calls itself what that says, and still tells
     when it flies on its wings. The fault: a return was ordered by a copter's number, FBWB."""
     aircraft = told(kind, vtol_state)
@@ -115,7 +115,7 @@ def twice(kind: int, vtol_state: int) -> Aircraft:
     return aircraft
 
 
-def called_otherwise() -> Aircraft:
+def called_otherwise() -> VehicleState:
     """It hovers, and Q_MAV_TYPE is set in the air."""
     aircraft = told(mavlink.MAV_TYPE_FIXED_WING, 3)
     aircraft.take(mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_QUADROTOR, 3, 128, 11, 4, 3), 2.0)
@@ -154,7 +154,7 @@ def called_otherwise() -> Aircraft:
         "rover",
     ],
 )
-def test_a_plane_hovers_too_where_it_says_so(aircraft: Aircraft, kind: Kind) -> None:
+def test_a_plane_hovers_too_where_it_says_so(aircraft: VehicleState, kind: Kind) -> None:
     """ArduPlane's MAV_TYPE is FIXED_WING with rotors and without, unless Q_MAV_TYPE says otherwise."""
     assert aircraft.kind is kind
 
@@ -173,14 +173,14 @@ def test_a_plane_hovers_too_where_it_says_so(aircraft: Aircraft, kind: Kind) -> 
     ],
     ids=["copter", "default", "left turns", "zero", "return's own", "forwards", "hovers", "slows down to hover"],
 )
-def test_what_flies_on_wings_needs_room_for_a_circle(aircraft: Aircraft, circles_s: float, circle_m: float) -> None:
+def test_what_flies_on_wings_needs_room_for_a_circle(aircraft: VehicleState, circles_s: float, circle_m: float) -> None:
     """Two seconds and one and a half radii, at 20 m/s; the circle of ArduPlane is 60 m if it says nothing."""
     assert aircraft.circles_s == pytest.approx(circles_s)
     assert aircraft.return_circle_m == circle_m
 
 
 def test_what_stands_on_its_wheels_does_not_need_for_ever_to_circle() -> None:
-    aircraft = Aircraft()
+    aircraft = VehicleState()
     aircraft.take(mavlink.MAVLink_heartbeat_message(1, 3, 0, 0, 4, 3), 1.0)
     assert aircraft.circles_s == pytest.approx(20.0)
 

@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.core.model import Flown
 from mavproxy_handover.mission.items import MissionItem
 from mavproxy_handover.mission.plan import Home, Route
-from mavproxy_handover.vehicle.state import Aircraft
+from mavproxy_handover.vehicle.state import VehicleState
 
 MANUAL, AUTO, RTL, LOITER, GUIDED = 0, 10, 11, 12, 15
 #: take-off, three waypoints, DO_LAND_START (5), two waypoints and the landing (8)
@@ -26,7 +26,7 @@ class Cockpit:
     """What the autopilot says, and what is made of it."""
 
     def __init__(self, mission: Route | None) -> None:
-        self.aircraft = Aircraft()
+        self.aircraft = VehicleState()
         self.aircraft.ways_down.adopt(mission)
         self.now = 10.0
 
