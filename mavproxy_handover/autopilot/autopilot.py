@@ -29,13 +29,13 @@ from mavproxy_handover.autopilot.loading import Along, MissionLoader, MissionWri
 from mavproxy_handover.autopilot.orders import Orders
 from mavproxy_handover.autopilot.own_failsafes import PlanFacts, plan_facts
 from mavproxy_handover.autopilot.package_standing import PackageStanding
-from mavproxy_handover.autopilot.places import PlaceWatch
 from mavproxy_handover.autopilot.plane import Plane
 from mavproxy_handover.autopilot.position_watch import Box, PositionWatch
 from mavproxy_handover.autopilot.preflight import Finding, Preflight, heights_lack
 from mavproxy_handover.autopilot.procedures import Procedures
 from mavproxy_handover.autopilot.read_back import ReadBack
 from mavproxy_handover.autopilot.reboot_watch import RebootWatch
+from mavproxy_handover.autopilot.return_site import ReturnSite
 from mavproxy_handover.autopilot.route_watch import RouteWatch
 from mavproxy_handover.autopilot.staging import Rerouted, Staging
 from mavproxy_handover.autopilot.streams import Streams
@@ -146,7 +146,7 @@ class Autopilot:
             self.aircraft, ties, lambda: self._preflight.radio_watched, lambda: self.places.goes_to
         )
         #: where a return goes
-        self.places = PlaceWatch(config.sysid, self.aircraft, lambda: self._energy.fact, self.orders, talks, ties)
+        self.places = ReturnSite(config.sysid, self.aircraft, lambda: self._energy.fact, self.orders, talks, ties)
         standing = self._standing = PackageStanding(self._on_board is not None, ties)
         #: the commander's commands in flight, judged by the situation
         self.desk = CommandDesk(config.commands, self.aircraft, self._energy, self.places, ties)

@@ -30,7 +30,7 @@ from typing import Final
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.energy import FAULT, EnergyWatch
-from mavproxy_handover.autopilot.places import PlaceWatch
+from mavproxy_handover.autopilot.return_site import ReturnSite
 from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.core.model import Flown
 from mavproxy_handover.core.safety.commands import (
@@ -124,7 +124,7 @@ class CommandDesk:
         policies: Mapping[Limit, str],
         aircraft: VehicleState,
         energy: EnergyWatch,
-        places: PlaceWatch,
+        places: ReturnSite,
         ties: Ties,
     ) -> None:
         self.rules = CommandRules(policies)

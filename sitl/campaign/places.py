@@ -3,7 +3,7 @@
 """The edge of the places of a return: what is known of each, what the autopilot's rally list is to hold, what is said.
 
 What a place is worth and which one is chosen is the rules' to say (`core/safety/places.py`), as on the aircraft. Here
-stands what `autopilot/places.py` makes there: facts from the position and the energy as it is believed, one point in
+stands what `autopilot/return_site.py` makes there: facts from position and energy as they are believed, one point in
 the list, rewritten when the choice changes and every 5 s at most, a return that is begun anew for another place.
 
 It looks each second. Where time is left out it looks when something can have changed, and not later (`_holds_m`): a

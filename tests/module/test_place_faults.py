@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot import places
-from mavproxy_handover.autopilot.places import PlaceWatch
+from mavproxy_handover.autopilot import return_site
+from mavproxy_handover.autopilot.return_site import ReturnSite
 from mavproxy_handover.core.model import Phase
 from mavproxy_handover.core.safety.places import PlaceChooser
 from mavproxy_handover.mission.package import MissionPackage
@@ -59,9 +59,9 @@ def watch(bench: Bench) -> Any:
 
 PLANTS: dict[str, Callable[[pytest.MonkeyPatch], None]] = {
     "the map": lambda patch: patch.setattr(PlaceFinder, "look", broken),
-    "the way back": lambda patch: patch.setattr(places, "way_back", broken),
-    "what is asked": lambda patch: patch.setattr(PlaceWatch, "_ask", broken),
-    "a look": lambda patch: patch.setattr(PlaceWatch, "_look", broken),
+    "the way back": lambda patch: patch.setattr(return_site, "way_back", broken),
+    "what is asked": lambda patch: patch.setattr(ReturnSite, "_ask", broken),
+    "a look": lambda patch: patch.setattr(ReturnSite, "_look", broken),
     "the choice": lambda patch: patch.setattr(PlaceChooser, "choose", broken),
 }
 
@@ -88,20 +88,20 @@ def test_what_is_asked_and_what_is_looked_at_do_not_stop_each_other(
 ) -> None:
     before = watch(flying).choice.place
     with monkeypatch.context() as patch:
-        patch.setattr(PlaceWatch, "_ask", broken)
+        patch.setattr(ReturnSite, "_ask", broken)
         flying.autopilot.position = AWAY
         flying.run(3.0)
     assert watch(flying).choice.place.distance_m > before.distance_m + 100.0
 
 
 def test_a_place_that_cannot_be_looked_at_leaves_the_others(flying: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    see = PlaceWatch._see
+    see = ReturnSite._see
 
     def odd(self: Any, place: Any, *way: Any) -> Any:
         return broken() if place.name == "rally 1" else see(self, place, *way)
 
     with monkeypatch.context() as patch:
-        patch.setattr(PlaceWatch, "_see", odd)
+        patch.setattr(ReturnSite, "_see", odd)
         flying.autopilot.position = AWAY
         flying.run(3.0)
         facts = {name: seen.fact for name, seen in watch(flying)._seen.items()}

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot import places as watch
+from mavproxy_handover.autopilot import return_site as watch
 from mavproxy_handover.autopilot.rally_list import MOST_POINTS
 from mavproxy_handover.mission.package import MissionPackage
 from tests.module.conftest import Bench

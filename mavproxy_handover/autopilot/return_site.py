@@ -60,7 +60,7 @@ from mavproxy_handover.vehicle.kinds import VEHICLES
 from mavproxy_handover.vehicle.state import VehicleState
 from mavproxy_handover.wire.conversation import Conversation, Conversations
 
-__all__ = ["PlaceWatch"]
+__all__ = ["ReturnSite"]
 
 #: places that are looked at in one second, besides the one that is chosen: each takes up to a millisecond
 _AT_ONCE: Final = 4
@@ -118,7 +118,7 @@ class _Seen:
     metre_wh: float
 
 
-class PlaceWatch:
+class ReturnSite:
     """The places of one vehicle. Times are monotonic seconds."""
 
     def __init__(
