@@ -149,7 +149,7 @@ class Autopilot:
         self.places = ReturnSite(config.sysid, self.aircraft, lambda: self._energy.fact, self.orders, talks, ties)
         standing = self._standing = PackageStanding(self._on_board is not None, ties)
         #: the commander's commands in flight, judged by the situation
-        self.desk = CommandDesk(config.commands, self.aircraft, self._energy, self.places, ties)
+        self.desk = CommandDesk(config.commands, self.aircraft, self._energy, self.places.candidates, ties)
         #: what stations write to the autopilot on the ground
         self._uploads = GroundUploads(
             self.desk,
@@ -166,7 +166,7 @@ class Autopilot:
             talks,
             ties,
             self._flies_by,
-            self.places.first_point,
+            self.places.candidates.first_point,
             standing,
             self._uploads.forget,
         )
@@ -326,7 +326,7 @@ class Autopilot:
     def _keeps_speed(self, now: float) -> None:
         """A copter has begun to return. A speed of its commander's that passed just before may have come later."""
         if self.aircraft.to_place and not self.aircraft.kind.winged and self.desk.sped_lately(now):
-            self.orders.resume_speed(self.places.return_mps, now)
+            self.orders.resume_speed(self.places.candidates.return_mps, now)
 
     def _on_state(self, message: Any, now: float) -> None:
         aircraft = self.aircraft

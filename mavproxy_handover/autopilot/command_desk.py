@@ -30,7 +30,6 @@ from typing import Final
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.energy import FAULT, EnergyWatch
-from mavproxy_handover.autopilot.return_site import ReturnSite
 from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.core.model import Flown
 from mavproxy_handover.core.safety.commands import (
@@ -51,7 +50,9 @@ from mavproxy_handover.mission.energy import Place, pieces_along, released_at, w
 from mavproxy_handover.mission.geodesy import offset
 from mavproxy_handover.mission.walk import Leg
 from mavproxy_handover.mission.wings import AS_IT_COMES
+from mavproxy_handover.monitors.return_site.candidates import Candidates
 from mavproxy_handover.stations.port import StationPort
+from mavproxy_handover.vehicle.return_limits import fence_limits
 from mavproxy_handover.vehicle.state import VehicleState
 
 __all__ = ["MOST", "PER_S", "CommandDesk"]
@@ -124,7 +125,7 @@ class CommandDesk:
         policies: Mapping[Limit, str],
         aircraft: VehicleState,
         energy: EnergyWatch,
-        places: ReturnSite,
+        places: Candidates,
         ties: Ties,
     ) -> None:
         self.rules = CommandRules(policies)
@@ -323,7 +324,9 @@ class CommandDesk:
         because of a fault, that is one refusal, not one of each limit."""
         try:
             legs = way()
-            ceiling_m = self._places.ceiling_m if kind in _GUIDED and self._aircraft.kind.winged else None
+            ceiling_m = (
+                fence_limits(self._aircraft).ceiling_m if kind in _GUIDED and self._aircraft.kind.winged else None
+            )
         except Exception:
             self._broke()
             strict = [limit for limit in limits if self.rules.policy(limit) == "refuse"] or limits
@@ -347,7 +350,7 @@ class CommandDesk:
     def _energy_short(self, legs: Sequence[Leg], ahead: Ahead) -> str:
         """What is in reach with the reserve comes before what is covered (`core/safety/places.py`): so a way is too
         long where not even the place that costs least from its end is in reach, of those inside the fence."""
-        fact, places = self._energy.fact, self._places.candidates()
+        fact, places = self._energy.fact, self._places.inside_fence()
         if fact.left_wh is None and FAULT in (fact.missing, *fact.trouble):
             return f"{Limit.ENERGY.value} {_CANNOT}"
         # on the ground START asks for it; in the air it was granted
@@ -360,7 +363,7 @@ class CommandDesk:
     def way_on_wh(self) -> float | None:
         """What the rest of the mission needs from here, to the place that costs least from its end, with the reserve
         (Wh); None: not known, or no mission is flown."""
-        fact, places, ahead, here = self._energy.fact, self._places.candidates(), self.ahead, self._aircraft.where
+        fact, places, ahead, here = self._energy.fact, self._places.inside_fence(), self.ahead, self._aircraft.where
         if fact.model is None or places is None or ahead is None or here is None:
             return None
         if not self._aircraft.flies_mission:

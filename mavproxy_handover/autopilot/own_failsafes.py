@@ -45,9 +45,9 @@ from mavproxy_handover.mission.items import GRIPPER, LANDINGS, LOITER_TURNS, Mis
 from mavproxy_handover.mission.leg import Leg
 from mavproxy_handover.mission.plan import Route, ways_from_land_starts
 from mavproxy_handover.mission.walk import legs_of
+from mavproxy_handover.vehicle.return_limits import BELOW_CEILING_M
 
 __all__ = [
-    "BELOW_CEILING_M",
     "COPTERS",
     "EVERY",
     "NAMES",
@@ -62,8 +62,6 @@ __all__ = [
     "plan_facts",
 ]
 
-#: how far below a ceiling the companion keeps the return of an ArduPlane (m)
-BELOW_CEILING_M: Final = 10.0
 #: what the switches of the pilot's transmitter do; a station's RC override moves them as well
 _SWITCHED: Final = tuple(f"RC{channel}_OPTION" for channel in range(5, 17))
 #: what is read for these rules; of two names in a row a firmware has one

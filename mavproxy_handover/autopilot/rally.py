@@ -24,10 +24,10 @@ from collections.abc import Callable
 from typing import Final
 
 from mavproxy_handover.autopilot.mission_protocol import MissionProtocol
-from mavproxy_handover.mission.items import RallyPoint
+from mavproxy_handover.mission.items import RallyPoint, alike
 from mavproxy_handover.wire.conversation import Asking, Conversation, Conversations
 
-__all__ = ["START_S", "RallyKeeper", "alike"]
+__all__ = ["START_S", "RallyKeeper"]
 
 WRITE_S: Final = 5.0
 READ_S: Final = 10.0
@@ -37,14 +37,6 @@ _AGAIN_S: Final = 8.0
 _NAME: Final = "rally"
 _LOADING: Final = "load"
 _COUNTER: Final = "RALLY_TOTAL"
-#: half of the last digit of a coordinate, degrees; altitudes are kept in whole metres
-_ROUNDING_DEG, _ROUNDING_M = 1.5e-7, 1.0
-
-
-def alike(one: RallyPoint, other: RallyPoint) -> bool:
-    """Whether two points are the same to the autopilot."""
-    near = max(abs(one.lat_deg - other.lat_deg), abs(one.lon_deg - other.lon_deg)) <= _ROUNDING_DEG
-    return near and abs(one.alt_m - other.alt_m) <= _ROUNDING_M
 
 
 class RallyKeeper:
@@ -71,6 +63,8 @@ class RallyKeeper:
         self.held: RallyPoint | None = None
         #: the list has been read
         self.known = False
+        #: the last write came to nothing, and what is wanted is not held since
+        self.failing = False
         self._wanted: RallyPoint | None = None
         self._ours = False
         #: what is being written
@@ -85,6 +79,7 @@ class RallyKeeper:
     def want(self, point: RallyPoint) -> None:
         """The list is to hold this point."""
         self._wanted = point
+        self.failing = self.failing and not self.settled
 
     def forget(self) -> None:
         """What it holds is not known: it is read, at the next tick, and kept from then on."""
@@ -151,10 +146,11 @@ class RallyKeeper:
             self._writes = None
             if talk.failure is not None:
                 self.held = None
+                self.failing = True
                 self._read_at = self._write_at = now + _AGAIN_S
                 self._failed(talk.failure)
                 return
-            self.held, self._read_at = point, now + READ_S
+            self.held, self.failing, self._read_at = point, False, now + READ_S
             self._holds(point, now)
 
         self._conversations.begin(_NAME, self._written(point), done, now)

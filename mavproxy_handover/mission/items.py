@@ -57,6 +57,7 @@ __all__ = [
     "difference",
     "stored_radius_m",
     "stored_turns",
+    "alike",
 ]
 
 #: MAV_FRAME values that ArduPilot stores; the others that exist are written as one of these
@@ -203,6 +204,16 @@ class RallyPoint:
     lat_deg: float
     lon_deg: float
     alt_m: float
+
+
+#: half of the last digit of a coordinate, degrees; altitudes are kept in whole metres
+_ROUNDING_DEG, _ROUNDING_M = 1.5e-7, 1.0
+
+
+def alike(one: RallyPoint, other: RallyPoint) -> bool:
+    """Whether two points are the same to the autopilot."""
+    near = max(abs(one.lat_deg - other.lat_deg), abs(one.lon_deg - other.lon_deg)) <= _ROUNDING_DEG
+    return near and abs(one.alt_m - other.alt_m) <= _ROUNDING_M
 
 
 def _stored(value: float, letter: str) -> float:

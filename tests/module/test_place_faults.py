@@ -10,12 +10,14 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot import return_site
+from mavproxy_handover.autopilot.return_questions import ReturnQuestions
 from mavproxy_handover.autopilot.return_site import ReturnSite
 from mavproxy_handover.core.model import Phase
 from mavproxy_handover.core.safety.places import PlaceChooser
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.mission.places import PlaceFinder
+from mavproxy_handover.monitors.return_site import views
+from mavproxy_handover.monitors.return_site.views import Views
 from tests.module.conftest import Bench
 from tests.module.vehicle import AUTO, LAND, RTL
 
@@ -59,8 +61,8 @@ def watch(bench: Bench) -> Any:
 
 PLANTS: dict[str, Callable[[pytest.MonkeyPatch], None]] = {
     "the map": lambda patch: patch.setattr(PlaceFinder, "look", broken),
-    "the way back": lambda patch: patch.setattr(return_site, "way_back", broken),
-    "what is asked": lambda patch: patch.setattr(ReturnSite, "_ask", broken),
+    "the way back": lambda patch: patch.setattr(views, "way_back", broken),
+    "what is asked": lambda patch: patch.setattr(ReturnQuestions, "ask", broken),
     "a look": lambda patch: patch.setattr(ReturnSite, "_look", broken),
     "the choice": lambda patch: patch.setattr(PlaceChooser, "choose", broken),
 }
@@ -88,23 +90,23 @@ def test_what_is_asked_and_what_is_looked_at_do_not_stop_each_other(
 ) -> None:
     before = watch(flying).choice.place
     with monkeypatch.context() as patch:
-        patch.setattr(ReturnSite, "_ask", broken)
+        patch.setattr(ReturnQuestions, "ask", broken)
         flying.autopilot.position = AWAY
         flying.run(3.0)
     assert watch(flying).choice.place.distance_m > before.distance_m + 100.0
 
 
 def test_a_place_that_cannot_be_looked_at_leaves_the_others(flying: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    see = ReturnSite._see
+    see = Views._see
 
     def odd(self: Any, place: Any, *way: Any) -> Any:
         return broken() if place.name == "rally 1" else see(self, place, *way)
 
     with monkeypatch.context() as patch:
-        patch.setattr(ReturnSite, "_see", odd)
+        patch.setattr(Views, "_see", odd)
         flying.autopilot.position = AWAY
         flying.run(3.0)
-        facts = {name: seen.fact for name, seen in watch(flying)._seen.items()}
+        facts = {name: seen.fact for name, seen in watch(flying).views.seen.items()}
     assert facts["home"].distance_m == pytest.approx(202.0, abs=5.0)
     assert facts["rally 2"].distance_m == pytest.approx(330.0, abs=20.0)
     assert facts["rally 1"].distance_m < 150.0, "as it was seen last"
@@ -127,7 +129,7 @@ def test_what_was_never_looked_at_is_out_of_reach_when_only_the_reserve_is_left(
     start(ready)
     with monkeypatch.context() as patch:
         patch.setattr(PlaceFinder, "look", broken)
-        watch(ready)._seen.clear()
+        watch(ready).views.seen.clear()
         ready.run(5.0)
         assert not watch(ready).short
         ready.autopilot.battery = 0.2
@@ -141,26 +143,27 @@ def test_flying_on_unseen_makes_the_way_back_longer(ready: Bench, monkeypatch: p
     ready.run(10.0)
     with monkeypatch.context() as patch:
         patch.setattr(PlaceFinder, "look", broken)
-        known = watch(ready)._margin_wh
+        known = watch(ready).margin_wh
         ready.run(8.0)
-        assert watch(ready)._margin_wh == known, "a moment is no matter"
+        assert watch(ready).margin_wh == known, "a moment is no matter"
         ready.run(12.0)
         # 20 s away at 10 m/s and 20 s back, with the reserve factor
-        assert 1.5 <= known - watch(ready)._margin_wh <= 4.5
+        assert 1.5 <= known - watch(ready).margin_wh <= 4.5
         assert watch(ready).choice.place.margin_wh == known, "it lands for what is, not for what may be"
         ready.until(lambda: ready.autopilot.mode == RTL, 120.0)
-        known = watch(ready)._margin_wh
+        known = watch(ready).margin_wh
         ready.run(30.0)
         assert ready.autopilot.mode == RTL
-        assert watch(ready)._margin_wh == known, "on its way back it gets nearer"
+        assert watch(ready).margin_wh == known, "on its way back it gets nearer"
     ready.run(2.0)
-    assert watch(ready)._margin_wh > known
+    assert watch(ready).margin_wh > known
 
 
 def test_while_looking_works_the_margin_is_the_one_that_was_seen(flying: Bench) -> None:
     for battery in (0.34, 0.33, 0.32):
         flying.autopilot.battery = battery
         flying.run(3.0)
-        facts = [seen.fact for seen in watch(flying)._seen.values()]
-        assert watch(flying)._margin_wh == max(fact.margin_wh for fact in facts)
-        assert [watch(flying)._by_now(seen) for seen in watch(flying)._seen.values()] == facts
+        facts = [seen.fact for seen in watch(flying).views.seen.values()]
+        assert watch(flying).margin_wh == max(fact.margin_wh for fact in facts)
+        energy, margin = flying.companion.autopilot.energy, watch(flying)._margin
+        assert [margin.by_now(seen, energy) for seen in watch(flying).views.seen.values()] == facts

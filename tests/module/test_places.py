@@ -486,7 +486,7 @@ def test_the_way_is_judged_at_the_speed_at_which_the_autopilot_returns(
     bench.autopilot.tells += parameters
     fly_to(bench, (52.6790, 5.9270), 12.0)
     places = bench.companion.autopilot.places
-    assert places.return_mps == made_mps
+    assert places.candidates.return_mps == made_mps
     assert places.choice.place.name == "home"
     # up and down 15 m, 5 s above the place
     assert places.choice.place.time_s == pytest.approx(places.choice.place.distance_m / made_mps + 34.33, abs=0.1)

@@ -195,7 +195,7 @@ def test_that_is_the_autopilots(
 def test_a_place_is_judged_at_the_height_at_which_its_way_ends(ready: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     """ArduPlane glides down to the place in the list: a ridge before it is met far below the height of now."""
     places, looked = ready.companion.autopilot.places, []
-    finder = places._finder
+    finder = places.candidates.finder
     look = finder.look
     monkeypatch.setattr(type(finder), "look", lambda _self, *way: looked.append(way[2]) or look(*way))
     lat, lon = ready.autopilot.position or (0.0, 0.0)
@@ -217,12 +217,12 @@ def test_a_plane_is_judged_by_the_landing_sequence_of_the_mission_that_is_flown(
     watch = flight.companion.autopilot.places
 
     def home_m() -> float:
-        place = watch.candidates()[0]
+        place = watch.candidates.places[0]
         assert place.name == "home"
         return sum(piece.length_m for piece in place.down)
 
     def home_s() -> float:
-        return float(watch._seen["home"].fact.time_s)
+        return float(watch.views.seen["home"].fact.time_s)
 
     assert home_m() == pytest.approx(4630.0, abs=60.0)
     long_s = home_s()

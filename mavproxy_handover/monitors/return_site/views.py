@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What each place is worth from where the aircraft is: distance, time, energy, zones and fence.
+
+What the map says of a place is `mission/places.py`. One look at a place takes up to a millisecond, so the chosen place
+and home are looked at each second, and some of the others in turn. A look that breaks leaves what was seen before.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+from mavproxy_handover.core.safety.energy import EnergyFact, Piece
+from mavproxy_handover.core.safety.places import PlaceFact
+from mavproxy_handover.mission.energy import Place, way_back
+from mavproxy_handover.mission.geodesy import distance_m
+from mavproxy_handover.mission.places import flown_s
+from mavproxy_handover.monitors.return_site.candidates import HOME, Candidates
+from mavproxy_handover.schedule import attempt
+from mavproxy_handover.vehicle.return_limits import fence_limits, return_alt_m, return_mps
+from mavproxy_handover.vehicle.state import VehicleState
+
+__all__ = ["LOOKING", "Seen", "Views"]
+
+#: what people are told has broken
+LOOKING: Final = "places of a return"
+#: places that are looked at in one second, besides the one that is chosen
+_AT_ONCE: Final = 4
+#: what a metre more of the way back costs is taken from so many
+_FARTHER_M: Final = 1000.0
+_Where = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """What was seen of a place, and what that rests on.
+
+    `at`: monotonic seconds, of the energy by which it was judged; `left_wh`: what was left then, None: not known;
+    `metre_wh`: what each metre that the way back is longer by takes from its margin.
+    """
+
+    fact: PlaceFact
+    at: float
+    left_wh: float | None
+    metre_wh: float
+
+
+class Views:
+    """The candidates as they were seen last, by name. `fault` is told what broke, and where."""
+
+    def __init__(self, state: VehicleState, candidates: Candidates, fault: Callable[[str, str], None]) -> None:
+        self._state = state
+        self._candidates = candidates
+        self._fault = fault
+        self.seen: dict[str, Seen] = {}
+        self._turn = 0
+
+    def forget_others(self) -> None:
+        """The candidates have changed: what is none any more is not known any more."""
+        names = {place.name for place in self._candidates.places}
+        self.seen = {name: seen for name, seen in self.seen.items() if name in names}
+
+    def measure(self, chosen: str | None, here: _Where, energy: EnergyFact, beyond_m: float = 0.0) -> None:
+        """Look at the place that is chosen, at home, and at some of the others in turn. `beyond_m`: so much farther it
+        may be than from here, which is where it was seen last."""
+        places = self._candidates.places
+        others = [place for place in places if place.name not in (chosen, HOME)]
+        now = [place for place in places if place.name in (chosen, HOME)]
+        for _ in range(min(_AT_ONCE, len(others))):
+            self._turn = (self._turn + 1) % len(others)
+            now.append(others[self._turn])
+        now += [place for place in others if place.name not in self.seen and place not in now]
+        for place in now:
+            self.look(place, here, energy, beyond_m)
+
+    def look(self, place: Place, here: _Where, energy: EnergyFact, beyond_m: float = 0.0) -> None:
+        """Look at one place."""
+        attempt(self._fault, LOOKING, self._see, place, here, energy, beyond_m)
+
+    def _see(self, place: Place, here: _Where, energy: EnergyFact, beyond_m: float) -> None:
+        candidates, state, spot = self._candidates, self._state, (place.lat_deg, place.lon_deg)
+        assert candidates.package is not None
+        model, limits = energy.model, fence_limits(state)
+        return_alt = max(return_alt_m(state), 0.0 if model is None else model.return_alt_m)
+        speed_mps = return_mps(state, candidates.package.cruise_speed_mps)
+        winged = model is not None and model.wings
+        way = way_back(here, place, return_alt, speed_mps, wings=winged, beyond_m=beyond_m)
+        height = max(here[2], place.alt_m, return_alt)
+        if limits.ceiling_m is not None:
+            height = max(here[2], min(height, limits.ceiling_m))
+        if state.kind.winged:  # it glides all the way down to the height of the place in the list
+            height = candidates.point(place).alt_m
+        view = candidates.finder.look(here[:2], spot, height)
+        inside = view.inside and candidates.within(limits, place)
+        need = None if model is None else model.need_wh(way)
+        margin = spare = needs = left = None
+        metre_wh = 0.0
+        if model is not None and need is not None and energy.left_wh is not None:
+            margin = energy.left_wh - model.budget_wh(need)
+            spare = energy.left_wh - model.reserve_factor * need
+            left = energy.left_wh / model.battery_wh
+            if math.isfinite(need):
+                needs = model.reserve_factor * need / model.battery_wh
+                level = max(way, key=lambda piece: piece.length_m)
+                farther = Piece(_FARTHER_M, level.bearing_deg, speed_mps=level.speed_mps)
+                metre_wh = model.reserve_factor * model.piece_wh(farther) / _FARTHER_M
+        fact = PlaceFact(
+            place.name,
+            distance_m(*here[:2], *spot),
+            flown_s(way, model, speed_mps),
+            margin,
+            spare,
+            needs,
+            left,
+            inside,
+            inside and view.way_inside,
+            view.there,
+            view.way,
+            view.way_clear,
+        )
+        self.seen[place.name] = Seen(fact, energy.at, energy.left_wh, metre_wh)
