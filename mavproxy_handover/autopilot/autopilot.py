@@ -17,12 +17,12 @@ from typing import Any, Final
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot import own_failsafes
-from mavproxy_handover.autopilot.border_watch import BorderWatch
+from mavproxy_handover.autopilot.border_watch import BorderMonitor
 from mavproxy_handover.autopilot.command_desk import CommandDesk
 from mavproxy_handover.autopilot.copter import Copter
 from mavproxy_handover.autopilot.energy import EnergyWatch
 from mavproxy_handover.autopilot.execution_watch import ExecutionWatch
-from mavproxy_handover.autopilot.gaps import GapWatch
+from mavproxy_handover.autopilot.gaps import GapMonitor
 from mavproxy_handover.autopilot.ground_uploads import GroundUploads
 from mavproxy_handover.autopilot.guard_link import GuardLink
 from mavproxy_handover.autopilot.loading import Along, MissionLoader, MissionWriter, Prepared, Way, way_of
@@ -47,6 +47,7 @@ from mavproxy_handover.core.events import (
     AircraftJudged,
     AutopilotState,
     BoxJudged,
+    Event,
     GuardSeen,
     HeightsJudged,
     MissionLoaded,
@@ -132,16 +133,16 @@ class Autopilot:
         self._loader = MissionLoader(config, self._adopted)
         #: the aircraft against its route
         self.route = RouteWatch(config.route, self.aircraft, ties)
-        self._gaps = GapWatch(config.limits, self.aircraft, ties)
+        self._gaps = GapMonitor(config.limits)
         #: why the mission is none for this aircraft, why a return would not end on the ground, and why the mission
         #: would not be flown at the heights that were checked, as it was told last
         self._aircraft_lacks = self._return_lacks = self._heights_lack = ""
         #: why START is refused for the position box, as it was told last
         self._box_lacks = ""
-        #: the state of the parameters by which that was judged (`Preflight.changes`)
-        self._judged_by: tuple[float, int] | None = None
+        #: the changes of the parameters (`Parameters.changes`) by which that was judged
+        self._judged_by = 0
         self._waypoints = WaypointWatch(config.limits.leave_margin_m, self.aircraft)
-        self._borders = BorderWatch(config.limits.operator_timeout_s, self.aircraft, ties)
+        self._borders = BorderMonitor(config.limits.operator_timeout_s)
         self._execution = ExecutionWatch(
             self.aircraft, ties, lambda: self._preflight.radio_watched, lambda: self.places.goes_to
         )
@@ -310,7 +311,7 @@ class Autopilot:
             return
         if self.aircraft.dead_reckoning and not self.positions.by_box:
             return
-        self._ties.handle(PositionSeen(self.zone_facts(), self._gaps.fact()), now)
+        self._ties.handle(PositionSeen(self.zone_facts(), self._gaps.fact(self.aircraft)), now)
         self._attempt("route", self.route.look, now)
 
     def _mission_flown(self, now: float) -> None:
@@ -513,8 +514,8 @@ class Autopilot:
 
     def _judge_plan(self, now: float) -> None:
         """Tell the arbiter what START lacks for gaps and heights, for a return that lands, and of the aircraft."""
-        self._judged_by = self._preflight.changes
-        self._gaps.judge(self._preflight.parameters, now)
+        self._judged_by = self.aircraft.parameters.changes
+        self._tell(self._gaps.update(self.aircraft, now), now)
         unfit = self._preflight.other_type or self._other_kind
         if unfit != self._aircraft_lacks:
             self._aircraft_lacks = unfit
@@ -595,7 +596,7 @@ class Autopilot:
     def tick(self, now: float) -> None:
         """Time has passed; to be called often."""
         self._attempt("conversations", self.conversations.tick, now)
-        if self._preflight.changes != self._judged_by:
+        if self.aircraft.parameters.changes != self._judged_by:
             self._attempt("the plan", self._judge_plan, now)
         self._attempt("mission packages", self._missions.tick, now)
         self._attempt("places of a return", self.places.tick, now)
@@ -623,6 +624,11 @@ class Autopilot:
         ):
             self._attempt(where, job, *arguments)
 
+    def _tell(self, events: Sequence[Event], now: float) -> None:
+        """Hand over what a monitor has found, in its order."""
+        for event in events:
+            self._ties.handle(event, now)
+
     def _attempt(self, where: str, job: Callable[..., None], *arguments: Any) -> None:
         attempt(self._ties.fault, where, job, *arguments)
 
@@ -644,7 +650,7 @@ class Autopilot:
         if now >= self._walk_at:
             self._walk_at = math.inf
             self._walk(now)
-        self._borders.each_second(now)
+        self._tell(self._borders.update(self.aircraft, now), now)
 
     def _look_for_signs(self, now: float) -> None:
         """Tell the arbiter what looks wrong that only this side can work out, when it changes. A sign that cannot be

@@ -15,14 +15,13 @@ from collections.abc import Mapping, Sequence
 from math import isfinite
 from typing import Final
 
-from mavproxy_handover.autopilot.ties import Ties
-from mavproxy_handover.core.events import GapsJudged
+from mavproxy_handover.core.events import Event, GapsJudged
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import GapFact
 from mavproxy_handover.mission.gaps import Stretch
 from mavproxy_handover.vehicle.state import VehicleState
 
-__all__ = ["ALONE_MAX", "GapWatch", "lacking"]
+__all__ = ["ALONE_MAX", "GapMonitor", "lacking"]
 
 #: the guard's parameter: so long (s) it lets the aircraft be alone
 ALONE_MAX: Final = "HNDO_ALONE_MAX"
@@ -59,14 +58,12 @@ def lacking(stretches: Sequence[Stretch], parameters: Mapping[str, float] | None
     return ""
 
 
-class GapWatch:
+class GapMonitor:
     """The gaps of one vehicle's mission. Times are monotonic seconds."""
 
-    def __init__(self, limits: Limits, aircraft: VehicleState, ties: Ties) -> None:
+    def __init__(self, limits: Limits) -> None:
         self._lead_s = limits.hold_lead_s + _EARLIER_S
         self._guarded = limits.guard_required
-        self._aircraft = aircraft
-        self._ties = ties
         self._stretches: tuple[Stretch, ...] = ()
         self._lacking = ""
 
@@ -79,27 +76,26 @@ class GapWatch:
         """The autopilot holds a mission with these, or none that is known."""
         self._stretches = tuple(stretches)
 
-    def fact(self) -> GapFact | None:
+    def fact(self, state: VehicleState) -> GapFact | None:
         """The gap that the aircraft is in at its last position, or flies into in a moment; None: in none."""
-        aircraft = self._aircraft
-        where = aircraft.where
-        if not self._stretches or where is None or not aircraft.flies_mission:
+        where = state.where
+        if not self._stretches or where is None or not state.flies_mission:
             return None
-        if aircraft.foreign or not aircraft.flying:
+        if state.foreign or not state.flying:
             return None
         for stretch in self._stretches:
-            along_m = stretch.along_m(aircraft.waypoint, *where[:2])
-            speed_mps = max(stretch.speed_mps, aircraft.track[1])
+            along_m = stretch.along_m(state.waypoint, *where[:2])
+            speed_mps = max(stretch.speed_mps, state.track[1])
             if along_m is None or along_m > stretch.found.length_m + speed_mps * _CONTACT_S:
                 continue
             if along_m >= -speed_mps * self._lead_s:
                 return GapFact(stretch.declared.limit_s, stretch.declared.words, ahead=along_m < 0.0)
         return None
 
-    def judge(self, parameters: Mapping[str, float] | None, now: float) -> None:
-        """Tell the arbiter what START lacks for them, when that changes. `parameters`: of the autopilot, None before
-        they were read."""
-        found = lacking(self._stretches, parameters, self._guarded)
-        if found != self._lacking:
-            self._lacking = found
-            self._ties.handle(GapsJudged(found), now)
+    def update(self, state: VehicleState, _now: float) -> list[Event]:
+        """What START lacks for them, when that changes."""
+        found = lacking(self._stretches, state.parameters.read, self._guarded)
+        if found == self._lacking:
+            return []
+        self._lacking = found
+        return [GapsJudged(found)]

@@ -444,8 +444,6 @@ class Preflight:
         self._report = report
         #: None: not read yet
         self.findings: tuple[Finding, ...] | None = None
-        #: when the reading that ended last began; None: no reading has ended
-        self._read_at: float | None = None
         self._heard_at = -math.inf
         self._due_at = math.inf
         self._unread = True
@@ -470,12 +468,7 @@ class Preflight:
     @property
     def parameters(self) -> Mapping[str, float] | None:
         """What the autopilot has told since the last reading began; None before a reading has ended."""
-        return None if self._read_at is None else self._aircraft.parameters.since(self._read_at)
-
-    @property
-    def changes(self) -> tuple[float, int] | None:
-        """Differs from before when `parameters` may differ; None before a reading has ended."""
-        return None if self._read_at is None else (self._read_at, self._aircraft.parameters.changes)
+        return self._aircraft.parameters.read
 
     @property
     def radio_watched(self) -> bool:
@@ -529,7 +522,7 @@ class Preflight:
         batteries, asked_at = self._batteries, now
 
         def done(_talk: Conversation, now: float) -> None:
-            self._read_at = asked_at
+            aircraft.parameters.reading_ended(asked_at)
             values = aircraft.parameters.since(asked_at)
             parameters = {name: values[name] for name in _KNOWN if name in values}
             told = aircraft.foreign, self._heard_on, self._plan, self._gap_s, aircraft.kind, batteries

@@ -6,10 +6,10 @@ Rules:
 
 1. Every PARAM_VALUE of the autopilot counts, whoever asked for it: the autopilot also sends one for each parameter that
    is set. A value that is not a finite number is ignored.
-2. A value stays until another one comes. Each has the time at which the autopilot told it last. A part that needs
-   values no older than a reading takes those `since` its first question: a parameter that the autopilot no longer has
-   is missing there.
-3. Only `VehicleState` writes here. No other part keeps a parameter; each reads it when it needs it.
+2. A value stays until another one comes. Each has the time at which the autopilot told it last.
+3. The check before flight reads them all (`autopilot/preflight.py`) and says when a reading has ended. `read` has what
+   was told since that reading began: a parameter that the autopilot no longer has is missing there.
+4. Only `VehicleState` takes values in. No other part keeps a parameter; each reads it when it needs it.
 """
 
 from __future__ import annotations
@@ -61,8 +61,10 @@ class Parameters:
 
     def __init__(self) -> None:
         self._told: dict[str, Parameter] = {}
-        #: counts the values that were new or different
+        #: counts the values that were new or different, and the readings that have ended
         self.changes = 0
+        #: when the reading that ended last began; None: no reading has ended
+        self._read_at: float | None = None
 
     def take(self, message: Any, now: float) -> None:
         """A PARAM_VALUE of the autopilot."""
@@ -77,6 +79,16 @@ class Parameters:
     def get(self, name: str) -> Parameter | None:
         """What the autopilot told last of this parameter; None: nothing."""
         return self._told.get(name)
+
+    def reading_ended(self, began_at: float) -> None:
+        """A reading of all that the check before flight needs has ended; it began then (monotonic s)."""
+        self._read_at = began_at
+        self.changes += 1
+
+    @property
+    def read(self) -> Values | None:
+        """What was told since the reading began that ended last; None before a reading has ended."""
+        return None if self._read_at is None else self.since(self._read_at)
 
     def since(self, at: float = -inf) -> Values:
         """The values that it has told since `at` (monotonic s)."""

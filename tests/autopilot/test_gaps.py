@@ -7,15 +7,13 @@ from __future__ import annotations
 from dataclasses import replace
 from math import inf
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.gaps import GapWatch, lacking
-from mavproxy_handover.autopilot.ties import Ties
-from mavproxy_handover.core.events import Event, GapsJudged
+from mavproxy_handover.autopilot.gaps import GapMonitor, lacking
+from mavproxy_handover.core.events import GapsJudged
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import GapFact
 from mavproxy_handover.mission.gaps import Stretch
@@ -35,10 +33,8 @@ class Cockpit:
     """An aircraft and the watch of its gaps."""
 
     def __init__(self, limits: Limits | None = None) -> None:
-        self.told: list[Event] = []
         self.aircraft = VehicleState()
-        ties = SimpleNamespace(handle=lambda event, _now: self.told.append(event))
-        self.watch = GapWatch(limits or Limits(), self.aircraft, cast(Ties, ties))
+        self.watch = GapMonitor(limits or Limits())
         self.watch.adopt((RIDGE_GAP,))
         self.say(AUTO)
         self.fly_to(2)
@@ -55,7 +51,7 @@ class Cockpit:
         lat, lon = LAT + beside_m / 111281.3, BEGINS + east_m * METRE
         values = round(lat * 1e7), round(lon * 1e7), 30000, 30000, 0, round(speed_mps * 100), 0, 0
         self.aircraft.take(mavlink.MAVLink_global_position_int_message(1, *values), 1.0)
-        return self.watch.fact()
+        return self.watch.fact(self.aircraft)
 
 
 @pytest.fixture
@@ -116,7 +112,7 @@ def test_only_on_the_way_to_the_item_that_the_plan_flies_to_there(cockpit: Cockp
 
 
 def test_without_a_position_or_a_mission_there_is_none(cockpit: Cockpit) -> None:
-    assert cockpit.watch.fact() is None
+    assert cockpit.watch.fact(cockpit.aircraft) is None
     assert cockpit.at(100.0) == IN_IT
     cockpit.watch.adopt(())
     assert cockpit.at(100.0) is None
@@ -166,10 +162,13 @@ def test_the_longest_of_several_counts() -> None:
 
 def test_the_arbiter_is_told_when_it_changes(cockpit: Cockpit) -> None:
     assert cockpit.watch.longest_s == 60.0
-    cockpit.watch.judge({}, 1.0)
-    cockpit.watch.judge({}, 2.0)
-    cockpit.watch.judge(GOOD, 3.0)
-    cockpit.watch.judge(GOOD, 4.0)
-    assert cockpit.told == [GapsJudged("the guard has no HNDO_ALONE_MAX: it knows no gaps"), GapsJudged("")]
+    state, watch = cockpit.aircraft, cockpit.watch
+    assert watch.update(state, 1.0) == [GapsJudged("the guard's parameters are not read yet")]
+    state.parameters.reading_ended(1.0)
+    assert watch.update(state, 2.0) == [GapsJudged("the guard has no HNDO_ALONE_MAX: it knows no gaps")]
+    assert watch.update(state, 3.0) == []
+    state.take(mavlink.MAVLink_param_value_message(b"HNDO_ALONE_MAX", 60.0, 9, 900, 65535), 4.0)
+    assert watch.update(state, 4.0) == [GapsJudged("")]
+    assert watch.update(state, 5.0) == []
     cockpit.watch.adopt(())
     assert cockpit.watch.longest_s == 0.0

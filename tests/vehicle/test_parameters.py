@@ -70,3 +70,14 @@ def test_made_up_names_take_bounded_memory_and_leave_what_is_known(parameters: P
     assert len(parameters.since()) == 5000
     parameters.take(told("RTL_ALT", 2500.0), 3.0)
     assert parameters.since()["RTL_ALT"] == 2500.0
+
+
+def test_a_reading_counts_from_its_beginning_and_what_it_did_not_find_is_missing(parameters: Parameters) -> None:
+    parameters.take(told("HNDO_ENABLE", 1.0), 1.0)
+    assert parameters.read is None
+    parameters.take(told("RTL_ALT", 3000.0), 5.0)
+    changes = parameters.changes
+    parameters.reading_ended(5.0)
+    assert parameters.read is not None
+    assert dict(parameters.read) == {"RTL_ALT": 3000.0}
+    assert parameters.changes == changes + 1, "who judges by it has to look again"
