@@ -17,12 +17,10 @@ from typing import Any, Final
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot import own_failsafes
-from mavproxy_handover.autopilot.border_watch import BorderMonitor
 from mavproxy_handover.autopilot.command_desk import CommandDesk
 from mavproxy_handover.autopilot.copter import Copter
 from mavproxy_handover.autopilot.energy import EnergyWatch
 from mavproxy_handover.autopilot.execution_watch import ExecutionWatch
-from mavproxy_handover.autopilot.gaps import GapMonitor
 from mavproxy_handover.autopilot.ground_uploads import GroundUploads
 from mavproxy_handover.autopilot.guard_link import GuardLink
 from mavproxy_handover.autopilot.loading import Along, MissionLoader, MissionWriter, Prepared, Way, way_of
@@ -64,6 +62,8 @@ from mavproxy_handover.mission.energy import released_at
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.mission.plan import Route
 from mavproxy_handover.mission.walk import Handover, speed_at
+from mavproxy_handover.monitors.borders import BorderMonitor
+from mavproxy_handover.monitors.gaps import GapMonitor
 from mavproxy_handover.schedule import attempt
 from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.vehicle.kinds import COPTER, PLANE

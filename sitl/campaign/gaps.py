@@ -3,7 +3,7 @@
 """Gaps in coverage on the way of a flight, and those of them that its mission declares.
 
 Every waypoint lies inside a zone here, so a gap is a part of one leg. What the real edge makes of a declared gap
-(`autopilot/gaps.py`) is `GapPlan.fact`; where the guard allows less than the longest limit, START is refused.
+(`monitors/gaps.py`) is `GapPlan.fact`; where the guard allows less than the longest limit, START is refused.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ __all__ = ["GapPlan", "find_gaps", "gap_at", "lacking"]
 #: whoever is farther beside the way is not on it (m)
 _CORRIDOR_M: Final = 50.0
 #: so much (s) before the border a gap begins for the rules, and behind the far one there is so much time for contact:
-#: hold_lead_s and 3 s, as `autopilot/gaps.py` has them
+#: hold_lead_s and 3 s, as `monitors/gaps.py` has them
 LEAD_S, CONTACT_S = 8.0, 5.0
 
 

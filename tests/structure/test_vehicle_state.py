@@ -7,7 +7,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Iterator
 
-from tests.structure.imports import files
+from tests.structure.imports import edges, files
 
 #: reads a parameter for one question and its answer, and keeps nothing
 ANSWERS = {
@@ -90,3 +90,20 @@ def test_fields_are_counted_however_they_are_made() -> None:
     (cls,) = ast.parse(source).body
     assert isinstance(cls, ast.ClassDef)
     assert fields(cls) == {"a", "b", "c"}
+
+
+def monitor(module: str) -> str | None:
+    """The monitor that a module belongs to, a file or a folder of `monitors/`; None: it belongs to none."""
+    parts = module.split(".")
+    return parts[2] if parts[:2] == ["mavproxy_handover", "monitors"] and len(parts) > 2 else None
+
+
+def test_no_monitor_imports_another() -> None:
+    names = {monitor(module) for module in files()} - {None}
+    assert {"borders", "gaps", "return_site"} <= names
+    assert [
+        f"{module} imports {other}"
+        for module, others in edges().items()
+        for other in others
+        if monitor(module) and monitor(other) and monitor(module) != monitor(other)
+    ] == []

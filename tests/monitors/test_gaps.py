@@ -12,12 +12,12 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.gaps import GapMonitor, lacking
 from mavproxy_handover.core.events import GapsJudged
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import GapFact
 from mavproxy_handover.mission.gaps import Stretch
 from mavproxy_handover.mission.package import load
+from mavproxy_handover.monitors.gaps import GapMonitor, lacking
 from mavproxy_handover.vehicle.state import VehicleState
 
 RIDGE = load(Path(__file__).parents[2] / "missions" / "ridge")
