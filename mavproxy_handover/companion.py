@@ -277,7 +277,7 @@ class Companion:
             self.narrator.rejected(port.name, (frame.msgid, signature), what, signature.value, now)
         # after a stall: nothing is judged by authority that has run out. Nearly always the first comparison is all
         if now >= self._due_at and self._arbiter_is_due(now):
-            if self.position_waits:  # a position that came before counts before, too
+            if self.autopilot.aircraft.uncompared:  # a position that came before counts before, too
                 self.check_zones(now)
             self.handle(events.Tick(), now)
         gate = self.gate
@@ -485,11 +485,6 @@ class Companion:
             self.narrator.in_our_name((frame.sysid, frame.compid), classify(frame).what)
         elif (frame.msgid, frame.sysid, frame.compid) == (_HEARTBEAT, self.config.sysid, AUTOPILOT_COMPID):
             self._beat_stations(now, _BEAT_S)
-
-    @property
-    def position_waits(self) -> bool:
-        """There is a position for `check_zones`."""
-        return self.autopilot.position_waits
 
     def check_zones(self, now: float) -> None:
         """Compare the newest position to the zones; to be called soon after it came.

@@ -263,7 +263,7 @@ class HandoverModule(mp_module.MPModule):
         now, until, gate = time.monotonic(), self._stay_until, self.companion.gate
         waiting, ours = poller(waited_for(self.mpstate)), self._by_descriptor
         while now < until:
-            due = now if self.companion.position_waits else min(self._idle_at, until)
+            due = now if self.companion.autopilot.aircraft.uncompared else min(self._idle_at, until)
             wait_s = due - now
             if gate.downloads_wait:
                 self._send_downloads(now)
@@ -302,7 +302,7 @@ class HandoverModule(mp_module.MPModule):
 
     def _idle(self) -> None:
         now = time.monotonic()
-        if self.companion.position_waits:
+        if self.companion.autopilot.aircraft.uncompared:
             self.companion.check_zones(now)
         if now < self._idle_at:  # a round for every frame that comes in: most of them have nothing to do here
             return

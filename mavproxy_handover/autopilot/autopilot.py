@@ -76,8 +76,6 @@ from mavproxy_handover.wire.status import LeaseSequence
 
 __all__ = ["Autopilot"]
 
-#: the autopilot is asked for 20 positions a second; they come unevenly, so less than 50 ms is no reason to skip one
-_ZONE_CHECK_S: Final = 0.03
 #: name of a conversation
 _HELD: Final = "held"
 #: by these a return of wings ends on the ground
@@ -103,8 +101,6 @@ class Autopilot:
         self.positions = PositionWatch(config.position, self.aircraft, box, ties)
         #: what the guard said last of itself
         self.guard_status: GuardStatus | None = None
-        #: a position came that no zone was compared to yet
-        self.position_waits = False
         self._sysid = config.sysid
         self._ties = ties
         self._on_board = running.mission
@@ -207,7 +203,6 @@ class Autopilot:
         #: after a restart: walks the route once more, beside the main loop, and when
         self._walk: Callable[[float], None] = lambda _now: None
         self._walk_at = math.inf
-        self._zones_at = 0.0
 
     # ---- what others may look at ----------------------------------------------------------------------------------
 
@@ -306,7 +301,7 @@ class Autopilot:
 
     def check_zones(self, now: float) -> None:
         """Tell the arbiter where the last position is with respect to every zone."""
-        self.position_waits = False
+        self.aircraft.compared()
         if now - self.aircraft.position.at > _OLD_S:
             return
         if self.aircraft.dead_reckoning and not self.positions.by_box:
@@ -350,21 +345,14 @@ class Autopilot:
     def _on_position(self, _message: Any, now: float) -> None:
         if self.aircraft.telemetry.own_position.at == now:  # else that message held no position
             self._streams.position_seen()
-        if self.aircraft.position.at == now:
-            self._placed(now)
 
     def look_at_box(self, now: float) -> None:
         """Read the position box, if there is one; to be called often."""
-        if self.positions.look(now):
-            self._placed(now)
+        self.positions.look(now)
         lacks = self.positions.lacks(now)
         if lacks != self._box_lacks:
             self._box_lacks = lacks
             self._ties.handle(BoxJudged(lacks), now)
-
-    def _placed(self, now: float) -> None:
-        if now - self._zones_at >= _ZONE_CHECK_S:
-            self._zones_at, self.position_waits = now, True
 
     def _on_tunnel(self, message: Any, now: float) -> None:
         if message.payload_type != GUARD_STATUS_TUNNEL:

@@ -42,6 +42,8 @@ _ON_WINGS: Final = (
     mavlink.MAV_VTOL_STATE_FW,
 )
 
+#: the autopilot is asked for 20 positions a second; they come unevenly, so less than 50 ms is no reason to skip one
+_COMPARE_S: Final = 0.03
 #: ArduPlane's circle, if it does not tell, or has none (m)
 _CIRCLE_M: Final = 60.0
 #: to circle takes a moment to be told, and then a circle and a half of room; no wing flies slower (s, m/s)
@@ -145,7 +147,9 @@ class VehicleState:
         self.parameters = Parameters()
         #: the position that counts, as GLOBAL_POSITION_INT
         self.position = _UNSAID
-        #: whether that is the autopilot's own (`position_watch.py`)
+        #: when that came of the positions that was compared to the zones last (monotonic s)
+        self._compared_at = -math.inf
+        #: whether the position that counts is the autopilot's own (`position_watch.py`)
         self.trusts_own = True
         #: whether a plane in AUTO flies its mission, or has been sent down
         self.ways_down = WaysDown()
@@ -184,6 +188,15 @@ class VehicleState:
     def placed(self, position: Any, now: float) -> None:
         """It is here, by the word that counts: a GLOBAL_POSITION_INT, of the autopilot or made of another's word."""
         self.position = Said(position, now)
+
+    def compared(self) -> None:
+        """The position that counts is being compared to the zones."""
+        self._compared_at = self.position.at
+
+    @property
+    def uncompared(self) -> bool:
+        """The position that counts is due to be compared to the zones."""
+        return self.position.at - self._compared_at >= _COMPARE_S
 
     def trust_own(self, trusted: bool) -> None:
         """Whether the autopilot's own positions are the ones that count from now on."""

@@ -387,7 +387,7 @@ class _Flight:
         self._stand_in.sees(message)
         if message.get_type() not in ANSWERS:
             autopilot.take(message, now)
-        if autopilot.position_waits:
+        if autopilot.aircraft.uncompared:
             autopilot.check_zones(now)
 
     def _begin_by_log(self, message: Any, was_armed: bool, now: float) -> None:

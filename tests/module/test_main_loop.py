@@ -225,9 +225,9 @@ class TestTheModule:
         bench.module._idle_at = bench.clock.now + 0.03
         for _ in range(2):  # once for each position
             self.position(bench)
-            assert bench.companion.position_waits
+            assert bench.companion.autopilot.aircraft.uncompared
             bench.module.idle_task()
-            assert not bench.companion.position_waits
+            assert not bench.companion.autopilot.aircraft.uncompared
             bench.clock.now += 0.04
 
     def test_several_busy_links_together_keep_mavproxy_no_longer_than_one(

@@ -74,7 +74,7 @@ def test_a_position_that_waited_through_a_stall_does_not_count(bench: Bench, mon
         bench.clock.now += stall_s
         bench.module.idle_task()
         assert ("PositionSeen" in seen) is counts
-        assert not bench.companion.position_waits
+        assert not bench.companion.autopilot.aircraft.uncompared
 
 
 def test_a_fresh_position_counts_before_it_is_judged_whether_positions_are_fresh(

@@ -227,3 +227,16 @@ def test_what_the_heartbeat_says_of_failsafes(status: int, critical: bool, fails
     state.take(mavlink.MAVLink_heartbeat_message(2, 3, 128, 3, status, 3), 1.0)
     said = state.telemetry.heartbeat
     assert (said.critical, said.failsafe) == (critical, failsafe)
+
+
+def test_a_position_is_uncompared_until_it_is_compared_and_the_next_one_from_30_ms_on() -> None:
+    state = VehicleState()
+    assert not state.uncompared
+    state.take(position(), 10.0)
+    assert state.uncompared
+    state.compared()
+    assert not state.uncompared
+    state.take(position(), 10.02)
+    assert not state.uncompared
+    state.take(position(), 10.04)
+    assert state.uncompared
