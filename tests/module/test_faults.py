@@ -57,7 +57,7 @@ HEALTHY: dict[str, Callable[[Bench, pytest.MonkeyPatch], None]] = {
     "the side doors": lambda b, patch: patch.setattr(b.module, "_close_side_doors", broken),
     "the state of the aircraft": lambda b, patch: patch.setattr(b.companion.autopilot.aircraft, "take", broken),
     "the downlink": lambda b, patch: patch.setattr(b.companion.gate, "down", broken),
-    "the telemetry": lambda b, patch: patch.setattr(b.companion.autopilot.aircraft, "telemetry", broken),
+    "the telemetry": lambda b, patch: patch.setattr(b.companion.autopilot.aircraft, "record", broken),
     "the zone finder": lambda b, patch: patch.setattr(b.companion.autopilot, "zone_facts", broken),
     "a conversation": lambda b, patch: b.companion.autopilot.conversations.begin(
         "load", broken_asking(), broken, b.clock.now
@@ -103,7 +103,7 @@ IN_FLIGHT: dict[str, tuple[Callable[[Bench, pytest.MonkeyPatch], None], str]] = 
         "word of a decision",
     ),
     "the borders ahead": (
-        lambda b, patch: patch.setattr(b.companion.autopilot._borders, "each_second", broken),
+        lambda b, patch: patch.setattr(b.companion.autopilot._borders, "update", broken),
         "the way ahead",
     ),
     "the route": (lambda b, patch: patch.setattr(RouteWatch, "deviation", property(broken)), "sign of the route"),
