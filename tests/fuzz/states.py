@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What outlives a restart, driven by bytes: state file, its copy in memory, stored package and replay state after any
-damage.
+"""What outlives a restart, driven by bytes: state file, its copy in memory, stored package, its addresses of the
+vehicle and replay state after any damage.
 
 A plan's first byte says how the rest is meant: as a whole file, as damage to a good one, or as other values in a good
 one, under a checksum that fits. Only what any caller may use is used. What must hold:
 
 * `StateStore.load` gives what was kept, None, or StateError with a line; so does the copy in memory, with ValueError;
 * a snapshot has the numbers that its messages can carry, each of its own kind, and an arbiter goes on from it;
-* `load_package` gives the package of the digest that was asked for, or none;
+* `load_package` gives the package of the digest that was asked for, or none; with the addresses that were saved, or
+  none;
 * `ReplayStore.load` never raises, and whatever it read, what was signed long ago stays refused.
 """
 
@@ -37,6 +38,7 @@ from mavproxy_handover.mission import package as packages
 from mavproxy_handover.store.memory import Condition, Slots
 from mavproxy_handover.store.replay import ReplayStore
 from mavproxy_handover.store.state import Kept, StateError, StateStore, pack, unpack
+from mavproxy_handover.vehicle_address import VehicleAddress
 from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.frames import Frame, parse_one
 from mavproxy_handover.wire.signing import SignatureVerdict, SignedPeer, sign
@@ -47,14 +49,15 @@ __all__ = ["KINDS", "Files", "check", "place_of", "run", "sealed", "seeds"]
 
 #: how the bytes of a plan are meant
 RAW, DAMAGED, VALUES = 0, 1, 2
-KINDS: Final = ("state", "replay", "package", "memory")
+KINDS: Final = ("state", "replay", "package", "memory", "addresses")
 VEHICLE: Final = "drone-1"
 KEY: Final = bytes(range(32))
 STATIONS: Final = (Station(251, "GCSA"), Station(252, "GCSB"))
 #: 2026-11-20 00:00 UTC, and the stamp of a frame that was signed a day before
 UTC_S: Final = 1_795_132_800.0
 LONG_AGO: Final = 37_506_240_000_000 - 86_400 * 100_000
-PACKAGE: Final = packages.load(Path(__file__).resolve().parents[2] / "missions" / "linear")
+ADDRESSES: Final = {251: (VehicleAddress("10.8.0.2", 14550),), 252: (VehicleAddress("10.9.0.2", 14551),)}
+PACKAGE: Final = packages.load(Path(__file__).resolve().parents[2] / "missions" / "linear").with_addresses(ADDRESSES)
 PACKS: Final = (PackMemory(59.0, 1.0, 60.0, 0.02),)
 GOOD: Final = Snapshot(
     251, 4, 7, Phase.ON_MISSION, 2, PACKAGE.digest, (251, 252, 251), True, "land", lasting=(Cause.ENERGY,), packs=PACKS
@@ -68,10 +71,9 @@ class Files:
         self.folder = folder
         self.store = StateStore(folder, VEHICLE)
         self.store.save(GOOD, "boot", 7)
-        before = set(folder.iterdir())
+        (self.state,) = folder.iterdir()
         self.store.save_package(PACKAGE)
-        (self.package,) = set(folder.iterdir()) - before
-        (self.state,) = before
+        self.package, self.addresses = folder / f"{VEHICLE}.mission", folder / f"{VEHICLE}.addresses"
         self.replay = folder / "replay.json"
         self.memory = folder / "state.now"
         slots = Slots(self.memory)
@@ -82,7 +84,9 @@ class Files:
         self._replay_store.close()
         #: what the last plan wrote
         self.spoilt: Path | None = None
-        self.good = {path: path.read_bytes() for path in (self.state, self.replay, self.package, self.memory)}
+        #: in the order of `KINDS`
+        self.paths = (self.state, self.replay, self.package, self.memory, self.addresses)
+        self.good = {path: path.read_bytes() for path in self.paths}
 
     def heard(self) -> SignedPeer:
         """A station's key as the next run has it."""
@@ -237,12 +241,12 @@ def run(plan: bytes) -> Snapshot | None:
     files = _files()
     files.restore()
     reader = Reader(plan)
-    how, kind = reader.byte() % 3, reader.byte() % 4
-    path = (files.state, files.replay, files.package, files.memory)[kind]
+    how, kind = reader.byte() % 3, reader.byte() % len(KINDS)
+    path = files.paths[kind]
     good = files.good[path]
     if how == RAW:
         data = plan[2:]
-    elif how == DAMAGED or path in (files.package, files.memory):
+    elif how == DAMAGED or path not in (files.state, files.replay):
         data = _damaged(reader, good)
     else:
         whole = json.loads(good)
@@ -269,9 +273,10 @@ def _read(files: Files) -> Snapshot | None:
         _check_kept(kept)
     if files.spoilt == files.memory:
         _read_memory(files.memory)
-    for digest in (PACKAGE.digest, bytes(32)) if files.spoilt == files.package else ():
+    for digest in (PACKAGE.digest, bytes(32)) if files.spoilt in (files.package, files.addresses) else ():
         package = files.store.load_package(digest)
         assert package is None or package.digest == digest
+        assert package is None or package.addresses in (ADDRESSES, {})
     peer = files.heard()
     if files.note or files.replay.read_bytes() == files.good[files.replay]:  # with a clock that says nothing
         assert peer.check(frame(LONG_AGO), 0.0, 1.0) is SignatureVerdict.TOO_OLD
