@@ -108,6 +108,12 @@ class Page:
         return sim_s + max(0.0, now - at - SILENT_S) * max(pace, 1.0), begun, utc
 
     @property
+    def silence_s(self) -> float:
+        """How long ago the vehicle's time was written (s of the wall clock)."""
+        now = _wall()
+        return now - float(_HEAD.unpack_from(self._memory, _HEAD_AT)[0])
+
+    @property
     def pace(self) -> float:
         """Simulated seconds in one of the wall clock, as the vehicle said last."""
         return max(float(_HEAD.unpack_from(self._memory, _HEAD_AT)[2]), 1e-3)

@@ -4,7 +4,8 @@
 
 The program knows nothing of the page (`sim_time.py`). Its time is read from what it says on the observer's port. Where
 a program of the run is late, or this vehicle is ahead of the first one, it is stopped by SIGSTOP until they have caught
-up. It does not catch up itself: its pace is that of `--speedup` from then on.
+up. It does not catch up itself: its pace is that of `--speedup` from then on. While the caller gets no processor,
+another process stops it (`stopper.py`).
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import os
 import signal
 from typing import Any, Final
 
+from sitl.run.stopper import Stopper
 from sitl.sim_time import LATE_S, Pace, Page
 
 __all__ = ["BOOT_INTERVAL_S", "STEP_S", "Pacing"]
@@ -25,9 +27,9 @@ STEP_S: Final = 0.05
 
 
 class Pacing:
-    """One vehicle. `page`: of the run; `leads`: its time is the time of the run."""
+    """One vehicle. `page`: of the run; `leads`: its time is the time of the run; `stopper`: stops it as well."""
 
-    def __init__(self, page: Page, pid: int, speedup: float, *, leads: bool) -> None:
+    def __init__(self, page: Page, pid: int, speedup: float, *, leads: bool, stopper: Stopper | None = None) -> None:
         self._page, self._pid, self._speedup, self._leads = page, pid, speedup, leads
         self._pace = Pace(page)
         self._sim_s = self._written_s = 0.0
@@ -35,6 +37,7 @@ class Pacing:
         self._before_s = 0.0
         self._last_boot_s = 0.0
         self._held = False
+        self._stopper = stopper
 
     def take(self, message: Any) -> None:
         """A message of the vehicle."""
@@ -59,14 +62,17 @@ class Pacing:
             hold = self._sim_s > self._written_s or not self._pace.may_go_on(self._written_s)
         else:
             hold = self._sim_s > self._page.read()[0] + LATE_S
-        if hold != self._held:
+        if hold != self._held or (self._stopper is not None and not hold):  # it may have been stopped at any moment
             self._held = hold
             self._signal(signal.SIGSTOP if hold else signal.SIGCONT)
 
     def release(self) -> None:
         """It goes on whatever comes, so that it can end."""
-        if self._held:
+        if self._held or self._stopper is not None:
             self._held = False
+            if self._stopper is not None:
+                self._stopper.end()
+                self._stopper = None
             self._signal(signal.SIGCONT)
 
     def _signal(self, number: signal.Signals) -> None:

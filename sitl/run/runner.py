@@ -37,6 +37,7 @@ from sitl.run.processes import Processes, ProcessGone, ending
 from sitl.run.proxy import give_orders, type_orders
 from sitl.run.sites import Site
 from sitl.run.step_limit import StepLimit
+from sitl.run.stopper import Stopper
 from sitl.run.story import Story
 from sitl.run.transmitter import Transmitter
 from sitl.run.watchers import Watchers
@@ -327,7 +328,8 @@ class _Flight:
             watching = order.watching or Watchers(order.watchers)
             pacing = None
             if self.page is not None and order.vehicle != "builtin":  # which writes and follows the page itself
-                pacing = Pacing(self.page, vehicle.pid, order.speedup, leads=leads)
+                stopper = Stopper(self.page, vehicle.pid)
+                pacing = Pacing(self.page, vehicle.pid, order.speedup, leads=leads, stopper=stopper)
             return vehicle, Observer(vehicle.monitor, craft.sysid, self.rate, seen, watching, self.now, pacing)
         except OSError:
             vehicle.stop()

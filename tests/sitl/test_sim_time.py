@@ -10,7 +10,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -20,6 +20,8 @@ import pytest
 from sitl import sim_time
 from sitl.run import pacing
 from sitl.run.pacing import Pacing
+from sitl.run.stopper import UNTENDED_S, Stopper
+from sitl.run.stopper import main as stopper_main
 from sitl.sim_time import ASLEEP_S, LATE_S, SILENT_S, STARVED_S, Pace, Page, in_sim_time
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -315,6 +317,18 @@ def test_the_program_of_another_python_goes_by_the_wall_clock(tmp_path: Path) ->
     assert in_sim_time(tmp_path, ["/opt/other/python", "gcs.py"]) == ("/opt/other/python", "gcs.py")
 
 
+def state_of(pid: int) -> str:
+    """The state of a process in the kernel's letters: S asleep, T stopped."""
+    return Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()[0]
+
+
+def waits_for(what: Callable[[], object]) -> None:
+    until = time.monotonic() + 60.0
+    while not what():
+        assert time.monotonic() < until
+        time.sleep(0.002)
+
+
 class TestPacing:
     """ArduPilot's program, which knows nothing of the page."""
 
@@ -382,6 +396,28 @@ class TestPacing:
         paced.release()
         paced.release()
         assert signals == [(4711, signal.SIGSTOP), (4711, signal.SIGCONT)]
+
+    def test_it_is_stopped_while_the_runner_gets_no_processor(self, page: Page) -> None:
+        program = subprocess.Popen(["sleep", "60"])
+        stopper = Stopper(page, program.pid)
+        try:
+            paced = Pacing(page, program.pid, 8.0, leads=True, stopper=stopper)
+            paced.take(SimpleNamespace(time_boot_ms=20_000))
+            waits_for(lambda: state_of(program.pid) == "T")  # nobody ticks
+            waits_for(lambda: paced.tick() or state_of(program.pid) == "S")
+            waits_for(lambda: state_of(program.pid) == "T")
+            paced.release()
+            time.sleep(3 * UNTENDED_S)
+            assert state_of(program.pid) == "S"
+        finally:
+            stopper.end()
+            program.kill()
+            program.wait()
+
+    def test_the_stopper_ends_with_the_program(self, page: Page) -> None:
+        with subprocess.Popen(["sleep", "60"]) as program:
+            program.kill()
+        assert stopper_main([str(page.path), str(program.pid)]) == 0
 
     def test_a_program_that_has_ended_is_no_fault(self, page: Page, monkeypatch: pytest.MonkeyPatch) -> None:
         def gone(_pid: int, _number: int) -> None:
