@@ -23,7 +23,7 @@ from mavproxy_handover.core.model import Kind
 from mavproxy_handover.mission import package as packages
 from sitl.script.places import mission_folder
 from sitl.script.scenario import known_scenarios, load_scenario
-from sitl.vehicles import KINDS, find_arducopter, find_arduplane, flies
+from sitl.vehicles import KINDS, LaunchError, find_arducopter, find_arduplane, flies
 
 __all__ = ["Flight", "agree", "main"]
 
@@ -71,20 +71,23 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--arduplane", metavar="PATH", help="ArduPlane's SITL program")
     parser.add_argument("--out", type=Path, default=Path("runs/all"), metavar="DIR", help="default: runs/all")
     arguments = parser.parse_args(argv)
+    try:
+        copter, plane = find_arducopter(arguments.arducopter), find_arduplane(arguments.arduplane)
+    except LaunchError as error:
+        parser.error(str(error))
     names = arguments.scenarios or list(known_scenarios())
     vehicles = arguments.vehicle or list(KINDS)
-    missing = "arducopter" in vehicles and find_arducopter(arguments.arducopter) is None
+    missing = "arducopter" in vehicles and copter is None
     if missing:
         vehicles.remove("arducopter")
         print("no arducopter found: its flights are MISSING from this table", file=sys.stderr)
-    wings = find_arduplane(arguments.arduplane) is not None
     given = {"--arducopter": arguments.arducopter, "--arduplane": arguments.arduplane}
     programs = [word for option, path in given.items() if path for word in (option, path)]
     stamp = time.strftime("%Y%m%d-%H%M%S")
     flights = []
     for name in names:
         kind = _kind_of(name)
-        if kind.winged and not wings:
+        if kind.winged and plane is None:
             print(f"{name:<22} skipped: it is flown by a {kind.value}, and no arduplane is found", flush=True)
             continue
         for vehicle in (each for each in vehicles if flies(each) is kind):

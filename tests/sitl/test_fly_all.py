@@ -64,3 +64,11 @@ def test_a_vehicle_that_is_missing_is_told_and_is_exit_code_1(
     assert "MISSING" in capsys.readouterr().err
     assert len(flown) == 1
     assert main(["nominal", "--vehicle", "builtin"]) == 0
+
+
+def test_a_program_that_cannot_be_run_is_named(flown: list[list[str]], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["nominal", "--arduplane", "/nowhere/arduplane"])
+    assert ended.value.code == 2
+    assert "--arduplane: /nowhere/arduplane is not a program that can be run" in capsys.readouterr().err
+    assert not flown
