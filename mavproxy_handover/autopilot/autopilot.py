@@ -32,14 +32,14 @@ from mavproxy_handover.autopilot.position_watch import Box, PositionWatch
 from mavproxy_handover.autopilot.preflight import Finding, Preflight, heights_lack
 from mavproxy_handover.autopilot.procedures import Procedures
 from mavproxy_handover.autopilot.read_back import ReadBack
-from mavproxy_handover.autopilot.reboot_watch import RebootWatch
+from mavproxy_handover.autopilot.reboot_watch import RebootMonitor
 from mavproxy_handover.autopilot.return_site import ReturnSite
 from mavproxy_handover.autopilot.route_watch import RouteWatch
 from mavproxy_handover.autopilot.staging import Rerouted, Staging
 from mavproxy_handover.autopilot.streams import Streams
 from mavproxy_handover.autopilot.telemetry import Telemetry
 from mavproxy_handover.autopilot.ties import Ties
-from mavproxy_handover.autopilot.waypoints import WaypointWatch
+from mavproxy_handover.autopilot.waypoints import WaypointMonitor
 from mavproxy_handover.config.running import Running
 from mavproxy_handover.core.events import (
     AircraftJudged,
@@ -137,7 +137,7 @@ class Autopilot:
         self._box_lacks = ""
         #: the changes of the parameters (`Parameters.changes`) by which that was judged
         self._judged_by = 0
-        self._waypoints = WaypointWatch(config.limits.leave_margin_m, self.aircraft)
+        self._waypoints = WaypointMonitor(config.limits.leave_margin_m)
         self._borders = BorderMonitor(config.limits.operator_timeout_s)
         self._execution = ExecutionWatch(
             self.aircraft, ties, lambda: self._preflight.radio_watched, lambda: self.places.goes_to
@@ -199,7 +199,7 @@ class Autopilot:
         #: what looks wrong, and what the arbiter was told last of it
         self._seen = self._signs = SignsSeen()
         self._second_manager_told = False
-        self._reboots = RebootWatch()
+        self._reboots = RebootMonitor()
         #: after a restart: walks the route once more, beside the main loop, and when
         self._walk: Callable[[float], None] = lambda _now: None
         self._walk_at = math.inf
@@ -253,7 +253,8 @@ class Autopilot:
         course_deg, speed_mps = self.aircraft.track
         if self.aircraft.kind.winged and self.aircraft.flown is Flown.STOP:
             speed_mps = 0.0  # it circles: its track leads nowhere
-        return self._waypoints.marked(finder.facts(lat_deg, lon_deg, course_deg, speed_mps, alt_m, way))
+        facts = finder.facts(lat_deg, lon_deg, course_deg, speed_mps, alt_m, way)
+        return self._waypoints.marked(self.aircraft, facts)
 
     # ---- what it says ---------------------------------------------------------------------------------------------
 
@@ -381,7 +382,7 @@ class Autopilot:
         self._energy.adopt(package.energy, way, now, wings=package.kind.winged)
 
     def _on_reached(self, message: Any, _now: float) -> None:
-        owner = self._waypoints.reached(message.seq)
+        owner = self._waypoints.reached(self.aircraft, message.seq)
         delivery = self._loader.delivery.reached(message.seq)
         self._ties.narrator.reached(message.seq, owner, delivery)
         if delivery is not None:

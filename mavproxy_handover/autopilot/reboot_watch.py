@@ -11,7 +11,7 @@ from __future__ import annotations
 from math import inf
 from typing import Final
 
-__all__ = ["RebootWatch"]
+__all__ = ["RebootMonitor"]
 
 #: messages may overtake each other by less than this (ms)
 _DISORDER_MS: Final = 2_000
@@ -21,8 +21,8 @@ _WRAPS_MS: Final = 0x1_0000_0000 - 600_000
 _FLEW_S: Final = 60.0
 
 
-class RebootWatch:
-    """Times are monotonic seconds."""
+class RebootMonitor:
+    """Of one autopilot. Times are monotonic seconds."""
 
     def __init__(self) -> None:
         self._boot_ms = 0

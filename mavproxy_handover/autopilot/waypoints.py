@@ -25,19 +25,18 @@ from mavproxy_handover.core.model import ZoneFact
 from mavproxy_handover.mission.reached import Belonging
 from mavproxy_handover.vehicle.state import VehicleState
 
-__all__ = ["MISSING_S", "WaypointWatch"]
+__all__ = ["MISSING_S", "WaypointMonitor"]
 
 #: the autopilot is asked for two a second
 MISSING_S: Final = 5.0
 
 
-class WaypointWatch:
+class WaypointMonitor:
     """The waypoints of one vehicle. Times are monotonic seconds."""
 
-    def __init__(self, leave_margin_m: float, aircraft: VehicleState) -> None:
+    def __init__(self, leave_margin_m: float) -> None:
         """`leave_margin_m`: a zone is left so far outside its border."""
         self._leave_margin_m = leave_margin_m
-        self._aircraft = aircraft
         self._belonging: Belonging | None = None
         #: since when the autopilot holds this mission, as far as is known
         self._since = 0.0
@@ -54,14 +53,14 @@ class WaypointWatch:
         """It flies to another item than before."""
         self._reached = False
 
-    def reached(self, seq: int) -> int | None:
+    def reached(self, state: VehicleState, seq: int) -> int | None:
         """It has reached an item; whose that is, None if it is nobody's."""
-        self._reached = self._reached or seq == self._aircraft.waypoint
+        self._reached = self._reached or seq == state.waypoint
         return None if self._belonging is None else self._belonging.owner(seq)
 
-    def marked(self, facts: tuple[ZoneFact, ...]) -> tuple[ZoneFact, ...]:
-        """The facts of the last position, with whose stations await the aircraft."""
-        awaiting = self._told()
+    def marked(self, state: VehicleState, facts: tuple[ZoneFact, ...]) -> tuple[ZoneFact, ...]:
+        """The facts of the last position, with whose stations await the state."""
+        awaiting = self._told(state)
         if awaiting is None:
             outside = {fact.station for fact in facts if fact.margin_m <= -self._leave_margin_m}
             awaiting = self._awaited - outside
@@ -70,16 +69,16 @@ class WaypointWatch:
             return facts
         return tuple(replace(fact, awaits=True) if fact.station in awaiting else fact for fact in facts)
 
-    def _told(self) -> frozenset[int] | None:
+    def _told(self, state: VehicleState) -> frozenset[int] | None:
         """Who awaits the aircraft by what the autopilot says; None: coverage alone counts."""
-        aircraft, belonging = self._aircraft, self._belonging
-        if belonging is None or aircraft.foreign:
+        belonging = self._belonging
+        if belonging is None or state.foreign:
             return None
-        mode_known = aircraft.telemetry.heartbeat.at > -math.inf
-        if mode_known and not aircraft.flies_mission:
+        mode_known = state.telemetry.heartbeat.at > -math.inf
+        if mode_known and not state.flies_mission:
             return None
-        if aircraft.position.at - max(aircraft.telemetry.waypoint.at, self._since) > MISSING_S:
+        if state.position.at - max(state.telemetry.waypoint.at, self._since) > MISSING_S:
             return None
-        if not mode_known or aircraft.telemetry.waypoint.at < self._since:
+        if not mode_known or state.telemetry.waypoint.at < self._since:
             return belonging.stations
-        return belonging.awaiting(aircraft.waypoint + self._reached)
+        return belonging.awaiting(state.waypoint + self._reached)

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from mavproxy_handover.autopilot.reboot_watch import RebootWatch
+from mavproxy_handover.autopilot.reboot_watch import RebootMonitor
 
 
 def at(boot_ms: int) -> SimpleNamespace:
@@ -27,22 +27,22 @@ def at(boot_ms: int) -> SimpleNamespace:
     ],
 )
 def test_a_time_that_goes_back_is_a_restart(times: list[int], restarts: int) -> None:
-    watch = RebootWatch()
-    assert sum(watch.seen(at(ms), flying=True, now=float(n)) for n, ms in enumerate(times)) == restarts
+    monitor = RebootMonitor()
+    assert sum(monitor.seen(at(ms), flying=True, now=float(n)) for n, ms in enumerate(times)) == restarts
 
 
 def test_a_message_without_the_time_says_nothing() -> None:
-    watch = RebootWatch()
-    watch.seen(at(500_000), flying=True, now=1.0)
-    assert not watch.seen(SimpleNamespace(), flying=True, now=2.0)
-    assert watch.seen(at(10), flying=False, now=3.0)
+    monitor = RebootMonitor()
+    monitor.seen(at(500_000), flying=True, now=1.0)
+    assert not monitor.seen(SimpleNamespace(), flying=True, now=2.0)
+    assert monitor.seen(at(10), flying=False, now=3.0)
 
 
 @pytest.mark.parametrize(("flown_at", "now", "in_flight"), [(None, 5.0, False), (1.0, 5.0, True), (1.0, 62.0, False)])
 def test_it_was_in_flight_if_the_aircraft_flew_until_just_now(
     flown_at: float | None, now: float, in_flight: bool
 ) -> None:
-    watch = RebootWatch()
+    monitor = RebootMonitor()
     if flown_at is not None:
-        watch.seen(at(1), flying=True, now=flown_at)
-    assert watch.in_flight(now) is in_flight
+        monitor.seen(at(1), flying=True, now=flown_at)
+    assert monitor.in_flight(now) is in_flight
