@@ -25,7 +25,6 @@ from typing import Any, Final, TypeVar
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot import hands
 from mavproxy_handover.autopilot.autopilot import Autopilot
 from mavproxy_handover.autopilot.briefing import Briefing
 from mavproxy_handover.autopilot.orders import UNDOING, commanded, disarms
@@ -67,6 +66,7 @@ from mavproxy_handover.stations.unheard import Unheard
 from mavproxy_handover.stations.voice import Voice
 from mavproxy_handover.store.journal import Journal, strangers_path
 from mavproxy_handover.store.keeper import StateKeeper
+from mavproxy_handover.vehicle import hands
 from mavproxy_handover.wire import codec, status
 from mavproxy_handover.wire.frames import Frame, checked_types, parse_one
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, MISSION_START

@@ -32,14 +32,12 @@ from mavproxy_handover.autopilot.position_watch import Box, PositionWatch
 from mavproxy_handover.autopilot.preflight import Finding, Preflight, heights_lack
 from mavproxy_handover.autopilot.procedures import Procedures
 from mavproxy_handover.autopilot.read_back import ReadBack
-from mavproxy_handover.autopilot.reboot_watch import RebootMonitor
 from mavproxy_handover.autopilot.return_site import ReturnSite
 from mavproxy_handover.autopilot.route_watch import RouteWatch
 from mavproxy_handover.autopilot.staging import Rerouted, Staging
 from mavproxy_handover.autopilot.streams import Streams
 from mavproxy_handover.autopilot.telemetry import Telemetry
 from mavproxy_handover.autopilot.ties import Ties
-from mavproxy_handover.autopilot.waypoints import WaypointMonitor
 from mavproxy_handover.config.running import Running
 from mavproxy_handover.core.events import (
     AircraftJudged,
@@ -64,6 +62,8 @@ from mavproxy_handover.mission.plan import Route
 from mavproxy_handover.mission.walk import Handover, speed_at
 from mavproxy_handover.monitors.borders import BorderMonitor
 from mavproxy_handover.monitors.gaps import GapMonitor
+from mavproxy_handover.monitors.reboots import RebootMonitor
+from mavproxy_handover.monitors.waypoints import WaypointMonitor
 from mavproxy_handover.schedule import attempt
 from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.vehicle.kinds import COPTER, PLANE

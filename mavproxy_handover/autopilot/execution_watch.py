@@ -13,11 +13,11 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot import hands
 from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.core.events import HandSeen, ModeSeen, MotionSeen, MotionUnseen
 from mavproxy_handover.core.model import Hand
 from mavproxy_handover.mission.geodesy import distance_m
+from mavproxy_handover.vehicle import hands
 from mavproxy_handover.vehicle.state import VehicleState
 from mavproxy_handover.wire.lease import GuardStatus
 

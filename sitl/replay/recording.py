@@ -17,9 +17,9 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot import hands
 from mavproxy_handover.core.events import HandSeen
 from mavproxy_handover.core.model import LeaseState
+from mavproxy_handover.vehicle import hands
 from mavproxy_handover.wire.frames import Frame
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, COMPANION_COMPID, GUARD_STATUS_TUNNEL, LEASE_TUNNEL
 from mavproxy_handover.wire.lease import LEASE_VERSION, Lease, guard_status_version, unpack_guard_status, unpack_lease

@@ -7,9 +7,9 @@ from __future__ import annotations
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot import hands
 from mavproxy_handover.core.events import HandSeen
 from mavproxy_handover.core.model import Flown, Hand, Kind
+from mavproxy_handover.vehicle import hands
 from mavproxy_handover.vehicle.kinds import COPTER, PLANE, VEHICLES, Vehicle
 from mavproxy_handover.vehicle.state import VehicleState
 from mavproxy_handover.wire.frames import parse_one

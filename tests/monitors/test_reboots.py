@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from mavproxy_handover.autopilot.reboot_watch import RebootMonitor
+from mavproxy_handover.monitors.reboots import RebootMonitor
 
 
 def at(boot_ms: int) -> SimpleNamespace:

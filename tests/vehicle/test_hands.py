@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot import hands
 from mavproxy_handover.core.events import HandSeen
 from mavproxy_handover.core.model import Flown, Hand
+from mavproxy_handover.vehicle import hands
 from mavproxy_handover.vehicle.kinds import COPTER, PLANE, Vehicle
 from mavproxy_handover.wire.frames import Frame, parse_one
 
