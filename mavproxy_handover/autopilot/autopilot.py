@@ -20,7 +20,7 @@ from mavproxy_handover.autopilot import own_failsafes
 from mavproxy_handover.autopilot.command_desk import CommandDesk
 from mavproxy_handover.autopilot.copter import Copter
 from mavproxy_handover.autopilot.energy import EnergyWatch
-from mavproxy_handover.autopilot.execution_watch import ExecutionWatch
+from mavproxy_handover.autopilot.execution_watch import ExecutionMonitor
 from mavproxy_handover.autopilot.ground_uploads import GroundUploads
 from mavproxy_handover.autopilot.guard_link import GuardLink
 from mavproxy_handover.autopilot.loading import Along, MissionLoader, MissionWriter, Prepared, Way, way_of
@@ -139,9 +139,7 @@ class Autopilot:
         self._judged_by = 0
         self._waypoints = WaypointMonitor(config.limits.leave_margin_m)
         self._borders = BorderMonitor(config.limits.operator_timeout_s)
-        self._execution = ExecutionWatch(
-            self.aircraft, ties, lambda: self._preflight.radio_watched, lambda: self.places.goes_to
-        )
+        self._execution = ExecutionMonitor(lambda: self._preflight.radio_watched, lambda: self.places.goes_to)
         #: where a return goes
         self.places = ReturnSite(config.sysid, self.aircraft, lambda: self._energy.fact, self.orders, talks, ties)
         standing = self._standing = PackageStanding(self._on_board is not None, ties)
@@ -330,7 +328,9 @@ class Autopilot:
         self._attempt("places of a return", self.places.take, message, now)
         # without a heartbeat of late nothing is known of arming and of the mode: what was before need not be so
         if now - aircraft.telemetry.heartbeat.at < _HEARTBEAT_S:
-            self._attempt("motion", self._execution.state, now)  # first: what is flown by now need not be commanded
+            self._attempt(
+                "motion", self._look, self._execution.heard, now
+            )  # first: what is flown by now need not be commanded
             self._ties.handle(self._autopilot_state(), now)
 
     def _autopilot_state(self) -> AutopilotState:
@@ -341,7 +341,7 @@ class Autopilot:
 
     def _on_text(self, message: Any, now: float) -> None:
         self._preflight.text(message.text)
-        self._execution.text(message.text, now)
+        self._tell(self._execution.text(self.aircraft, message.text), now)
 
     def _on_position(self, _message: Any, now: float) -> None:
         if self.aircraft.telemetry.own_position.at == now:  # else that message held no position
@@ -366,7 +366,7 @@ class Autopilot:
             return
         self.guard_status = status
         self._ties.handle(GuardSeen(status.state, status.nonce == self._lease.nonce, misfit), now)
-        self._execution.guard(status, now)
+        self._tell(self._execution.guard(status), now)
 
     def _tell_misfit(self, misfit: str) -> None:
         """In flight the operators hear of it at once; on the ground the check before flight tells it."""
@@ -504,7 +504,7 @@ class Autopilot:
     def _judge_plan(self, now: float) -> None:
         """Tell the arbiter what START lacks for gaps and heights, for a return that lands, and of the aircraft."""
         self._judged_by = self.aircraft.parameters.changes
-        self._tell(self._gaps.update(self.aircraft, now), now)
+        self._look(self._gaps.update, now)
         unfit = self._preflight.other_type or self._other_kind
         if unfit != self._aircraft_lacks:
             self._aircraft_lacks = unfit
@@ -608,7 +608,7 @@ class Autopilot:
             ("the plan", self._judge_plan, now),
             ("the way ahead", self._look_ahead, now),
             ("places of a return", self.places.each_second, now),
-            ("motion", self._execution.each_second, now),
+            ("motion", self._look, self._execution.update, now),
             ("signs", self._look_for_signs, now),
         ):
             self._attempt(where, job, *arguments)
@@ -617,6 +617,10 @@ class Autopilot:
         """Hand over what a monitor has found, in its order."""
         for event in events:
             self._ties.handle(event, now)
+
+    def _look(self, update: Callable[[VehicleState, float], Sequence[Event]], now: float) -> None:
+        """Hand over what a monitor finds in the state now."""
+        self._tell(update(self.aircraft, now), now)
 
     def _attempt(self, where: str, job: Callable[..., None], *arguments: Any) -> None:
         attempt(self._ties.fault, where, job, *arguments)
@@ -639,7 +643,7 @@ class Autopilot:
         if now >= self._walk_at:
             self._walk_at = math.inf
             self._walk(now)
-        self._tell(self._borders.update(self.aircraft, now), now)
+        self._look(self._borders.update, now)
 
     def _look_for_signs(self, now: float) -> None:
         """Tell the arbiter what looks wrong that only this side can work out, when it changes. A sign that cannot be
@@ -661,7 +665,7 @@ class Autopilot:
         self._seen = replace(self._seen, off_route=track is not None, off_route_words=words)
 
     def _look_at_fence(self, now: float) -> None:
-        breach = self._execution.breach(now) if self.aircraft.flying else ""
+        breach = self._execution.breach(self.aircraft, now) if self.aircraft.flying else ""
         self._seen = replace(self._seen, fence=bool(breach), fence_words=breach)
 
 

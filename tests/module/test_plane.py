@@ -374,14 +374,15 @@ def test_a_hold_and_a_flight_on_that_the_rules_decide_are_known_to_be_the_compan
 def test_a_circle_around_the_place_is_at_the_place(flight: Bench) -> None:
     flight.autopilot.mode = RTL
     seen = []
-    handle = flight.companion.autopilot._execution._ties.handle
+    monitor = flight.companion.autopilot._execution
+    update = monitor.update
 
-    def note(event: object, now: float) -> None:
-        seen.append(event)
-        handle(event, now)
+    def note(state: object, now: float) -> list[object]:
+        found = update(state, now)
+        seen.extend(found)
+        return found
 
-    watch = flight.companion.autopilot._execution
-    watch._ties = replace(watch._ties, handle=note)
+    monitor.update = note
     for away_m in (60, 200):
         hear(flight, mavlink.MAVLink_nav_controller_output_message(0, 0, 0, 0, away_m, 0, 0, 0))
         flight.run(1.5)
