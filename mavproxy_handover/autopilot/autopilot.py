@@ -32,17 +32,17 @@ from mavproxy_handover.autopilot.preflight import Finding, Preflight, heights_la
 from mavproxy_handover.autopilot.procedures import Procedures
 from mavproxy_handover.autopilot.read_back import ReadBack
 from mavproxy_handover.autopilot.return_site import ReturnSite
-from mavproxy_handover.autopilot.route_watch import RouteWatch
+from mavproxy_handover.autopilot.route_watch import RouteMonitor
 from mavproxy_handover.autopilot.staging import Rerouted, Staging
 from mavproxy_handover.autopilot.streams import Streams
 from mavproxy_handover.autopilot.telemetry import Telemetry
+from mavproxy_handover.autopilot.teller import MonitorOutput, Teller
 from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.config.running import Running
 from mavproxy_handover.core.events import (
     AircraftJudged,
     AutopilotState,
     BoxJudged,
-    Event,
     GuardSeen,
     HeightsJudged,
     MissionLoaded,
@@ -103,6 +103,7 @@ class Autopilot:
         self.guard_status: GuardStatus | None = None
         self._sysid = config.sysid
         self._ties = ties
+        self._teller = Teller(ties.handle, ties.narrator)
         self._on_board = running.mission
         key = running.guard_key
         self._lease = LeaseSequence(nonce, key)
@@ -128,7 +129,7 @@ class Autopilot:
         self._energy = EnergyWatch(config.energy, ties)
         self._loader = MissionLoader(config, self._adopted)
         #: the aircraft against its route
-        self.route = RouteWatch(config.route, self.aircraft, ties)
+        self.route = RouteMonitor(config.route)
         self._gaps = GapMonitor(config.limits)
         #: why the mission is none for this aircraft, why a return would not end on the ground, and why the mission
         #: would not be flown at the heights that were checked, as it was told last
@@ -306,7 +307,7 @@ class Autopilot:
         if self.aircraft.dead_reckoning and not self.positions.by_box:
             return
         self._ties.handle(PositionSeen(self.zone_facts(), self._gaps.fact(self.aircraft)), now)
-        self._attempt("route", self.route.look, now)
+        self._attempt("route", self._look, self.route.update, now)
 
     def _mission_flown(self, now: float) -> None:
         """It flies its mission, or does so no more.
@@ -341,7 +342,7 @@ class Autopilot:
 
     def _on_text(self, message: Any, now: float) -> None:
         self._preflight.text(message.text)
-        self._tell(self._execution.text(self.aircraft, message.text), now)
+        self._teller.tell(self._execution.text(self.aircraft, message.text), now)
 
     def _on_position(self, _message: Any, now: float) -> None:
         if self.aircraft.telemetry.own_position.at == now:  # else that message held no position
@@ -366,7 +367,7 @@ class Autopilot:
             return
         self.guard_status = status
         self._ties.handle(GuardSeen(status.state, status.nonce == self._lease.nonce, misfit), now)
-        self._tell(self._execution.guard(status), now)
+        self._teller.tell(self._execution.guard(status), now)
 
     def _tell_misfit(self, misfit: str) -> None:
         """In flight the operators hear of it at once; on the ground the check before flight tells it."""
@@ -613,14 +614,9 @@ class Autopilot:
         ):
             self._attempt(where, job, *arguments)
 
-    def _tell(self, events: Sequence[Event], now: float) -> None:
-        """Hand over what a monitor has found, in its order."""
-        for event in events:
-            self._ties.handle(event, now)
-
-    def _look(self, update: Callable[[VehicleState, float], Sequence[Event]], now: float) -> None:
-        """Hand over what a monitor finds in the state now."""
-        self._tell(update(self.aircraft, now), now)
+    def _look(self, update: Callable[[VehicleState, float], Sequence[MonitorOutput]], now: float) -> None:
+        """Hand on what a monitor finds in the state now."""
+        self._teller.tell(update(self.aircraft, now), now)
 
     def _attempt(self, where: str, job: Callable[..., None], *arguments: Any) -> None:
         attempt(self._ties.fault, where, job, *arguments)

@@ -2,8 +2,8 @@
 
 """The route check on the vehicle: the aircraft against the mission that the companion has written.
 
-It tells the journal, and offers what it knows; it orders nothing, and people are told by the safety decisions. A
-mission that somebody has written since is not known here, and so is nothing expected of the aircraft then.
+It finds news for the journal, and offers what it knows; it orders nothing, and people are told by the safety
+decisions. A mission that somebody has written since is not known here, and so is nothing expected of the aircraft then.
 """
 
 from __future__ import annotations
@@ -11,13 +11,12 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from mavproxy_handover.autopilot.ties import Ties
-from mavproxy_handover.core.safety.route import RouteCheck, RouteLimits, TrackFact
+from mavproxy_handover.core.safety.route import RouteCheck, RouteLimits, RouteNews, TrackFact
 from mavproxy_handover.mission.plan import Route
 from mavproxy_handover.mission.track import Motion, RouteTracker
 from mavproxy_handover.vehicle.state import VehicleState
 
-__all__ = ["RouteWatch"]
+__all__ = ["RouteMonitor"]
 
 #: a position comes 20 times a second; what is judged over seconds needs fewer
 _LOOK_S: Final = 0.18
@@ -27,12 +26,10 @@ _STOPPED_S: Final = 3.0
 _SHOWN_S: Final = 5.0
 
 
-class RouteWatch:
-    """`look` after each position. Times are monotonic seconds."""
+class RouteMonitor:
+    """Of one aircraft; `update` after each position. Times are monotonic seconds."""
 
-    def __init__(self, limits: RouteLimits, aircraft: VehicleState, ties: Ties) -> None:
-        self._aircraft = aircraft
-        self._ties = ties
+    def __init__(self, limits: RouteLimits) -> None:
         self._check = RouteCheck(limits)
         self._tracker: RouteTracker | None = None
         self._looked_at = -math.inf
@@ -54,23 +51,21 @@ class RouteWatch:
         """The autopilot holds this route; None: nobody knows which one."""
         self._tracker = None if route is None else RouteTracker(route)
 
-    def look(self, now: float) -> None:
+    def update(self, state: VehicleState, now: float) -> list[RouteNews]:
         """Compare the last position to the leg that is flown, if there was none just now."""
-        heard_at = min(self._aircraft.telemetry.waypoint.at, self._aircraft.telemetry.heartbeat.at)
+        heard_at = min(state.telemetry.waypoint.at, state.telemetry.heartbeat.at)
         if now - self._looked_at < _LOOK_S or now - heard_at > _STOPPED_S:  # what it flies to is not known
-            return
+            return []
         self._looked_at = now
-        motion = self._motion()
+        motion = self._motion(state)
         self.track = None if self._tracker is None or motion is None else self._tracker.follow(motion, now)
         news = self._check.look(self.track, now)
-        if news is None:
-            return
-        self._ties.narrator.route(news)
+        return [] if news is None else [news]
 
-    def _motion(self) -> Motion | None:
-        aircraft = self._aircraft
-        if aircraft.where is None:
+    @staticmethod
+    def _motion(state: VehicleState) -> Motion | None:
+        if state.where is None:
             return None
-        lat_deg, lon_deg, _alt_m = aircraft.where
-        on_mission = aircraft.flying and aircraft.flies_mission and not aircraft.foreign
-        return Motion(lat_deg, lon_deg, *aircraft.track, aircraft.waypoint, on_mission)
+        lat_deg, lon_deg, _alt_m = state.where
+        on_mission = state.flying and state.flies_mission and not state.foreign
+        return Motion(lat_deg, lon_deg, *state.track, state.waypoint, on_mission)

@@ -14,7 +14,7 @@ import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.energy import EnergyWatch
-from mavproxy_handover.autopilot.route_watch import RouteWatch
+from mavproxy_handover.autopilot.route_watch import RouteMonitor
 from mavproxy_handover.core.events import Fly, HandSeen
 from mavproxy_handover.core.model import FlightAction, Hand, Phase, Reason
 from mavproxy_handover.core.safety.battery import Batteries
@@ -106,7 +106,7 @@ IN_FLIGHT: dict[str, tuple[Callable[[Bench, pytest.MonkeyPatch], None], str]] = 
         lambda b, patch: patch.setattr(b.companion.autopilot._borders, "update", broken),
         "the way ahead",
     ),
-    "the route": (lambda b, patch: patch.setattr(RouteWatch, "deviation", property(broken)), "sign of the route"),
+    "the route": (lambda b, patch: patch.setattr(RouteMonitor, "deviation", property(broken)), "sign of the route"),
     "the fence": (
         lambda b, patch: patch.setattr(b.companion.autopilot._execution, "breach", broken),
         "sign of the fence",
@@ -331,7 +331,7 @@ def test_positions_that_are_compared_to_no_zone_bring_the_aircraft_home(
 def test_what_breaks_behind_the_comparison_costs_no_more_than_itself(
     airborne: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(RouteWatch, "look", broken)
+    monkeypatch.setattr(RouteMonitor, "update", broken)
     airborne.run(10.0)
     assert not airborne.companion.failed
     assert airborne.companion.faults.keys() == {"route"}

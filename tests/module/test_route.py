@@ -161,7 +161,7 @@ def test_an_item_that_is_not_told_any_more_is_none_to_be_off(flown: Bench) -> No
 
 def test_a_check_that_breaks_leaves_the_zones_alone(flown: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     route = flown.companion.autopilot.route
-    monkeypatch.setattr(route, "look", lambda _now: 1 / 0)
+    monkeypatch.setattr(route, "update", lambda _state, _now: 1 / 0)
     flown.autopilot.position = (52.678146, 5.95)  # east of every zone
     flown.run(5.0)
     assert flown.companion.faults["route"] > 0
