@@ -32,7 +32,6 @@ from mavproxy_handover.autopilot.preflight import Finding, Preflight, heights_la
 from mavproxy_handover.autopilot.procedures import Procedures
 from mavproxy_handover.autopilot.read_back import ReadBack
 from mavproxy_handover.autopilot.return_site import ReturnSite
-from mavproxy_handover.autopilot.route_watch import RouteMonitor
 from mavproxy_handover.autopilot.staging import Rerouted, Staging
 from mavproxy_handover.autopilot.streams import Streams
 from mavproxy_handover.autopilot.telemetry import Telemetry
@@ -63,6 +62,7 @@ from mavproxy_handover.monitors.borders import BorderMonitor
 from mavproxy_handover.monitors.execution import ExecutionMonitor
 from mavproxy_handover.monitors.gaps import GapMonitor
 from mavproxy_handover.monitors.reboots import RebootMonitor
+from mavproxy_handover.monitors.route import RouteMonitor
 from mavproxy_handover.monitors.waypoints import WaypointMonitor
 from mavproxy_handover.schedule import attempt
 from mavproxy_handover.stations.port import StationPort
