@@ -90,7 +90,7 @@ class VehicleCommands:
         digest = arbiter.mission_digest
         self._show(f"mission   {'none' if not digest else digest.hex()[:16]}")
         self._show(f"zone      {arbiter.name(arbiter.zone()) if arbiter.zone() else 'none'}")
-        box = companion.autopilot.positions.words(now)
+        box = companion.autopilot.positions.words(companion.autopilot.aircraft, now)
         if box:
             where = companion.config.position
             self._show(f"position  by the {where.source}; {box}; layout {where.layout.name}")

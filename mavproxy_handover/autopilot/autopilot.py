@@ -27,7 +27,7 @@ from mavproxy_handover.autopilot.orders import Orders
 from mavproxy_handover.autopilot.own_failsafes import PlanFacts, plan_facts
 from mavproxy_handover.autopilot.package_standing import PackageStanding
 from mavproxy_handover.autopilot.plane import Plane
-from mavproxy_handover.autopilot.position_watch import Box, PositionWatch
+from mavproxy_handover.autopilot.position_watch import Box, PositionMonitor
 from mavproxy_handover.autopilot.preflight import Finding, Preflight, heights_lack
 from mavproxy_handover.autopilot.procedures import Procedures
 from mavproxy_handover.autopilot.read_back import ReadBack
@@ -41,7 +41,6 @@ from mavproxy_handover.config.running import Running
 from mavproxy_handover.core.events import (
     AircraftJudged,
     AutopilotState,
-    BoxJudged,
     GuardSeen,
     HeightsJudged,
     MissionLoaded,
@@ -98,12 +97,12 @@ class Autopilot:
         config = running.config
         self.aircraft = VehicleState()
         #: whose word of where it is counts
-        self.positions = PositionWatch(config.position, self.aircraft, box, ties)
+        self.positions = PositionMonitor(config.position, self.aircraft, box)
         #: what the guard said last of itself
         self.guard_status: GuardStatus | None = None
         self._sysid = config.sysid
         self._ties = ties
-        self._teller = Teller(ties.handle, ties.narrator)
+        self._teller = Teller(ties.handle, ties.narrator, ties.voice)
         self._on_board = running.mission
         key = running.guard_key
         self._lease = LeaseSequence(nonce, key)
@@ -134,8 +133,6 @@ class Autopilot:
         #: why the mission is none for this aircraft, why a return would not end on the ground, and why the mission
         #: would not be flown at the heights that were checked, as it was told last
         self._aircraft_lacks = self._return_lacks = self._heights_lack = ""
-        #: why START is refused for the position box, as it was told last
-        self._box_lacks = ""
         #: the changes of the parameters (`Parameters.changes`) by which that was judged
         self._judged_by = 0
         self._waypoints = WaypointMonitor(config.limits.leave_margin_m)
@@ -350,11 +347,7 @@ class Autopilot:
 
     def look_at_box(self, now: float) -> None:
         """Read the position box, if there is one; to be called often."""
-        self.positions.look(now)
-        lacks = self.positions.lacks(now)
-        if lacks != self._box_lacks:
-            self._box_lacks = lacks
-            self._ties.handle(BoxJudged(lacks), now)
+        self._look(self.positions.read, now)
 
     def _on_tunnel(self, message: Any, now: float) -> None:
         if message.payload_type != GUARD_STATUS_TUNNEL:
@@ -600,7 +593,7 @@ class Autopilot:
         one's alone."""
         aircraft = self.aircraft
         for where, job, *arguments in (
-            ("positions", self.positions.each_second, now),
+            ("positions", self._look, self.positions.update, now),
             ("telemetry", self._telemetry.each_second, view, now),
             ("streams", self._streams.each_second, aircraft, now),
             ("the mission on board", self._load_on_board, grounded, now),

@@ -32,6 +32,8 @@ class BoxHeights:
     def __init__(self) -> None:
         #: what is added to a barometric height for the one above sea level (m), by the record's attribute
         self._level_m: dict[str, float] = {}
+        #: the autopilot's height above sea level when it was known last, and the box's then
+        self._then: tuple[float, float] | None = None
 
     def look(self, record: BoxRecord, own_alt_m: float, *, armed: bool) -> None:
         """Level them by the autopilot's height above sea level of the same moment."""
@@ -39,6 +41,7 @@ class BoxHeights:
             value = getattr(record, name)
             if not math.isnan(value) and (not armed or name not in self._level_m):
                 self._level_m[name] = own_alt_m - value
+        self._then = own_alt_m, self.above_sea_m(record)
 
     def above_sea_m(self, record: BoxRecord) -> float:
         """Its height above sea level; NaN: it says none, or none that was levelled."""
@@ -49,6 +52,17 @@ class BoxHeights:
             if not math.isnan(value) and name in self._level_m:
                 return float(value + self._level_m[name])
         return math.nan
+
+    def followed_m(self, record: BoxRecord, own_alt_m: float) -> float:
+        """The aircraft's height above sea level by this record. Where the box has none it is the autopilot's last one,
+        and goes on by the change of the box's; `own_alt_m`: the autopilot's where it was never compared."""
+        if not math.isnan(record.alt_m):
+            return record.alt_m
+        if self._then is None:
+            return own_alt_m
+        own_m, box_m = self._then
+        climbed_m = self.above_sea_m(record) - box_m
+        return own_m if math.isnan(climbed_m) else own_m + climbed_m
 
 
 def slack_m(record: BoxRecord, above_home_m: float) -> float:

@@ -28,6 +28,7 @@ Rules:
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from enum import Enum
 from typing import Any, Final, Protocol
 
@@ -36,14 +37,14 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.autopilot.box_heights import BoxHeights, slack_m
 from mavproxy_handover.autopilot.box_layout_watch import LayoutWatch, Verdict
 from mavproxy_handover.autopilot.cross_check import UNKNOWN_HEADING, CrossCheck, Difference, Place
-from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.config.position import ARMED, BOX, PositionSettings
+from mavproxy_handover.core.events import BoxJudged, Event
 from mavproxy_handover.core.never import assert_never
 from mavproxy_handover.link.box_line import Fix
 from mavproxy_handover.vehicle.state import VehicleState
 from mavproxy_handover.wire.box_layout import BoxRecord
 
-__all__ = ["Box", "PositionWatch", "Standing"]
+__all__ = ["Box", "BoxNews", "PositionMonitor", "Standing"]
 
 #: positions of the autopilot come 20 times a second; one older than this is no match for a record that has just come
 _FRESH_S: Final = 0.5
@@ -85,69 +86,116 @@ class Standing(Enum):
     SOUND = "sound"
 
 
-class PositionWatch:
+@dataclass(frozen=True, slots=True)
+class BoxNews:
+    """It stands otherwise with the box; `source`: whose position counts. `severity`: of the text to the stations, None:
+    they are told nothing."""
+
+    text: str
+    source: str
+    standing: str
+    severity: int | None
+
+
+class _Agreement:
+    """Where the box had the aircraft when both sources agreed last, and when that was."""
+
+    def __init__(self, settings: PositionSettings) -> None:
+        self._settings = settings
+        self._at = -math.inf
+        self._place: Place | None = None
+
+    def note(self, place: Place, now: float) -> None:
+        """They agree."""
+        self._at, self._place = now, place
+
+    def covers(self, there: Place, now: float) -> bool:
+        """Whether it is no longer ago than `unchecked_s`, and the aircraft can be there by now: as fast as it was then,
+        or faster by twice the limit for its speed."""
+        before, settings = self._place, self._settings
+        for_s, faster_mps = now - self._at, 2.0 * settings.apart_mps
+        if before is None or for_s > settings.unchecked_s:
+            return False
+        gone = Difference.between(there, before)
+        speed_mps = math.hypot(before.north_mps, before.east_mps) + faster_mps
+        near = gone.over_ground_m <= settings.apart_m + speed_mps * for_s
+        return near and gone.height_m <= settings.apart_height_m + faster_mps * for_s
+
+
+class _Told:
+    """What people and the rules know of the box."""
+
+    def __init__(self) -> None:
+        self.standing = Standing.WAITED_FOR
+        self.at = -math.inf
+        #: why START is refused for it
+        self.lacks = ""
+
+
+class PositionMonitor:
     """Of one vehicle; `box` None: there is none. Times are monotonic seconds."""
 
-    def __init__(self, settings: PositionSettings, aircraft: VehicleState, box: Box | None, ties: Ties) -> None:
+    def __init__(self, settings: PositionSettings, state: VehicleState, box: Box | None) -> None:
         self._settings = settings
-        self._aircraft = aircraft
         self._box = box
-        self._ties = ties
         self._check = CrossCheck(settings)
         self._layout = LayoutWatch(settings.layout)
         self._heights = BoxHeights()
+        self._agreement = _Agreement(settings)
+        self._told = _Told()
         #: the box is the source
         self.by_box = settings.source == BOX
-        self._standing = self._told = Standing.WAITED_FOR
-        self._told_at = -math.inf
+        self._standing = Standing.WAITED_FOR
         #: it is waited for until then, if it is not heard before
         self._waits_until = math.inf
         self._heard_at = -math.inf
         #: the same of a record that need not have been believed
         self._raw_at = -math.inf
         self._late_s = 0.0
-        #: when the two agreed last, and where the box had it then
-        self._agreed_at = -math.inf
-        self._agreed: Place | None = None
-        #: the autopilot's height above sea level when it was known last, and the box's then
-        self._height_then: tuple[float, float] | None = None
         #: home, in metres above sea level, by the autopilot
         self._home_alt_m: float | None = None
-        aircraft.trust_own(not self.by_box)
+        state.trust_own(not self.by_box)
 
     # ---- what comes -------------------------------------------------------------------------------------------------
 
-    def look(self, now: float) -> bool:
-        """Read the box; whether there is a new position of the aircraft by it. To be called often."""
+    def read(self, state: VehicleState, now: float) -> list[Event]:
+        """Read the box: where it counts, the state has its position afterwards. To be called often. Returns what START
+        lacks for it, when that changes."""
         if self._box is None:
-            return False
-        fix, raw = self._box.read(), self._box.raw()
-        if raw:
-            self._look_at_layout(raw, now)
-        if fix is None:
-            self._forget(now)
-            return False
-        self._heard_at, self._late_s = now, fix.late_s
-        self._standing = self._judge(fix, now)
-        self._aircraft.trust_own(not self.by_box and self._check.sound)
-        if not self.by_box or not self._counts(now):
-            return False
-        self._aircraft.placed(self._position(fix.record), now)
-        return True
+            return []
+        self._read(self._box, state, now)
+        lacks = self.lacks(now)
+        if lacks == self._told.lacks:
+            return []
+        self._told.lacks = lacks
+        return [BoxJudged(lacks)]
 
-    def _look_at_layout(self, raw: bytes, now: float) -> None:
-        armed = self._aircraft.armed
+    def _read(self, box: Box, state: VehicleState, now: float) -> None:
+        fix, raw = box.read(), box.raw()
+        if raw:
+            self._look_at_layout(raw, state, now)
+        if fix is None:
+            self._forget(state, now)
+            return
+        self._heard_at, self._late_s = now, fix.late_s
+        self._standing = self._judge(fix, state, now)
+        state.trust_own(not self.by_box and self._check.sound)
+        if self.by_box and self._counts(state, now):
+            state.placed(self._position(fix.record, state), now)
+
+    def _look_at_layout(self, raw: bytes, state: VehicleState, now: float) -> None:
+        armed = state.armed
         if now - self._raw_at > _LAYOUT_S and not armed:  # on the ground it may be another box by now
             self._layout = LayoutWatch(self._settings.layout)
         self._raw_at = now
         before = self._layout.verdict
-        self._layout.look(raw, self._own(now), armed=armed)
+        self._layout.look(raw, self._own(state, now), armed=armed)
         if self._layout.verdict is Verdict.OTHER and before is not Verdict.OTHER:
             self._check = CrossCheck(self._settings)
-            self._aircraft.trust_own(not self.by_box)
+            state.trust_own(not self.by_box)
 
-    def _judge(self, fix: Fix, now: float) -> Standing:
-        armed = self._aircraft.armed
+    def _judge(self, fix: Fix, state: VehicleState, now: float) -> Standing:
+        armed = state.armed
         if self._layout.verdict is Verdict.OTHER:
             return Standing.OTHER_LAYOUT
         if not self._settings.layout.locates(fix.record):
@@ -156,64 +204,51 @@ class PositionWatch:
             return Standing.UNRECOGNISED
         if fix.late_s > self._settings.box_age_s:
             return Standing.LATE
-        own, record = self._own(now), fix.record
+        own, record = self._own(state, now), fix.record
         if own is not None:
             self._heights.look(record, own.alt_m, armed=armed)
         alt_m = self._heights.above_sea_m(record)
         theirs = Place(record.lat_deg, record.lon_deg, alt_m, record.north_mps, record.east_mps)
         if own is not None:
-            self._height_then = own.alt_m, alt_m
             slack = slack_m(record, own.alt_m - (self._home_alt_m or 0.0))
             self._check.look(Difference.between(theirs, own, slack), now)
             if self._check.sound:
-                self._agreed_at, self._agreed = now, theirs
+                self._agreement.note(theirs, now)
         if not self._check.sound:
             return Standing.APART if self._check.apart else Standing.BEYOND
-        believed = now - self._agreed_at <= self._settings.unchecked_s and self._can_have_come(theirs, now)
-        return Standing.SOUND if believed else Standing.UNCHECKED
+        return Standing.SOUND if self._agreement.covers(theirs, now) else Standing.UNCHECKED
 
-    def _can_have_come(self, there: Place, now: float) -> bool:
-        """Whether the aircraft can be there, after where the two agreed last: as fast as it was then, or faster by
-        twice the limit for its speed."""
-        before, settings = self._agreed, self._settings
-        if before is None:
-            return False
-        for_s, faster_mps = now - self._agreed_at, 2.0 * settings.apart_mps
-        gone = Difference.between(there, before)
-        speed_mps = math.hypot(before.north_mps, before.east_mps) + faster_mps
-        near = gone.over_ground_m <= settings.apart_m + speed_mps * for_s
-        return near and gone.height_m <= settings.apart_height_m + faster_mps * for_s
-
-    def _counts(self, now: float) -> bool:
+    def _counts(self, state: VehicleState, now: float) -> bool:
         """Whether the box's last record is where the aircraft is."""
         if self._standing in (Standing.UNCHECKED, Standing.BEYOND, Standing.APART):
-            return self._lenient(now)
+            return self._lenient(state, now)
         return self._standing is Standing.SOUND
 
-    def _own(self, now: float) -> Place | None:
+    def _own(self, state: VehicleState, now: float) -> Place | None:
         """The autopilot's word, where it is one to go by."""
-        aircraft, position = self._aircraft, self._aircraft.telemetry.own_position.value
-        if position is None or now - aircraft.telemetry.own_position.at > _FRESH_S or aircraft.dead_reckoning:
+        position = state.telemetry.own_position.value
+        if position is None or now - state.telemetry.own_position.at > _FRESH_S or state.dead_reckoning:
             return None
         self._home_alt_m = (position.alt - position.relative_alt) / 1000.0
         return Place.by_autopilot(position)
 
-    def _lenient(self, now: float) -> bool:
+    def _lenient(self, state: VehicleState, now: float) -> bool:
         """Whether the box is believed whatever the autopilot says of the position."""
-        aircraft = self._aircraft
-        known = now - aircraft.telemetry.heartbeat.at < _HEARTBEAT_S
-        return self._settings.check == ARMED and known and not aircraft.armed
+        known = now - state.telemetry.heartbeat.at < _HEARTBEAT_S
+        return self._settings.check == ARMED and known and not state.armed
 
-    def _forget(self, now: float) -> None:
+    def _forget(self, state: VehicleState, now: float) -> None:
         """Rule 4: a box that only checks, and is silent, on the ground."""
-        if self.by_box or self._check.sound or now - self._heard_at < _SILENT_S or self._aircraft.armed:
+        if self.by_box or self._check.sound or now - self._heard_at < _SILENT_S or state.armed:
             return
         self._check = CrossCheck(self._settings)
-        self._aircraft.trust_own(True)
+        state.trust_own(True)
 
-    def _position(self, record: BoxRecord) -> Any:
+    def _position(self, record: BoxRecord, state: VehicleState) -> Any:
         """The record in the form of the autopilot's own message, with the autopilot's home and time."""
-        own, alt_m = self._aircraft.telemetry.own_position.value, self._height_m(record)
+        own = state.telemetry.own_position.value
+        # before the autopilot has told a height it is 0
+        alt_m = self._heights.followed_m(record, 0.0 if own is None else own.alt / 1000.0)
         if self._home_alt_m is None:  # the first that is known: it stands on the ground
             self._home_alt_m = alt_m
         heading, down_mps = record.heading_deg, record.down_mps
@@ -231,17 +266,6 @@ class PositionWatch:
             UNKNOWN_HEADING if math.isnan(heading) else round(heading * 100.0) % 36_000,
         )
 
-    def _height_m(self, record: BoxRecord) -> float:
-        """Above sea level: rule 7. Before the autopilot has told one it is 0."""
-        if not math.isnan(record.alt_m):
-            return record.alt_m
-        if self._height_then is None:
-            own = self._aircraft.telemetry.own_position.value
-            return 0.0 if own is None else own.alt / 1000.0
-        own_m, box_m = self._height_then
-        climbed_m = self._heights.above_sea_m(record) - box_m
-        return own_m if math.isnan(climbed_m) else own_m + climbed_m
-
     # ---- what is told -----------------------------------------------------------------------------------------------
 
     def standing(self, now: float) -> Standing:
@@ -252,24 +276,22 @@ class PositionWatch:
             return self._standing
         return Standing.WAITED_FOR if self._heard_at == -math.inf and now < self._waits_until else Standing.SILENT
 
-    def each_second(self, now: float) -> None:
-        """Tell everybody what has changed."""
+    def update(self, state: VehicleState, now: float) -> list[BoxNews]:
+        """Each second: what has changed."""
         if self._box is None:
-            return
+            return []
         if self._waits_until == math.inf:
             self._waits_until = now + _PAUSE_S
-        standing, before = self.standing(now), self._told
-        if standing in (before, Standing.BEYOND) or now - self._told_at < _PAUSE_S:
-            return
+        standing, before = self.standing(now), self._told.standing
+        if standing in (before, Standing.BEYOND) or now - self._told.at < _PAUSE_S:
+            return []
         if standing is Standing.UNRECOGNISED and not self._layout.enough:
-            return
-        self._told, self._told_at = standing, now
-        text = self.words(now)
-        self._ties.narrator.position_source(text, self._settings.source, standing.value)
-        if before is Standing.WAITED_FOR and standing is Standing.SOUND:  # as it should be: nobody has to be told
-            return
-        severity = mavlink.MAV_SEVERITY_NOTICE if standing is Standing.SOUND else mavlink.MAV_SEVERITY_WARNING
-        self._ties.voice.say_to_all(text, severity)
+            return []
+        self._told.standing, self._told.at = standing, now
+        severity: int | None = mavlink.MAV_SEVERITY_WARNING
+        if standing is Standing.SOUND:  # as it should be: at first nobody has to be told
+            severity = None if before is Standing.WAITED_FOR else mavlink.MAV_SEVERITY_NOTICE
+        return [BoxNews(self.words(state, now), self._settings.source, standing.value, severity)]
 
     def lacks(self, now: float) -> str:
         """Why START is refused for the box's layout, in words; "" if it is not."""
@@ -277,7 +299,7 @@ class PositionWatch:
         refused = standing is Standing.OTHER_LAYOUT or (standing is Standing.UNRECOGNISED and self.by_box)
         return f"position box {self._layout.words}" if refused and self._layout.words else ""
 
-    def words(self, now: float) -> str:
+    def words(self, state: VehicleState, now: float) -> str:
         """How it stands with the box, for people; "" without one."""
         if self._box is None:
             return ""
@@ -304,10 +326,10 @@ class PositionWatch:
                 text = f"in order{near}"
             case _:
                 assert_never(standing)
-        return f"position box {text}{self._consequence(standing, now)}"
+        return f"position box {text}{self._consequence(standing, state, now)}"
 
-    def _consequence(self, standing: Standing, now: float) -> str:
+    def _consequence(self, standing: Standing, state: VehicleState, now: float) -> str:
         if self.by_box:
             silent = standing in (Standing.WAITED_FOR, Standing.SILENT)
-            return ": no position counts" if silent or not self._counts(now) else ""
+            return ": no position counts" if silent or not self._counts(state, now) else ""
         return "" if self._check.sound else ": no position counts"

@@ -6,26 +6,34 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
+from mavproxy_handover.autopilot.position_watch import BoxNews
 from mavproxy_handover.core.events import Event
 from mavproxy_handover.core.safety.route import RouteNews
 from mavproxy_handover.narrator import Narrator
+from mavproxy_handover.stations.voice import Voice
 
 __all__ = ["MonitorOutput", "Teller"]
 
-MonitorOutput = Event | RouteNews
+MonitorOutput = Event | RouteNews | BoxNews
 
 
 class Teller:
-    """Hands on what monitors find: events to `handle`, news to the journal."""
+    """Hands on what monitors find: events to `handle`, news to the journal and to the stations."""
 
-    def __init__(self, handle: Callable[[Event, float], None], narrator: Narrator) -> None:
+    def __init__(self, handle: Callable[[Event, float], None], narrator: Narrator, voice: Voice) -> None:
         self._handle = handle
         self._narrator = narrator
+        self._voice = voice
 
     def tell(self, outputs: Iterable[MonitorOutput], now: float) -> None:
         """In their order."""
         for output in outputs:
-            if isinstance(output, RouteNews):
-                self._narrator.route(output)
-            else:
-                self._handle(output, now)
+            match output:
+                case RouteNews():
+                    self._narrator.route(output)
+                case BoxNews():
+                    self._narrator.position_source(output.text, output.source, output.standing)
+                    if output.severity is not None:
+                        self._voice.say_to_all(output.text, output.severity)
+                case _:
+                    self._handle(output, now)

@@ -160,7 +160,7 @@ def test_without_a_box_nothing_has_changed(bench: Bench) -> None:
     bench.connect()
     bench.run(1.0)
     assert where(bench) == pytest.approx(HOME, abs=1e-6)
-    assert bench.companion.autopilot.positions.words(bench.clock.now) == ""
+    assert bench.companion.autopilot.positions.words(bench.companion.autopilot.aircraft, bench.clock.now) == ""
 
 
 def test_zones_are_judged_by_the_box(bench: Bench, box: Box, delivery: MissionPackage) -> None:
