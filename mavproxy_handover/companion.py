@@ -29,7 +29,6 @@ from mavproxy_handover.autopilot.autopilot import Autopilot
 from mavproxy_handover.autopilot.briefing import Briefing
 from mavproxy_handover.autopilot.orders import UNDOING, commanded, disarms
 from mavproxy_handover.autopilot.overrides import Overrides
-from mavproxy_handover.autopilot.position_watch import Box
 from mavproxy_handover.autopilot.read_back import WITHDRAWN
 from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.clocks import Clocks
@@ -53,6 +52,7 @@ from mavproxy_handover.gate.tongues import Tongue
 from mavproxy_handover.gate.words import thesis_command
 from mavproxy_handover.link.quality import LinkEvent
 from mavproxy_handover.mission.package import MissionPackage
+from mavproxy_handover.monitors.position.source import Box
 from mavproxy_handover.narrator import Narrator
 from mavproxy_handover.restart import Restart
 from mavproxy_handover.schedule import Schedule, attempt

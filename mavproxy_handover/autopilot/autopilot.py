@@ -27,7 +27,6 @@ from mavproxy_handover.autopilot.orders import Orders
 from mavproxy_handover.autopilot.own_failsafes import PlanFacts, plan_facts
 from mavproxy_handover.autopilot.package_standing import PackageStanding
 from mavproxy_handover.autopilot.plane import Plane
-from mavproxy_handover.autopilot.position_watch import Box, PositionMonitor
 from mavproxy_handover.autopilot.preflight import Finding, Preflight, heights_lack
 from mavproxy_handover.autopilot.procedures import Procedures
 from mavproxy_handover.autopilot.read_back import ReadBack
@@ -60,6 +59,7 @@ from mavproxy_handover.mission.walk import Handover, speed_at
 from mavproxy_handover.monitors.borders import BorderMonitor
 from mavproxy_handover.monitors.execution import ExecutionMonitor
 from mavproxy_handover.monitors.gaps import GapMonitor
+from mavproxy_handover.monitors.position.source import Box, PositionMonitor
 from mavproxy_handover.monitors.reboots import RebootMonitor
 from mavproxy_handover.monitors.route import RouteMonitor
 from mavproxy_handover.monitors.waypoints import WaypointMonitor

@@ -18,8 +18,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Final
 
-from mavproxy_handover.autopilot.box_layout_watch import LayoutWatch, Verdict, rivals
-from mavproxy_handover.autopilot.cross_check import CrossCheck, Difference, Place
 from mavproxy_handover.config.position import BOX
 from mavproxy_handover.config.vehicle import VehicleConfig
 from mavproxy_handover.doctor.finding import Finding, error, ok, unseen, warning
@@ -27,6 +25,8 @@ from mavproxy_handover.doctor.journal import position_box_by_journal
 from mavproxy_handover.doctor.patient import Patient
 from mavproxy_handover.link.box_line import SILENT, BoxCounters, BoxLine, Fix
 from mavproxy_handover.link.forms import LinkError
+from mavproxy_handover.monitors.position.box_layout_watch import LayoutWatch, Verdict, rivals
+from mavproxy_handover.monitors.position.cross_check import CrossCheck, Difference, Place
 from mavproxy_handover.wire.box_layout import LAYOUTS, BoxLayout
 
 __all__ = ["position_box"]

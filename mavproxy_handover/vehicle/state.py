@@ -9,7 +9,7 @@ Rules:
 2. Only this module writes: `VehicleState.take` for what the autopilot says, and its other methods for what another
    part has found out. Every other part reads, and keeps no copy.
 3. `telemetry` has the autopilot's own words. `position` is the position that counts, which the box may give instead
-   (`position_watch.py`).
+   (`monitors/position/source.py`).
 """
 
 from __future__ import annotations
@@ -149,7 +149,7 @@ class VehicleState:
         self.position = _UNSAID
         #: when that came of the positions that was compared to the zones last (monotonic s)
         self._compared_at = -math.inf
-        #: whether the position that counts is the autopilot's own (`position_watch.py`)
+        #: whether the position that counts is the autopilot's own (`monitors/position/source.py`)
         self.trusts_own = True
         #: whether a plane in AUTO flies its mission, or has been sent down
         self.ways_down = WaysDown()

@@ -8,7 +8,7 @@ import math
 
 import pytest
 
-from mavproxy_handover.autopilot.box_heights import BoxHeights, slack_m
+from mavproxy_handover.monitors.position.box_heights import BoxHeights, slack_m
 from mavproxy_handover.wire.box_layout import BoxRecord
 
 

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mavproxy_handover.autopilot.cross_check import CLOSE, CrossCheck, Difference, Place
 from mavproxy_handover.config.position import PositionSettings
 from mavproxy_handover.mission.geodesy import offset
+from mavproxy_handover.monitors.position.cross_check import CLOSE, CrossCheck, Difference, Place
 
 SETTINGS = PositionSettings(apart_m=25.0, apart_height_m=30.0, apart_mps=8.0, apart_s=2.0, agree_s=5.0)
 HERE = Place(52.679, 5.924, 40.0, 3.0, -4.0)

@@ -12,8 +12,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mavproxy_handover.autopilot.box_layout_watch import LayoutWatch, Verdict, rivals
-from mavproxy_handover.autopilot.cross_check import Place
+from mavproxy_handover.monitors.position.box_layout_watch import LayoutWatch, Verdict, rivals
+from mavproxy_handover.monitors.position.cross_check import Place
 from mavproxy_handover.wire.box_layout import FULL, THESIS, BoxField, BoxLayout, BoxRecord
 
 NOISE = random.Random(5)

@@ -34,7 +34,7 @@ from collections.abc import Mapping
 from enum import Enum
 from typing import Final
 
-from mavproxy_handover.autopilot.cross_check import Place
+from mavproxy_handover.monitors.position.cross_check import Place
 from mavproxy_handover.wire.box_layout import LAYOUTS, REQUIRED, BoxLayout, BoxRecord
 
 __all__ = ["LayoutWatch", "Verdict", "rivals"]
