@@ -19,7 +19,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.autopilot import own_failsafes
 from mavproxy_handover.autopilot.command_desk import CommandDesk
 from mavproxy_handover.autopilot.copter import Copter
-from mavproxy_handover.autopilot.energy import EnergyWatch
+from mavproxy_handover.autopilot.energy import EnergyMonitor
 from mavproxy_handover.autopilot.ground_uploads import GroundUploads
 from mavproxy_handover.autopilot.guard_link import GuardLink
 from mavproxy_handover.autopilot.loading import Along, MissionLoader, MissionWriter, Prepared, Way, way_of
@@ -125,7 +125,7 @@ class Autopilot:
         self.read_back = ReadBack(talks, self._compare, self._changed_past)
         self.orders = Orders(self.procedures, talks, ties, self.read_back.asking, self._changed_past)
         self._telemetry = Telemetry(self.aircraft, ties, config.limits.position_stale_s)
-        self._energy = EnergyWatch(config.energy, ties)
+        self._energy = EnergyMonitor(config.energy, ties.fault)
         self._loader = MissionLoader(config, self._adopted)
         #: the aircraft against its route
         self.route = RouteMonitor(config.route)
@@ -142,7 +142,9 @@ class Autopilot:
         self.places = ReturnSite(config.sysid, self.aircraft, lambda: self._energy.fact, self.orders, talks, ties)
         standing = self._standing = PackageStanding(self._on_board is not None, ties)
         #: the commander's commands in flight, judged by the situation
-        self.desk = CommandDesk(config.commands, self.aircraft, self._energy, self.places.candidates, ties)
+        self.desk = CommandDesk(
+            config.commands, self.aircraft, self._energy, self.places.candidates, ties, self._teller
+        )
         #: what stations write to the autopilot on the ground
         self._uploads = GroundUploads(
             self.desk,
@@ -373,7 +375,7 @@ class Autopilot:
         self._energy.take(message, now, on_ground=not aircraft.armed and aircraft.telemetry.heartbeat.at > -math.inf)
 
     def _adopted(self, package: MissionPackage, way: Way, now: float) -> None:
-        self._energy.adopt(package.energy, way, now, wings=package.kind.winged)
+        self._teller.tell(self._energy.adopt(package.energy, way, now, wings=package.kind.winged), now)
 
     def _on_reached(self, message: Any, _now: float) -> None:
         owner = self._waypoints.reached(self.aircraft, message.seq)
@@ -535,7 +537,7 @@ class Autopilot:
         self.read_back.forget(now)
         self.aircraft.ways_down.adopt(route)
         self.route.adopt(route)
-        self._energy.released_at = None if route is None else released_at(route)
+        self._energy.released(None if route is None else released_at(route))
 
     def _lies_along(self, along: Along) -> None:
         self.foreseen = along.handovers
@@ -598,7 +600,7 @@ class Autopilot:
             ("streams", self._streams.each_second, aircraft, now),
             ("the mission on board", self._load_on_board, grounded, now),
             ("preflight", self._check, grounded, now),
-            ("energy", self._energy.each_second, aircraft, grounded, now),
+            ("energy", self._watch_energy, grounded, now),
             ("the plan", self._judge_plan, now),
             ("the way ahead", self._look_ahead, now),
             ("places of a return", self.places.each_second, now),
@@ -627,6 +629,9 @@ class Autopilot:
         asked = grounded or self.aircraft.always_armed
         misfit = self._guards.problem(now)
         self._preflight.each_second(asked, self._ties.arbiter.guard(now), firmware, now, misfit)
+
+    def _watch_energy(self, grounded: bool, now: float) -> None:
+        self._teller.tell(self._energy.update(self.aircraft, now, grounded=grounded), now)
 
     def _look_ahead(self, now: float) -> None:
         if now >= self._walk_at:

@@ -29,7 +29,8 @@ from typing import Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.energy import FAULT, EnergyWatch
+from mavproxy_handover.autopilot.energy import FAULT, EnergyMonitor
+from mavproxy_handover.autopilot.teller import Teller
 from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.core.model import Flown
 from mavproxy_handover.core.safety.commands import (
@@ -124,9 +125,10 @@ class CommandDesk:
         self,
         policies: Mapping[Limit, str],
         aircraft: VehicleState,
-        energy: EnergyWatch,
+        energy: EnergyMonitor,
         places: Candidates,
         ties: Ties,
+        teller: Teller,
     ) -> None:
         self.rules = CommandRules(policies)
         #: of START: whether it is refused for its energy says the policy of the energy, not of commands in flight
@@ -137,6 +139,7 @@ class CommandDesk:
         self._energy = energy
         self._places = places
         self._ties = ties
+        self._teller = teller
         #: of the circle that GUIDED flies until it is left (m); 0: it has been told none
         self._kept_radius_m = 0.0
         #: the speed that GUIDED was told until it is left (m/s), and the place; None: none
@@ -250,7 +253,7 @@ class CommandDesk:
         since = port.heard_since(now)
         ruling = self._start_rules.rule(Kind.START, wish, left, port.sysid, now, heard_since=since, repeats=repeats)
         if ruling.outcome is Outcome.LIFTED:
-            self._energy.lift(now, now)
+            self._teller.tell(self._energy.lift(now, now), now)
             self._ties.narrator.command_passed(port.name, "START", ruling)
         warned = self._energy.warned
         if warned and self._words.allow(port.sysid, ("START", (Limit.ENERGY,), Kind.START), now):
@@ -262,7 +265,7 @@ class CommandDesk:
         """The operator of whoever commands, or of the vehicle itself, lifts a limit; `by`: who, for people."""
         self.rules.lift(limit, now)
         if limit is Limit.ENERGY:
-            self._energy.lift(now + LIFTED_S, now)
+            self._teller.tell(self._energy.lift(now + LIFTED_S, now), now)
         self._ties.narrator.override(limit.value, by, LIFTED_S)
 
     def authority_moved(self) -> None:

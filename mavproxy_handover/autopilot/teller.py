@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
+from mavproxy_handover.autopilot.energy import EnergyNews, EnergyWarned
 from mavproxy_handover.core.events import Event
 from mavproxy_handover.core.safety.route import RouteNews
 from mavproxy_handover.monitors.position.source import BoxNews
@@ -14,7 +15,7 @@ from mavproxy_handover.stations.voice import Voice
 
 __all__ = ["MonitorOutput", "Teller"]
 
-MonitorOutput = Event | RouteNews | BoxNews
+MonitorOutput = Event | RouteNews | BoxNews | EnergyNews | EnergyWarned
 
 
 class Teller:
@@ -35,5 +36,11 @@ class Teller:
                     self._narrator.position_source(output.text, output.source, output.standing)
                     if output.severity is not None:
                         self._voice.say_to_all(output.text, output.severity)
+                case EnergyNews():
+                    self._narrator.energy(output.fact, aloud=output.aloud)
+                    if output.for_stations:
+                        self._voice.say_to_all(output.for_stations)
+                case EnergyWarned():
+                    self._narrator.energy_warning(output.shortfall)
                 case _:
                     self._handle(output, now)

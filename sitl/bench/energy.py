@@ -11,13 +11,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from types import SimpleNamespace
-from typing import Any, Final, cast
+from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.energy import EnergyWatch
-from mavproxy_handover.autopilot.ties import Ties
+from mavproxy_handover.autopilot.energy import EnergyMonitor
 from mavproxy_handover.core.events import SignsSeen, Tick
 from mavproxy_handover.core.safety.energy import Piece, way_home
 from mavproxy_handover.core.safety.energy_prior import EnergySettings
@@ -53,10 +51,7 @@ class Pilot:
 
     def __init__(self) -> None:
         self.faults: list[str] = []
-        quiet = SimpleNamespace(energy=_nobody, energy_warning=_nobody, say_to_all=_nobody)
-        talks = {"narrator": quiet, "voice": quiet, "handle": _nobody}
-        ties = SimpleNamespace(**talks, fault=lambda _where, text: self.faults.append(text))
-        self.watch = EnergyWatch(_SETTINGS, cast("Ties", ties))
+        self.monitor = EnergyMonitor(_SETTINGS, lambda _where, text: self.faults.append(text))
         self._aircraft = VehicleState()
         self._now = 1000.0
         armed = mavlink.MAV_MODE_FLAG_SAFETY_ARMED
@@ -80,16 +75,15 @@ class Pilot:
             0, 526_800_000, round(place * 1e7), 45_000, 30_000, 10, 700 + number % 7, 0, 9_000
         )
         self._aircraft.take(position, self._now)
-        watch = self.watch
         for _ in range(4):
             self._aircraft.take(self._attitude, self._now)
-        watch.take(self._wind, self._now, False)
-        watch.take(self._batteries[number], self._now, False)
-        watch.each_second(self._aircraft, False, self._now)
+        self.monitor.take(self._wind, self._now, False)
+        self.monitor.take(self._batteries[number], self._now, False)
+        self.monitor.update(self._aircraft, self._now, grounded=False)
 
     def ways_back(self, _place: float) -> None:
         """The margin of each place to return to."""
-        fact = self.watch.fact
+        fact = self.monitor.fact
         for number in range(_PLACES):
             fact.margin_wh(way_home(500.0 + 200.0 * number, 30.0 * number, 30.0, 20.0, 15.0))
 
@@ -115,19 +109,15 @@ class Judge:
         self._row.arbiter.handle(SignsSeen(off_route=self._off), self._now)
 
 
-def _nobody(*_words: Any, **_more: Any) -> None:
-    """Told, and gone."""
-
-
 def measure(plan: Plan, say: Callable[[str], None]) -> Iterator[Measurement]:
     """Each job in turns with a zone check."""
     pilot, row = Pilot(), Row(2, 50)
     for place in row.places:  # what it has learned from is full
         pilot.second(place)
-    if pilot.faults or pilot.watch.fact.model is None or pilot.watch.fact.left_wh is None:
-        raise BenchError(f"energy knows nothing: {pilot.faults[:1] or pilot.watch.fact.words()}")
+    if pilot.faults or pilot.monitor.fact.model is None or pilot.monitor.fact.left_wh is None:
+        raise BenchError(f"energy knows nothing: {pilot.faults[:1] or pilot.monitor.fact.words()}")
     long_way = [Piece(length_m=100.0, bearing_deg=float(item % 360), speed_mps=8.0) for item in range(_ITEMS)]
-    model = pilot.watch.fact.model
+    model = pilot.monitor.fact.model
     judge = Judge()
     jobs: tuple[tuple[str, Callable[[float], None], float | None], ...] = (
         ("a decision, nothing new", judge.nothing_new, _MOST_US),

@@ -852,8 +852,8 @@ def test_a_command_is_refused_if_the_energy_was_never_known_because_of_a_fault(
     flown: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     energy = flown.companion.autopilot.desk._energy
-    monkeypatch.setattr(energy, "_observe", lambda *_anything, **_more: 1 / 0)
-    energy.fact = EnergyFact(-math.inf, missing="not looked at yet")
+    monkeypatch.setattr(energy.estimate, "observe", lambda *_anything, **_more: 1 / 0)
+    energy.estimate.fact = EnergyFact(-math.inf, missing="not looked at yet")
     flown.run(1.5)
     fly_to(flown, (52.6785, 5.9240))
     assert passed(flown) == 0

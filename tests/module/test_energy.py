@@ -350,9 +350,10 @@ def test_a_battery_that_falls_silent_in_flight_is_told_once(flying: Bench) -> No
 
 def test_what_is_left_of_what_is_odd_is_no_news(flying: Bench) -> None:
     hover(flying, 3)
-    take = flying.companion.autopilot._energy._tell
+    autopilot = flying.companion.autopilot
     for trouble in (("one",), ("one", "two"), ("two",), (), ("two",)):
-        take(replace(flying.companion.autopilot.energy, trouble=trouble), True, flying.clock.now)
+        news = autopilot._energy._told.news(replace(autopilot.energy, trouble=trouble), True, flying.clock.now)
+        autopilot._teller.tell(news, flying.clock.now)
     flying.run(0.1)
     texts = flying.a.texts()
     assert (texts.count("energy: "), texts.endswith("energy: oneenergy: one, two")) == (2, True)

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.energy import EnergyWatch
+from mavproxy_handover.autopilot.energy import EnergyMonitor
 from mavproxy_handover.core.events import Fly, HandSeen
 from mavproxy_handover.core.model import FlightAction, Hand, Phase, Reason
 from mavproxy_handover.core.safety.battery import Batteries
@@ -90,7 +90,7 @@ IN_FLIGHT: dict[str, tuple[Callable[[Bench, pytest.MonkeyPatch], None], str]] = 
         "sending to GCSB",
     ),
     "the memory of the batteries": (
-        lambda b, patch: patch.setattr(EnergyWatch, "memory", property(broken)),
+        lambda b, patch: patch.setattr(EnergyMonitor, "memory", property(broken)),
         "memory of the batteries",
     ),
     "what was learned": (lambda b, patch: patch.setattr(Learner, "model", broken), "energy"),

@@ -3,7 +3,7 @@
 """An ArduCopter in the wind that flies out and comes back, its energy predicted and counted. For tests.
 
 It takes off to 20 m, flies straight out, and returns by RTL; with a payload it lets go of that out there. Everything it
-says goes through `EnergyWatch`, the object that ships, in the autopilot's own time. Needs an ArduCopter SITL program.
+says goes through `EnergyMonitor`, the object that ships, in the autopilot's own time. Needs an ArduCopter SITL program.
 """
 
 from __future__ import annotations
@@ -13,13 +13,11 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 from pymavlink.dialects.v20 import all as dialect
 
-from mavproxy_handover.autopilot.energy import EnergyWatch
-from mavproxy_handover.autopilot.ties import Ties
+from mavproxy_handover.autopilot.energy import EnergyMonitor
 from mavproxy_handover.core.safety.energy import EnergyFact, EnergyModel, Piece, Wind, way_home
 from mavproxy_handover.core.safety.energy_prior import EnergySettings
 from mavproxy_handover.mission.geodesy import bearing_deg, distance_m, offset
@@ -58,9 +56,7 @@ class Flight:
         self.wire = Wire(address, 255, 190)
         self.aircraft = VehicleState()
         self.faults: list[str] = []
-        quiet = SimpleNamespace(energy=_nobody, energy_warning=_nobody)
-        ties = SimpleNamespace(narrator=quiet, handle=_nobody, fault=lambda _where, text: self.faults.append(text))
-        self.watch = EnergyWatch(settings, cast("Ties", ties))
+        self.monitor = EnergyMonitor(settings, lambda _where, text: self.faults.append(text))
         self.now = 0.0
         self.used_wh = 0.0
         self.reached = 0
@@ -82,14 +78,14 @@ class Flight:
                 self._take(message)
         if self.now >= self._second + 1.0:
             self._second = self.now
-            self.watch.each_second(self.aircraft, not self.aircraft.armed, self.now)
+            self.monitor.update(self.aircraft, self.now, grounded=not self.aircraft.armed)
 
     def _take(self, message: Any) -> None:
         kind = message.get_type()
         self.now = max(self.now, getattr(message, "time_boot_ms", 0) / 1000.0)
         self.aircraft.take(message, self.now)
         if kind in ("WIND", "BATTERY_STATUS"):
-            self.watch.take(message, self.now, not self.aircraft.armed)
+            self.monitor.take(message, self.now, not self.aircraft.armed)
         if kind == "BATTERY_STATUS":
             self.used_wh = message.energy_consumed / 36.0
         elif kind == "MISSION_ITEM_REACHED":
@@ -135,10 +131,6 @@ class Flight:
                 assert message.type == dialect.MAV_MISSION_ACCEPTED, message
                 return
             self.wire.send(items[message.seq])
-
-
-def _nobody(*_words: Any, **_more: Any) -> None:
-    """Told, and gone."""
 
 
 def _item(seq: int, command: int, place: tuple[float, float] = (0.0, 0.0), alt_m: float = 0.0, first: float = 0) -> Any:
@@ -187,7 +179,7 @@ def _fly(
     items = [_item(0, 16, HOME[:2]), _item(1, 22, alt_m=ALTITUDE_M), _item(2, 16, place, ALTITUDE_M)]
     if settings.payload_kg:
         items.append(_item(3, 211, first=1))  # the first gripper lets go
-        flight.watch.released_at = 3
+        flight.monitor.released(3)
     flight.upload([*items, _item(len(items), 20)])
     if settings.payload_kg:
         assert flight.command(211, 1, 1)
@@ -198,7 +190,7 @@ def _fly(
     began_wh = flight.used_wh
     assert flight.command(300)
     flight.until(lambda: flight.reached >= 2, 900, "the way out")
-    fact, turned_wh = flight.watch.fact, flight.used_wh
+    fact, turned_wh = flight.monitor.fact, flight.used_wh
     # in a wind that blows down to the ground, ArduCopter is long in noticing that it stands
     flight.until(lambda: flight.on_ground or not flight.aircraft.armed, 900, "the way back and the landing")
     assert flight.faults == []

@@ -500,7 +500,7 @@ def test_the_energy_that_is_measured_is_that_of_a_flight_that_has_learned() -> N
     pilot = energy.Pilot()
     for _ in range(60):
         pilot.second(5.92)
-    fact = pilot.watch.fact
+    fact = pilot.monitor.fact
     assert pilot.faults == []
     assert (fact.wind_source, fact.learned, fact.power_w) == ("autopilot", True, pytest.approx(360.0))
     assert fact.left_wh is not None
