@@ -19,7 +19,6 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.autopilot import own_failsafes
 from mavproxy_handover.autopilot.command_desk import CommandDesk
 from mavproxy_handover.autopilot.copter import Copter
-from mavproxy_handover.autopilot.energy import EnergyMonitor
 from mavproxy_handover.autopilot.ground_uploads import GroundUploads
 from mavproxy_handover.autopilot.guard_link import GuardLink
 from mavproxy_handover.autopilot.loading import Along, MissionLoader, MissionWriter, Prepared, Way, way_of
@@ -57,6 +56,7 @@ from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.mission.plan import Route
 from mavproxy_handover.mission.walk import Handover, speed_at
 from mavproxy_handover.monitors.borders import BorderMonitor
+from mavproxy_handover.monitors.energy import EnergyMonitor
 from mavproxy_handover.monitors.execution import ExecutionMonitor
 from mavproxy_handover.monitors.gaps import GapMonitor
 from mavproxy_handover.monitors.position.source import Box, PositionMonitor

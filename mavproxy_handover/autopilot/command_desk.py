@@ -29,7 +29,6 @@ from typing import Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.energy import FAULT, EnergyMonitor
 from mavproxy_handover.autopilot.teller import Teller
 from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.core.model import Flown
@@ -51,6 +50,7 @@ from mavproxy_handover.mission.energy import Place, pieces_along, released_at, w
 from mavproxy_handover.mission.geodesy import offset
 from mavproxy_handover.mission.walk import Leg
 from mavproxy_handover.mission.wings import AS_IT_COMES
+from mavproxy_handover.monitors.energy import FAULT, EnergyMonitor
 from mavproxy_handover.monitors.return_site.candidates import Candidates
 from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.vehicle.return_limits import fence_limits

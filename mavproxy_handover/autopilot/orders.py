@@ -20,7 +20,6 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.energy import FAULT
 from mavproxy_handover.autopilot.mission_protocol import RefusedError
 from mavproxy_handover.autopilot.procedures import Procedures
 from mavproxy_handover.autopilot.read_back import WITHDRAWN, NotHeldError
@@ -33,6 +32,7 @@ from mavproxy_handover.gate.intent import Intent
 from mavproxy_handover.gate.policy.switches import SWITCH_NUMBERS
 from mavproxy_handover.gate.refusals import OncePerCause
 from mavproxy_handover.gate.words import called, how_to_lift, subject_of
+from mavproxy_handover.monitors.energy import FAULT
 from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.wire.conversation import Ask, Asking, Conversation, Conversations, NoAnswer
 from mavproxy_handover.wire.frames import Frame, field_float, field_int

@@ -6,9 +6,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
-from mavproxy_handover.autopilot.energy import EnergyNews, EnergyWarned
 from mavproxy_handover.core.events import Event
 from mavproxy_handover.core.safety.route import RouteNews
+from mavproxy_handover.monitors.energy import EnergyNews, EnergyWarned
 from mavproxy_handover.monitors.position.source import BoxNews
 from mavproxy_handover.narrator import Narrator
 from mavproxy_handover.stations.voice import Voice

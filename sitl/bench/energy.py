@@ -15,10 +15,10 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.energy import EnergyMonitor
 from mavproxy_handover.core.events import SignsSeen, Tick
 from mavproxy_handover.core.safety.energy import Piece, way_home
 from mavproxy_handover.core.safety.energy_prior import EnergySettings
+from mavproxy_handover.monitors.energy import EnergyMonitor
 from mavproxy_handover.vehicle.state import VehicleState
 from sitl.bench.loop import BenchError
 from sitl.bench.numbers import Pair, abba, compare, settled

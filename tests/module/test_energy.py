@@ -640,8 +640,8 @@ def test_a_fault_costs_nothing_where_nobody_asks_for_the_energy(
 ) -> None:
     get_ready(bench, bare)
 
-    monkeypatch.setattr("mavproxy_handover.autopilot.energy.EnergyFact", broken)
-    monkeypatch.setattr("mavproxy_handover.autopilot.energy.pack_report", broken)
+    monkeypatch.setattr("mavproxy_handover.monitors.energy.EnergyFact", broken)
+    monkeypatch.setattr("mavproxy_handover.monitors.energy.pack_report", broken)
     bench.run(0.5)
     assert needs(bench) == ()
 
@@ -651,7 +651,7 @@ def test_a_message_that_breaks_something_costs_that_message(flying: Bench, monke
     heard = len(flying.a.got("BATTERY_STATUS"))
 
     with monkeypatch.context() as patch:
-        patch.setattr("mavproxy_handover.autopilot.energy.pack_report", broken)
+        patch.setattr("mavproxy_handover.monitors.energy.pack_report", broken)
         hover(flying, 1)
     assert flying.companion.faults["energy"] == 1
     assert len(flying.a.got("BATTERY_STATUS")) == heard + 1, "the commander gets it all the same"

@@ -13,13 +13,13 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.energy import EnergyMonitor
 from mavproxy_handover.core.events import Fly, HandSeen
 from mavproxy_handover.core.model import FlightAction, Hand, Phase, Reason
 from mavproxy_handover.core.safety.battery import Batteries
 from mavproxy_handover.core.safety.learning import Learner
 from mavproxy_handover.gate.flush import FlushTracker
 from mavproxy_handover.mission.package import MissionPackage
+from mavproxy_handover.monitors.energy import EnergyMonitor
 from mavproxy_handover.monitors.route import RouteMonitor
 from mavproxy_handover.wire.conversation import Ask, Asking
 from tests.module.conftest import Bench

@@ -17,10 +17,10 @@ from typing import Any
 
 from pymavlink.dialects.v20 import all as dialect
 
-from mavproxy_handover.autopilot.energy import EnergyMonitor
 from mavproxy_handover.core.safety.energy import EnergyFact, EnergyModel, Piece, Wind, way_home
 from mavproxy_handover.core.safety.energy_prior import EnergySettings
 from mavproxy_handover.mission.geodesy import bearing_deg, distance_m, offset
+from mavproxy_handover.monitors.energy import EnergyMonitor
 from mavproxy_handover.vehicle.state import VehicleState
 from sitl.vehicles import VehicleSpec, launch
 from tests.sitl.guard_flight import HOME, Wire

@@ -100,7 +100,17 @@ def monitor(module: str) -> str | None:
 
 def test_no_monitor_imports_another() -> None:
     names = {monitor(module) for module in files()} - {None}
-    assert {"borders", "execution", "gaps", "position", "reboots", "return_site", "route", "waypoints"} <= names
+    assert {
+        "borders",
+        "energy",
+        "execution",
+        "gaps",
+        "position",
+        "reboots",
+        "return_site",
+        "route",
+        "waypoints",
+    } <= names
     assert [
         f"{module} imports {other}"
         for module, others in edges().items()

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.energy import pack_report
 from mavproxy_handover.core.safety.battery import PackReport
+from mavproxy_handover.monitors.energy import pack_report
 
 NOTHING = [65535] * 10
 
