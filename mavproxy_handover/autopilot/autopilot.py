@@ -16,17 +16,14 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot import own_failsafes
 from mavproxy_handover.autopilot.command_desk import CommandDesk
 from mavproxy_handover.autopilot.copter import Copter
 from mavproxy_handover.autopilot.ground_uploads import GroundUploads
 from mavproxy_handover.autopilot.guard_link import GuardLink
 from mavproxy_handover.autopilot.loading import Along, MissionLoader, MissionWriter, Prepared, Way, way_of
 from mavproxy_handover.autopilot.orders import Orders
-from mavproxy_handover.autopilot.own_failsafes import PlanFacts, plan_facts
 from mavproxy_handover.autopilot.package_standing import PackageStanding
 from mavproxy_handover.autopilot.plane import Plane
-from mavproxy_handover.autopilot.preflight import Finding, Preflight, heights_lack
 from mavproxy_handover.autopilot.procedures import Procedures
 from mavproxy_handover.autopilot.read_back import ReadBack
 from mavproxy_handover.autopilot.return_site import ReturnSite
@@ -60,6 +57,9 @@ from mavproxy_handover.monitors.energy import EnergyMonitor
 from mavproxy_handover.monitors.execution import ExecutionMonitor
 from mavproxy_handover.monitors.gaps import GapMonitor
 from mavproxy_handover.monitors.position.source import Box, PositionMonitor
+from mavproxy_handover.monitors.preflight import own_failsafes
+from mavproxy_handover.monitors.preflight.own_failsafes import PlanFacts, plan_facts
+from mavproxy_handover.monitors.preflight.rules import Finding, Preflight, heights_lack
 from mavproxy_handover.monitors.reboots import RebootMonitor
 from mavproxy_handover.monitors.route import RouteMonitor
 from mavproxy_handover.monitors.waypoints import WaypointMonitor

@@ -35,7 +35,6 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.command_desk import CommandDesk
 from mavproxy_handover.autopilot.mission_protocol import same_fence
-from mavproxy_handover.autopilot.own_failsafes import PlanFacts, plan_facts
 from mavproxy_handover.autopilot.procedures import Procedures
 from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.gate.mission_items import Flaw, flaw
@@ -49,6 +48,7 @@ from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.mission.plan import MAX_CORNERS, MAX_ITEMS, Route, with_items
 from mavproxy_handover.mission.returns import with_return
 from mavproxy_handover.mission.walk import walk_legs
+from mavproxy_handover.monitors.preflight.own_failsafes import PlanFacts, plan_facts
 from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.conversation import Conversation, Conversations

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What to do about what the rules of `autopilot/preflight.py` find: they say what is wrong and what comes of it.
+"""What to do about what the rules of `monitors/preflight/rules.py` find: they say what is wrong and what comes of it.
 
 The values are those of `ardupilot_lua/handover.parm`, of wings `handover_plane.parm`, which are read, and the guard's
 defaults.

@@ -3,7 +3,7 @@
 """The autopilot: its line, its heartbeat, firmware, parameters and guard, its time, the mission that it holds.
 
 It is listened to first. What says that it is armed is asked nothing, and nothing more once it is armed. The rules of
-the parameters are those of the companion (`autopilot/preflight.py`).
+the parameters are those of the companion (`monitors/preflight/rules.py`).
 """
 
 from __future__ import annotations
@@ -14,10 +14,8 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot import preflight
 from mavproxy_handover.autopilot.guard_link import misfit_of
 from mavproxy_handover.autopilot.mission_protocol import MissionProtocol
-from mavproxy_handover.autopilot.own_failsafes import plan_facts
 from mavproxy_handover.cli.guard import version_of
 from mavproxy_handover.config.vehicle import VehicleConfig
 from mavproxy_handover.core import model
@@ -31,6 +29,8 @@ from mavproxy_handover.doctor.patient import Patient
 from mavproxy_handover.doctor.talk import Talk
 from mavproxy_handover.link.devices import DeviceSpec, Kind, LinkError, open_device, parse_device
 from mavproxy_handover.mission.heights import above_sea
+from mavproxy_handover.monitors.preflight import rules as preflight
+from mavproxy_handover.monitors.preflight.own_failsafes import plan_facts
 from mavproxy_handover.store.keys import KeysError, load_key
 from mavproxy_handover.wire.conversation import Ask, Asking, NoAnswer, command_long
 from mavproxy_handover.wire.file_transfer import checksum

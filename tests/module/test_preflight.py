@@ -14,8 +14,13 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as stock
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.own_failsafes import PlanFacts, circles_for_ever, plan_facts
-from mavproxy_handover.autopilot.preflight import (
+from mavproxy_handover.core.limits import Limits
+from mavproxy_handover.core.model import GuardState, Kind
+from mavproxy_handover.core.safety.energy_prior import EnergySettings
+from mavproxy_handover.mission.items import MissionItem
+from mavproxy_handover.mission.package import MissionPackage, load
+from mavproxy_handover.monitors.preflight.own_failsafes import PlanFacts, circles_for_ever, plan_facts
+from mavproxy_handover.monitors.preflight.rules import (
     NAMES,
     PLANE_NAMES,
     Finding,
@@ -25,11 +30,6 @@ from mavproxy_handover.autopilot.preflight import (
     names_of,
     reading,
 )
-from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import GuardState, Kind
-from mavproxy_handover.core.safety.energy_prior import EnergySettings
-from mavproxy_handover.mission.items import MissionItem
-from mavproxy_handover.mission.package import MissionPackage, load
 from mavproxy_handover.vehicle.kinds import COPTER, PLANE
 from mavproxy_handover.vehicle.state import VehicleState
 from mavproxy_handover.wire.conversation import Conversations

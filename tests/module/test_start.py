@@ -9,9 +9,9 @@ from dataclasses import replace
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.preflight import Finding
 from mavproxy_handover.core.model import Phase
 from mavproxy_handover.mission.package import MissionPackage, load
+from mavproxy_handover.monitors.preflight.rules import Finding
 from tests.module.conftest import Bench
 from tests.module.vehicle import AUTO, GUIDED, RTL, PlaneAutopilot
 from tests.packages import MISSIONS

@@ -14,13 +14,13 @@ import pytest
 from gcs_module.commands import StationCommands
 from gcs_module.fleet import our_settings
 from mavproxy_handover import cli
-from mavproxy_handover.autopilot.preflight import NAMES
 from mavproxy_handover.commands import VehicleCommands
 from mavproxy_handover.config import meanings
 from mavproxy_handover.config.toml import ConfigError
 from mavproxy_handover.config.vehicle import load_vehicle
 from mavproxy_handover.mission import gaps, package
 from mavproxy_handover.mission.errors import MissionError
+from mavproxy_handover.monitors.preflight.rules import NAMES
 from tests.structure.imports import ROOT
 from tests.structure.reference.configuration import Key, keys_of_missions, keys_of_stations, keys_of_vehicles
 from tests.structure.reference.files import REFERENCE, generated

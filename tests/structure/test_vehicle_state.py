@@ -11,7 +11,7 @@ from tests.structure.imports import edges, files
 
 #: reads a parameter for one question and its answer, and keeps nothing
 ANSWERS = {
-    "mavproxy_handover.autopilot.preflight:_collector",
+    "mavproxy_handover.monitors.preflight.rules:_collector",
     "mavproxy_handover.autopilot.cruise:held_cruise",
     "mavproxy_handover.autopilot.cruise:_value_of",
     "mavproxy_handover.autopilot.cruise:_within",
@@ -106,6 +106,7 @@ def test_no_monitor_imports_another() -> None:
         "execution",
         "gaps",
         "position",
+        "preflight",
         "reboots",
         "return_site",
         "route",

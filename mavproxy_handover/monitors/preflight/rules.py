@@ -25,12 +25,19 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot import own_failsafes
-from mavproxy_handover.autopilot.own_failsafes import COPTERS, EVERY, WINGED, PlanFacts, circles_for_ever, no_terrain
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import GuardState, Kind
 from mavproxy_handover.core.safety.energy_prior import ENERGY_RANGES, EnergySettings
 from mavproxy_handover.mission.heights import home_disagrees
+from mavproxy_handover.monitors.preflight import own_failsafes
+from mavproxy_handover.monitors.preflight.own_failsafes import (
+    COPTERS,
+    EVERY,
+    WINGED,
+    PlanFacts,
+    circles_for_ever,
+    no_terrain,
+)
 from mavproxy_handover.vehicle.kinds import COPTER, PLANE, Vehicle
 from mavproxy_handover.vehicle.state import VehicleState
 from mavproxy_handover.wire.conversation import Ask, Asking, Conversation, Conversations, NoAnswer
