@@ -24,6 +24,7 @@ from mavproxy_handover.autopilot.loading import Along, MissionLoader, MissionWri
 from mavproxy_handover.autopilot.orders import Orders
 from mavproxy_handover.autopilot.package_standing import PackageStanding
 from mavproxy_handover.autopilot.plane import Plane
+from mavproxy_handover.autopilot.preflight import Preflight
 from mavproxy_handover.autopilot.procedures import Procedures
 from mavproxy_handover.autopilot.read_back import ReadBack
 from mavproxy_handover.autopilot.return_site import ReturnSite
@@ -34,13 +35,10 @@ from mavproxy_handover.autopilot.teller import MonitorOutput, Teller
 from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.config.running import Running
 from mavproxy_handover.core.events import (
-    AircraftJudged,
     AutopilotState,
     GuardSeen,
-    HeightsJudged,
     MissionLoaded,
     PositionSeen,
-    ReturnJudged,
     SignsSeen,
 )
 from mavproxy_handover.core.model import AuthorityView, Flown, GuardState, Phase, ZoneFact
@@ -57,9 +55,9 @@ from mavproxy_handover.monitors.energy import EnergyMonitor
 from mavproxy_handover.monitors.execution import ExecutionMonitor
 from mavproxy_handover.monitors.gaps import GapMonitor
 from mavproxy_handover.monitors.position.source import Box, PositionMonitor
-from mavproxy_handover.monitors.preflight import own_failsafes
-from mavproxy_handover.monitors.preflight.own_failsafes import PlanFacts, plan_facts
-from mavproxy_handover.monitors.preflight.rules import Finding, Preflight, heights_lack
+from mavproxy_handover.monitors.preflight.own_failsafes import plan_facts
+from mavproxy_handover.monitors.preflight.plan_fit import PlanFitMonitor, not_as_checked
+from mavproxy_handover.monitors.preflight.rules import Finding
 from mavproxy_handover.monitors.reboots import RebootMonitor
 from mavproxy_handover.monitors.route import RouteMonitor
 from mavproxy_handover.monitors.waypoints import WaypointMonitor
@@ -77,8 +75,6 @@ __all__ = ["Autopilot"]
 
 #: name of a conversation
 _HELD: Final = "held"
-#: by these a return of wings ends on the ground
-_LANDS: Final = {"Q_RTL_MODE": 1.0, "RTL_AUTOLAND": 1.0}
 #: a restart in flight is over by then (s): what takes the processor a while has waited for that
 _WALK_S: Final = 10.0
 #: what an older heartbeat has said of arming and of the mode does not count
@@ -130,14 +126,12 @@ class Autopilot:
         #: the aircraft against its route
         self.route = RouteMonitor(config.route)
         self._gaps = GapMonitor(config.limits)
-        #: why the mission is none for this aircraft, why a return would not end on the ground, and why the mission
-        #: would not be flown at the heights that were checked, as it was told last
-        self._aircraft_lacks = self._return_lacks = self._heights_lack = ""
+        self._plan_fit = PlanFitMonitor()
         #: the changes of the parameters (`Parameters.changes`) by which that was judged
         self._judged_by = 0
         self._waypoints = WaypointMonitor(config.limits.leave_margin_m)
         self._borders = BorderMonitor(config.limits.operator_timeout_s)
-        self._execution = ExecutionMonitor(lambda: self._preflight.radio_watched, lambda: self.places.goes_to)
+        self._execution = ExecutionMonitor(lambda: self.places.goes_to)
         #: where a return goes
         self.places = ReturnSite(config.sysid, self.aircraft, lambda: self._energy.fact, self.orders, talks, ties)
         standing = self._standing = PackageStanding(self._on_board is not None, ties)
@@ -172,7 +166,7 @@ class Autopilot:
             talks,
             ties,
             lambda: self._loader.package,
-            self._not_as_checked,
+            lambda facts: not_as_checked(facts, self.aircraft),
             self._rerouted,
         )
         self._heed: dict[str, Callable[[Any, float], None]] = {
@@ -493,6 +487,7 @@ class Autopilot:
         self._waypoints.adopt(None if package is None else package.belonging, now)
         facts = None if package is None else plan_facts(package.route, package.cruise_speed_mps)
         energy = None if package is None else package.energy
+        self._plan_fit.planned(facts)
         self._preflight.planned(facts, self._gaps.longest_s, energy)
         self._judge_plan(now)
         self.places.adopt(package, now, keeps_rally=uploaded)
@@ -501,40 +496,12 @@ class Autopilot:
         """Tell the arbiter what START lacks for gaps and heights, for a return that lands, and of the aircraft."""
         self._judged_by = self.aircraft.parameters.changes
         self._look(self._gaps.update, now)
-        unfit = self._preflight.other_type or self._other_kind
-        if unfit != self._aircraft_lacks:
-            self._aircraft_lacks = unfit
-            self._ties.handle(AircraftJudged(unfit), now)
-        heights = self._preflight.heights_lack(self.aircraft.home_alt_m)
-        if heights != self._heights_lack:
-            self._heights_lack = heights
-            self._ties.handle(HeightsJudged(heights), now)
-        lacks = self._preflight.circles_for_ever(self.aircraft.kind)
-        if lacks != self._return_lacks:
-            self._return_lacks = lacks
-            self._ties.handle(ReturnJudged(lacks), now)
-
-    @property
-    def _other_kind(self) -> str:
-        """Which kind of aircraft the mission was checked for, in words; "" if it is this one, or not known."""
-        aircraft, route = self.aircraft, self._flown
-        if route is None or aircraft.telemetry.heartbeat.at == -math.inf or route.kind is aircraft.kind:
-            return ""
-        return f"the mission is for a {route.kind.value}, and this is a {aircraft.kind.value}"
-
-    def _not_as_checked(self, facts: PlanFacts) -> str:
-        """Why a plan that is sent in flight is not for this aircraft, in words; "": it is."""
-        parameters = self._preflight.parameters
-        if parameters is None:  # behind a restart in flight: what START has asked for
-            parameters = _LANDS
-        circles = own_failsafes.circles_for_ever(parameters, facts, self.aircraft.kind)
-        if circles:
-            return f"a return would not land: {circles}"
-        return heights_lack(self._preflight.parameters, facts, self.aircraft.home_alt_m)
+        self._look(self._plan_fit.update, now)
 
     def _flies(self, route: Route | None, now: float) -> None:
         self._flown = route
         self.read_back.forget(now)
+        self._plan_fit.flies(None if route is None else route.kind)
         self.aircraft.ways_down.adopt(route)
         self.route.adopt(route)
         self._energy.released(None if route is None else released_at(route))
@@ -560,6 +527,7 @@ class Autopilot:
             return
         self._loader.reroute(rerouted.ahead.route)
         self.places.reroute(rerouted.ahead.route)
+        self._plan_fit.planned(rerouted.facts)
         self._preflight.planned(rerouted.facts)
         self._judge_plan(now)
         self._ties.handle(MissionLoaded(self._ties.arbiter.mission_digest, rerouted.commanders), now)

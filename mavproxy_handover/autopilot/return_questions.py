@@ -13,7 +13,7 @@ from collections.abc import Callable
 from typing import Final
 
 from mavproxy_handover.autopilot.mission_protocol import MissionProtocol
-from mavproxy_handover.monitors.preflight.rules import reading
+from mavproxy_handover.autopilot.preflight import reading
 from mavproxy_handover.monitors.return_site.candidates import Candidates
 from mavproxy_handover.vehicle.return_limits import NAMES
 from mavproxy_handover.vehicle.state import VehicleState

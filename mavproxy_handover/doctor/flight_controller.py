@@ -16,6 +16,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.guard_link import misfit_of
 from mavproxy_handover.autopilot.mission_protocol import MissionProtocol
+from mavproxy_handover.autopilot.preflight import reading
 from mavproxy_handover.cli.guard import version_of
 from mavproxy_handover.config.vehicle import VehicleConfig
 from mavproxy_handover.core import model
@@ -29,7 +30,7 @@ from mavproxy_handover.doctor.patient import Patient
 from mavproxy_handover.doctor.talk import Talk
 from mavproxy_handover.link.devices import DeviceSpec, Kind, LinkError, open_device, parse_device
 from mavproxy_handover.mission.heights import above_sea
-from mavproxy_handover.monitors.preflight import rules as preflight
+from mavproxy_handover.monitors.preflight import rules
 from mavproxy_handover.monitors.preflight.own_failsafes import plan_facts
 from mavproxy_handover.store.keys import KeysError, load_key
 from mavproxy_handover.wire.conversation import Ask, Asking, NoAnswer, command_long
@@ -224,9 +225,9 @@ class _Visit:
         if (high or self._vehicle.position.box) and self._aircraft.telemetry.own_position.value is None:
             self.talk.ask(_message(sysid, "GLOBAL_POSITION_INT"))
         yield self._time()
-        names = preflight.names_of(self._aircraft.vehicle, self._batteries)
+        names = rules.names_of(self._aircraft.vehicle, self._batteries)
         self._patient.tell(f"reading {len(names)} parameters")
-        parameters = self.talk.ask(preflight.reading(sysid, names)).result or {}
+        parameters = self.talk.ask(reading(sysid, names)).result or {}
         self.talk.listen(_GUARD_S, lambda: self._guard is not None or not self._grounded())
         if not self._grounded():
             yield self._is_armed()
@@ -248,7 +249,7 @@ class _Visit:
         """By the rules of the companion's own check before flight."""
         package = self._patient.package
         guard = self._guard.state if self._guard is not None else GuardState.SILENT
-        found = preflight.Found(
+        found = rules.Found(
             parameters,
             guard,
             firmware,
@@ -259,7 +260,7 @@ class _Visit:
             batteries=self._batteries,
             home_alt_m=self._aircraft.home_alt_m,
         )
-        wrong = preflight.judge(found, self._vehicle.limits)
+        wrong = rules.judge(found, self._vehicle.limits)
         for each in wrong:
             found_text = each.text.removeprefix(f"{each.parameter} ")
             yield error(

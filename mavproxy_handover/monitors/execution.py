@@ -35,11 +35,10 @@ _BREACHES: Final = {
 
 
 class ExecutionMonitor:
-    """Of one aircraft. `radio_watched`: whether the loss of the radio would be noticed; `place`: latitude and longitude
-    (degrees) of where a return goes, None: not known. Times are monotonic seconds."""
+    """Of one aircraft. `place`: latitude and longitude (degrees) of where a return goes, None: not known. Times are
+    monotonic seconds."""
 
-    def __init__(self, radio_watched: Callable[[], bool], place: Callable[[], tuple[float, float] | None]) -> None:
-        self._radio_watched = radio_watched
+    def __init__(self, place: Callable[[], tuple[float, float] | None]) -> None:
         self._place = place
         self._critical = False
         self._moves = False
@@ -58,10 +57,16 @@ class ExecutionMonitor:
         found.append(ModeSeen(state.flown, name, landing, self._radio(state, now)))
         return found
 
+    @staticmethod
+    def radio_watched(state: VehicleState) -> bool:
+        """Losing the radio would be noticed, as far as is known."""
+        parameters = state.parameters.read
+        return parameters is None or parameters.get(state.vehicle.radio_failsafe, 1) != 0
+
     def _radio(self, state: VehicleState, now: float) -> bool:
         status = state.telemetry.sys_status.value
         lately = now - state.telemetry.sys_status.at < _RADIO_S
-        return status is not None and lately and self._radio_watched() and hands.radio_lives(status)
+        return status is not None and lately and self.radio_watched(state) and hands.radio_lives(status)
 
     @staticmethod
     def text(state: VehicleState, text: str) -> list[Event]:

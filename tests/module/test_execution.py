@@ -123,7 +123,8 @@ def test_that_a_lost_radio_would_go_unnoticed_is_read_before_the_flight(bench: B
     bench.autopilot.parameters |= {"FS_THR_ENABLE": 0.0}
     bench.connect()
     bench.until(lambda: bench.companion.autopilot.findings is not None, 60.0)
-    assert bench.companion.autopilot._preflight.radio_watched is False
+    autopilot = bench.companion.autopilot
+    assert autopilot._execution.radio_watched(autopilot.aircraft) is False
 
 
 def test_the_commanders_accepted_command_is_its_word(flown: Bench) -> None:

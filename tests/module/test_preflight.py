@@ -14,6 +14,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as stock
 from pymavlink.dialects.v20 import handover as mavlink
 
+from mavproxy_handover.autopilot.preflight import Preflight, reading
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import GuardState, Kind
 from mavproxy_handover.core.safety.energy_prior import EnergySettings
@@ -25,10 +26,8 @@ from mavproxy_handover.monitors.preflight.rules import (
     PLANE_NAMES,
     Finding,
     Found,
-    Preflight,
     judge,
     names_of,
-    reading,
 )
 from mavproxy_handover.vehicle.kinds import COPTER, PLANE
 from mavproxy_handover.vehicle.state import VehicleState

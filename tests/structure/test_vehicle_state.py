@@ -11,7 +11,7 @@ from tests.structure.imports import edges, files
 
 #: reads a parameter for one question and its answer, and keeps nothing
 ANSWERS = {
-    "mavproxy_handover.monitors.preflight.rules:_collector",
+    "mavproxy_handover.autopilot.preflight:_collector",
     "mavproxy_handover.autopilot.cruise:held_cruise",
     "mavproxy_handover.autopilot.cruise:_value_of",
     "mavproxy_handover.autopilot.cruise:_within",

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Do guard, parameters and firmware of the autopilot fit? Read on the ground, judged, and said before the flight.
+"""Do guard, parameters and firmware of the autopilot fit?
 
 Nothing here refuses a flight: what START needs is the arbiter's to say. These are the settings that make a flight end
 otherwise than planned when something fails: a failsafe that is off, one that acts before its turn, rally points that
@@ -8,26 +8,22 @@ are ignored, a guard that listens at the wrong port.
 
 What concerns the autopilot's own failsafes is in `own_failsafes.py`.
 
-Three parts: `reading` asks (a conversation), `judge` knows (a table of pure rules), `Preflight` decides when.
-
-ArduPilot does not answer a request for a parameter that it does not have, so the names that it lacks cost a time-out;
-they are asked for together, and again only those that have not come. Sources of the rules: the reasons in
-`ardupilot_lua/handover.parm`.
+A table of pure rules: `judge` knows. `autopilot/preflight.py` asks, and decides when. Sources of the rules: the reasons
+in `ardupilot_lua/handover.parm`.
 """
 
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import GuardState, Kind
-from mavproxy_handover.core.safety.energy_prior import ENERGY_RANGES, EnergySettings
+from mavproxy_handover.core.safety.energy_prior import ENERGY_RANGES
 from mavproxy_handover.mission.heights import home_disagrees
 from mavproxy_handover.monitors.preflight import own_failsafes
 from mavproxy_handover.monitors.preflight.own_failsafes import (
@@ -39,11 +35,19 @@ from mavproxy_handover.monitors.preflight.own_failsafes import (
     no_terrain,
 )
 from mavproxy_handover.vehicle.kinds import COPTER, PLANE, Vehicle
-from mavproxy_handover.vehicle.state import VehicleState
-from mavproxy_handover.wire.conversation import Ask, Asking, Conversation, Conversations, NoAnswer
-from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, COMPANION_COMPID
+from mavproxy_handover.wire.ids import COMPANION_COMPID
 
-__all__ = ["NAMES", "PLANE_NAMES", "Finding", "Found", "Preflight", "heights_lack", "judge", "names_of", "reading"]
+__all__ = [
+    "KNOWN",
+    "NAMES",
+    "PLANE_NAMES",
+    "Finding",
+    "Found",
+    "heights_lack",
+    "judge",
+    "names_of",
+    "other_type",
+]
 
 #: of the guard, of the station that the autopilot obeys, and of what it says that it is
 _SHARED: Final = (
@@ -64,17 +68,10 @@ PLANE_NAMES = (
 )  # fmt: skip
 _NAMES_OF: Final = {COPTER: NAMES, PLANE: PLANE_NAMES}
 _MOST_BATTERIES: Final = int(ENERGY_RANGES["batteries"][1])
-_KNOWN: Final = frozenset((*NAMES, *PLANE_NAMES, *own_failsafes.further_names(_MOST_BATTERIES)))
+#: all names that may be read
+KNOWN: Final = frozenset((*NAMES, *PLANE_NAMES, *own_failsafes.further_names(_MOST_BATTERIES)))
 OLDEST, NEWEST = (4, 5), (4, 7)
 
-#: ArduPilot keeps 20 requests and drops the rest
-_AT_ONCE = 16
-_WAIT_S = 0.4
-_TRIES = 3
-#: scripts start a few seconds after the autopilot's first heartbeat; a guard that speaks has its parameters
-_SETTLE_S = 8.0
-_AGAIN_S = 30.0
-_REBOOT_S = 3.0
 #: a forced transfer behind a recovery needs that much of the guard's patience; parameters have 24 bits
 _FORCED_S, _ROUNDED_S = 0.5, 1e-4
 _CONTINUE_AUTO, _CONTINUE_PILOT = 0b10, 0b10000
@@ -82,7 +79,6 @@ _CONTINUE_AUTO, _CONTINUE_PILOT = 0b10, 0b10000
 _IN_AUTO_ONLY = 3
 #: Q_MAV_TYPE: as it comes, and FIXED_WING, which is the same (`QuadPlane::get_mav_type`)
 _OWN_TYPES = (0, mavlink.MAV_TYPE_FIXED_WING)
-_WRONG_CHANNEL = re.compile(r"HNDO: lease refused, channel (\d+) not (-?\d+)")
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,47 +123,6 @@ class Found:
 def names_of(vehicle: Vehicle, batteries: int = 1) -> tuple[str, ...]:
     """The parameters that are read of an autopilot with this firmware, which flies by so many batteries."""
     return (*_NAMES_OF[vehicle], *own_failsafes.further_names(batteries))
-
-
-# ---- reading ------------------------------------------------------------------------------------------------------
-
-
-def reading(sysid: int, names: tuple[str, ...] = NAMES) -> Asking:
-    """Ask the autopilot of system `sysid` for parameters. Returns name -> value of those that it answered."""
-    values: dict[str, float] = {}
-    for start in range(0, len(names), _AT_ONCE):
-        batch = names[start : start + _AT_ONCE]
-        lacking: set[str] = set()
-        for _ in range(_TRIES):
-            missing = [name for name in batch if name not in values and name not in lacking]
-            if not missing:
-                break
-            requests = tuple(_request(sysid, name) for name in missing)
-            try:
-                yield Ask("parameters", requests, _collector(missing, values, lacking), timeout_s=_WAIT_S, tries=1)
-            except NoAnswer:
-                continue
-    return values
-
-
-def _request(sysid: int, name: str) -> Any:
-    return mavlink.MAVLink_param_request_read_message(sysid, AUTOPILOT_COMPID, name.encode("ascii"), -1)
-
-
-def _collector(wanted: list[str], values: dict[str, float], lacking: set[str]) -> Callable[[Any], Any]:
-    """Takes the answers in as they come; they are an answer when nothing is missing any more."""
-
-    def answer(m: Any) -> Any:
-        kind = m.get_type()
-        if kind not in ("PARAM_VALUE", "PARAM_ERROR") or m.param_id not in wanted:
-            return None
-        if kind == "PARAM_ERROR":
-            lacking.add(m.param_id)
-        elif math.isfinite(m.param_value):
-            values[m.param_id] = float(m.param_value)
-        return True if all(name in values or name in lacking for name in wanted) else None
-
-    return answer
 
 
 # ---- judging ------------------------------------------------------------------------------------------------------
@@ -331,7 +286,7 @@ def _home_height(p: Mapping[str, float], found: Found, limits: Limits) -> str | 
     return f"{lacks}; START is refused" if lacks else None
 
 
-def _other_type(p: Mapping[str, float]) -> str:
+def other_type(p: Mapping[str, float]) -> str:
     """What an ArduPlane is set to say of itself, in words, where that is something else; "" where it is not. No copter
     has this parameter, so what has it and says that it is one is none."""
     number = int(p.get("Q_MAV_TYPE", 0))
@@ -339,7 +294,7 @@ def _other_type(p: Mapping[str, float]) -> str:
 
 
 def _type(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:
-    other = _other_type(p)
+    other = other_type(p)
     return f"{other}; START is refused" if other else None
 
 
@@ -416,134 +371,3 @@ def heights_lack(p: Mapping[str, float] | None, plan: PlanFacts | None, home_alt
         return ""
     lacks = home_disagrees(plan.above_sea, plan.home_alt_m, home_alt_m), no_terrain(p, plan)
     return "; ".join(each for each in lacks if each)
-
-
-# ---- when ---------------------------------------------------------------------------------------------------------
-
-
-_UNSAID: Final = EnergySettings()
-
-
-def _batteries(energy: EnergySettings) -> int:
-    return int(energy.batteries or 1)
-
-
-class Preflight:
-    """Reads once the autopilot is up and on the ground; a START meanwhile does not stop it. Again every half minute
-    while something does not fit, and after a reboot.
-
-    `report` is told each finding that is new (text, parameter to change, False), and once that all is well (True)."""
-
-    def __init__(
-        self,
-        sysid: int,
-        aircraft: VehicleState,
-        limits: Limits,
-        conversations: Conversations,
-        report: Callable[[str, str, bool], None],
-        energy: EnergySettings = _UNSAID,
-    ) -> None:
-        """`energy`: the vehicle's own, which says how many batteries it flies by where the mission does not."""
-        self._sysid = sysid
-        self._aircraft = aircraft
-        self._limits = limits
-        self._conversations = conversations
-        self._report = report
-        #: None: not read yet
-        self.findings: tuple[Finding, ...] | None = None
-        self._heard_at = -math.inf
-        self._due_at = math.inf
-        self._unread = True
-        self._heard_on: int | None = None
-        self._misfit = ""
-        self._plan: PlanFacts | None = None
-        self._gap_s = 0.0
-        self._own_energy = energy
-        self._batteries = _batteries(energy)
-        self._replanned = False
-
-    def planned(self, plan: PlanFacts | None, gap_s: float = 0.0, energy: EnergySettings | None = None) -> None:
-        """The autopilot holds another mission, or none: once it has been read, it is read again for one.
-
-        `gap_s`: the longest limit of its gaps. `energy`: the mission's, which goes before the vehicle's; None: that
-        stays as it was."""
-        self._plan, self._replanned = plan, plan is not None
-        self._gap_s = gap_s
-        if energy is not None:
-            self._batteries = _batteries(energy.over(self._own_energy))
-
-    @property
-    def parameters(self) -> Mapping[str, float] | None:
-        """What the autopilot has told since the last reading began; None before a reading has ended."""
-        return self._aircraft.parameters.read
-
-    @property
-    def radio_watched(self) -> bool:
-        """Losing the radio would be noticed, as far as is known."""
-        return (self.parameters or {}).get(self._aircraft.vehicle.radio_failsafe, 1) != 0
-
-    def heights_lack(self, home_alt_m: float | None) -> str:
-        """Why the plan would not be flown at the heights that were checked, in words; "" if it would. `home_alt_m`: the
-        autopilot's home above the sea, None: not known."""
-        return heights_lack(self.parameters, self._plan, home_alt_m)
-
-    @property
-    def other_type(self) -> str:
-        """What it is set to say of itself that it is not, in words; "" if it is not."""
-        return _other_type(self.parameters or {})
-
-    def circles_for_ever(self, kind: Kind) -> str:
-        """Why a return does not end in a landing, in words; "" if it does."""
-        return circles_for_ever(self.parameters, self._plan, kind)
-
-    def text(self, text: str) -> None:
-        """A STATUSTEXT of the autopilot: the guard names the channel that it refuses leases from."""
-        match = _WRONG_CHANNEL.fullmatch(text)
-        if match is not None:
-            self._heard_on = int(match[1])
-
-    def each_second(
-        self,
-        grounded: bool,
-        guard: GuardState,
-        firmware: tuple[int, int] | None,
-        now: float,
-        misfit: str = "",
-    ) -> None:
-        """Time has passed. `grounded`: neither armed nor flying, or on the ground and always armed. `misfit`: why
-        leases and guard do not fit."""
-        aircraft, heartbeat_at = self._aircraft, self._aircraft.telemetry.heartbeat.at
-        if heartbeat_at - self._heard_at > _REBOOT_S:  # appeared, or came back: another one, for all that is known
-            self._due_at = now + _SETTLE_S
-            self._heard_on, self._unread = None, True
-        self._heard_at = heartbeat_at
-        if self._unread and guard is not GuardState.SILENT:
-            self._due_at = now
-        if misfit != self._misfit:
-            self._misfit, self._due_at = misfit, now
-        if self._replanned and self.findings is not None and "preflight" not in self._conversations:
-            self._replanned, self._due_at = False, now
-        if now < self._due_at or not grounded or now - heartbeat_at > _REBOOT_S or "preflight" in self._conversations:
-            return
-        self._due_at, self._unread = math.inf, False
-        batteries, asked_at = self._batteries, now
-
-        def done(_talk: Conversation, now: float) -> None:
-            aircraft.parameters.reading_ended(asked_at)
-            values = aircraft.parameters.since(asked_at)
-            parameters = {name: values[name] for name in _KNOWN if name in values}
-            told = aircraft.foreign, self._heard_on, self._plan, self._gap_s, aircraft.kind, batteries
-            found = Found(parameters, guard, firmware, *told, aircraft.home_alt_m, self._misfit)
-            self._conclude(judge(found, self._limits), now)
-
-        self._conversations.begin("preflight", reading(self._sysid, names_of(aircraft.vehicle, batteries)), done, now)
-
-    def _conclude(self, findings: tuple[Finding, ...], now: float) -> None:
-        before, self.findings = self.findings, findings
-        if findings:
-            self._due_at = now + _AGAIN_S
-        for finding in findings:
-            if finding not in (before or ()):
-                self._report(finding.text, finding.parameter, False)
-        if not findings and before != ():
-            self._report("guard, parameters and firmware fit", "", True)

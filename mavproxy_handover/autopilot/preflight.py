@@ -1,0 +1,187 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The check before flight: asks for the autopilot's parameters on the ground, has them judged, and tells what is found.
+
+`reading` asks (a conversation), `Preflight` decides when; the rules are in `monitors/preflight/rules.py`.
+
+ArduPilot does not answer a request for a parameter that it does not have, so the names that it lacks cost a time-out;
+they are asked for together, and again only those that have not come.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from typing import Any, Final
+
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.core.limits import Limits
+from mavproxy_handover.core.model import GuardState
+from mavproxy_handover.core.safety.energy_prior import EnergySettings
+from mavproxy_handover.monitors.preflight.own_failsafes import PlanFacts
+from mavproxy_handover.monitors.preflight.rules import KNOWN, NAMES, Finding, Found, judge, names_of
+from mavproxy_handover.vehicle.state import VehicleState
+from mavproxy_handover.wire.conversation import Ask, Asking, Conversation, Conversations, NoAnswer
+from mavproxy_handover.wire.ids import AUTOPILOT_COMPID
+
+__all__ = ["Preflight", "reading"]
+
+#: ArduPilot keeps 20 requests and drops the rest
+_AT_ONCE = 16
+_WAIT_S = 0.4
+_TRIES = 3
+#: scripts start a few seconds after the autopilot's first heartbeat; a guard that speaks has its parameters
+_SETTLE_S = 8.0
+_AGAIN_S = 30.0
+_REBOOT_S = 3.0
+_WRONG_CHANNEL = re.compile(r"HNDO: lease refused, channel (\d+) not (-?\d+)")
+
+
+# ---- reading ------------------------------------------------------------------------------------------------------
+
+
+def reading(sysid: int, names: tuple[str, ...] = NAMES) -> Asking:
+    """Ask the autopilot of system `sysid` for parameters. Returns name -> value of those that it answered."""
+    values: dict[str, float] = {}
+    for start in range(0, len(names), _AT_ONCE):
+        batch = names[start : start + _AT_ONCE]
+        lacking: set[str] = set()
+        for _ in range(_TRIES):
+            missing = [name for name in batch if name not in values and name not in lacking]
+            if not missing:
+                break
+            requests = tuple(_request(sysid, name) for name in missing)
+            try:
+                yield Ask("parameters", requests, _collector(missing, values, lacking), timeout_s=_WAIT_S, tries=1)
+            except NoAnswer:
+                continue
+    return values
+
+
+def _request(sysid: int, name: str) -> Any:
+    return mavlink.MAVLink_param_request_read_message(sysid, AUTOPILOT_COMPID, name.encode("ascii"), -1)
+
+
+def _collector(wanted: list[str], values: dict[str, float], lacking: set[str]) -> Callable[[Any], Any]:
+    """Takes the answers in as they come; they are an answer when nothing is missing any more."""
+
+    def answer(m: Any) -> Any:
+        kind = m.get_type()
+        if kind not in ("PARAM_VALUE", "PARAM_ERROR") or m.param_id not in wanted:
+            return None
+        if kind == "PARAM_ERROR":
+            lacking.add(m.param_id)
+        elif math.isfinite(m.param_value):
+            values[m.param_id] = float(m.param_value)
+        return True if all(name in values or name in lacking for name in wanted) else None
+
+    return answer
+
+
+# ---- when ---------------------------------------------------------------------------------------------------------
+
+
+_UNSAID: Final = EnergySettings()
+
+
+def _batteries(energy: EnergySettings) -> int:
+    return int(energy.batteries or 1)
+
+
+class Preflight:
+    """Reads once the autopilot is up and on the ground; a START meanwhile does not stop it. Again every half minute
+    while something does not fit, and after a reboot.
+
+    `report` is told each finding that is new (text, parameter to change, False), and once that all is well (True)."""
+
+    def __init__(
+        self,
+        sysid: int,
+        aircraft: VehicleState,
+        limits: Limits,
+        conversations: Conversations,
+        report: Callable[[str, str, bool], None],
+        energy: EnergySettings = _UNSAID,
+    ) -> None:
+        """`energy`: the vehicle's own, which says how many batteries it flies by where the mission does not."""
+        self._sysid = sysid
+        self._aircraft = aircraft
+        self._limits = limits
+        self._conversations = conversations
+        self._report = report
+        #: None: not read yet
+        self.findings: tuple[Finding, ...] | None = None
+        self._heard_at = -math.inf
+        self._due_at = math.inf
+        self._unread = True
+        self._heard_on: int | None = None
+        self._misfit = ""
+        self._plan: PlanFacts | None = None
+        self._gap_s = 0.0
+        self._own_energy = energy
+        self._batteries = _batteries(energy)
+        self._replanned = False
+
+    def planned(self, plan: PlanFacts | None, gap_s: float = 0.0, energy: EnergySettings | None = None) -> None:
+        """The autopilot holds another mission, or none: once it has been read, it is read again for one.
+
+        `gap_s`: the longest limit of its gaps. `energy`: the mission's, which goes before the vehicle's; None: that
+        stays as it was."""
+        self._plan, self._replanned = plan, plan is not None
+        self._gap_s = gap_s
+        if energy is not None:
+            self._batteries = _batteries(energy.over(self._own_energy))
+
+    def text(self, text: str) -> None:
+        """A STATUSTEXT of the autopilot: the guard names the channel that it refuses leases from."""
+        match = _WRONG_CHANNEL.fullmatch(text)
+        if match is not None:
+            self._heard_on = int(match[1])
+
+    def each_second(
+        self,
+        grounded: bool,
+        guard: GuardState,
+        firmware: tuple[int, int] | None,
+        now: float,
+        misfit: str = "",
+    ) -> None:
+        """Time has passed. `grounded`: neither armed nor flying, or on the ground and always armed. `misfit`: why
+        leases and guard do not fit."""
+        aircraft, heartbeat_at = self._aircraft, self._aircraft.telemetry.heartbeat.at
+        if heartbeat_at - self._heard_at > _REBOOT_S:  # appeared, or came back: another one, for all that is known
+            self._due_at = now + _SETTLE_S
+            self._heard_on, self._unread = None, True
+        self._heard_at = heartbeat_at
+        if self._unread and guard is not GuardState.SILENT:
+            self._due_at = now
+        if misfit != self._misfit:
+            self._misfit, self._due_at = misfit, now
+        if self._replanned and self.findings is not None and "preflight" not in self._conversations:
+            self._replanned, self._due_at = False, now
+        if now < self._due_at or not grounded or now - heartbeat_at > _REBOOT_S or "preflight" in self._conversations:
+            return
+        self._due_at, self._unread = math.inf, False
+        batteries, asked_at = self._batteries, now
+
+        def done(_talk: Conversation, now: float) -> None:
+            aircraft.parameters.reading_ended(asked_at)
+            values = aircraft.parameters.since(asked_at)
+            parameters = {name: values[name] for name in KNOWN if name in values}
+            told = aircraft.foreign, self._heard_on, self._plan, self._gap_s, aircraft.kind, batteries
+            found = Found(parameters, guard, firmware, *told, aircraft.home_alt_m, self._misfit)
+            self._conclude(judge(found, self._limits), now)
+
+        self._conversations.begin("preflight", reading(self._sysid, names_of(aircraft.vehicle, batteries)), done, now)
+
+    def _conclude(self, findings: tuple[Finding, ...], now: float) -> None:
+        before, self.findings = self.findings, findings
+        if findings:
+            self._due_at = now + _AGAIN_S
+        for finding in findings:
+            if finding not in (before or ()):
+                self._report(finding.text, finding.parameter, False)
+        if not findings and before != ():
+            self._report("guard, parameters and firmware fit", "", True)

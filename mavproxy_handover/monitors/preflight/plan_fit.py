@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Does the mission fit the aircraft, its parameters and its home? Else START is refused."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from mavproxy_handover.core.events import AircraftJudged, Event, HeightsJudged, ReturnJudged
+from mavproxy_handover.core.model import Kind
+from mavproxy_handover.monitors.preflight.own_failsafes import PlanFacts, circles_for_ever
+from mavproxy_handover.monitors.preflight.rules import heights_lack, other_type
+from mavproxy_handover.vehicle.state import VehicleState
+
+__all__ = ["PlanFitMonitor", "not_as_checked"]
+
+#: by these a return of wings ends on the ground
+_LANDS: Final = {"Q_RTL_MODE": 1.0, "RTL_AUTOLAND": 1.0}
+
+
+def not_as_checked(facts: PlanFacts, state: VehicleState) -> str:
+    """Why a plan that is sent in flight is not for this aircraft, in words; "": it is."""
+    parameters = state.parameters.read
+    # after a restart in flight they are not read: START has asked for these
+    circles = circles_for_ever(_LANDS if parameters is None else parameters, facts, state.kind)
+    if circles:
+        return f"a return would not land: {circles}"
+    return heights_lack(parameters, facts, state.home_alt_m)
+
+
+class PlanFitMonitor:
+    """Of one vehicle."""
+
+    def __init__(self) -> None:
+        self._facts: PlanFacts | None = None
+        #: the kind of aircraft that the mission was checked for
+        self._kind: Kind | None = None
+        #: what was found last: of the aircraft, of the heights, of a return that lands
+        self._aircraft = self._heights = self._return = ""
+
+    def planned(self, facts: PlanFacts | None) -> None:
+        """The autopilot holds another mission; None: none that is known."""
+        self._facts = facts
+
+    def flies(self, kind: Kind | None) -> None:
+        """The mission was checked for this kind of aircraft; None: nobody knows which mission it is."""
+        self._kind = kind
+
+    def update(self, state: VehicleState, _now: float) -> list[Event]:
+        """What START lacks of the aircraft, for the heights, and for a return that lands, where that changes."""
+        parameters, found = state.parameters.read, list[Event]()
+        aircraft = other_type(parameters or {}) or self._other_kind(state)
+        if aircraft != self._aircraft:
+            self._aircraft = aircraft
+            found.append(AircraftJudged(aircraft))
+        heights = heights_lack(parameters, self._facts, state.home_alt_m)
+        if heights != self._heights:
+            self._heights = heights
+            found.append(HeightsJudged(heights))
+        lacks = circles_for_ever(parameters, self._facts, state.kind)
+        if lacks != self._return:
+            self._return = lacks
+            found.append(ReturnJudged(lacks))
+        return found
+
+    def _other_kind(self, state: VehicleState) -> str:
+        """Which kind of aircraft the mission was checked for, in words; "" if it is this one, or not known."""
+        if self._kind is None or state.telemetry.heartbeat.at == -math.inf or self._kind is state.kind:
+            return ""
+        return f"the mission is for a {self._kind.value}, and this is a {state.kind.value}"
