@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
@@ -39,7 +38,6 @@ from mavproxy_handover.core.events import (
     GuardSeen,
     MissionLoaded,
     PositionSeen,
-    SignsSeen,
 )
 from mavproxy_handover.core.model import AuthorityView, Flown, GuardState, Phase, ZoneFact
 from mavproxy_handover.core.safety.battery import PackMemory
@@ -60,6 +58,7 @@ from mavproxy_handover.monitors.preflight.plan_fit import PlanFitMonitor, not_as
 from mavproxy_handover.monitors.preflight.rules import Finding
 from mavproxy_handover.monitors.reboots import RebootMonitor
 from mavproxy_handover.monitors.route import RouteMonitor
+from mavproxy_handover.monitors.signs import SignMonitor
 from mavproxy_handover.monitors.waypoints import WaypointMonitor
 from mavproxy_handover.schedule import attempt
 from mavproxy_handover.stations.port import StationPort
@@ -188,8 +187,11 @@ class Autopilot:
         self._uploaded = False
         #: the handovers that the check of the package has
         self.foreseen: tuple[Handover, ...] = ()
-        #: what looks wrong, and what the arbiter was told last of it
-        self._seen = self._signs = SignsSeen()
+        self._signs = SignMonitor(
+            lambda: self.places.energy_words if self.places.short else None,
+            lambda: self.route.deviation,
+            ties.fault,
+        )
         self._second_manager_told = False
         self._reboots = RebootMonitor()
         #: after a restart: walks the route once more, beside the main loop, and when
@@ -573,7 +575,7 @@ class Autopilot:
             ("the way ahead", self._look_ahead, now),
             ("places of a return", self.places.each_second, now),
             ("motion", self._look, self._execution.update, now),
-            ("signs", self._look_for_signs, now),
+            ("signs", self._look, self._signs.update, now),
         ):
             self._attempt(where, job, *arguments)
 
@@ -606,29 +608,6 @@ class Autopilot:
             self._walk_at = math.inf
             self._walk(now)
         self._look(self._borders.update, now)
-
-    def _look_for_signs(self, now: float) -> None:
-        """Tell the arbiter what looks wrong that only this side can work out, when it changes. A sign that cannot be
-        worked out stays as it was."""
-        self._attempt("sign of energy", self._look_at_energy)
-        self._attempt("sign of the route", self._look_at_route)
-        self._attempt("sign of the fence", self._look_at_fence, now)
-        if self._seen != self._signs:
-            self._signs = self._seen
-            self._ties.handle(self._seen, now)
-
-    def _look_at_energy(self) -> None:
-        short = self.aircraft.flying and self.places.short
-        self._seen = replace(self._seen, energy=short, energy_words=self.places.energy_words if short else "")
-
-    def _look_at_route(self) -> None:
-        track = self.route.deviation if self.aircraft.flying else None
-        words = "" if track is None else f"off route: {track.text}"
-        self._seen = replace(self._seen, off_route=track is not None, off_route_words=words)
-
-    def _look_at_fence(self, now: float) -> None:
-        breach = self._execution.breach(self.aircraft, now) if self.aircraft.flying else ""
-        self._seen = replace(self._seen, fence=bool(breach), fence_words=breach)
 
 
 def _for_companion(message: Any, sysid: int) -> bool:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
 """What the autopilot does, for the rules that watch that it does what was decided: its mode, who may have chosen it,
-motion and fence.
+and motion.
 
 Nothing is concluded here: `core/safety/helm.py` and `core/safety/supervision.py` do that.
 """
@@ -9,7 +9,7 @@ Nothing is concluded here: `core/safety/helm.py` and `core/safety/supervision.py
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Final
+from typing import Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
@@ -27,11 +27,6 @@ _STOPPED_S: Final = 3.0
 #: what was said of the radio counts so long: who takes a pilot for a stranger fights him
 _RADIO_S: Final = 10.0
 _LANDING: Final[int] = mavlink.MAV_LANDED_STATE_LANDING
-_BREACHES: Final = {
-    mavlink.FENCE_BREACH_MINALT: "too low",
-    mavlink.FENCE_BREACH_MAXALT: "too high",
-    mavlink.FENCE_BREACH_BOUNDARY: "its border",
-}
 
 
 class ExecutionMonitor:
@@ -103,20 +98,3 @@ class ExecutionMonitor:
                 return None
             away_m = distance_m(own.lat / 1e7, own.lon / 1e7, *place)
         return max(0.0, away_m - state.return_circle_m)  # a circle around the place is at the place
-
-    @staticmethod
-    def breach(state: VehicleState, now: float) -> str:
-        """What is wrong with the fence, in words; "" if nothing is known to be.
-
-        FENCE_STATUS comes only while a fence is on; where it does not, SYS_STATUS has a word of it.
-        """
-        fence: Any = state.telemetry.fence_status.value
-        if fence is not None and now - state.telemetry.fence_status.at < _STOPPED_S:
-            if not fence.breach_status:
-                return ""
-            return f"outside the fence: {_BREACHES.get(fence.breach_type, 'breached')}"
-        lately = now - state.telemetry.sys_status.at < _STOPPED_S
-        known = (
-            lately and state.telemetry.sys_status.value is not None and hands.breached(state.telemetry.sys_status.value)
-        )
-        return "outside the fence" if known else ""

@@ -12,6 +12,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.events import SignsSeen
 from mavproxy_handover.mission.package import MissionPackage
+from mavproxy_handover.monitors.signs import breach
 from mavproxy_handover.vehicle.hands import of_text
 from tests.module.conftest import Bench
 from tests.module.test_route import beside, take_off
@@ -327,10 +328,10 @@ def test_a_radio_of_which_nothing_is_heard_any_more_lives_not_for_ever(flown: Be
 def test_a_fence_of_which_nothing_is_heard_any_more_is_not_breached(flown: Bench) -> None:
     say_health(flown, enabled=FENCE, healthy=0)
     flown.run(2.0)
-    assert flown.companion.autopilot._execution.breach(flown.companion.autopilot.aircraft, flown.clock.now)
+    assert breach(flown.companion.autopilot.aircraft, flown.clock.now)
     flown.each_round = lambda: None
     flown.run(4.0)
-    assert not flown.companion.autopilot._execution.breach(flown.companion.autopilot.aircraft, flown.clock.now)
+    assert not breach(flown.companion.autopilot.aircraft, flown.clock.now)
 
 
 def test_a_hold_that_the_autopilot_refuses_is_a_return_at_once(bench: Bench, delivery: MissionPackage) -> None:

@@ -108,7 +108,7 @@ IN_FLIGHT: dict[str, tuple[Callable[[Bench, pytest.MonkeyPatch], None], str]] = 
     ),
     "the route": (lambda b, patch: patch.setattr(RouteMonitor, "deviation", property(broken)), "sign of the route"),
     "the fence": (
-        lambda b, patch: patch.setattr(b.companion.autopilot._execution, "breach", broken),
+        lambda b, patch: patch.setattr("mavproxy_handover.monitors.signs.breach", broken),
         "sign of the fence",
     ),
     "what the autopilot says to the places": (

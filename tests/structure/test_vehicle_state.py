@@ -110,6 +110,7 @@ def test_no_monitor_imports_another() -> None:
         "reboots",
         "return_site",
         "route",
+        "signs",
         "waypoints",
     } <= names
     assert [
