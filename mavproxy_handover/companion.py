@@ -25,12 +25,14 @@ from typing import Any, Final, TypeVar
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import handover as mavlink
 
+from mavproxy_handover.autopilot.authority import Authority
 from mavproxy_handover.autopilot.autopilot import Autopilot
 from mavproxy_handover.autopilot.briefing import Briefing
+from mavproxy_handover.autopilot.loading import MissionSurroundings
 from mavproxy_handover.autopilot.orders import UNDOING, commanded, disarms
 from mavproxy_handover.autopilot.overrides import Overrides
 from mavproxy_handover.autopilot.read_back import WITHDRAWN
-from mavproxy_handover.autopilot.ties import Ties
+from mavproxy_handover.autopilot.reports import Reports
 from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.config.running import Running
 from mavproxy_handover.core import events
@@ -158,8 +160,11 @@ class Companion:
         self._announcer = Announcer(self._voice)
         self._unheard = Unheard(self._voice)
         self._control = OperatorControl(self._voice, self.narrator, self.handle)
+        authority = Authority(self.arbiter, self.handle, lambda station: self.view.commander == station)
+        reports = Reports(self.narrator, self._voice, self.fault)
+        mission = MissionSurroundings(self._keep, self._close_mission_files, lambda: self.gate.list_open)
         try:
-            self.autopilot = Autopilot(running, self._ties(edge.clocks), edge.nonce, edge.box)
+            self.autopilot = Autopilot(running, authority, reports, mission, edge.clocks, edge.nonce, edge.box)
         except Exception:
             self._restart.close()
             self.journal.close()
@@ -224,21 +229,6 @@ class Companion:
     def _close_mission_files(self) -> None:
         for station, closing in self.gate.close_mission_files():
             self.narrator.closed(station, closing)
-
-    def _ties(self, clocks: Clocks) -> Ties:
-        return Ties(
-            arbiter=self.arbiter,
-            handle=self.handle,
-            fault=self.fault,
-            commands=lambda station: self.view.commander == station,
-            keep=self._keep,
-            close_mission_files=self._close_mission_files,
-            list_open=lambda: self.gate.list_open,
-            stale_s=self.config.limits.position_stale_s,
-            narrator=self.narrator,
-            voice=self._voice,
-            clocks=clocks,
-        )
 
     def _place(self) -> str:
         """The zones that hold the aircraft, by name."""

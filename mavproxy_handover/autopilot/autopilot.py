@@ -15,23 +15,33 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
+from mavproxy_handover.autopilot.authority import Authority
 from mavproxy_handover.autopilot.command_desk import CommandDesk
 from mavproxy_handover.autopilot.copter import Copter
 from mavproxy_handover.autopilot.ground_uploads import GroundUploads
 from mavproxy_handover.autopilot.guard_link import GuardLink
-from mavproxy_handover.autopilot.loading import Along, MissionLoader, MissionWriter, Prepared, Way, way_of
+from mavproxy_handover.autopilot.loading import (
+    Along,
+    MissionLoader,
+    MissionSurroundings,
+    MissionWriter,
+    Prepared,
+    Way,
+    way_of,
+)
 from mavproxy_handover.autopilot.orders import Orders
 from mavproxy_handover.autopilot.package_standing import PackageStanding
 from mavproxy_handover.autopilot.plane import Plane
 from mavproxy_handover.autopilot.preflight import Preflight
 from mavproxy_handover.autopilot.procedures import Procedures
 from mavproxy_handover.autopilot.read_back import ReadBack
+from mavproxy_handover.autopilot.reports import Reports
 from mavproxy_handover.autopilot.return_site import ReturnSite
 from mavproxy_handover.autopilot.staging import Rerouted, Staging
 from mavproxy_handover.autopilot.streams import Streams
 from mavproxy_handover.autopilot.telemetry import Telemetry
 from mavproxy_handover.autopilot.teller import MonitorOutput, Teller
-from mavproxy_handover.autopilot.ties import Ties
+from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.config.running import Running
 from mavproxy_handover.core.events import (
     AutopilotState,
@@ -87,7 +97,16 @@ _OLD_S: Final = 0.2
 class Autopilot:
     """The autopilot of the vehicle of a configuration. Times are monotonic seconds."""
 
-    def __init__(self, running: Running, ties: Ties, nonce: int, box: Box | None = None) -> None:
+    def __init__(
+        self,
+        running: Running,
+        authority: Authority,
+        reports: Reports,
+        around: MissionSurroundings,
+        clocks: Clocks,
+        nonce: int,
+        box: Box | None = None,
+    ) -> None:
         """`nonce`: of this run's leases, never 0; `box`: the position box, where there is one."""
         config = running.config
         self.aircraft = VehicleState()
@@ -96,8 +115,10 @@ class Autopilot:
         #: what the guard said last of itself
         self.guard_status: GuardStatus | None = None
         self._sysid = config.sysid
-        self._ties = ties
-        self._teller = Teller(ties.handle, ties.narrator, ties.voice)
+        self._authority = authority
+        self._reports = reports
+        self._clocks = clocks
+        self._teller = Teller(authority.handle, reports)
         self._on_board = running.mission
         key = running.guard_key
         self._lease = LeaseSequence(nonce, key)
@@ -106,21 +127,23 @@ class Autopilot:
         #: what was told last of leases and guard that do not fit
         self._misfit = ""
         #: those with the autopilot that are going on
-        talks = self.conversations = Conversations(ties.voice.to_autopilot, ties.fault)
+        talks = self.conversations = Conversations(reports.voice.to_autopilot, reports.fault)
         to_whom = config.sysid, lambda: self.aircraft.telemetry.text
         self._procedures = {
             COPTER: Copter(*to_whom, lambda: self.aircraft.foreign),
             PLANE: Plane(*to_whom, self.aircraft),
         }
         self._preflight = Preflight(
-            config.sysid, self.aircraft, config.limits, talks, ties.narrator.preflight, config.energy
+            config.sysid, self.aircraft, config.limits, talks, reports.narrator.preflight, config.energy
         )
-        self._streams = Streams(self.procedures, ties.voice.ask_rates)
+        self._streams = Streams(self.procedures, reports.voice.ask_rates)
         #: before a flight begins: whether the autopilot still holds its mission
         self.read_back = ReadBack(talks, self._compare, self._changed_past)
-        self.orders = Orders(self.procedures, talks, ties, self.read_back.asking, self._changed_past)
-        self._telemetry = Telemetry(self.aircraft, ties, config.limits.position_stale_s)
-        self._energy = EnergyMonitor(config.energy, ties.fault)
+        self.orders = Orders(self.procedures, talks, authority, reports, self.read_back.asking, self._changed_past)
+        self._telemetry = Telemetry(
+            self.aircraft, authority.arbiter.zones, reports, clocks.utc, config.limits.position_stale_s
+        )
+        self._energy = EnergyMonitor(config.energy, reports.fault)
         self._loader = MissionLoader(config, self._adopted)
         #: the aircraft against its route
         self.route = RouteMonitor(config.route)
@@ -132,38 +155,52 @@ class Autopilot:
         self._borders = BorderMonitor(config.limits.operator_timeout_s)
         self._execution = ExecutionMonitor(lambda: self.places.goes_to)
         #: where a return goes
-        self.places = ReturnSite(config.sysid, self.aircraft, lambda: self._energy.fact, self.orders, talks, ties)
-        standing = self._standing = PackageStanding(self._on_board is not None, ties)
+        self.places = ReturnSite(
+            config.sysid, self.aircraft, lambda: self._energy.fact, self.orders, talks, authority, reports
+        )
+        standing = self._standing = PackageStanding(self._on_board is not None, authority.handle, reports)
         #: the commander's commands in flight, judged by the situation
         self.desk = CommandDesk(
-            config.commands, self.aircraft, self._energy, self.places.candidates, ties, self._teller
+            config.commands,
+            self.aircraft,
+            self._energy,
+            self.places.candidates,
+            authority,
+            reports,
+            self._teller,
+            config.limits.position_stale_s,
         )
         #: what stations write to the autopilot on the ground
         self._uploads = GroundUploads(
             self.desk,
             self.procedures,
             talks,
-            ties,
+            authority,
+            reports,
             lambda: self._missions.latest or self._on_board,
             self._fly_upload,
             standing,
+            around.list_open,
         )
         self._missions = MissionWriter(
             self._loader,
             self.procedures,
             talks,
-            ties,
+            authority,
+            reports,
             self._flies_by,
             self.places.candidates.first_point,
             standing,
             self._uploads.forget,
+            around,
         )
         #: and what it uploads then
         self.staging = Staging(
             self.desk,
             self.procedures,
             talks,
-            ties,
+            authority,
+            reports,
             lambda: self._loader.package,
             lambda facts: not_as_checked(facts, self.aircraft),
             self._rerouted,
@@ -190,7 +227,7 @@ class Autopilot:
         self._signs = SignMonitor(
             lambda: self.places.energy_words if self.places.short else None,
             lambda: self.route.deviation,
-            ties.fault,
+            reports.fault,
         )
         self._second_manager_told = False
         self._reboots = RebootMonitor()
@@ -254,7 +291,7 @@ class Autopilot:
 
     def take(self, message: Any, now: float) -> None:
         """A message of the autopilot itself."""
-        aircraft, narrator = self.aircraft, self._ties.narrator
+        aircraft, narrator = self.aircraft, self._reports.narrator
         if self._reboots.seen(message, aircraft.flying, now):
             self._tell_restart(now)
         waypoint, mode, known = aircraft.waypoint, aircraft.custom_mode, aircraft.telemetry.heartbeat.at > -math.inf
@@ -282,17 +319,17 @@ class Autopilot:
         """The autopilot has started again. In flight the operators have to know: it may say that it is disarmed."""
         self.places.autopilot_restarted(now)
         if self._reboots.in_flight(now):
-            self._ties.narrator.autopilot_restarted(_RESTARTED)
-            self._ties.voice.say_to_all(_RESTARTED, mavlink.MAV_SEVERITY_CRITICAL)
+            self._reports.narrator.autopilot_restarted(_RESTARTED)
+            self._reports.voice.say_to_all(_RESTARTED, mavlink.MAV_SEVERITY_CRITICAL)
         else:
-            self._ties.narrator.autopilot_restarted("the autopilot has started again")
+            self._reports.narrator.autopilot_restarted("the autopilot has started again")
 
     def second_manager(self, frame: Frame) -> None:
         """CONTROL_STATUS of somebody else on board: people have to know, the stations do not hear it (`gate`)."""
         manager = bool(frame.payload[0] & mavlink.GCS_CONTROL_STATUS_FLAGS_SYSTEM_MANAGER)
         if manager and not self._second_manager_told:
             self._second_manager_told = True
-            self._ties.narrator.second_manager(frame.compid)
+            self._reports.narrator.second_manager(frame.compid)
 
     def check_zones(self, now: float) -> None:
         """Tell the arbiter where the last position is with respect to every zone."""
@@ -301,7 +338,7 @@ class Autopilot:
             return
         if self.aircraft.dead_reckoning and not self.positions.by_box:
             return
-        self._ties.handle(PositionSeen(self.zone_facts(), self._gaps.fact(self.aircraft)), now)
+        self._authority.handle(PositionSeen(self.zone_facts(), self._gaps.fact(self.aircraft)), now)
         self._attempt("route", self._look, self.route.update, now)
 
     def _mission_flown(self, now: float) -> None:
@@ -327,7 +364,7 @@ class Autopilot:
             self._attempt(
                 "motion", self._look, self._execution.heard, now
             )  # first: what is flown by now need not be commanded
-            self._ties.handle(self._autopilot_state(), now)
+            self._authority.handle(self._autopilot_state(), now)
 
     def _autopilot_state(self) -> AutopilotState:
         aircraft = self.aircraft
@@ -354,16 +391,16 @@ class Autopilot:
         misfit = self._guards.problem(now)
         self._tell_misfit(misfit)
         if status is None:
-            self._ties.handle(GuardSeen(GuardState.SILENT, ours=False, misfit=misfit), now)
+            self._authority.handle(GuardSeen(GuardState.SILENT, ours=False, misfit=misfit), now)
             return
         self.guard_status = status
-        self._ties.handle(GuardSeen(status.state, status.nonce == self._lease.nonce, misfit), now)
+        self._authority.handle(GuardSeen(status.state, status.nonce == self._lease.nonce, misfit), now)
         self._teller.tell(self._execution.guard(status), now)
 
     def _tell_misfit(self, misfit: str) -> None:
         """In flight the operators hear of it at once; on the ground the check before flight tells it."""
         if misfit and misfit != self._misfit and self.aircraft.flying:
-            self._ties.voice.say_to_all(misfit)
+            self._reports.voice.say_to_all(misfit)
         self._misfit = misfit
 
     def _on_energy(self, message: Any, now: float) -> None:
@@ -376,16 +413,16 @@ class Autopilot:
     def _on_reached(self, message: Any, _now: float) -> None:
         owner = self._waypoints.reached(self.aircraft, message.seq)
         delivery = self._loader.delivery.reached(message.seq)
-        self._ties.narrator.reached(message.seq, owner, delivery)
+        self._reports.narrator.reached(message.seq, owner, delivery)
         if delivery is not None:
             text = f"delivery point reached, waypoint {delivery}"
-            self._ties.voice.say_to_all(text, mavlink.MAV_SEVERITY_NOTICE)
+            self._reports.voice.say_to_all(text, mavlink.MAV_SEVERITY_NOTICE)
 
     def tell_landed(self) -> None:
         """The flight is over: every station hears it."""
         on_ground = self.aircraft.telemetry.landed.state == mavlink.MAV_LANDED_STATE_ON_GROUND
         text = f"{'landed' if on_ground else 'disarmed'}: the flight is over"
-        self._ties.voice.say_to_all(text, mavlink.MAV_SEVERITY_NOTICE)
+        self._reports.voice.say_to_all(text, mavlink.MAV_SEVERITY_NOTICE)
 
     # ---- what is wanted of it -------------------------------------------------------------------------------------
 
@@ -396,10 +433,10 @@ class Autopilot:
 
     def send_lease(self, view: AuthorityView, alone_s: float) -> None:
         """Tell the guard who has authority; `alone_s`: how long the aircraft may still fly on without a commander."""
-        now = self._ties.clocks.monotonic()
+        now = self._clocks.monotonic()
         two = self._guards.withholds(now)
         for nonce in self._guards.addressed(now):
-            self._ties.voice.to_autopilot(self._lease.next(view, self._sysid, alone_s, nonce, two_guards=two))
+            self._reports.voice.to_autopilot(self._lease.next(view, self._sysid, alone_s, nonce, two_guards=two))
         self._guards.answered()
 
     def adopt(self, package: MissionPackage, now: float) -> None:
@@ -438,7 +475,7 @@ class Autopilot:
         self._standing.kept = True
         if self._missions.latest is None:
             self._missions.latest = package
-        if self._ties.arbiter.view.phase is Phase.ON_LOAD:
+        if self._authority.arbiter.view.phase is Phase.ON_LOAD:
             self._uploads.found(now)
 
     def holds(self, prepared: Prepared, now: float) -> None:
@@ -532,7 +569,7 @@ class Autopilot:
         self._plan_fit.planned(rerouted.facts)
         self._preflight.planned(rerouted.facts)
         self._judge_plan(now)
-        self._ties.handle(MissionLoaded(self._ties.arbiter.mission_digest, rerouted.commanders), now)
+        self._authority.handle(MissionLoaded(self._authority.arbiter.mission_digest, rerouted.commanders), now)
 
     def authority_moved(self, now: float) -> None:
         """Somebody else commands, or nobody."""
@@ -541,7 +578,7 @@ class Autopilot:
 
     def on_package(self, port: StationPort, message: Any, now: float) -> None:
         """A message of a mission package. Only the commander's is taken, on the ground."""
-        held = b"" if self.route_changed else self._ties.arbiter.mission_digest
+        held = b"" if self.route_changed else self._authority.arbiter.mission_digest
         self._missions.on_message(port, message, held, now)
 
     def renew_streams(self) -> None:
@@ -584,7 +621,7 @@ class Autopilot:
         self._teller.tell(update(self.aircraft, now), now)
 
     def _attempt(self, where: str, job: Callable[..., None], *arguments: Any) -> None:
-        attempt(self._ties.fault, where, job, *arguments)
+        attempt(self._reports.fault, where, job, *arguments)
 
     def _load_on_board(self, grounded: bool, now: float) -> None:
         if self._changed_aloft and grounded:
@@ -598,7 +635,7 @@ class Autopilot:
         firmware = None if self.guard_status is None else self.guard_status.firmware
         asked = grounded or self.aircraft.always_armed
         misfit = self._guards.problem(now)
-        self._preflight.each_second(asked, self._ties.arbiter.guard(now), firmware, now, misfit)
+        self._preflight.each_second(asked, self._authority.arbiter.guard(now), firmware, now, misfit)
 
     def _watch_energy(self, grounded: bool, now: float) -> None:
         self._teller.tell(self._energy.update(self.aircraft, now, grounded=grounded), now)

@@ -29,8 +29,9 @@ from typing import Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
+from mavproxy_handover.autopilot.authority import Authority
+from mavproxy_handover.autopilot.reports import Reports
 from mavproxy_handover.autopilot.teller import Teller
-from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.core.model import Flown
 from mavproxy_handover.core.safety.commands import (
     LIFTED_S,
@@ -127,8 +128,10 @@ class CommandDesk:
         aircraft: VehicleState,
         energy: EnergyMonitor,
         places: Candidates,
-        ties: Ties,
+        authority: Authority,
+        reports: Reports,
         teller: Teller,
+        stale_s: float,
     ) -> None:
         self.rules = CommandRules(policies)
         #: of START: whether it is refused for its energy says the policy of the energy, not of commands in flight
@@ -138,8 +141,11 @@ class CommandDesk:
         self._aircraft = aircraft
         self._energy = energy
         self._places = places
-        self._ties = ties
+        self._authority = authority
+        self._reports = reports
         self._teller = teller
+        #: an older position (s) is not known any more
+        self._stale_s = stale_s
         #: of the circle that GUIDED flies until it is left (m); 0: it has been told none
         self._kept_radius_m = 0.0
         #: the speed that GUIDED was told until it is left (m/s), and the place; None: none
@@ -205,9 +211,9 @@ class CommandDesk:
         """It is refused, and nothing lifts that."""
         ruling = Ruling(Outcome.REFUSED, (), why)
         if self._entries.allow(port.sysid, (word, why), now):
-            self._ties.narrator.command_refused(port.name, word, ruling)
+            self._reports.narrator.command_refused(port.name, word, ruling)
             if self._words.allow(port.sysid, (word, why), now):
-                self._ties.voice.say(port, f"{word} refused: {why}")
+                self._reports.voice.say(port, f"{word} refused: {why}")
         return ruling
 
     def mode_changed(self) -> None:
@@ -217,7 +223,7 @@ class CommandDesk:
 
     def target(self, aim: Aim, station: int, now: float) -> bool:
         """Whether the commander's stream of targets may lead there."""
-        port = self._ties.voice.ports[station]
+        port = self._reports.voice.ports[station]
         passes = self._rule(port, Kind.TARGET, "target", _Copy(aim), now, lambda: self._to(aim)).passes
         if passes:
             self._kept_aim = aim
@@ -254,10 +260,10 @@ class CommandDesk:
         ruling = self._start_rules.rule(Kind.START, wish, left, port.sysid, now, heard_since=since, repeats=repeats)
         if ruling.outcome is Outcome.LIFTED:
             self._teller.tell(self._energy.lift(now, now), now)
-            self._ties.narrator.command_passed(port.name, "START", ruling)
+            self._reports.narrator.command_passed(port.name, "START", ruling)
         warned = self._energy.warned
         if warned and self._words.allow(port.sysid, ("START", (Limit.ENERGY,), Kind.START), now):
-            self._ties.voice.say(port, f"START, warning: energy: {warned}")
+            self._reports.voice.say(port, f"START, warning: energy: {warned}")
 
     # ---- what the operator lifts ----------------------------------------------------------------------------------
 
@@ -266,7 +272,7 @@ class CommandDesk:
         self.rules.lift(limit, now)
         if limit is Limit.ENERGY:
             self._teller.tell(self._energy.lift(now + LIFTED_S, now), now)
-        self._ties.narrator.override(limit.value, by, LIFTED_S)
+        self._reports.narrator.override(limit.value, by, LIFTED_S)
 
     def authority_moved(self) -> None:
         """Somebody else commands, or nobody."""
@@ -318,7 +324,7 @@ class CommandDesk:
         return ruling
 
     def _broke(self) -> None:
-        self._ties.fault("judging a command", traceback.format_exc(limit=-3))
+        self._reports.fault("judging a command", traceback.format_exc(limit=-3))
 
     def _left(
         self, kind: Kind, way: Callable[[], Sequence[Leg]], limits: Sequence[Limit], ahead: Ahead | None, now: float
@@ -384,13 +390,13 @@ class CommandDesk:
 
     def _usable(self, now: float) -> frozenset[int]:
         """The commander, and whoever could take the aircraft from it now."""
-        commands, unfit = self._ties.commands, self._ties.arbiter.unfit
-        return frozenset(each for each in self._ties.voice.ports if commands(each) or unfit(each, now) is None)
+        commands, unfit = self._authority.commands, self._authority.arbiter.unfit
+        return frozenset(each for each in self._reports.voice.ports if commands(each) or unfit(each, now) is None)
 
     def here(self, now: float) -> _Place | None:
         """Where the aircraft is: latitude, longitude, metres above home; None: nobody knows."""
         aircraft = self._aircraft
-        return aircraft.where if now - aircraft.position.at < self._ties.stale_s else None
+        return aircraft.where if now - aircraft.position.at < self._stale_s else None
 
     # ---- ways -----------------------------------------------------------------------------------------------------
 
@@ -466,7 +472,7 @@ class CommandDesk:
         entries = self._stream_entries if kind is Kind.TARGET else self._entries
         if not entries.allow(port.sysid, (kind, ruling.outcome, ruling.limits), now):
             return
-        narrator, voice = self._ties.narrator, self._ties.voice
+        narrator, voice = self._reports.narrator, self._reports.voice
         if ruling.passes:
             narrator.command_passed(port.name, word, ruling)
         else:

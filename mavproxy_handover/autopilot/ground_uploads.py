@@ -27,12 +27,13 @@ from typing import Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
+from mavproxy_handover.autopilot.authority import Authority
 from mavproxy_handover.autopilot.command_desk import CommandDesk
 from mavproxy_handover.autopilot.loading import Along, Prepared, way_of
 from mavproxy_handover.autopilot.mission_protocol import fence_items, same_fence
 from mavproxy_handover.autopilot.package_standing import PackageStanding
 from mavproxy_handover.autopilot.procedures import HeldPlan, Procedures
-from mavproxy_handover.autopilot.ties import Ties
+from mavproxy_handover.autopilot.reports import Reports
 from mavproxy_handover.core.safety.commands import QUIET_S, Limit
 from mavproxy_handover.gate.list_changes import MISSION, ListChange
 from mavproxy_handover.gate.words import how_to_lift
@@ -96,18 +97,22 @@ class GroundUploads:
         desk: CommandDesk,
         procedures: Callable[[], Procedures],
         conversations: Conversations,
-        ties: Ties,
+        authority: Authority,
+        reports: Reports,
         package: Callable[[], MissionPackage | None],
         flown: Callable[[Prepared, bool, float], None],
         standing: PackageStanding,
+        list_open: Callable[[], bool],
     ) -> None:
         self._desk = desk
         self._procedures = procedures
         self._conversations = conversations
-        self._ties = ties
+        self._authority = authority
+        self._reports = reports
         self._package = package
         self._flown = flown
         self._standing = standing
+        self._list_open = list_open
         self._worker = Worker()
         #: what is to be judged; None: nothing is
         self._written: _Written | None = None
@@ -139,9 +144,9 @@ class GroundUploads:
         self._worker.tick(now)
         if self._written is None or now < self._due_at or _READ in self._conversations:
             return
-        if self._ties.list_open() and now < self._changed_at + _STALLED_S:
+        if self._list_open() and now < self._changed_at + _STALLED_S:
             self._due_at = now + _SETTLED_S
-        elif self._ties.arbiter.grounded(now):
+        elif self._authority.arbiter.grounded(now):
             self._read(self._written, now)
 
     # ---- the steps ------------------------------------------------------------------------------------------------
@@ -176,7 +181,7 @@ class GroundUploads:
             self._standing.waits(_name(written), written.what, now)
             return
         port = written.port
-        commander = port.sysid if port is not None and self._ties.commands(port.sysid) else package.parent.sysid
+        commander = port.sysid if port is not None and self._authority.commands(port.sysid) else package.parent.sysid
 
         def judged(result: _Judged | Exception, now: float) -> None:
             if self._written is written:
@@ -189,11 +194,11 @@ class GroundUploads:
         if not isinstance(result, _Judged):
             why = str(result)
             if not isinstance(result, (MissionError, TimeoutError)):
-                self._ties.fault("upload on the ground", f"{type(result).__name__}: {result}")
+                self._reports.fault("upload on the ground", f"{type(result).__name__}: {result}")
                 why = "internal fault"
             self._reject(written, why, now)
             return
-        if not self._ties.arbiter.grounded(now):
+        if not self._authority.arbiter.grounded(now):
             self._reject(written, "the aircraft was armed before it was judged", now)
             return
         wish = held.items[1:], held.fence
@@ -205,13 +210,13 @@ class GroundUploads:
         prepared = result.prepared
         self._flown(prepared, not result.own, now)
         count = len(held.items) - 1
-        self._ties.narrator.mission_judged(_name(written), count, prepared.commanders, own=result.own)
+        self._reports.narrator.mission_judged(_name(written), count, prepared.commanders, own=result.own)
         self._standing.judged(_name(written), written.what, count, prepared.package.name, own=result.own, now=now)
 
     def _reject(self, written: _Written, why: str, now: float, lifted: str = "") -> None:
         self._written = None
         known = self._package() is not None
-        self._ties.narrator.mission_rejected(_name(written), written.what, why)
+        self._reports.narrator.mission_rejected(_name(written), written.what, why)
         self._standing.rejected(_name(written), written.what, why, lifted, known=known, now=now)
 
 

@@ -16,10 +16,11 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
+from mavproxy_handover.autopilot.authority import Authority
 from mavproxy_handover.autopilot.delivery import DeliveryPoint
 from mavproxy_handover.autopilot.package_standing import ON_BOARD_RETRY_S, PackageStanding
 from mavproxy_handover.autopilot.procedures import Plan, Procedures
-from mavproxy_handover.autopilot.ties import Ties
+from mavproxy_handover.autopilot.reports import Reports
 from mavproxy_handover.config.files import VehicleConfig
 from mavproxy_handover.core.events import MissionLoaded
 from mavproxy_handover.core.safety.energy import Piece
@@ -221,6 +222,18 @@ class MissionLoader:
         return tuple(place for _seq, place in places[:_NEXT_PIECES])
 
 
+@dataclass(frozen=True, slots=True)
+class MissionSurroundings:
+    """What else there is to do about the mission that the autopilot holds."""
+
+    #: keeps the mission package that it holds
+    keep: Callable[[MissionPackage], None]
+    #: throws away the mission files that a station has open for writing there
+    close_files: Callable[[], None]
+    #: whether a station is writing its mission or geofence
+    list_open: Callable[[], bool]
+
+
 class MissionWriter:
     """Takes packages from the stations and from on board to the autopilot. What takes time is the `worker`'s.
 
@@ -234,20 +247,24 @@ class MissionWriter:
         loader: MissionLoader,
         procedures: Callable[[], Procedures],
         conversations: Conversations,
-        ties: Ties,
+        authority: Authority,
+        reports: Reports,
         flies_by: Callable[[MissionPackage | None, Along, float], None],
         first_point: Callable[[MissionPackage], RallyPoint],
         standing: PackageStanding,
         overwrites: Callable[[], None],
+        around: MissionSurroundings,
     ) -> None:
         self._loader = loader
         self._procedures = procedures
         self._conversations = conversations
-        self._ties = ties
+        self._authority = authority
+        self._reports = reports
         self._flies_by = flies_by
         self._first_point = first_point
         self._standing = standing
         self._overwrites = overwrites
+        self._around = around
         #: the package that was loaded last, whatever the autopilot holds by now
         self.latest: MissionPackage | None = None
         self._worker = Worker()
@@ -282,7 +299,7 @@ class MissionWriter:
                 port.send(self._loader.refused(digest, "too late: it commands no more, or START was given", target))
             else:
                 port.send(self._loader.received(digest, target))
-                self._ties.narrator.package_received(result.package.name, port.name)
+                self._reports.narrator.package_received(result.package.name, port.name)
                 self._load(result, port, now)
 
         if not self._worker.submit(lambda: self._loader.read(data, digest, addresses), read):
@@ -299,10 +316,10 @@ class MissionWriter:
 
     def list_changed(self, port: StationPort, change: ListChange, now: float) -> None:
         """On the ground a station's message changes a list of the autopilot: no package counts any more."""
-        loaded = bool(self._ties.arbiter.mission_digest)
+        loaded = bool(self._authority.arbiter.mission_digest)
         self._on_board_at = now + ON_BOARD_RETRY_S
         why = f"{port.name} changed the {change.what} meanwhile"
-        attempt(self._ties.fault, "end of a load", self._break_off, why, now)
+        attempt(self._reports.fault, "end of a load", self._break_off, why, now)
         self.drop(now)
         self._standing.changed(port, change, loaded, now)
 
@@ -310,12 +327,12 @@ class MissionWriter:
         """The autopilot holds this mission, which a station wrote and which was judged (`ground_uploads.py`)."""
         package, loader = prepared.package, self._loader
         loader.adopt(package, prepared.finder, prepared.way, now)
-        self._ties.keep(package)
-        self._ties.handle(MissionLoaded(package.digest, prepared.commanders, loader.out_of_coverage), now)
+        self._around.keep(package)
+        self._authority.handle(MissionLoaded(package.digest, prepared.commanders, loader.out_of_coverage), now)
 
     def flight_over(self, now: float) -> None:
         """On the ground again, and the mission was changed in flight: the package does not count any more."""
-        loaded = bool(self._ties.arbiter.mission_digest)
+        loaded = bool(self._authority.arbiter.mission_digest)
         self.drop(now)
         if loaded:
             self._standing.flight_over(now)
@@ -324,14 +341,14 @@ class MissionWriter:
         """The autopilot holds another mission or geofence than it did, and no station's message has changed it."""
         self._on_board_at = now + ON_BOARD_RETRY_S
         self.drop(now)
-        self._ties.narrator.changed_past(how)
+        self._reports.narrator.changed_past(how)
         self._standing.changed_past(how, now)
 
     def drop(self, now: float) -> None:
         """What the autopilot holds is not known any more."""
         self._loader.forget()
-        if self._ties.arbiter.mission_digest:
-            self._ties.handle(MissionLoaded(b"", ()), now)
+        if self._authority.arbiter.mission_digest:
+            self._authority.handle(MissionLoaded(b"", ()), now)
         self._flies_by(None, Along(), now)
 
     def _break_off(self, why: str, now: float) -> None:
@@ -347,14 +364,14 @@ class MissionWriter:
         What a station wrote to the autopilot on the ground stays (`package_standing.py`).
         """
         waits = self._standing.kept or now < self._on_board_at
-        if waits or self._ties.arbiter.mission_digest or _LOAD in self._conversations:
+        if waits or self._authority.arbiter.mission_digest or _LOAD in self._conversations:
             return
         self._on_board_at = now + ON_BOARD_RETRY_S
 
         def prepared(result: Prepared | Exception, now: float) -> None:
             if not isinstance(result, Prepared):
                 self._failed(package, self._why(result), None, now)
-            elif not self._standing.kept and self._ties.arbiter.grounded(now):  # it took a while to prepare
+            elif not self._standing.kept and self._authority.arbiter.grounded(now):  # it took a while to prepare
                 self._load(result, None, now)
 
         self._worker.submit(lambda: prepare(package), prepared)
@@ -366,7 +383,7 @@ class MissionWriter:
             if isinstance(result, Prepared):
                 found(result.along)
             else:
-                self._ties.fault("way of the mission", f"{type(result).__name__}: {result}")
+                self._reports.fault("way of the mission", f"{type(result).__name__}: {result}")
 
         self._worker.submit(lambda: prepare(package), prepared)
 
@@ -375,21 +392,22 @@ class MissionWriter:
         self._worker.tick(now)
 
     def _welcome(self, port: StationPort, now: float) -> bool:
-        return self._ties.commands(port.sysid) and self._ties.arbiter.grounded(now)
+        return self._authority.commands(port.sysid) and self._authority.arbiter.grounded(now)
 
     def _why(self, error: Exception) -> str:
         if isinstance(error, (MissionError, TimeoutError)):
             return str(error)
-        self._ties.fault("mission package", f"{type(error).__name__}: {error}")
+        self._reports.fault("mission package", f"{type(error).__name__}: {error}")
         return "internal fault"
 
     def _load(self, prepared: Prepared, port: StationPort | None, now: float) -> None:
         """Write a package to the autopilot and read it back; `port`: who sent it, None for the one on board."""
-        ties, loader, package = self._ties, self._loader, prepared.package
-        if ties.arbiter.mission_digest:  # from the first item on, the autopilot no longer holds what it held
-            ties.handle(MissionLoaded(b"", ()), now)
+        authority, around = self._authority, self._around
+        loader, package = self._loader, prepared.package
+        if authority.arbiter.mission_digest:  # from the first item on, the autopilot no longer holds what it held
+            authority.handle(MissionLoaded(b"", ()), now)
         self._flies_by(None, Along(), now)
-        ties.close_mission_files()
+        around.close_files()
         self._writing = package, port
         self._overwrites()
 
@@ -405,10 +423,10 @@ class MissionWriter:
             if port is not None:
                 port.send(loader.loaded(prepared, port.target))
             self._standing.loaded(package.name, port, now)
-            ties.narrator.mission_written(package, talk.result.fence, talk.result.cruise_mps)
-            ties.keep(package)
+            self._reports.narrator.mission_written(package, talk.result.fence, talk.result.cruise_mps)
+            around.keep(package)
             self._flies_by(package, prepared.along, now)
-            ties.handle(MissionLoaded(package.digest, prepared.commanders, loader.out_of_coverage), now)
+            authority.handle(MissionLoaded(package.digest, prepared.commanders, loader.out_of_coverage), now)
 
         asking = self._procedures().load(_plan(package, self._first_point(package)))
         self._conversations.begin(_LOAD, asking, done, now)
@@ -417,7 +435,7 @@ class MissionWriter:
         """Tell the sender, the other operators and the journal that a package was not loaded."""
         if port is not None:
             port.send(self._loader.refused(package.digest, why, port.target))
-        self._ties.narrator.mission_failed(why, _ON_BOARD if port is None else port.name)
+        self._reports.narrator.mission_failed(why, _ON_BOARD if port is None else port.name)
         self._standing.failed(package.name, why, None if port is None else port.name, now)
 
 

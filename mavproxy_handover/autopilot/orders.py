@@ -20,10 +20,11 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
+from mavproxy_handover.autopilot.authority import Authority
 from mavproxy_handover.autopilot.mission_protocol import RefusedError
 from mavproxy_handover.autopilot.procedures import Procedures
 from mavproxy_handover.autopilot.read_back import WITHDRAWN, NotHeldError
-from mavproxy_handover.autopilot.ties import Ties
+from mavproxy_handover.autopilot.reports import Reports
 from mavproxy_handover.core.events import HandSeen, OrderRefused, StartFinished, StartRequested
 from mavproxy_handover.core.model import FlightAction, Hand
 from mavproxy_handover.core.safety.commands import QUIET_S, Kind, Limit
@@ -129,7 +130,8 @@ class Orders:
         self,
         procedures: Callable[[], Procedures],
         conversations: Conversations,
-        ties: Ties,
+        authority: Authority,
+        reports: Reports,
         read_back: Callable[[], Asking],
         changed: Callable[[str, float], None],
     ) -> None:
@@ -139,7 +141,8 @@ class Orders:
         self._changed = changed
         self._procedures = procedures
         self._conversations = conversations
-        self._ties = ties
+        self._authority = authority
+        self._reports = reports
         #: of each station, who there asked for a START that the rules have not answered yet
         self._asked: dict[int, _Asker] = {}
         #: who asked for the START that is under way, or was last
@@ -176,11 +179,11 @@ class Orders:
         if self.starting:  # asked again: it is on its way
             mine = asker == self._starter
             result = mavlink.MAV_RESULT_IN_PROGRESS if mine else mavlink.MAV_RESULT_TEMPORARILY_REJECTED
-            self._ties.voice.acknowledge(port, asker.sender, MISSION_START, result)
+            self._reports.voice.acknowledge(port, asker.sender, MISSION_START, result)
             return
-        self._ties.narrator.start_asked(port.name, what, now)
+        self._reports.narrator.start_asked(port.name, what, now)
         self._asked[port.sysid] = asker
-        self._ties.handle(StartRequested(port.sysid), now)
+        self._authority.handle(StartRequested(port.sysid), now)
 
     def start(self, station: int, now: float) -> None:
         """Read the mission back, arm and fly it. The program at `station` that asked is told the result."""
@@ -189,7 +192,7 @@ class Orders:
 
         def done(talk: Conversation, now: float) -> None:
             text = talk.failure or ""
-            self._ties.handle(StartFinished(talk.failure is None, text), now)
+            self._authority.handle(StartFinished(talk.failure is None, text), now)
             if isinstance(talk.error, NotHeldError):
                 self._changed(text, now)
                 self._answer(asker, mavlink.MAV_RESULT_TEMPORARILY_REJECTED, f"START refused: {text}")
@@ -206,7 +209,7 @@ class Orders:
             yield from self._read_back()
             yield from procedures.start()
 
-        self._ties.narrator.start_begun(asker.port.name, procedures.vehicle.starts_by)
+        self._reports.narrator.start_begun(asker.port.name, procedures.vehicle.starts_by)
         self._conversations.begin(_START, steps(), done, now)
 
     def refuse_start(self, station: int, needs: tuple[str, ...], now: float) -> None:
@@ -217,7 +220,7 @@ class Orders:
 
     def refuse_take_off(self, port: StationPort, frame: Frame, needs: tuple[str, ...], now: float) -> None:
         """A command that arms or takes off cannot be: what START still needs."""
-        voice, sender = self._ties.voice, (frame.sysid, frame.compid)
+        voice, sender = self._reports.voice, (frame.sysid, frame.compid)
         command = commanded(frame)
         if command is not None and not (needs == (WITHDRAWN,) and self._answered_by_disarm(frame)):
             voice.acknowledge(port, sender, command, mavlink.MAV_RESULT_TEMPORARILY_REJECTED)
@@ -238,13 +241,13 @@ class Orders:
             by_hand = len(needs) == 1 and needs[0].startswith("energy: ")
             again_in_s = None if needs == (f"energy: {FAULT}",) else QUIET_S
             lifts = f". {how_to_lift(Limit.ENERGY, again_in_s)}" if by_hand else ""
-            self._ties.voice.say(port, f"{refused(what, needs)}{lifts}")
+            self._reports.voice.say(port, f"{refused(what, needs)}{lifts}")
 
     def give_start_up(self, why: str, now: float) -> None:
         """End a START that is under way, if one is."""
         asker = self._starter
         if self._conversations.drop(_START) and asker is not None:
-            self._ties.handle(StartFinished(False, why), now)
+            self._authority.handle(StartFinished(False, why), now)
             self._answer(asker, mavlink.MAV_RESULT_FAILED, f"START failed: {why}")
             self._conversations.begin(_CALLED_OFF, self._procedures().call_off_start(), lambda _talk, _now: None, now)
 
@@ -275,19 +278,19 @@ class Orders:
         """The autopilot says that it is disarmed. A command that came after that, and before it said so, was accepted
         by it and began nothing. A station that does not command any more is told nothing: it cannot send START."""
         went_on, self._went_on = self._went_on, None
-        if went_on is None or not self._ties.commands(went_on[0].sysid):
+        if went_on is None or not self._authority.commands(went_on[0].sysid):
             return
         if now - went_on[2] <= _NO_EFFECT_S:
             text = f"{went_on[1]} had no effect: the vehicle had landed and disarmed. Send START again."
-            self._ties.voice.say(went_on[0], text)
+            self._reports.voice.say(went_on[0], text)
 
     def _answer(self, asker: _Asker, result: int, why: str = "") -> None:
         self._reply(asker, MISSION_START, result, why)
 
     def _reply(self, asker: _Asker, command: int, result: int, why: str = "") -> None:
-        self._ties.voice.acknowledge(asker.port, asker.sender, command, result)
+        self._reports.voice.acknowledge(asker.port, asker.sender, command, result)
         if why:
-            self._ties.voice.say(asker.port, why)
+            self._reports.voice.say(asker.port, why)
 
     # ---- STOP and CONTINUE ----------------------------------------------------------------------------------------
 
@@ -322,7 +325,7 @@ class Orders:
                 f"{called(subject_of(frame))} failed: {talk.failure}" if talk.failure else "",
             )
 
-        self._ties.handle(HandSeen(Hand.COMMANDER, procedures.holds_by(pause)), now)
+        self._authority.handle(HandSeen(Hand.COMMANDER, procedures.holds_by(pause)), now)
         self._conversations.begin(_PAUSE, procedures.hold(pause), done, now)
 
     def _give_stop_up(self, why: str) -> None:
@@ -343,7 +346,7 @@ class Orders:
             return
 
         def done(talk: Conversation, _now: float) -> None:
-            self._ties.narrator.speed(speed_mps, talk.failure)
+            self._reports.narrator.speed(speed_mps, talk.failure)
 
         self._conversations.begin(_SPEED, self._procedures().set_speed(speed_mps), done, now)
 
@@ -378,7 +381,7 @@ class Orders:
         procedures = self._procedures()
         flown = procedures.holds_by(pause)
         if flown is not None:  # whose mode this is shows by nothing else
-            self._ties.handle(HandSeen(Hand.COMPANION, flown), now)
+            self._authority.handle(HandSeen(Hand.COMPANION, flown), now)
         return procedures.hold(pause)
 
     def again(self, now: float) -> None:
@@ -395,9 +398,9 @@ class Orders:
             vehicle = self._procedures().vehicle
             to_place = {vehicle.mode_name(mode) for mode in vehicle.to_place}
             self.returning = action is FlightAction.RETURN and talk.result in to_place
-            self._ties.narrator.flown(action, talk.result, talk.failure)
+            self._reports.narrator.flown(action, talk.result, talk.failure)
             if isinstance(talk.error, RefusedError):
-                self._ties.handle(OrderRefused(action), now)
+                self._authority.handle(OrderRefused(action), now)
 
         self._conversations.begin(_HOME, asking, done, now)
 
@@ -412,5 +415,5 @@ class Orders:
         try:
             return self.before_return(now)
         except Exception:
-            self._ties.fault("place of a return", traceback.format_exc(limit=-3))
+            self._reports.fault("place of a return", traceback.format_exc(limit=-3))
             return lambda: True

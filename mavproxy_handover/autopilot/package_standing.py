@@ -13,12 +13,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.ties import Ties
-from mavproxy_handover.core.events import MissionJudged
+from mavproxy_handover.autopilot.reports import Reports
+from mavproxy_handover.core.events import Event, MissionJudged
 from mavproxy_handover.gate.list_changes import MISSION, ListChange
 from mavproxy_handover.stations.port import StationPort
 
@@ -39,9 +40,10 @@ _VEHICLE: Final = "the vehicle's own package"
 class PackageStanding:
     """Of one vehicle. `on_board`: its configuration names a package."""
 
-    def __init__(self, on_board: bool, ties: Ties) -> None:
+    def __init__(self, on_board: bool, handle: Callable[[Event, float], None], reports: Reports) -> None:
         self._on_board = on_board
-        self._ties = ties
+        self._handle = handle
+        self._reports = reports
         #: a station wrote the list that the autopilot holds: the package on board does not replace it
         self.kept = False
         #: why no mission is loaded, as the arbiter was told last
@@ -55,7 +57,7 @@ class PackageStanding:
         """A station's message changes a list of the autopilot. `was_loaded`: a mission counted until now."""
         cleared = change.clears and change.what == MISSION
         if was_loaded or not self.kept:
-            self._ties.narrator.list_changed(port.name, change.what, counted=was_loaded)
+            self._reports.narrator.list_changed(port.name, change.what, counted=was_loaded)
         self.kept = True
         lacks = self._cleared_words(port.name) if cleared else f"the {change.what} of {port.name} is being judged"
         self._lack(lacks, now)
@@ -134,9 +136,9 @@ class PackageStanding:
         self._failure = ""
         source = _VEHICLE if sender is None else sender.name
         text = f"Mission {mission} loaded from {source}: written, read back, equal."
-        for port in self._ties.voice.ports.values():
+        for port in self._reports.voice.ports.values():
             if port is not sender:
-                self._ties.voice.say(port, text, _NOTICE)
+                self._reports.voice.say(port, text, _NOTICE)
 
     def failed(self, mission: str, why: str, station: str | None, now: float) -> None:
         """It was not. The package on board is tried again, and operators hear of a new reason only."""
@@ -151,7 +153,7 @@ class PackageStanding:
     def _lack(self, words: str, now: float) -> None:
         if words != self._lacks:
             self._lacks = words
-            self._ties.handle(MissionJudged(words), now)
+            self._handle(MissionJudged(words), now)
 
     def _say(self, text: str, severity: int = mavlink.MAV_SEVERITY_WARNING) -> None:
-        self._ties.voice.say_to_all(text, severity)
+        self._reports.voice.say_to_all(text, severity)

@@ -20,7 +20,7 @@ from typing import Any, Final
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.mission_protocol import rally_items
-from mavproxy_handover.autopilot.ties import Ties
+from mavproxy_handover.autopilot.reports import Reports
 from mavproxy_handover.gate.list_file import ListFile
 from mavproxy_handover.gate.mission_items import Flaw, flaw
 from mavproxy_handover.gate.mission_server import MissionServer, Turn
@@ -39,16 +39,19 @@ _WORDS: Final = "rally points"
 class RallyList:
     """The list, and the uploads and downloads of it. Times are monotonic seconds.
 
-    `points` says what is in it, `replaced` is told what the commander has put there instead.
+    `commands`: whether a station commands. `points` says what is in it, `replaced` is told what the commander has put
+    there instead.
     """
 
     def __init__(
         self,
-        ties: Ties,
+        commands: Callable[[int], bool],
+        reports: Reports,
         points: Callable[[], Sequence[RallyPoint]],
         replaced: Callable[[tuple[RallyPoint, ...], str, float], None],
     ) -> None:
-        self._ties = ties
+        self._commands = commands
+        self._reports = reports
         self._points = points
         self._replaced = replaced
         self._server = MissionServer(_RALLY, MOST_POINTS, _flaw)
@@ -68,7 +71,7 @@ class RallyList:
             refusal = mavlink.MAVLink_mission_ack_message(
                 *sender, mavlink.MAV_MISSION_UNSUPPORTED, message.mission_type
             )
-            self._ties.answer(port, _WORDS, Turn((refusal,)))
+            self._reports.answer(port, _WORDS, Turn((refusal,)), now)
             return
         if not self._server.knows(message):
             return
@@ -77,10 +80,10 @@ class RallyList:
         turn = self._server.take(message, sender, now)
         if self._server.sender == sender:
             self._port = port
-        self._ties.answer(port, _WORDS, turn)
+        self._reports.answer(port, _WORDS, turn, now)
         if turn.whole is not None:
             self._replaced(tuple(map(_point, turn.whole.items)), port.name, now)
-            self._ties.answer(port, _WORDS, self._server.conclude(mavlink.MAV_MISSION_ACCEPTED, now))
+            self._reports.answer(port, _WORDS, self._server.conclude(mavlink.MAV_MISSION_ACCEPTED, now), now)
 
     def _take_file(self, port: StationPort, message: Any, sender: tuple[int, int], now: float) -> None:
         self._give_up(now)
@@ -88,23 +91,23 @@ class RallyList:
         if turn.whole is not None:
             self._replaced(tuple(map(_point, turn.whole.items)), port.name, now)
             turn = self.file.conclude(port.sysid)
-        self._ties.answer(port, _WORDS, turn)
+        self._reports.answer(port, _WORDS, turn, now)
 
     def tick(self, now: float) -> None:
         """Time has passed; to be called often."""
         self._give_up(now)
         if self._port is not None:
-            self._ties.answer(self._port, _WORDS, self._server.tick(now))
+            self._reports.answer(self._port, _WORDS, self._server.tick(now), now)
 
     def _give_up(self, now: float) -> None:
         """The uploads of stations that command no more."""
         for station in self.file.writers:
-            if not self._ties.commands(station):
+            if not self._commands(station):
                 self.file.forget(station)
         if self._server.sender is None:
             self._port = None
-        if self._port is not None and not self._ties.commands(self._port.sysid):
-            self._ties.answer(self._port, _WORDS, self._server.give_up("its sender commands no more", now))
+        if self._port is not None and not self._commands(self._port.sysid):
+            self._reports.answer(self._port, _WORDS, self._server.give_up("its sender commands no more", now), now)
             self._port = None
 
 

@@ -23,12 +23,13 @@ import math
 from collections.abc import Callable
 from typing import Any, Final
 
+from mavproxy_handover.autopilot.authority import Authority
 from mavproxy_handover.autopilot.orders import Orders
 from mavproxy_handover.autopilot.rally import RallyKeeper
 from mavproxy_handover.autopilot.rally_list import RallyList
+from mavproxy_handover.autopilot.reports import Reports
 from mavproxy_handover.autopilot.return_news import ReturnNews
 from mavproxy_handover.autopilot.return_questions import ReturnQuestions
-from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.core.events import PlaceJudged
 from mavproxy_handover.core.model import LeaseState
 from mavproxy_handover.core.safety.energy import EnergyFact
@@ -67,21 +68,23 @@ class ReturnSite:
         energy: Callable[[], EnergyFact],
         orders: Orders,
         conversations: Conversations,
-        ties: Ties,
+        authority: Authority,
+        reports: Reports,
     ) -> None:
         self._state = state
         self._energy = energy
         self._orders = orders
-        self._ties = ties
+        self._authority = authority
+        self._reports = reports
         self.candidates = Candidates(state)
-        self.views = Views(state, self.candidates, ties.fault)
+        self.views = Views(state, self.candidates, reports.fault)
         self._margin = Margin(state, self.candidates, self.views)
         self._choice = SiteChoice(state, self.candidates, self.views, self._margin)
         self._questions = ReturnQuestions(sysid, state, self.candidates, conversations, self._look_at_home)
         self._keeper = RallyKeeper(sysid, conversations, self._held, self._not_held, self._overwritten)
         #: the rally list as stations see it
-        self.list = RallyList(ties, lambda: self.candidates.rally, self._replaced)
-        self._news = ReturnNews(state, ties)
+        self.list = RallyList(authority.commands, reports, lambda: self.candidates.rally, self._replaced)
+        self._news = ReturnNews(state, authority.arbiter.name, reports)
         #: what was told of the choice last
         self._judged: PlaceJudged | None = None
         #: the heartbeat before this one
@@ -159,7 +162,7 @@ class ReturnSite:
 
     def _replaced(self, points: tuple[RallyPoint, ...], station: str, now: float) -> None:
         self.candidates.replace_rally(points)
-        self._ties.narrator.rally_list(len(points), station, now)
+        self._reports.narrator.rally_list(len(points), station, now)
 
     def autopilot_restarted(self, now: float) -> None:
         """The autopilot has started again, or was silent so long that it may have.
@@ -213,8 +216,8 @@ class ReturnSite:
         """Judge the places, and keep the best one in the list."""
         if self.candidates.package is None or self._state.foreign:
             return
-        attempt(self._ties.fault, _ASKING, self._questions.ask, now)
-        attempt(self._ties.fault, LOOKING, self._look, now)
+        attempt(self._reports.fault, _ASKING, self._questions.ask, now)
+        attempt(self._reports.fault, LOOKING, self._look, now)
 
     def _look(self, now: float) -> None:
         state, chosen = self._state, self._choice.name
@@ -233,7 +236,7 @@ class ReturnSite:
             return  # what holds is about to be read
         if self._before.at == -math.inf:
             return  # whether it flies is not known
-        arbiter, energy = self._ties.arbiter, self._energy()
+        arbiter, energy = self._authority.arbiter, self._energy()
         self._choice.take_up(self._keeper.held, energy, now)
         returning = self._state.flying and self._state.to_place
         recovering = arbiter.view.lease is LeaseState.RECOVERING
@@ -253,7 +256,7 @@ class ReturnSite:
         judged = PlaceJudged(place.name, choice.reachable, figures)
         if judged != self._judged:
             self._judged = judged
-            self._ties.handle(judged, now)
+            self._authority.handle(judged, now)
 
     # ---- the list -------------------------------------------------------------------------------------------------
 
@@ -266,7 +269,7 @@ class ReturnSite:
         self._news.place(self.choice, listed=True)
         bounces, self._bounces_to = self._bounces_to == name, ""
         if bounces and self._state.to_place and self._may_bounce(now):
-            self._ties.narrator.bounced(name)
+            self._reports.narrator.bounced(name)
             self._orders.again(now)
 
     def _not_held(self, why: str) -> None:
@@ -286,14 +289,14 @@ class ReturnSite:
         """A return is about to be ordered: judge once more, and write what is not written. Returns what tells whether
         it is, which is not to be waited for long."""
         self._questions.hurry(now)
-        attempt(self._ties.fault, LOOKING, self._look, now)
+        attempt(self._reports.fault, LOOKING, self._look, now)
         if not self._keeper.settled:
             self._keeper.hurry(now)
         return lambda: self._keeper.settled
 
     def _may_bounce(self, now: float) -> bool:
         """Whether a return that is under way may be begun anew."""
-        state, view = self._state, self._ties.arbiter.view
+        state, view = self._state, self._authority.arbiter.view
         where = state.where
         breached = now - state.breached_at <= _BREACH_S
         outside = where is None or not self.candidates.finder.in_fence(where[:2]) or breached

@@ -33,10 +33,11 @@ from typing import Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
+from mavproxy_handover.autopilot.authority import Authority
 from mavproxy_handover.autopilot.command_desk import CommandDesk
 from mavproxy_handover.autopilot.mission_protocol import same_fence
 from mavproxy_handover.autopilot.procedures import Procedures
-from mavproxy_handover.autopilot.ties import Ties
+from mavproxy_handover.autopilot.reports import Reports
 from mavproxy_handover.gate.mission_items import Flaw, flaw
 from mavproxy_handover.gate.mission_server import MissionServer, Turn, Upload
 from mavproxy_handover.mission.ahead import Ahead
@@ -100,7 +101,8 @@ class Staging:
         desk: CommandDesk,
         procedures: Callable[[], Procedures],
         conversations: Conversations,
-        ties: Ties,
+        authority: Authority,
+        reports: Reports,
         package: Callable[[], MissionPackage | None],
         not_as_checked: Callable[[PlanFacts], str],
         rerouted: Callable[[Rerouted | None, float], None],
@@ -108,7 +110,8 @@ class Staging:
         self._desk = desk
         self._procedures = procedures
         self._conversations = conversations
-        self._ties = ties
+        self._authority = authority
+        self._reports = reports
         self._package = package
         self._not_as_checked = not_as_checked
         self._rerouted = rerouted
@@ -147,7 +150,7 @@ class Staging:
         read back, so that the rest of the companion goes by it again; if that fails, nobody knows it, as before."""
 
         def done(talk: Conversation, now: float) -> None:
-            package, here, commander = self._package(), self._desk.here(now), self._ties.arbiter.view.commander
+            package, here, commander = self._package(), self._desk.here(now), self._authority.arbiter.view.commander
             if talk.failure is not None or len(talk.result) <= 1:
                 return
             if package is None or here is None or commander is None:
@@ -160,7 +163,7 @@ class Staging:
 
     def _was_found(self, result: Rerouted | Exception, now: float) -> None:
         if isinstance(result, Rerouted) and self._desk.ahead is None and _WRITE not in self._conversations:
-            self._ties.narrator.found_in_flight(len(result.ahead.route.items), result.commanders)
+            self._reports.narrator.found_in_flight(len(result.ahead.route.items), result.commanders)
             self._rerouted(result, now)
 
     def authority_moved(self, now: float) -> None:
@@ -179,7 +182,7 @@ class Staging:
             self._servers[kind].offered = None if ahead is None else ahead.route.upload_items()
 
     def _carry_out(self, kind: int, port: StationPort, turn: Turn, now: float) -> None:
-        self._ties.answer(port, _WORDS[kind], turn)
+        self._reports.answer(port, _WORDS[kind], turn, now)
         if self._servers[kind].sender is None:
             self._ports.pop(kind, None)
         if turn.whole is None:
@@ -222,7 +225,7 @@ class Staging:
         if not isinstance(result, Rerouted):
             why = str(result) if isinstance(result, (MissionError, TimeoutError)) else "internal fault"
             if why == "internal fault":
-                self._ties.fault("upload", f"{type(result).__name__}: {result}")
+                self._reports.fault("upload", f"{type(result).__name__}: {result}")
             self._conclude(port, _MISSION, mavlink.MAV_MISSION_INVALID, why, now)
             return
         lacks = self._not_as_checked(result.facts)
@@ -244,11 +247,11 @@ class Staging:
                 words = f"{talk.failure}: what the autopilot holds is not known, send it again"
                 self._conclude(port, _MISSION, mavlink.MAV_MISSION_ERROR, words, now)
                 return
-            self._ties.narrator.rerouted(port.name, len(items) - 1, read.commanders)
+            self._reports.narrator.rerouted(port.name, len(items) - 1, read.commanders)
             self._rerouted(read, now)
             self._conclude(port, _MISSION, mavlink.MAV_MISSION_ACCEPTED, "", now)
             if read.facts.low:
-                self._ties.voice.say(port, f"mission, warning: {read.facts.low}")
+                self._reports.voice.say(port, f"mission, warning: {read.facts.low}")
 
         self._conversations.begin(_WRITE, self._procedures().replace_mission(items), done, now)
 

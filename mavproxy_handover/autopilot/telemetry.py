@@ -7,7 +7,9 @@ A position that is too old goes to nobody: to an operator it would look like the
 
 from __future__ import annotations
 
-from mavproxy_handover.autopilot.ties import Ties
+from collections.abc import Callable
+
+from mavproxy_handover.autopilot.reports import Reports
 from mavproxy_handover.core.model import AuthorityView
 from mavproxy_handover.schedule import attempt
 from mavproxy_handover.vehicle.state import VehicleState
@@ -16,26 +18,35 @@ __all__ = ["Telemetry"]
 
 
 class Telemetry:
-    """`stale_s`: how old the position may be."""
+    """`zones`: as `Arbiter.zones`; `utc`: the time (s); `stale_s`: how old the position may be."""
 
-    def __init__(self, aircraft: VehicleState, ties: Ties, stale_s: float) -> None:
+    def __init__(
+        self,
+        aircraft: VehicleState,
+        zones: Callable[[], tuple[int, int]],
+        reports: Reports,
+        utc: Callable[[], float],
+        stale_s: float,
+    ) -> None:
         self._aircraft = aircraft
-        self._ties = ties
+        self._zones = zones
+        self._reports = reports
+        self._utc = utc
         self._stale_s = stale_s
 
     def each_second(self, view: AuthorityView, now: float) -> None:
         """Send where the aircraft is and what it does; `view`: the one in force."""
-        aircraft, ties = self._aircraft, self._ties
+        aircraft, reports = self._aircraft, self._reports
         where = aircraft.where
         if where is None or now - aircraft.position.at > self._stale_s:
             return
-        zones = ties.arbiter.zones()
-        ties.narrator.zones(zones)
-        ties.narrator.position(where, zones, view.commander, aircraft.waypoint)
+        zones = self._zones()
+        reports.narrator.zones(zones)
+        reports.narrator.position(where, zones, view.commander, aircraft.waypoint)
         for station in (view.commander, view.partner):
-            port = ties.voice.ports.get(station or 0)
+            port = reports.voice.ports.get(station or 0)
             if port is not None and station == view.commander:
-                ties.narrator.telemetry(port.name)
+                reports.narrator.telemetry(port.name)
             if port is not None:
-                told = aircraft.record(port.target, int(ties.clocks.utc() * 1e6), zones)
-                attempt(ties.fault, f"sending to {port.name}", port.send, told)
+                told = aircraft.record(port.target, int(self._utc() * 1e6), zones)
+                attempt(reports.fault, f"sending to {port.name}", port.send, told)

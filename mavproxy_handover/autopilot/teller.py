@@ -6,12 +6,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
+from mavproxy_handover.autopilot.reports import Reports
 from mavproxy_handover.core.events import Event
 from mavproxy_handover.core.safety.route import RouteNews
 from mavproxy_handover.monitors.energy import EnergyNews, EnergyWarned
 from mavproxy_handover.monitors.position.source import BoxNews
-from mavproxy_handover.narrator import Narrator
-from mavproxy_handover.stations.voice import Voice
 
 __all__ = ["MonitorOutput", "Teller"]
 
@@ -21,26 +20,25 @@ MonitorOutput = Event | RouteNews | BoxNews | EnergyNews | EnergyWarned
 class Teller:
     """Hands on what monitors find: events to `handle`, news to the journal and to the stations."""
 
-    def __init__(self, handle: Callable[[Event, float], None], narrator: Narrator, voice: Voice) -> None:
+    def __init__(self, handle: Callable[[Event, float], None], reports: Reports) -> None:
         self._handle = handle
-        self._narrator = narrator
-        self._voice = voice
+        self._reports = reports
 
     def tell(self, outputs: Iterable[MonitorOutput], now: float) -> None:
         """In their order."""
         for output in outputs:
             match output:
                 case RouteNews():
-                    self._narrator.route(output)
+                    self._reports.narrator.route(output)
                 case BoxNews():
-                    self._narrator.position_source(output.text, output.source, output.standing)
+                    self._reports.narrator.position_source(output.text, output.source, output.standing)
                     if output.severity is not None:
-                        self._voice.say_to_all(output.text, output.severity)
+                        self._reports.voice.say_to_all(output.text, output.severity)
                 case EnergyNews():
-                    self._narrator.energy(output.fact, aloud=output.aloud)
+                    self._reports.narrator.energy(output.fact, aloud=output.aloud)
                     if output.for_stations:
-                        self._voice.say_to_all(output.for_stations)
+                        self._reports.voice.say_to_all(output.for_stations)
                 case EnergyWarned():
-                    self._narrator.energy_warning(output.shortfall)
+                    self._reports.narrator.energy_warning(output.shortfall)
                 case _:
                     self._handle(output, now)

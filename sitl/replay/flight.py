@@ -26,9 +26,10 @@ from typing import Any, Final, cast
 
 from pymavlink.dialects.v20 import handover as mavlink
 
+from mavproxy_handover.autopilot.authority import Authority
 from mavproxy_handover.autopilot.autopilot import Autopilot
-from mavproxy_handover.autopilot.loading import Prepared, prepare
-from mavproxy_handover.autopilot.ties import Ties
+from mavproxy_handover.autopilot.loading import MissionSurroundings, Prepared, prepare
+from mavproxy_handover.autopilot.reports import Reports
 from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.config.running import Running
 from mavproxy_handover.config.vehicle import VehicleConfig
@@ -161,19 +162,10 @@ class _Flight:
         self._queue: EventQueue[float] = EventQueue(self._decide, self._begin_order)
         self._autopilot = Autopilot(
             Running(config, b""),
-            Ties(
-                arbiter=self._arbiter,
-                handle=self._handle,
-                fault=self._fault,
-                commands=lambda station: self._view.commander == station,
-                keep=lambda _package: None,
-                close_mission_files=lambda: None,
-                list_open=lambda: False,
-                stale_s=config.limits.position_stale_s,
-                narrator=narrator,
-                voice=voice,
-                clocks=clock,
-            ),
+            Authority(self._arbiter, self._handle, lambda station: self._view.commander == station),
+            Reports(narrator, voice, self._fault),
+            MissionSurroundings(lambda _package: None, lambda: None, lambda: False),
+            clock,
             nonce,
         )
         if restored is not None and restored.digest:

@@ -345,7 +345,7 @@ def test_a_station_that_commands_no_more_is_not_told_to_send_start_again(ready: 
     ready.a.command(START)
     ready.run(0.1)
     orders = ready.companion.autopilot.orders
-    orders._ties = replace(orders._ties, commands=lambda station: station == 252)
+    orders._authority = replace(orders._authority, commands=lambda station: station == 252)
     ready.run(2.0)
     assert ready.companion.view.phase is Phase.ON_LOAD
     assert "had no effect" not in ready.a.texts()

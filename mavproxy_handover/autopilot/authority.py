@@ -1,0 +1,25 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Authority, as the parts that talk to the autopilot see it: to look at, and to tell what they have seen."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from mavproxy_handover.core.arbiter import Arbiter
+from mavproxy_handover.core.events import Event
+
+__all__ = ["Authority"]
+
+
+@dataclass(frozen=True, slots=True)
+class Authority:
+    """Of one vehicle. Times are monotonic seconds."""
+
+    #: to look at; what it is told goes through `handle`
+    arbiter: Arbiter
+    #: puts an event into the queue
+    handle: Callable[[Event, float], None]
+    #: whether a station commands, by the view that is in force
+    commands: Callable[[int], bool]
