@@ -79,7 +79,7 @@ class VehicleCommands:
         partner = f", transfer to {arbiter.name(view.partner)}" if view.partner else ""
         self._show(f"commander {arbiter.name(view.commander)}, epoch {view.epoch}, lease {view.lease.name}{partner}")
         guard = arbiter.guard(now)
-        status = companion.autopilot.guard_status
+        status = companion.autopilot.guard.status
         detail = ""
         if status is not None and guard is not GuardState.SILENT:
             detail = f", firmware {status.firmware[0]}.{status.firmware[1]}, {status.rejected} leases refused"

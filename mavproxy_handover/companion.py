@@ -466,7 +466,7 @@ class Companion:
         if frame.sysid == self.config.sysid and frame.known:
             if frame.compid == AUTOPILOT_COMPID:
                 self.autopilot.take(message, now)
-                if self.autopilot.asks_for_lease:
+                if self.autopilot.guard.asks:
                     self._send_lease(now)
                 self.gate.modes = self.autopilot.aircraft.judged_by
             if frame.msgid == _CONTROL_STATUS:
@@ -533,7 +533,7 @@ class Companion:
     def _send_lease(self, now: float) -> None:
         alone_s = self._asked("the way alone", lambda: self.arbiter.alone_s(now), 0.0, now)
         if not self.failed:
-            self.autopilot.send_lease(self.view, alone_s)
+            self.autopilot.guard.send_lease(self.view, alone_s)
 
     def _send_authority_status(self, now: float) -> None:
         guard = self.arbiter.guard(now)

@@ -19,6 +19,7 @@ from mavproxy_handover.autopilot.authority import Authority
 from mavproxy_handover.autopilot.command_desk import CommandDesk
 from mavproxy_handover.autopilot.copter import Copter
 from mavproxy_handover.autopilot.ground_uploads import GroundUploads
+from mavproxy_handover.autopilot.guard import Guard
 from mavproxy_handover.autopilot.guard_link import GuardLink
 from mavproxy_handover.autopilot.loading import (
     Along,
@@ -45,11 +46,10 @@ from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.config.running import Running
 from mavproxy_handover.core.events import (
     AutopilotState,
-    GuardSeen,
     MissionLoaded,
     PositionSeen,
 )
-from mavproxy_handover.core.model import AuthorityView, Flown, GuardState, Phase, ZoneFact
+from mavproxy_handover.core.model import AuthorityView, Flown, Phase, ZoneFact
 from mavproxy_handover.core.safety.battery import PackMemory
 from mavproxy_handover.core.safety.energy import EnergyFact
 from mavproxy_handover.gate.list_changes import ListChange
@@ -76,8 +76,7 @@ from mavproxy_handover.vehicle.kinds import COPTER, PLANE
 from mavproxy_handover.vehicle.state import VehicleState
 from mavproxy_handover.wire.conversation import Asking, Conversation, Conversations
 from mavproxy_handover.wire.frames import Frame
-from mavproxy_handover.wire.ids import COMPANION_COMPID, EVERYBODY, GUARD_STATUS_TUNNEL
-from mavproxy_handover.wire.lease import GuardStatus
+from mavproxy_handover.wire.ids import COMPANION_COMPID, EVERYBODY
 from mavproxy_handover.wire.status import LeaseSequence
 
 __all__ = ["Autopilot"]
@@ -112,20 +111,15 @@ class Autopilot:
         self.aircraft = VehicleState()
         #: whose word of where it is counts
         self.positions = PositionMonitor(config.position, self.aircraft, box)
-        #: what the guard said last of itself
-        self.guard_status: GuardStatus | None = None
         self._sysid = config.sysid
         self._authority = authority
         self._reports = reports
-        self._clocks = clocks
         self._teller = Teller(authority.handle, reports)
         self._on_board = running.mission
         key = running.guard_key
-        self._lease = LeaseSequence(nonce, key)
-        #: the guards that answer, and what leases must carry for them
-        self._guards = GuardLink(config.sysid, key, self._lease)
-        #: what was told last of leases and guard that do not fit
-        self._misfit = ""
+        leases = LeaseSequence(nonce, key)
+        link = GuardLink(config.sysid, key, leases)
+        self.guard = Guard(config.sysid, self.aircraft, leases, link, reports, clocks.monotonic)
         #: those with the autopilot that are going on
         talks = self.conversations = Conversations(reports.voice.to_autopilot, reports.fault)
         to_whom = config.sysid, lambda: self.aircraft.telemetry.text
@@ -385,23 +379,10 @@ class Autopilot:
         self._look(self.positions.read, now)
 
     def _on_tunnel(self, message: Any, now: float) -> None:
-        if message.payload_type != GUARD_STATUS_TUNNEL:
-            return
-        status = self._guards.take(bytes(message.payload)[: message.payload_length], now)
-        misfit = self._guards.problem(now)
-        self._tell_misfit(misfit)
-        if status is None:
-            self._authority.handle(GuardSeen(GuardState.SILENT, ours=False, misfit=misfit), now)
-            return
-        self.guard_status = status
-        self._authority.handle(GuardSeen(status.state, status.nonce == self._lease.nonce, misfit), now)
-        self._teller.tell(self._execution.guard(status), now)
-
-    def _tell_misfit(self, misfit: str) -> None:
-        """In flight the operators hear of it at once; on the ground the check before flight tells it."""
-        if misfit and misfit != self._misfit and self.aircraft.flying:
-            self._reports.voice.say_to_all(misfit)
-        self._misfit = misfit
+        found, status = self.guard.take(message, now)
+        self._teller.tell(found, now)
+        if status is not None:
+            self._teller.tell(self._execution.guard(status), now)
 
     def _on_energy(self, message: Any, now: float) -> None:
         aircraft = self.aircraft  # before its first heartbeat nothing is known of arming
@@ -425,19 +406,6 @@ class Autopilot:
         self._reports.voice.say_to_all(text, mavlink.MAV_SEVERITY_NOTICE)
 
     # ---- what is wanted of it -------------------------------------------------------------------------------------
-
-    @property
-    def asks_for_lease(self) -> bool:
-        """The guard has no lease of this companion, or a nonce that no lease has carried yet."""
-        return self._guards.asks
-
-    def send_lease(self, view: AuthorityView, alone_s: float) -> None:
-        """Tell the guard who has authority; `alone_s`: how long the aircraft may still fly on without a commander."""
-        now = self._clocks.monotonic()
-        two = self._guards.withholds(now)
-        for nonce in self._guards.addressed(now):
-            self._reports.voice.to_autopilot(self._lease.next(view, self._sysid, alone_s, nonce, two_guards=two))
-        self._guards.answered()
 
     def adopt(self, package: MissionPackage, now: float) -> None:
         """The autopilot holds this mission since the run before; who commands along its route is known from there.
@@ -632,9 +600,9 @@ class Autopilot:
             self._missions.load_on_board(self._on_board, now)
 
     def _check(self, grounded: bool, now: float) -> None:
-        firmware = None if self.guard_status is None else self.guard_status.firmware
+        firmware = None if self.guard.status is None else self.guard.status.firmware
         asked = grounded or self.aircraft.always_armed
-        misfit = self._guards.problem(now)
+        misfit = self.guard.problem(now)
         self._preflight.each_second(asked, self._authority.arbiter.guard(now), firmware, now, misfit)
 
     def _watch_energy(self, grounded: bool, now: float) -> None:
