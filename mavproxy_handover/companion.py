@@ -244,7 +244,7 @@ class Companion:
         name = self.arbiter.name
         return tuple(
             Foreseen(name(h.from_station), name(h.to_station), (h.lat_deg, h.lon_deg), h.seq, h.overlap_s)
-            for h in self.autopilot.foreseen
+            for h in self.autopilot.flown.foreseen
         )
 
     @property
@@ -537,7 +537,7 @@ class Companion:
 
     def _send_authority_status(self, now: float) -> None:
         guard = self.arbiter.guard(now)
-        changed, zone = self.autopilot.route_changed, self.arbiter.zone()
+        changed, zone = self.autopilot.flown.changed, self.arbiter.zone()
         told = status.authority_status(
             self.view,
             zone,

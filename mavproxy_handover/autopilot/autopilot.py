@@ -18,6 +18,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.autopilot.authority import Authority
 from mavproxy_handover.autopilot.command_desk import CommandDesk
 from mavproxy_handover.autopilot.copter import Copter
+from mavproxy_handover.autopilot.flown_mission import FlownMission, MissionMonitors, MissionUsers
 from mavproxy_handover.autopilot.ground_uploads import GroundUploads
 from mavproxy_handover.autopilot.guard import Guard
 from mavproxy_handover.autopilot.guard_link import GuardLink
@@ -38,32 +39,24 @@ from mavproxy_handover.autopilot.procedures import Procedures
 from mavproxy_handover.autopilot.read_back import ReadBack
 from mavproxy_handover.autopilot.reports import Reports
 from mavproxy_handover.autopilot.return_site import ReturnSite
-from mavproxy_handover.autopilot.staging import Rerouted, Staging
+from mavproxy_handover.autopilot.staging import Staging
 from mavproxy_handover.autopilot.streams import Streams
 from mavproxy_handover.autopilot.telemetry import Telemetry
 from mavproxy_handover.autopilot.teller import MonitorOutput, Teller
 from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.config.running import Running
-from mavproxy_handover.core.events import (
-    AutopilotState,
-    MissionLoaded,
-    PositionSeen,
-)
+from mavproxy_handover.core.events import AutopilotState, PositionSeen
 from mavproxy_handover.core.model import AuthorityView, Flown, Phase, ZoneFact
 from mavproxy_handover.core.safety.battery import PackMemory
 from mavproxy_handover.core.safety.energy import EnergyFact
 from mavproxy_handover.gate.list_changes import ListChange
-from mavproxy_handover.mission.ahead import Ahead
-from mavproxy_handover.mission.energy import released_at
 from mavproxy_handover.mission.package import MissionPackage
-from mavproxy_handover.mission.plan import Route
-from mavproxy_handover.mission.walk import Handover, speed_at
+from mavproxy_handover.mission.walk import speed_at
 from mavproxy_handover.monitors.borders import BorderMonitor
 from mavproxy_handover.monitors.energy import EnergyMonitor
 from mavproxy_handover.monitors.execution import ExecutionMonitor
 from mavproxy_handover.monitors.gaps import GapMonitor
 from mavproxy_handover.monitors.position.source import Box, PositionMonitor
-from mavproxy_handover.monitors.preflight.own_failsafes import plan_facts
 from mavproxy_handover.monitors.preflight.plan_fit import PlanFitMonitor, not_as_checked
 from mavproxy_handover.monitors.preflight.rules import Finding
 from mavproxy_handover.monitors.reboots import RebootMonitor
@@ -142,9 +135,6 @@ class Autopilot:
         #: the aircraft against its route
         self.route = RouteMonitor(config.route)
         self._gaps = GapMonitor(config.limits)
-        self._plan_fit = PlanFitMonitor()
-        #: the changes of the parameters (`Parameters.changes`) by which that was judged
-        self._judged_by = 0
         self._waypoints = WaypointMonitor(config.limits.leave_margin_m)
         self._borders = BorderMonitor(config.limits.operator_timeout_s)
         self._execution = ExecutionMonitor(lambda: self.places.goes_to)
@@ -164,6 +154,11 @@ class Autopilot:
             self._teller,
             config.limits.position_stale_s,
         )
+        fit = PlanFitMonitor()
+        compared = MissionMonitors(self._waypoints, self._gaps, self._borders, self.route, fit, self._energy)
+        users = MissionUsers(self._loader, self._preflight, self.places, self.desk, self.read_back)
+        #: what it holds to fly
+        self.flown = FlownMission(self.aircraft, authority, self._teller, compared, users)
         #: what stations write to the autopilot on the ground
         self._uploads = GroundUploads(
             self.desk,
@@ -182,7 +177,7 @@ class Autopilot:
             talks,
             authority,
             reports,
-            self._flies_by,
+            self.flown.by_package,
             self.places.candidates.first_point,
             standing,
             self._uploads.forget,
@@ -197,7 +192,7 @@ class Autopilot:
             reports,
             lambda: self._loader.package,
             lambda facts: not_as_checked(facts, self.aircraft),
-            self._rerouted,
+            self.flown.reroute,
         )
         self._heed: dict[str, Callable[[Any, float], None]] = {
             "HEARTBEAT": self._on_state,
@@ -210,14 +205,6 @@ class Autopilot:
             "MISSION_ITEM_REACHED": self._on_reached,
             "HOME_POSITION": self.places.take,
         }
-        #: what the autopilot holds to fly, as far as is known
-        self._flown: Route | None = None
-        #: the commander has changed it in flight: on the ground no package is loaded any more
-        self._changed_aloft = False
-        #: it is another one than the package's, which a station wrote on the ground
-        self._uploaded = False
-        #: the handovers that the check of the package has
-        self.foreseen: tuple[Handover, ...] = ()
         self._signs = SignMonitor(
             lambda: self.places.energy_words if self.places.short else None,
             lambda: self.route.deviation,
@@ -250,11 +237,6 @@ class Autopilot:
     def package(self) -> MissionPackage | None:
         """The mission package that the autopilot holds; None: none is known."""
         return self._loader.package
-
-    @property
-    def route_changed(self) -> bool:
-        """The mission is not the package's any more: a station has uploaded another one."""
-        return self._changed_aloft or self._uploaded
 
     @property
     def kept(self) -> tuple[bool, bytes]:
@@ -340,7 +322,7 @@ class Autopilot:
 
         In AUTO again, in flight, it has forgotten what a DO_CHANGE_SPEED had set before the aircraft left it.
         """
-        aircraft, route = self.aircraft, self._flown
+        aircraft, route = self.aircraft, self.flown.route
         resumes = aircraft.flies_mission and aircraft.flying and not aircraft.foreign
         speed_mps = speed_at(route, aircraft.waypoint) if resumes and route is not None else None
         self.orders.resume_speed(speed_mps, now)
@@ -416,18 +398,18 @@ class Autopilot:
         """
         self._missions.latest = package
         self._loader.adopt(package, package.zone_finder(), way_of(package), now)
-        self._flies_by(package, Along(), now)
+        self.flown.by_package(package, Along(), now)
 
         def found(along: Along) -> None:
-            if self._flown is package.route:
-                self._lies_along(along)
+            if self.flown.route is package.route:
+                self.flown.lies_along(along)
 
         self._walk = lambda _now: self._missions.walk_along(package, found)
         self._walk_at = now if package.gaps else now + _WALK_S
 
         def done(talk: Conversation, now: float) -> None:
             if talk.result:
-                self._rerouted(None, now)
+                self.flown.reroute(None, now)
                 self._walk, self._walk_at = self.staging.found, now + _WALK_S
 
         asking = self.procedures().holds_another(package.route.upload_items())
@@ -449,7 +431,7 @@ class Autopilot:
     def holds(self, prepared: Prepared, now: float) -> None:
         """The same where the autopilot cannot be asked, and the walk is done: in the replay of a recording."""
         self._loader.adopt(prepared.package, prepared.finder, prepared.way, now)
-        self._flies_by(prepared.package, prepared.along, now)
+        self.flown.by_package(prepared.package, prepared.along, now)
 
     def drop_mission(self, now: float) -> None:
         """What the autopilot holds is not known any more: in the replay of a recording."""
@@ -467,11 +449,11 @@ class Autopilot:
             self._missions.list_changed(port, change, now)
             self._uploads.changed(port, change, now)
         else:
-            self._rerouted(None, now)
+            self.flown.reroute(None, now)
 
     def _compare(self) -> Asking | None:
         """The asking that sees whether the autopilot holds what counts; None: nothing does."""
-        return None if self._flown is None else self.procedures().holds(self._flown)
+        return None if self.flown.route is None else self.procedures().holds(self.flown.route)
 
     def _changed_past(self, how: str, now: float) -> None:
         """On the ground the autopilot holds another mission or geofence than it did."""
@@ -480,64 +462,8 @@ class Autopilot:
     def _fly_upload(self, prepared: Prepared, other: bool, now: float) -> None:
         """The autopilot holds a mission that a station wrote on the ground and that was judged; `other`: than the
         package's. Rally points that a station has sent stay."""
-        self._flies_by(prepared.package, prepared.along, now, uploaded=other)
+        self.flown.by_package(prepared.package, prepared.along, now, uploaded=other)
         self._missions.fly(prepared, now)
-
-    def _flies_by(self, package: MissionPackage | None, along: Along, now: float, *, uploaded: bool = False) -> None:
-        route = None if package is None else package.route
-        self._changed_aloft, self._uploaded = False, uploaded
-        self._flies(route, now)
-        self.desk.ahead = (
-            None if package is None else Ahead(package.route, package.zone_finder(), package.cruise_speed_mps)
-        )
-        self._lies_along(along)
-        self._waypoints.adopt(None if package is None else package.belonging, now)
-        facts = None if package is None else plan_facts(package.route, package.cruise_speed_mps)
-        energy = None if package is None else package.energy
-        self._plan_fit.planned(facts)
-        self._preflight.planned(facts, self._gaps.longest_s, energy)
-        self._judge_plan(now)
-        self.places.adopt(package, now, keeps_rally=uploaded)
-
-    def _judge_plan(self, now: float) -> None:
-        """Tell the arbiter what START lacks for gaps and heights, for a return that lands, and of the aircraft."""
-        self._judged_by = self.aircraft.parameters.changes
-        self._look(self._gaps.update, now)
-        self._look(self._plan_fit.update, now)
-
-    def _flies(self, route: Route | None, now: float) -> None:
-        self._flown = route
-        self.read_back.forget(now)
-        self._plan_fit.flies(None if route is None else route.kind)
-        self.aircraft.ways_down.adopt(route)
-        self.route.adopt(route)
-        self._energy.released(None if route is None else released_at(route))
-
-    def _lies_along(self, along: Along) -> None:
-        self.foreseen = along.handovers
-        self._gaps.adopt(along.stretches)
-        self._borders.adopt(along.way)
-        if self.desk.ahead is not None:
-            self.desk.ahead.gaps = along.stretches
-
-    def _rerouted(self, rerouted: Rerouted | None, now: float) -> None:
-        """The autopilot holds the mission that its commander has sent in flight; None: nobody knows what it holds."""
-        self._changed_aloft = True
-        self.foreseen = ()
-        self._gaps.adopt(())  # what is declared is a gap of the package
-        self._waypoints.adopt(None, now)  # and so is a waypoint
-        self._loader.delivery.adopt(None)  # and the delivery point
-        self._borders.adopt(None if rerouted is None else rerouted.way)
-        self._flies(None if rerouted is None else rerouted.ahead.route, now)
-        self.desk.ahead = None if rerouted is None else rerouted.ahead
-        if rerouted is None:
-            return
-        self._loader.reroute(rerouted.ahead.route)
-        self.places.reroute(rerouted.ahead.route)
-        self._plan_fit.planned(rerouted.facts)
-        self._preflight.planned(rerouted.facts)
-        self._judge_plan(now)
-        self._authority.handle(MissionLoaded(self._authority.arbiter.mission_digest, rerouted.commanders), now)
 
     def authority_moved(self, now: float) -> None:
         """Somebody else commands, or nobody."""
@@ -546,7 +472,7 @@ class Autopilot:
 
     def on_package(self, port: StationPort, message: Any, now: float) -> None:
         """A message of a mission package. Only the commander's is taken, on the ground."""
-        held = b"" if self.route_changed else self._authority.arbiter.mission_digest
+        held = b"" if self.flown.changed else self._authority.arbiter.mission_digest
         self._missions.on_message(port, message, held, now)
 
     def renew_streams(self) -> None:
@@ -556,8 +482,8 @@ class Autopilot:
     def tick(self, now: float) -> None:
         """Time has passed; to be called often."""
         self._attempt("conversations", self.conversations.tick, now)
-        if self.aircraft.parameters.changes != self._judged_by:
-            self._attempt("the plan", self._judge_plan, now)
+        if self.flown.unjudged:
+            self._attempt("the plan", self.flown.judge, now)
         self._attempt("mission packages", self._missions.tick, now)
         self._attempt("places of a return", self.places.tick, now)
         self._attempt("mission read back", self.read_back.tick, now)
@@ -576,7 +502,7 @@ class Autopilot:
             ("the mission on board", self._load_on_board, grounded, now),
             ("preflight", self._check, grounded, now),
             ("energy", self._watch_energy, grounded, now),
-            ("the plan", self._judge_plan, now),
+            ("the plan", self.flown.judge, now),
             ("the way ahead", self._look_ahead, now),
             ("places of a return", self.places.each_second, now),
             ("motion", self._look, self._execution.update, now),
@@ -592,7 +518,7 @@ class Autopilot:
         attempt(self._reports.fault, where, job, *arguments)
 
     def _load_on_board(self, grounded: bool, now: float) -> None:
-        if self._changed_aloft and grounded:
+        if self.flown.changed_aloft and grounded:
             self._missions.flight_over(now)
             if self._standing.kept:
                 self._uploads.found(now)

@@ -330,7 +330,7 @@ def test_after_a_restart_in_flight_the_mission_is_read_back(flown: Bench, change
     flown.load()
     flown.until(lambda: flown.companion.view.commander == 251)
     flown.run(2.0)
-    assert flown.companion.autopilot.route_changed is changed
+    assert flown.companion.autopilot.flown.changed is changed
     assert (flown.companion.autopilot.desk.ahead is None) is changed
 
 
