@@ -119,3 +119,17 @@ def test_no_monitor_imports_another() -> None:
         for other in others
         if monitor(module) and monitor(other) and monitor(module) != monitor(other)
     ] == []
+
+
+#: by these a part would speak or act itself
+VOICES = ("mavproxy_handover.narrator", "mavproxy_handover.stations", "mavproxy_handover.event_queue")
+
+
+def test_monitors_return_what_they_find_and_tell_nobody() -> None:
+    assert [
+        f"{module} imports {other}"
+        for module, others in edges().items()
+        for other in others
+        if monitor(module) and other.startswith(VOICES)
+    ] == []
+    assert any(other.startswith(VOICES) for other in edges()["mavproxy_handover.autopilot.reports"])
