@@ -617,8 +617,9 @@ class Arbiter:
         """Decide; returns what holds behind that."""
         signs, facts = self._lookout.signs(now), self._lookout.facts(now)
         certain = not self._authority.recovering and not self._lookout.resuming
-        stands = self._lookout.supervision.stands
-        news = self._emergency.judge(signs, facts, now, certain=certain, stands=stands)
+        supervision = self._lookout.supervision
+        stands, unshown = supervision.stands, supervision.unshown(self._lookout.helm, now)
+        news = self._emergency.judge(signs, facts, now, certain=certain, stands=stands, unshown=unshown)
         self._authority.fly_alone(Fact.GAP in facts and not self._emergency.brings_down)
         if news is not None:
             self._lookout.hold(news, now)

@@ -660,6 +660,7 @@ class Packer:
         )
         supervision = _Class(
             Supervision,
+            _commanded_at=_Time(limits.obey_s),
             _interrupted=plain,
             _deaf=plain,
             _excused=plain,

@@ -5,7 +5,8 @@
 `causes.py` says what is wrong, `strategy.py` what is done about it, at every moment anew. News is another cause, a
 graver action (what was a warning on the ground takes off), the end of what held the aircraft back, and the end of it
 all. What waits for a station that is about to take the aircraft (TRANSFER) is none: authority tells of that itself. Who
-was held stays held meanwhile: whoever has it then decides whether it flies on.
+was held stays held meanwhile: whoever has it then decides whether it flies on. Nor is what is milder than a return or a
+landing that was just ordered, until the autopilot shows it or has had its time: the aircraft may fly it already.
 
 Nothing here weakens the autopilot's own failsafes or the RC pilot: a decision is a command that the autopilot may
 refuse, and the guard stands behind it.
@@ -166,14 +167,24 @@ class Emergency:
         return self._watch.due_at()
 
     def judge(
-        self, signs: Set[Cause], facts: Situation, now: float, *, certain: bool = True, stands: bool = False
+        self,
+        signs: Set[Cause],
+        facts: Situation,
+        now: float,
+        *,
+        certain: bool = True,
+        stands: bool = False,
+        unshown: FlightAction | None = None,
     ) -> News | None:
         """The decision if it is news. `certain` False: that nothing is wrong is not known yet. `stands`: it was held,
-        and whatever was ordered since has not moved it."""
+        and whatever was ordered since has not moved it. `unshown`: was ordered so lately that the autopilot need not
+        show it yet; nothing milder is news."""
         if self._left and Fact.FLYING in facts:
             self._watch.resume(self._left)
             self._left = frozenset()
         decision, told = self._strategy.judge(self._watch.look(signs, now), facts), self.told
+        if unshown is not None and (decision is None or decision.action < unshown):
+            return None
         waits = decision is not None and decision.action is FlightAction.TRANSFER
         if waits and (stands or (told is not None and _holds(told))):
             return None

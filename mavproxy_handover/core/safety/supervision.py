@@ -90,6 +90,8 @@ REFUSED_AGAIN_S: Final = 1.0
 OTHER_PLACE_M: Final = 50.0
 
 _COMING_HOME: Final = frozenset({Fact.RETURNING, Fact.LANDING})
+#: the aircraft is on its way by these, or by more
+_SHOWS_AS: Final = {FlightAction.RETURN: _COMING_HOME, FlightAction.LAND: frozenset({Fact.LANDING})}
 #: nothing graver is to come behind these
 _ENDLESS: Final = (FlightAction.CONTINUE, FlightAction.LAND)
 #: the aircraft stands still by these, or is to move again
@@ -139,6 +141,7 @@ class Supervision:
     """The order in force. Times are monotonic seconds; not safe for threads."""
 
     __slots__ = (
+        "_commanded_at",
         "_deaf",
         "_excused",
         "_first_speed",
@@ -170,6 +173,8 @@ class Supervision:
         self.stands = False
         #: since when what is awaited now has been awaited
         self._since = -inf
+        #: when the order was given to the autopilot last
+        self._commanded_at = -inf
         self._tries = 0
         #: the order has shown by mode, or by rest
         self._shown = False
@@ -207,6 +212,7 @@ class Supervision:
         """The autopilot is commanded this from now on, or still: HOLD, RETURN or LAND."""
         self._interrupted = None
         self.stands |= action is FlightAction.HOLD
+        self._commanded_at = now
         if action is not self.order:
             self._begin(action, 1, now)
 
@@ -225,7 +231,8 @@ class Supervision:
 
     def _begin(self, action: FlightAction, tries: int, now: float) -> None:
         self.order, self._tries = action, tries
-        self._since, self._shown, self._excused, self._refused = now, False, False, False
+        self._since = self._commanded_at = now
+        self._shown = self._excused = self._refused = False
         self._first_speed = 0.0 if self._motion is None else self._motion.speed_mps
 
     def over(self) -> None:
@@ -260,6 +267,14 @@ class Supervision:
         self._begin(FlightAction.CONTINUE, 1, now)
 
     # ---- what is seen ---------------------------------------------------------------------------------------------
+
+    def unshown(self, helm: Helm, now: float) -> FlightAction | None:
+        """The return or the landing that was ordered so lately that the autopilot need not show it yet; None: there is
+        none, or it is not known what is flown."""
+        shows_as = _SHOWS_AS.get(self.order) if self.order is not None else None
+        if shows_as is None or helm.flown is None or helm.facts() & shows_as:
+            return None
+        return self.order if now < self._commanded_at + self._limits.obey_s else None
 
     def look(self, helm: Helm, facts: Set[Fact], breached: bool, now: float) -> Seen | None:
         """Compare what the autopilot does to the order; what is news about it.

@@ -218,7 +218,7 @@ def returned_in_vain(bench: Bench) -> None:
     while HOMEWARD not in bench.flights():
         bench.run(0.1)
     bench.alive = {A}
-    bench.run(2.0)
+    bench.run(bench.limits.obey_s + 1.0)
     assert [flight.action for flight in bench.flights()][-1] is FlightAction.HOLD
 
 
@@ -308,7 +308,7 @@ def test_and_one_behind_a_return_that_was_flown_and_that_a_stranger_has_ended() 
     bench.mode = ModeSeen(Flown.GUIDED, "GUIDED")
     bench.run(3.0)
     bench.alive = {A}
-    bench.run(1.0)
+    bench.run(bench.limits.obey_s)
     held_at, action = orders(bench)[-1]
     assert action is FlightAction.HOLD
     assert bench.arbiter.snapshot().held_since == held_at
