@@ -17,6 +17,7 @@ from __future__ import annotations
 import traceback
 from collections import Counter
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from math import inf
@@ -38,7 +39,7 @@ from mavproxy_handover.config.running import Running
 from mavproxy_handover.core import events
 from mavproxy_handover.core.arbiter import Arbiter, Identity
 from mavproxy_handover.core.messages import TransferMessage
-from mavproxy_handover.core.model import AuthorityView, FlightAction, LeaseState, Phase, Reason
+from mavproxy_handover.core.model import AuthorityView, FlightAction, Flown, LeaseState, Phase, Reason
 from mavproxy_handover.core.never import assert_never
 from mavproxy_handover.core.snapshot import Snapshot
 from mavproxy_handover.core.start import MIDWAY
@@ -92,10 +93,8 @@ _CHANGES: Final = frozenset((Access.COMMAND, Access.SAFEGUARD))
 _COMMANDS: Final = frozenset((Access.COMMAND, Access.CONTROL, Access.READ, Access.RALLY_READ, Access.RALLY_WRITE))
 #: the list of rally points that stations see is the companion's own
 _RALLY: Final = frozenset((Access.RALLY_READ, Access.RALLY_WRITE))
-#: what is decided where nobody is left to decide
-_FAILED: Final = events.Announce(
-    "RETURN: internal fault of the companion, no station commands", FlightAction.RETURN, Reason.FAULT
-)
+#: why the aircraft comes home where nobody is left to decide
+_FAILED: Final = "internal fault of the companion, no station commands"
 #: so many findings of the checks before flight are told to whoever starts it
 _WARNINGS: Final = 6
 #: a station whose heartbeat is no older than that hears what it is told
@@ -607,18 +606,31 @@ class Companion:
         """No station commands from here on, and no lease is sent: the guard brings the aircraft home.
 
         Events that wait are dropped, and none is handled afterwards. What can be done to help the guard is done, each
-        for itself: after one fault another is no surprise.
+        for itself: after one fault another is no surprise. A return is ordered; a landing, flown or ordered, goes on.
         """
         self.failed = True
         self._queue.clear()
         nobody = AuthorityView(self.view.phase, None, None, self.view.epoch, LeaseState.LOST, self.view.armed)
         self._attempt("flush", self._put_in_force, nobody, now)
-        self.narrator.failed_closed(text)
+        self._attempt("journal", self.narrator.failed_closed, text)
         self._attempt("end of START", self.autopilot.orders.give_start_up, "internal fault", now)
         if self.autopilot.aircraft.flying:
-            self._attempt("way home", self.autopilot.orders.fly, FlightAction.RETURN, now)
-            self._attempt("word of it", self._announce, _FAILED, now)
+            action = FlightAction.LAND if self._lands else FlightAction.RETURN
+            self._attempt("way home", self._come_home, action, now)
+            told = events.Announce(f"{action.name}: {_FAILED}", action, Reason.FAULT)
+            self._attempt("word of it", self._announce, told, now)
         self._attempt("console", self.narrator.authority_ends, text)
+
+    @property
+    def _lands(self) -> bool:
+        """It comes down, or was ordered to land."""
+        return self.autopilot.aircraft.lands or self.autopilot.orders.landing
+
+    def _come_home(self, action: FlightAction, now: float) -> None:
+        """Order a return or a landing. What comes down in a mode that ends on the ground is left alone."""
+        aircraft = self.autopilot.aircraft
+        if not (aircraft.lands and aircraft.flown in (Flown.RETURN, Flown.LAND)):
+            self.autopilot.orders.fly(action, now)
 
     def _shown_by(self, show: Callable[[str], None]) -> Callable[[str], None]:
         """A console that breaks keeps nothing else from being done, or from being told to the operators."""
@@ -633,7 +645,8 @@ class Companion:
         hears, and again at the next take-off if more of it came."""
         self.faults[where] += 1
         if self.faults[where] <= 10:
-            self.narrator.fault(where, text)
+            with suppress(Exception):  # the journal may be what is broken: it is counted all the same
+                self.narrator.fault(where, text)
 
     def _tell_faults(self, now: float) -> None:
         for station, told in self._faults_told.items():

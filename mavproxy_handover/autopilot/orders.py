@@ -160,6 +160,8 @@ class Orders:
         self.returning = False
         #: the order that `begin` gives to the autopilot
         self.ordered: tuple[FlightAction, Asking] | None = None
+        #: the order that the autopilot was given last
+        self._given: FlightAction | None = None
 
     @property
     def starting(self) -> bool:
@@ -362,6 +364,8 @@ class Orders:
         self._give_stop_up("the companion commands")
         if not pauses:
             self.give_start_up("the aircraft is brought home", now)
+        if action is not FlightAction.RETURN:  # from here on no return may be begun anew
+            self.returning = False
         written = self._place(now) if action is FlightAction.RETURN else lambda: True
         asking = self._holding(action is FlightAction.HOLD, now) if pauses else self._way_home(action, written)
         self.ordered = action, asking
@@ -376,6 +380,12 @@ class Orders:
         """Take an order and give it to the autopilot at once."""
         self.order(action, now)
         self.begin(now)
+
+    @property
+    def landing(self) -> bool:
+        """The autopilot was ordered to land, or is about to be, and has not answered yet."""
+        waits = self.ordered is not None and self.ordered[0] is FlightAction.LAND
+        return waits or (self._given is FlightAction.LAND and _HOME in self._conversations)
 
     def _holding(self, pause: bool, now: float) -> Asking:
         procedures = self._procedures()
@@ -402,6 +412,7 @@ class Orders:
             if isinstance(talk.error, RefusedError):
                 self._authority.handle(OrderRefused(action), now)
 
+        self._given = action
         self._conversations.begin(_HOME, asking, done, now)
 
     def _way_home(self, action: FlightAction, written: Callable[[], bool]) -> Asking:

@@ -11,8 +11,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
-from pymavlink.dialects.v20 import handover as mavlink
-
 from mavproxy_handover.core.events import Event, HandSeen, ModeSeen, MotionSeen, MotionUnseen
 from mavproxy_handover.core.model import Hand
 from mavproxy_handover.mission.geodesy import distance_m
@@ -26,7 +24,6 @@ __all__ = ["ExecutionMonitor"]
 _STOPPED_S: Final = 3.0
 #: what was said of the radio counts so long: who takes a pilot for a stranger fights him
 _RADIO_S: Final = 10.0
-_LANDING: Final[int] = mavlink.MAV_LANDED_STATE_LANDING
 
 
 class ExecutionMonitor:
@@ -48,8 +45,7 @@ class ExecutionMonitor:
             found.append(HandSeen(Hand.FAILSAFE))
         self._critical = critical
         name = state.vehicle.mode_name(state.custom_mode)
-        landing = state.telemetry.landed.state == _LANDING
-        found.append(ModeSeen(state.flown, name, landing, self._radio(state, now)))
+        found.append(ModeSeen(state.flown, name, state.comes_down, self._radio(state, now)))
         return found
 
     @staticmethod

@@ -372,6 +372,16 @@ class VehicleState:
         return self.armed and self.telemetry.landed.state != _ON_GROUND
 
     @property
+    def comes_down(self) -> bool:
+        """It says that it is landing, in whatever mode."""
+        return bool(self.telemetry.landed.state == mavlink.MAV_LANDED_STATE_LANDING)
+
+    @property
+    def lands(self) -> bool:
+        """The same, or its mode lands."""
+        return self.comes_down or self.flown is Flown.LAND
+
+    @property
     def always_armed(self) -> bool:
         """With wings, on the ground, and never heard disarmed: where ARMING_REQUIRE is 0 it never is."""
         return self.kind.winged and self.telemetry.landed.state == _ON_GROUND and not self._was_disarmed

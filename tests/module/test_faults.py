@@ -8,6 +8,7 @@ The leases are the measure: while they flow the guard lets the aircraft fly.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -23,6 +24,7 @@ from mavproxy_handover.monitors.energy import EnergyMonitor
 from mavproxy_handover.monitors.route import RouteMonitor
 from mavproxy_handover.wire.conversation import Ask, Asking
 from tests.module.conftest import Bench
+from tests.module.vehicle import LAND as LAND_MODE
 from tests.module.vehicle import RTL as RTL_MODE
 
 START, MODE, RTL = mavlink.MAV_CMD_MISSION_START, mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH
@@ -539,3 +541,62 @@ def test_rounds_of_the_main_loop_after_unload_do_no_harm(flight: Bench) -> None:
     module.idle_task()
     module.mavlink_packet(None)
     assert flight.mpstate.escaped == []
+
+
+# ---- what it takes to fail closed -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("also", ["the entry", "the journal", "the console"])
+def test_what_breaks_while_it_fails_closed_does_not_stop_that(
+    airborne: Bench, also: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The fault: the entry in the journal was made unguarded, before the way home was ordered."""
+    companion = airborne.companion
+    with monkeypatch.context() as patch:
+        patch.setattr(companion.arbiter, "handle", broken)
+        patch.setattr(companion.narrator, "failed_closed", broken)
+        if also == "the journal":  # so a fault cannot be written down either
+            patch.setattr(companion.journal, "write", broken)
+        elif also == "the console":
+            patch.setattr(airborne.mpstate.console, "writeln", broken)
+        airborne.run(3.0)
+    assert companion.failed
+    assert companion.view.commander is None
+    assert companion.faults["journal"] >= 1
+    assert airborne.autopilot.mode == RTL_MODE
+    assert leases_in(airborne, 5.0) == 0
+    assert "RETURN: internal fault of the companion, no station commands" in airborne.b.texts()
+
+
+def test_what_lands_already_is_not_made_to_return(airborne: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The fault: a landing, decided because no place could be reached, was ended by a return."""
+    airborne.autopilot.mode = LAND_MODE
+    airborne.run(2.0)
+    monkeypatch.setattr(airborne.companion.arbiter, "handle", broken)
+    airborne.run(3.0)
+    assert airborne.companion.failed
+    assert airborne.autopilot.mode == LAND_MODE
+    assert MODE not in airborne.autopilot.commands()
+    assert "LAND: internal fault of the companion, no station commands" in airborne.b.texts()
+
+
+def test_nor_what_was_ordered_to_land_and_does_not_show_it(airborne: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    airborne.autopilot.script[MODE] = None  # the answer is lost
+    airborne.companion.autopilot.orders.fly(FlightAction.LAND, airborne.clock.now)
+    airborne.run(0.2)
+    monkeypatch.setattr(airborne.companion.arbiter, "handle", broken)
+    airborne.run(0.5)
+    assert airborne.companion.failed
+    del airborne.autopilot.script[MODE]
+    airborne.run(3.0)
+    assert airborne.autopilot.mode == LAND_MODE
+
+
+def test_what_comes_down_in_its_mission_lands(airborne: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A return would climb once more, and a mission that lands on its way would take off again."""
+    telemetry = airborne.companion.autopilot.aircraft.telemetry
+    landing = replace(telemetry.landed, state=mavlink.MAV_LANDED_STATE_LANDING)
+    monkeypatch.setattr(telemetry, "landed", landing)
+    airborne.companion.fail_closed("planted", airborne.clock.now)
+    airborne.run(3.0)
+    assert airborne.autopilot.mode == LAND_MODE

@@ -384,6 +384,21 @@ def test_a_return_under_way_goes_elsewhere_when_its_place_has_become_worse(flyin
     assert len(flying.journal("bounce")) == 1
 
 
+def test_not_once_a_landing_is_ordered(flying: Bench) -> None:
+    """The heartbeat still says RTL: to begin that anew would end the landing."""
+    from mavproxy_handover.core.model import FlightAction
+
+    returning(flying)
+    places, orders_of_it = flying.companion.autopilot.places, flying.companion.autopilot.orders
+    assert places._may_bounce(flying.clock.now)
+    orders_of_it.fly(FlightAction.LAND, flying.clock.now)
+    assert not places._may_bounce(flying.clock.now)
+    lose(flying, flying.b)
+    flying.run(12.0)
+    assert flying.autopilot.mode == LAND
+    assert flying.journal("bounce") == []
+
+
 def test_not_without_a_commander(flying: Bench) -> None:
     returning(flying)
     lose(flying, flying.a, flying.b)
