@@ -14,9 +14,9 @@ from pathlib import Path
 
 import pytest
 
-from mavproxy_handover.autopilot import preflight
 from mavproxy_handover.autopilot.mission_protocol import MissionProtocol
 from mavproxy_handover.clocks import Clocks
+from mavproxy_handover.doctor import flight_controller
 from mavproxy_handover.doctor.talk import Talk
 from mavproxy_handover.link.devices import open_device
 from mavproxy_handover.link.timesync import TIMESYNC
@@ -132,13 +132,13 @@ def test_of_two_batteries_that_fly_it_both_are_looked_at(
 ) -> None:
     """The embedded vehicle has one, so what its second monitor would answer is put to what it answers."""
     second = {"BATT2_MONITOR": 4.0, "BATT2_FS_LOW_ACT": 3.0, "BATT2_LOW_VOLT": 10.5}
-    reading = preflight.reading
+    reading = flight_controller.reading
 
     def with_second(sysid: int, names: tuple[str, ...]) -> Asking:
         values = yield from reading(sysid, names)
         return values | {name: value for name, value in second.items() if name in names}
 
-    monkeypatch.setattr(preflight, "reading", with_second)
+    monkeypatch.setattr(flight_controller, "reading", with_second)
     machine = companion(tmp_path, vehicle.companion_master, {"GCSA": 9, "GCSB": 10})
     assert machine.doctor(capsys, "--no-links").lines("error") == []
     machine.config.write_text(machine.config.read_text() + "\n[energy]\nbatteries = 2\n")
