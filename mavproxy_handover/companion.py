@@ -93,7 +93,7 @@ _CHANGES: Final = frozenset((Access.COMMAND, Access.SAFEGUARD))
 _COMMANDS: Final = frozenset((Access.COMMAND, Access.CONTROL, Access.READ, Access.RALLY_READ, Access.RALLY_WRITE))
 #: the list of rally points that stations see is the companion's own
 _RALLY: Final = frozenset((Access.RALLY_READ, Access.RALLY_WRITE))
-#: why the aircraft comes home where nobody is left to decide
+#: why the aircraft is brought home after an internal fault of the rules
 _FAILED: Final = "internal fault of the companion, no station commands"
 #: so many findings of the checks before flight are told to whoever starts it
 _WARNINGS: Final = 6
@@ -615,16 +615,20 @@ class Companion:
         self._attempt("journal", self.narrator.failed_closed, text)
         self._attempt("end of START", self.autopilot.orders.give_start_up, "internal fault", now)
         if self.autopilot.aircraft.flying:
-            action = FlightAction.LAND if self._lands else FlightAction.RETURN
+            action = self._way_home()
             self._attempt("way home", self._come_home, action, now)
             told = events.Announce(f"{action.name}: {_FAILED}", action, Reason.FAULT)
             self._attempt("word of it", self._announce, told, now)
         self._attempt("console", self.narrator.authority_ends, text)
 
-    @property
-    def _lands(self) -> bool:
-        """It comes down, or was ordered to land."""
-        return self.autopilot.aircraft.lands or self.autopilot.orders.landing
+    def _way_home(self) -> FlightAction:
+        """LAND if it comes down or was ordered to land, else RETURN; RETURN too if looking for that breaks."""
+        try:
+            lands = self.autopilot.aircraft.lands or self.autopilot.orders.landing
+        except Exception:
+            self.fault("way home", traceback.format_exc(limit=-3))
+            lands = False
+        return FlightAction.LAND if lands else FlightAction.RETURN
 
     def _come_home(self, action: FlightAction, now: float) -> None:
         """Order a return or a landing. What comes down in a mode that ends on the ground is left alone."""

@@ -337,9 +337,8 @@ class Autopilot:
         self._attempt("places of a return", self.places.take, message, now)
         # without a heartbeat of late nothing is known of arming and of the mode: what was before need not be so
         if now - aircraft.telemetry.heartbeat.at < _HEARTBEAT_S:
-            self._attempt(
-                "motion", self._look, self._execution.heard, now
-            )  # first: what is flown by now need not be commanded
+            # first: what is flown by now need not be commanded
+            self._attempt("motion", self._look, self._execution.heard, now)
             self._authority.handle(self._autopilot_state(), now)
 
     def _autopilot_state(self) -> AutopilotState:

@@ -381,7 +381,7 @@ class EnergyMonitor:
         return found
 
     def _broke(self, now: float, *, grounded: bool) -> list[Output]:
-        """It goes on from what was known; START is told of the fault."""
+        """Keep to what was known before; START is refused for the fault where it is refused for energy."""
         self._tell_fault()
         self._follow()
         try:
@@ -416,5 +416,5 @@ class EnergyMonitor:
         return self._start.lacks("", now)
 
     def lift_no_more(self) -> None:
-        """Whoever has lifted it commands no more."""
+        """The station whose operator had START go on without the energy does not command any more."""
         self._start.lifted_until = -inf

@@ -568,6 +568,16 @@ def test_what_breaks_while_it_fails_closed_does_not_stop_that(
     assert "RETURN: internal fault of the companion, no station commands" in airborne.b.texts()
 
 
+def test_it_comes_home_though_nobody_can_say_whether_it_lands(airborne: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    with monkeypatch.context() as patch:
+        patch.setattr(type(airborne.companion.autopilot.orders), "landing", property(broken))
+        airborne.companion.fail_closed("planted", airborne.clock.now)
+        airborne.run(2.0)
+    assert airborne.companion.faults["way home"] == 1
+    assert airborne.autopilot.mode == RTL_MODE
+    assert "RETURN: internal fault of the companion, no station commands" in airborne.b.texts()
+
+
 def test_what_lands_already_is_not_made_to_return(airborne: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     """The fault: a landing, decided because no place could be reached, was ended by a return."""
     airborne.autopilot.mode = LAND_MODE

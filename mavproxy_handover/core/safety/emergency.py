@@ -5,8 +5,8 @@
 `causes.py` says what is wrong, `strategy.py` what is done about it, at every moment anew. News is another cause, a
 graver action (what was a warning on the ground takes off), the end of what held the aircraft back, and the end of it
 all. What waits for a station that is about to take the aircraft (TRANSFER) is none: authority tells of that itself. Who
-was held stays held meanwhile: whoever has it then decides whether it flies on. Nor is what is milder than a return or a
-landing that was just ordered, until the autopilot shows it or has had its time: the aircraft may fly it already.
+was held stays held meanwhile: the next commander decides whether it flies on. While a return or a landing was just
+ordered and the autopilot does not show it yet, nothing milder is news: the aircraft may be flying it already.
 
 Nothing here weakens the autopilot's own failsafes or the RC pilot: a decision is a command that the autopilot may
 refuse, and the guard stands behind it.
