@@ -22,7 +22,7 @@ from mavproxy_handover.autopilot.flown_mission import FlownMission, MissionMonit
 from mavproxy_handover.autopilot.ground_uploads import GroundUploads
 from mavproxy_handover.autopilot.guard import Guard
 from mavproxy_handover.autopilot.guard_link import GuardLink
-from mavproxy_handover.autopilot.loading import (
+from mavproxy_handover.autopilot.package_loading import (
     Along,
     MissionLoader,
     MissionSurroundings,

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from mavproxy_handover.autopilot.authority import Authority
 from mavproxy_handover.autopilot.command_desk import CommandDesk
-from mavproxy_handover.autopilot.loading import Along, MissionLoader
+from mavproxy_handover.autopilot.package_loading import Along, MissionLoader
 from mavproxy_handover.autopilot.preflight import Preflight
 from mavproxy_handover.autopilot.read_back import ReadBack
 from mavproxy_handover.autopilot.return_site import ReturnSite

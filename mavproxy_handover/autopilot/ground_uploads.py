@@ -29,7 +29,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.authority import Authority
 from mavproxy_handover.autopilot.command_desk import CommandDesk
-from mavproxy_handover.autopilot.loading import Along, Prepared, way_of
+from mavproxy_handover.autopilot.package_loading import Along, Prepared, way_of
 from mavproxy_handover.autopilot.mission_protocol import fence_items, same_fence
 from mavproxy_handover.autopilot.package_standing import PackageStanding
 from mavproxy_handover.autopilot.procedures import HeldPlan, Procedures

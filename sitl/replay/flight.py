@@ -28,7 +28,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.authority import Authority
 from mavproxy_handover.autopilot.autopilot import Autopilot
-from mavproxy_handover.autopilot.loading import MissionSurroundings, Prepared, prepare
+from mavproxy_handover.autopilot.package_loading import MissionSurroundings, Prepared, prepare
 from mavproxy_handover.autopilot.reports import Reports
 from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.config.running import Running
