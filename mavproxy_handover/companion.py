@@ -29,7 +29,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.autopilot.authority import Authority
 from mavproxy_handover.autopilot.autopilot import Autopilot
 from mavproxy_handover.autopilot.briefing import Briefing
-from mavproxy_handover.autopilot.loading import MissionSurroundings
+from mavproxy_handover.autopilot.package_loading import MissionSurroundings
 from mavproxy_handover.autopilot.orders import UNDOING, commanded, disarms
 from mavproxy_handover.autopilot.overrides import Overrides
 from mavproxy_handover.autopilot.read_back import WITHDRAWN
