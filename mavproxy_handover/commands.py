@@ -94,7 +94,7 @@ class VehicleCommands:
         if box:
             where = companion.config.position
             self._show(f"position  by the {where.source}; {box}; layout {where.layout.name}")
-        self._show(f"energy    {companion.autopilot.energy.words()}")
+        self._show(f"energy    {companion.autopilot.energy.fact.words()}")
         place = companion.autopilot.places.words()
         if place:
             self._show(f"place     {place}")
@@ -108,7 +108,7 @@ class VehicleCommands:
         if not companion.autopilot.aircraft.armed:
             needs = arbiter.start_needs(view.commander or companion.config.parent, now)
             self._show(f"START     {'ready' if not needs else 'not yet: ' + '; '.join(needs)}")
-        findings = companion.autopilot.findings
+        findings = companion.autopilot.preflight.findings
         if findings == ():
             self._show("preflight guard, parameters and firmware fit")
         for finding in findings or ():
@@ -144,7 +144,7 @@ class VehicleCommands:
 
     def _zones(self) -> None:
         companion = self._companion
-        facts = companion.autopilot.zone_facts()
+        facts = companion.autopilot.zones.facts()
         if not facts:
             self._show("no mission loaded, or no position yet")
         for fact in facts:

@@ -26,12 +26,12 @@ from typing import Any, Final, TypeVar
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import handover as mavlink
 
+from mavproxy_handover.autopilot.assembly import assemble
 from mavproxy_handover.autopilot.authority import Authority
-from mavproxy_handover.autopilot.autopilot import Autopilot
 from mavproxy_handover.autopilot.briefing import Briefing
-from mavproxy_handover.autopilot.package_loading import MissionSurroundings
 from mavproxy_handover.autopilot.orders import UNDOING, commanded, disarms
 from mavproxy_handover.autopilot.overrides import Overrides
+from mavproxy_handover.autopilot.package_loading import MissionSurroundings
 from mavproxy_handover.autopilot.read_back import WITHDRAWN
 from mavproxy_handover.autopilot.reports import Reports
 from mavproxy_handover.clocks import Clocks
@@ -163,7 +163,7 @@ class Companion:
         reports = Reports(self.narrator, self._voice, self.fault)
         mission = MissionSurroundings(self._keep, self._close_mission_files, lambda: self.gate.list_open)
         try:
-            self.autopilot = Autopilot(running, authority, reports, mission, edge.clocks, edge.nonce, edge.box)
+            self.autopilot = assemble(running, authority, reports, mission, edge.clocks, edge.nonce, edge.box)
         except Exception:
             self._restart.close()
             self.journal.close()
@@ -188,13 +188,13 @@ class Companion:
         self._schedule = Schedule(jobs, self.fault)
         package = self._restart.resume(self.arbiter, self.narrator)
         if package is not None:
-            self.autopilot.adopt(package, edge.clocks.monotonic())
+            self.autopilot.mission.restore(package, edge.clocks.monotonic())
             self._lay_out(package)
         restored = self._restart.restored
         if restored is not None:
-            self.autopilot.resume(restored.packs, edge.clocks.monotonic())
+            self.autopilot.energy.resume(restored.packs, edge.clocks.monotonic())
             if restored.kept:
-                self.autopilot.keep_upload(self._restart.kept_by(), edge.clocks.monotonic())
+                self.autopilot.mission.restore_upload(self._restart.kept_by(), edge.clocks.monotonic())
 
     def _write_autopilot(self, data: bytes) -> None:
         """A frame of the companion's own goes to the autopilot."""
@@ -203,10 +203,10 @@ class Companion:
 
     def _snapshot(self) -> Snapshot:
         """What a run after this one needs."""
-        kept, kept_by = self.autopilot.kept
+        kept, kept_by = self.autopilot.mission.kept
         snapshot = replace(self.arbiter.snapshot(), kept=kept, kept_by=kept_by)
         try:
-            return replace(snapshot, packs=self.autopilot.packs)
+            return replace(snapshot, packs=self.autopilot.energy.memory)
         except Exception:  # that is worth less than what else there is to keep
             self.fault("memory of the batteries", traceback.format_exc(limit=-3))
             return snapshot
@@ -231,7 +231,7 @@ class Companion:
 
     def _place(self) -> str:
         """The zones that hold the aircraft, by name."""
-        held = sorted(fact.station for fact in self.autopilot.zone_facts() if fact.margin_m > 0.0)
+        held = sorted(fact.station for fact in self.autopilot.zones.facts() if fact.margin_m > 0.0)
         return "+".join(self.arbiter.name(station) for station in held) or "no zone"
 
     def _where(self) -> tuple[float, float] | None:
@@ -243,7 +243,7 @@ class Companion:
         name = self.arbiter.name
         return tuple(
             Foreseen(name(h.from_station), name(h.to_station), (h.lat_deg, h.lon_deg), h.seq, h.overlap_s)
-            for h in self.autopilot.flown.foreseen
+            for h in self.autopilot.mission.flown.foreseen
         )
 
     @property
@@ -315,7 +315,7 @@ class Companion:
         self._journal_accepted(port, frame, what)
         change = list_change(frame)
         if change is not None:
-            self.autopilot.list_changed(port, change, self.view.phase is Phase.ON_LOAD, now)
+            self.autopilot.mission.list_changed(port, change, self.view.phase is Phase.ON_LOAD, now)
 
     def _journal_accepted(self, port: StationPort, frame: Frame, what: str) -> None:
         self._attempt("journal", lambda: self.narrator.accepted(port.name, what, thesis_command(frame)))
@@ -396,7 +396,7 @@ class Companion:
 
     def _warn(self) -> None:
         """Whoever starts the flight hears what does not fit on board, once."""
-        found = tuple(finding.text for finding in self.autopilot.findings or ())
+        found = tuple(finding.text for finding in self.autopilot.preflight.findings or ())
         commander = self.view.commander
         if commander is None or found == self._warned.get(commander, ()):
             return
@@ -411,7 +411,7 @@ class Companion:
     def _in_flight(self, port: StationPort, frame: Frame, verdict: Verdict, now: float) -> None:
         """A command of the commander that the situation judges, or a part of an upload."""
         if uploads(frame, self.gate.modes):
-            self.autopilot.staging.on_frame(port, frame, now)
+            self.autopilot.mission.staging.on_frame(port, frame, now)
             return
         intent = intent_of(frame, self.gate.modes)
         if intent is None or self.autopilot.desk.judge(port, intent, now).passes:
@@ -438,7 +438,7 @@ class Companion:
             self._package_return.on_ack(port, message, now)
             return
         if kind.startswith("MISSION_"):
-            self.autopilot.on_package(port, message, now)
+            self.autopilot.mission.on_package(port, message, now)
             return
         if kind == "HANDOVER_REHEARSE":
             self.rehearsal.take(port, message, now)
@@ -464,12 +464,12 @@ class Companion:
             return
         if frame.sysid == self.config.sysid and frame.known:
             if frame.compid == AUTOPILOT_COMPID:
-                self.autopilot.take(message, now)
+                self.autopilot.messages.take(message, now)
                 if self.autopilot.guard.asks:
                     self._send_lease(now)
                 self.gate.modes = self.autopilot.aircraft.judged_by
             if frame.msgid == _CONTROL_STATUS:
-                self.autopilot.second_manager(frame)
+                self.autopilot.messages.second_manager(frame)
         if not self.gate.down(frame, now):
             self.narrator.in_our_name((frame.sysid, frame.compid), classify(frame).what)
         elif (frame.msgid, frame.sysid, frame.compid) == (_HEARTBEAT, self.config.sysid, AUTOPILOT_COMPID):
@@ -481,7 +481,7 @@ class Companion:
         Not at once: this is the longest job there is, and stations' frames that came meanwhile go before it.
         """
         try:
-            self.autopilot.check_zones(now)
+            self.autopilot.zones.update(now)
         except Exception:
             self._not_checked(traceback.format_exc(limit=-3), now)
         else:
@@ -499,8 +499,7 @@ class Companion:
     def tick(self, now: float) -> None:
         """To be called often (the module: 20 times a second). What fails in here stops nothing else in here."""
         self._attempt("gate", self.gate.tick, now)
-        self._attempt("autopilot", self.autopilot.tick, now)
-        self._attempt("position box", self.autopilot.look_at_box, now)
+        self._attempt("autopilot", self.autopilot.rounds.tick, now)
         if self._arbiter_is_due(now):
             self.handle(events.Tick(), now)
         self._attempt("briefing", self._briefing.tick, now)
@@ -526,7 +525,7 @@ class Companion:
             return otherwise
 
     def _return_packages(self, now: float) -> None:
-        package, flying = self.autopilot.package, self.autopilot.aircraft.flying
+        package, flying = self.autopilot.mission.flown.package, self.autopilot.aircraft.flying
         self._package_return.tick(None if self.failed else package, flying, now)
 
     def _send_lease(self, now: float) -> None:
@@ -536,7 +535,7 @@ class Companion:
 
     def _send_authority_status(self, now: float) -> None:
         guard = self.arbiter.guard(now)
-        changed, zone = self.autopilot.flown.changed, self.arbiter.zone()
+        changed, zone = self.autopilot.mission.flown.changed, self.arbiter.zone()
         told = status.authority_status(
             self.view,
             zone,
@@ -559,7 +558,7 @@ class Companion:
         self._attempt("journal", self.narrator.sum_up, now)
         self._attempt("state", lambda: self._restart.each_second(self._snapshot()))
         grounded = self._asked("whether it is on the ground", lambda: self.arbiter.grounded(now), False, now)
-        self._attempt("each second", self.autopilot.each_second, self.view, grounded, now)
+        self._attempt("each second", self.autopilot.rounds.each_second, self.view, grounded, now)
         self._attempt("word of a fault", self._tell_faults, now)
         self._attempt("word of heartbeats", self._unheard.each_second, now)
 
@@ -676,7 +675,6 @@ class Companion:
             case events.Record():
                 self.narrator.record(action, now)
                 if action.reason is Reason.LANDED:
-                    self.autopilot.tell_landed()
                     self.autopilot.orders.flight_over(now)
                 self.rehearsal.record(action, now)
             case events.Fly():
@@ -739,9 +737,7 @@ class Companion:
                 return
             self.fault("what follows from a new view", traceback.format_exc(limit=-3))
         if view.commander != former:
-            self.autopilot.authority_moved(now)
-            if former is not None:
-                self.autopilot.renew_streams()
+            self.autopilot.authority_moved(before, now)
             self.autopilot.orders.give_start_up("its commander commands no more", now)
             self._attempt("word of it", self._tell_commander, before, view)
         self._attempt("journal", self.narrator.view, view, action.reason)

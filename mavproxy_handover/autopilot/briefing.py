@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from math import inf
 from typing import Final
 
-from mavproxy_handover.autopilot.autopilot import Autopilot
+from mavproxy_handover.autopilot.assembly import Autopilot
 from mavproxy_handover.core.arbiter import Arbiter
 from mavproxy_handover.core.messages import HandoverAhead, HandoverRequest
 from mavproxy_handover.core.safety.causes import CAUSES
@@ -123,7 +123,7 @@ class Briefing:
         return f"{self._autopilot.route.words(now) or f'to waypoint {aircraft.waypoint}'}; {place}"
 
     def _battery(self) -> str:
-        fact, need = self._autopilot.energy, self._autopilot.desk.way_on_wh()
+        fact, need = self._autopilot.energy.fact, self._autopilot.desk.way_on_wh()
         if fact.model is None or fact.left_wh is None:
             return f"what is left is not known{f': {fact.missing}' if fact.missing else ''}"
         whole = fact.model.battery_wh
@@ -132,7 +132,7 @@ class Briefing:
         return f"{fact.left_wh / whole:.0%} left; {on}{f'; return to {place}' if place else ''}"
 
     def _wind(self) -> str:
-        fact = self._autopilot.energy
+        fact = self._autopilot.energy.fact
         wind = None if fact.model is None else fact.model.wind
         if wind is None:
             return "not known"

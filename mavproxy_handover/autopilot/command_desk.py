@@ -29,8 +29,7 @@ from typing import Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.authority import Authority
-from mavproxy_handover.autopilot.reports import Reports
+from mavproxy_handover.autopilot.context import Context
 from mavproxy_handover.autopilot.teller import Teller
 from mavproxy_handover.core.model import Flown
 from mavproxy_handover.core.safety.commands import (
@@ -55,7 +54,6 @@ from mavproxy_handover.monitors.energy import FAULT, EnergyMonitor
 from mavproxy_handover.monitors.return_site.candidates import Candidates
 from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.vehicle.return_limits import fence_limits
-from mavproxy_handover.vehicle.state import VehicleState
 
 __all__ = ["MOST", "PER_S", "CommandDesk"]
 
@@ -125,11 +123,9 @@ class CommandDesk:
     def __init__(
         self,
         policies: Mapping[Limit, str],
-        aircraft: VehicleState,
+        context: Context,
         energy: EnergyMonitor,
         places: Candidates,
-        authority: Authority,
-        reports: Reports,
         teller: Teller,
         stale_s: float,
     ) -> None:
@@ -138,11 +134,11 @@ class CommandDesk:
         self._start_rules = CommandRules()
         #: the plan that the autopilot holds; None: nobody knows which one
         self.ahead: Ahead | None = None
-        self._aircraft = aircraft
+        self._aircraft = context.state
         self._energy = energy
         self._places = places
-        self._authority = authority
-        self._reports = reports
+        self._authority = context.authority
+        self._reports = context.reports
         self._teller = teller
         #: an older position (s) is not known any more
         self._stale_s = stale_s

@@ -1,26 +1,28 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Which mission the autopilot holds to fly, as far as is known, and all that follows from it.
+"""The mission that the autopilot holds, as far as it is known, and everything that depends on it.
 
-Who has to know: the monitors that compare the aircraft to its mission, the check before flight, the places of a return,
-the energy, and what judges commands in flight. They are told here, and nowhere else.
+The monitors that compare the aircraft with its mission, the check before flight, the return site, the energy and the
+check of commands must know the mission. They are told here only.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
-from mavproxy_handover.autopilot.authority import Authority
 from mavproxy_handover.autopilot.command_desk import CommandDesk
-from mavproxy_handover.autopilot.package_loading import Along, MissionLoader
+from mavproxy_handover.autopilot.context import Context
+from mavproxy_handover.autopilot.delivery import DeliveryPoint
 from mavproxy_handover.autopilot.preflight import Preflight
+from mavproxy_handover.autopilot.prepared import Along, Prepared, Rerouted
 from mavproxy_handover.autopilot.read_back import ReadBack
 from mavproxy_handover.autopilot.return_site import ReturnSite
-from mavproxy_handover.autopilot.staging import Rerouted
 from mavproxy_handover.autopilot.teller import Teller
 from mavproxy_handover.core.events import MissionLoaded
 from mavproxy_handover.mission.ahead import Ahead
 from mavproxy_handover.mission.energy import released_at
+from mavproxy_handover.mission.items import RallyPoint
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.mission.plan import Route
 from mavproxy_handover.mission.walk import Handover
@@ -31,15 +33,16 @@ from mavproxy_handover.monitors.preflight.own_failsafes import plan_facts
 from mavproxy_handover.monitors.preflight.plan_fit import PlanFitMonitor
 from mavproxy_handover.monitors.route import RouteMonitor
 from mavproxy_handover.monitors.waypoints import WaypointMonitor
-from mavproxy_handover.vehicle.state import VehicleState
+from mavproxy_handover.monitors.zones import ZoneMonitor
 
 __all__ = ["FlownMission", "MissionMonitors", "MissionUsers"]
 
 
 @dataclass(frozen=True, slots=True)
 class MissionMonitors:
-    """The monitors that compare the aircraft to its mission."""
+    """The monitors that compare the aircraft with its mission."""
 
+    zones: ZoneMonitor
     waypoints: WaypointMonitor
     gaps: GapMonitor
     borders: BorderMonitor
@@ -50,9 +53,8 @@ class MissionMonitors:
 
 @dataclass(frozen=True, slots=True)
 class MissionUsers:
-    """The parts that need to know the mission for what they do."""
+    """The other parts that need to know the mission."""
 
-    loader: MissionLoader
     preflight: Preflight
     places: ReturnSite
     desk: CommandDesk
@@ -60,25 +62,36 @@ class MissionUsers:
 
 
 class FlownMission:
-    """Of one vehicle. Times are monotonic seconds."""
+    """Of one vehicle. `keep` saves the package that the autopilot holds. Times are monotonic seconds."""
 
     def __init__(
-        self, state: VehicleState, authority: Authority, teller: Teller, monitors: MissionMonitors, users: MissionUsers
+        self,
+        context: Context,
+        teller: Teller,
+        monitors: MissionMonitors,
+        users: MissionUsers,
+        keep: Callable[[MissionPackage], None],
     ) -> None:
-        self._state = state
-        self._authority = authority
+        self._state = context.state
+        self._authority = context.authority
         self._teller = teller
         self._monitors = monitors
         self._users = users
-        #: what the autopilot holds to fly, as far as is known
+        self._keep = keep
+        #: the package whose zones and stations count; None: no package is known
+        self.package: MissionPackage | None = None
+        #: the package that was loaded last, also after another mission has replaced it
+        self.latest: MissionPackage | None = None
+        #: the route that the autopilot holds; None: it is not known
         self.route: Route | None = None
-        #: the commander has changed it in flight: on the ground no package is loaded any more
+        #: the commander has replaced the mission in flight: after landing, no package is loaded
         self.changed_aloft = False
-        #: it is another one than the package's, which a station wrote on the ground
+        #: a station has written another mission than the package's on the ground
         self._uploaded = False
-        #: the handovers that the check of the package has
+        self.delivery = DeliveryPoint()
+        #: the expected changes of commander
         self.foreseen: tuple[Handover, ...] = ()
-        #: the changes of the parameters (`Parameters.changes`) by which the plan was judged
+        #: `Parameters.changes` when the plan was judged last
         self._judged_by = 0
 
     @property
@@ -86,27 +99,58 @@ class FlownMission:
         """The mission is not the package's any more: a station has uploaded another one."""
         return self.changed_aloft or self._uploaded
 
-    def by_package(self, package: MissionPackage | None, along: Along, now: float, *, uploaded: bool = False) -> None:
-        """The autopilot holds this package, and `along` lies along its route; None: it holds none. `uploaded`: the
-        mission is another one, which a station wrote on the ground."""
-        monitors, users = self._monitors, self._users
-        route = None if package is None else package.route
+    def loaded(self, prepared: Prepared, now: float, *, uploaded: bool = False) -> None:
+        """The autopilot was loaded with a mission, which was read back: adopt it, save it and tell the rules.
+
+        `uploaded`: a station wrote it on the ground, and it is another mission than the package's.
+        """
+        self._keep(prepared.package)
+        self.adopt(prepared, now, uploaded=uploaded)
+        package = prepared.package
+        policy = package.policies.get("on_out_of_coverage")
+        self._authority.handle(MissionLoaded(package.digest, prepared.commanders, policy), now)
+
+    def remember(self, package: MissionPackage) -> None:
+        """This is the package that was loaded last."""
+        self.latest = package
+
+    def adopt(self, prepared: Prepared, now: float, *, uploaded: bool = False) -> None:
+        """The autopilot holds this mission. `uploaded`: as in `loaded`."""
+        monitors, users, package = self._monitors, self._users, prepared.package
+        self.package = package
+        monitors.zones.adopt(prepared.finder, package.route)
+        self.delivery.adopt(package)
+        energy = monitors.energy.adopt(package.energy, prepared.way, now, wings=package.kind.winged)
+        self._teller.tell(energy, now)
         self.changed_aloft, self._uploaded = False, uploaded
-        self._flies(route, now)
-        users.desk.ahead = (
-            None if package is None else Ahead(package.route, package.zone_finder(), package.cruise_speed_mps)
-        )
-        self.lies_along(along)
-        monitors.waypoints.adopt(None if package is None else package.belonging, now)
-        facts = None if package is None else plan_facts(package.route, package.cruise_speed_mps)
-        energy = None if package is None else package.energy
+        self._flies(package.route, now)
+        users.desk.ahead = Ahead(package.route, package.zone_finder(), package.cruise_speed_mps)
+        self.lies_along(prepared.along)
+        monitors.waypoints.adopt(package.belonging, now)
+        facts = plan_facts(package.route, package.cruise_speed_mps)
         monitors.plan_fit.planned(facts)
-        users.preflight.planned(facts, monitors.gaps.longest_s, energy)
+        users.preflight.planned(facts, monitors.gaps.longest_s, package.energy)
         self.judge(now)
         users.places.adopt(package, now, keeps_rally=uploaded)
 
+    def drop(self, now: float) -> None:
+        """The mission that the autopilot holds is not known any more. The package stays: its zones still count."""
+        monitors, users = self._monitors, self._users
+        self.changed_aloft, self._uploaded = False, False
+        self._flies(None, now)
+        users.desk.ahead = None
+        self.lies_along(Along())
+        monitors.waypoints.adopt(None, now)
+        monitors.plan_fit.planned(None)
+        users.preflight.planned(None, monitors.gaps.longest_s)
+        self.judge(now)
+
+    def first_point(self, package: MissionPackage) -> RallyPoint:
+        """The point that the rally list holds after a package was loaded."""
+        return self._users.places.candidates.first_point(package)
+
     def lies_along(self, along: Along) -> None:
-        """What lies along the route of the package."""
+        """This lies along the route of the package."""
         self.foreseen = along.handovers
         self._monitors.gaps.adopt(along.stretches)
         self._monitors.borders.adopt(along.way)
@@ -114,19 +158,20 @@ class FlownMission:
             self._users.desk.ahead.gaps = along.stretches
 
     def reroute(self, rerouted: Rerouted | None, now: float) -> None:
-        """The autopilot holds the mission that its commander has sent in flight; None: nobody knows what it holds."""
+        """The autopilot holds the mission that its commander has sent in flight; None: which one is not known."""
         monitors, users = self._monitors, self._users
         self.changed_aloft = True
         self.foreseen = ()
-        monitors.gaps.adopt(())  # what is declared is a gap of the package
-        monitors.waypoints.adopt(None, now)  # and so is a waypoint
-        users.loader.delivery.adopt(None)  # and the delivery point
+        # gaps, waypoints of stations and the delivery point belong to the package
+        monitors.gaps.adopt(())
+        monitors.waypoints.adopt(None, now)
+        self.delivery.adopt(None)
         monitors.borders.adopt(None if rerouted is None else rerouted.way)
         self._flies(None if rerouted is None else rerouted.ahead.route, now)
         users.desk.ahead = None if rerouted is None else rerouted.ahead
         if rerouted is None:
             return
-        users.loader.reroute(rerouted.ahead.route)
+        monitors.zones.reroute(rerouted.ahead.route)
         users.places.reroute(rerouted.ahead.route)
         monitors.plan_fit.planned(rerouted.facts)
         users.preflight.planned(rerouted.facts)
@@ -136,19 +181,19 @@ class FlownMission:
 
     def _flies(self, route: Route | None, now: float) -> None:
         self.route = route
-        self._users.read_back.forget(now)
+        self._users.read_back.adopt(route, now)
         self._monitors.plan_fit.flies(None if route is None else route.kind)
         self._state.ways_down.adopt(route)
         self._monitors.route.adopt(route)
         self._monitors.energy.released(None if route is None else released_at(route))
 
     def judge(self, now: float) -> None:
-        """Tell the arbiter what START lacks for gaps and heights, for a return that lands, and of the aircraft."""
+        """Tell the rules what START lacks for gaps, heights, the kind of aircraft, and a return that lands."""
         self._judged_by = self._state.parameters.changes
         self._teller.tell(self._monitors.gaps.update(self._state, now), now)
         self._teller.tell(self._monitors.plan_fit.update(self._state, now), now)
 
     @property
     def unjudged(self) -> bool:
-        """The parameters have changed since."""
+        """The parameters have changed since the last judgement."""
         return self._state.parameters.changes != self._judged_by

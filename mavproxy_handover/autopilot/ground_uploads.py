@@ -27,13 +27,13 @@ from typing import Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.authority import Authority
 from mavproxy_handover.autopilot.command_desk import CommandDesk
-from mavproxy_handover.autopilot.package_loading import Along, Prepared, way_of
+from mavproxy_handover.autopilot.context import Context
+from mavproxy_handover.autopilot.flown_mission import FlownMission
 from mavproxy_handover.autopilot.mission_protocol import fence_items, same_fence
 from mavproxy_handover.autopilot.package_standing import PackageStanding
-from mavproxy_handover.autopilot.procedures import HeldPlan, Procedures
-from mavproxy_handover.autopilot.reports import Reports
+from mavproxy_handover.autopilot.prepared import Along, Prepared, way_of
+from mavproxy_handover.autopilot.procedures import HeldPlan
 from mavproxy_handover.core.safety.commands import QUIET_S, Limit
 from mavproxy_handover.gate.list_changes import MISSION, ListChange
 from mavproxy_handover.gate.words import how_to_lift
@@ -47,7 +47,7 @@ from mavproxy_handover.mission.jumps import jumps
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.mission.walk import walk_legs
 from mavproxy_handover.stations.port import StationPort
-from mavproxy_handover.wire.conversation import Conversation, Conversations
+from mavproxy_handover.wire.conversation import Conversation
 from mavproxy_handover.worker import Worker
 
 __all__ = ["GroundUploads"]
@@ -88,28 +88,23 @@ class _Judged:
 class GroundUploads:
     """The uploads of one vehicle's stations on the ground.
 
-    `package` returns the package whose zones count, None if there is none. `flown` gets a mission that passed, and
-    whether it is another one than the package's.
+    A mission is judged by the package that was loaded last, or else by the package on board (`standing`). `list_open`:
+    whether a station is writing the mission or the geofence.
     """
 
     def __init__(
         self,
+        context: Context,
         desk: CommandDesk,
-        procedures: Callable[[], Procedures],
-        conversations: Conversations,
-        authority: Authority,
-        reports: Reports,
-        package: Callable[[], MissionPackage | None],
-        flown: Callable[[Prepared, bool, float], None],
+        flown: FlownMission,
         standing: PackageStanding,
         list_open: Callable[[], bool],
     ) -> None:
         self._desk = desk
-        self._procedures = procedures
-        self._conversations = conversations
-        self._authority = authority
-        self._reports = reports
-        self._package = package
+        self._procedures = context.procedures
+        self._conversations = context.conversations
+        self._authority = context.authority
+        self._reports = context.reports
         self._flown = flown
         self._standing = standing
         self._list_open = list_open
@@ -118,6 +113,11 @@ class GroundUploads:
         self._written: _Written | None = None
         self._changed_at = self._due_at = -inf
         self._tries = 0
+
+    @property
+    def _package(self) -> MissionPackage | None:
+        """The package whose zones count; None: there is none."""
+        return self._flown.latest or self._standing.on_board
 
     def changed(self, port: StationPort, change: ListChange, now: float) -> None:
         """A station's message that changes a list goes to the autopilot."""
@@ -152,7 +152,7 @@ class GroundUploads:
     # ---- the steps ------------------------------------------------------------------------------------------------
 
     def _read(self, written: _Written, now: float) -> None:
-        package = self._package()
+        package = self._package
         self._due_at = inf
         if package is None:
             self._reject(written, "without a mission package no zones are known", now)
@@ -208,14 +208,14 @@ class GroundUploads:
             return
         self._written = None
         prepared = result.prepared
-        self._flown(prepared, not result.own, now)
+        self._flown.loaded(prepared, now, uploaded=not result.own)
         count = len(held.items) - 1
         self._reports.narrator.mission_judged(_name(written), count, prepared.commanders, own=result.own)
         self._standing.judged(_name(written), written.what, count, prepared.package.name, own=result.own, now=now)
 
     def _reject(self, written: _Written, why: str, now: float, lifted: str = "") -> None:
         self._written = None
-        known = self._package() is not None
+        known = self._package is not None
         self._reports.narrator.mission_rejected(_name(written), written.what, why)
         self._standing.rejected(_name(written), written.what, why, lifted, known=known, now=now)
 

@@ -20,11 +20,10 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.authority import Authority
+from mavproxy_handover.autopilot.context import Context
 from mavproxy_handover.autopilot.mission_protocol import RefusedError
-from mavproxy_handover.autopilot.procedures import Procedures
-from mavproxy_handover.autopilot.read_back import WITHDRAWN, NotHeldError
-from mavproxy_handover.autopilot.reports import Reports
+from mavproxy_handover.autopilot.read_back import WITHDRAWN, NotHeldError, ReadBack
+from mavproxy_handover.autopilot.return_site import ReturnSite
 from mavproxy_handover.core.events import HandSeen, OrderRefused, StartFinished, StartRequested
 from mavproxy_handover.core.model import FlightAction, Hand
 from mavproxy_handover.core.safety.commands import QUIET_S, Kind, Limit
@@ -35,7 +34,7 @@ from mavproxy_handover.gate.refusals import OncePerCause
 from mavproxy_handover.gate.words import called, how_to_lift, subject_of
 from mavproxy_handover.monitors.energy import FAULT
 from mavproxy_handover.stations.port import StationPort
-from mavproxy_handover.wire.conversation import Ask, Asking, Conversation, Conversations, NoAnswer
+from mavproxy_handover.wire.conversation import Ask, Asking, Conversation, NoAnswer
 from mavproxy_handover.wire.frames import Frame, field_float, field_int
 from mavproxy_handover.wire.ids import MISSION_START
 
@@ -124,25 +123,16 @@ class _Asker:
 
 
 class Orders:
-    """Carries out START, STOP and the way home, one of each at a time. `procedures`: those of the autopilot's kind."""
+    """Carries out START, STOP and the way home, one of each at a time."""
 
-    def __init__(
-        self,
-        procedures: Callable[[], Procedures],
-        conversations: Conversations,
-        authority: Authority,
-        reports: Reports,
-        read_back: Callable[[], Asking],
-        changed: Callable[[str, float], None],
-    ) -> None:
-        """`read_back`: whether the autopilot still holds its mission (`read_back.py`); `changed` is told how it does
-        not."""
+    def __init__(self, context: Context, read_back: ReadBack, places: ReturnSite) -> None:
         self._read_back = read_back
-        self._changed = changed
-        self._procedures = procedures
-        self._conversations = conversations
-        self._authority = authority
-        self._reports = reports
+        self._places = places
+        self._state = context.state
+        self._procedures = context.procedures
+        self._conversations = context.conversations
+        self._authority = context.authority
+        self._reports = context.reports
         #: of each station, who there asked for a START that the rules have not answered yet
         self._asked: dict[int, _Asker] = {}
         #: who asked for the START that is under way, or was last
@@ -154,8 +144,6 @@ class Orders:
         self._went_on: tuple[StationPort, str, float] | None = None
         #: the disarm that the commander sent last
         self._disarm: Frame | None = None
-        #: is told that a return is about to be ordered; returns what tells whether its place is in the autopilot's list
-        self.before_return: Callable[[float], Callable[[], bool]] = lambda _now: lambda: True
         #: the autopilot returns because it was told so here
         self.returning = False
         #: the order that `begin` gives to the autopilot
@@ -196,7 +184,6 @@ class Orders:
             text = talk.failure or ""
             self._authority.handle(StartFinished(talk.failure is None, text), now)
             if isinstance(talk.error, NotHeldError):
-                self._changed(text, now)
                 self._answer(asker, mavlink.MAV_RESULT_TEMPORARILY_REJECTED, f"START refused: {text}")
                 return
             result = mavlink.MAV_RESULT_ACCEPTED if talk.failure is None else mavlink.MAV_RESULT_FAILED
@@ -208,7 +195,7 @@ class Orders:
         def steps() -> Asking:
             if undoing:  # from its beginning: beside this START it would take it out of its mode
                 yield from procedures.call_off_start()
-            yield from self._read_back()
+            yield from self._read_back.asking()
             yield from procedures.start()
 
         self._reports.narrator.start_begun(asker.port.name, procedures.vehicle.starts_by)
@@ -277,8 +264,14 @@ class Orders:
             self._went_on = port, intent.word, now
 
     def flight_over(self, now: float) -> None:
-        """The autopilot says that it is disarmed. A command that came after that, and before it said so, was accepted
-        by it and began nothing. A station that does not command any more is told nothing: it cannot send START."""
+        """The autopilot says that it is disarmed: every station is told.
+
+        A command that the autopilot got after it had disarmed, and before it said so, had no effect. Its sender is told
+        if it still has authority, because it can send START again.
+        """
+        on_ground = self._state.telemetry.landed.state == mavlink.MAV_LANDED_STATE_ON_GROUND
+        text = f"{'landed' if on_ground else 'disarmed'}: the flight is over"
+        self._reports.voice.say_to_all(text, mavlink.MAV_SEVERITY_NOTICE)
         went_on, self._went_on = self._went_on, None
         if went_on is None or not self._authority.commands(went_on[0].sysid):
             return
@@ -394,8 +387,13 @@ class Orders:
             self._authority.handle(HandSeen(Hand.COMPANION, flown), now)
         return procedures.hold(pause)
 
-    def again(self, now: float) -> None:
-        """Begin the return anew: the autopilot reads where to when it begins."""
+    def tick(self, now: float) -> None:
+        """Begin a return again if its place was changed in the rally list: the autopilot reads the list when a return
+        begins. To be called often."""
+        if self._places.bounces(now, returning=self.returning):
+            self._begin_again(now)
+
+    def _begin_again(self, now: float) -> None:
         self._begin_home(FlightAction.RETURN, self._procedures().return_anew(), now)
 
     def mode_changed(self) -> None:
@@ -424,7 +422,7 @@ class Orders:
 
     def _place(self, now: float) -> Callable[[], bool]:
         try:
-            return self.before_return(now)
+            return self._places.before_return(now, returning=self.returning)
         except Exception:
             self._reports.fault("place of a return", traceback.format_exc(limit=-3))
             return lambda: True

@@ -21,6 +21,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.autopilot.reports import Reports
 from mavproxy_handover.core.events import Event, MissionJudged
 from mavproxy_handover.gate.list_changes import MISSION, ListChange
+from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.stations.port import StationPort
 
 __all__ = ["ON_BOARD_RETRY_S", "PackageStanding"]
@@ -38,10 +39,12 @@ _VEHICLE: Final = "the vehicle's own package"
 
 
 class PackageStanding:
-    """Of one vehicle. `on_board`: its configuration names a package."""
+    """Of one vehicle. `on_board`: the package that its configuration names; None: it names none."""
 
-    def __init__(self, on_board: bool, handle: Callable[[Event, float], None], reports: Reports) -> None:
-        self._on_board = on_board
+    def __init__(
+        self, on_board: MissionPackage | None, handle: Callable[[Event, float], None], reports: Reports
+    ) -> None:
+        self.on_board = on_board
         self._handle = handle
         self._reports = reports
         #: a station wrote the list that the autopilot holds: the package on board does not replace it
@@ -68,7 +71,7 @@ class PackageStanding:
         self._lack(self._cleared_words(name), now)
         follows = (
             f"The package on board is loaded in {ON_BOARD_RETRY_S:g} s"
-            if self._on_board
+            if self.on_board
             else "START needs a mission or 'handover share'"
         )
         who = f"{name} cleared the mission on the autopilot" if name else "The autopilot holds no mission"
@@ -76,7 +79,7 @@ class PackageStanding:
 
     def _cleared_words(self, name: str) -> str:
         words = f"{name} cleared it" if name else "it was cleared"
-        return f"{words}. The package on board is loaded within {ON_BOARD_RETRY_S:g} s" if self._on_board else words
+        return f"{words}. The package on board is loaded within {ON_BOARD_RETRY_S:g} s" if self.on_board else words
 
     def waits(self, name: str, what: str, now: float) -> None:
         """What a station wrote cannot be judged yet."""
@@ -106,7 +109,7 @@ class PackageStanding:
         text = f"The mission{of} is on the autopilot and is not flown: {why}"
         if what != MISSION:
             text = f"The {what}{of} is on the autopilot and the mission is not flown: {why}"
-        cure = _NO_PACKAGE if not known else f"{_OR_UPLOAD}. {_OR_CLEAR}" if self._on_board else _OR_UPLOAD
+        cure = _NO_PACKAGE if not known else f"{_OR_UPLOAD}. {_OR_CLEAR}" if self.on_board else _OR_UPLOAD
         sentences = (text, lifted, cure)
         self._say("".join(f"{sentence}. " for sentence in sentences if sentence).strip())
 
@@ -115,7 +118,7 @@ class PackageStanding:
         self.kept = True
         words = f"it was changed past the companion ({how})"
         self._lack(words, now)
-        cure = f"{_CURE}. {_OR_CLEAR}" if self._on_board else _CURE
+        cure = f"{_CURE}. {_OR_CLEAR}" if self.on_board else _CURE
         self._say(f"The mission does not count any more: {words}. {cure}.")
 
     # ---- packages -------------------------------------------------------------------------------------------------
@@ -125,7 +128,7 @@ class PackageStanding:
         ground before is judged anew, whatever became of it."""
         if self.kept:
             return
-        follows = "The package on board is loaded now" if self._on_board else _CURE
+        follows = "The package on board is loaded now" if self.on_board else _CURE
         self._lack("it was changed in flight", now)
         self._say(f"The mission was changed in flight. {follows}.")
 

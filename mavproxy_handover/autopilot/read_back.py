@@ -22,6 +22,8 @@ from math import inf
 from typing import Final
 
 from mavproxy_handover.autopilot.mission_protocol import AutopilotError
+from mavproxy_handover.autopilot.procedures import Procedures
+from mavproxy_handover.mission.plan import Route
 from mavproxy_handover.wire.conversation import Asking, Conversation, Conversations
 
 __all__ = ["GOOD_S", "WAIT_S", "WITHDRAWN", "NotHeldError", "ReadBack"]
@@ -43,18 +45,15 @@ class NotHeldError(AutopilotError):
 
 
 class ReadBack:
-    """Of one vehicle. `compare` returns the asking that compares, None if there is nothing to compare with; `changed`
-    is told how the lists differ."""
+    """Of one vehicle. Times are monotonic seconds."""
 
-    def __init__(
-        self,
-        conversations: Conversations,
-        compare: Callable[[], Asking | None],
-        changed: Callable[[str, float], None],
-    ) -> None:
+    def __init__(self, conversations: Conversations, procedures: Callable[[], Procedures]) -> None:
         self._conversations = conversations
-        self._compare = compare
-        self._changed = changed
+        self._procedures = procedures
+        #: what the autopilot must hold; None: it is not known, so nothing is compared
+        self._route: Route | None = None
+        #: how the autopilot's lists differed when they were compared last; "": not, or that was taken
+        self._difference = ""
         #: when the lists were read back equal last
         self._equal_at = -inf
         #: commands that wait: who is told, and since when
@@ -62,13 +61,18 @@ class ReadBack:
 
     def asking(self) -> Asking:
         """Compare, as a part of START. Raises NotHeldError, and NoAnswer if the autopilot does not answer."""
-        compare = self._compare()
-        if compare is None:
+        if self._route is None:
             return
         try:
-            yield from compare
+            yield from self._procedures().holds(self._route)
         except AutopilotError as error:
-            raise NotHeldError(str(error)) from None
+            self._difference = str(error)
+            raise NotHeldError(self._difference) from None
+
+    def take_difference(self) -> str:
+        """How the lists of the autopilot differ from the mission, once; "" if no difference was found."""
+        difference, self._difference = self._difference, ""
+        return difference
 
     def ask(self, command: Hashable, then: Then, now: float) -> None:
         """Tell `then`, now or soon, whether `command` may begin a flight."""
@@ -81,11 +85,19 @@ class ReadBack:
         if _CHECK not in self._conversations:
             self._conversations.begin(_CHECK, self.asking(), self._done, now)
 
-    def forget(self, now: float) -> None:
-        """The lists are being written: what was read back does not count, and nothing begins a flight."""
+    def adopt(self, route: Route | None, now: float) -> None:
+        """The autopilot holds another route; None: not known, or it is being written.
+
+        What was read back before does not count, and no command that waits begins a flight.
+        """
+        self._route, self._difference = route, ""
         self._equal_at = -inf
         if self._conversations.drop(_CHECK):
             self._tell("the mission is being written", now)
+
+    def refuse(self, now: float) -> None:
+        """The autopilot holds another mission: no command that waits begins a flight."""
+        self._tell("the mission was changed past the companion", now)
 
     def withdraw(self, now: float) -> None:
         """The commander disarms: no command that waits begins a flight any more."""
@@ -102,10 +114,7 @@ class ReadBack:
         if talk.failure is None:
             self._equal_at = now
             self._tell("", now)
-        elif isinstance(talk.error, NotHeldError):
-            self._changed(talk.failure, now)
-            self._tell("the mission was changed past the companion", now)
-        else:
+        elif not isinstance(talk.error, NotHeldError):  # else `refuse` answers them, after the mission was dropped
             self._tell(f"the mission cannot be read back: {talk.failure}", now)
 
     def _tell(self, trouble: str, now: float) -> None:

@@ -23,11 +23,9 @@ import math
 from collections.abc import Callable
 from typing import Any, Final
 
-from mavproxy_handover.autopilot.authority import Authority
-from mavproxy_handover.autopilot.orders import Orders
+from mavproxy_handover.autopilot.context import Context
 from mavproxy_handover.autopilot.rally import RallyKeeper
 from mavproxy_handover.autopilot.rally_list import RallyList
-from mavproxy_handover.autopilot.reports import Reports
 from mavproxy_handover.autopilot.return_news import ReturnNews
 from mavproxy_handover.autopilot.return_questions import ReturnQuestions
 from mavproxy_handover.core.events import PlaceJudged
@@ -42,8 +40,6 @@ from mavproxy_handover.monitors.return_site.choice import SiteChoice
 from mavproxy_handover.monitors.return_site.margin import Margin
 from mavproxy_handover.monitors.return_site.views import LOOKING, Views
 from mavproxy_handover.schedule import attempt
-from mavproxy_handover.vehicle.state import VehicleState
-from mavproxy_handover.wire.conversation import Conversations
 
 __all__ = ["ReturnSite"]
 
@@ -61,19 +57,11 @@ _ASKING: Final = "home and limits of a return"
 class ReturnSite:
     """The place of a return of one vehicle. `energy` gives what is known of energy now. Times are monotonic seconds."""
 
-    def __init__(
-        self,
-        sysid: int,
-        state: VehicleState,
-        energy: Callable[[], EnergyFact],
-        orders: Orders,
-        conversations: Conversations,
-        authority: Authority,
-        reports: Reports,
-    ) -> None:
+    def __init__(self, sysid: int, context: Context, energy: Callable[[], EnergyFact]) -> None:
+        state, authority, reports = context.state, context.authority, context.reports
+        conversations = context.conversations
         self._state = state
         self._energy = energy
-        self._orders = orders
         self._authority = authority
         self._reports = reports
         self.candidates = Candidates(state)
@@ -91,7 +79,8 @@ class ReturnSite:
         self._before = state.telemetry.heartbeat
         #: the place that a return is sent to when it is in the list
         self._bounces_to = ""
-        orders.before_return = self.before_return
+        #: the list holds that place now, so the return can begin again
+        self._bounce_due = False
 
     # ---- what is asked of it --------------------------------------------------------------------------------------
 
@@ -195,7 +184,7 @@ class ReturnSite:
             self._news.armed()
             self._tell_elsewhere()
         elif before.armed and not self._state.armed:
-            self._bounces_to = ""
+            self._bounces_to, self._bounce_due = "", False
             self._news.landed()
             self.candidates.landed()
             self.views.forget_others()
@@ -212,14 +201,14 @@ class ReturnSite:
         self._keeper.tick(now)
         self.list.tick(now)
 
-    def each_second(self, now: float) -> None:
-        """Judge the places, and keep the best one in the list."""
+    def each_second(self, now: float, *, returning: bool) -> None:
+        """Judge the places, and keep the best one in the list. `returning`: as in `bounces`."""
         if self.candidates.package is None or self._state.foreign:
             return
         attempt(self._reports.fault, _ASKING, self._questions.ask, now)
-        attempt(self._reports.fault, LOOKING, self._look, now)
+        attempt(self._reports.fault, LOOKING, self._look, now, returning)
 
-    def _look(self, now: float) -> None:
+    def _look(self, now: float, ordered: bool) -> None:
         state, chosen = self._state, self._choice.name
         self.candidates.gather_sent()
         self.views.forget_others()
@@ -229,9 +218,9 @@ class ReturnSite:
         elif here is not None and state.flying and not state.to_place:
             beyond_m = unseen_s * max(state.track[1], self.candidates.return_mps or 0.0)
             self.views.measure(chosen, here, self._energy(), beyond_m)
-        self._choose(now)
+        self._choose(now, ordered)
 
-    def _choose(self, now: float) -> None:
+    def _choose(self, now: float, ordered: bool) -> None:
         if not self.views.seen or (not self._keeper.known and now < self._questions.unread_until):
             return  # what holds is about to be read
         if self._before.at == -math.inf:
@@ -240,7 +229,7 @@ class ReturnSite:
         self._choice.take_up(self._keeper.held, energy, now)
         returning = self._state.flying and self._state.to_place
         recovering = arbiter.view.lease is LeaseState.RECOVERING
-        may_bounce = returning and self._may_bounce(now)
+        may_bounce = ordered and returning and self._may_bounce(now)
         bounces_to = self._choice.update(
             arbiter.usable(now), energy, now, recovering=recovering, returning=returning, may_bounce=may_bounce
         )
@@ -267,10 +256,7 @@ class ReturnSite:
             return  # it is not the one any more: the next one is on its way
         name = self.choice.place.name
         self._news.place(self.choice, listed=True)
-        bounces, self._bounces_to = self._bounces_to == name, ""
-        if bounces and self._state.to_place and self._may_bounce(now):
-            self._reports.narrator.bounced(name)
-            self._orders.again(now)
+        self._bounce_due, self._bounces_to = self._bounces_to == name, ""
 
     def _not_held(self, why: str) -> None:
         self._news.not_written(why)
@@ -285,17 +271,33 @@ class ReturnSite:
 
     # ---- a return -------------------------------------------------------------------------------------------------
 
-    def before_return(self, now: float) -> Callable[[], bool]:
-        """A return is about to be ordered: judge once more, and write what is not written. Returns what tells whether
-        it is, which is not to be waited for long."""
+    def before_return(self, now: float, *, returning: bool) -> Callable[[], bool]:
+        """A return is about to be ordered: judge the places again, and write the chosen one if the list does not hold
+        it. `returning`: as in `bounces`.
+
+        Returns a function that says whether the list holds it. A return does not wait long for that.
+        """
         self._questions.hurry(now)
-        attempt(self._reports.fault, LOOKING, self._look, now)
+        attempt(self._reports.fault, LOOKING, self._look, now, returning)
         if not self._keeper.settled:
             self._keeper.hurry(now)
         return lambda: self._keeper.settled
 
+    def bounces(self, now: float, *, returning: bool) -> bool:
+        """Whether the return must begin again now, because its place was changed in the list; told once.
+
+        `returning`: the aircraft returns by an order of the companion.
+        """
+        due, self._bounce_due = self._bounce_due, False
+        if not due or not returning or not self._state.to_place or not self._keeper.settled or self.choice is None:
+            return False
+        if not self._may_bounce(now):
+            return False
+        self._reports.narrator.bounced(self.choice.place.name)
+        return True
+
     def _may_bounce(self, now: float) -> bool:
-        """Whether a return that is under way may be begun anew."""
+        """Whether a return that was ordered here and is under way may begin again."""
         state, view = self._state, self._authority.arbiter.view
         where = state.where
         breached = now - state.breached_at <= _BREACH_S
@@ -303,4 +305,4 @@ class ReturnSite:
         commanded = view.commander is not None and view.lease in _COMMANDED
         failsafe = state.telemetry.heartbeat.failsafe
         # by a bounce what hovers already would fly off forwards once more
-        return self._orders.returning and commanded and not outside and not failsafe and not state.hovers
+        return commanded and not outside and not failsafe and not state.hovers

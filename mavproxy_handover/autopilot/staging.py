@@ -27,17 +27,15 @@ What takes time is done beside the main loop. Times are monotonic seconds.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.authority import Authority
 from mavproxy_handover.autopilot.command_desk import CommandDesk
+from mavproxy_handover.autopilot.context import Context
+from mavproxy_handover.autopilot.flown_mission import FlownMission
 from mavproxy_handover.autopilot.mission_protocol import same_fence
-from mavproxy_handover.autopilot.procedures import Procedures
-from mavproxy_handover.autopilot.reports import Reports
+from mavproxy_handover.autopilot.prepared import Rerouted
 from mavproxy_handover.gate.mission_items import Flaw, flaw
 from mavproxy_handover.gate.mission_server import MissionServer, Turn, Upload
 from mavproxy_handover.mission.ahead import Ahead
@@ -49,14 +47,15 @@ from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.mission.plan import MAX_CORNERS, MAX_ITEMS, Route, with_items
 from mavproxy_handover.mission.returns import with_return
 from mavproxy_handover.mission.walk import walk_legs
-from mavproxy_handover.monitors.preflight.own_failsafes import PlanFacts, plan_facts
+from mavproxy_handover.monitors.preflight.own_failsafes import plan_facts
+from mavproxy_handover.monitors.preflight.plan_fit import not_as_checked
 from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.wire import codec
-from mavproxy_handover.wire.conversation import Conversation, Conversations
+from mavproxy_handover.wire.conversation import Conversation
 from mavproxy_handover.wire.frames import Frame
 from mavproxy_handover.worker import Worker
 
-__all__ = ["Rerouted", "Staging"]
+__all__ = ["Staging"]
 
 _MISSION: Final[int] = mavlink.MAV_MISSION_TYPE_MISSION
 _FENCE: Final[int] = mavlink.MAV_MISSION_TYPE_FENCE
@@ -69,17 +68,6 @@ _WRITE: Final = "upload"
 _READ: Final = "mission found in flight"
 
 
-@dataclass(frozen=True, slots=True)
-class Rerouted:
-    """Another mission than the package's, and who is to command along it from here."""
-
-    ahead: Ahead
-    commanders: tuple[int, ...]
-    facts: PlanFacts
-    #: with its borders; None: it leads nowhere
-    way: WayAhead | None = None
-
-
 def _mission_flaw(item: MissionItem) -> Flaw | None:
     """What is wrong with an item of a mission by itself. Item 0 is home, which the autopilot sets itself."""
     if item.seq and (item.command not in COMMANDS or item.command == JUMP):
@@ -89,32 +77,16 @@ def _mission_flaw(item: MissionItem) -> Flaw | None:
 
 
 class Staging:
-    """The uploads of one vehicle's commander in flight.
+    """The uploads of one vehicle's commander in flight."""
 
-    `package`: what the autopilot was loaded with, None if that is not known. `not_as_checked`: why a
-    plan is not for this aircraft, in words; "": it is. `rerouted` is told of each mission that the autopilot holds from
-    now on; None: nobody knows which one it holds.
-    """
-
-    def __init__(
-        self,
-        desk: CommandDesk,
-        procedures: Callable[[], Procedures],
-        conversations: Conversations,
-        authority: Authority,
-        reports: Reports,
-        package: Callable[[], MissionPackage | None],
-        not_as_checked: Callable[[PlanFacts], str],
-        rerouted: Callable[[Rerouted | None, float], None],
-    ) -> None:
+    def __init__(self, context: Context, desk: CommandDesk, flown: FlownMission) -> None:
         self._desk = desk
-        self._procedures = procedures
-        self._conversations = conversations
-        self._authority = authority
-        self._reports = reports
-        self._package = package
-        self._not_as_checked = not_as_checked
-        self._rerouted = rerouted
+        self._state = context.state
+        self._procedures = context.procedures
+        self._conversations = context.conversations
+        self._authority = context.authority
+        self._reports = context.reports
+        self._flown = flown
         self._worker = Worker()
         self._servers = {
             _MISSION: MissionServer(_MISSION, MAX_ITEMS + 1, _mission_flaw),
@@ -150,7 +122,7 @@ class Staging:
         read back, so that the rest of the companion goes by it again; if that fails, nobody knows it, as before."""
 
         def done(talk: Conversation, now: float) -> None:
-            package, here, commander = self._package(), self._desk.here(now), self._authority.arbiter.view.commander
+            package, here, commander = self._flown.package, self._desk.here(now), self._authority.arbiter.view.commander
             if talk.failure is not None or len(talk.result) <= 1:
                 return
             if package is None or here is None or commander is None:
@@ -164,7 +136,7 @@ class Staging:
     def _was_found(self, result: Rerouted | Exception, now: float) -> None:
         if isinstance(result, Rerouted) and self._desk.ahead is None and _WRITE not in self._conversations:
             self._reports.narrator.found_in_flight(len(result.ahead.route.items), result.commanders)
-            self._rerouted(result, now)
+            self._flown.reroute(result, now)
 
     def authority_moved(self, now: float) -> None:
         """Somebody else commands, or nobody: what is not being written by now is given up."""
@@ -205,7 +177,7 @@ class Staging:
         self._conclude(port, _FENCE, result, words, now)
 
     def _read(self, port: StationPort, upload: Upload, now: float) -> None:
-        package, here = self._package(), self._desk.here(now)
+        package, here = self._flown.package, self._desk.here(now)
         if not upload.items:
             self._conclude(port, _MISSION, _DENIED, "in flight it is replaced, not cleared", now)
         elif package is None or here is None:
@@ -228,7 +200,7 @@ class Staging:
                 self._reports.fault("upload", f"{type(result).__name__}: {result}")
             self._conclude(port, _MISSION, mavlink.MAV_MISSION_INVALID, why, now)
             return
-        lacks = self._not_as_checked(result.facts)
+        lacks = not_as_checked(result.facts, self._state)
         if lacks:
             self._conclude(port, _MISSION, _DENIED, lacks, now)
             return
@@ -240,7 +212,7 @@ class Staging:
 
     def _write(self, port: StationPort, read: Rerouted, now: float) -> None:
         items = read.ahead.route.upload_items()
-        self._rerouted(None, now)  # from its first message on, the autopilot does not hold what it held
+        self._flown.reroute(None, now)  # from its first message on, the autopilot does not hold what it held
 
         def done(talk: Conversation, now: float) -> None:
             if talk.failure is not None:
@@ -248,7 +220,7 @@ class Staging:
                 self._conclude(port, _MISSION, mavlink.MAV_MISSION_ERROR, words, now)
                 return
             self._reports.narrator.rerouted(port.name, len(items) - 1, read.commanders)
-            self._rerouted(read, now)
+            self._flown.reroute(read, now)
             self._conclude(port, _MISSION, mavlink.MAV_MISSION_ACCEPTED, "", now)
             if read.facts.low:
                 self._reports.voice.say(port, f"mission, warning: {read.facts.low}")

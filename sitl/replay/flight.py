@@ -2,8 +2,8 @@
 
 """One replay: a recorded flight, let pass through the real edge of the autopilot and the real rules.
 
-The recorded messages go into the very `Autopilot` that flies, at their times; what it makes of them goes into the very
-`Arbiter`; what that decides is written down by the very `Narrator`. Nothing is sent anywhere. Rules that live here:
+The recorded messages go at their times into the same parts that fly (`autopilot/assembly.py`). The events go into the
+same `Arbiter`, and the same `Narrator` writes its decisions. Nothing is sent anywhere. Rules that live here:
 
 * The aircraft does what it did. From an order on that was not given then the rules judge an aircraft that does not
   obey; and a mode that was ordered then, and is not now, looks like a pilot's choice.
@@ -26,9 +26,10 @@ from typing import Any, Final, cast
 
 from pymavlink.dialects.v20 import handover as mavlink
 
+from mavproxy_handover.autopilot.assembly import assemble
 from mavproxy_handover.autopilot.authority import Authority
-from mavproxy_handover.autopilot.autopilot import Autopilot
-from mavproxy_handover.autopilot.package_loading import MissionSurroundings, Prepared, prepare
+from mavproxy_handover.autopilot.package_loading import MissionSurroundings
+from mavproxy_handover.autopilot.prepared import Prepared, prepare
 from mavproxy_handover.autopilot.reports import Reports
 from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.config.running import Running
@@ -160,7 +161,7 @@ class _Flight:
         voice = Voice(config.sysid, self._asked, {}, self._fault)
         self._narrator = narrator
         self._queue: EventQueue[float] = EventQueue(self._decide, self._begin_order)
-        self._autopilot = Autopilot(
+        self._autopilot = assemble(
             Running(config, b""),
             Authority(self._arbiter, self._handle, lambda station: self._view.commander == station),
             Reports(narrator, voice, self._fault),
@@ -169,13 +170,13 @@ class _Flight:
             nonce,
         )
         if restored is not None and restored.digest:
-            self._autopilot.holds(self._prepared, self._now)
+            self._autopilot.mission.replay(self._prepared, self._now)
 
     def _asked(self, frame: bytes) -> None:
         """The companion says something to the autopilot."""
         autopilot = self._autopilot
         for answer in self._stand_in.answers(frame):
-            self._at(self._now + _ANSWER_S, partial(autopilot.take, answer))
+            self._at(self._now + _ANSWER_S, partial(autopilot.messages.take, answer))
 
     def _fault(self, where: str, text: str) -> None:
         self.replay.faults.append(f"{where}: {text}")
@@ -228,7 +229,7 @@ class _Flight:
         before, self._view = self._view, action.view
         if before.commander == action.view.commander:
             return
-        self._autopilot.authority_moved(now)
+        self._autopilot.authority_moved(before, now)
         name = "" if action.view.commander is None else self._arbiter.name(action.view.commander)
         self.replay.commanders.append(Commander(now, name, action.reason.name.lower()))
 
@@ -309,12 +310,12 @@ class _Flight:
 
     def _load(self, now: float) -> None:
         package = self._prepared.package
-        self._autopilot.holds(self._prepared, now)
+        self._autopilot.mission.replay(self._prepared, now)
         word = package.policies.get("on_out_of_coverage")
         self._handle(events.MissionLoaded(package.digest, self._prepared.commanders, word), now)
 
     def _drop(self, now: float) -> None:
-        self._autopilot.drop_mission(now)
+        self._autopilot.mission.drop(now)
 
     # ---- time -------------------------------------------------------------------------------------------------------
 
@@ -360,14 +361,14 @@ class _Flight:
 
     def _tick(self, now: float) -> None:
         autopilot = self._autopilot
-        autopilot.tick(now)
+        autopilot.rounds.tick(now)
         if self._failed:
             return
         due = self._arbiter.next_deadline()
         if due is not None and now >= due:
             self._handle(events.Tick(), now)
         if now >= self._second_at:
-            autopilot.each_second(self._view, self._arbiter.grounded(now), now)
+            autopilot.rounds.each_second(self._view, self._arbiter.grounded(now), now)
             while self._second_at <= now:
                 self._second_at = next(self._beats, self._second_at + 1.0)
 
@@ -378,9 +379,9 @@ class _Flight:
             self._begin_by_log(message, was_armed, now)
         self._stand_in.sees(message)
         if message.get_type() not in ANSWERS:
-            autopilot.take(message, now)
+            autopilot.messages.take(message, now)
         if autopilot.aircraft.uncompared:
-            autopilot.check_zones(now)
+            autopilot.zones.update(now)
 
     def _begin_by_log(self, message: Any, was_armed: bool, now: float) -> None:
         """START is where the recording arms: its commander is taken to have sent it."""

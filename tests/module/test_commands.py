@@ -76,7 +76,7 @@ def test_status_before_anything_is_heard_says_what_start_lacks(bench: Bench) -> 
 def test_status_when_all_is_ready(bench: Bench, delivery: MissionPackage) -> None:
     bench.connect()
     bench.share(delivery)
-    bench.until(lambda: bench.companion.autopilot.findings is not None)
+    bench.until(lambda: bench.companion.autopilot.preflight.findings is not None)
     assert bench.mpstate.type("handover status") == [
         "phase     ON_LOAD",
         "commander GCSA, epoch 1, lease HELD",

@@ -265,7 +265,7 @@ def hover(bench: Bench, seconds: int, wind: tuple[float, float] = (0.0, -180.0),
 
 def test_power_and_wind_are_learned_from_what_the_autopilot_says(flying: Bench) -> None:
     hover(flying, 40, wind=(6.0, 90.0))
-    fact = flying.companion.autopilot.energy
+    fact = flying.companion.autopilot.energy.fact
     assert fact.model is not None
     # 12.6 V and 30 A, seen recently: more than the 354 W that were configured
     assert fact.model.hover_w == pytest.approx(378.0)
@@ -300,7 +300,7 @@ def test_behind_the_drop_it_flies_without_its_payload(bench: Bench, heavy: Missi
 
     def hover_w() -> float:
         bench.run(1.5)
-        model = bench.companion.autopilot.energy.model
+        model = bench.companion.autopilot.energy.fact.model
         assert model is not None
         return float(model.hover_w)
 
@@ -323,7 +323,7 @@ def test_behind_the_drop_it_flies_without_its_payload(bench: Bench, heavy: Missi
 
 def test_wind_of_speed_zero_is_no_estimate(flying: Bench) -> None:
     hover(flying, 20)
-    assert flying.companion.autopilot.energy.wind_source == ""
+    assert flying.companion.autopilot.energy.fact.wind_source == ""
 
 
 def test_in_flight_the_journal_has_it_every_ten_seconds(flying: Bench) -> None:
@@ -340,7 +340,7 @@ def test_in_flight_the_journal_has_it_every_ten_seconds(flying: Bench) -> None:
 def test_a_battery_that_falls_silent_in_flight_is_told_once(flying: Bench) -> None:
     hover(flying, 3)
     flying.run(30.0)
-    fact = flying.companion.autopilot.energy
+    fact = flying.companion.autopilot.energy.fact
     # 378 W go on
     assert fact.left_wh == pytest.approx(125.0 - 378.0 * 31.0 / 3600.0, abs=0.3)
     told = [line for line in flying.mpstate.console.lines if "has been silent" in line]
@@ -352,8 +352,8 @@ def test_what_is_left_of_what_is_odd_is_no_news(flying: Bench) -> None:
     hover(flying, 3)
     autopilot = flying.companion.autopilot
     for trouble in (("one",), ("one", "two"), ("two",), (), ("two",)):
-        news = autopilot._energy._told.news(replace(autopilot.energy, trouble=trouble), True, flying.clock.now)
-        autopilot._teller.tell(news, flying.clock.now)
+        news = autopilot.energy._told.news(replace(autopilot.energy.fact, trouble=trouble), True, flying.clock.now)
+        autopilot.messages._teller.tell(news, flying.clock.now)
     flying.run(0.1)
     texts = flying.a.texts()
     assert (texts.count("energy: "), texts.endswith("energy: oneenergy: one, two")) == (2, True)
@@ -431,7 +431,7 @@ def test_one_that_never_said_what_it_draws_draws_what_flying_takes(flying: Bench
         flying.mpstate.deliver(said(mavlink_battery(**unknown)))
         flying.run(1.0)
     flying.run(30.0)
-    fact = flying.companion.autopilot.energy
+    fact = flying.companion.autopilot.energy.fact
     # 385 W in cruise, more than in hover
     assert fact.left_wh == pytest.approx(126.0 - 385.0 * 31.0 / 3600.0, abs=0.15)
 
@@ -456,7 +456,7 @@ def test_no_report_of_a_battery_breaks_anything(flying: Bench, changes: dict[str
         flying.mpstate.deliver(said(mavlink_battery(**changes)))
         flying.run(1.0)
     assert flying.companion.faults == {}
-    assert flying.companion.autopilot.energy.left_wh is not None
+    assert flying.companion.autopilot.energy.fact.left_wh is not None
 
 
 # ---- a restart in flight ------------------------------------------------------------------------------------------
@@ -482,7 +482,7 @@ def drain(bench: Bench, seconds: int, part: float) -> float:
     for _ in range(seconds):
         bench.mpstate.deliver(said(mavlink_battery(**counted, **load)))
         bench.run(1.0)
-    left = bench.companion.autopilot.energy.left_wh
+    left = bench.companion.autopilot.energy.fact.left_wh
     assert left is not None
     return left
 
@@ -590,7 +590,7 @@ def test_a_fault_of_before_take_off_silences_no_decision_in_flight(
         assert bench.autopilot.mode == AUTO
         bench.autopilot.battery = 0.05
         bench.until(lambda: bool(bench.autopilot.mode == RTL), 20.0)
-    assert bench.companion.autopilot.energy.left_wh == pytest.approx(6.3, abs=0.5)
+    assert bench.companion.autopilot.energy.fact.left_wh == pytest.approx(6.3, abs=0.5)
 
 
 def test_what_was_known_on_the_ground_is_drawn_down_once_it_is_armed(
@@ -601,12 +601,12 @@ def test_what_was_known_on_the_ground_is_drawn_down_once_it_is_armed(
     with monkeypatch.context() as patch:
         patch.setattr(Batteries, "charge", broken)
         bench.run(10.0)
-        assert bench.companion.autopilot.energy.left_wh == 126.0
+        assert bench.companion.autopilot.energy.fact.left_wh == 126.0
         bench.a.command(START)
         bench.until(lambda: bench.companion.view.phase is Phase.ON_MISSION)
         bench.run(60.0)
         # 385 W in cruise, more than in hover
-        assert bench.companion.autopilot.energy.left_wh == pytest.approx(126.0 - 385.0 * 60.0 / 3600.0, abs=1.0)
+        assert bench.companion.autopilot.energy.fact.left_wh == pytest.approx(126.0 - 385.0 * 60.0 / 3600.0, abs=1.0)
 
 
 def test_a_battery_that_speaks_while_something_is_broken_counts(
@@ -616,10 +616,10 @@ def test_a_battery_that_speaks_while_something_is_broken_counts(
     with monkeypatch.context() as patch:
         patch.setattr(Learner, "model", broken)
         bench.run(1.5)
-        assert bench.companion.autopilot.energy.left_wh is None
+        assert bench.companion.autopilot.energy.fact.left_wh is None
         bench.autopilot.battery = 0.6
         bench.run(2.5)
-        assert bench.companion.autopilot.energy.left_wh == pytest.approx(75.6)
+        assert bench.companion.autopilot.energy.fact.left_wh == pytest.approx(75.6)
 
 
 def test_what_was_known_by_other_numbers_does_not_go_on(
@@ -631,7 +631,7 @@ def test_what_was_known_by_other_numbers_does_not_go_on(
         patch.setattr(Learner, "model", broken)
         bench.share(delivery)
         bench.run(1.5)
-        assert bench.companion.autopilot.energy.words() == "unknown: internal fault"
+        assert bench.companion.autopilot.energy.fact.words() == "unknown: internal fault"
         assert needs(bench) == ("energy: internal fault",)
 
 
@@ -656,7 +656,7 @@ def test_a_message_that_breaks_something_costs_that_message(flying: Bench, monke
     assert flying.companion.faults["energy"] == 1
     assert len(flying.a.got("BATTERY_STATUS")) == heard + 1, "the commander gets it all the same"
     hover(flying, 2)
-    assert flying.companion.autopilot.energy.left_wh == pytest.approx(125.0, abs=0.15)
+    assert flying.companion.autopilot.energy.fact.left_wh == pytest.approx(125.0, abs=0.15)
 
 
 def test_after_a_restart_in_flight_the_missions_numbers_are_there_again(flying: Bench) -> None:
@@ -664,7 +664,7 @@ def test_after_a_restart_in_flight_the_missions_numbers_are_there_again(flying: 
     flying.mpstate.unload("handover")
     flying.load()
     hover(flying, 3)
-    fact = flying.companion.autopilot.energy
+    fact = flying.companion.autopilot.energy.fact
     assert fact.model is not None
     assert fact.model.battery_wh == 126.0
     assert fact.left_wh == pytest.approx(125.0, abs=0.15), "what the last report said, and a second of power"

@@ -47,15 +47,15 @@ def flying(bench: Bench, delivery: MissionPackage) -> Bench:
 
 def test_a_return_that_is_followed_by_a_landing_is_told_and_never_ordered(flying: Bench) -> None:
     """The last look before a return finds that no place is in reach. So the return is followed by a landing."""
-    orders = flying.companion.autopilot.orders
-    look = orders.before_return
+    places = flying.companion.autopilot.places
+    look = places.before_return
 
-    def finds_nothing(now: float) -> Callable[[], bool]:
-        written = look(now)
+    def finds_nothing(now: float, *, returning: bool) -> Callable[[], bool]:
+        written = look(now, returning=returning)
         flying.companion.handle(PlaceJudged("home", False, "out of reach"), now)
         return written
 
-    orders.before_return = finds_nothing
+    places.before_return = finds_nothing  # type: ignore[method-assign]
     flying.a.alive = flying.b.alive = False
     flying.until(lambda: flying.autopilot.mode in (LAND, RTL), 20.0)
     flying.run(3.0)

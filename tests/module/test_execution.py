@@ -123,9 +123,9 @@ def test_without_a_live_radio_nobody_is_a_pilot(flown: Bench, healthy: int) -> N
 def test_that_a_lost_radio_would_go_unnoticed_is_read_before_the_flight(bench: Bench) -> None:
     bench.autopilot.parameters |= {"FS_THR_ENABLE": 0.0}
     bench.connect()
-    bench.until(lambda: bench.companion.autopilot.findings is not None, 60.0)
+    bench.until(lambda: bench.companion.autopilot.preflight.findings is not None, 60.0)
     autopilot = bench.companion.autopilot
-    assert autopilot._execution.radio_watched(autopilot.aircraft) is False
+    assert autopilot.rounds._monitors.execution.radio_watched(autopilot.aircraft) is False
 
 
 def test_the_commanders_accepted_command_is_its_word(flown: Bench) -> None:

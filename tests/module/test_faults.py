@@ -60,7 +60,7 @@ HEALTHY: dict[str, Callable[[Bench, pytest.MonkeyPatch], None]] = {
     "the state of the aircraft": lambda b, patch: patch.setattr(b.companion.autopilot.aircraft, "take", broken),
     "the downlink": lambda b, patch: patch.setattr(b.companion.gate, "down", broken),
     "the telemetry": lambda b, patch: patch.setattr(b.companion.autopilot.aircraft, "record", broken),
-    "the zone finder": lambda b, patch: patch.setattr(b.companion.autopilot, "zone_facts", broken),
+    "the zone finder": lambda b, patch: patch.setattr(b.companion.autopilot.zones, "facts", broken),
     "a conversation": lambda b, patch: b.companion.autopilot.conversations.begin(
         "load", broken_asking(), broken, b.clock.now
     ),
@@ -105,7 +105,7 @@ IN_FLIGHT: dict[str, tuple[Callable[[Bench, pytest.MonkeyPatch], None], str]] = 
         "word of a decision",
     ),
     "the borders ahead": (
-        lambda b, patch: patch.setattr(b.companion.autopilot._borders, "update", broken),
+        lambda b, patch: patch.setattr(b.companion.autopilot.rounds._monitors.borders, "update", broken),
         "the way ahead",
     ),
     "the route": (lambda b, patch: patch.setattr(RouteMonitor, "deviation", property(broken)), "sign of the route"),
@@ -321,7 +321,7 @@ def test_positions_that_are_compared_to_no_zone_bring_the_aircraft_home(
     airborne: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Nothing else would say that it has left them all."""
-    monkeypatch.setattr(airborne.companion.autopilot, "zone_facts", broken)
+    monkeypatch.setattr(airborne.companion.autopilot.zones, "facts", broken)
     airborne.run(4.0)
     assert not airborne.companion.failed
     airborne.until(lambda: airborne.autopilot.mode == RTL_MODE, 3.0)

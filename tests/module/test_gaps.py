@@ -89,7 +89,7 @@ def test_what_is_set_while_the_parameters_are_read_counts(loaded: Bench) -> None
     loaded.a.send(mavlink.MAVLink_param_set_message(1, 1, b"HNDO_ALONE_MAX", 0.0, 9))
     loaded.until(lambda: needs(loaded) != (), 3.0)
     before = read()
-    preflight = loaded.companion.autopilot._preflight
+    preflight = loaded.companion.autopilot.preflight
     preflight.planned(preflight._plan, 60.0)  # it is looked at again
     loaded.until(lambda: read() > before, 40.0)
     loaded.run(1.0)

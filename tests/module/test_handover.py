@@ -128,9 +128,9 @@ def test_every_position_is_judged_against_the_zones_even_at_twenty_a_second(
 ) -> None:
     """The thesis checks its geofences every 50 ms (section 4.3.2)."""
     judged: list[float] = []
-    check = flight.companion.autopilot.check_zones
+    check = flight.companion.autopilot.zones.update
     monkeypatch.setattr(
-        flight.companion.autopilot, "check_zones", lambda now: (judged.append(round(now, 2)), check(now))
+        flight.companion.autopilot.zones, "update", lambda now: (judged.append(round(now, 2)), check(now))
     )
     for _ in range(40):
         position = mavlink.MAVLink_global_position_int_message(1000, 526790000, 59240000, 41000, 40000, 0, 0, 0, 0)

@@ -107,11 +107,11 @@ def test_heights_above_terrain_need_an_autopilot_that_knows_the_ground(
     bench.autopilot.parameters.update(parameters)
     bench.connect()
     bench.share(changed(delivery, above_terrain))
-    bench.until(lambda: bench.companion.autopilot.findings is not None, 60.0)
+    bench.until(lambda: bench.companion.autopilot.preflight.findings is not None, 60.0)
     bench.run(1.0)
     needs = "; ".join(bench.companion.arbiter.start_needs(251, bench.clock.now))
     assert ("heights: item 2 (NAV_WAYPOINT) above terrain: TERRAIN_ENABLE is not 1 and" in needs) is lacks
-    told = [finding.text for finding in bench.companion.autopilot.findings or ()]
+    told = [finding.text for finding in bench.companion.autopilot.preflight.findings or ()]
     assert any("above terrain" in text for text in told), "the mission has no heights of the ground either"
 
 
@@ -127,8 +127,8 @@ def test_a_way_near_the_height_of_home_is_told_before_start(
     bench.autopilot.parameters["FS_OPTIONS"] = 0.0
     bench.connect()
     bench.share(changed(delivery, low))
-    bench.until(lambda: bench.companion.autopilot.findings is not None, 60.0)
-    told = [finding.text for finding in bench.companion.autopilot.findings or ()]
+    bench.until(lambda: bench.companion.autopilot.preflight.findings is not None, 60.0)
+    told = [finding.text for finding in bench.companion.autopilot.preflight.findings or ()]
     assert any(text.startswith(f"item 2 (NAV_WAYPOINT): {words}") for text in told)
 
 

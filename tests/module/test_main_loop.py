@@ -201,8 +201,8 @@ class TestTheModule:
         bench, far = busy
         self.talk(bench)
         steps: list[str] = []
-        check, up = bench.companion.autopilot.check_zones, bench.companion.gate.up
-        monkeypatch.setattr(bench.companion.autopilot, "check_zones", lambda now: (steps.append("zones"), check(now)))
+        check, up = bench.companion.autopilot.zones.update, bench.companion.gate.up
+        monkeypatch.setattr(bench.companion.autopilot.zones, "update", lambda now: (steps.append("zones"), check(now)))
         monkeypatch.setattr(bench.companion.gate, "up", lambda *frame: (steps.append("frame"), up(*frame))[1])
         bench.module._idle_at = bench.clock.now + 0.03
         self.position(bench)

@@ -165,5 +165,5 @@ def test_while_looking_works_the_margin_is_the_one_that_was_seen(flying: Bench) 
         flying.run(3.0)
         facts = [seen.fact for seen in watch(flying).views.seen.values()]
         assert watch(flying).margin_wh == max(fact.margin_wh for fact in facts)
-        energy, margin = flying.companion.autopilot.energy, watch(flying)._margin
+        energy, margin = flying.companion.autopilot.energy.fact, watch(flying)._margin
         assert [margin.by_now(seen, energy) for seen in watch(flying).views.seen.values()] == facts

@@ -339,15 +339,15 @@ def test_a_return_never_waits_longer_than_a_moment_for_its_place(flying: Bench) 
 def test_what_is_decided_while_the_place_is_looked_at_is_not_undone(flying: Bench) -> None:
     """The last look before a return finds that no place is in reach any more."""
     fly_to(flying, BETWEEN, 40.0)
-    own_orders = flying.companion.autopilot.orders
-    look = own_orders.before_return
+    places = flying.companion.autopilot.places
+    look = places.before_return
 
-    def finds_nothing(now: float) -> Callable[[], bool]:
-        written = look(now)
+    def finds_nothing(now: float, *, returning: bool) -> Callable[[], bool]:
+        written = look(now, returning=returning)
         flying.companion.handle(PlaceJudged("home", False, "out of reach"), now)
         return written
 
-    own_orders.before_return = finds_nothing
+    places.before_return = finds_nothing  # type: ignore[method-assign]
     flying.autopilot.received.clear()
     lose(flying, flying.a, flying.b)
     flying.until(lambda: flying.autopilot.mode in (LAND, RTL), 20.0)
@@ -389,10 +389,10 @@ def test_not_once_a_landing_is_ordered(flying: Bench) -> None:
     from mavproxy_handover.core.model import FlightAction
 
     returning(flying)
-    places, orders_of_it = flying.companion.autopilot.places, flying.companion.autopilot.orders
-    assert places._may_bounce(flying.clock.now)
+    orders_of_it = flying.companion.autopilot.orders
+    assert orders_of_it.returning
     orders_of_it.fly(FlightAction.LAND, flying.clock.now)
-    assert not places._may_bounce(flying.clock.now)
+    assert not orders_of_it.returning
     lose(flying, flying.b)
     flying.run(12.0)
     assert flying.autopilot.mode == LAND

@@ -116,10 +116,10 @@ def test_a_mission_item_that_leads_down_is_the_commanders_word(flight: Bench, me
 def test_the_rules_are_told_what_it_is_and_the_room_that_it_needs(flight: Bench) -> None:
     aircraft = flight.companion.autopilot.aircraft
     assert (aircraft.kind, aircraft.foreign, aircraft.flown) == (Kind.QUADPLANE, "", Flown.MISSION)
-    state = flight.companion.autopilot._autopilot_state()
+    state = flight.companion.autopilot.messages.autopilot_state()
     assert (state.kind, state.circles_s) == (Kind.QUADPLANE, 20.0)
     aircraft.take(mavlink.MAVLink_param_value_message(b"WP_LOITER_RAD", 30.0, 9, 900, 0), flight.clock.now)
-    assert flight.companion.autopilot._autopilot_state().circles_s == 11.0
+    assert flight.companion.autopilot.messages.autopilot_state().circles_s == 11.0
 
 
 def test_without_a_landing_at_the_end_of_a_return_it_does_not_start(bench: Bench, ferry: MissionPackage) -> None:
@@ -150,14 +150,14 @@ def always_armed(bench: Bench, landed: int) -> Bench:
 def test_one_that_is_always_armed_is_told_so(bench: Bench) -> None:
     """The fault: what is armed was not asked for its parameters, so ARMING_REQUIRE 0 was never read."""
     always_armed(bench, mavlink.MAV_LANDED_STATE_ON_GROUND)
-    findings = bench.companion.autopilot.findings
+    findings = bench.companion.autopilot.preflight.findings
     assert findings is not None
     assert "ARMING_REQUIRE" in [finding.parameter for finding in findings]
 
 
 def test_but_one_that_flies_is_asked_nothing(bench: Bench) -> None:
     always_armed(bench, mavlink.MAV_LANDED_STATE_IN_AIR)
-    assert bench.companion.autopilot.findings is None
+    assert bench.companion.autopilot.preflight.findings is None
 
 
 # ---- where a return goes --------------------------------------------------------------------------------------------
@@ -374,7 +374,7 @@ def test_a_hold_and_a_flight_on_that_the_rules_decide_are_known_to_be_the_compan
 def test_a_circle_around_the_place_is_at_the_place(flight: Bench) -> None:
     flight.autopilot.mode = RTL
     seen = []
-    monitor = flight.companion.autopilot._execution
+    monitor = flight.companion.autopilot.rounds._monitors.execution
     update = monitor.update
 
     def note(state: object, now: float) -> list[object]:

@@ -754,7 +754,7 @@ def test_nothing_is_asked_while_armed(flown: Bench) -> None:
     flown.autopilot.armed = True
     flown.run(30.0)
     assert flown.autopilot.asked == []  # type: ignore[attr-defined]
-    assert flown.companion.autopilot.findings is None
+    assert flown.companion.autopilot.preflight.findings is None
 
 
 def test_a_reading_that_a_start_overtakes_is_finished(flown: Bench) -> None:

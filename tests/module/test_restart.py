@@ -139,7 +139,7 @@ class TestInFlight:
         flight.run(2.0)
         assert leases(flight) == [(RECOVERING, 0, 2), (HELD, 251, 2)]
         assert flight.companion.arbiter.snapshot().route == (251, 252, 251, 252, 251)
-        assert flight.companion.autopilot.zone_facts() != ()
+        assert flight.companion.autopilot.zones.facts() != ()
 
     def test_the_lease_is_there_with_the_first_round_and_authority_within_two_seconds(self, flight: Bench) -> None:
         restart(flight)
@@ -487,7 +487,7 @@ class TestBadState:
         flight.load()
         flight.run(2.0)
         assert flight.journal("state_lost") == []
-        assert flight.companion.autopilot.zone_facts() != ()
+        assert flight.companion.autopilot.zones.facts() != ()
 
     def test_a_mission_of_another_flight_is_not_taken_for_this_one(
         self, flight: Bench, delivery: MissionPackage, monkeypatch: pytest.MonkeyPatch
@@ -496,7 +496,7 @@ class TestBadState:
         monkeypatch.setattr(state, "from_bytes", lambda data: _Other())
         flight.load()
         flight.run(2.0)
-        assert flight.companion.autopilot.zone_facts() == ()
+        assert flight.companion.autopilot.zones.facts() == ()
         assert flight.journal("state_lost")
 
 

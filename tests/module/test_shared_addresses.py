@@ -15,7 +15,7 @@ LTE = VehicleAddress("100.64.3.7", 5762)
 
 
 def held(bench: Bench) -> dict[int, tuple[VehicleAddress, ...]]:
-    package = bench.companion.autopilot.package
+    package = bench.companion.autopilot.mission.flown.package
     assert package is not None
     return dict(package.addresses)
 
@@ -24,7 +24,7 @@ def test_those_of_the_missions_stations_are_kept_and_the_digest_stays(bench: Ben
     bench.connect()
     bench.share(replace(delivery, addresses={252: (WIFI,), 99: (LTE,)}))
     assert held(bench) == {252: (WIFI,)}
-    assert bench.companion.autopilot.package.digest == delivery.digest
+    assert bench.companion.autopilot.mission.flown.package.digest == delivery.digest
 
 
 def test_a_mission_that_is_shared_again_with_others_brings_the_others(bench: Bench, delivery: MissionPackage) -> None:

@@ -298,7 +298,7 @@ def test_an_upload_ends_with_the_authority_of_its_sender(flown: Bench) -> None:
     flown.run(0.2)
     program.turn()
     assert mavlink.MAV_MISSION_OPERATION_CANCELLED in program.acks
-    assert flown.companion.autopilot.staging._servers[0].sender is None
+    assert flown.companion.autopilot.mission.staging._servers[0].sender is None
     assert [m for m in flown.autopilot.got("MISSION_COUNT") if m.mission_type == 0] == []
 
 
@@ -330,7 +330,7 @@ def test_after_a_restart_in_flight_the_mission_is_read_back(flown: Bench, change
     flown.load()
     flown.until(lambda: flown.companion.view.commander == 251)
     flown.run(2.0)
-    assert flown.companion.autopilot.flown.changed is changed
+    assert flown.companion.autopilot.mission.flown.changed is changed
     assert (flown.companion.autopilot.desk.ahead is None) is changed
 
 

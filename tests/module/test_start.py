@@ -404,7 +404,7 @@ def test_an_arduplane_that_is_set_to_say_that_it_is_a_copter_does_not_start(
     assert bench.a.acks(START) == [REJECTED]
     needs = "START refused: Q_MAV_TYPE is 2: its modes are taken for those of another aircraft"
     assert needs in bench.a.texts()
-    (finding,) = [each for each in bench.companion.autopilot.findings or () if each.parameter == "Q_MAV_TYPE"]
+    (finding,) = [each for each in bench.companion.autopilot.preflight.findings or () if each.parameter == "Q_MAV_TYPE"]
     assert finding.text.endswith("; START is refused")
 
 
@@ -469,7 +469,7 @@ class TestByHand:
 
     @pytest.mark.parametrize("command", [ARM, START])
     def test_whoever_begins_a_flight_hears_what_does_not_fit(self, ready: Bench, command: int) -> None:
-        ready.companion.autopilot._preflight.findings = (Finding("", "the guard is old"),)
+        ready.companion.autopilot.preflight.findings = (Finding("", "the guard is old"),)
         ready.a.command(command, 1.0)
         ready.run(0.5)
         assert ready.a.texts().count("preflight: the guard is old") == 1

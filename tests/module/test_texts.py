@@ -240,7 +240,7 @@ def printed(ack: Any) -> list[str]:
 
 
 def test_the_answers_to_our_own_wishes_for_rates_are_not_printed_and_an_operators_are(two: Bench) -> None:
-    two.companion.autopilot.renew_streams()
+    two.companion.autopilot.streams.renew()
     two.autopilot.received.clear()
     two.run(2.0)
     wishes = [m for m in two.autopilot.got("COMMAND_LONG", 1) if m.command == RATE]

@@ -1,0 +1,187 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""All parts that deal with the autopilot, constructed in the order in which they need each other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from mavproxy_handover.autopilot.authority import Authority
+from mavproxy_handover.autopilot.command_desk import CommandDesk
+from mavproxy_handover.autopilot.context import Context
+from mavproxy_handover.autopilot.copter import Copter
+from mavproxy_handover.autopilot.flown_mission import FlownMission, MissionMonitors, MissionUsers
+from mavproxy_handover.autopilot.ground_uploads import GroundUploads
+from mavproxy_handover.autopilot.guard import Guard
+from mavproxy_handover.autopilot.guard_link import GuardLink
+from mavproxy_handover.autopilot.messages import AutopilotMessages, MessageMonitors, MessageUsers
+from mavproxy_handover.autopilot.mission_on_board import MissionOnBoard, MissionSources
+from mavproxy_handover.autopilot.orders import Orders
+from mavproxy_handover.autopilot.package_loading import MissionSurroundings, PackageLoader
+from mavproxy_handover.autopilot.package_reader import PackageReader
+from mavproxy_handover.autopilot.package_standing import PackageStanding
+from mavproxy_handover.autopilot.plane import Plane
+from mavproxy_handover.autopilot.preflight import Preflight
+from mavproxy_handover.autopilot.procedures import Procedures
+from mavproxy_handover.autopilot.read_back import ReadBack
+from mavproxy_handover.autopilot.reports import Reports
+from mavproxy_handover.autopilot.return_site import ReturnSite
+from mavproxy_handover.autopilot.rounds import RoundMonitors, RoundParts, Rounds
+from mavproxy_handover.autopilot.speed_keeper import SpeedKeeper
+from mavproxy_handover.autopilot.staging import Staging
+from mavproxy_handover.autopilot.streams import Streams
+from mavproxy_handover.autopilot.telemetry import Telemetry
+from mavproxy_handover.autopilot.teller import Teller
+from mavproxy_handover.autopilot.zone_check import ZoneCheck
+from mavproxy_handover.clocks import Clocks
+from mavproxy_handover.config.running import Running
+from mavproxy_handover.core.model import AuthorityView
+from mavproxy_handover.monitors.borders import BorderMonitor
+from mavproxy_handover.monitors.energy import EnergyMonitor
+from mavproxy_handover.monitors.execution import ExecutionMonitor
+from mavproxy_handover.monitors.gaps import GapMonitor
+from mavproxy_handover.monitors.position.source import Box, PositionMonitor
+from mavproxy_handover.monitors.preflight.plan_fit import PlanFitMonitor
+from mavproxy_handover.monitors.reboots import RebootMonitor
+from mavproxy_handover.monitors.route import RouteMonitor
+from mavproxy_handover.monitors.signs import SignMonitor
+from mavproxy_handover.monitors.waypoints import WaypointMonitor
+from mavproxy_handover.monitors.zones import ZoneMonitor
+from mavproxy_handover.vehicle.kinds import COPTER, PLANE, Vehicle
+from mavproxy_handover.vehicle.state import VehicleState
+from mavproxy_handover.wire.conversation import Conversations
+from mavproxy_handover.wire.status import LeaseSequence
+
+__all__ = ["Autopilot", "assemble"]
+
+
+@dataclass(frozen=True, slots=True)
+class Autopilot:
+    """The parts that the rest of the companion works with."""
+
+    aircraft: VehicleState
+    conversations: Conversations
+    guard: Guard
+    positions: PositionMonitor
+    energy: EnergyMonitor
+    #: the aircraft against its route
+    route: RouteMonitor
+    preflight: Preflight
+    read_back: ReadBack
+    #: where a return goes
+    places: ReturnSite
+    orders: Orders
+    #: the check of the commander's commands in flight
+    desk: CommandDesk
+    mission: MissionOnBoard
+    streams: Streams
+    zones: ZoneCheck
+    messages: AutopilotMessages
+    rounds: Rounds
+
+    def authority_moved(self, before: AuthorityView, now: float) -> None:
+        """Another station has authority, or no station; `before`: the view until now."""
+        self.desk.authority_moved()
+        self.mission.authority_moved(now)
+        if before.commander is not None:
+            self.streams.renew()
+
+
+def assemble(
+    running: Running,
+    authority: Authority,
+    reports: Reports,
+    around: MissionSurroundings,
+    clocks: Clocks,
+    nonce: int,
+    box: Box | None = None,
+) -> Autopilot:
+    """Construct the parts for one vehicle. `nonce`: of this run's leases, never 0; `box`: the position box, if there
+    is one."""
+    config, key = running.config, running.guard_key
+    state = VehicleState()
+    conversations = Conversations(reports.voice.to_autopilot, reports.fault)
+    context = Context(state, conversations, _procedures(config.sysid, state), authority, reports)
+    teller = Teller(authority.handle, reports)
+
+    leases = LeaseSequence(nonce, key)
+    guard_link = GuardLink(config.sysid, key, leases)
+    guard = Guard(config.sysid, state, leases, guard_link, reports, clocks.monotonic)
+    preflight = Preflight(config.sysid, state, config.limits, conversations, reports.narrator.preflight, config.energy)
+    streams = Streams(context.procedures, reports.voice.ask_rates)
+    telemetry = Telemetry(state, authority.arbiter.zones, reports, clocks.utc, config.limits.position_stale_s)
+    read_back = ReadBack(conversations, context.procedures)
+
+    positions = PositionMonitor(config.position, state, box)
+    energy = EnergyMonitor(config.energy, reports.fault)
+    monitors = MissionMonitors(
+        ZoneMonitor(),
+        WaypointMonitor(config.limits.leave_margin_m),
+        GapMonitor(config.limits),
+        BorderMonitor(config.limits.operator_timeout_s),
+        RouteMonitor(config.route),
+        PlanFitMonitor(),
+        energy,
+    )
+    places = ReturnSite(config.sysid, context, lambda: energy.fact)
+    orders = Orders(context, read_back, places)
+    execution = ExecutionMonitor(lambda: places.goes_to)
+    signs = SignMonitor(
+        lambda: places.energy_words if places.short else None, lambda: monitors.route.deviation, reports.fault
+    )
+    desk = CommandDesk(config.commands, context, energy, places.candidates, teller, config.limits.position_stale_s)
+
+    flown = FlownMission(context, teller, monitors, MissionUsers(preflight, places, desk, read_back), around.keep)
+    standing = PackageStanding(running.mission, authority.handle, reports)
+    uploads = GroundUploads(context, desk, flown, standing, around.list_open)
+    loader = PackageLoader(context, PackageReader(config), flown, standing, uploads, around.close_files)
+    staging = Staging(context, desk, flown)
+    mission = MissionOnBoard(context, flown, MissionSources(loader, uploads, staging, standing, read_back), orders)
+
+    speeds = SpeedKeeper(context, flown, orders, places, desk)
+    messages = AutopilotMessages(
+        config.sysid,
+        context,
+        teller,
+        MessageMonitors(execution, energy, monitors.waypoints, RebootMonitor()),
+        MessageUsers(guard, preflight, streams, orders, places, desk, speeds),
+        mission,
+    )
+    rounds = Rounds(
+        context,
+        teller,
+        RoundMonitors(positions, energy, monitors.borders, execution, signs),
+        RoundParts(guard, preflight, streams, telemetry, orders, places, mission),
+    )
+    return Autopilot(
+        state,
+        conversations,
+        guard,
+        positions,
+        energy,
+        monitors.route,
+        preflight,
+        read_back,
+        places,
+        orders,
+        desk,
+        mission,
+        streams,
+        ZoneCheck(context, monitors, positions, teller),
+        messages,
+        rounds,
+    )
+
+
+def _procedures(sysid: int, state: VehicleState) -> Callable[[], Procedures]:
+    """The procedures of the kind of aircraft that the autopilot last said."""
+
+    def text() -> str:
+        return state.telemetry.text
+
+    by_kind: dict[Vehicle, Procedures] = {
+        COPTER: Copter(sysid, text, lambda: state.foreign),
+        PLANE: Plane(sysid, text, state),
+    }
+    return lambda: by_kind[state.vehicle]

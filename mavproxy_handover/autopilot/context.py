@@ -1,0 +1,29 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What the parts that talk to the autopilot work with."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from mavproxy_handover.autopilot.authority import Authority
+from mavproxy_handover.autopilot.procedures import Procedures
+from mavproxy_handover.autopilot.reports import Reports
+from mavproxy_handover.vehicle.state import VehicleState
+from mavproxy_handover.wire.conversation import Conversations
+
+__all__ = ["Context"]
+
+
+@dataclass(frozen=True, slots=True)
+class Context:
+    """Of one vehicle. It is complete before the parts are constructed, and it is the same for all of them."""
+
+    state: VehicleState
+    #: the conversations with the autopilot that are open
+    conversations: Conversations
+    #: the procedures of the kind of aircraft that the autopilot last said
+    procedures: Callable[[], Procedures]
+    authority: Authority
+    reports: Reports

@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Missions that were read and walked through the zones, ready to be adopted.
+
+To walk a route takes time. `prepare` and `way_of` are for a worker thread, not for the main loop.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from mavproxy_handover.core.safety.energy import Piece
+from mavproxy_handover.mission.ahead import Ahead
+from mavproxy_handover.mission.crossings import WayAhead
+from mavproxy_handover.mission.energy import PreparedWay
+from mavproxy_handover.mission.gaps import Stretch
+from mavproxy_handover.mission.package import MissionPackage
+from mavproxy_handover.mission.walk import Handover
+from mavproxy_handover.mission.zones import ZoneFinder
+from mavproxy_handover.monitors.preflight.own_failsafes import PlanFacts
+
+__all__ = ["Along", "Prepared", "Rerouted", "Way", "prepare", "way_of"]
+
+
+#: the pieces of a route, with the return from its end at that height (m) where it does not land
+Way = Callable[[float], Sequence[Piece]]
+
+
+@dataclass(frozen=True, slots=True)
+class Along:
+    """What lies along the route of a mission."""
+
+    #: the declared gaps in coverage that the route crosses
+    stretches: tuple[Stretch, ...] = ()
+    #: the borders of zones; None: not known
+    way: WayAhead | None = None
+    #: the expected changes of commander
+    handovers: tuple[Handover, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Prepared:
+    """A package that was read, and the results that take time to compute."""
+
+    package: MissionPackage
+    finder: ZoneFinder
+    #: system ids of the commanders, in the order in which the route needs them
+    commanders: tuple[int, ...]
+    #: the pieces of its route, for the energy
+    way: Way
+    along: Along = Along()
+
+
+@dataclass(frozen=True, slots=True)
+class Rerouted:
+    """A mission that replaces the mission of the package in flight."""
+
+    ahead: Ahead
+    #: system ids of the commanders from here on, in the order in which the route needs them
+    commanders: tuple[int, ...]
+    facts: PlanFacts
+    #: the borders of zones on the route; None: it leads nowhere
+    way: WayAhead | None = None
+
+
+def prepare(package: MissionPackage) -> Prepared:
+    """Walk the route of a package through its zones."""
+    walk = package.walk()
+    along = Along(package.stretches(walk), WayAhead.of(walk, package.route), walk.handovers)
+    return Prepared(package, package.zone_finder(), walk.commanders, way_of(package), along)
+
+
+def way_of(package: MissionPackage) -> Way:
+    """The pieces of the route of a package, for the energy."""
+    route = PreparedWay(package.route, package.cruise_speed_mps)
+    return route.pieces

@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The speed of the mission and of a return, restored after a change of mode.
+
+ArduPilot forgets the speed of a DO_CHANGE_SPEED item when the aircraft leaves AUTO. Back in AUTO, the companion sends
+that speed again. A speed of the commander that arrives just after a return has begun would slow the return down, so the
+companion sends the speed of the return again.
+"""
+
+from __future__ import annotations
+
+from mavproxy_handover.autopilot.command_desk import CommandDesk
+from mavproxy_handover.autopilot.context import Context
+from mavproxy_handover.autopilot.flown_mission import FlownMission
+from mavproxy_handover.autopilot.orders import Orders
+from mavproxy_handover.autopilot.return_site import ReturnSite
+from mavproxy_handover.mission.walk import speed_at
+
+__all__ = ["SpeedKeeper"]
+
+
+class SpeedKeeper:
+    """Of one vehicle. Times are monotonic seconds."""
+
+    def __init__(
+        self, context: Context, flown: FlownMission, orders: Orders, places: ReturnSite, desk: CommandDesk
+    ) -> None:
+        self._state = context.state
+        self._flown = flown
+        self._orders = orders
+        self._places = places
+        self._desk = desk
+
+    def mission_flown(self, now: float) -> None:
+        """The aircraft begins to fly its mission, or ends."""
+        state, route = self._state, self._flown.route
+        resumes = state.flies_mission and state.flying and not state.foreign
+        speed_mps = speed_at(route, state.waypoint) if resumes and route is not None else None
+        self._orders.resume_speed(speed_mps, now)
+
+    def mode_changed(self, now: float) -> None:
+        """The aircraft flies another mode; to be called after `mission_flown`, which ends a change of speed that is
+        under way."""
+        if self._state.to_place and not self._state.kind.winged and self._desk.sped_lately(now):
+            self._orders.resume_speed(self._places.candidates.return_mps, now)

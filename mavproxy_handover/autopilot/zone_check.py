@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The newest position, compared with the zones and with the route."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from mavproxy_handover.autopilot.context import Context
+from mavproxy_handover.autopilot.flown_mission import MissionMonitors
+from mavproxy_handover.autopilot.teller import Teller
+from mavproxy_handover.core.events import PositionSeen
+from mavproxy_handover.core.model import ZoneFact
+from mavproxy_handover.monitors.position.source import PositionMonitor
+from mavproxy_handover.schedule import attempt
+
+__all__ = ["ZoneCheck"]
+
+#: a position that waited longer (s), because the main loop stood still, is not used: a newer one follows
+_OLD_S: Final = 0.2
+
+
+class ZoneCheck:
+    """Of one vehicle. Times are monotonic seconds."""
+
+    def __init__(self, context: Context, monitors: MissionMonitors, positions: PositionMonitor, teller: Teller) -> None:
+        self._state = context.state
+        self._fault = context.reports.fault
+        self._handle = context.authority.handle
+        self._monitors = monitors
+        self._positions = positions
+        self._teller = teller
+
+    def facts(self) -> tuple[ZoneFact, ...]:
+        """Facts about every zone at the last position; empty before a package and a position are known."""
+        return self._monitors.waypoints.marked(self._state, self._monitors.zones.facts(self._state))
+
+    def update(self, now: float) -> None:
+        """Tell the rules where the last position is with respect to every zone; then check the route."""
+        state, monitors = self._state, self._monitors
+        state.compared()
+        if now - state.position.at > _OLD_S:
+            return
+        if state.dead_reckoning and not self._positions.by_box:
+            return
+        self._handle(PositionSeen(self.facts(), monitors.gaps.fact(state)), now)
+        attempt(self._fault, "route", self._check_route, now)
+
+    def _check_route(self, now: float) -> None:
+        self._teller.tell(self._monitors.route.update(self._state, now), now)
