@@ -69,7 +69,7 @@ from mavproxy_handover.stations.unheard import Unheard
 from mavproxy_handover.stations.voice import Voice
 from mavproxy_handover.store.journal import Journal, strangers_path
 from mavproxy_handover.store.keeper import StateKeeper
-from mavproxy_handover.vehicle import hands
+from mavproxy_handover.vehicle import mode_requests
 from mavproxy_handover.wire import codec, status
 from mavproxy_handover.wire.frames import Frame, checked_types, parse_one
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, MISSION_START
@@ -323,7 +323,7 @@ class Companion:
     def _chosen(self, frame: Frame, now: float) -> None:
         """The commander's command goes to the autopilot: perhaps it asks for another mode."""
         aircraft = self.autopilot.aircraft
-        hand = hands.of_command(frame, aircraft.vehicle, aircraft.ways_down.leads_to)
+        hand = mode_requests.of_command(frame, aircraft.vehicle, aircraft.ways_down.leads_to)
         if hand is not None:
             self.handle(hand, now)
 

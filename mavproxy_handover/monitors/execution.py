@@ -14,7 +14,7 @@ from typing import Final
 from mavproxy_handover.core.events import Event, HandSeen, ModeSeen, MotionSeen, MotionUnseen
 from mavproxy_handover.core.model import Hand
 from mavproxy_handover.mission.geodesy import distance_m
-from mavproxy_handover.vehicle import hands
+from mavproxy_handover.vehicle import mode_requests
 from mavproxy_handover.vehicle.state import VehicleState
 from mavproxy_handover.wire.lease import GuardStatus
 
@@ -57,12 +57,12 @@ class ExecutionMonitor:
     def _radio(self, state: VehicleState, now: float) -> bool:
         status = state.telemetry.sys_status.value
         lately = now - state.telemetry.sys_status.at < _RADIO_S
-        return status is not None and lately and self.radio_watched(state) and hands.radio_lives(status)
+        return status is not None and lately and self.radio_watched(state) and mode_requests.radio_lives(status)
 
     @staticmethod
     def text(state: VehicleState, text: str) -> list[Event]:
         """A STATUSTEXT of the autopilot."""
-        hand = hands.of_text(text, state.vehicle)
+        hand = mode_requests.of_text(text, state.vehicle)
         return [] if hand is None else [hand]
 
     @staticmethod

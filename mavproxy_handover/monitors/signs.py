@@ -17,7 +17,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.core.events import Event, SignsSeen
 from mavproxy_handover.core.safety.route import TrackFact
 from mavproxy_handover.schedule import attempt
-from mavproxy_handover.vehicle import hands
+from mavproxy_handover.vehicle import mode_requests
 from mavproxy_handover.vehicle.state import VehicleState
 
 __all__ = ["SignMonitor", "breach"]
@@ -42,7 +42,11 @@ def breach(state: VehicleState, now: float) -> str:
             return ""
         return f"outside the fence: {_BREACHES.get(fence.breach_type, 'breached')}"
     lately = now - state.telemetry.sys_status.at < _STOPPED_S
-    known = lately and state.telemetry.sys_status.value is not None and hands.breached(state.telemetry.sys_status.value)
+    known = (
+        lately
+        and state.telemetry.sys_status.value is not None
+        and mode_requests.breached(state.telemetry.sys_status.value)
+    )
     return "outside the fence" if known else ""
 
 

@@ -19,7 +19,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.events import HandSeen
 from mavproxy_handover.core.model import LeaseState
-from mavproxy_handover.vehicle import hands
+from mavproxy_handover.vehicle import mode_requests
 from mavproxy_handover.wire.frames import Frame
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, COMPANION_COMPID, GUARD_STATUS_TUNNEL, LEASE_TUNNEL
 from mavproxy_handover.wire.lease import LEASE_VERSION, Lease, guard_status_version, unpack_guard_status, unpack_lease
@@ -139,7 +139,7 @@ def _sort(recording: Recording, at: float, message: Any, frame: Frame) -> None:
             recording.station_beats.setdefault(system, []).append(at)
             return
         addressed = getattr(message, "target_system", 0) == recording.sysid
-        hand = hands.of_command(frame) if addressed else None
+        hand = mode_requests.of_command(frame) if addressed else None
         if hand is not None:
             recording.hands.append((at, hand))
 

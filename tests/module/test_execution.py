@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.core.events import SignsSeen
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.monitors.signs import breach
-from mavproxy_handover.vehicle.hands import of_text
+from mavproxy_handover.vehicle.mode_requests import of_text
 from tests.module.conftest import Bench
 from tests.module.test_route import beside, take_off
 from tests.module.vehicle import AUTO, GUIDED, LAND, RTL

@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.events import HandSeen
 from mavproxy_handover.core.model import Flown, Hand, Kind
-from mavproxy_handover.vehicle import hands
+from mavproxy_handover.vehicle import mode_requests
 from mavproxy_handover.vehicle.kinds import COPTER, PLANE, VEHICLES, Vehicle
 from mavproxy_handover.vehicle.state import VehicleState
 from mavproxy_handover.wire.frames import parse_one
@@ -217,7 +217,7 @@ def test_what_stands_on_its_wheels_does_not_need_for_ever_to_circle() -> None:
     ],
 )
 def test_arduplane_says_what_it_does_by_itself(text: str, acts: bool) -> None:
-    assert hands.of_text(text, PLANE) == (HandSeen(Hand.FAILSAFE) if acts else None)
+    assert mode_requests.of_text(text, PLANE) == (HandSeen(Hand.FAILSAFE) if acts else None)
 
 
 @pytest.mark.parametrize(
@@ -234,13 +234,13 @@ def test_arduplane_says_what_it_does_by_itself(text: str, acts: bool) -> None:
     ],
 )
 def test_arduplane_says_how_its_mission_ends_and_what_a_failsafe_gives_back(text: str, hand: HandSeen | None) -> None:
-    assert hands.of_text(text, PLANE) == hand
+    assert mode_requests.of_text(text, PLANE) == hand
 
 
 def test_a_copters_words_are_read_as_before() -> None:
-    assert hands.of_text("GCS Failsafe") == HandSeen(Hand.FAILSAFE)
-    assert hands.of_text("GCS Failsafe Cleared") is None
-    assert hands.of_text("Battery 1 is low 10.40V used 1200 mAh", COPTER) is None
+    assert mode_requests.of_text("GCS Failsafe") == HandSeen(Hand.FAILSAFE)
+    assert mode_requests.of_text("GCS Failsafe Cleared") is None
+    assert mode_requests.of_text("Battery 1 is low 10.40V used 1200 mAh", COPTER) is None
 
 
 @pytest.mark.parametrize(("pauses", "flown"), [(0.0, Flown.STOP), (1.0, Flown.MISSION)])
@@ -249,4 +249,4 @@ def test_a_commanders_stop_is_told_from_his_going_on(pauses: float, flown: Flown
     raw = bytes(command.pack(mavlink.MAVLink(None, srcSystem=251, srcComponent=190)))
     frame = parse_one(raw)
     assert frame is not None
-    assert hands.of_command(frame) == HandSeen(Hand.COMMANDER, flown)
+    assert mode_requests.of_command(frame) == HandSeen(Hand.COMMANDER, flown)

@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.events import HandSeen
 from mavproxy_handover.core.model import Flown, Hand
-from mavproxy_handover.vehicle import hands
+from mavproxy_handover.vehicle import mode_requests
 from mavproxy_handover.vehicle.kinds import COPTER, PLANE, Vehicle
 from mavproxy_handover.wire.frames import Frame, parse_one
 
@@ -52,15 +52,15 @@ def command_int(command: int, *parameters: float) -> Any:
     ],
 )
 def test_a_mode_is_the_commanders_in_whatever_message_it_comes(message: Any, vehicle: Vehicle, flown: Flown) -> None:
-    assert hands.of_command(frame(message), vehicle) == HandSeen(Hand.COMMANDER, flown)
+    assert mode_requests.of_command(frame(message), vehicle) == HandSeen(Hand.COMMANDER, flown)
 
 
 @pytest.mark.parametrize(
     "message", [mavlink.MAVLink_mission_set_current_message(1, 1, 5), long(CURRENT, 5), command_int(CURRENT, 5)]
 )
 def test_to_go_on_with_an_item_is_what_it_leads_to(message: Any) -> None:
-    assert hands.of_command(frame(message)) is None
-    land = hands.of_command(frame(message), leads_to=lambda seq: Flown.LAND if seq == 5 else None)
+    assert mode_requests.of_command(frame(message)) is None
+    land = mode_requests.of_command(frame(message), leads_to=lambda seq: Flown.LAND if seq == 5 else None)
     assert land == HandSeen(Hand.COMMANDER, Flown.LAND)
 
 
@@ -69,7 +69,7 @@ def test_no_frame_of_a_commander_breaks_it(vehicle: Vehicle) -> None:
     """Every message that there is, with nothing but zeros in it."""
     for kind in mavlink.mavlink_map.values():
         empty = kind(*[_zero(kind, name) for name in kind.fieldnames])
-        hands.of_command(frame(empty), vehicle)
+        mode_requests.of_command(frame(empty), vehicle)
 
 
 def _zero(kind: Any, name: str) -> Any:
