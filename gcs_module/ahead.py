@@ -17,9 +17,9 @@ from dataclasses import dataclass
 from math import inf
 from typing import Final
 
-from mavproxy_handover.core.foresight import FORESEEN
-from mavproxy_handover.core.messages import CrossingKey, HandoverAhead, TransferKey
-from mavproxy_handover.core.model import Consent, Reason
+from mavproxy_handover.core.authority.foresight import FORESEEN
+from mavproxy_handover.core.common.messages import CrossingKey, HandoverAhead, TransferKey
+from mavproxy_handover.core.common.model import Consent, Reason
 
 __all__ = ["Ahead", "Beforehand"]
 

@@ -52,9 +52,9 @@ from gcs_module.vehicle_addresses import SILENT_S, VehicleAddresses
 from gcs_module.vehicle_links import VehicleLinks
 from gcs_module.view import View, telemetry_line
 from mavproxy_handover.config.files import FleetVehicle, StationConfig
-from mavproxy_handover.core.messages import Message
-from mavproxy_handover.core.model import LeaseState, Phase, Reason
-from mavproxy_handover.core.never import assert_never
+from mavproxy_handover.core.common.messages import Message
+from mavproxy_handover.core.common.model import LeaseState, Phase, Reason
+from mavproxy_handover.core.common.never import assert_never
 from mavproxy_handover.gate.latent import fuller
 from mavproxy_handover.hosting import guarded
 from mavproxy_handover.link.timesync import probe_answer

@@ -24,7 +24,7 @@ from enum import IntEnum
 from math import inf
 from typing import Final
 
-from mavproxy_handover.core.model import FlightAction
+from mavproxy_handover.core.common.model import FlightAction
 
 __all__ = ["DECISIONS", "ENDS", "EVENTS", "LOOKS", "STANDS", "Alarm", "Alarms", "Level", "Look"]
 

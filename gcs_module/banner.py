@@ -13,7 +13,7 @@ from math import inf
 from typing import Final
 
 from gcs_module.alarms import Level
-from mavproxy_handover.core.model import FlightAction, Phase
+from mavproxy_handover.core.common.model import FlightAction, Phase
 
 __all__ = ["OLD_S", "Situation", "age", "banner", "named", "tag"]
 

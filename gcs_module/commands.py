@@ -23,7 +23,7 @@ from gcs_module.route_watch import StationRouteWatch
 from gcs_module.vehicle_addresses import VehicleAddresses
 from gcs_module.view import View, telemetry_line, telemetry_table
 from mavproxy_handover.config.station import StationConfig
-from mavproxy_handover.core.model import Consent
+from mavproxy_handover.core.common.model import Consent
 from mavproxy_handover.mission.addresses import without_addresses
 from mavproxy_handover.wire.conversation import Ask, Asking, Conversation, command_long
 from mavproxy_handover.wire.ids import (

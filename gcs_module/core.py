@@ -58,9 +58,9 @@ from gcs_module.events import (
     Wish,
     WishAnswered,
 )
-from mavproxy_handover.core.conductor import READ_S
-from mavproxy_handover.core.cures import ended
-from mavproxy_handover.core.messages import (
+from mavproxy_handover.core.authority.cures import ended
+from mavproxy_handover.core.authority.transfer_manager import READ_S
+from mavproxy_handover.core.common.messages import (
     EPOCH_MAX,
     Connect,
     ConnectAck,
@@ -77,8 +77,8 @@ from mavproxy_handover.core.messages import (
     OnHandover,
     TransferKey,
 )
-from mavproxy_handover.core.model import PROTOCOL_VERSION, QUESTIONS, Consent, Outcome, Phase, Reason, Station
-from mavproxy_handover.core.never import assert_never
+from mavproxy_handover.core.common.model import PROTOCOL_VERSION, QUESTIONS, Consent, Outcome, Phase, Reason, Station
+from mavproxy_handover.core.common.never import assert_never
 
 __all__ = [
     "Action",

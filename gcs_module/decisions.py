@@ -20,7 +20,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from gcs_module.alarms import DECISIONS
 from gcs_module.events import Notice
-from mavproxy_handover.core.model import FlightAction
+from mavproxy_handover.core.common.model import FlightAction
 
 __all__ = ["Decisions", "Who", "told"]
 

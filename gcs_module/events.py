@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from math import inf
 
 from gcs_module.alarms import EVENTS, Level
-from mavproxy_handover.core.messages import Message
-from mavproxy_handover.core.model import Phase, Reason
+from mavproxy_handover.core.common.messages import Message
+from mavproxy_handover.core.common.model import Phase, Reason
 
 __all__ = [
     "Action",

@@ -30,7 +30,7 @@ from gcs_module.banner import Situation, banner
 from gcs_module.core import StationCore
 from gcs_module.map_items import Colour, Item, Mark, Paths, Plate, Row, Sign
 from gcs_module.survey import Crossing, Ground, ZoneView
-from mavproxy_handover.core.model import FlightAction
+from mavproxy_handover.core.common.model import FlightAction
 from mavproxy_handover.core.safety.route import TrackFact
 
 __all__ = ["Border", "Now", "drawn", "now_of", "place_of"]

@@ -15,8 +15,8 @@ from gcs_module.alarms import EVENTS, Alarms, Level
 from gcs_module.core import Notice, StationCore
 from gcs_module.texts import Text
 from gcs_module.view import View
-from mavproxy_handover.core.messages import Message, TransferMessage
-from mavproxy_handover.core.model import Phase
+from mavproxy_handover.core.common.messages import Message, TransferMessage
+from mavproxy_handover.core.common.model import Phase
 from mavproxy_handover.store.journal import Journal
 from mavproxy_handover.store.sampling import Sampler
 from mavproxy_handover.wire import codec

@@ -10,8 +10,8 @@ from collections.abc import Callable
 
 from mavproxy_handover.autopilot.overrides import CONSOLE
 from mavproxy_handover.companion import Companion
-from mavproxy_handover.core import events
-from mavproxy_handover.core.model import GuardState
+from mavproxy_handover.core.common import events
+from mavproxy_handover.core.common.model import GuardState
 from mavproxy_handover.core.safety.commands import Limit
 from mavproxy_handover.link.devices import Device
 from mavproxy_handover.stations.port import StationPort

@@ -36,13 +36,13 @@ from mavproxy_handover.autopilot.read_back import WITHDRAWN
 from mavproxy_handover.autopilot.reports import Reports
 from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.config.running import Running
-from mavproxy_handover.core import events
 from mavproxy_handover.core.arbiter import Arbiter, Identity
-from mavproxy_handover.core.messages import TransferMessage
-from mavproxy_handover.core.model import AuthorityView, FlightAction, Flown, LeaseState, Phase, Reason
-from mavproxy_handover.core.never import assert_never
-from mavproxy_handover.core.snapshot import Snapshot
-from mavproxy_handover.core.start import MIDWAY
+from mavproxy_handover.core.authority.start import MIDWAY
+from mavproxy_handover.core.common import events
+from mavproxy_handover.core.common.messages import TransferMessage
+from mavproxy_handover.core.common.model import AuthorityView, FlightAction, Flown, LeaseState, Phase, Reason
+from mavproxy_handover.core.common.never import assert_never
+from mavproxy_handover.core.common.snapshot import Snapshot
 from mavproxy_handover.event_queue import EventQueue
 from mavproxy_handover.gate.gate import Gate
 from mavproxy_handover.gate.intent import intent_of, repeats, wish_of

@@ -21,7 +21,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Generic, TypeVar
 
-from mavproxy_handover.core.events import Event
+from mavproxy_handover.core.common.events import Event
 
 __all__ = ["EventQueue"]
 

@@ -20,13 +20,13 @@ from enum import Enum
 from typing import Any
 
 from mavproxy_handover.core.arbiter import Arbiter
-from mavproxy_handover.core.events import Announce, Record, RehearsalMoved
-from mavproxy_handover.core.messages import TransferMessage
-from mavproxy_handover.core.model import AuthorityView, FlightAction, Phase, Reason
+from mavproxy_handover.core.authority.steps import StepWords
+from mavproxy_handover.core.common.events import Announce, Record, RehearsalMoved
+from mavproxy_handover.core.common.messages import TransferMessage
+from mavproxy_handover.core.common.model import AuthorityView, FlightAction, Phase, Reason
 from mavproxy_handover.core.safety.commands import Ruling
 from mavproxy_handover.core.safety.energy import EnergyFact
 from mavproxy_handover.core.safety.route import RouteNews
-from mavproxy_handover.core.steps import StepWords
 from mavproxy_handover.gate.flush import Closing
 from mavproxy_handover.gate.latent import News, State
 from mavproxy_handover.link.quality import LinkEvent

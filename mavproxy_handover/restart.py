@@ -16,8 +16,8 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from mavproxy_handover.core.arbiter import Arbiter
-from mavproxy_handover.core.model import Phase
-from mavproxy_handover.core.snapshot import Snapshot
+from mavproxy_handover.core.common.model import Phase
+from mavproxy_handover.core.common.snapshot import Snapshot
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.narrator import Narrator
 from mavproxy_handover.store.keeper import StateKeeper

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mavproxy_handover.core.model import Kind
+from mavproxy_handover.core.common.model import Kind
 from mavproxy_handover.mission import package as packages
 from sitl.script.places import mission_folder
 from sitl.script.scenario import known_scenarios, load_scenario

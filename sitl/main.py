@@ -18,7 +18,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, Final, TextIO
 
-from mavproxy_handover.core.model import Kind
+from mavproxy_handover.core.common.model import Kind
 from mavproxy_handover.mission import package as packages
 from mavproxy_handover.mission.check import Severity, check
 from mavproxy_handover.mission.errors import MissionError

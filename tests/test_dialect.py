@@ -21,7 +21,7 @@ import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
 import mavproxy_handover
-from mavproxy_handover.core.model import Consent, FlightAction, GuardState, LeaseState, Outcome, Phase, Reason
+from mavproxy_handover.core.common.model import Consent, FlightAction, GuardState, LeaseState, Outcome, Phase, Reason
 
 SHIPPED = Path(pymavlink.__file__).parent / "dialects" / "v20"
 WIRE = Path(mavproxy_handover.__file__).parent / "wire"

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mavproxy_handover.core.events import Cancel, Event
+from mavproxy_handover.core.common.events import Cancel, Event
 from mavproxy_handover.event_queue import EventQueue
 
 

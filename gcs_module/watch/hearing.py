@@ -22,7 +22,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from gcs_module.alarms import DECISIONS, EVENTS
 from gcs_module.texts import Texts
 from gcs_module.watch.scene import MOST_AIRCRAFT, Aircraft, Border, Place, Rank, Scene, Source
-from mavproxy_handover.core.model import FlightAction, GuardState, LeaseState, Phase
+from mavproxy_handover.core.common.model import FlightAction, GuardState, LeaseState, Phase
 from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.frames import Frame
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, COMPANION_COMPID, LANGUAGE_COMPID

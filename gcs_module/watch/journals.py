@@ -20,7 +20,7 @@ from typing import Final
 from gcs_module.alarms import DECISIONS, EVENTS, STANDS, Alarms, Level
 from gcs_module.watch.scene import HOLDS_S, Aircraft, Place, Rank, Scene, Source, Station
 from gcs_module.watch.tail import Entry
-from mavproxy_handover.core.model import FlightAction
+from mavproxy_handover.core.common.model import FlightAction
 
 __all__ = ["TOLD", "Writer"]
 

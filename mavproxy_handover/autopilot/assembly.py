@@ -36,7 +36,7 @@ from mavproxy_handover.autopilot.teller import Teller
 from mavproxy_handover.autopilot.zone_check import ZoneCheck
 from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.config.running import Running
-from mavproxy_handover.core.model import AuthorityView
+from mavproxy_handover.core.common.model import AuthorityView
 from mavproxy_handover.monitors.borders import BorderMonitor
 from mavproxy_handover.monitors.energy import EnergyMonitor
 from mavproxy_handover.monitors.execution import ExecutionMonitor

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from mavproxy_handover.core.arbiter import Arbiter
-from mavproxy_handover.core.events import Event
+from mavproxy_handover.core.common.events import Event
 
 __all__ = ["Authority"]
 

@@ -18,8 +18,8 @@ from typing import Final
 
 from mavproxy_handover.autopilot.assembly import Autopilot
 from mavproxy_handover.core.arbiter import Arbiter
-from mavproxy_handover.core.messages import HandoverAhead, HandoverRequest
-from mavproxy_handover.core.safety.causes import CAUSES
+from mavproxy_handover.core.common.causes import CAUSES
+from mavproxy_handover.core.common.messages import HandoverAhead, HandoverRequest
 from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.wire import status
 

@@ -31,7 +31,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.context import Context
 from mavproxy_handover.autopilot.teller import Teller
-from mavproxy_handover.core.model import Flown
+from mavproxy_handover.core.common.model import Flown
 from mavproxy_handover.core.safety.commands import (
     LIFTED_S,
     QUIET_S,
@@ -353,8 +353,8 @@ class CommandDesk:
         return left
 
     def _energy_short(self, legs: Sequence[Leg], ahead: Ahead) -> str:
-        """What is in reach with the reserve comes before what is covered (`core/safety/places.py`): so a way is too
-        long where not even the place that costs least from its end is in reach, of those inside the fence."""
+        """What is in reach with the reserve comes before what is covered (`core/safety/return_site.py`): so a way is
+        too long where not even the place that costs least from its end is in reach, of those inside the fence."""
         fact, places = self._energy.fact, self._places.inside_fence()
         if fact.left_wh is None and FAULT in (fact.missing, *fact.trouble):
             return f"{Limit.ENERGY.value} {_CANNOT}"

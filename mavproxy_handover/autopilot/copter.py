@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.procedures import Procedures, disobeys
-from mavproxy_handover.core.model import FlightAction
+from mavproxy_handover.core.common.model import FlightAction
 from mavproxy_handover.vehicle.kinds import COPTER, Vehicle
 from mavproxy_handover.wire.conversation import Asking, NoAnswer
 from mavproxy_handover.wire.ids import MISSION_START

@@ -9,8 +9,8 @@ from typing import Any
 
 from mavproxy_handover.autopilot.guard_link import GuardLink
 from mavproxy_handover.autopilot.reports import Reports
-from mavproxy_handover.core.events import Event, GuardSeen
-from mavproxy_handover.core.model import AuthorityView, GuardState
+from mavproxy_handover.core.common.events import Event, GuardSeen
+from mavproxy_handover.core.common.model import AuthorityView, GuardState
 from mavproxy_handover.vehicle.state import VehicleState
 from mavproxy_handover.wire.ids import GUARD_STATUS_TUNNEL
 from mavproxy_handover.wire.lease import GuardStatus

@@ -21,7 +21,7 @@ from mavproxy_handover.autopilot.return_site import ReturnSite
 from mavproxy_handover.autopilot.speed_keeper import SpeedKeeper
 from mavproxy_handover.autopilot.streams import Streams
 from mavproxy_handover.autopilot.teller import Teller
-from mavproxy_handover.core.events import AutopilotState
+from mavproxy_handover.core.common.events import AutopilotState
 from mavproxy_handover.monitors.energy import EnergyMonitor
 from mavproxy_handover.monitors.execution import ExecutionMonitor
 from mavproxy_handover.monitors.reboots import RebootMonitor

@@ -18,7 +18,7 @@ from mavproxy_handover.autopilot.package_standing import PackageStanding
 from mavproxy_handover.autopilot.prepared import Along, Prepared, way_of
 from mavproxy_handover.autopilot.read_back import ReadBack
 from mavproxy_handover.autopilot.staging import Staging
-from mavproxy_handover.core.model import Phase
+from mavproxy_handover.core.common.model import Phase
 from mavproxy_handover.gate.list_changes import ListChange
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.schedule import attempt

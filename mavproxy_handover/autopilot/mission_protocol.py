@@ -18,7 +18,7 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.model import Kind
+from mavproxy_handover.core.common.model import Kind
 from mavproxy_handover.gate.mission_items import filled, item_message, item_of
 from mavproxy_handover.mission.items import FRAME_ABOVE_SEA, MissionItem, RallyPoint, difference
 from mavproxy_handover.mission.plan import FenceCircle, FencePart, FencePolygon

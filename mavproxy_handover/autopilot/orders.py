@@ -24,10 +24,10 @@ from mavproxy_handover.autopilot.context import Context
 from mavproxy_handover.autopilot.mission_protocol import RefusedError
 from mavproxy_handover.autopilot.read_back import WITHDRAWN, NotHeldError, ReadBack
 from mavproxy_handover.autopilot.return_site import ReturnSite
-from mavproxy_handover.core.events import HandSeen, OrderRefused, StartFinished, StartRequested
-from mavproxy_handover.core.model import FlightAction, Hand
+from mavproxy_handover.core.authority.start import refused
+from mavproxy_handover.core.common.events import HandSeen, OrderRefused, StartFinished, StartRequested
+from mavproxy_handover.core.common.model import FlightAction, Hand
 from mavproxy_handover.core.safety.commands import QUIET_S, Kind, Limit
-from mavproxy_handover.core.start import refused
 from mavproxy_handover.gate.intent import Intent
 from mavproxy_handover.gate.policy.switches import SWITCH_NUMBERS
 from mavproxy_handover.gate.refusals import OncePerCause

@@ -23,7 +23,7 @@ from mavproxy_handover.autopilot.package_reader import PackageReader
 from mavproxy_handover.autopilot.package_standing import ON_BOARD_RETRY_S, PackageStanding
 from mavproxy_handover.autopilot.prepared import Along, Prepared, prepare
 from mavproxy_handover.autopilot.procedures import Plan
-from mavproxy_handover.core.events import MissionLoaded
+from mavproxy_handover.core.common.events import MissionLoaded
 from mavproxy_handover.gate.list_changes import ListChange
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.items import RallyPoint

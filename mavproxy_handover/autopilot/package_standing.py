@@ -19,7 +19,7 @@ from typing import Final
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.reports import Reports
-from mavproxy_handover.core.events import Event, MissionJudged
+from mavproxy_handover.core.common.events import Event, MissionJudged
 from mavproxy_handover.gate.list_changes import MISSION, ListChange
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.stations.port import StationPort

@@ -33,7 +33,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.mission_protocol import AutopilotError, RefusedError
 from mavproxy_handover.autopilot.procedures import Procedures, disobeys
-from mavproxy_handover.core.model import FlightAction, Flown, Kind
+from mavproxy_handover.core.common.model import FlightAction, Flown, Kind
 from mavproxy_handover.vehicle.kinds import PLANE, Vehicle
 from mavproxy_handover.vehicle.state import VehicleState
 from mavproxy_handover.wire.conversation import Asking, NoAnswer

@@ -17,8 +17,8 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import GuardState
+from mavproxy_handover.core.common.limits import Limits
+from mavproxy_handover.core.common.model import GuardState
 from mavproxy_handover.core.safety.energy_prior import EnergySettings
 from mavproxy_handover.monitors.preflight.own_failsafes import PlanFacts
 from mavproxy_handover.monitors.preflight.rules import KNOWN, NAMES, Finding, Found, judge, names_of

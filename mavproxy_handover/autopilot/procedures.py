@@ -20,7 +20,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.cruise import held_cruise, write_cruise
 from mavproxy_handover.autopilot.mission_protocol import AutopilotError, MissionProtocol, RefusedError
-from mavproxy_handover.core.model import FlightAction, Flown, Kind
+from mavproxy_handover.core.common.model import FlightAction, Flown, Kind
 from mavproxy_handover.mission.items import MissionItem, RallyPoint
 from mavproxy_handover.mission.plan import FencePart, Route
 from mavproxy_handover.vehicle.kinds import Vehicle

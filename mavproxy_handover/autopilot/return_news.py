@@ -15,7 +15,7 @@ from typing import Final
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.reports import Reports
-from mavproxy_handover.core.safety.places import Choice
+from mavproxy_handover.core.safety.return_site import Choice
 from mavproxy_handover.monitors.return_site.candidates import HOME
 from mavproxy_handover.vehicle.state import VehicleState
 

@@ -28,10 +28,10 @@ from mavproxy_handover.autopilot.rally import RallyKeeper
 from mavproxy_handover.autopilot.rally_list import RallyList
 from mavproxy_handover.autopilot.return_news import ReturnNews
 from mavproxy_handover.autopilot.return_questions import ReturnQuestions
-from mavproxy_handover.core.events import PlaceJudged
-from mavproxy_handover.core.model import LeaseState
+from mavproxy_handover.core.common.events import PlaceJudged
+from mavproxy_handover.core.common.model import LeaseState
 from mavproxy_handover.core.safety.energy import EnergyFact
-from mavproxy_handover.core.safety.places import Choice
+from mavproxy_handover.core.safety.return_site import Choice
 from mavproxy_handover.mission.items import RallyPoint
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.mission.plan import Route

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from mavproxy_handover.autopilot.reports import Reports
-from mavproxy_handover.core.model import AuthorityView
+from mavproxy_handover.core.common.model import AuthorityView
 from mavproxy_handover.schedule import attempt
 from mavproxy_handover.vehicle.state import VehicleState
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 
 from mavproxy_handover.autopilot.reports import Reports
-from mavproxy_handover.core.events import Event
+from mavproxy_handover.core.common.events import Event
 from mavproxy_handover.core.safety.route import RouteNews
 from mavproxy_handover.monitors.energy import EnergyNews, EnergyWarned
 from mavproxy_handover.monitors.position.source import BoxNews

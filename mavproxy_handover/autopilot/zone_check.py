@@ -9,8 +9,8 @@ from typing import Final
 from mavproxy_handover.autopilot.context import Context
 from mavproxy_handover.autopilot.flown_mission import MissionMonitors
 from mavproxy_handover.autopilot.teller import Teller
-from mavproxy_handover.core.events import PositionSeen
-from mavproxy_handover.core.model import ZoneFact
+from mavproxy_handover.core.common.events import PositionSeen
+from mavproxy_handover.core.common.model import ZoneFact
 from mavproxy_handover.monitors.position.source import PositionMonitor
 from mavproxy_handover.schedule import attempt
 

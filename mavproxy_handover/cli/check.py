@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from mavproxy_handover.config.toml import ConfigError
-from mavproxy_handover.core.model import Station
+from mavproxy_handover.core.common.model import Station
 from mavproxy_handover.core.safety.energy import Wind
 from mavproxy_handover.mission.check import OPERATOR_S, REACH_M, TRANSFER_S, check, report_text
 from mavproxy_handover.mission.errors import MissionError

@@ -13,8 +13,8 @@ from typing import Final
 
 from mavproxy_handover.config.toml import ConfigError
 from mavproxy_handover.config.vehicle import load_vehicle
-from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.safety.causes import CAUSES, Cause
+from mavproxy_handover.core.common.causes import CAUSES, Cause
+from mavproxy_handover.core.common.limits import Limits
 from mavproxy_handover.core.safety.explain import HEAD, assumed, facts_table, kinds_table, story, table
 from mavproxy_handover.core.safety.strategy import Fact
 from mavproxy_handover.gate.explain import columns, markdown_table

@@ -16,7 +16,7 @@ from typing import Any, Final
 
 from mavproxy_handover.config.route import route_limits
 from mavproxy_handover.config.toml import ConfigError, Table, check_tables, list_of_tables, read_toml
-from mavproxy_handover.core.model import AUTOMATIC, QUESTIONS, UNASKED, Station
+from mavproxy_handover.core.common.model import AUTOMATIC, QUESTIONS, UNASKED, Station
 from mavproxy_handover.core.safety.route import RouteLimits
 
 __all__ = ["FleetVehicle", "PeerConfig", "StationConfig", "load_station"]

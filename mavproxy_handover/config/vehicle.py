@@ -16,9 +16,9 @@ from typing import Any, Final
 from mavproxy_handover.config.position import POSITION_RANGES, PositionSettings, position_settings
 from mavproxy_handover.config.route import ROUTE_RANGES, route_limits
 from mavproxy_handover.config.toml import ConfigError, Ranges, Table, check_tables, list_of_tables, read_toml
-from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import StandingConsent, Station
-from mavproxy_handover.core.safety.causes import CAUSES, Cause
+from mavproxy_handover.core.common.causes import CAUSES, Cause
+from mavproxy_handover.core.common.limits import Limits
+from mavproxy_handover.core.common.model import StandingConsent, Station
 from mavproxy_handover.core.safety.commands import POLICIES, Limit
 from mavproxy_handover.core.safety.energy_prior import (
     ENERGY_KEYS,

@@ -28,11 +28,18 @@ from collections import Counter
 from dataclasses import dataclass, replace
 from math import inf
 
-from mavproxy_handover.core.authority import Authority
-from mavproxy_handover.core.candidates import Candidates
-from mavproxy_handover.core.conductor import Conductor
-from mavproxy_handover.core.contacts import Contacts
-from mavproxy_handover.core.events import (
+from mavproxy_handover.core.authority.authority import Authority
+from mavproxy_handover.core.authority.candidates import Candidates
+from mavproxy_handover.core.authority.contacts import Contacts
+from mavproxy_handover.core.authority.phases import PhaseCause
+from mavproxy_handover.core.authority.rehearsal import Rehearsal
+from mavproxy_handover.core.authority.requests import Requests
+from mavproxy_handover.core.authority.start import Start
+from mavproxy_handover.core.authority.transfer import Cause
+from mavproxy_handover.core.authority.transfer_manager import Conductor
+from mavproxy_handover.core.common.causes import CAUSES
+from mavproxy_handover.core.common.causes import Cause as Wrong
+from mavproxy_handover.core.common.events import (
     Action,
     AircraftJudged,
     AutopilotState,
@@ -68,10 +75,10 @@ from mavproxy_handover.core.events import (
     TakeOffPassed,
     Tick,
 )
-from mavproxy_handover.core.flight import Flight
-from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.messages import Connect, ConnectAck, CrossingKey, HandoverAhead, OkAhead
-from mavproxy_handover.core.model import (
+from mavproxy_handover.core.common.flight import Flight
+from mavproxy_handover.core.common.limits import Limits
+from mavproxy_handover.core.common.messages import Connect, ConnectAck, CrossingKey, HandoverAhead, OkAhead
+from mavproxy_handover.core.common.model import (
     NO_MATTER_ON_GROUND,
     AuthorityView,
     FlightAction,
@@ -82,19 +89,12 @@ from mavproxy_handover.core.model import (
     Reason,
     Station,
 )
-from mavproxy_handover.core.never import assert_never
-from mavproxy_handover.core.phases import PhaseCause
-from mavproxy_handover.core.rehearsal import Rehearsal
-from mavproxy_handover.core.requests import Requests
-from mavproxy_handover.core.safety.causes import CAUSES
-from mavproxy_handover.core.safety.causes import Cause as Wrong
+from mavproxy_handover.core.common.never import assert_never
+from mavproxy_handover.core.common.snapshot import Snapshot
+from mavproxy_handover.core.safety.conditions import Lookout
+from mavproxy_handover.core.safety.decision_executor import Execution
 from mavproxy_handover.core.safety.emergency import Emergency, News
-from mavproxy_handover.core.safety.execution import Execution
-from mavproxy_handover.core.safety.lookout import Lookout
 from mavproxy_handover.core.safety.strategy import Fact, Situation
-from mavproxy_handover.core.snapshot import Snapshot
-from mavproxy_handover.core.start import Start
-from mavproxy_handover.core.transfer import Cause
 
 __all__ = ["Arbiter", "Identity"]
 

@@ -16,7 +16,7 @@ from typing import Any, Final
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.config.station import FleetVehicle, StationConfig
-from mavproxy_handover.core.messages import Connect
+from mavproxy_handover.core.common.messages import Connect
 from mavproxy_handover.doctor.finding import Finding, error, ok, unseen, warning
 from mavproxy_handover.doctor.line import here, line_findings, usable
 from mavproxy_handover.doctor.mission import shown

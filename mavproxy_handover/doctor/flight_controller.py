@@ -19,8 +19,8 @@ from mavproxy_handover.autopilot.mission_protocol import MissionProtocol
 from mavproxy_handover.autopilot.preflight import reading
 from mavproxy_handover.cli.guard import version_of
 from mavproxy_handover.config.vehicle import VehicleConfig
-from mavproxy_handover.core import model
-from mavproxy_handover.core.model import GuardState
+from mavproxy_handover.core.common import model
+from mavproxy_handover.core.common.model import GuardState
 from mavproxy_handover.doctor.advice import advice
 from mavproxy_handover.doctor.finding import Finding, error, ok, unseen, warning
 from mavproxy_handover.doctor.guard_script import card_checksum, shipped_script

@@ -27,7 +27,7 @@ from typing import Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.model import AuthorityView
+from mavproxy_handover.core.common.model import AuthorityView
 from mavproxy_handover.gate.judge import StationIdentity
 from mavproxy_handover.gate.observers import ALWAYS, DEFAULTS, ObserverRates
 from mavproxy_handover.wire.frames import Frame, field_bytes, field_int, target

@@ -50,7 +50,7 @@ from typing import Final, Protocol
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.model import AuthorityView, Phase
+from mavproxy_handover.core.common.model import AuthorityView, Phase
 from mavproxy_handover.gate.downlink import DownlinkPolicy
 from mavproxy_handover.gate.flush import Closing, FlushTracker
 from mavproxy_handover.gate.intent import TARGET_MESSAGES

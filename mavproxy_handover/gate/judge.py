@@ -40,7 +40,7 @@ from typing import Final, NamedTuple
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.model import AuthorityView, Phase
+from mavproxy_handover.core.common.model import AuthorityView, Phase
 from mavproxy_handover.gate.intent import INTENT_MESSAGES, intent_of
 from mavproxy_handover.gate.policy.modes import COPTER, Modes
 from mavproxy_handover.gate.policy.parts import MISSION_TYPE_MESSAGES
@@ -86,7 +86,7 @@ class GateReason(Enum):
     NOT_ARMED = "not armed: sticks could arm"  #: on the ground; to arm needs what START needs
     RAN_BEFORE = "it ran before the station had control"  #: sticks or setpoints that have not paused since (`latent`)
     COMPANION_TARGET = "companion target"  #: aimed at the companion's component, which does not take it
-    REHEARSAL = "rehearsal: nothing arms"  #: the aircraft is carried (`core/rehearsal.py`)
+    REHEARSAL = "rehearsal: nothing arms"  #: the aircraft is carried (`core/authority/rehearsal.py`)
     NO_NUMBER = "a number in it is none"  #: a target's NaN or infinity
     SITUATION = "it would leave energy, fence or coverage"  #: in flight, or not to be judged by now
 

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 from enum import Enum
 from math import cos, inf, isclose, isfinite, radians, sin
 
-from mavproxy_handover.core.consent import refused_on_route, without_consent
-from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import Kind, Station
+from mavproxy_handover.core.authority.consent import refused_on_route, without_consent
+from mavproxy_handover.core.common.limits import Limits
+from mavproxy_handover.core.common.model import Kind, Station
 from mavproxy_handover.core.safety.energy import Wind
 from mavproxy_handover.core.safety.energy_prior import RETURN_ALT_M, WINGED_RETURN_ALT_M
 from mavproxy_handover.mission.addresses import ADDRESSES_FILE, without_addresses

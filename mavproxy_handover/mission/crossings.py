@@ -25,7 +25,7 @@ from itertools import pairwise
 from math import inf
 from typing import Final
 
-from mavproxy_handover.core.model import BorderFact
+from mavproxy_handover.core.common.model import BorderFact
 from mavproxy_handover.mission.geodesy import distance_m
 from mavproxy_handover.mission.items import LANDINGS, RETURN_TO_LAUNCH
 from mavproxy_handover.mission.pace import Pace, speed_up_mps2

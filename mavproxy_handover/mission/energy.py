@@ -24,7 +24,7 @@ from dataclasses import dataclass, replace
 from itertools import accumulate
 from math import inf, isfinite
 
-from mavproxy_handover.core.model import Kind
+from mavproxy_handover.core.common.model import Kind
 from mavproxy_handover.core.safety.energy import (
     LANDING_BELOW_M,
     SINK_MPS,

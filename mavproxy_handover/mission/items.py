@@ -21,7 +21,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from mavproxy_handover.core.model import Kind
+from mavproxy_handover.core.common.model import Kind
 
 __all__ = [
     "CHANGE_ALTITUDE",

@@ -4,8 +4,8 @@
 is the way above the ground?
 
 RTL flies straight, at one height: up, there, down. The way is cut where it enters or leaves a zone, exactly and not by
-samples, so a hundred zones cost little; `core/safety/places.py` is told which stations cover each part of it. Which of
-them could take the aircraft is not known here.
+samples, so a hundred zones cost little; `core/safety/return_site.py` is told which stations cover each part of it.
+Which of them could take the aircraft is not known here.
 
 A zone's limits of altitude are compared to the height of the return, also above the place itself: coming down leaves
 every zone that ends above the ground, and the ground is where it ends.

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Protocol, TypeAlias
 
-from mavproxy_handover.core.model import Kind
+from mavproxy_handover.core.common.model import Kind
 from mavproxy_handover.mission.errors import Where, parse_json
 from mavproxy_handover.mission.items import (
     CHANGE_ALTITUDE,

@@ -2,7 +2,7 @@
 
 """Where the RTL item of a mission ends: at the place that the autopilot's rally list holds by then.
 
-That is the best one by the rule of `core/safety/places.py`, here as far as it is known before the flight. It is
+That is the best one by the rule of `core/safety/return_site.py`, here as far as it is known before the flight. It is
 assumed that every station of the mission is there and could take the aircraft, that the energy lasts for any of the
 places and no wind blows, that the fence is the plan's, and that the return begins where the item before it ends, at the
 height that is flown there; with wings it leads down to that of ArduPlane's own returns. In flight the companion chooses
@@ -16,7 +16,7 @@ from dataclasses import replace
 from typing import Final
 
 from mavproxy_handover.core.safety.energy_prior import WINGED_RETURN_ALT_M
-from mavproxy_handover.core.safety.places import PlaceFact, best
+from mavproxy_handover.core.safety.return_site import PlaceFact, best
 from mavproxy_handover.mission.energy import LANDING, places_of
 from mavproxy_handover.mission.fence import Fence
 from mavproxy_handover.mission.geodesy import distance_m

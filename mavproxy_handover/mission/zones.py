@@ -24,7 +24,7 @@ import shapely
 from shapely.affinity import translate
 from shapely.geometry import MultiPolygon, Polygon
 
-from mavproxy_handover.core.model import ZoneFact
+from mavproxy_handover.core.common.model import ZoneFact
 from mavproxy_handover.mission.borders import Border, Circle, CircleBorder, Plane, PolygonBorder, plane_at
 from mavproxy_handover.mission.geodesy import beside_deg, distance_m, wrap_longitude_deg
 

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 from typing import Final
 
-from mavproxy_handover.core.events import BordersSeen, Event
-from mavproxy_handover.core.model import BorderFact
+from mavproxy_handover.core.common.events import BordersSeen, Event
+from mavproxy_handover.core.common.model import BorderFact
 from mavproxy_handover.mission.crossings import Seen, WayAhead
 from mavproxy_handover.vehicle.state import VehicleState
 

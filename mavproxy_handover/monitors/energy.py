@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 from math import inf
 from typing import Any, Final
 
-from mavproxy_handover.core.events import EnergyJudged, Event
+from mavproxy_handover.core.common.events import EnergyJudged, Event
 from mavproxy_handover.core.safety.battery import SILENT_S, Batteries, Charge, PackMemory, PackReport
 from mavproxy_handover.core.safety.energy import EnergyFact, EnergyModel, Piece
 from mavproxy_handover.core.safety.energy_prior import EnergySettings

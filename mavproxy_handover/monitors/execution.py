@@ -3,7 +3,7 @@
 """What the autopilot does, for the rules that watch that it does what was decided: its mode, who may have chosen it,
 and motion.
 
-Nothing is concluded here: `core/safety/helm.py` and `core/safety/supervision.py` do that.
+Nothing is concluded here: `core/safety/mode_source.py` and `core/safety/command_verification.py` do that.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
-from mavproxy_handover.core.events import Event, HandSeen, ModeSeen, MotionSeen, MotionUnseen
-from mavproxy_handover.core.model import Hand
+from mavproxy_handover.core.common.events import Event, HandSeen, ModeSeen, MotionSeen, MotionUnseen
+from mavproxy_handover.core.common.model import Hand
 from mavproxy_handover.mission.geodesy import distance_m
 from mavproxy_handover.vehicle import mode_requests
 from mavproxy_handover.vehicle.state import VehicleState

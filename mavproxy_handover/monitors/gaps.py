@@ -15,9 +15,9 @@ from collections.abc import Mapping, Sequence
 from math import isfinite
 from typing import Final
 
-from mavproxy_handover.core.events import Event, GapsJudged
-from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import GapFact
+from mavproxy_handover.core.common.events import Event, GapsJudged
+from mavproxy_handover.core.common.limits import Limits
+from mavproxy_handover.core.common.model import GapFact
 from mavproxy_handover.mission.gaps import Stretch
 from mavproxy_handover.vehicle.state import VehicleState
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
 """What looks wrong in flight that only the vehicle's state shows: energy, route and fence. What becomes of it is
-`core/safety/lookout.py`.
+`core/safety/conditions.py`.
 
 A sign that cannot be worked out stays as it was.
 """
@@ -14,7 +14,7 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.events import Event, SignsSeen
+from mavproxy_handover.core.common.events import Event, SignsSeen
 from mavproxy_handover.core.safety.route import TrackFact
 from mavproxy_handover.schedule import attempt
 from mavproxy_handover.vehicle import mode_requests

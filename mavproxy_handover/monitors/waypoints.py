@@ -21,7 +21,7 @@ import math
 from dataclasses import replace
 from typing import Final
 
-from mavproxy_handover.core.model import ZoneFact
+from mavproxy_handover.core.common.model import ZoneFact
 from mavproxy_handover.mission.reached import Belonging
 from mavproxy_handover.vehicle.state import VehicleState
 

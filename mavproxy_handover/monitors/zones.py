@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from mavproxy_handover.core.model import Flown, ZoneFact
+from mavproxy_handover.core.common.model import Flown, ZoneFact
 from mavproxy_handover.mission.plan import Route
 from mavproxy_handover.mission.route_ahead import RouteAhead
 from mavproxy_handover.mission.zones import ZoneFinder

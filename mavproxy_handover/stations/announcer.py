@@ -18,8 +18,8 @@ from typing import Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.events import Advise, Announce, RehearsalMoved
-from mavproxy_handover.core.model import FlightAction, Reason
+from mavproxy_handover.core.common.events import Advise, Announce, RehearsalMoved
+from mavproxy_handover.core.common.model import FlightAction, Reason
 from mavproxy_handover.stations.voice import Voice
 from mavproxy_handover.wire import status
 

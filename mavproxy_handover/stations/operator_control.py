@@ -21,7 +21,7 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.events import ControlRequested, Event, NotifyOwner, OperatorControlShown
+from mavproxy_handover.core.common.events import ControlRequested, Event, NotifyOwner, OperatorControlShown
 from mavproxy_handover.gate.judge import StationIdentity
 from mavproxy_handover.gate.refusals import OncePerCause
 from mavproxy_handover.gate.tongues import Tongue

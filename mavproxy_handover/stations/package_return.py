@@ -24,7 +24,7 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.model import Reason
+from mavproxy_handover.core.common.model import Reason
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.narrator import Narrator
 from mavproxy_handover.stations.port import StationPort

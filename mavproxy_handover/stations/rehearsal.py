@@ -20,7 +20,7 @@ from typing import Any, Final
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.arbiter import Arbiter
-from mavproxy_handover.core.events import (
+from mavproxy_handover.core.common.events import (
     Announce,
     Event,
     Record,
@@ -28,7 +28,7 @@ from mavproxy_handover.core.events import (
     RehearsalMoved,
     RehearsalRefused,
 )
-from mavproxy_handover.core.model import AuthorityView, FlightAction, in_words
+from mavproxy_handover.core.common.model import AuthorityView, FlightAction, in_words
 from mavproxy_handover.gate.refusals import RefusalLimiter
 from mavproxy_handover.mission.geodesy import distance_m
 from mavproxy_handover.narrator import Narrator

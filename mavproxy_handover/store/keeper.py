@@ -13,7 +13,7 @@ What a run makes of the two:
 | fits | whatever it says, if it is no later | the copy in memory: it has the last word |
 | not there, made void, damaged, or behind the disk | of this boot | nobody: the last word is lost; the disk's numbers |
 | made void or damaged | of an earlier boot | the same: this boot had a last word |
-| not there | of an earlier boot | the disk, not `proven`: the stations decide (`core/authority.py`) |
+| not there | of an earlier boot | the disk, not `proven`: the stations decide (`core/authority/authority.py`) |
 
 Where no storage lives in memory the first copy lies beside the second, bound to the boot. It is written without waiting
 for the disk, as far as the system lets one.
@@ -29,8 +29,8 @@ from functools import partial
 from pathlib import Path
 from typing import Final
 
-from mavproxy_handover.core.model import Phase
-from mavproxy_handover.core.snapshot import Snapshot
+from mavproxy_handover.core.common.model import Phase
+from mavproxy_handover.core.common.snapshot import Snapshot
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.store.behind import CLOSE_S, Behind
 from mavproxy_handover.store.durable import discard

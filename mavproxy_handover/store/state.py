@@ -24,10 +24,10 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
-from mavproxy_handover.core.model import Phase
+from mavproxy_handover.core.common.causes import CAUSES, Cause, Ends
+from mavproxy_handover.core.common.model import Phase
+from mavproxy_handover.core.common.snapshot import Snapshot
 from mavproxy_handover.core.safety.battery import PackMemory
-from mavproxy_handover.core.safety.causes import CAUSES, Cause, Ends
-from mavproxy_handover.core.snapshot import Snapshot
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.package import MissionPackage, from_bytes
 from mavproxy_handover.store.durable import sync_folder

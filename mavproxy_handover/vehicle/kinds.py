@@ -23,7 +23,7 @@ from typing import Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.model import Flown
+from mavproxy_handover.core.common.model import Flown
 from mavproxy_handover.gate.policy import modes as gate_modes
 from mavproxy_handover.gate.policy.modes import Modes
 from mavproxy_handover.wire.ids import COPTER_AUTO, PLANE_AUTO, WINGED_TYPES

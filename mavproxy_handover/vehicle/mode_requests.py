@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
 """Who may have chosen the flight mode: the autopilot's words and the commander's commands in the words of the rules
-(`core/safety/helm.py`). What differs by firmware is in `vehicle/kinds.py`, with the sources.
+(`core/safety/mode_source.py`). What differs by firmware is in `vehicle/kinds.py`, with the sources.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.events import HandSeen
-from mavproxy_handover.core.model import Flown, Hand
+from mavproxy_handover.core.common.events import HandSeen
+from mavproxy_handover.core.common.model import Flown, Hand
 from mavproxy_handover.vehicle.kinds import COPTER, Vehicle
 from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.frames import Frame

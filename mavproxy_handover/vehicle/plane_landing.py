@@ -22,7 +22,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from mavproxy_handover.core.model import Flown
+from mavproxy_handover.core.common.model import Flown
 from mavproxy_handover.mission.items import COMMANDS, LANDINGS
 from mavproxy_handover.mission.plan import Route, ways_from_land_starts
 from mavproxy_handover.vehicle.kinds import PLANE, Vehicle

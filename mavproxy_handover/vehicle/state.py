@@ -21,7 +21,7 @@ from typing import Any, Final, Generic, TypeVar
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.model import Flown, Kind
+from mavproxy_handover.core.common.model import Flown, Kind
 from mavproxy_handover.gate.policy.modes import UNKNOWN, Modes
 from mavproxy_handover.vehicle.kinds import COPTER, PLANE, Vehicle, vehicle_of
 from mavproxy_handover.vehicle.parameters import Parameters

@@ -12,7 +12,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.messages import (
+from mavproxy_handover.core.common.messages import (
     Connect,
     ConnectAck,
     ConnectHandover,
@@ -29,8 +29,8 @@ from mavproxy_handover.core.messages import (
     TransferKey,
     TransferMessage,
 )
-from mavproxy_handover.core.model import Consent, Outcome, Reason
-from mavproxy_handover.core.never import assert_never
+from mavproxy_handover.core.common.model import Consent, Outcome, Reason
+from mavproxy_handover.core.common.never import assert_never
 
 __all__ = ["AircraftState", "decode", "decode_bytes", "encode", "name_of", "pack", "values_of"]
 

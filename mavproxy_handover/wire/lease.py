@@ -16,7 +16,7 @@ from typing import Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.model import GuardState, LeaseState
+from mavproxy_handover.core.common.model import GuardState, LeaseState
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, LEASE_TUNNEL, TUNNEL_BYTES
 from mavproxy_handover.wire.lease_tag import TAG_BYTES, lease_tag
 

@@ -10,8 +10,8 @@ from typing import Any
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.events import Announce
-from mavproxy_handover.core.model import AuthorityView, GuardState, LeaseState, Phase, Reason
+from mavproxy_handover.core.common.events import Announce
+from mavproxy_handover.core.common.model import AuthorityView, GuardState, LeaseState, Phase, Reason
 from mavproxy_handover.wire.lease import Lease, pack_lease
 
 __all__ = [

@@ -26,7 +26,7 @@ from typing import Any, Final
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.cli.launch import companion_argv
-from mavproxy_handover.core.model import Phase
+from mavproxy_handover.core.common.model import Phase
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MAX_PLAIN_BYTES, MissionPackage
 from mavproxy_handover.resources import shipped

@@ -27,7 +27,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover import module as vehicle_module
 from mavproxy_handover.cli.launch import station_argv
 from mavproxy_handover.config.station import PeerConfig, StationConfig
-from mavproxy_handover.core.model import Phase, Station
+from mavproxy_handover.core.common.model import Phase, Station
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage, StationEntry
 from mavproxy_handover.resources import shipped

@@ -18,7 +18,7 @@ from gcs_module.core import FromPeer, PeerHeard
 from gcs_module.ground import GroundLink
 from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.config.station import StationConfig
-from mavproxy_handover.core.messages import Message
+from mavproxy_handover.core.common.messages import Message
 from mavproxy_handover.link.devices import LinkError
 from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.ids import STATION_COMPID

@@ -23,7 +23,7 @@ from pathlib import Path
 from random import Random
 
 from mavproxy_handover.cli.launch import companion_argv, supervised_argv
-from mavproxy_handover.core.model import LeaseState
+from mavproxy_handover.core.common.model import LeaseState
 from sitl.bench.flight import Flight
 from sitl.bench.loop import BenchError
 from sitl.bench.numbers import median, quantile

@@ -18,7 +18,7 @@ from types import TracebackType
 from typing import Any
 
 from mavproxy_handover.cli.launch import companion_argv
-from mavproxy_handover.core.model import Phase
+from mavproxy_handover.core.common.model import Phase
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.resources import shipped
 from mavproxy_handover.store.keys import key_path, write_key

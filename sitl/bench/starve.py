@@ -23,7 +23,7 @@ from typing import Any, Final
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.cli.launch import companion_argv
-from mavproxy_handover.core.model import Phase
+from mavproxy_handover.core.common.model import Phase
 from mavproxy_handover.gate.policy.access import names
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.wire.ids import MISSION_START

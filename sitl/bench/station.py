@@ -14,8 +14,8 @@ from typing import Any
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.messages import ConnectAck
-from mavproxy_handover.core.model import PROTOCOL_VERSION, Phase
+from mavproxy_handover.core.common.messages import ConnectAck
+from mavproxy_handover.core.common.model import PROTOCOL_VERSION, Phase
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.ids import COMPANION_COMPID

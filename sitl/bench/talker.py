@@ -22,8 +22,8 @@ from gcs_module.core import (
     ToVehicle,
     VehicleHeard,
 )
-from mavproxy_handover.core.messages import Message
-from mavproxy_handover.core.model import AUTOMATIC, LeaseState, Phase, Reason, Station
+from mavproxy_handover.core.common.messages import Message
+from mavproxy_handover.core.common.model import AUTOMATIC, LeaseState, Phase, Reason, Station
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.wire import codec
 from sitl.bench.loop import Loop

@@ -18,11 +18,11 @@ from dataclasses import dataclass, replace
 import shapely
 from shapely.geometry import Polygon
 
-from mavproxy_handover.core import events
 from mavproxy_handover.core.arbiter import Arbiter, Identity
-from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.messages import Connect, ConnectAck
-from mavproxy_handover.core.model import PROTOCOL_VERSION, Phase, Station
+from mavproxy_handover.core.common import events
+from mavproxy_handover.core.common.limits import Limits
+from mavproxy_handover.core.common.messages import Connect, ConnectAck
+from mavproxy_handover.core.common.model import PROTOCOL_VERSION, Phase, Station
 from mavproxy_handover.mission.zones import Zone, ZoneFinder
 from sitl.bench.loop import BenchError
 from sitl.bench.numbers import Pair, abba, compare, median, settled

@@ -14,16 +14,16 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from mavproxy_handover.core import events
 from mavproxy_handover.core.arbiter import Arbiter, Identity
-from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.messages import Connect, ConnectAck, Message
-from mavproxy_handover.core.model import AuthorityView, FlightAction, Flown, Hand, Phase, Station
-from mavproxy_handover.core.never import assert_never
+from mavproxy_handover.core.authority.start import refused
+from mavproxy_handover.core.common import events
+from mavproxy_handover.core.common.limits import Limits
+from mavproxy_handover.core.common.messages import Connect, ConnectAck, Message
+from mavproxy_handover.core.common.model import AuthorityView, FlightAction, Flown, Hand, Phase, Station
+from mavproxy_handover.core.common.never import assert_never
+from mavproxy_handover.core.common.snapshot import Snapshot
 from mavproxy_handover.core.safety.commands import CommandRules, Outcome, Ruling
 from mavproxy_handover.core.safety.route import RouteCheck, RouteLimits, TrackFact
-from mavproxy_handover.core.snapshot import Snapshot
-from mavproxy_handover.core.start import refused
 from mavproxy_handover.event_queue import EventQueue
 from mavproxy_handover.mission.zones import Circle as ZoneCircle
 from mavproxy_handover.mission.zones import Zone, ZoneFinder

@@ -7,7 +7,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
-from mavproxy_handover.core.model import Phase
+from mavproxy_handover.core.common.model import Phase
 
 __all__ = ["Fault", "Insists", "Strike", "Target"]
 

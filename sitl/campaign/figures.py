@@ -11,7 +11,7 @@ from itertools import combinations, product
 from math import sqrt
 from typing import Final
 
-from mavproxy_handover.core.safety.causes import Cause
+from mavproxy_handover.core.common.causes import Cause
 from sitl.campaign.outcome import Outcome
 from sitl.campaign.steering import CELLS, PHASES, Cell, never
 

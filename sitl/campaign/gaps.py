@@ -14,7 +14,7 @@ from itertools import pairwise
 from math import inf
 from typing import Final
 
-from mavproxy_handover.core.model import GapFact
+from mavproxy_handover.core.common.model import GapFact
 from mavproxy_handover.core.safety.energy import EnergyModel
 from sitl.campaign.plane import Circle, Spot, bare_spans, bearing_deg
 

@@ -10,7 +10,7 @@ in a pilot's hands, on its way home or on its way down is left alone.
 
 from __future__ import annotations
 
-from mavproxy_handover.core.model import GuardState, LeaseState
+from mavproxy_handover.core.common.model import GuardState, LeaseState
 from sitl.campaign.aircraft import Aircraft, Mode
 from sitl.campaign.times import NEVER, in_ticks
 

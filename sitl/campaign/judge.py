@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final
 
-from mavproxy_handover.core.safety.causes import CAUSES, Cause
+from mavproxy_handover.core.common.causes import CAUSES, Cause
 from mavproxy_handover.core.safety.commands import Limit
 from sitl.campaign.aircraft import Mode
 from sitl.campaign.log import FlightLog

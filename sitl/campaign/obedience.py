@@ -7,7 +7,7 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import Final
 
-from mavproxy_handover.core.model import Reason
+from mavproxy_handover.core.common.model import Reason
 from sitl.campaign.aircraft import Mode
 from sitl.campaign.log import FlightLog
 from sitl.campaign.plan import FlightPlan

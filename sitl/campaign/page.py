@@ -9,8 +9,8 @@ from html import escape
 from itertools import combinations
 from pathlib import Path
 
-from mavproxy_handover.core.model import Phase
-from mavproxy_handover.core.safety.causes import Cause
+from mavproxy_handover.core.common.causes import Cause
+from mavproxy_handover.core.common.model import Phase
 from sitl.campaign.figures import ENOUGH, WHOLE_HANDOVERS, WHOLE_S, Figures, figures, wilson
 from sitl.campaign.judge import UNSAFE
 from sitl.campaign.outcome import Outcome

@@ -2,9 +2,9 @@
 
 """The edge of the places of a return: what is known of each, what the autopilot's rally list is to hold, what is said.
 
-What a place is worth and which one is chosen is the rules' to say (`core/safety/places.py`), as on the aircraft. Here
-stands what `autopilot/return_site.py` makes there: facts from position and energy as they are believed, one point in
-the list, rewritten when the choice changes and every 5 s at most, a return that is begun anew for another place.
+What a place is worth and which one is chosen is the rules' to say (`core/safety/return_site.py`), as on the aircraft.
+Here stands what `autopilot/return_site.py` makes there: facts from position and energy as they are believed, one point
+in the list, rewritten when the choice changes and every 5 s at most, a return that is begun anew for another place.
 
 It looks each second. Where time is left out it looks when something can have changed, and not later (`_holds_m`): a
 place stands as it did as long as the aircraft has moved less than to where a sign of it changes.
@@ -17,10 +17,18 @@ from itertools import pairwise
 from math import hypot, inf
 from typing import Final
 
-from mavproxy_handover.core.events import PlaceJudged
-from mavproxy_handover.core.model import AuthorityView, LeaseState
+from mavproxy_handover.core.common.events import PlaceJudged
+from mavproxy_handover.core.common.model import AuthorityView, LeaseState
 from mavproxy_handover.core.safety.energy import EnergyModel, Piece, way_home
-from mavproxy_handover.core.safety.places import SOONER_PART, SOONER_S, Choice, Coverage, PlaceChooser, PlaceFact, Reach
+from mavproxy_handover.core.safety.return_site import (
+    SOONER_PART,
+    SOONER_S,
+    Choice,
+    Coverage,
+    PlaceChooser,
+    PlaceFact,
+    Reach,
+)
 from mavproxy_handover.mission.fence import Fence
 from mavproxy_handover.mission.places import PlaceFinder, flown_s
 from mavproxy_handover.mission.plan import FenceCircle

@@ -24,8 +24,8 @@ from math import cos, hypot, pi, sin
 from random import Random
 from typing import Final
 
-from mavproxy_handover.core.model import Phase
-from mavproxy_handover.core.safety.causes import Cause
+from mavproxy_handover.core.common.causes import Cause
+from mavproxy_handover.core.common.model import Phase
 from mavproxy_handover.core.safety.energy import EnergyModel, Piece, Wind, landing
 from mavproxy_handover.core.safety.energy_prior import EnergySettings
 from sitl.campaign.faults import Insists, Strike

@@ -8,9 +8,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from gcs_module import core as gcs
-from mavproxy_handover.core.messages import Message
-from mavproxy_handover.core.model import AUTOMATIC, UNASKED, Station
-from mavproxy_handover.core.never import assert_never
+from mavproxy_handover.core.common.messages import Message
+from mavproxy_handover.core.common.model import AUTOMATIC, UNASKED, Station
+from mavproxy_handover.core.common.never import assert_never
 from sitl.campaign.companion import DIGEST
 from sitl.campaign.log import FlightLog
 from sitl.campaign.plan import FlightPlan, StationPlan

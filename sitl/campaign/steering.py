@@ -15,8 +15,8 @@ from itertools import combinations, product
 from random import Random
 from typing import Final
 
-from mavproxy_handover.core.model import Phase
-from mavproxy_handover.core.safety.causes import CAUSES, Cause
+from mavproxy_handover.core.common.causes import CAUSES, Cause
+from mavproxy_handover.core.common.model import Phase
 from sitl.campaign.faults import Fault, Strike, Target
 from sitl.campaign.times import NEVER, SECOND
 

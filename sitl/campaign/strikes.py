@@ -11,9 +11,9 @@ from functools import partial
 from math import cos, radians, sin
 from typing import Final, Protocol
 
-from mavproxy_handover.core import events
-from mavproxy_handover.core.model import AuthorityView
-from mavproxy_handover.core.never import assert_never
+from mavproxy_handover.core.common import events
+from mavproxy_handover.core.common.model import AuthorityView
+from mavproxy_handover.core.common.never import assert_never
 from sitl.campaign.aircraft import Aircraft, Mode
 from sitl.campaign.companion import DIGEST, Companion
 from sitl.campaign.failsafes import Failsafes

@@ -28,7 +28,7 @@ from collections.abc import Collection
 from math import inf
 
 from mavproxy_handover.core.arbiter import Arbiter
-from mavproxy_handover.core.events import (
+from mavproxy_handover.core.common.events import (
     Action,
     AutopilotState,
     ControlRequested,
@@ -39,10 +39,10 @@ from mavproxy_handover.core.events import (
     StationMessage,
     ViewChanged,
 )
-from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.messages import Connect, ConnectAck, DroneConnected, Message, OkHandover, TransferKey
-from mavproxy_handover.core.model import AuthorityView, Consent, LeaseState, Phase, Reason
-from mavproxy_handover.core.snapshot import Snapshot
+from mavproxy_handover.core.common.limits import Limits
+from mavproxy_handover.core.common.messages import Connect, ConnectAck, DroneConnected, Message, OkHandover, TransferKey
+from mavproxy_handover.core.common.model import AuthorityView, Consent, LeaseState, Phase, Reason
+from mavproxy_handover.core.common.snapshot import Snapshot
 
 __all__ = ["Watch"]
 

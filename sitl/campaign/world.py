@@ -23,10 +23,10 @@ from itertools import count
 from math import inf
 
 from gcs_module import core as gcs
-from mavproxy_handover.core import events
-from mavproxy_handover.core.messages import Message
-from mavproxy_handover.core.model import AuthorityView, FlightAction, Flown, Hand, LeaseState, Phase
-from mavproxy_handover.core.never import assert_never
+from mavproxy_handover.core.common import events
+from mavproxy_handover.core.common.messages import Message
+from mavproxy_handover.core.common.model import AuthorityView, FlightAction, Flown, Hand, LeaseState, Phase
+from mavproxy_handover.core.common.never import assert_never
 from mavproxy_handover.core.safety.commands import Ruling
 from sitl.campaign.aircraft import Aircraft, Mode
 from sitl.campaign.commands import AGAIN_S

@@ -34,12 +34,12 @@ from mavproxy_handover.autopilot.reports import Reports
 from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.config.running import Running
 from mavproxy_handover.config.vehicle import VehicleConfig
-from mavproxy_handover.core import events
 from mavproxy_handover.core.arbiter import Arbiter, Identity
-from mavproxy_handover.core.messages import Message
-from mavproxy_handover.core.model import GuardState, Phase
-from mavproxy_handover.core.never import assert_never
-from mavproxy_handover.core.snapshot import Snapshot
+from mavproxy_handover.core.common import events
+from mavproxy_handover.core.common.messages import Message
+from mavproxy_handover.core.common.model import GuardState, Phase
+from mavproxy_handover.core.common.never import assert_never
+from mavproxy_handover.core.common.snapshot import Snapshot
 from mavproxy_handover.event_queue import EventQueue
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.narrator import Narrator

@@ -18,8 +18,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
-from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.messages import (
+from mavproxy_handover.core.common.limits import Limits
+from mavproxy_handover.core.common.messages import (
     Connect,
     ConnectAck,
     ConnectHandover,
@@ -34,7 +34,7 @@ from mavproxy_handover.core.messages import (
     OnHandover,
     TransferKey,
 )
-from mavproxy_handover.core.model import PROTOCOL_VERSION, Consent
+from mavproxy_handover.core.common.model import PROTOCOL_VERSION, Consent
 from sitl.replay.happened import Answer, Happened, Transfer, nearest
 from sitl.replay.recording import COMMANDED, Recording
 

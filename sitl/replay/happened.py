@@ -15,7 +15,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Final
 
-from mavproxy_handover.core.model import Consent
+from mavproxy_handover.core.common.model import Consent
 from mavproxy_handover.store.journal import strangers_path
 from sitl.report.journal_reader import Entry, read_journals
 

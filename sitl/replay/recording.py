@@ -17,8 +17,8 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.events import HandSeen
-from mavproxy_handover.core.model import LeaseState
+from mavproxy_handover.core.common.events import HandSeen
+from mavproxy_handover.core.common.model import LeaseState
 from mavproxy_handover.vehicle import mode_requests
 from mavproxy_handover.wire.frames import Frame
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, COMPANION_COMPID, GUARD_STATUS_TUNNEL, LEASE_TUNNEL

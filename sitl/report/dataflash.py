@@ -24,7 +24,7 @@ from typing import Any, Final
 
 from pymavlink import DFReader, mavutil
 
-from mavproxy_handover.core.model import GuardState, LeaseState
+from mavproxy_handover.core.common.model import GuardState, LeaseState
 from sitl.report.journal_reader import Entry
 from sitl.report.strand import CLOCK_SET_S, Kind, Stamps, Strand, Tick
 from sitl.report.watch import AIRBORNE_M, SAMPLE_INTERVAL_S, VEHICLE

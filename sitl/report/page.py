@@ -19,7 +19,7 @@ from html import escape
 from pathlib import Path
 from urllib.parse import quote
 
-from mavproxy_handover.core.model import journal_in_words
+from mavproxy_handover.core.common.model import journal_in_words
 from sitl.report.exchange import Exchange, exchanges
 from sitl.report.export import write_csv, write_kml
 from sitl.report.flight import Story

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from html import escape
 
-from mavproxy_handover.core.model import journal_in_words
+from mavproxy_handover.core.common.model import journal_in_words
 from sitl.report.exchange import Exchange, Flight, lanes
 from sitl.report.kinds import Row, rows
 from sitl.report.times import duration

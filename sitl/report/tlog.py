@@ -20,7 +20,7 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.model import journal_in_words
+from mavproxy_handover.core.common.model import journal_in_words
 from mavproxy_handover.wire.frames import MAX_FRAME_BYTES, Frame, parse_one
 from mavproxy_handover.wire.ids import GUARD_STATUS_TUNNEL, LEASE_TUNNEL
 from mavproxy_handover.wire.lease import unpack_guard_status, unpack_lease

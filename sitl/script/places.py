@@ -8,7 +8,7 @@ from pathlib import Path
 
 import sitl
 from mavproxy_handover import resources
-from mavproxy_handover.core.model import Kind
+from mavproxy_handover.core.common.model import Kind
 
 __all__ = ["SCENARIOS", "SetupError", "guard_files", "mission_folder"]
 

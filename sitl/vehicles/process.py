@@ -19,7 +19,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from mavproxy_handover.core.model import Kind
+from mavproxy_handover.core.common.model import Kind
 from mavproxy_handover.resources import DEPLOY
 from sitl.vehicles import arducopter, arduplane
 from sitl.vehicles.builtin import launcher

@@ -10,7 +10,7 @@ import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.copter import Copter
-from mavproxy_handover.core.model import FlightAction
+from mavproxy_handover.core.common.model import FlightAction
 from mavproxy_handover.wire.conversation import Ask, Asking, Conversation, NoAnswer
 from tests.module.vehicle import GUIDED, LAND, RTL, Autopilot
 

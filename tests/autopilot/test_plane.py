@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.cruise import held_cruise, write_cruise
 from mavproxy_handover.autopilot.plane import Plane
-from mavproxy_handover.core.model import FlightAction, Flown
+from mavproxy_handover.core.common.model import FlightAction, Flown
 from mavproxy_handover.vehicle.kinds import PLANE
 from mavproxy_handover.vehicle.state import VehicleState
 from mavproxy_handover.wire.conversation import Asking, Conversation, NoAnswer

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from mavproxy_handover.cli.explain import main, markdown
-from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.safety.causes import CAUSES, Cause
+from mavproxy_handover.core.common.causes import CAUSES, Cause
+from mavproxy_handover.core.common.limits import Limits
 from mavproxy_handover.core.safety.explain import story
 from mavproxy_handover.core.safety.strategy import Fact, decide
 

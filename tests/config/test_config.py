@@ -21,13 +21,13 @@ from mavproxy_handover.config.files import (
 from mavproxy_handover.config.position import POSITION_RANGES, PositionSettings
 from mavproxy_handover.config.route import ROUTE_RANGES
 from mavproxy_handover.config.vehicle import LIMIT_RANGES, LINK_RANGES, OBSERVER_RANGES
-from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import (
+from mavproxy_handover.core.common.causes import Cause
+from mavproxy_handover.core.common.limits import Limits
+from mavproxy_handover.core.common.model import (
     AUTOMATIC,
     StandingConsent,
     Station,
 )
-from mavproxy_handover.core.safety.causes import Cause
 from mavproxy_handover.core.safety.commands import Limit
 from mavproxy_handover.core.safety.energy_prior import ENERGY_KEYS, ENERGY_RANGES, EnergySettings
 from mavproxy_handover.core.safety.route import RouteLimits

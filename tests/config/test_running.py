@@ -15,8 +15,8 @@ import pytest
 from mavproxy_handover.config import running
 from mavproxy_handover.config.files import ConfigError
 from mavproxy_handover.config.running import Running, forget, keep, load_running, start_of
-from mavproxy_handover.core.model import Phase
-from mavproxy_handover.core.snapshot import Snapshot
+from mavproxy_handover.core.common.model import Phase
+from mavproxy_handover.core.common.snapshot import Snapshot
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.store import run_record
 from mavproxy_handover.store.keeper import StateKeeper

@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Collection
 
 from mavproxy_handover.core.arbiter import Arbiter, Identity
-from mavproxy_handover.core.events import (
+from mavproxy_handover.core.common.events import (
     Action,
     AutopilotState,
     ControlRequested,
@@ -34,8 +34,8 @@ from mavproxy_handover.core.events import (
     Tick,
     ViewChanged,
 )
-from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.messages import (
+from mavproxy_handover.core.common.limits import Limits
+from mavproxy_handover.core.common.messages import (
     Connect,
     ConnectAck,
     ConnectHandover,
@@ -48,7 +48,7 @@ from mavproxy_handover.core.messages import (
     OnHandover,
     TransferKey,
 )
-from mavproxy_handover.core.model import (
+from mavproxy_handover.core.common.model import (
     Consent,
     GapFact,
     GuardState,
@@ -60,7 +60,7 @@ from mavproxy_handover.core.model import (
     Station,
     ZoneFact,
 )
-from mavproxy_handover.core.snapshot import Snapshot
+from mavproxy_handover.core.common.snapshot import Snapshot
 from tests.core.watch import Watch
 
 A, B, C, D = 251, 252, 253, 254

@@ -18,7 +18,7 @@ from math import inf
 
 from gcs_module import core as gcs
 from mavproxy_handover.core.arbiter import Arbiter, Identity
-from mavproxy_handover.core.events import (
+from mavproxy_handover.core.common.events import (
     Action,
     AutopilotState,
     BordersSeen,
@@ -34,9 +34,9 @@ from mavproxy_handover.core.events import (
     Tick,
     ViewChanged,
 )
-from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.messages import DisconnectHandover, DroneConnected, Message, OkHandover, OnHandover
-from mavproxy_handover.core.model import (
+from mavproxy_handover.core.common.limits import Limits
+from mavproxy_handover.core.common.messages import DisconnectHandover, DroneConnected, Message, OkHandover, OnHandover
+from mavproxy_handover.core.common.model import (
     AUTOMATIC,
     BorderFact,
     Consent,

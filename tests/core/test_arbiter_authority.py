@@ -9,7 +9,8 @@ from dataclasses import replace
 import pytest
 
 from mavproxy_handover.core.arbiter import Arbiter, Identity
-from mavproxy_handover.core.events import (
+from mavproxy_handover.core.common.causes import Cause
+from mavproxy_handover.core.common.events import (
     AutopilotState,
     Event,
     Fly,
@@ -21,9 +22,8 @@ from mavproxy_handover.core.events import (
     Tick,
     ViewChanged,
 )
-from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import AuthorityView, FlightAction, LeaseState
-from mavproxy_handover.core.safety.causes import Cause
+from mavproxy_handover.core.common.limits import Limits
+from mavproxy_handover.core.common.model import AuthorityView, FlightAction, LeaseState
 from tests.core.bench import (
     DIGEST,
     KEY,

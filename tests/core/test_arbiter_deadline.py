@@ -18,7 +18,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from mavproxy_handover.core.arbiter import Arbiter, Identity
-from mavproxy_handover.core.events import (
+from mavproxy_handover.core.common.causes import Cause
+from mavproxy_handover.core.common.events import (
     Action,
     AutopilotState,
     Cancel,
@@ -38,10 +39,9 @@ from mavproxy_handover.core.events import (
     StationMessage,
     Tick,
 )
-from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import FlightAction, Flown, Hand, Phase
-from mavproxy_handover.core.safety.causes import Cause
-from mavproxy_handover.core.snapshot import Snapshot
+from mavproxy_handover.core.common.limits import Limits
+from mavproxy_handover.core.common.model import FlightAction, Flown, Hand, Phase
+from mavproxy_handover.core.common.snapshot import Snapshot
 from tests.core.bench import (
     DIGEST,
     STATIONS,

@@ -13,7 +13,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mavproxy_handover.core.events import (
+from mavproxy_handover.core.authority.transfer import Step
+from mavproxy_handover.core.common.events import (
     AutopilotState,
     Cancel,
     ControlRequested,
@@ -29,9 +30,8 @@ from mavproxy_handover.core.events import (
     StationMessage,
     Tick,
 )
-from mavproxy_handover.core.messages import Message
-from mavproxy_handover.core.model import GuardState, ZoneFact
-from mavproxy_handover.core.transfer import Step
+from mavproxy_handover.core.common.messages import Message
+from mavproxy_handover.core.common.model import GuardState, ZoneFact
 from tests.core.bench import (
     DIGEST,
     KEY,

@@ -6,10 +6,10 @@ from __future__ import annotations
 
 import pytest
 
-from mavproxy_handover.core.events import Fly, GuardSeen, Record, StartFinished, StartRequested, ViewChanged
-from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import AuthorityView, FlightAction, GuardState, LeaseState
-from mavproxy_handover.core.safety.causes import Cause
+from mavproxy_handover.core.common.causes import Cause
+from mavproxy_handover.core.common.events import Fly, GuardSeen, Record, StartFinished, StartRequested, ViewChanged
+from mavproxy_handover.core.common.limits import Limits
+from mavproxy_handover.core.common.model import AuthorityView, FlightAction, GuardState, LeaseState
 from tests.core.bench import (
     A,
     B,

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import pytest
 
-from mavproxy_handover.core.events import (
+from mavproxy_handover.core.common.events import (
     BeginStart,
     ControlAnswer,
     ControlRequested,
@@ -22,8 +22,8 @@ from mavproxy_handover.core.events import (
     StartRequested,
     ViewChanged,
 )
-from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import AuthorityView, GuardState, LeaseState
+from mavproxy_handover.core.common.limits import Limits
+from mavproxy_handover.core.common.model import AuthorityView, GuardState, LeaseState
 from tests.core.bench import (
     DIGEST,
     KEY,

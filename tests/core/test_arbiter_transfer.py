@@ -10,11 +10,11 @@ from math import inf
 
 import pytest
 
-from mavproxy_handover.core.events import Cancel, Fly, PositionSeen, Record, Send, StationHeard, ViewChanged
-from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.messages import Message
-from mavproxy_handover.core.model import AuthorityView, FlightAction, LeaseState
-from mavproxy_handover.core.transfer import Step
+from mavproxy_handover.core.authority.transfer import Step
+from mavproxy_handover.core.common.events import Cancel, Fly, PositionSeen, Record, Send, StationHeard, ViewChanged
+from mavproxy_handover.core.common.limits import Limits
+from mavproxy_handover.core.common.messages import Message
+from mavproxy_handover.core.common.model import AuthorityView, FlightAction, LeaseState
 from tests.core.bench import (
     KEY,
     A,

@@ -8,13 +8,13 @@ from math import inf
 
 import pytest
 
-from mavproxy_handover.core.candidates import Candidates
-from mavproxy_handover.core.cures import cure
-from mavproxy_handover.core.events import Action, Advise, LinkJudged, Record
-from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.messages import ConnectAck
-from mavproxy_handover.core.model import Mission, Reason, Station, ZoneFact
-from mavproxy_handover.core.presence import Presence
+from mavproxy_handover.core.authority.candidates import Candidates
+from mavproxy_handover.core.authority.cures import cure
+from mavproxy_handover.core.authority.presence import Presence
+from mavproxy_handover.core.common.events import Action, Advise, LinkJudged, Record
+from mavproxy_handover.core.common.limits import Limits
+from mavproxy_handover.core.common.messages import ConnectAck
+from mavproxy_handover.core.common.model import Mission, Reason, Station, ZoneFact
 
 A, B, C = 251, 252, 253
 DIGEST = bytes(range(32))

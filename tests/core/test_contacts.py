@@ -8,13 +8,13 @@ from dataclasses import replace
 
 import pytest
 
-from mavproxy_handover.core.authority import Authority
-from mavproxy_handover.core.contacts import Contacts
-from mavproxy_handover.core.events import Action, Record, Send
-from mavproxy_handover.core.flight import Flight
-from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.messages import Connect, ConnectAck
-from mavproxy_handover.core.model import Reason, Station
+from mavproxy_handover.core.authority.authority import Authority
+from mavproxy_handover.core.authority.contacts import Contacts
+from mavproxy_handover.core.common.events import Action, Record, Send
+from mavproxy_handover.core.common.flight import Flight
+from mavproxy_handover.core.common.limits import Limits
+from mavproxy_handover.core.common.messages import Connect, ConnectAck
+from mavproxy_handover.core.common.model import Reason, Station
 
 A, B = 251, 252
 OURS, STANDARD = Station(A, "GCSA"), Station(B, "GCSB", standard=True)

@@ -11,8 +11,8 @@ from itertools import product
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.control import ControlDecision, ControlFacts, Effect, judge_control
-from mavproxy_handover.core.events import (
+from mavproxy_handover.core.authority.control import ControlDecision, ControlFacts, Effect, judge_control
+from mavproxy_handover.core.common.events import (
     Action,
     ControlAnswer,
     ControlRequested,
@@ -22,8 +22,8 @@ from mavproxy_handover.core.events import (
     Send,
     ViewChanged,
 )
-from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import AuthorityView, LeaseState, ZoneFact
+from mavproxy_handover.core.common.limits import Limits
+from mavproxy_handover.core.common.model import AuthorityView, LeaseState, ZoneFact
 from mavproxy_handover.gate.judge import StationIdentity
 from mavproxy_handover.stations.operator_control import read_request
 from mavproxy_handover.wire.status import control_status

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import pytest
 
-from mavproxy_handover.core.events import Announce, Fly, Send
-from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import Consent, FlightAction, LeaseState, Reason
+from mavproxy_handover.core.common.events import Announce, Fly, Send
+from mavproxy_handover.core.common.limits import Limits
+from mavproxy_handover.core.common.model import Consent, FlightAction, LeaseState, Reason
 from tests.core.bench import (
     A,
     B,

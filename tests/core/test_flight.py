@@ -6,10 +6,10 @@ from __future__ import annotations
 
 import pytest
 
-from mavproxy_handover.core.events import AutopilotState, GuardSeen
-from mavproxy_handover.core.flight import Flight
-from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import GuardState
+from mavproxy_handover.core.common.events import AutopilotState, GuardSeen
+from mavproxy_handover.core.common.flight import Flight
+from mavproxy_handover.core.common.limits import Limits
+from mavproxy_handover.core.common.model import GuardState
 
 LIMITS = Limits(position_stale_s=2.0, autopilot_lost_s=3.0, guard_lost_s=2.0)
 

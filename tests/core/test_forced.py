@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import pytest
 
-from mavproxy_handover.core.events import (
+from mavproxy_handover.core.common.events import (
     Cancel,
     ControlAnswer,
     ControlResult,
@@ -25,8 +25,8 @@ from mavproxy_handover.core.events import (
     Tick,
     ViewChanged,
 )
-from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import AuthorityView, FlightAction, LeaseState, ZoneFact
+from mavproxy_handover.core.common.limits import Limits
+from mavproxy_handover.core.common.model import AuthorityView, FlightAction, LeaseState, ZoneFact
 from tests.core.bench import (
     A,
     B,

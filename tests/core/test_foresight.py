@@ -11,11 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gcs_module import core as gcs
-from mavproxy_handover.core.events import BordersSeen
-from mavproxy_handover.core.foresight import Foresight
-from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.messages import CrossingKey, HandoverAhead, OkAhead
-from mavproxy_handover.core.model import BorderFact, Consent, Reason, ZoneFact
+from mavproxy_handover.core.authority.foresight import Foresight
+from mavproxy_handover.core.common.events import BordersSeen
+from mavproxy_handover.core.common.limits import Limits
+from mavproxy_handover.core.common.messages import CrossingKey, HandoverAhead, OkAhead
+from mavproxy_handover.core.common.model import BorderFact, Consent, Reason, ZoneFact
 from tests.core.network import Network, lossy, perfect
 
 A, B, C = 251, 252, 253

@@ -10,12 +10,12 @@ from random import Random
 
 import pytest
 
-from mavproxy_handover.core.events import Advise, Announce, Fly, Send
-from mavproxy_handover.core.hearing import Hearing
-from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.messages import Connect, DisconnectHandover, DroneConnected, OnHandover, TransferKey
-from mavproxy_handover.core.model import FlightAction, Reason
-from mavproxy_handover.core.presence import Presence
+from mavproxy_handover.core.authority.hearing import Hearing
+from mavproxy_handover.core.authority.presence import Presence
+from mavproxy_handover.core.common.events import Advise, Announce, Fly, Send
+from mavproxy_handover.core.common.limits import Limits
+from mavproxy_handover.core.common.messages import Connect, DisconnectHandover, DroneConnected, OnHandover, TransferKey
+from mavproxy_handover.core.common.model import FlightAction, Reason
 from tests.core.bench import KEY, STATIONS, A, B, Bench, far, inside
 from tests.core.network import Network, lossy
 

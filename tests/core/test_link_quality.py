@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from mavproxy_handover.core.events import LinkJudged
-from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import Phase, Reason
+from mavproxy_handover.core.common.events import LinkJudged
+from mavproxy_handover.core.common.limits import Limits
+from mavproxy_handover.core.common.model import Phase, Reason
 from tests.core.bench import A, B, Bench, inside, outside
 
 WEAK = "loss 40%, limit 25%"

@@ -6,10 +6,10 @@ from __future__ import annotations
 
 import pytest
 
-from mavproxy_handover.core.events import Action, LinkJudged, Record
-from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.links import Links
-from mavproxy_handover.core.model import Reason
+from mavproxy_handover.core.authority.links import Links
+from mavproxy_handover.core.common.events import Action, LinkJudged, Record
+from mavproxy_handover.core.common.limits import Limits
+from mavproxy_handover.core.common.model import Reason
 
 A, B, C = 251, 252, 253
 LIMITS = Limits(link_weak_s=3.0, link_steady_s=30.0)

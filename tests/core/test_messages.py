@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import pytest
 
-from mavproxy_handover.core.messages import TransferKey
+from mavproxy_handover.core.common.messages import TransferKey
 
 A, B = 251, 252
 

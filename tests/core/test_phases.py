@@ -6,8 +6,8 @@ from __future__ import annotations
 
 import pytest
 
-from mavproxy_handover.core.model import Phase
-from mavproxy_handover.core.phases import PHASES, PhaseCause
+from mavproxy_handover.core.authority.phases import PHASES, PhaseCause
+from mavproxy_handover.core.common.model import Phase
 
 #: every move there is; what is not here changes nothing
 EXPECTED = {

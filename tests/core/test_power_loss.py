@@ -13,12 +13,12 @@ from itertools import permutations, product
 
 import pytest
 
-from mavproxy_handover.core.events import Action, Fly, Record, Send, StationHeard, StationMessage, ViewChanged
-from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.messages import Message
-from mavproxy_handover.core.model import AuthorityView, FlightAction, LeaseState
-from mavproxy_handover.core.safety.causes import Cause
-from mavproxy_handover.core.snapshot import Snapshot
+from mavproxy_handover.core.common.causes import Cause
+from mavproxy_handover.core.common.events import Action, Fly, Record, Send, StationHeard, StationMessage, ViewChanged
+from mavproxy_handover.core.common.limits import Limits
+from mavproxy_handover.core.common.messages import Message
+from mavproxy_handover.core.common.model import AuthorityView, FlightAction, LeaseState
+from mavproxy_handover.core.common.snapshot import Snapshot
 from tests.core.bench import (
     DIGEST,
     NAMES,

@@ -8,10 +8,10 @@ from dataclasses import replace
 
 import pytest
 
-from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.messages import ConnectAck
-from mavproxy_handover.core.model import Reason, Station
-from mavproxy_handover.core.presence import Presence
+from mavproxy_handover.core.authority.presence import Presence
+from mavproxy_handover.core.common.limits import Limits
+from mavproxy_handover.core.common.messages import ConnectAck
+from mavproxy_handover.core.common.model import Reason, Station
 
 DIGEST = bytes(range(32))
 ANSWER = ConnectAck(252, 1, 7, 3, 251, "GCSB", DIGEST, accepted=True)

@@ -9,7 +9,8 @@ from itertools import product
 
 import pytest
 
-from mavproxy_handover.core.events import (
+from mavproxy_handover.core.authority.transfer import Cause, Step, Transfer
+from mavproxy_handover.core.common.events import (
     BeginStart,
     ControlAnswer,
     ControlRequested,
@@ -18,9 +19,8 @@ from mavproxy_handover.core.events import (
     StartRefused,
     StartRequested,
 )
-from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import RANKS
-from mavproxy_handover.core.transfer import Cause, Step, Transfer
+from mavproxy_handover.core.common.limits import Limits
+from mavproxy_handover.core.common.model import RANKS
 from tests.core.bench import (
     A,
     B,

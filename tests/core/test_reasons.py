@@ -6,8 +6,8 @@ from __future__ import annotations
 
 import pytest
 
-from mavproxy_handover.core.cures import ended
-from mavproxy_handover.core.model import Reason, journal_in_words
+from mavproxy_handover.core.authority.cures import ended
+from mavproxy_handover.core.common.model import Reason, journal_in_words
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,8 @@ from __future__ import annotations
 
 import pytest
 
-from mavproxy_handover.core.events import (
+from mavproxy_handover.core.common.causes import Cause
+from mavproxy_handover.core.common.events import (
     Action,
     Announce,
     BeginStart,
@@ -23,9 +24,8 @@ from mavproxy_handover.core.events import (
     StartRefused,
     StartRequested,
 )
-from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import FlightAction, Flown, GapFact, LeaseState, Phase, Reason, ZoneFact
-from mavproxy_handover.core.safety.causes import Cause
+from mavproxy_handover.core.common.limits import Limits
+from mavproxy_handover.core.common.model import FlightAction, Flown, GapFact, LeaseState, Phase, Reason, ZoneFact
 from tests.core.bench import (
     KEY,
     A,

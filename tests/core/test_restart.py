@@ -9,7 +9,9 @@ from dataclasses import replace
 import pytest
 
 from mavproxy_handover.core.arbiter import Arbiter, Identity
-from mavproxy_handover.core.events import (
+from mavproxy_handover.core.authority.transfer import Step
+from mavproxy_handover.core.common.causes import Cause
+from mavproxy_handover.core.common.events import (
     Announce,
     AutopilotState,
     ControlAnswer,
@@ -26,12 +28,10 @@ from mavproxy_handover.core.events import (
     Tick,
     ViewChanged,
 )
-from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.messages import Message
-from mavproxy_handover.core.model import AuthorityView, FlightAction, Flown, Hand, LeaseState
-from mavproxy_handover.core.safety.causes import Cause
-from mavproxy_handover.core.snapshot import Snapshot
-from mavproxy_handover.core.transfer import Step
+from mavproxy_handover.core.common.limits import Limits
+from mavproxy_handover.core.common.messages import Message
+from mavproxy_handover.core.common.model import AuthorityView, FlightAction, Flown, Hand, LeaseState
+from mavproxy_handover.core.common.snapshot import Snapshot
 from tests.core.bench import (
     DIGEST,
     KEY,

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from mavproxy_handover.core.events import (
+from mavproxy_handover.core.common.events import (
     Action,
     Advise,
     ControlAnswer,
@@ -24,7 +24,7 @@ from mavproxy_handover.core.events import (
     StationHeard,
     ViewChanged,
 )
-from mavproxy_handover.core.model import AuthorityView, LeaseState
+from mavproxy_handover.core.common.model import AuthorityView, LeaseState
 from tests.core.bench import (
     KEY,
     NAMES,

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from mavproxy_handover.core.events import (
+from mavproxy_handover.core.common.events import (
     Advise,
     BeginStart,
     NotifyOwner,
@@ -17,8 +17,8 @@ from mavproxy_handover.core.events import (
     StartRequested,
     StationHeard,
 )
-from mavproxy_handover.core.messages import Connect, DroneConnected, OnHandover
-from mavproxy_handover.core.model import FlightAction, Reason, StandingConsent
+from mavproxy_handover.core.common.messages import Connect, DroneConnected, OnHandover
+from mavproxy_handover.core.common.model import FlightAction, Reason, StandingConsent
 from tests.core.bench import KEY, A, B, Bench, inside
 
 AUTOMATIC, REFUSE = StandingConsent.AUTOMATIC, StandingConsent.REFUSE

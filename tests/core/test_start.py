@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from mavproxy_handover.core.start import StartFacts, start_needs
+from mavproxy_handover.core.authority.start import StartFacts, start_needs
 
 READY = StartFacts(
     station="GCSA",

@@ -6,7 +6,8 @@ from __future__ import annotations
 
 import pytest
 
-from mavproxy_handover.core.messages import (
+from mavproxy_handover.core.authority.steps import StepWords
+from mavproxy_handover.core.common.messages import (
     ConnectHandover,
     DisconnectHandover,
     DroneConnected,
@@ -16,8 +17,7 @@ from mavproxy_handover.core.messages import (
     TransferKey,
     TransferMessage,
 )
-from mavproxy_handover.core.model import AuthorityView, Consent, Phase
-from mavproxy_handover.core.steps import StepWords
+from mavproxy_handover.core.common.model import AuthorityView, Consent, Phase
 
 A, B, C = 251, 252, 253
 NAMES = {A: "GCSA", B: "GCSB", C: "GCSC"}

@@ -8,8 +8,9 @@ from dataclasses import replace
 
 import pytest
 
-from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.messages import (
+from mavproxy_handover.core.authority.transfer import MOVES, Cause, End, Step, Transfer, cause_of
+from mavproxy_handover.core.common.limits import Limits
+from mavproxy_handover.core.common.messages import (
     Connect,
     ConnectAck,
     ConnectHandover,
@@ -22,8 +23,7 @@ from mavproxy_handover.core.messages import (
     OnHandover,
     TransferKey,
 )
-from mavproxy_handover.core.model import Consent, Outcome, Reason
-from mavproxy_handover.core.transfer import MOVES, Cause, End, Step, Transfer, cause_of
+from mavproxy_handover.core.common.model import Consent, Outcome, Reason
 
 A, B, C = 251, 252, 253
 KEY = TransferKey(A, B, 7, 3)

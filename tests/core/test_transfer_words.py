@@ -8,9 +8,9 @@ from collections.abc import Callable
 
 import pytest
 
-from mavproxy_handover.core.events import Action, Event, Tick
-from mavproxy_handover.core.messages import DisconnectHandover, DroneConnected, Message, OkHandover, OnHandover
-from mavproxy_handover.core.model import Consent, ZoneFact
+from mavproxy_handover.core.common.events import Action, Event, Tick
+from mavproxy_handover.core.common.messages import DisconnectHandover, DroneConnected, Message, OkHandover, OnHandover
+from mavproxy_handover.core.common.model import Consent, ZoneFact
 from tests.core.bench import A, B, Bench, C, TransferKey, inside, outside
 
 #: where the aircraft is when a transfer begins: one may be asked, several may, the zone ends ahead, or has ended

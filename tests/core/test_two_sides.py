@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mavproxy_handover.core.model import FlightAction, LeaseState, Phase, Reason
+from mavproxy_handover.core.common.model import FlightAction, LeaseState, Phase, Reason
 from tests.core.network import Link, Network, lossy, perfect, scripted
 
 A, B, C = 251, 252, 253

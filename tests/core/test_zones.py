@@ -9,9 +9,9 @@ from math import nan
 
 import pytest
 
-from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import RANKS, Reason, ZoneFact
-from mavproxy_handover.core.zones import ZoneChange, ZoneTracker
+from mavproxy_handover.core.authority.zones import ZoneChange, ZoneTracker
+from mavproxy_handover.core.common.limits import Limits
+from mavproxy_handover.core.common.model import RANKS, Reason, ZoneFact
 
 A, B, C = 251, 252, 253
 NOTHING = ZoneChange((), ())

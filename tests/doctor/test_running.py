@@ -14,8 +14,8 @@ from pathlib import Path
 
 import pytest
 
-from mavproxy_handover.core.model import Phase
-from mavproxy_handover.core.snapshot import Snapshot
+from mavproxy_handover.core.common.model import Phase
+from mavproxy_handover.core.common.snapshot import Snapshot
 from mavproxy_handover.doctor import ports
 from mavproxy_handover.doctor.processes import command_line, companion_of, lock_holder
 from mavproxy_handover.doctor.processes import listens as listens_now

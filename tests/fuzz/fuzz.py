@@ -68,7 +68,9 @@ TARGETS: Final = {
     ),
     "ground": Target("tests.fuzz.ground", ("gcs_module", "mavproxy_handover.wire", "mavproxy_handover.link.udp"), 1500),
     "stream": Target("tests.fuzz.stream", ("mavproxy_handover.wire.frames",), 600),
-    "states": Target("tests.fuzz.states", ("mavproxy_handover.store", "mavproxy_handover.core.authority"), 600),
+    "states": Target(
+        "tests.fuzz.states", ("mavproxy_handover.store", "mavproxy_handover.core.authority.authority"), 600
+    ),
 }
 
 

@@ -24,7 +24,7 @@ from dataclasses import replace
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.model import AuthorityView, LeaseState, Phase
+from mavproxy_handover.core.common.model import AuthorityView, LeaseState, Phase
 from mavproxy_handover.gate.downlink import ANSWERS, COMMAND_ANSWERS, FOR_EVERYBODY
 from mavproxy_handover.gate.judge import Fate, GateReason, StationIdentity, Verdict
 from mavproxy_handover.gate.observers import WISHES

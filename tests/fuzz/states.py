@@ -29,11 +29,11 @@ from typing import Any, Final
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.arbiter import Arbiter, Identity
-from mavproxy_handover.core.events import Tick
-from mavproxy_handover.core.model import GuardState, Phase, Reason, Station
+from mavproxy_handover.core.common.causes import Cause
+from mavproxy_handover.core.common.events import Tick
+from mavproxy_handover.core.common.model import GuardState, Phase, Reason, Station
+from mavproxy_handover.core.common.snapshot import Snapshot
 from mavproxy_handover.core.safety.battery import PackMemory
-from mavproxy_handover.core.safety.causes import Cause
-from mavproxy_handover.core.snapshot import Snapshot
 from mavproxy_handover.mission import package as packages
 from mavproxy_handover.store.memory import Condition, Slots
 from mavproxy_handover.store.replay import ReplayStore

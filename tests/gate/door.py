@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from math import inf
 from typing import NamedTuple
 
-from mavproxy_handover.core.model import AuthorityView
+from mavproxy_handover.core.common.model import AuthorityView
 from mavproxy_handover.gate.flush import Closing
 from mavproxy_handover.gate.gate import Gate
 from mavproxy_handover.gate.judge import StationIdentity, Verdict

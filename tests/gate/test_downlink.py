@@ -9,7 +9,7 @@ from collections.abc import Callable
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.model import AuthorityView, LeaseState, Phase
+from mavproxy_handover.core.common.model import AuthorityView, LeaseState, Phase
 from mavproxy_handover.gate.downlink import ANSWERS, COMMAND_ANSWERS, FOR_EVERYBODY, DownlinkPolicy
 from mavproxy_handover.gate.judge import Fate, StationIdentity, judge
 from mavproxy_handover.gate.policy.tables import COMMAND_RULES, FTP_RULES, MESSAGE_RULES, Access

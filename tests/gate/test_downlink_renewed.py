@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from mavproxy_handover.core.model import AuthorityView, LeaseState, Phase
+from mavproxy_handover.core.common.model import AuthorityView, LeaseState, Phase
 from mavproxy_handover.gate.downlink import DownlinkPolicy
 from mavproxy_handover.gate.judge import StationIdentity
 from mavproxy_handover.wire.frames import Frame

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from mavproxy_handover.core.model import AuthorityView, LeaseState, Phase
+from mavproxy_handover.core.common.model import AuthorityView, LeaseState, Phase
 from mavproxy_handover.gate.flush import FlushTracker
 from mavproxy_handover.gate.judge import Fate, StationIdentity, Verdict, judge
 from mavproxy_handover.wire.frames import Frame, FrameSplitter, parse_one

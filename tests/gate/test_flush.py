@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.model import AuthorityView, LeaseState, Phase
+from mavproxy_handover.core.common.model import AuthorityView, LeaseState, Phase
 from mavproxy_handover.gate.flush import Closing, FlushTracker
 from mavproxy_handover.gate.judge import Fate, GateReason, StationIdentity, Verdict, judge
 from mavproxy_handover.wire.frames import Frame

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.model import AuthorityView
+from mavproxy_handover.core.common.model import AuthorityView
 from mavproxy_handover.gate.log_download import (
     LEAST_PACE_BYTES_PER_S,
     MOST_BYTES,

@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import pytest
 
-from mavproxy_handover.core.model import AuthorityView, LeaseState, Phase
+from mavproxy_handover.core.common.model import AuthorityView, LeaseState, Phase
 from mavproxy_handover.gate.judge import Fate, judge
 from mavproxy_handover.gate.policy.modes import COPTER, PLANE, UNKNOWN, Modes
 from mavproxy_handover.gate.policy.parameters import parameter_rule

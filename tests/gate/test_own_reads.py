@@ -8,7 +8,7 @@ import struct
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.model import AuthorityView
+from mavproxy_handover.core.common.model import AuthorityView
 from tests.gate.door import Door
 from tests.gate.ledger import GCSA, VEHICLE, A
 from tests.gate.test_log_download import packed

@@ -10,7 +10,7 @@ from collections.abc import Callable
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.model import AuthorityView, LeaseState, Phase
+from mavproxy_handover.core.common.model import AuthorityView, LeaseState, Phase
 from mavproxy_handover.gate.judge import Fate, GateReason, judge
 from mavproxy_handover.gate.policy.parameters import parameter_rule
 from mavproxy_handover.gate.policy.rows import Access, classify

@@ -9,7 +9,7 @@ from collections.abc import Callable
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.model import AuthorityView, LeaseState, Phase
+from mavproxy_handover.core.common.model import AuthorityView, LeaseState, Phase
 from mavproxy_handover.gate.flush import FlushTracker
 from mavproxy_handover.gate.judge import Fate, GateReason, Verdict, judge
 from mavproxy_handover.gate.questions import Budget, Questions, Sort

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.model import AuthorityView, LeaseState, Phase
+from mavproxy_handover.core.common.model import AuthorityView, LeaseState, Phase
 from mavproxy_handover.gate import refusals
 from mavproxy_handover.gate.judge import Fate, GateReason, StationIdentity, judge
 from mavproxy_handover.gate.refusals import SILENT, OncePerCause, RefusalLimiter, has_words, refusal

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from mavproxy_handover.core.model import AuthorityView, LeaseState, Phase
+from mavproxy_handover.core.common.model import AuthorityView, LeaseState, Phase
 from mavproxy_handover.gate.intent import Aim
 from mavproxy_handover.gate.judge import Fate, GateReason
 from mavproxy_handover.gate.policy.modes import PLANE

@@ -5,8 +5,8 @@
 from __future__ import annotations
 
 from gcs_module.core import Action, AuthorityHeard, FromVehicle, Notice, PeerHeard, StationCore, VehicleHeard
-from mavproxy_handover.core.messages import Message, OnHandover, TransferKey
-from mavproxy_handover.core.model import AUTOMATIC, Phase, Reason, Station
+from mavproxy_handover.core.common.messages import Message, OnHandover, TransferKey
+from mavproxy_handover.core.common.model import AUTOMATIC, Phase, Reason, Station
 
 __all__ = [
     "DIGEST",

@@ -24,7 +24,7 @@ from gcs_module.core import (
     Wish,
     WishAnswered,
 )
-from mavproxy_handover.core.messages import (
+from mavproxy_handover.core.common.messages import (
     CrossingKey,
     HandoverAhead,
     HandoverRequest,
@@ -34,7 +34,7 @@ from mavproxy_handover.core.messages import (
     OnHandover,
     TransferKey,
 )
-from mavproxy_handover.core.model import Consent, Outcome, Phase, Reason, Station
+from mavproxy_handover.core.common.model import Consent, Outcome, Phase, Reason, Station
 from tests.gcs.stations import KEY, NOW, A, B, C, from_vehicle, notices, partner, station, words
 
 #: the first border of epoch 3, from A to B

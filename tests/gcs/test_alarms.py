@@ -13,7 +13,7 @@ import pytest
 import gcs_module
 from gcs_module.alarms import DECISIONS, ENDS, EVENTS, LOOKS, STANDS, Alarms, Level
 from gcs_module.events import Notice
-from mavproxy_handover.core.model import FlightAction
+from mavproxy_handover.core.common.model import FlightAction
 
 FOLDER = Path(gcs_module.__file__).parent
 NOW = 100.0

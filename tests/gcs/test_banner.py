@@ -11,7 +11,7 @@ import pytest
 
 from gcs_module.alarms import Level
 from gcs_module.banner import Situation, age, banner, named, tag
-from mavproxy_handover.core.model import FlightAction, Phase
+from mavproxy_handover.core.common.model import FlightAction, Phase
 
 FLIES = Situation("drone-1", Phase.ON_MISSION, "GCSB", True, "", "AUTO", 0.5)
 

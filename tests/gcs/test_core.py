@@ -29,8 +29,8 @@ from gcs_module.core import (
     Wish,
     WishAnswered,
 )
-from mavproxy_handover.core.conductor import READ_S
-from mavproxy_handover.core.messages import (
+from mavproxy_handover.core.authority.transfer_manager import READ_S
+from mavproxy_handover.core.common.messages import (
     Connect,
     ConnectAck,
     ConnectHandover,
@@ -43,7 +43,7 @@ from mavproxy_handover.core.messages import (
     OnHandover,
     TransferKey,
 )
-from mavproxy_handover.core.model import (
+from mavproxy_handover.core.common.model import (
     AUTOMATIC,
     Consent,
     Outcome,

@@ -20,7 +20,7 @@ from gcs_module.core import (
     ToPeer,
     VehicleHeard,
 )
-from mavproxy_handover.core.messages import (
+from mavproxy_handover.core.common.messages import (
     Connect,
     ConnectAck,
     ConnectHandover,
@@ -33,7 +33,7 @@ from mavproxy_handover.core.messages import (
     OnHandover,
     TransferKey,
 )
-from mavproxy_handover.core.model import (
+from mavproxy_handover.core.common.model import (
     AUTOMATIC,
     Consent,
     Outcome,

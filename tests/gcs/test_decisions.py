@@ -12,9 +12,9 @@ from pymavlink.dialects.v20 import handover as mavlink
 from gcs_module.alarms import Level
 from gcs_module.decisions import Decisions, Who
 from gcs_module.events import Notice
-from mavproxy_handover.core.events import Announce
-from mavproxy_handover.core.model import FlightAction, Reason
-from mavproxy_handover.core.safety.causes import Cause
+from mavproxy_handover.core.common.causes import Cause
+from mavproxy_handover.core.common.events import Announce
+from mavproxy_handover.core.common.model import FlightAction, Reason
 from mavproxy_handover.core.safety.sentence import sentence
 from mavproxy_handover.core.safety.strategy import Decision, Fact
 from mavproxy_handover.wire import status

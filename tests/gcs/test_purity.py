@@ -37,9 +37,9 @@ def test_what_is_said_beforehand_is_judged_by_the_rules_words_alone() -> None:
         "__future__",
         "dataclasses",
         "math",
-        "mavproxy_handover.core.foresight",
-        "mavproxy_handover.core.messages",
-        "mavproxy_handover.core.model",
+        "mavproxy_handover.core.authority.foresight",
+        "mavproxy_handover.core.common.messages",
+        "mavproxy_handover.core.common.model",
         "typing",
     }
 
@@ -51,8 +51,8 @@ def test_events_and_actions_are_made_of_the_rules_words_alone() -> None:
         "dataclasses",
         "gcs_module.alarms",
         "math",
-        "mavproxy_handover.core.messages",
-        "mavproxy_handover.core.model",
+        "mavproxy_handover.core.common.messages",
+        "mavproxy_handover.core.common.model",
     }
 
 
@@ -69,6 +69,6 @@ def test_how_grave_a_line_is_knows_nothing_but_the_rules_words() -> None:
         "dataclasses",
         "enum",
         "math",
-        "mavproxy_handover.core.model",
+        "mavproxy_handover.core.common.model",
         "typing",
     }

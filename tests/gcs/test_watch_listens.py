@@ -20,7 +20,7 @@ from gcs_module.watch.ear import MOST_FRAMES, Ear, listened_to
 from gcs_module.watch.hearing import Hearing
 from gcs_module.watch.scene import MOST_AIRCRAFT, Scene
 from gcs_module.watch.show import shown
-from mavproxy_handover.core.model import AuthorityView, FlightAction, GuardState, LeaseState, Phase, Reason
+from mavproxy_handover.core.common.model import AuthorityView, FlightAction, GuardState, LeaseState, Phase, Reason
 from mavproxy_handover.link.forms import LinkError
 from mavproxy_handover.wire import status
 from mavproxy_handover.wire.frames import Frame, FrameSplitter, parse_one

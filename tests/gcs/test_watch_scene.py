@@ -14,7 +14,7 @@ from gcs_module.watch.journals import TOLD, Writer
 from gcs_module.watch.scene import FEED, MOST_AIRCRAFT, MOST_STATIONS, TRACK, Scene, Track
 from gcs_module.watch.show import Shown, age, shown
 from gcs_module.watch.tail import Entry
-from mavproxy_handover.core.model import FlightAction
+from mavproxy_handover.core.common.model import FlightAction
 from tests.packages import MISSIONS
 
 #: what the watching machine's clocks say at the beginning: monotonic, and since 1970

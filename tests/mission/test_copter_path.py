@@ -16,7 +16,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mavproxy_handover.core.model import Kind
+from mavproxy_handover.core.common.model import Kind
 from mavproxy_handover.mission import load, read_route
 from mavproxy_handover.mission.check import Severity, check
 from mavproxy_handover.mission.copter_path import MOST_PIECES

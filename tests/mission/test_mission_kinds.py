@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import pytest
 
-from mavproxy_handover.core.model import Kind
+from mavproxy_handover.core.common.model import Kind
 from mavproxy_handover.mission import MissionError, MissionItem, difference, load, read_route
 from mavproxy_handover.mission.items import COMMANDS
 from mavproxy_handover.mission.plan import with_items

@@ -13,7 +13,7 @@ import math
 import pytest
 
 from mavproxy_handover.cli.check import main
-from mavproxy_handover.core.model import Kind
+from mavproxy_handover.core.common.model import Kind
 from mavproxy_handover.core.safety.energy import Piece, Wind, landing
 from mavproxy_handover.mission import MissionError, MissionItem, RallyPoint, load
 from mavproxy_handover.mission.check import Severity, check, report_text

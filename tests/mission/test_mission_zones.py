@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely.geometry import MultiPolygon, Point, Polygon
 
-from mavproxy_handover.core.model import ZoneFact
+from mavproxy_handover.core.common.model import ZoneFact
 from mavproxy_handover.mission import Circle, Zone, ZoneFinder, overlap
 
 SQUARE = Polygon([(10.0, 0.0), (10.01, 0.0), (10.01, 0.01), (10.0, 0.01)])

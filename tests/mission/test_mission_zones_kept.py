@@ -10,9 +10,9 @@ import random
 import pytest
 from shapely.geometry import MultiPolygon, Polygon
 
-from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import ZoneFact
-from mavproxy_handover.core.zones import ZoneTracker
+from mavproxy_handover.core.authority.zones import ZoneTracker
+from mavproxy_handover.core.common.limits import Limits
+from mavproxy_handover.core.common.model import ZoneFact
 from mavproxy_handover.mission import Circle, Zone, ZoneFinder
 from mavproxy_handover.mission.geodesy import distance_m, offset
 from mavproxy_handover.mission.zones import KEPT_FROM_M, KEPT_PART

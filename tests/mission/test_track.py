@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mavproxy_handover.core.model import Kind
+from mavproxy_handover.core.common.model import Kind
 from mavproxy_handover.core.safety.route import TrackFact
 from mavproxy_handover.mission import Circle, Zone, ZoneFinder
 from mavproxy_handover.mission.geodesy import bearing_deg, offset

@@ -28,32 +28,32 @@ from typing import Any
 from gcs_module.ahead import Beforehand
 from gcs_module.core import StationCore, _Part
 from mavproxy_handover.core.arbiter import Arbiter
-from mavproxy_handover.core.authority import Authority
-from mavproxy_handover.core.candidates import Candidates
-from mavproxy_handover.core.conductor import READ_S, Conductor
-from mavproxy_handover.core.contacts import Contacts
-from mavproxy_handover.core.control import Echo
-from mavproxy_handover.core.flight import Flight
-from mavproxy_handover.core.foresight import Foresight
-from mavproxy_handover.core.hearing import Hearing
-from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.links import Links
-from mavproxy_handover.core.presence import Presence
-from mavproxy_handover.core.rehearsal import Rehearsal
-from mavproxy_handover.core.requests import Requests
-from mavproxy_handover.core.results import Results, _Pending
-from mavproxy_handover.core.safety.causes import Cause, CauseWatch
+from mavproxy_handover.core.authority.authority import Authority
+from mavproxy_handover.core.authority.candidates import Candidates
+from mavproxy_handover.core.authority.contacts import Contacts
+from mavproxy_handover.core.authority.control import Echo
+from mavproxy_handover.core.authority.foresight import Foresight
+from mavproxy_handover.core.authority.hearing import Hearing
+from mavproxy_handover.core.authority.links import Links
+from mavproxy_handover.core.authority.presence import Presence
+from mavproxy_handover.core.authority.rehearsal import Rehearsal
+from mavproxy_handover.core.authority.requests import Requests
+from mavproxy_handover.core.authority.results import Results, _Pending
+from mavproxy_handover.core.authority.start import Start
+from mavproxy_handover.core.authority.transfer import Transfer
+from mavproxy_handover.core.authority.transfer_manager import READ_S, Conductor
+from mavproxy_handover.core.authority.zones import ZoneTracker
+from mavproxy_handover.core.common.causes import Cause, CauseWatch
+from mavproxy_handover.core.common.flight import Flight
+from mavproxy_handover.core.common.limits import Limits
+from mavproxy_handover.core.safety.command_verification import Supervision
+from mavproxy_handover.core.safety.conditions import Lookout
+from mavproxy_handover.core.safety.decision_executor import Execution
 from mavproxy_handover.core.safety.emergency import Emergency
-from mavproxy_handover.core.safety.execution import Execution
 from mavproxy_handover.core.safety.gap import Crossing
-from mavproxy_handover.core.safety.helm import DOUBT_S, EVIDENCE, Helm
-from mavproxy_handover.core.safety.lookout import Lookout
+from mavproxy_handover.core.safety.mode_source import DOUBT_S, EVIDENCE, Helm
 from mavproxy_handover.core.safety.sentence import Figures
 from mavproxy_handover.core.safety.strategy import Strategy
-from mavproxy_handover.core.safety.supervision import Supervision
-from mavproxy_handover.core.start import Start
-from mavproxy_handover.core.transfer import Transfer
-from mavproxy_handover.core.zones import ZoneTracker
 
 __all__ = ["EPOCH", "GAP_S", "MEMORY", "NONCE", "NOW", "NUMBER", "STILL", "Packed", "Packer", "Shift", "shifted"]
 

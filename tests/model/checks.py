@@ -33,7 +33,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-from mavproxy_handover.core.events import (
+from mavproxy_handover.core.common.events import (
     Action,
     AutopilotState,
     ControlRequested,
@@ -47,8 +47,8 @@ from mavproxy_handover.core.events import (
     StationMessage,
     ViewChanged,
 )
-from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.messages import (
+from mavproxy_handover.core.common.limits import Limits
+from mavproxy_handover.core.common.messages import (
     Connect,
     ConnectAck,
     DroneConnected,
@@ -56,7 +56,7 @@ from mavproxy_handover.core.messages import (
     HandoverResult,
     TransferKey,
 )
-from mavproxy_handover.core.model import AuthorityView, Consent, FlightAction, LeaseState, Phase, Reason
+from mavproxy_handover.core.common.model import AuthorityView, Consent, FlightAction, LeaseState, Phase, Reason
 from tests.model.canonical import GAP_S
 from tests.model.setting import PARENT
 

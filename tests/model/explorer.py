@@ -19,7 +19,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 
-from mavproxy_handover.core.model import LeaseState, Phase, StandingConsent
+from mavproxy_handover.core.common.model import LeaseState, Phase, StandingConsent
 from tests.model.checks import Violation, demand
 from tests.model.steps import Graph, Label
 from tests.model.world import DEAD, State

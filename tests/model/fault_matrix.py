@@ -33,7 +33,7 @@ if __name__ == "__main__":
 
 from gcs_module import core as gcs
 from mavproxy_handover.core.arbiter import Arbiter, Identity
-from mavproxy_handover.core.events import (
+from mavproxy_handover.core.common.events import (
     AutopilotState,
     Event,
     Fly,
@@ -49,8 +49,8 @@ from mavproxy_handover.core.events import (
     Tick,
     ViewChanged,
 )
-from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.messages import (
+from mavproxy_handover.core.common.limits import Limits
+from mavproxy_handover.core.common.messages import (
     ConnectHandover,
     DisconnectHandover,
     DroneConnected,
@@ -60,7 +60,7 @@ from mavproxy_handover.core.messages import (
     OkHandover,
     OnHandover,
 )
-from mavproxy_handover.core.model import (
+from mavproxy_handover.core.common.model import (
     AUTOMATIC,
     GuardState,
     LeaseState,

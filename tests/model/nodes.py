@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 from gcs_module import core as gcs
 from mavproxy_handover.core.arbiter import Arbiter, Identity
-from mavproxy_handover.core.events import (
+from mavproxy_handover.core.common.events import (
     Action,
     BeginStart,
     ControlAnswer,
@@ -28,15 +28,15 @@ from mavproxy_handover.core.events import (
     Tick,
     ViewChanged,
 )
-from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import (
+from mavproxy_handover.core.common.limits import Limits
+from mavproxy_handover.core.common.model import (
     AuthorityView,
     LeaseState,
     Phase,
     StandingConsent,
     Station,
 )
-from mavproxy_handover.core.snapshot import Snapshot
+from mavproxy_handover.core.common.snapshot import Snapshot
 from tests.model.canonical import EPOCH, GAP_S, MEMORY, NOW, NUMBER, STILL, Packed, Packer, Shift, shifted
 from tests.model.checks import Books, Violation, check_vehicle, is_old
 from tests.model.setting import PARENT

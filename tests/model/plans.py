@@ -12,7 +12,7 @@ any time, the aircraft may fly on at any time, and operators answer at any time 
 
 from __future__ import annotations
 
-from mavproxy_handover.core.model import StandingConsent
+from mavproxy_handover.core.common.model import StandingConsent
 from tests.model.setting import IMPATIENT, LUCKY, Fault, Request, Setting
 
 __all__ = ["DEEP", "QUICK"]

@@ -7,8 +7,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from enum import Enum
 
-from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import StandingConsent
+from mavproxy_handover.core.common.limits import Limits
+from mavproxy_handover.core.common.model import StandingConsent
 
 __all__ = ["FAULTS", "IMPATIENT", "LIMITS", "LUCKY", "PARENT", "Fault", "Request", "Setting"]
 

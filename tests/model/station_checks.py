@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 from gcs_module import core as gcs
-from mavproxy_handover.core.messages import (
+from mavproxy_handover.core.common.messages import (
     Connect,
     ConnectAck,
     DisconnectHandover,
@@ -26,7 +26,7 @@ from mavproxy_handover.core.messages import (
     OnHandover,
     TransferKey,
 )
-from mavproxy_handover.core.model import QUESTIONS, Consent
+from mavproxy_handover.core.common.model import QUESTIONS, Consent
 from tests.model.checks import demand
 
 __all__ = ["StationBefore", "StationBooks", "check_beliefs", "check_station"]

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from gcs_module import core as gcs
-from mavproxy_handover.core.events import (
+from mavproxy_handover.core.common.events import (
     AutopilotState,
     Cancel,
     ControlRequested,
@@ -18,7 +18,7 @@ from mavproxy_handover.core.events import (
     StartRequested,
     StationMessage,
 )
-from mavproxy_handover.core.messages import (
+from mavproxy_handover.core.common.messages import (
     DisconnectHandover,
     DroneConnected,
     OkHandover,

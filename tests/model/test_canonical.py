@@ -17,15 +17,15 @@ import pytest
 
 from gcs_module import core as gcs
 from mavproxy_handover.core.arbiter import Arbiter, Identity
-from mavproxy_handover.core.events import StationMessage, Tick
-from mavproxy_handover.core.messages import ConnectAck
-from mavproxy_handover.core.model import (
+from mavproxy_handover.core.common.events import StationMessage, Tick
+from mavproxy_handover.core.common.messages import ConnectAck
+from mavproxy_handover.core.common.model import (
     AUTOMATIC,
     UNASKED,
     Phase,
     Station,
 )
-from mavproxy_handover.core.snapshot import Snapshot
+from mavproxy_handover.core.common.snapshot import Snapshot
 from tests.model.canonical import EPOCH, NOW, NUMBER, Packer, Shift, shifted
 from tests.model.nodes import DIGEST
 from tests.model.setting import FAULTS, LIMITS, PARENT, Fault, Request, Setting

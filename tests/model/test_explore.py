@@ -14,18 +14,17 @@ from typing import Any
 import pytest
 
 from gcs_module import core as gcs
-from mavproxy_handover.core import conductor, presence, transfer, zones
 from mavproxy_handover.core.arbiter import Arbiter
-from mavproxy_handover.core.authority import Authority
-from mavproxy_handover.core.candidates import Candidates
-from mavproxy_handover.core.conductor import Conductor
-from mavproxy_handover.core.messages import DisconnectHandover
-from mavproxy_handover.core.model import AuthorityView, Consent, LeaseState, Outcome, Reason, ZoneFact
+from mavproxy_handover.core.authority.authority import Authority, presence, transfer, transfer_manager, zones
+from mavproxy_handover.core.authority.candidates import Candidates
+from mavproxy_handover.core.authority.transfer import Cause, End, Step
+from mavproxy_handover.core.authority.transfer_manager import Conductor
+from mavproxy_handover.core.common.causes import Cause as Wrong
+from mavproxy_handover.core.common.messages import DisconnectHandover
+from mavproxy_handover.core.common.model import AuthorityView, Consent, LeaseState, Outcome, Reason, ZoneFact
 from mavproxy_handover.core.safety import strategy
-from mavproxy_handover.core.safety.causes import Cause as Wrong
+from mavproxy_handover.core.safety.conditions import Lookout
 from mavproxy_handover.core.safety.gap import Crossing
-from mavproxy_handover.core.safety.lookout import Lookout
-from mavproxy_handover.core.transfer import Cause, End, Step
 from tests.model.explorer import explore
 from tests.model.plans import BLANK, CRASHES, MESSAGES, QUICK
 from tests.model.setting import IMPATIENT, PARENT, Fault, Setting
@@ -108,7 +107,7 @@ def release_by_the_partner(patch: pytest.MonkeyPatch) -> None:
     def credulous(message: Any, sender: int) -> Cause | None:
         return Cause.RELEASED if isinstance(message, DisconnectHandover) else original(message, sender)
 
-    patch.setattr(conductor, "cause_of", credulous)
+    patch.setattr(transfer_manager, "cause_of", credulous)
 
 
 def forced_while_the_commander_lives(patch: pytest.MonkeyPatch) -> None:

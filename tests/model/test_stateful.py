@@ -29,8 +29,9 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, rule, run_sta
 
 from gcs_module import core as gcs
 from mavproxy_handover.core.arbiter import Arbiter, Identity
-from mavproxy_handover.core.authority import Authority
-from mavproxy_handover.core.events import (
+from mavproxy_handover.core.authority.authority import Authority
+from mavproxy_handover.core.authority.transfer import MOVES, Cause, End, Step
+from mavproxy_handover.core.common.events import (
     Action,
     AutopilotState,
     Cancel,
@@ -50,9 +51,9 @@ from mavproxy_handover.core.events import (
     Tick,
     ViewChanged,
 )
-from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.messages import DisconnectHandover, OkHandover, TransferKey
-from mavproxy_handover.core.model import (
+from mavproxy_handover.core.common.limits import Limits
+from mavproxy_handover.core.common.messages import DisconnectHandover, OkHandover, TransferKey
+from mavproxy_handover.core.common.model import (
     AUTOMATIC,
     Consent,
     GuardState,
@@ -62,8 +63,7 @@ from mavproxy_handover.core.model import (
     Station,
     ZoneFact,
 )
-from mavproxy_handover.core.snapshot import Snapshot
-from mavproxy_handover.core.transfer import MOVES, Cause, End, Step
+from mavproxy_handover.core.common.snapshot import Snapshot
 from tests.core.watch import Watch
 
 A, B, C = STATIONS = (251, 252, 253)

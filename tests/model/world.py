@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 from gcs_module import core as gcs
 from mavproxy_handover.core.arbiter import Arbiter
-from mavproxy_handover.core.events import (
+from mavproxy_handover.core.common.events import (
     AutopilotState,
     GuardSeen,
     MissionLoaded,
@@ -33,11 +33,11 @@ from mavproxy_handover.core.events import (
     StationHeard,
     Tick,
 )
-from mavproxy_handover.core.messages import (
+from mavproxy_handover.core.common.messages import (
     Connect,
     ConnectAck,
 )
-from mavproxy_handover.core.model import AUTOMATIC, UNASKED, GapFact, GuardState, Station, ZoneFact
+from mavproxy_handover.core.common.model import AUTOMATIC, UNASKED, GapFact, GuardState, Station, ZoneFact
 from tests.model.canonical import EPOCH, GAP_S, Packer, Shift, shifted
 from tests.model.nodes import DIGEST, Names, Parcel, Stations, Vehicles, too_old
 from tests.model.setting import PARENT, Setting

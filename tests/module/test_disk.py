@@ -19,7 +19,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.model import Phase
+from mavproxy_handover.core.common.model import Phase
 from mavproxy_handover.mission.package import MissionPackage
 from tests.module.conftest import Bench
 from tests.module.test_handover import IN_A, IN_BOTH

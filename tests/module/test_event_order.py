@@ -9,8 +9,8 @@ from collections.abc import Callable
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.events import Action, Announce, Event, Fly, LinkJudged, PlaceJudged, Tick
-from mavproxy_handover.core.model import FlightAction, Phase, Reason
+from mavproxy_handover.core.common.events import Action, Announce, Event, Fly, LinkJudged, PlaceJudged, Tick
+from mavproxy_handover.core.common.model import FlightAction, Phase, Reason
 from mavproxy_handover.mission.package import MissionPackage
 from tests.module.conftest import Bench
 from tests.module.vehicle import LAND, RTL

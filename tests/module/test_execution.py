@@ -10,7 +10,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as stock
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.events import SignsSeen
+from mavproxy_handover.core.common.events import SignsSeen
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.monitors.signs import breach
 from mavproxy_handover.vehicle.mode_requests import of_text

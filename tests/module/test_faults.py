@@ -14,8 +14,8 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.events import Fly, HandSeen
-from mavproxy_handover.core.model import FlightAction, Hand, Phase, Reason
+from mavproxy_handover.core.common.events import Fly, HandSeen
+from mavproxy_handover.core.common.model import FlightAction, Hand, Phase, Reason
 from mavproxy_handover.core.safety.battery import Batteries
 from mavproxy_handover.core.safety.learning import Learner
 from mavproxy_handover.gate.flush import FlushTracker

@@ -7,7 +7,7 @@ from __future__ import annotations
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.model import LeaseState, Phase
+from mavproxy_handover.core.common.model import LeaseState, Phase
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage
 from tests.module.conftest import Bench

@@ -15,8 +15,14 @@ import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
 from gcs_module.core import FromVehicle, MissionHeld, StationCore, ToVehicle
-from mavproxy_handover.core.messages import DisconnectHandover, DroneConnected, OkHandover, OnHandover, TransferKey
-from mavproxy_handover.core.model import (
+from mavproxy_handover.core.common.messages import (
+    DisconnectHandover,
+    DroneConnected,
+    OkHandover,
+    OnHandover,
+    TransferKey,
+)
+from mavproxy_handover.core.common.model import (
     AUTOMATIC,
     Consent,
     LeaseState,

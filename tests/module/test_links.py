@@ -20,7 +20,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from gcs_module import module as gcs_module
 from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.config.files import StationLinks
-from mavproxy_handover.core.model import Station
+from mavproxy_handover.core.common.model import Station
 from mavproxy_handover.link.devices import LinkError, open_device
 from mavproxy_handover.stations.port import StationPort, open_ports
 from tests.module.conftest import Bench, Clock

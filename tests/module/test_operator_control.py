@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.events import OperatorControlShown
-from mavproxy_handover.core.model import Phase
+from mavproxy_handover.core.common.events import OperatorControlShown
+from mavproxy_handover.core.common.model import Phase
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.stations.operator_control import OperatorControl
 from tests.module.conftest import Bench

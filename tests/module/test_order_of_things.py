@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.link import AutopilotLink
 from mavproxy_handover.clocks import Clocks
-from mavproxy_handover.core import events
+from mavproxy_handover.core.common import events
 from mavproxy_handover.gate.judge import GateReason
 from mavproxy_handover.wire.signing import SignedPeer
 from tests.module.conftest import Bench

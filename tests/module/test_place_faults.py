@@ -12,8 +12,8 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.return_questions import ReturnQuestions
 from mavproxy_handover.autopilot.return_site import ReturnSite
-from mavproxy_handover.core.model import Phase
-from mavproxy_handover.core.safety.places import PlaceChooser
+from mavproxy_handover.core.common.model import Phase
+from mavproxy_handover.core.safety.return_site import PlaceChooser
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.mission.places import PlaceFinder
 from mavproxy_handover.monitors.return_site import views

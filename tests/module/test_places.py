@@ -16,8 +16,8 @@ from pymavlink.dialects.v20 import ardupilotmega as stock
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.rally import READ_S, WRITE_S
-from mavproxy_handover.core.events import LinkJudged, PlaceJudged
-from mavproxy_handover.core.model import Phase
+from mavproxy_handover.core.common.events import LinkJudged, PlaceJudged
+from mavproxy_handover.core.common.model import Phase
 from mavproxy_handover.mission.package import MissionPackage, load
 from mavproxy_handover.mission.places import PlaceFinder
 from tests.module.conftest import Bench
@@ -357,7 +357,7 @@ def test_what_is_decided_while_the_place_is_looked_at_is_not_undone(flying: Benc
 
 
 def flying_return() -> Any:
-    from mavproxy_handover.core.model import FlightAction
+    from mavproxy_handover.core.common.model import FlightAction
 
     return FlightAction.RETURN
 
@@ -386,7 +386,7 @@ def test_a_return_under_way_goes_elsewhere_when_its_place_has_become_worse(flyin
 
 def test_not_once_a_landing_is_ordered(flying: Bench) -> None:
     """The heartbeat still says RTL: to begin that anew would end the landing."""
-    from mavproxy_handover.core.model import FlightAction
+    from mavproxy_handover.core.common.model import FlightAction
 
     returning(flying)
     orders_of_it = flying.companion.autopilot.orders

@@ -13,8 +13,8 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.events import Fly
-from mavproxy_handover.core.model import FlightAction, Flown, Hand, Kind, Phase, Reason
+from mavproxy_handover.core.common.events import Fly
+from mavproxy_handover.core.common.model import FlightAction, Flown, Hand, Kind, Phase, Reason
 from mavproxy_handover.mission.package import MissionPackage, load
 from tests.module.conftest import Bench
 from tests.module.test_commands_in_flight import along_the_dike

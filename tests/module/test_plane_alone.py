@@ -9,7 +9,7 @@ from collections.abc import Callable
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.model import Phase
+from mavproxy_handover.core.common.model import Phase
 from mavproxy_handover.mission.items import MissionItem
 from mavproxy_handover.mission.package import load
 from tests.module.conftest import Bench

@@ -15,8 +15,8 @@ from pymavlink.dialects.v20 import ardupilotmega as stock
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.preflight import Preflight, reading
-from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import GuardState, Kind
+from mavproxy_handover.core.common.limits import Limits
+from mavproxy_handover.core.common.model import GuardState, Kind
 from mavproxy_handover.core.safety.energy_prior import EnergySettings
 from mavproxy_handover.mission.items import MissionItem
 from mavproxy_handover.mission.package import MissionPackage, load

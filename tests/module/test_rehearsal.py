@@ -10,8 +10,8 @@ import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
 from gcs_module.core import MissionHeld, StationCore
-from mavproxy_handover.core.events import Fly
-from mavproxy_handover.core.model import AUTOMATIC, FlightAction, LeaseState, Phase, Reason, Station
+from mavproxy_handover.core.common.events import Fly
+from mavproxy_handover.core.common.model import AUTOMATIC, FlightAction, LeaseState, Phase, Reason, Station
 from mavproxy_handover.mission.package import MissionPackage
 from tests.module import vehicle
 from tests.module.conftest import Bench

@@ -19,7 +19,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from gcs_module.core import AuthorityHeard, FromVehicle, MissionHeld, StationCore
 from gcs_module.core import Role as StationRole
-from mavproxy_handover.core.model import (
+from mavproxy_handover.core.common.model import (
     AUTOMATIC,
     LeaseState,
     Phase,

@@ -9,7 +9,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as stock
 
-from mavproxy_handover.core.model import Phase
+from mavproxy_handover.core.common.model import Phase
 from mavproxy_handover.mission.package import MissionPackage, load
 from tests.module.conftest import Bench
 from tests.module.vehicle import AUTO

@@ -9,7 +9,7 @@ from dataclasses import replace
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.model import Phase
+from mavproxy_handover.core.common.model import Phase
 from mavproxy_handover.mission.package import MissionPackage, load
 from mavproxy_handover.monitors.preflight.rules import Finding
 from tests.module.conftest import Bench

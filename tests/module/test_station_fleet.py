@@ -19,7 +19,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from gcs_module import commands as station_commands
 from gcs_module import fleet as station_fleet
 from gcs_module import module as gcs_module
-from mavproxy_handover.core.model import FlightAction, Phase, Reason
+from mavproxy_handover.core.common.model import FlightAction, Phase, Reason
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.store.keys import key_of, write_key

@@ -18,7 +18,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from gcs_module import commands as station_commands
 from gcs_module import module as gcs_module
 from gcs_module.briefing import NAMES
-from mavproxy_handover.core.model import Reason
+from mavproxy_handover.core.common.model import Reason
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.version import VERSION

@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from gcs_module.alarms import Level
 from gcs_module.banner import Situation, banner
 from gcs_module.decisions import Decisions, Who
-from mavproxy_handover.core.model import FlightAction, Phase
+from mavproxy_handover.core.common.model import FlightAction, Phase
 from tests.module.test_station_control import bench  # noqa: F401 - the fixture
 from tests.module.test_station_module import StationBench
 

@@ -12,9 +12,9 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.events import GapsJudged
-from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import GapFact
+from mavproxy_handover.core.common.events import GapsJudged
+from mavproxy_handover.core.common.limits import Limits
+from mavproxy_handover.core.common.model import GapFact
 from mavproxy_handover.mission.gaps import Stretch
 from mavproxy_handover.mission.package import load
 from mavproxy_handover.monitors.gaps import GapMonitor, lacking

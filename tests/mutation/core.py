@@ -46,7 +46,12 @@ __all__ = ["Fault", "faults", "main", "misnamed", "table_faults"]
 STATION = "station."
 #: module -> the tests that notice its faults soonest
 FIRST = {
-    "transfer": ("test_transfer.py", "test_arbiter_transfer.py", "test_standard_stations.py", "test_forced.py"),
+    "authority.transfer": (
+        "test_transfer.py",
+        "test_arbiter_transfer.py",
+        "test_standard_stations.py",
+        "test_forced.py",
+    ),
     "arbiter": (
         "test_arbiter_authority.py",
         "test_arbiter_safety.py",
@@ -54,19 +59,29 @@ FIRST = {
         "test_arbiter_transfer.py",
         "test_deaf_commander.py",
     ),
-    "authority": ("test_arbiter_authority.py", "test_restart.py", "test_control.py", "test_arbiter_transfer.py"),
-    "conductor": ("test_arbiter_transfer.py", "test_forced.py", "test_standard_stations.py", "test_control.py"),
-    "candidates": ("test_arbiter_transfer.py", "test_forced.py", "test_control.py", "test_link_quality.py"),
-    "contacts": ("test_arbiter_authority.py", "test_presence.py"),
-    "requests": ("test_control.py", "test_standard_stations.py", "test_forced.py"),
-    "start": ("test_start.py", "test_arbiter_start.py", "test_control.py", "test_arbiter_safety.py"),
-    "flight": ("test_arbiter_start.py", "test_arbiter_safety.py", "test_arbiter_authority.py"),
-    "hearing": ("test_hearing.py", "test_deaf_commander.py"),
-    "links": ("test_link_quality.py",),
-    "zones": ("test_zones.py", "test_arbiter_safety.py"),
-    "phases": ("test_phases.py",),
-    "rehearsal": ("test_rehearsal.py",),
-    "safety.causes": ("safety/test_causes.py", "safety/test_strategy.py", "safety/test_emergency.py"),
+    "authority.authority": (
+        "test_arbiter_authority.py",
+        "test_restart.py",
+        "test_control.py",
+        "test_arbiter_transfer.py",
+    ),
+    "authority.transfer_manager": (
+        "test_arbiter_transfer.py",
+        "test_forced.py",
+        "test_standard_stations.py",
+        "test_control.py",
+    ),
+    "authority.candidates": ("test_arbiter_transfer.py", "test_forced.py", "test_control.py", "test_link_quality.py"),
+    "authority.contacts": ("test_arbiter_authority.py", "test_presence.py"),
+    "authority.requests": ("test_control.py", "test_standard_stations.py", "test_forced.py"),
+    "authority.start": ("test_start.py", "test_arbiter_start.py", "test_control.py", "test_arbiter_safety.py"),
+    "common.flight": ("test_arbiter_start.py", "test_arbiter_safety.py", "test_arbiter_authority.py"),
+    "authority.hearing": ("test_hearing.py", "test_deaf_commander.py"),
+    "authority.links": ("test_link_quality.py",),
+    "authority.zones": ("test_zones.py", "test_arbiter_safety.py"),
+    "authority.phases": ("test_phases.py",),
+    "authority.rehearsal": ("test_rehearsal.py",),
+    "common.causes": ("safety/test_causes.py", "safety/test_strategy.py", "safety/test_emergency.py"),
     "safety.strategy": ("safety/test_strategy.py", "safety/test_emergency.py", "test_arbiter_safety.py"),
     "safety.emergency": (
         "safety/test_emergency.py",
@@ -74,8 +89,8 @@ FIRST = {
         "test_restart.py",
         "safety/test_held_restart.py",
     ),
-    "safety.lookout": (
-        "safety/test_lookout.py",
+    "safety.conditions": (
+        "safety/test_conditions.py",
         "test_arbiter_safety.py",
         "test_link_quality.py",
         "test_rehearsal.py",
@@ -83,14 +98,18 @@ FIRST = {
         "safety/test_gap.py",
         "safety/test_overruled.py",
         "safety/test_wings.py",
-        "safety/test_execution.py",
+        "safety/test_decision_executor.py",
     ),
-    "safety.places": ("safety/test_places.py",),
-    "safety.helm": ("safety/test_helm.py", "safety/test_execution.py"),
-    "safety.supervision": ("safety/test_supervision.py", "safety/test_execution.py", "safety/test_wings.py"),
-    "safety.execution": (
-        "safety/test_execution.py",
-        "safety/test_lookout.py",
+    "safety.return_site": ("safety/test_return_site.py",),
+    "safety.mode_source": ("safety/test_mode_source.py", "safety/test_decision_executor.py"),
+    "safety.command_verification": (
+        "safety/test_command_verification.py",
+        "safety/test_decision_executor.py",
+        "safety/test_wings.py",
+    ),
+    "safety.decision_executor": (
+        "safety/test_decision_executor.py",
+        "safety/test_conditions.py",
         "safety/test_held_restart.py",
         "safety/test_overruled.py",
         "safety/test_wings.py",
@@ -101,23 +120,28 @@ FIRST = {
     ),
     "safety.gap": ("safety/test_gap.py",),
     "safety.commands": ("safety/test_commands.py",),
-    "safety.sentence": ("safety/test_sentence.py", "safety/test_execution.py"),
+    "safety.sentence": ("safety/test_sentence.py", "safety/test_decision_executor.py"),
     "safety.explain": ("../cli/test_explain.py",),
     "safety.route": ("safety/test_route.py",),
     "safety.energy": ("safety/test_energy.py", "safety/test_energy_prior.py", "safety/test_learning.py"),
     "safety.energy_prior": ("safety/test_energy_prior.py", "safety/test_energy.py"),
     "safety.battery": ("safety/test_battery.py",),
     "safety.learning": ("safety/test_learning.py",),
-    "steps": ("test_steps.py",),
-    "control": ("test_control.py",),
-    "consent": ("test_standing_consent.py",),
-    "cures": ("test_candidates.py", "test_standing_consent.py", "test_standard_stations.py"),
-    "presence": ("test_presence.py", "test_arbiter_authority.py", "test_deaf_commander.py"),
-    "results": ("test_arbiter_transfer.py", "test_arbiter_deadline.py"),
-    "messages": ("test_messages.py", "test_two_sides.py"),
-    "limits": ("test_arbiter_transfer.py", "test_arbiter_safety.py", "test_link_quality.py", "test_arbiter_start.py"),
-    "events": ("test_arbiter_transfer.py", "test_control.py"),
-    "model": (
+    "authority.steps": ("test_steps.py",),
+    "authority.control": ("test_control.py",),
+    "authority.consent": ("test_standing_consent.py",),
+    "authority.cures": ("test_candidates.py", "test_standing_consent.py", "test_standard_stations.py"),
+    "authority.presence": ("test_presence.py", "test_arbiter_authority.py", "test_deaf_commander.py"),
+    "authority.results": ("test_arbiter_transfer.py", "test_arbiter_deadline.py"),
+    "common.messages": ("test_messages.py", "test_two_sides.py"),
+    "common.limits": (
+        "test_arbiter_transfer.py",
+        "test_arbiter_safety.py",
+        "test_link_quality.py",
+        "test_arbiter_start.py",
+    ),
+    "common.events": ("test_arbiter_transfer.py", "test_control.py"),
+    "common.model": (
         "test_arbiter_transfer.py",
         "test_presence.py",
         "test_standard_stations.py",
@@ -125,8 +149,8 @@ FIRST = {
         "test_control.py",
         "test_restart.py",
     ),
-    "snapshot": ("test_restart.py",),
-    "foresight": ("test_foresight.py",),
+    "common.snapshot": ("test_restart.py",),
+    "authority.foresight": ("test_foresight.py",),
     "station.core": ("test_core.py", "test_ahead.py", "test_core_hostile.py"),
     "station.ahead": ("test_ahead.py", "../core/test_foresight.py"),
     "station.events": ("test_core.py", "test_ahead.py"),
@@ -142,7 +166,7 @@ LAST = (
     "test_foresight.py",
     "safety/test_whatever_comes.py",
     "test_power_loss.py",
-    "safety/test_places.py",
+    "safety/test_return_site.py",
     "test_two_sides.py",
 )
 STATION_LAST = ("../core/test_foresight.py", "../core/test_two_sides.py")
@@ -161,12 +185,12 @@ EXPLORED = (
 
 #: tables of a module: what stands there is changed, one entry at a time
 TABLES = {
-    "transfer": ("MOVES",),
-    "phases": ("PHASES",),
-    "safety.causes": ("CAUSES",),
+    "authority.transfer": ("MOVES",),
+    "authority.phases": ("PHASES",),
+    "common.causes": ("CAUSES",),
     "safety.strategy": ("FIRST", "POLICY_LADDERS", "MILDER_THAN"),
 }
-WORST = {"transfer": "committed", "phases": "ON_MISSION"}
+WORST = {"authority.transfer": "committed", "authority.phases": "ON_MISSION"}
 
 _TURNED: dict[type[ast.cmpop], type[ast.cmpop]] = {
     ast.Eq: ast.NotEq,
@@ -370,18 +394,18 @@ _NOTHING: Any = None
 
 def _table(module: str, table: str) -> tuple[dict[Any, Any], list[Any], Callable[[Any], dict[str, Any]]]:
     """A table, all keys it could have entries for, and what could stand there instead, by name."""
-    if module.startswith("safety."):
+    if not module.startswith("authority."):
         return _safety_table(table)
     targets: dict[str, Any]
-    if module == "phases":
-        from mavproxy_handover.core.model import Phase
-        from mavproxy_handover.core.phases import PHASES, PhaseCause
+    if module == "authority.phases":
+        from mavproxy_handover.core.authority.phases import PHASES, PhaseCause
+        from mavproxy_handover.core.common.model import Phase
 
         entries, keys = cast("dict[Any, Any]", PHASES), list[Any](product(Phase, PhaseCause))
         targets = {phase.name: phase for phase in Phase}
     else:
-        from mavproxy_handover.core.model import Outcome, Reason
-        from mavproxy_handover.core.transfer import MOVES, Cause, End, Step
+        from mavproxy_handover.core.authority.transfer import MOVES, Cause, End, Step
+        from mavproxy_handover.core.common.model import Outcome, Reason
 
         ends = {"committed": End(Outcome.COMMITTED, Reason.NONE), "aborted": End(Outcome.ABORTED, Reason.CANCELLED)}
         entries, keys = cast("dict[Any, Any]", MOVES), list[Any](product(Step, Cause))
@@ -395,7 +419,8 @@ def _table(module: str, table: str) -> tuple[dict[Any, Any], list[Any], Callable
 
 
 def _safety_table(table: str) -> tuple[dict[Any, Any], list[Any], Callable[[Any], dict[str, Any]]]:
-    from mavproxy_handover.core.safety import causes, strategy
+    from mavproxy_handover.core.common import causes
+    from mavproxy_handover.core.safety import strategy
 
     entries = cast("dict[Any, Any]", getattr(causes if table == "CAUSES" else strategy, table))
     others = {"CAUSES": _other_rows, "MILDER_THAN": _other_actions}.get(table, _other_ladders)
@@ -404,7 +429,7 @@ def _safety_table(table: str) -> tuple[dict[Any, Any], list[Any], Callable[[Any]
 
 def _other_rows(row: Any) -> dict[str, Any]:
     """Of a cause: other times, another end, other policies."""
-    from mavproxy_handover.core.safety.causes import Ends
+    from mavproxy_handover.core.common.causes import Ends
 
     ends = next(each for each in Ends if each is not row.ends)
     return {
@@ -417,14 +442,14 @@ def _other_rows(row: Any) -> dict[str, Any]:
 
 
 def _other_actions(action: Any) -> dict[str, Any]:
-    from mavproxy_handover.core.model import FlightAction
+    from mavproxy_handover.core.common.model import FlightAction
 
     return {**{each.name: each for each in FlightAction if each is not action}, "nothing": _NOTHING}
 
 
 def _other_ladders(ladder: Any) -> dict[str, Any]:
     """A rung is missing, asks for something else, or needs nothing."""
-    from mavproxy_handover.core.model import FlightAction
+    from mavproxy_handover.core.common.model import FlightAction
 
     found: dict[str, Any] = {}
     for place, rung in enumerate(ladder):

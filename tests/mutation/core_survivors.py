@@ -7,23 +7,23 @@ from __future__ import annotations
 __all__ = ["KNOWN_SURVIVORS"]
 
 KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
-    "model": {
+    "common.model": {
         "AuthorityView.armed: truth turned: False": "no view of the vehicle leaves it out; only tests do",
     },
-    "messages": {
+    "common.messages": {
         "before: comparison turned: self.epoch < other.epoch": "it is asked only of two epochs that differ",
     },
-    "flight": {
+    "common.flight": {
         "__init__: truth turned: False in self._guard_ours = False": (
             "until the guard has spoken it is silent, and then it does not matter whose leases it answers"
         ),
     },
-    "presence": {
+    "authority.presence": {
         "unfit: dropped from and/or: self.answer is None: not self.connected(now) or self.answer is None": (
             "who is connected has answered: the answer and its time are set together; the type checker wants it said"
         ),
     },
-    "zones": {
+    "authority.zones": {
         "update: comparison turned: fact.margin_m > known.margin_m": (
             "of two zones of one station with exactly the same distance to the border either is the best"
         ),
@@ -34,7 +34,7 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
             "whose zone is left is not chosen, and whose zone is entered again is fresh again"
         ),
     },
-    "conductor": {
+    "authority.transfer_manager": {
         "begin: truth turned: False in self, partner: int, reason: Reason, now: float, actions: list[Action], *, "
         "consented: bool=": "who leaves it out begins a forced one, and that needs no consent",
         "imply: dropped: return": "it is called only while a transfer is under way; the type checker wants it said",
@@ -54,7 +54,7 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
             "a parent that is lost is not heard, so not fit; and when it is heard it is not lost any more"
         ),
     },
-    "safety.places": {
+    "safety.return_site": {
         "look: number one more: 0.0 in self.value = self._level_s > 0.0": (
             "it is asked at both ends of the scale only, and the upper one is more than 1"
         ),
@@ -99,7 +99,7 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
             "where the run before left nothing, nothing is taken up"
         ),
     },
-    "safety.lookout": {
+    "safety.conditions": {
         "__init__: truth turned: False in self._held_long = False": "the first look sets it, and nothing asks before",
         "__init__: truth turned: False in self._may_hold = False": "the same",
         "__init__: truth turned: False in self._in_gap = False": "the same",
@@ -133,7 +133,7 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
             "that time itself"
         ),
     },
-    "safety.execution": {
+    "safety.decision_executor": {
         "held_for: dropped: return None": (
             "what is told and is no hold has taken away for what it was held: `carry_out`, or the hand that took it"
         ),
@@ -182,7 +182,7 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
         "look: truth turned: False in return False": "to decide once more in the same moment decides the same",
         "look: truth turned: False in return False (number 2)": "the same",
     },
-    "safety.helm": {
+    "safety.mode_source": {
         "__init__: truth turned: False in self._flying = False": "there is no mode before the first one to differ from",
         "__init__: truth turned: False in self._unheard = False": (
             "it is looked at only while a mode is in doubt, which sets it"
@@ -197,7 +197,7 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
             "it is looked at only while a mode is in doubt, which sets it"
         ),
     },
-    "safety.supervision": {
+    "safety.command_verification": {
         "__init__: number one more: 0 in self._tries = 0": "nothing is counted before an order, which sets it",
         "__init__: truth turned: False in self._shown = False": "nothing shows before an order, which sets it",
         "__init__: number one more: 0.0 in self._first_speed = 0.0": "no stop begins before an order, which sets it",

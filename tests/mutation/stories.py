@@ -105,7 +105,7 @@ class Difference:
 def story(seed: int) -> Story:
     """The same story for the same seed."""
     chance = random.Random(seed)
-    causes = importlib.import_module("mavproxy_handover.core.safety.causes").CAUSES
+    causes = importlib.import_module("mavproxy_handover.core.common.causes").CAUSES
     policies = {cause.name: chance.choice(row.policies) for cause, row in causes.items() if chance.random() < 0.3}
     # each story dwells on a few things
     weights = [weight * chance.choice((0.2, 1.0, 1.0, 2.0)) for weight, _choices in STEPS.values()]
@@ -137,10 +137,10 @@ def player(module: str = "", source: str | None = None) -> Player:
                 name.rpartition(".")[2]: importlib.import_module(name)
                 for name in (
                     "tests.core.bench",
-                    "mavproxy_handover.core.events",
-                    "mavproxy_handover.core.limits",
-                    "mavproxy_handover.core.model",
-                    "mavproxy_handover.core.safety.causes",
+                    "mavproxy_handover.core.common.events",
+                    "mavproxy_handover.core.common.limits",
+                    "mavproxy_handover.core.common.model",
+                    "mavproxy_handover.core.common.causes",
                 )
             }
         )

@@ -9,17 +9,17 @@ from pathlib import Path
 from tests.mutation.run import in_child
 from tests.mutation.stories import Difference, Story, find, story
 
-LOOKOUT = Path(__file__).parents[2] / "mavproxy_handover" / "core" / "safety" / "lookout.py"
+CONDITIONS = Path(__file__).parents[2] / "mavproxy_handover" / "core" / "safety" / "conditions.py"
 
 
 def found(source: str, stories: int) -> Difference | None:
     """In a process of its own: two cores stand there beside each other."""
-    (difference,) = in_child(lambda: [find("safety.lookout", source, stories)])
+    (difference,) = in_child(lambda: [find("safety.conditions", source, stories)])
     return difference
 
 
 def test_a_fault_is_told_in_the_steps_that_it_takes() -> None:
-    source = LOOKOUT.read_text(encoding="utf-8")
+    source = CONDITIONS.read_text(encoding="utf-8")
     watches = "_NO_WATCH = (GuardState.SILENT, GuardState.DISABLED)"
     assert watches in source
     difference = found(source.replace(watches, "_NO_WATCH = (GuardState.SILENT,)"), 60)
@@ -32,7 +32,7 @@ def test_a_fault_is_told_in_the_steps_that_it_takes() -> None:
 
 
 def test_without_one_nothing_differs() -> None:
-    assert found(LOOKOUT.read_text(encoding="utf-8"), 4) is None
+    assert found(CONDITIONS.read_text(encoding="utf-8"), 4) is None
 
 
 def test_what_cannot_even_be_imported_shows() -> None:

@@ -75,13 +75,13 @@ PLANTED = (
     ),
     Planted(
         "a transfer that is under way is waited for without end",
-        "safety/lookout.py",
+        "safety/conditions.py",
         "hurried = now < authority.hurry_until(self._limits.forced_timeout_s)",
         "hurried = True",
     ),
     Planted(
         "the energy has no say",
-        "safety/lookout.py",
+        "safety/conditions.py",
         "        if self.told.energy:\n",
         "        if self.told.energy and authority.lost:\n",
     ),
@@ -93,19 +93,19 @@ PLANTED = (
     ),
     Planted(
         "a place is chosen without a look at who covers it",
-        "safety/places.py",
+        "safety/return_site.py",
         "place.way_inside and place.way_clear, place.coverage(usable))",
         "place.way_inside and place.way_clear, Coverage.ALL)",
     ),
     Planted(
         "a return that is not flown is not noticed",
-        "safety/supervision.py",
+        "safety/command_verification.py",
         "        if self._has_time(self._limits.obey_s, now):\n",
         "        if self._has_time(1000.0 * self._limits.obey_s, now):\n",
     ),
     Planted(
         "out of coverage is no cause while somebody commands",
-        "safety/lookout.py",
+        "safety/conditions.py",
         "        if self._candidates.zones.out_since is not None:\n",
         "        if self._candidates.zones.out_since is not None and authority.lost:\n",
     ),

@@ -34,7 +34,7 @@ PLANTED_BY_OTHERS = (
     # as coverage behind the border. The aircraft flies over it under a commander whose zone has ended.
     Planted(
         "who answers is taken for who takes the aircraft",
-        "safety/lookout.py",
+        "safety/conditions.py",
         "partner, _answers, quick = self._asked(now)",
         "partner, quick, _answers = self._asked(now)",
     ),
@@ -42,14 +42,14 @@ PLANTED_BY_OTHERS = (
     # come out of reach, or out of the fence, is returned to while another one is there.
     Planted(
         "a place that is worse counts as what it was for minutes",
-        "safety/places.py",
+        "safety/return_site.py",
         "-passed_s * BETTER_S / WORSE_S",
         "-passed_s * WORSE_S / BETTER_S",
     ),
     # Each try counts as the first: a return that the autopilot refuses is commanded for ever, and nobody lands.
     Planted(
         "a command that is refused is never given up",
-        "safety/supervision.py",
+        "safety/command_verification.py",
         "self._begin(action, self._tries + 1, now)",
         "self._begin(action, 1, now)",
     ),
@@ -58,7 +58,7 @@ PLANTED_BY_OTHERS = (
     # stranger chooses stays.
     Planted(
         "the companion does not know its own order",
-        "safety/execution.py",
+        "safety/decision_executor.py",
         "if action in _SAME:",
         "if action not in _SAME:",
     ),
@@ -83,7 +83,7 @@ PLANTED_BY_OTHERS = (
     # commanded from, and nothing is done.
     Planted(
         "a station that is heard counts as one that could take the aircraft",
-        "candidates.py",
+        "authority/candidates.py",
         "            and self.unfit(station, now) is None\n            and self.paused_s",
         "            and self._presence[station].alive(now)\n            and self.paused_s",
     ),
@@ -91,7 +91,7 @@ PLANTED_BY_OTHERS = (
     # and with it every other one, while the aircraft leaves its commander's zone.
     Planted(
         "an operator who is asked has no end of time",
-        "transfer.py",
+        "authority/transfer.py",
         "        if not self.operator_asked:\n            self.operator_asked = True\n"
         "            if not self.forced:  # where there is a hurry that comes first, see `_run_out`\n    ",
         "        self.operator_asked = True\n        if not self.forced:\n",

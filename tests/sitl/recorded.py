@@ -19,7 +19,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.model import LeaseState
+from mavproxy_handover.core.common.model import LeaseState
 from mavproxy_handover.wire.lease import Lease, pack_lease
 
 BEGUN_UTC = 1_790_000_000.0

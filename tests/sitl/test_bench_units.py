@@ -20,8 +20,8 @@ import shapely
 from pymavlink.dialects.v20 import handover as mavlink
 
 from gcs_module.core import FromPeer
-from mavproxy_handover.core.messages import OnHandover, TransferKey
-from mavproxy_handover.core.model import AuthorityView, Consent, Phase, Reason, Station
+from mavproxy_handover.core.common.messages import OnHandover, TransferKey
+from mavproxy_handover.core.common.model import AuthorityView, Consent, Phase, Reason, Station
 from mavproxy_handover.gate.judge import Fate, StationIdentity, judge
 from mavproxy_handover.wire.frames import parse_one
 from mavproxy_handover.wire.ids import COMPANION_COMPID

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from mavproxy_handover.core.safety.causes import Cause
+from mavproxy_handover.core.common.causes import Cause
 from sitl.campaign.compare import compare
 from sitl.campaign.faults import Fault
 from sitl.campaign.figures import all_cells, figures, wilson

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from mavproxy_handover.core.safety.causes import Cause
+from mavproxy_handover.core.common.causes import Cause
 from sitl.campaign.faults import Fault, Insists, Strike
 from sitl.campaign.judge import judge
 from sitl.campaign.log import FlightLog, Series

@@ -8,9 +8,9 @@ from dataclasses import replace
 
 import pytest
 
-from mavproxy_handover.core.events import Event, ModeSeen, SignsSeen
-from mavproxy_handover.core.model import Flown
-from mavproxy_handover.core.safety.causes import Cause
+from mavproxy_handover.core.common.causes import Cause
+from mavproxy_handover.core.common.events import Event, ModeSeen, SignsSeen
+from mavproxy_handover.core.common.model import Flown
 from sitl.campaign.faults import Fault, Strike, Target
 from sitl.campaign.judge import judge
 from sitl.campaign.log import FlightLog

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from mavproxy_handover.core.model import GuardState, LeaseState
+from mavproxy_handover.core.common.model import GuardState, LeaseState
 from sitl.campaign.aircraft import Aircraft
 from sitl.campaign.faults import Fault, Strike
 from sitl.campaign.gaps import find_gaps

@@ -8,7 +8,7 @@ import re
 import time
 from typing import Any
 
-from mavproxy_handover.core.model import LeaseState
+from mavproxy_handover.core.common.model import LeaseState
 from mavproxy_handover.wire.lease import Lease, pack_lease
 from tests.sitl.guard_cases import (
     LATEST_S,

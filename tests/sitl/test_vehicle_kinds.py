@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from mavproxy_handover.core.model import Kind
+from mavproxy_handover.core.common.model import Kind
 from sitl import fly_all, main
 from sitl.run.runner import Order, Result
 from sitl.script.places import guard_files

@@ -24,8 +24,8 @@ from typing import Any
 from pymavlink import mavutil
 
 from mavproxy_handover.config.vehicle import load_vehicle
-from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.safety.causes import CAUSES, Cause
+from mavproxy_handover.core.common.causes import CAUSES, Cause
+from mavproxy_handover.core.common.limits import Limits
 from mavproxy_handover.link.quality import LinkLimits
 
 __all__ = ["ROWS", "Run", "TimeOut", "main", "runs_in", "table"]

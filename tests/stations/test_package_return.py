@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.model import Reason
+from mavproxy_handover.core.common.model import Reason
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage, from_bytes
 from mavproxy_handover.stations.package_return import PackageReturn

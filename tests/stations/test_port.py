@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.config.files import StationLinks
-from mavproxy_handover.core.model import Station
+from mavproxy_handover.core.common.model import Station
 from mavproxy_handover.link.devices import Device, open_device
 from mavproxy_handover.link.quality import Measure
 from mavproxy_handover.stations.port import StationPort

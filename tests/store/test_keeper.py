@@ -12,8 +12,8 @@ from typing import Any
 
 import pytest
 
-from mavproxy_handover.core.model import Phase
-from mavproxy_handover.core.snapshot import Snapshot
+from mavproxy_handover.core.common.model import Phase
+from mavproxy_handover.core.common.snapshot import Snapshot
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.store import keeper as keeping

@@ -55,7 +55,7 @@ def test_a_message_that_nobody_prints_is_noticed() -> None:
 
 
 def test_what_start_needs_is_all_there() -> None:
-    source = (ROOT / "mavproxy_handover/core/start.py").read_text(encoding="utf-8")
+    source = (ROOT / "mavproxy_handover/core/authority/start.py").read_text(encoding="utf-8")
     needs = re.findall(r'needs\.append\(f?"([^"]+)"\)', source)
     assert len(needs) > 8
     shown = DOCUMENT.read_text(encoding="utf-8")

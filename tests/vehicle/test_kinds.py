@@ -7,8 +7,8 @@ from __future__ import annotations
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.events import HandSeen
-from mavproxy_handover.core.model import Flown, Hand, Kind
+from mavproxy_handover.core.common.events import HandSeen
+from mavproxy_handover.core.common.model import Flown, Hand, Kind
 from mavproxy_handover.vehicle import mode_requests
 from mavproxy_handover.vehicle.kinds import COPTER, PLANE, VEHICLES, Vehicle
 from mavproxy_handover.vehicle.state import VehicleState

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.events import HandSeen
-from mavproxy_handover.core.model import Flown, Hand
+from mavproxy_handover.core.common.events import HandSeen
+from mavproxy_handover.core.common.model import Flown, Hand
 from mavproxy_handover.vehicle import mode_requests
 from mavproxy_handover.vehicle.kinds import COPTER, PLANE, Vehicle
 from mavproxy_handover.wire.frames import Frame, parse_one

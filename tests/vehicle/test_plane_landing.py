@@ -7,7 +7,7 @@ from __future__ import annotations
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.model import Flown
+from mavproxy_handover.core.common.model import Flown
 from mavproxy_handover.mission.items import MissionItem
 from mavproxy_handover.mission.plan import Home, Route
 from mavproxy_handover.vehicle.state import VehicleState

@@ -9,7 +9,7 @@ import math
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.model import AuthorityView, GuardState, LeaseState, Phase, Reason
+from mavproxy_handover.core.common.model import AuthorityView, GuardState, LeaseState, Phase, Reason
 from mavproxy_handover.vehicle.state import VehicleState
 from mavproxy_handover.wire import codec, status
 from mavproxy_handover.wire.codec import AircraftState

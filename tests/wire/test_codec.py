@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.messages import (
+from mavproxy_handover.core.common.messages import (
     Connect,
     ConnectAck,
     ConnectHandover,
@@ -27,7 +27,7 @@ from mavproxy_handover.core.messages import (
     OnHandover,
     TransferKey,
 )
-from mavproxy_handover.core.model import Consent, Outcome, Reason
+from mavproxy_handover.core.common.model import Consent, Outcome, Reason
 from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.codec import AircraftState
 from mavproxy_handover.wire.frames import parse_one

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.model import AuthorityView, GuardState, LeaseState, Phase
+from mavproxy_handover.core.common.model import AuthorityView, GuardState, LeaseState, Phase
 from mavproxy_handover.wire.ids import GUARD_STATUS_TUNNEL, LEASE_TUNNEL
 from mavproxy_handover.wire.lease import GuardStatus, Lease, pack_lease, unpack_guard_status, unpack_lease
 from mavproxy_handover.wire.status import LeaseSequence

@@ -7,7 +7,7 @@ from __future__ import annotations
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.model import AuthorityView, LeaseState, Phase
+from mavproxy_handover.core.common.model import AuthorityView, LeaseState, Phase
 from mavproxy_handover.wire.lease import Lease, pack_lease, unpack_lease
 from mavproxy_handover.wire.lease_tag import half_siphash_2_4, lease_tag
 from mavproxy_handover.wire.status import LeaseSequence

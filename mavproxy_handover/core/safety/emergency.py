@@ -17,9 +17,9 @@ from __future__ import annotations
 from collections.abc import Collection, Set
 from dataclasses import dataclass
 
-from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import FlightAction, Reason
-from mavproxy_handover.core.safety.causes import CAUSES, Cause, CauseWatch, Ends
+from mavproxy_handover.core.common.causes import CAUSES, Cause, CauseWatch, Ends
+from mavproxy_handover.core.common.limits import Limits
+from mavproxy_handover.core.common.model import FlightAction, Reason
 from mavproxy_handover.core.safety.strategy import Decision, Fact, Situation, Strategy
 
 __all__ = ["Emergency", "News"]

@@ -11,9 +11,9 @@ from collections.abc import Mapping, Set
 from dataclasses import dataclass
 from typing import Final
 
-from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import Kind
-from mavproxy_handover.core.safety.causes import CAUSES, Cause, Ends
+from mavproxy_handover.core.common.causes import CAUSES, Cause, Ends
+from mavproxy_handover.core.common.limits import Limits
+from mavproxy_handover.core.common.model import Kind
 from mavproxy_handover.core.safety.strategy import (
     CARRIED_OUT,
     MILDER_THAN,

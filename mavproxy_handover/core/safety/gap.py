@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from mavproxy_handover.core.model import GapFact
+from mavproxy_handover.core.common.model import GapFact
 
 __all__ = ["Crossing"]
 

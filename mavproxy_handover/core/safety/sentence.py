@@ -14,12 +14,12 @@ from collections.abc import Callable, Mapping
 from math import inf
 from typing import Final
 
-from mavproxy_handover.core.authority import Authority
-from mavproxy_handover.core.candidates import Candidates
-from mavproxy_handover.core.events import Announce, PlaceJudged, SignsSeen
-from mavproxy_handover.core.flight import Flight
-from mavproxy_handover.core.model import FlightAction, GuardState, Reason
-from mavproxy_handover.core.safety.causes import CAUSES, Cause
+from mavproxy_handover.core.authority.authority import Authority
+from mavproxy_handover.core.authority.candidates import Candidates
+from mavproxy_handover.core.common.causes import CAUSES, Cause
+from mavproxy_handover.core.common.events import Announce, PlaceJudged, SignsSeen
+from mavproxy_handover.core.common.flight import Flight
+from mavproxy_handover.core.common.model import FlightAction, GuardState, Reason
 from mavproxy_handover.core.safety.strategy import Decision, Fact
 
 __all__ = ["Figures", "over", "sentence"]

@@ -34,8 +34,8 @@ from enum import Enum
 from types import MappingProxyType
 from typing import Final
 
-from mavproxy_handover.core.model import FlightAction, Kind
-from mavproxy_handover.core.safety.causes import CAUSES, Cause
+from mavproxy_handover.core.common.causes import CAUSES, Cause
+from mavproxy_handover.core.common.model import FlightAction, Kind
 
 __all__ = [
     "CARRIED_OUT",

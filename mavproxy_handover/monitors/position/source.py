@@ -35,8 +35,8 @@ from typing import Any, Final, Protocol
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.config.position import ARMED, BOX, PositionSettings
-from mavproxy_handover.core.events import BoxJudged, Event
-from mavproxy_handover.core.never import assert_never
+from mavproxy_handover.core.common.events import BoxJudged, Event
+from mavproxy_handover.core.common.never import assert_never
 from mavproxy_handover.link.box_line import Fix
 from mavproxy_handover.monitors.position.box_heights import BoxHeights, slack_m
 from mavproxy_handover.monitors.position.box_layout_watch import LayoutWatch, Verdict

@@ -28,7 +28,7 @@ from dataclasses import dataclass
 from math import degrees, inf
 from typing import Final
 
-from mavproxy_handover.core.model import Kind
+from mavproxy_handover.core.common.model import Kind
 from mavproxy_handover.core.safety.energy import (
     ACCELERATION_MPSS,
     CLIMB_MPS,

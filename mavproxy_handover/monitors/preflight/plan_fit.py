@@ -7,8 +7,8 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from mavproxy_handover.core.events import AircraftJudged, Event, HeightsJudged, ReturnJudged
-from mavproxy_handover.core.model import Kind
+from mavproxy_handover.core.common.events import AircraftJudged, Event, HeightsJudged, ReturnJudged
+from mavproxy_handover.core.common.model import Kind
 from mavproxy_handover.monitors.preflight.own_failsafes import PlanFacts, circles_for_ever
 from mavproxy_handover.monitors.preflight.rules import heights_lack, other_type
 from mavproxy_handover.vehicle.state import VehicleState

@@ -21,8 +21,8 @@ from typing import Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import GuardState, Kind
+from mavproxy_handover.core.common.limits import Limits
+from mavproxy_handover.core.common.model import GuardState, Kind
 from mavproxy_handover.core.safety.energy_prior import ENERGY_RANGES
 from mavproxy_handover.mission.heights import home_disagrees
 from mavproxy_handover.monitors.preflight import own_failsafes

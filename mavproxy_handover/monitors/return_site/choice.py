@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Which of the candidates a return goes to. What makes one better than another is `core/safety/places.py`.
+"""Which of the candidates a return goes to. What makes one better than another is `core/safety/return_site.py`.
 
 Rules:
 
@@ -16,7 +16,7 @@ from collections.abc import Set
 from typing import Final
 
 from mavproxy_handover.core.safety.energy import EnergyFact
-from mavproxy_handover.core.safety.places import Choice, PlaceChooser
+from mavproxy_handover.core.safety.return_site import Choice, PlaceChooser
 from mavproxy_handover.mission.geodesy import distance_m
 from mavproxy_handover.mission.items import RallyPoint
 from mavproxy_handover.monitors.return_site.candidates import Candidates

@@ -16,9 +16,9 @@ import math
 from dataclasses import replace
 from typing import Final
 
-from mavproxy_handover.core.model import Kind
+from mavproxy_handover.core.common.model import Kind
 from mavproxy_handover.core.safety.energy import EnergyFact
-from mavproxy_handover.core.safety.places import PlaceFact
+from mavproxy_handover.core.safety.return_site import PlaceFact
 from mavproxy_handover.monitors.return_site.candidates import Candidates
 from mavproxy_handover.monitors.return_site.views import Seen, Views
 from mavproxy_handover.vehicle.state import VehicleState

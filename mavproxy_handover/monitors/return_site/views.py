@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from mavproxy_handover.core.safety.energy import EnergyFact, Piece
-from mavproxy_handover.core.safety.places import PlaceFact
+from mavproxy_handover.core.safety.return_site import PlaceFact
 from mavproxy_handover.mission.energy import Place, way_back
 from mavproxy_handover.mission.geodesy import distance_m
 from mavproxy_handover.mission.places import flown_s

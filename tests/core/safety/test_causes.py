@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mavproxy_handover.core.safety.causes import CAUSES, POLICIES, Cause, CauseWatch, Ends
+from mavproxy_handover.core.common.causes import CAUSES, POLICIES, Cause, CauseWatch, Ends
 
 WEAK, GUARD, LOST, ENERGY = Cause.LINKS_WEAK, Cause.GUARD_LOST, Cause.COMMANDER_LOST, Cause.ENERGY
 

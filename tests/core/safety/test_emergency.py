@@ -6,9 +6,9 @@ from __future__ import annotations
 
 import pytest
 
-from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import FlightAction, Reason
-from mavproxy_handover.core.safety.causes import Cause
+from mavproxy_handover.core.common.causes import Cause
+from mavproxy_handover.core.common.limits import Limits
+from mavproxy_handover.core.common.model import FlightAction, Reason
 from mavproxy_handover.core.safety.emergency import Emergency, News
 from mavproxy_handover.core.safety.strategy import Decision, Fact
 

@@ -8,7 +8,8 @@ from dataclasses import replace
 
 import pytest
 
-from mavproxy_handover.core.events import (
+from mavproxy_handover.core.common.causes import Cause
+from mavproxy_handover.core.common.events import (
     Fly,
     GapsJudged,
     HeightsJudged,
@@ -20,11 +21,10 @@ from mavproxy_handover.core.events import (
     StartRequested,
     ViewChanged,
 )
-from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import FlightAction, Flown, GapFact, LeaseState, Reason, ZoneFact
-from mavproxy_handover.core.safety.causes import Cause
+from mavproxy_handover.core.common.limits import Limits
+from mavproxy_handover.core.common.model import FlightAction, Flown, GapFact, LeaseState, Reason, ZoneFact
+from mavproxy_handover.core.common.snapshot import Snapshot
 from mavproxy_handover.core.safety.gap import Crossing
-from mavproxy_handover.core.snapshot import Snapshot
 from tests.core.bench import (
     A,
     B,

@@ -9,7 +9,8 @@ from dataclasses import replace
 
 import pytest
 
-from mavproxy_handover.core.events import (
+from mavproxy_handover.core.common.causes import Cause
+from mavproxy_handover.core.common.events import (
     Fly,
     HandSeen,
     LinkJudged,
@@ -19,10 +20,9 @@ from mavproxy_handover.core.events import (
     SignsSeen,
     StationHeard,
 )
-from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import FlightAction, Flown, Hand, LeaseState, Reason, ZoneFact
-from mavproxy_handover.core.safety.causes import Cause
-from mavproxy_handover.core.snapshot import Snapshot
+from mavproxy_handover.core.common.limits import Limits
+from mavproxy_handover.core.common.model import FlightAction, Flown, Hand, LeaseState, Reason, ZoneFact
+from mavproxy_handover.core.common.snapshot import Snapshot
 from tests.core.bench import (
     DIGEST,
     A,
@@ -37,8 +37,8 @@ from tests.core.bench import (
     inside,
     outside,
 )
-from tests.core.safety.test_execution import AUTO, RTL, aloft, said, standing, taken_by_b
-from tests.core.safety.test_lookout import GO_ON, HOLD, HOME, ends, mission
+from tests.core.safety.test_conditions import GO_ON, HOLD, HOME, ends, mission
+from tests.core.safety.test_decision_executor import AUTO, RTL, aloft, said, standing, taken_by_b
 
 HOMEWARD = Fly(FlightAction.RETURN, Reason.COMMANDER_LOST)
 HELD = Snapshot(A, 4, 7, Phase.ON_MISSION, 2, DIGEST, (A, B, A), held_since=90.0, held_for=Cause.COVERAGE_ENDS)

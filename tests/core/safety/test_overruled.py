@@ -14,13 +14,14 @@ from dataclasses import replace
 
 import pytest
 
-from mavproxy_handover.core.events import Fly, HandSeen, LinkJudged, ModeSeen, MotionSeen, PlaceJudged, SignsSeen
-from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import FlightAction, Flown, Hand, Kind, Reason
-from mavproxy_handover.core.safety.causes import Cause
+from mavproxy_handover.core.common.causes import Cause
+from mavproxy_handover.core.common.events import Fly, HandSeen, LinkJudged, ModeSeen, MotionSeen, PlaceJudged, SignsSeen
+from mavproxy_handover.core.common.limits import Limits
+from mavproxy_handover.core.common.model import FlightAction, Flown, Hand, Kind, Reason
 from mavproxy_handover.core.safety.strategy import Fact, decide
 from tests.core.bench import A, B, Bench, inside, outside
-from tests.core.safety.test_execution import (
+from tests.core.safety.test_conditions import ends
+from tests.core.safety.test_decision_executor import (
     AUTO,
     HOLD,
     HOMEWARD,
@@ -32,7 +33,6 @@ from tests.core.safety.test_execution import (
     taken_by_b,
     with_radio,
 )
-from tests.core.safety.test_lookout import ends
 
 BACK = Fly(FlightAction.RETURN, Reason.ENERGY)
 DOWN = Fly(FlightAction.LAND, Reason.ENERGY)

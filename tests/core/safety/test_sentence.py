@@ -8,9 +8,9 @@ from math import inf
 
 import pytest
 
-from mavproxy_handover.core.events import Announce, PlaceJudged, SignsSeen
-from mavproxy_handover.core.model import FlightAction, GuardState, Reason
-from mavproxy_handover.core.safety.causes import CAUSES, Cause
+from mavproxy_handover.core.common.causes import CAUSES, Cause
+from mavproxy_handover.core.common.events import Announce, PlaceJudged, SignsSeen
+from mavproxy_handover.core.common.model import FlightAction, GuardState, Reason
 from mavproxy_handover.core.safety.sentence import Figures, over, sentence
 from mavproxy_handover.core.safety.strategy import Decision, Fact
 

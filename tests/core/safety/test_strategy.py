@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mavproxy_handover.core.model import FlightAction
-from mavproxy_handover.core.safety.causes import CAUSES, Cause
+from mavproxy_handover.core.common.causes import CAUSES, Cause
+from mavproxy_handover.core.common.model import FlightAction
 from mavproxy_handover.core.safety.strategy import Decision, Fact, Strategy, decide
 
 W, T, H, C, R, L = FlightAction

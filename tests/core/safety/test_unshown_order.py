@@ -12,13 +12,13 @@ from __future__ import annotations
 
 import pytest
 
-from mavproxy_handover.core.events import Fly, HandSeen, ModeSeen, MotionSeen, OrderRefused, SignsSeen
-from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import FlightAction, Flown, Hand, Kind, Phase, Reason
-from mavproxy_handover.core.safety.causes import Cause
+from mavproxy_handover.core.common.causes import Cause
+from mavproxy_handover.core.common.events import Fly, HandSeen, ModeSeen, MotionSeen, OrderRefused, SignsSeen
+from mavproxy_handover.core.common.limits import Limits
+from mavproxy_handover.core.common.model import FlightAction, Flown, Hand, Kind, Phase, Reason
 from tests.core.bench import A, B, Bench, Consent, DroneConnected, OnHandover, TransferKey, inside, outside
-from tests.core.safety.test_execution import HOLD, HOMEWARD, LAND, RTL, aloft
-from tests.core.safety.test_lookout import ends
+from tests.core.safety.test_conditions import ends
+from tests.core.safety.test_decision_executor import HOLD, HOMEWARD, LAND, RTL, aloft
 
 RETURN = FlightAction.RETURN
 LANDS = Limits(policies={Cause.COMMANDER_LOST: "land"})

@@ -16,7 +16,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mavproxy_handover.core.events import (
+from mavproxy_handover.core.common.causes import CAUSES, Cause
+from mavproxy_handover.core.common.events import (
     Action,
     Announce,
     Fly,
@@ -29,11 +30,19 @@ from mavproxy_handover.core.events import (
     PlaceJudged,
     SignsSeen,
 )
-from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.messages import TransferKey
-from mavproxy_handover.core.model import Consent, FlightAction, Flown, GapFact, GuardState, Hand, Reason, ZoneFact
-from mavproxy_handover.core.safety.causes import CAUSES, Cause
-from mavproxy_handover.core.safety.places import Choice, PlaceChooser, PlaceFact
+from mavproxy_handover.core.common.limits import Limits
+from mavproxy_handover.core.common.messages import TransferKey
+from mavproxy_handover.core.common.model import (
+    Consent,
+    FlightAction,
+    Flown,
+    GapFact,
+    GuardState,
+    Hand,
+    Reason,
+    ZoneFact,
+)
+from mavproxy_handover.core.safety.return_site import Choice, PlaceChooser, PlaceFact
 from tests.core.bench import A, B, Bench, C, OkHandover, OnHandover, far, inside, outside
 
 AUTO, RTL, LAND = ModeSeen(Flown.MISSION, "AUTO"), ModeSeen(Flown.RETURN, "RTL"), ModeSeen(Flown.LAND, "LAND", True)

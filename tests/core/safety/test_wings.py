@@ -8,13 +8,13 @@ from dataclasses import replace
 
 import pytest
 
-from mavproxy_handover.core.events import Fly, HandSeen, ModeSeen, MotionSeen
-from mavproxy_handover.core.model import FlightAction, Flown, Hand, Kind, Reason, ZoneFact
-from mavproxy_handover.core.safety.supervision import FOLLOW, Seen
+from mavproxy_handover.core.common.events import Fly, HandSeen, ModeSeen, MotionSeen
+from mavproxy_handover.core.common.model import FlightAction, Flown, Hand, Kind, Reason, ZoneFact
+from mavproxy_handover.core.safety.command_verification import FOLLOW, Seen
 from tests.core.bench import A, B, Bench, inside, outside
-from tests.core.safety.test_execution import said, taken_by_b
-from tests.core.safety.test_lookout import ends, mission
-from tests.core.safety.test_supervision import CONTINUE, HOLD, LAND, RETURN, Watched
+from tests.core.safety.test_command_verification import CONTINUE, HOLD, LAND, RETURN, Watched
+from tests.core.safety.test_conditions import ends, mission
+from tests.core.safety.test_decision_executor import said, taken_by_b
 
 OBEYED, AGAIN, UNABLE = Seen.OBEYED, Seen.AGAIN, Seen.UNABLE
 AUTO, LOITER, RTL = ModeSeen(Flown.MISSION, "AUTO"), ModeSeen(Flown.STOP, "LOITER"), ModeSeen(Flown.RETURN, "RTL")

@@ -20,7 +20,7 @@ from mavproxy_handover.config import position as position_module
 from mavproxy_handover.config.station import load_station
 from mavproxy_handover.config.toml import Ranges, Table
 from mavproxy_handover.config.vehicle import VehicleConfig, load_vehicle
-from mavproxy_handover.core.safety.causes import CAUSES, Cause
+from mavproxy_handover.core.common.causes import CAUSES, Cause
 from mavproxy_handover.core.safety.commands import POLICIES, Limit
 from mavproxy_handover.core.safety.energy_prior import (
     ENERGY_KEYS,

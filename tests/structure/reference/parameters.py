@@ -7,8 +7,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
-from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import GuardState, Kind
+from mavproxy_handover.core.common.limits import Limits
+from mavproxy_handover.core.common.model import GuardState, Kind
 from mavproxy_handover.mission.items import MissionItem
 from mavproxy_handover.monitors.preflight.own_failsafes import PlanFacts
 from mavproxy_handover.monitors.preflight.rules import NAMES, PLANE_NAMES, Found, judge

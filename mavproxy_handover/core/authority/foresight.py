@@ -1,0 +1,244 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The next change of authority on the mission's way: who will be asked there is asked beforehand.
+
+Theory of operation
+-------------------
+An operator who is asked at the border of a zone may answer when the zones' overlap is behind the aircraft. Where the
+way of the mission is known, so is the border at which authority should move, by the rules of `zones.py`. So both
+stations are told of it each second, from `operator_timeout_s` before it on (HANDOVER_AHEAD), and both may answer at
+once (OK_AHEAD).
+
+Nothing moves by these answers. At the border the transfer goes through all its steps; what a station's operator has
+said beforehand it says there without asking again, if the vehicle asks for that very border: its number travels with
+the questions of the transfer. The number is never given twice within an epoch. It is over with the commander, with an
+emergency, with another route or mission, where the partner's zone is left, and when another border comes up.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from math import inf
+from typing import Final
+
+from mavproxy_handover.core.authority.authority import Authority
+from mavproxy_handover.core.authority.candidates import Candidates
+from mavproxy_handover.core.authority.presence import Presence
+from mavproxy_handover.core.common.events import Action, BordersSeen, Record, Send
+from mavproxy_handover.core.common.flight import Flight
+from mavproxy_handover.core.common.limits import Limits
+from mavproxy_handover.core.common.messages import CrossingKey, HandoverAhead, OkAhead
+from mavproxy_handover.core.common.model import BorderFact, Consent, Phase, Reason
+
+__all__ = ["FORESEEN", "Foresight"]
+
+#: why a transfer is begun that can be foreseen
+FORESEEN: Final = frozenset({Reason.ZONE, Reason.ZONE_ENDS})
+#: how often the stations are told (s)
+_AGAIN_S: Final = 1.0
+#: an aircraft that does not fly on its mission's way any more has left it, or waits; so long (s) a border is told all
+#: the same, and so long it is the same border when the way is taken up again
+_FLOWN_S, _SAME_S = 2.5, 60.0
+#: so long (s) behind a border the zone there is entered: it is, some metres inside
+_PASSED_S: Final = 5.0
+_IN_WORDS: Final = {
+    Consent.GRANTED: "agrees to it beforehand",
+    Consent.DENIED: "will not have it",
+    Consent.WAITING: "asks its operator",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class _Ahead:
+    """A border ahead. `border`, `route`, `digest`: which one, on which way of which mission; `at`: when it is reached,
+    `seen_at`: when it was on the way last (monotonic s); `reached`: the partner's zone holds the aircraft."""
+
+    key: CrossingKey
+    border: int
+    route: int
+    digest: bytes
+    at: float
+    seen_at: float
+    reached: bool = False
+
+
+class Foresight:
+    """Of one vehicle. Times are monotonic seconds; not safe for threads."""
+
+    __slots__ = (
+        "_ahead",
+        "_authority",
+        "_candidates",
+        "_flight",
+        "_limits",
+        "_number",
+        "_presence",
+        "_said",
+        "_say_at",
+    )
+
+    def __init__(
+        self,
+        authority: Authority,
+        flight: Flight,
+        presence: dict[int, Presence],
+        candidates: Candidates,
+        limits: Limits,
+    ) -> None:
+        self._authority = authority
+        self._flight = flight
+        self._presence = presence
+        self._candidates = candidates
+        self._limits = limits
+        #: of the last border that was told
+        self._number = 0
+        self._ahead: _Ahead | None = None
+        #: what the two stations have answered, and when they are told next
+        self._said: dict[int, Consent] = {}
+        self._say_at = inf
+
+    @property
+    def key(self) -> CrossingKey | None:
+        """The border that the stations know of; None: none."""
+        return None if self._ahead is None else self._ahead.key
+
+    def left_s(self, now: float) -> float:
+        """How soon it is reached; inf: there is none."""
+        return inf if self._ahead is None else self._ahead.at - now
+
+    def number_for(self, partner: int, reason: Reason, now: float) -> int:
+        """The border for which a transfer to this partner begins now; 0: for none that the stations know of."""
+        self._look(now)
+        ahead = self._ahead
+        if ahead is None or reason not in FORESEEN or ahead.key.to_station != partner:
+            return 0
+        return ahead.key.crossing
+
+    # ---- what is seen ---------------------------------------------------------------------------------------------
+
+    def seen(self, event: BordersSeen, now: float, actions: list[Action]) -> None:
+        """The borders on the way ahead."""
+        if self._ahead is not None and event.route != self._ahead.route:
+            self._over()
+        found = self._expected(event.borders)
+        if found is None or not self._may_ask():
+            return
+        partner, border, in_s = found
+        owner, digest, ahead = self._authority.owner, self._candidates.mission.digest, self._ahead
+        assert owner is not None
+        if in_s <= self._limits.operator_timeout_s:  # ahead of the border there is time to mend it
+            self._candidates.could_be_partner(partner, owner, now, actions)
+        if ahead is not None and (ahead.border, ahead.key.to_station) == (border, partner):
+            self._ahead = replace(ahead, at=now + in_s, seen_at=now)
+            return
+        if in_s > self._limits.operator_timeout_s or self._in_use() or self._still(partner, now):
+            return
+        self._number = self._number % 0xFFFF + 1
+        key = CrossingKey(owner, partner, self._number, self._authority.epoch)
+        self._ahead = _Ahead(key, border, event.route, digest, now + in_s, now)
+        self._said, self._say_at = {}, now
+        names = f"{self._authority.name(owner)} -> {self._authority.name(partner)}"
+        text = f"{names} is expected in {max(0.0, in_s):.0f} s: both may answer now"
+        actions.append(Record("foreseen", text, Reason.ZONE, partner))
+
+    def _still(self, partner: int, now: float) -> bool:
+        """The border that the stations know of is not done with: it has only just been passed, or the zone behind it
+        holds the aircraft and its station is the one to be asked at the next one, too."""
+        ahead = self._ahead
+        if ahead is None:
+            return False
+        return ahead.key.to_station == partner if ahead.reached else now < ahead.at + _PASSED_S
+
+    def _may_ask(self) -> bool:
+        authority = self._authority
+        flown = self._flight.flying and authority.phase in (Phase.ON_MISSION, Phase.ON_HANDOVER)
+        return flown and authority.owner is not None and not authority.lost
+
+    def _in_use(self) -> bool:
+        """A transfer is under way for the border that is known."""
+        transfer, ahead = self._authority.transfer, self._ahead
+        return transfer is not None and ahead is not None and transfer.crossing == ahead.key.crossing
+
+    def _expected(self, borders: tuple[BorderFact, ...]) -> tuple[int, int, float] | None:
+        """The first border at which authority should move: to whom, which one, and how soon (s)."""
+        owner = self._authority.owner
+        if owner is None:
+            return None
+        zones = self._candidates.zones
+        holding = frozenset(station for station in zones.inside() if zones.open(station))
+        for border in borders:
+            if owner in border.holding:
+                partners, soon_s = border.holding - holding - {owner}, 0.0
+            else:  # who holds the aircraft by then has it before the end; else whoever takes it up there
+                partners, soon_s = border.holding & holding - {owner}, self._limits.exit_soon_s
+                if not partners:
+                    partners, soon_s = border.holding - {owner}, 0.0
+            found = min(self._able(partners), default=None)
+            if found is not None:
+                return found[1], border.number, border.in_s - soon_s
+            if owner not in border.holding:
+                return None
+            holding = border.holding
+        return None
+
+    def _able(self, stations: frozenset[int]) -> Iterator[tuple[bool, int]]:
+        """Those that can be told, the next one on the route first."""
+        following = self._candidates.mission.following
+        for station in stations:
+            presence = self._presence.get(station)
+            if presence is not None and not presence.station.standard:
+                yield station != following, station
+
+    def _look(self, now: float) -> None:
+        """Whether it is still the same border, for the same commander."""
+        ahead, authority = self._ahead, self._authority
+        if ahead is None or self._in_use():
+            return
+        holds = self._candidates.zones.open(ahead.key.to_station)
+        same = (ahead.key.from_station, ahead.key.epoch) == (authority.owner, authority.epoch)
+        same = same and ahead.digest == self._candidates.mission.digest
+        late = now >= ahead.seen_at + _SAME_S
+        if not self._may_ask() or not same or (not holds and (late or ahead.reached)):
+            self._over()
+        elif holds and not ahead.reached and now >= ahead.at - self._limits.exit_soon_s:
+            self._ahead = replace(ahead, reached=True)
+
+    def _over(self) -> None:
+        self._ahead, self._said, self._say_at = None, {}, inf
+
+    # ---- what is said ---------------------------------------------------------------------------------------------
+
+    def heard(self, station: int, answer: OkAhead, actions: list[Action]) -> str | None:
+        """A station's answer; returns why it was dropped, None if it counts."""
+        ahead = self._ahead
+        if ahead is None or answer.key != ahead.key:
+            return "no such border ahead"
+        if station not in (ahead.key.from_station, ahead.key.to_station):
+            return "not the sender's to say"
+        if self._said.get(station) is not answer.consent:
+            self._said[station] = answer.consent
+            text = f"{self._authority.name(station)} {_IN_WORDS[answer.consent]}"
+            actions.append(Record("foreseen_answer", text, Reason.ZONE, station))
+        return None
+
+    def speak(self, now: float, actions: list[Action]) -> None:
+        """Tell both stations, each second until the transfer begins."""
+        self._look(now)
+        ahead = self._ahead
+        if ahead is None or now < self._say_at:
+            return
+        self._say_at = now + _AGAIN_S
+        if self._authority.transfer is not None or ahead.reached:  # they are asked, or were
+            return
+        if now >= ahead.seen_at + _FLOWN_S:
+            return
+        key = ahead.key
+        said = self._said.get(key.from_station), self._said.get(key.to_station)
+        for station in (key.to_station, key.from_station):
+            if not self._presence[station].station.standard:
+                actions.append(Send(station, HandoverAhead(key, max(0.0, ahead.at - now), *said)))
+
+    def deadlines(self) -> list[float]:
+        """When there is something to say."""
+        return [] if self._ahead is None else [self._say_at]

@@ -1,0 +1,283 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What was decided, on its way to becoming true: told, commanded, watched, and left to whoever takes the aircraft.
+
+`helm.py` knows who flies, `supervision.py` whether the autopilot follows; here both meet the decision in force. Every
+decision is told in one sentence, and so is what becomes of it: another hand on the aircraft, a command that has to be
+repeated, one that the autopilot does not follow.
+
+A return is told a moment after it is ordered, and told anew where it goes elsewhere: its place is looked at once more
+when it is ordered, and what has made it necessary, a station that is lost, may just have made another place the best.
+
+In a rehearsal all of it is told, as what would be done, and nothing is commanded: so there is nothing to watch either.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import inf
+from typing import Final
+
+from mavproxy_handover.core.authority.authority import Authority
+from mavproxy_handover.core.authority.candidates import Candidates
+from mavproxy_handover.core.common.causes import CAUSES, Cause
+from mavproxy_handover.core.common.events import Action, Announce, Fly, HandSeen, ModeSeen, Record
+from mavproxy_handover.core.common.flight import Flight
+from mavproxy_handover.core.common.model import FlightAction, Flown, Hand, Reason
+from mavproxy_handover.core.safety.command_verification import Seen, Supervision
+from mavproxy_handover.core.safety.conditions import Lookout
+from mavproxy_handover.core.safety.emergency import Emergency, News
+from mavproxy_handover.core.safety.mode_source import GIVES_BACK, Change, Helm
+from mavproxy_handover.core.safety.sentence import Figures, over, sentence
+from mavproxy_handover.core.safety.strategy import OVERRULE, OVERRULED, Decision, Fact, Situation
+
+__all__ = ["Execution"]
+
+#: whose choice of a mode ends an order; the guard's is the same order
+_TAKES: Final = {Change.PILOT: Hand.PILOT, Change.COMMANDER: Hand.COMMANDER, Change.FAILSAFE: Hand.FAILSAFE}
+#: the mode of an order, which needs no order where it is flown
+_SAME: Final = {FlightAction.RETURN: (Flown.RETURN,), FlightAction.LAND: (Flown.LAND,)}
+_COMES_HOME: Final = (Flown.RETURN, Flown.LAND)
+#: what has wings does this in a mode of its own; a copter within the one that it flies
+_CIRCLED: Final = {FlightAction.HOLD: Flown.STOP, FlightAction.CONTINUE: Flown.MISSION}
+#: what is commanded, or left out in its place
+_COMMANDED: Final = (FlightAction.HOLD, FlightAction.CONTINUE, FlightAction.RETURN, FlightAction.LAND)
+#: what is commanded again and again is told so often (s)
+_AGAIN_TOLD_S: Final = 10.0
+
+
+class Execution:
+    """Of one vehicle. Times are monotonic seconds; not safe for threads."""
+
+    __slots__ = (
+        "_again_at",
+        "_authority",
+        "_emergency",
+        "_figures",
+        "_flight",
+        "_hold_cause",
+        "_lookout",
+        "_tells_at",
+        "_told_place",
+    )
+
+    def __init__(
+        self,
+        authority: Authority,
+        flight: Flight,
+        candidates: Candidates,
+        lookout: Lookout,
+        emergency: Emergency,
+    ) -> None:
+        self._authority = authority
+        self._flight = flight
+        self._lookout = lookout
+        self._emergency = emergency
+        self._figures = Figures(authority, flight, candidates)
+        #: for what it is held, whatever keeps that from being commanded; nobody has taken it since
+        self._hold_cause: Cause | None = None
+        #: when it was told last that something is commanded again
+        self._again_at = -inf
+        #: since when a return is to be told, with the next event; None: none is. And where the last one was told to go
+        self._tells_at: float | None = None
+        self._told_place = ""
+
+    @property
+    def _helm(self) -> Helm:
+        return self._lookout.helm
+
+    @property
+    def _supervision(self) -> Supervision:
+        return self._lookout.supervision
+
+    @property
+    def held_for(self) -> Cause | None:
+        """For what the aircraft stands still by the order in force; None: it does not.
+
+        That stays in force while the autopilot is not heard, though no more than a warning is told then.
+        """
+        told = self._emergency.told
+        if told is None or not (told.action is FlightAction.HOLD or self._only_waits(self._emergency.decision)):
+            return None
+        return self._hold_cause if self._lookout.resuming or self._supervision.order is FlightAction.HOLD else None
+
+    def _only_waits(self, decision: Decision | None) -> bool:
+        """Whether a hold goes on that is no more than a warning now: nobody can be commanded, or it is in doubt whether
+        somebody else has chosen the mode."""
+        if decision is None or decision.action is not FlightAction.WARN:
+            return False
+        doubt = decision.held_back is Fact.PILOT and self._helm.chosen_by is Hand.DOUBT
+        return doubt or decision.held_back in (Fact.FLYING, Fact.AUTOPILOT)
+
+    def resume_hold(self, cause: Cause) -> None:
+        """It was held for that when the run before ended."""
+        self._hold_cause = cause
+
+    @property
+    def _others_fly(self) -> bool:
+        """A pilot, or a failsafe of the autopilot: to go on is theirs to say."""
+        return not self._helm.facts().isdisjoint(OVERRULE)
+
+    # ---- who flies ------------------------------------------------------------------------------------------------
+
+    def mode_seen(self, event: ModeSeen, now: float, actions: list[Action]) -> None:
+        """The autopilot has said its mode."""
+        unheard = not self._flight.autopilot_alive(now)
+        self._changed(self._helm.seen(event, self._flight.aloft, now, unheard=unheard), now, actions)
+
+    def hand_seen(self, event: HandSeen, now: float, actions: list[Action]) -> None:
+        """Somebody has, or may have, chosen the mode."""
+        self._changed(self._helm.heard(event, now), now, actions)
+        if event.hand is not Hand.COMMANDER:
+            return
+        self._hold_cause = None
+        ended = self._supervision.commanded()
+        if ended is FlightAction.HOLD:
+            self._overrule(now)
+        if ended is not None:
+            self._lookout.others_word()
+            if event.flown in GIVES_BACK and event.flown is self._helm.flown and not self._helm.piloted:
+                self._supervision.sent_on(now)
+
+    def settle(self, now: float, actions: list[Action]) -> None:
+        """Time has passed: what was in doubt is not any more."""
+        self._changed(self._helm.settle(now), now, actions)
+
+    def _changed(self, change: Change | None, now: float, actions: list[Action]) -> None:
+        if change is None:
+            return
+        who = {Change.COMMANDER: self._authority.name(self._authority.owner)}.get(change)
+        text = f"{self._helm.name}: {change.value}" if who is None else f"{self._helm.name}: chosen by {who}"
+        actions.append(Record("helm", text))
+        ended = None
+        if change in _TAKES:
+            ended, self._hold_cause = self._supervision.taken(_TAKES[change]), None
+            self._lookout.others_word()
+        told = self._emergency.told
+        if change is Change.PILOT:
+            behind = "" if ended is None else f"; {ended.name} is not commanded any more"
+            self._tell(f"PILOT: a pilot has taken over, {self._helm.name}{behind}", FlightAction.WARN, told, actions)
+        elif change is Change.GIVEN_BACK:
+            self._tell(f"PILOT: the pilot has given it back, {self._helm.name}", FlightAction.WARN, told, actions)
+        elif ended is not None:
+            text = f"{text}; {ended.name} is not commanded any more"
+            self._tell(text, FlightAction.WARN, told, actions)
+        waits = told is not None and (told.action in OVERRULED or told.withheld in OVERRULE)
+        if change is Change.COMMANDER and (ended is not None or waits):
+            self._overrule(now)
+
+    def _overrule(self, now: float) -> None:
+        self._emergency.overrule(self._lookout.facts(now))
+        self._lookout.overruled()
+
+    # ---- what was decided -----------------------------------------------------------------------------------------
+
+    def carry_out(self, news: News, now: float, actions: list[Action]) -> None:
+        """A decision is news: it is told, commanded where it is not flown already, and watched from now on."""
+        decision = news.decision
+        returns = decision is not None and decision.action is FlightAction.RETURN
+        self._tells_at = now if returns else None
+        if decision is None:
+            self._say(over(news.before), actions)
+        elif not returns:
+            self._tell_decision(decision, now, actions, crosses=news.continues)
+        if self._flight.rehearsing:
+            return
+        if news.holds:
+            self._hold_cause = None if decision is None else decision.cause
+        elif not self._only_waits(decision):
+            self._hold_cause = None
+        stands = self._supervision.stands and self._helm.flown not in _COMES_HOME
+        if (news.resumes or (news.mends and stands)) and self._others_fly:
+            self._supervision.over()
+        elif news.resumes or (news.mends and stands):
+            self._supervision.go_on(now)
+            self._fly(FlightAction.CONTINUE, news.reason, now, actions)
+        elif decision is not None and not news.warning and not news.continues:
+            self._supervision.ordered(decision.action, now)
+            self._helm.ordered()
+            if not self._flown_already(decision.action):
+                self._fly(decision.action, news.reason, now, actions)
+        elif decision is None or decision.held_back is None:  # what another hand holds back may have to be done yet
+            self._supervision.over()
+
+    def _tell_decision(self, decision: Decision, now: float, actions: list[Action], *, crosses: bool = False) -> None:
+        figures, place = self._figures.of(decision.cause, self._lookout.told, now), self._lookout.place
+        if crosses:
+            figures += f"; {self._lookout.crossing.words(now)}"
+        self._told_place = "" if place is None else place.name
+        self._say(sentence(decision, figures, place), actions)
+
+    def _say(self, told: Announce, actions: list[Action]) -> None:
+        """A sentence to everybody; in a rehearsal it says that it is one, and what would be commanded."""
+        if self._flight.rehearsing:
+            would = "would " if told.action in _COMMANDED else ""
+            told = replace(told, text=f"REHEARSAL: {would}{told.text}")
+        actions.append(told)
+
+    def rehearsal_over(self, actions: list[Action]) -> None:
+        """What would be done is in force no more."""
+        self._tells_at = None
+        if self._emergency.told is not None:
+            actions.append(Announce("OVER: the rehearsal", None, Reason.NONE))
+
+    def place_seen(self, now: float, actions: list[Action]) -> None:
+        """Where a return goes has been judged: who was told another place is told that."""
+        told, place = self._emergency.told, self._lookout.place
+        returns = told is not None and told.action is FlightAction.RETURN and self._tells_at is None
+        if returns and told is not None and place is not None and place.name != self._told_place:
+            self._tell_decision(told, now, actions)
+
+    def tell_return(self, now: float, actions: list[Action]) -> None:
+        """Whatever came behind the order of a return: it is told now, unless it is none any more."""
+        tells_at, told = self._tells_at, self._emergency.told
+        if tells_at is None:
+            return
+        self._tells_at = None
+        if told is not None and told.action is FlightAction.RETURN:
+            self._tell_decision(told, now, actions)
+
+    def tells_at(self) -> float | None:
+        """When there is a return to be told; None: there is none."""
+        return self._tells_at
+
+    def _flown_already(self, action: FlightAction) -> bool:
+        """Whoever has chosen it, guard, failsafe or a run before this one: to command it again would change nothing."""
+        return self._helm.flown in _SAME.get(action, ())
+
+    def _fly(self, action: FlightAction, reason: Reason, now: float, actions: list[Action]) -> None:
+        if action in _SAME:
+            self._helm.heard(HandSeen(Hand.COMPANION), now)
+        elif self._flight.kind.winged and action in _CIRCLED:
+            self._helm.heard(HandSeen(Hand.COMPANION, _CIRCLED[action]), now)
+        actions.append(Fly(action, reason))
+
+    def look(self, facts: Situation, now: float, actions: list[Action]) -> bool:
+        """Compare what the autopilot does to what it was commanded; whether it is to be decided anew."""
+        supervision, decision = self._supervision, self._emergency.told
+        supervision.kind = self._flight.kind
+        order, breached = supervision.order, self._lookout.told.fence
+        seen = supervision.look(self._helm, facts, breached, now)
+        if seen is None:
+            return False
+        order = order or supervision.order
+        assert order is not None
+        if seen is Seen.OBEYED:
+            actions.append(Record("order", f"{order.name}: {seen.value}, {self._helm.name}"))
+        elif seen is Seen.AGAIN:
+            if now >= self._again_at + _AGAIN_TOLD_S:
+                self._again_at = now
+                self._tell(f"{order.name} again: the autopilot flies {self._helm.name}", order, decision, actions)
+            self._fly(order, Reason.NONE if decision is None else CAUSES[decision.cause].reason, now, actions)
+        else:
+            text = f"{order.name}: {seen.value}, flies {self._helm.name}"
+            self._tell(text, FlightAction.WARN, decision, actions)
+            return True
+        return False
+
+    def _tell(self, text: str, action: FlightAction, decision: Decision | None, actions: list[Action]) -> None:
+        cause: Cause | None = None if decision is None else decision.cause
+        if cause is None:
+            self._say(Announce(text, action, Reason.NONE), actions)
+        else:
+            self._say(Announce(f"{text} ({CAUSES[cause].words})", action, CAUSES[cause].reason), actions)

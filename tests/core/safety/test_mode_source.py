@@ -1,0 +1,335 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Who flies: by the mode, and by who was heard of before it changed. Every expectation is written out."""
+
+from __future__ import annotations
+
+import pytest
+
+from mavproxy_handover.core.common.events import HandSeen, ModeSeen
+from mavproxy_handover.core.common.model import Flown, Hand
+from mavproxy_handover.core.safety.mode_source import Change, Helm
+from mavproxy_handover.core.safety.strategy import Fact
+
+HANDS, AUTO, GUIDED, STOP = Flown.HANDS, Flown.MISSION, Flown.GUIDED, Flown.STOP
+RTL, LAND, OTHER = Flown.RETURN, Flown.LAND, Flown.OTHER
+#: time of the change
+AT = 100.0
+
+
+def flying(flown: Flown = AUTO, *, radio: bool = False) -> Helm:
+    """In the air in this mode since take-off."""
+    helm = Helm()
+    helm.seen(ModeSeen(flown, radio=radio), False, 0.0)
+    helm.seen(ModeSeen(flown, radio=radio), True, 1.0)
+    return helm
+
+
+def change(helm: Helm, flown: Flown, *, radio: bool = False, at: float = AT) -> Change | None:
+    return helm.seen(ModeSeen(flown, radio=radio), True, at)
+
+
+#: who was heard of, with which mode (None: not known) -> the modes that he is believed to have chosen
+EXPLAINS = {
+    (Hand.COMPANION, None): {RTL, LAND},
+    (Hand.COMMANDER, None): {HANDS, AUTO, GUIDED, STOP, RTL, LAND, OTHER},
+    (Hand.COMMANDER, RTL): {RTL},
+    (Hand.COMMANDER, HANDS): {HANDS},
+    (Hand.GUARD, None): {RTL, LAND},
+    (Hand.FAILSAFE, None): {RTL, LAND, STOP},
+    (Hand.FAILSAFE, AUTO): {AUTO},
+    (Hand.MISSION, None): {RTL},
+}
+
+
+@pytest.mark.parametrize("radio", [True, False], ids=["radio", "no radio"])
+@pytest.mark.parametrize("flown", [HANDS, GUIDED, STOP, RTL, LAND, OTHER], ids=lambda flown: flown.name)
+@pytest.mark.parametrize("heard", EXPLAINS, ids=lambda heard: heard[0].name)
+def test_who_was_heard_of_has_chosen_what_he_can(heard: tuple[Hand, Flown | None], flown: Flown, radio: bool) -> None:
+    helm = flying(radio=radio)
+    helm.heard(HandSeen(*heard), AT - 4.9)
+    change(helm, flown, radio=radio)
+    helm.settle(AT + 1.0)
+    by_itself = flown in (RTL, LAND) or (flown is HANDS and heard == (Hand.FAILSAFE, None))
+    unknown = Hand.PILOT if radio else Hand.FAILSAFE if by_itself else Hand.STRANGER
+    assert helm.chosen_by is (heard[0] if flown in EXPLAINS[heard] else unknown)
+
+
+@pytest.mark.parametrize(
+    ("hand", "within_s"),
+    [(Hand.COMPANION, 15.0), (Hand.COMMANDER, 5.0), (Hand.GUARD, 5.0), (Hand.FAILSAFE, 5.0), (Hand.MISSION, 5.0)],
+)
+def test_what_was_long_ago_explains_nothing(hand: Hand, within_s: float) -> None:
+    for earlier, found in ((within_s, hand), (within_s + 0.1, Hand.PILOT)):
+        helm = flying(radio=True)
+        helm.heard(HandSeen(hand), AT - earlier)
+        change(helm, RTL, radio=True)
+        helm.settle(AT + 1.0)
+        assert helm.chosen_by is found
+
+
+@pytest.mark.parametrize(("earlier_s", "found"), [(5.0, Hand.FAILSAFE), (5.1, Hand.STRANGER)])
+def test_a_failsafe_of_long_ago_does_not_hover_by_hand(earlier_s: float, found: Hand) -> None:
+    helm = flying()
+    helm.heard(HandSeen(Hand.FAILSAFE), AT - earlier_s)
+    change(helm, HANDS)
+    helm.settle(AT + 1.0)
+    assert helm.chosen_by is found
+
+
+def test_a_word_may_come_behind_its_deed_and_until_then_nobody_is_fought() -> None:
+    helm = flying(radio=True)
+    assert change(helm, RTL, radio=True) is None
+    assert helm.facts() == {Fact.PILOT, Fact.RETURNING}
+    assert helm.due_at() == AT + 1.0
+    assert helm.heard(HandSeen(Hand.FAILSAFE), AT + 0.9) is Change.FAILSAFE
+    assert helm.facts() == {Fact.FAILSAFE, Fact.RETURNING}
+    assert helm.due_at() is None
+
+
+def test_a_word_that_comes_later_changes_nothing() -> None:
+    helm = flying(radio=True)
+    change(helm, HANDS, radio=True)
+    assert helm.settle(AT + 0.99) is None
+    assert helm.settle(AT + 1.0) is Change.PILOT
+    assert helm.settle(AT + 1.1) is None
+    assert helm.heard(HandSeen(Hand.COMMANDER), AT + 1.2) is None
+    assert helm.facts() == {Fact.PILOT}
+
+
+#: the mode, chosen by -> facts, with a live radio and without
+FACTS = {
+    (HANDS, Hand.NOBODY): ({Fact.PILOT}, set()),
+    (AUTO, Hand.NOBODY): (set(), set()),
+    (RTL, Hand.NOBODY): ({Fact.RETURNING}, {Fact.RETURNING}),
+    (LAND, Hand.NOBODY): ({Fact.LANDING}, {Fact.LANDING}),
+    (HANDS, Hand.PILOT): ({Fact.PILOT}, set()),
+    (AUTO, Hand.PILOT): ({Fact.PILOT}, set()),
+    (RTL, Hand.PILOT): ({Fact.PILOT, Fact.RETURNING}, {Fact.RETURNING}),
+    (LAND, Hand.PILOT): ({Fact.PILOT, Fact.LANDING}, {Fact.LANDING}),
+    (HANDS, Hand.COMMANDER): (set(), set()),
+    (RTL, Hand.COMMANDER): ({Fact.RETURNING}, {Fact.RETURNING}),
+    (RTL, Hand.COMPANION): ({Fact.RETURNING}, {Fact.RETURNING}),
+    (LAND, Hand.COMPANION): ({Fact.LANDING}, {Fact.LANDING}),
+    (RTL, Hand.GUARD): ({Fact.RETURNING}, {Fact.RETURNING}),
+    (RTL, Hand.FAILSAFE): ({Fact.FAILSAFE, Fact.RETURNING}, {Fact.FAILSAFE, Fact.RETURNING}),
+    (LAND, Hand.FAILSAFE): ({Fact.FAILSAFE, Fact.LANDING}, {Fact.FAILSAFE, Fact.LANDING}),
+    (HANDS, Hand.FAILSAFE): ({Fact.FAILSAFE}, {Fact.FAILSAFE}),
+    (STOP, Hand.FAILSAFE): (set(), set()),
+    (AUTO, Hand.FAILSAFE): (set(), set()),
+    (RTL, Hand.MISSION): ({Fact.RETURNING}, {Fact.RETURNING}),
+    (GUIDED, Hand.STRANGER): (set(), set()),
+}
+
+
+@pytest.mark.parametrize(("flown", "hand"), FACTS, ids=lambda value: value.name)
+def test_what_it_comes_to(flown: Flown, hand: Hand) -> None:
+    for radio, facts in zip((True, False), FACTS[flown, hand], strict=True):
+        helm = flying(flown, radio=radio)
+        helm.chosen_by = hand
+        assert helm.facts() == facts
+
+
+def test_what_a_failsafe_gives_back_is_no_pilots() -> None:
+    """ArduPlane's short radio failsafe circles, and goes on with the mode of before."""
+    helm = flying(radio=True)
+    helm.heard(HandSeen(Hand.FAILSAFE), AT)
+    assert change(helm, STOP, at=AT) is Change.FAILSAFE
+    helm.heard(HandSeen(Hand.FAILSAFE, AUTO), AT + 3.0)
+    assert change(helm, AUTO, radio=True, at=AT + 3.1) is Change.FAILSAFE
+    assert helm.facts() == set()
+
+
+def test_a_mission_that_lands_is_landing_and_so_is_the_end_of_a_return() -> None:
+    helm = flying()
+    helm.seen(ModeSeen(AUTO, landing=True), True, AT)
+    assert helm.facts() == {Fact.LANDING}
+    helm = flying(RTL)
+    helm.seen(ModeSeen(RTL, landing=True), True, AT)
+    assert helm.facts() == {Fact.LANDING}
+
+
+def test_a_pilot_whose_radio_is_gone_flies_no_more_and_does_when_it_is_back() -> None:
+    helm = flying(radio=True)
+    change(helm, HANDS, radio=True)
+    helm.settle(AT + 1.0)
+    for radio, facts in ((False, set()), (True, {Fact.PILOT})):
+        helm.seen(ModeSeen(HANDS, radio=radio), True, AT + 2.0)
+        assert helm.facts() == facts
+
+
+def by_pilot(helm: Helm, *modes: Flown) -> list[Change | None]:
+    """The pilot turns his switch; each time it is known who it was."""
+    found = []
+    for number, flown in enumerate(modes):
+        at = AT + 10.0 * number
+        change(helm, flown, radio=True, at=at)
+        found.append(helm.settle(at + 1.0))
+    return found
+
+
+@pytest.mark.parametrize("back", [AUTO, GUIDED], ids=lambda flown: flown.name)
+def test_he_gives_it_back_by_auto_or_guided_after_he_has_flown_by_hand(back: Flown) -> None:
+    helm = flying(RTL, radio=True)
+    assert by_pilot(helm, HANDS, back) == [Change.PILOT, Change.GIVEN_BACK]
+    assert helm.facts() == set()
+
+
+def test_to_choose_auto_instead_of_what_was_commanded_gives_nothing_back() -> None:
+    helm = flying(RTL, radio=True)
+    assert by_pilot(helm, AUTO, GUIDED) == [Change.PILOT, Change.PILOT]
+    assert helm.facts() == {Fact.PILOT}
+
+
+def test_whatever_is_chosen_on_the_ground_is_the_beginning_of_the_flight() -> None:
+    helm = flying(RTL, radio=True)
+    by_pilot(helm, HANDS)
+    helm.seen(ModeSeen(AUTO, radio=True), False, 200.0)
+    assert (helm.chosen_by, helm.facts()) == (Hand.NOBODY, set())
+    helm.seen(ModeSeen(GUIDED, radio=True), True, 201.0)
+    assert helm.chosen_by is Hand.NOBODY
+
+
+def test_what_a_run_before_this_one_commanded_is_nobodys() -> None:
+    helm = Helm()
+    helm.seen(ModeSeen(RTL, radio=True), True, AT)
+    assert (helm.chosen_by, helm.facts()) == (Hand.NOBODY, {Fact.RETURNING})
+
+
+def test_what_is_no_arducopter_has_no_mode_that_is_known() -> None:
+    helm = Helm()
+    for at in (AT, AT + 1.0, AT + 2.0):
+        helm.seen(ModeSeen(None, radio=True), True, at)
+    assert (helm.chosen_by, helm.facts()) == (Hand.NOBODY, set())
+
+
+def test_before_anything_was_heard_nobody_flies() -> None:
+    helm = Helm()
+    assert (helm.facts(), helm.piloted, helm.radio, helm.due_at()) == (set(), False, False, None)
+
+
+@pytest.mark.parametrize("back", [AUTO, GUIDED])
+def test_a_moment_by_hand_gives_it_back_as_well(back: Flown) -> None:
+    """Flight 1012580: his switch had left LOITER again before it was known whose that was, and AUTO counted as his for
+    the rest of the flight: nothing was done any more."""
+    helm = flying(radio=True)
+    change(helm, HANDS, radio=True)
+    assert change(helm, back, radio=True, at=AT + 0.9) is None
+    assert helm.settle(AT + 1.9) is Change.GIVEN_BACK
+    assert not helm.piloted
+
+
+def test_a_moment_in_a_return_gives_nothing_back() -> None:
+    helm = flying(radio=True)
+    change(helm, RTL, radio=True)
+    assert change(helm, AUTO, radio=True, at=AT + 0.9) is None
+    assert helm.settle(AT + 1.9) is Change.PILOT
+    assert helm.piloted
+
+
+def test_who_took_off_by_hand_gives_it_back_like_any_pilot() -> None:
+    """The fault: by AUTO in the air he had taken over, and for the whole mission nothing was done about anything."""
+    helm = flying(HANDS, radio=True)
+    assert helm.facts() == {Fact.PILOT}
+    assert by_pilot(helm, AUTO) == [Change.GIVEN_BACK]
+    assert helm.facts() == set()
+
+
+def test_to_return_or_to_land_gives_nothing_back() -> None:
+    for flown in (RTL, LAND, STOP, OTHER):
+        helm = flying(AUTO, radio=True)
+        assert by_pilot(helm, HANDS, flown) == [Change.PILOT, Change.PILOT]
+        assert helm.chosen_by is Hand.PILOT
+
+
+def test_auto_by_the_commander_gives_back_nothing_of_the_pilots_and_ends_his_flight() -> None:
+    helm = flying(AUTO, radio=True)
+    by_pilot(helm, HANDS)
+    helm.heard(HandSeen(Hand.COMMANDER, AUTO), AT + 9.0)
+    assert change(helm, AUTO, radio=True, at=AT + 10.0) is Change.COMMANDER
+    assert helm.facts() == set()
+
+
+def test_hands_that_the_commander_chose_are_not_the_pilots_to_give_back() -> None:
+    helm = flying(AUTO, radio=True)
+    helm.heard(HandSeen(Hand.COMMANDER, HANDS), AT - 1.0)
+    assert change(helm, HANDS, radio=True) is Change.COMMANDER
+    change(helm, AUTO, radio=True, at=AT + 10.0)
+    assert helm.settle(AT + 11.0) is Change.PILOT
+
+
+@pytest.mark.parametrize(
+    ("heard", "found"),
+    [
+        ([(Hand.COMMANDER, 4.0), (Hand.COMPANION, 3.0)], Hand.COMPANION),
+        ([(Hand.COMMANDER, 3.0), (Hand.COMPANION, 4.0)], Hand.COMMANDER),
+        ([(Hand.FAILSAFE, 3.0), (Hand.GUARD, 4.0)], Hand.FAILSAFE),
+        ([(Hand.FAILSAFE, 4.0), (Hand.GUARD, 3.0)], Hand.GUARD),
+        ([(Hand.FAILSAFE, 3.0), (Hand.GUARD, 3.0), (Hand.COMMANDER, 3.0), (Hand.COMPANION, 3.0)], Hand.COMPANION),
+        ([(Hand.FAILSAFE, 3.0), (Hand.GUARD, 3.0)], Hand.GUARD),
+    ],
+)
+def test_of_those_who_may_have_it_was_who_was_heard_of_last_and_at_once_the_first_of_the_table(
+    heard: list[tuple[Hand, float]], found: Hand
+) -> None:
+    helm = flying(radio=True)
+    for hand, ago_s in heard:
+        helm.heard(HandSeen(hand), AT - ago_s)
+    change(helm, RTL, radio=True)
+    assert helm.chosen_by is found
+
+
+def test_a_mode_that_becomes_known_in_the_air_was_chosen_by_nobody() -> None:
+    helm = Helm()
+    helm.seen(ModeSeen(None, radio=True), True, 1.0)
+    assert change(helm, RTL, radio=True) is None
+    assert (helm.chosen_by, helm.facts()) == (Hand.NOBODY, {Fact.RETURNING})
+
+
+# ---- the autopilot was not heard when it changed --------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("radio", [True, False], ids=["radio", "no radio"])
+@pytest.mark.parametrize("flown", [RTL, LAND])
+def test_a_return_that_began_while_the_autopilot_was_not_heard_is_the_guards(flown: Flown, radio: bool) -> None:
+    """The fault: with a radio it was a pilot's, and else a failsafe's, so nothing graver was commanded any more."""
+    helm = flying(radio=radio)
+    assert helm.seen(ModeSeen(flown, radio=radio), True, AT, unheard=True) is None
+    assert helm.settle(AT + 1.0) is Change.UNHEARD
+    assert helm.chosen_by is Hand.GUARD
+    assert not helm.facts() & {Fact.PILOT, Fact.FAILSAFE}
+
+
+@pytest.mark.parametrize(("hand", "change"), [(Hand.COMMANDER, Change.COMMANDER), (Hand.FAILSAFE, Change.FAILSAFE)])
+def test_unless_somebody_was_heard_of(hand: Hand, change: Change) -> None:
+    helm = flying(radio=True)
+    helm.heard(HandSeen(hand), AT - 2.0)
+    assert helm.seen(ModeSeen(RTL, radio=True), True, AT, unheard=True) is change
+
+
+@pytest.mark.parametrize("flown", [AUTO, GUIDED])
+def test_what_a_pilot_may_have_given_back_then_is_nobodys(flown: Flown) -> None:
+    """The fault: a pilot who had flown by hand meanwhile was believed to have it still, in AUTO."""
+    helm = flying(RTL, radio=True)
+    helm.seen(ModeSeen(flown, radio=True), True, AT, unheard=True)
+    assert helm.settle(AT + 1.0) is Change.GIVEN_BACK
+    assert helm.chosen_by is Hand.NOBODY
+    assert not helm.piloted
+
+
+@pytest.mark.parametrize("flown", [HANDS, STOP, OTHER])
+def test_what_else_was_chosen_then_is_a_pilots_or_a_strangers(flown: Flown) -> None:
+    for radio, hand in ((True, Hand.PILOT), (False, Hand.STRANGER)):
+        helm = flying(radio=radio)
+        helm.seen(ModeSeen(flown, radio=radio), True, AT, unheard=True)
+        helm.settle(AT + 1.0)
+        assert helm.chosen_by is hand
+
+
+def test_the_next_change_is_judged_by_itself() -> None:
+    helm = flying(radio=True)
+    helm.seen(ModeSeen(RTL, radio=True), True, AT, unheard=True)
+    helm.settle(AT + 1.0)
+    change(helm, LAND, radio=True, at=AT + 20.0)
+    helm.settle(AT + 21.0)
+    assert helm.chosen_by is Hand.PILOT
