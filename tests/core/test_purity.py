@@ -85,7 +85,7 @@ def test_every_module_of_the_rules_is_looked_at() -> None:
         "arbiter.py",
         "authority.py",
         "candidates.py",
-        "conductor.py",
+        "transfer_manager.py",
         "contacts.py",
         "core.py",
         "events.py",
