@@ -22,8 +22,6 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from gcs_module.banner import OLD_S, Situation
 from gcs_module.briefing import BriefingBook
-from gcs_module.callers import Callers
-from gcs_module.chart import Chart, maps_of
 from gcs_module.commands import StationCommands
 from gcs_module.core import (
     Action,
@@ -42,11 +40,13 @@ from gcs_module.core import (
 from gcs_module.decisions import Decisions, Who
 from gcs_module.links import Links
 from gcs_module.map_layer import Now, now_of, place_of
-from gcs_module.means import VehicleMeans
+from gcs_module.map_view import Chart, maps_of
+from gcs_module.mission_transfer import PackageDesk
 from gcs_module.narrator import FlightNarrator
-from gcs_module.package_desk import PackageDesk
 from gcs_module.route_watch import StationRouteWatch
+from gcs_module.station_resources import VehicleMeans
 from gcs_module.texts import SEVERITIES, Texts
+from gcs_module.udp_senders import Callers
 from gcs_module.uplink import UplinkChoice
 from gcs_module.vehicle_addresses import SILENT_S, VehicleAddresses
 from gcs_module.vehicle_links import VehicleLinks

@@ -17,8 +17,8 @@ from gcs_module.banner import Situation, age
 from gcs_module.briefing import BriefingBook
 from gcs_module.core import Answer, Event, Notice, StationCore, Wish, WishAnswered
 from gcs_module.decisions import Decisions
+from gcs_module.mission_transfer import PackageDesk
 from gcs_module.narrator import FlightNarrator
-from gcs_module.package_desk import PackageDesk
 from gcs_module.route_watch import StationRouteWatch
 from gcs_module.vehicle_addresses import VehicleAddresses
 from gcs_module.view import View, telemetry_line, telemetry_table

@@ -18,7 +18,7 @@ from MAVProxy.modules.lib import mp_settings
 
 from gcs_module.aircraft import Aircraft
 from gcs_module.banner import age
-from gcs_module.choice import VehicleChoice, known, vehicle_of
+from gcs_module.vehicle_selection import VehicleChoice, known, vehicle_of
 
 __all__ = ["Fleet", "our_settings"]
 

@@ -29,7 +29,7 @@ from gcs_module.alarms import LOOKS, Level
 from gcs_module.banner import Situation, banner
 from gcs_module.core import StationCore
 from gcs_module.map_items import Colour, Item, Mark, Paths, Plate, Row, Sign
-from gcs_module.survey import Crossing, Ground, ZoneView
+from gcs_module.mission_map import Crossing, Ground, ZoneView
 from mavproxy_handover.core.common.model import FlightAction
 from mavproxy_handover.core.safety.route import TrackFact
 

@@ -24,15 +24,15 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from gcs_module.aircraft import Aircraft
 from gcs_module.alarms import Level
-from gcs_module.choice import VehicleChoice
 from gcs_module.console_rows import ConsoleRows
 from gcs_module.core import Notice, PeerHeard
 from gcs_module.fleet import Fleet, our_settings
 from gcs_module.interrupts import Interrupts
 from gcs_module.links import Links
-from gcs_module.means import Means
 from gcs_module.menu import Menu
 from gcs_module.narrator import StationNarrator
+from gcs_module.station_resources import Means
+from gcs_module.vehicle_selection import VehicleChoice
 from gcs_module.view import alert, plain_line
 from gcs_module.window_watchdog import WindowWatchdog
 from mavproxy_handover.clocks import Clocks

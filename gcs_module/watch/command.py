@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Final
 from urllib.parse import urlsplit
 
-from gcs_module.watch.door import Door, is_loopback
-from gcs_module.watch.ear import listened_to
 from gcs_module.watch.follow import journals_in
-from gcs_module.watch.ground import read
+from gcs_module.watch.missions import read
+from gcs_module.watch.passive_link import listened_to
+from gcs_module.watch.web_auth import Door, is_loopback
 from mavproxy_handover.link.forms import LinkError
 from mavproxy_handover.mission.errors import MissionError
 

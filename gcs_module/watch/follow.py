@@ -18,12 +18,12 @@ from functools import partial
 from pathlib import Path
 from typing import Final
 
-from gcs_module.watch.ear import Ear
-from gcs_module.watch.ground import MOST_MISSIONS, Mission, beside, read
-from gcs_module.watch.hearing import Hearing
 from gcs_module.watch.journals import Writer
+from gcs_module.watch.link_reader import Hearing
+from gcs_module.watch.missions import MOST_MISSIONS, Mission, beside, read
+from gcs_module.watch.page_values import Shown, shown
+from gcs_module.watch.passive_link import Ear
 from gcs_module.watch.scene import Scene
-from gcs_module.watch.show import Shown, shown
 from gcs_module.watch.tail import Entry, Tail
 from mavproxy_handover.link.forms import DeviceSpec
 from mavproxy_handover.mission.errors import MissionError

@@ -23,9 +23,9 @@ from typing import Any, Final, Protocol
 from fastapi import FastAPI
 from nicegui import Client, app, ui
 
-from gcs_module.watch.ground import Mission
+from gcs_module.watch.missions import Mission
+from gcs_module.watch.page_values import Shown
 from gcs_module.watch.scene import Scene
-from gcs_module.watch.show import Shown
 
 __all__ = ["MOST_VIEWERS", "MOST_WAITING", "Watched", "build"]
 

@@ -18,7 +18,7 @@ from pathlib import Path
 from mavproxy_handover.config.files import ConfigError
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.store.keys import KeysError
-from sitl.bench import breath, downlink, download, energy, fleet, restart, starve, transfers, uplink, zones
+from sitl.bench import downlink, download, energy, fleet, restart, stall_bench, starve, transfers, uplink, zones
 from sitl.bench.loop import BenchError
 from sitl.bench.results import Measurement, Results, table
 from sitl.bench.rig import Rig
@@ -51,7 +51,7 @@ class Plans:
     check_limit_s: float
     waves: tuple[tuple[transfers.Condition, ...], ...]
     lanes: transfers.LanePlan
-    breath: breath.Plan
+    breath: stall_bench.Plan
     restart: restart.Plan
     starve: starve.Plan
     download: download.Plan
@@ -74,7 +74,7 @@ FULL = Plans(
     60.0,
     (transfers.SLOW, transfers.LOSSY),
     transfers.LanePlan(300, 200.0),
-    breath.Plan(20.0, tuple(breath.LOADS)),
+    stall_bench.Plan(20.0, tuple(stall_bench.LOADS)),
     restart.Plan(60, 60, 12),
     starve.Plan(4, 15.0),
     download.Plan(3_000_000, 3, 120.0),
@@ -94,7 +94,7 @@ QUICK = Plans(
     0.0,
     ((transfers.SLOW[0], transfers.LOSSY[1]),),
     transfers.LanePlan(6, 15.0, 2),
-    breath.Plan(3.0, tuple(breath.LOADS)[:2]),
+    stall_bench.Plan(3.0, tuple(stall_bench.LOADS)[:2]),
     restart.Plan(2, 2, 1),
     starve.Plan(1, 5.0, ("builtin",)),
     download.Plan(400_000, 1, 20.0, (("udp", ("udp",)),), real=False),
@@ -158,7 +158,7 @@ def _transfers(plans: Plans, folder: Path, say: Say) -> Iterator[Measurement]:
 
 
 def _breath(plans: Plans, folder: Path, say: Say) -> Iterator[Measurement]:
-    return breath.measure(plans.breath, folder / "breath", say)
+    return stall_bench.measure(plans.breath, folder / "breath", say)
 
 
 def _restart(plans: Plans, folder: Path, say: Say) -> Iterator[Measurement]:

@@ -32,6 +32,7 @@ from sitl.campaign.aircraft import Aircraft, Mode
 from sitl.campaign.commands import AGAIN_S
 from sitl.campaign.companion import DIGEST, Companion, Ties
 from sitl.campaign.failsafes import Failsafes
+from sitl.campaign.fault_injection import Strikes
 from sitl.campaign.faults import Insists
 from sitl.campaign.guard import Guard
 from sitl.campaign.links import Link
@@ -39,7 +40,6 @@ from sitl.campaign.log import FlightLog, Series
 from sitl.campaign.pace import LONG_S, STIRRED, Pace
 from sitl.campaign.plan import LEAST_HANDOVERS, FlightPlan
 from sitl.campaign.stations import Ground, GroundTies
-from sitl.campaign.strikes import Strikes
 from sitl.campaign.times import NEVER, ROUND, SECOND, in_seconds, in_ticks, on_round
 
 __all__ = ["World"]

@@ -36,7 +36,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from gcs_module import commands as station_commands
 from gcs_module import module as gcs_module
 from gcs_module.events import FromPeer, PeerHeard
-from gcs_module.means import Means
+from gcs_module.station_resources import Means
 from mavproxy_handover import worker
 from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.config.files import load_station

@@ -17,7 +17,7 @@ from gcs_module.banner import Situation
 from gcs_module.core import AuthorityHeard, FromVehicle, StationCore
 from gcs_module.map_items import Item, Mark, Paths, Plate, Row, Sign
 from gcs_module.map_layer import Border, Now, drawn, now_of, place_of
-from gcs_module.survey import Ground, survey
+from gcs_module.mission_map import Ground, survey
 from mavproxy_handover.core.common.messages import CrossingKey, HandoverAhead
 from mavproxy_handover.core.common.model import FlightAction, Phase, Station
 from mavproxy_handover.core.safety.route import TrackFact

@@ -14,7 +14,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from gcs_module import commands as station_commands
 from gcs_module import module as station_module
-from gcs_module.package_desk import NO_ANSWER_S, PackageDesk
+from gcs_module.mission_transfer import NO_ANSWER_S, PackageDesk
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.vehicle_address import parse_address

@@ -16,10 +16,10 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 import gcs_module.watch
 from gcs_module.alarms import DECISIONS
-from gcs_module.watch.ear import MOST_FRAMES, Ear, listened_to
-from gcs_module.watch.hearing import Hearing
+from gcs_module.watch.link_reader import Hearing
+from gcs_module.watch.page_values import shown
+from gcs_module.watch.passive_link import MOST_FRAMES, Ear, listened_to
 from gcs_module.watch.scene import MOST_AIRCRAFT, Scene
-from gcs_module.watch.show import shown
 from mavproxy_handover.core.common.model import AuthorityView, FlightAction, GuardState, LeaseState, Phase, Reason
 from mavproxy_handover.link.forms import LinkError
 from mavproxy_handover.wire import status
@@ -200,7 +200,7 @@ def calls() -> Iterator[tuple[str, str]]:
 
 def test_no_line_of_it_sends_or_writes() -> None:
     found = {(name, word) for name, word in calls() if word in MUTE}
-    assert found == {("door.py", "send")}  # the answer to a browser
+    assert found == {("web_auth.py", "send")}  # the answer to a browser
 
 
 def test_the_one_file_that_is_opened_is_opened_for_reading() -> None:
@@ -253,7 +253,7 @@ def test_who_speaks_to_it_by_udp_gets_no_answer() -> None:
 
 
 def test_a_server_it_listens_to_gets_no_byte_and_is_found_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("gcs_module.watch.ear._AGAIN_S", 0.05)
+    monkeypatch.setattr("gcs_module.watch.passive_link._AGAIN_S", 0.05)
     frames: list[Frame] = []
     with socket.create_server(("127.0.0.1", 0)) as server:
         server.settimeout(5.0)

@@ -9,10 +9,10 @@ from typing import Any
 import pytest
 
 from gcs_module.alarms import DECISIONS, EVENTS, Level
-from gcs_module.watch.ground import read
 from gcs_module.watch.journals import TOLD, Writer
+from gcs_module.watch.missions import read
+from gcs_module.watch.page_values import Shown, age, shown
 from gcs_module.watch.scene import FEED, MOST_AIRCRAFT, MOST_STATIONS, TRACK, Scene, Track
-from gcs_module.watch.show import Shown, age, shown
 from gcs_module.watch.tail import Entry
 from mavproxy_handover.core.common.model import FlightAction
 from tests.packages import MISSIONS

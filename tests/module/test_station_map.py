@@ -17,7 +17,7 @@ import pytest
 from MAVProxy.modules.lib import mp_menu, mp_util
 from pymavlink.dialects.v20 import handover as mavlink
 
-from gcs_module import chart
+from gcs_module import map_view
 from mavproxy_handover.mission import package as mission_package
 from tests.module.test_station_module import StationBench, connect_message, station  # noqa: F401
 from tests.packages import MISSIONS
@@ -82,8 +82,8 @@ def world(monkeypatch: pytest.MonkeyPatch) -> None:
     cv2.FONT_HERSHEY_DUPLEX = cv2.FONT_HERSHEY_SIMPLEX = 0  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, "cv2", cv2)
     monkeypatch.setattr(mp_util, "has_wxpython", True)
-    worker = chart.Worker
-    monkeypatch.setattr(chart, "Worker", lambda: worker(lambda run: run()))
+    worker = map_view.Worker
+    monkeypatch.setattr(map_view, "Worker", lambda: worker(lambda run: run()))
 
 
 def load(bench: StationBench, name: str) -> Host:
@@ -110,7 +110,7 @@ def status(commander: int = 251, epoch: int = 1, place: str = "home", **more: An
 
 def test_without_a_map_nothing_is_looked_at(station: StationBench, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: F811
     looked: list[Any] = []
-    monkeypatch.setattr(chart, "survey", looked.append)
+    monkeypatch.setattr(map_view, "survey", looked.append)
     station.load()
     station.run(3.0)
     assert looked == []
@@ -213,7 +213,7 @@ def test_a_mission_that_cannot_be_shown_is_one_fault(
     def no_survey(_package: Any) -> Any:
         raise ArithmeticError("no room")
 
-    monkeypatch.setattr(chart, "survey", no_survey)
+    monkeypatch.setattr(map_view, "survey", no_survey)
     host = load(station, "map")
     module = station.load()
     station.run(4.0)
@@ -330,8 +330,8 @@ def test_without_wx_there_are_no_menus(station: StationBench, monkeypatch: pytes
 
 
 def test_nothing_of_ours_asks_for_wx_but_what_a_map_draws_in_its_own_process() -> None:
-    folder = Path(chart.__file__).parent
+    folder = Path(map_view.__file__).parent
     texts = {path.name: path.read_text(encoding="utf-8") for path in folder.glob("*.py")}
     asking = [name for name, text in texts.items() if "import wx" in text or "wx_loader" in text]
-    assert "chart.py" in texts
-    assert asking == ["slip.py"]
+    assert "map_view.py" in texts
+    assert asking == ["map_drawing.py"]

@@ -14,7 +14,7 @@ import pytest
 
 from mavproxy_handover.mission import package as packages
 from mavproxy_handover.mission.package import MAX_PACKED_BYTES, MAX_PLAIN_BYTES, MissionPackage
-from sitl.bench import breath
+from sitl.bench import stall_bench
 from sitl.run import slow_disk
 from sitl.run.memory import memory_of_a_run
 from sitl.run.slow_disk import on_slow_disk
@@ -127,7 +127,7 @@ class TestTheMemoryOfARun:
 
 class TestTheBench:
     def test_hostile_packages_may_be_sent_and_are_large(self, delivery: MissionPackage) -> None:
-        hostile = breath._hostile_packages(delivery)
+        hostile = stall_bench._hostile_packages(delivery)
         assert all(len(data) <= MAX_PACKED_BYTES for data in hostile)
         assert sum(len(zlib.decompress(data)) > MAX_PLAIN_BYTES * 0.9 for data in hostile) >= 4
         assert all(len(zlib.decompress(data)) <= MAX_PLAIN_BYTES for data in hostile)
@@ -148,10 +148,12 @@ class TestTheBench:
             raise SetupError("a slow disk needs a C compiler")
 
         monkeypatch.setattr(
-            breath, "LOADS", {"none": made([0.2, 0.25]), "slow": not_made, "full": made([0.2, 0.5]), "ro": made([0.4])}
+            stall_bench,
+            "LOADS",
+            {"none": made([0.2, 0.25]), "slow": not_made, "full": made([0.2, 0.5]), "ro": made([0.4])},
         )
         said: list[str] = []
-        found = list(breath.measure(breath.Plan(1.0, ("none", "slow", "full", "ro")), tmp_path, said.append))
+        found = list(stall_bench.measure(stall_bench.Plan(1.0, ("none", "slow", "full", "ro")), tmp_path, said.append))
         assert [(one.ours, one.baseline, one.met) for one in found] == [
             (0.25, 0.25, True),
             (None, None, None),

@@ -20,7 +20,7 @@ from math import inf, isinf
 from typing import Any, Final
 
 from gcs_module.alarms import EVENTS, LOOKS, Level
-from gcs_module.watch.ground import Mission, coming
+from gcs_module.watch.missions import Mission, coming
 from gcs_module.watch.scene import Aircraft, Contact, Said, Scene
 from mavproxy_handover.mission.colours import STATION_COLOURS, station_colour
 

@@ -46,17 +46,17 @@ class Drawing:
 @pytest.fixture
 def drawing(monkeypatch: pytest.MonkeyPatch) -> Iterator[Drawing]:
     found = Drawing()
-    for name in [name for name in sys.modules if name == "gcs_module.slip" or "mavproxy_map" in name]:
+    for name in [name for name in sys.modules if name == "gcs_module.map_drawing" or "mavproxy_map" in name]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "cv2", found.module())
     yield found
-    for name in [name for name in sys.modules if name == "gcs_module.slip" or "mavproxy_map" in name]:
+    for name in [name for name in sys.modules if name == "gcs_module.map_drawing" or "mavproxy_map" in name]:
         del sys.modules[name]
 
 
 def draw(item: Item, west: float = 0.0, bounds: tuple[float, float, float, float] | None = None) -> None:
     """On a map of 8 by 6 degrees with its north-west corner at latitude 6 and `west`, 100 pixels a degree."""
-    from gcs_module.slip import slip_object
+    from gcs_module.map_drawing import slip_object
 
     def pixels(place: Place) -> tuple[int, int]:
         return round((place[1] - west) * 100.0), round((6.0 - place[0]) * 100.0)
@@ -125,7 +125,7 @@ def test_an_empty_plate_is_none(drawing: Drawing) -> None:
 def test_a_plate_that_its_station_has_not_renewed_for_three_seconds_is_grey_and_says_so(
     drawing: Drawing, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    slip = importlib.import_module("gcs_module.slip")
+    slip = importlib.import_module("gcs_module.map_drawing")
     monkeypatch.setattr(slip, "time", SimpleNamespace(monotonic=lambda: 500.0))
     draw(Plate((Row("CONTROL: GCSB (you)", WHITE, RED),), at=497.0))
     assert [words for words, _at in drawing.words] == ["CONTROL: GCSB (you)"]

@@ -20,7 +20,7 @@ from typing import Any
 
 from gcs_module.map_items import Item, Paths
 from gcs_module.map_layer import Now, drawn
-from gcs_module.survey import Ground, survey
+from gcs_module.mission_map import Ground, survey
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.worker import Worker
 
@@ -116,7 +116,7 @@ class Chart:
         changed = {name: item for name, item in items.items() if sheet.shown.get(name) != item}
         if not changed:
             return
-        from gcs_module.slip import slip_object  # needs OpenCV, as the map does
+        from gcs_module.map_drawing import slip_object  # needs OpenCV, as the map does
 
         for name, item in changed.items():
             sheet.map.add_object(slip_object(self._key(name), self._layer(item), item))

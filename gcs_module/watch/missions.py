@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from gcs_module.map_items import Colour, Line, Paths
-from gcs_module.survey import Crossing, Ground, survey
+from gcs_module.mission_map import Crossing, Ground, survey
 from gcs_module.watch.scene import Aircraft
 from mavproxy_handover.mission.colours import station_colour
 from mavproxy_handover.mission.geodesy import distance_m

@@ -17,8 +17,8 @@ from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as stock
 from pymavlink.dialects.v20 import handover as mavlink
 
-from gcs_module.callers import CALLERS, Callers
 from gcs_module.signing import LinkSigning
+from gcs_module.udp_senders import CALLERS, Callers
 from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.store.keys import key_of
 from tests.link.frames import Clock
@@ -404,7 +404,7 @@ def test_a_fault_of_ours_costs_the_vehicle_nothing(bench: Bench, monkeypatch: py
     def broken(_data: bytes) -> Any:
         raise RuntimeError
 
-    monkeypatch.setattr("gcs_module.callers._frames", broken)
+    monkeypatch.setattr("gcs_module.udp_senders._frames", broken)
     vehicle.send(bench.master)
     bench.read()
     assert bench.heard == [1, 1]

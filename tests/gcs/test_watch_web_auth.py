@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from gcs_module.watch.door import COOKIE, Door, is_loopback
+from gcs_module.watch.web_auth import COOKIE, Door, is_loopback
 
 TOKEN = "abcdefghijklmnop"
 
