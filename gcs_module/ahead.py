@@ -21,7 +21,7 @@ from mavproxy_handover.core.authority.foresight import FORESEEN
 from mavproxy_handover.core.common.messages import CrossingKey, HandoverAhead, TransferKey
 from mavproxy_handover.core.common.model import Consent, Reason
 
-__all__ = ["Ahead", "Beforehand"]
+__all__ = ["Ahead", "EarlyConsent"]
 
 #: a question that was not repeated for so long is over (s)
 _SILENT_S: Final = 5.0
@@ -49,7 +49,7 @@ class Ahead:
         return self.consent is Consent.WAITING
 
 
-class Beforehand:
+class EarlyConsent:
     """What one station knows of the border ahead. Times are monotonic seconds; not safe for threads."""
 
     __slots__ = ("_own", "ahead")

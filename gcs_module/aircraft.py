@@ -21,7 +21,7 @@ from pymavlink import mavutil
 from pymavlink.dialects.v20 import handover as mavlink
 
 from gcs_module.banner import OLD_S, Situation
-from gcs_module.briefing import BriefingBook
+from gcs_module.briefing import Briefing
 from gcs_module.commands import StationCommands
 from gcs_module.core import (
     Action,
@@ -40,14 +40,14 @@ from gcs_module.core import (
 from gcs_module.decisions import Decisions, Who
 from gcs_module.links import Links
 from gcs_module.map_layer import Now, now_of, place_of
-from gcs_module.map_view import Chart, maps_of
-from gcs_module.mission_transfer import PackageDesk
+from gcs_module.map_view import MapView, loaded_maps
+from gcs_module.mission_transfer import MissionTransfer
 from gcs_module.narrator import FlightNarrator
 from gcs_module.route_watch import StationRouteWatch
-from gcs_module.station_resources import VehicleMeans
+from gcs_module.station_resources import VehicleResources
 from gcs_module.texts import SEVERITIES, Texts
-from gcs_module.udp_senders import Callers
-from gcs_module.uplink import UplinkChoice
+from gcs_module.udp_senders import UdpSenders
+from gcs_module.uplink import UplinkSelector
 from gcs_module.vehicle_addresses import SILENT_S, VehicleAddresses
 from gcs_module.vehicle_links import VehicleLinks
 from gcs_module.view import View, telemetry_line
@@ -117,7 +117,7 @@ class Host(Protocol):
 class Aircraft:
     """`row`: of the status rows of MAVProxy's console."""
 
-    def __init__(self, host: Host, vehicle: FleetVehicle, means: VehicleMeans, row: int) -> None:
+    def __init__(self, host: Host, vehicle: FleetVehicle, resources: VehicleResources, row: int) -> None:
         self.config = config = host.config
         self.vehicle = vehicle
         self.sysid = vehicle.sysid
@@ -134,7 +134,7 @@ class Aircraft:
         stations = tuple(peer.station for peer in config.peers)
         self.core = StationCore(config.station, vehicle.called, stations, automatic=config.automatic)
         kept = config.path.with_name(f"{config.station.name}-vehicle-{vehicle.sysid}.mission")
-        self.desk = PackageDesk(means.held, kept)
+        self.mission_transfer = MissionTransfer(resources.held, kept)
         #: the vehicle's addresses that come with a mission
         self.addresses = VehicleAddresses(
             VehicleLinks(host.mpstate, host.links, vehicle.sysid, vehicle.name, host.ground_ports),
@@ -142,13 +142,13 @@ class Aircraft:
             address_file(config.path, config.station.name, vehicle.sysid),
             ask=config.offered_addresses,
             local=config.offered_addresses_local,
-            keyed=means.signing is not None,
+            keyed=resources.signing is not None,
             numbers=host.address_questions,
         )
         #: the aircraft against its route
         self.route = StationRouteWatch(config.route)
         self.decisions = Decisions(self.said)
-        self.briefing = BriefingBook()
+        self.briefing = Briefing()
         self.texts = Texts(self._shown)
         #: the autopilot's own, while MAVProxy shows another vehicle's
         self._its_texts = Texts(lambda _text: False)
@@ -156,11 +156,11 @@ class Aircraft:
         self._mode, self._mode_at = "", -math.inf
         self.view = View(self.situation, config.station.name, host.console, host.speak, host.ring, row)
         self.narrator = FlightNarrator(host.journal, self.core, self.view, self.of or None)
-        self._uplink = UplinkChoice()
-        self._signing = means.signing
-        self._callers = Callers(vehicle.sysid, means.signing is not None, host.now, self._fault)
+        self._uplink = UplinkSelector()
+        self._signing = resources.signing
+        self._callers = UdpSenders(vehicle.sysid, resources.signing is not None, host.now, self._fault)
         self._telemetry_shown_at = 0.0
-        self.chart = Chart(f"handover {vehicle.sysid}", partial(maps_of, host.mpstate), self._fault)
+        self.map_view = MapView(f"handover {vehicle.sysid}", partial(loaded_maps, host.mpstate), self._fault)
         #: name, latitude and longitude (degrees) of where a return goes, as the vehicle said last
         self._place: tuple[str, float, float] | None = None
         #: it is carried, in a rehearsal on the ground
@@ -171,7 +171,7 @@ class Aircraft:
     def begin(self) -> None:
         """Everything is there: the first look at its links, and what the station holds for it."""
         self._see_to_links()
-        held = self.desk.held
+        held = self.mission_transfer.held
         if held is not None:
             self._handle(MissionHeld(held.digest))
             if held.addresses_fault:
@@ -179,7 +179,7 @@ class Aircraft:
 
     def release(self) -> None:
         """Give its links back as they were, and take what is drawn of it from the map."""
-        self._guarded("map", self.chart.remove)
+        self._guarded("map", self.map_view.remove)
         self._guarded("status row", self.view.clear)
         self._callers.release()
         if self._signing is not None:
@@ -384,7 +384,7 @@ class Aircraft:
     def on_package(self, frame: Frame, message: Any) -> None:
         """A message of a package that is this vehicle's, of its companion or of another station."""
         now = self._now()
-        answers, line = self.desk.on_message(frame.sysid, frame.compid, message, now)
+        answers, line = self.mission_transfer.on_message(frame.sysid, frame.compid, message, now)
         for answer in answers:
             self._put(frame.sysid, answer)
         if line:
@@ -395,10 +395,10 @@ class Aircraft:
 
     def _hold(self) -> None:
         """An offer of another station counts once the vehicle announces it; the core is told what is held."""
-        line = self.desk.inbox.announced(self.core.vehicle_digest, self.disarmed)
+        line = self.mission_transfer.inbox.announced(self.core.vehicle_digest, self.disarmed)
         if line:
             self._tell_of(self.sysid, "package_received", line)
-        held = self.desk.held
+        held = self.mission_transfer.held
         if held is not None and held.digest != self.core.digest:
             self._handle(MissionHeld(held.digest))
         same = held is not None and held.digest == self.core.vehicle_digest
@@ -439,7 +439,7 @@ class Aircraft:
         self.narrator.sum_up(now)
         self._other_name_noticed()
         self.view.status(now)
-        self._guarded("map", lambda: self.chart.show(self._flown(), self._on_map, now))
+        self._guarded("map", lambda: self.map_view.show(self._flown(), self._on_map, now))
 
     @property
     def armed(self) -> bool:
@@ -455,7 +455,7 @@ class Aircraft:
 
     def _flown(self) -> MissionPackage | None:
         """The mission package that the vehicle flies, or will fly for all that is known here."""
-        held, announced = self.desk.held, self.core.vehicle_digest
+        held, announced = self.mission_transfer.held, self.core.vehicle_digest
         return held if held is not None and (not any(announced) or announced == held.digest) else None
 
     def _on_map(self) -> Now:
@@ -480,7 +480,7 @@ class Aircraft:
             self.narrator.link_chosen(links.use(self.sysid, chosen).address)
 
     def _send_package(self, now: float) -> None:
-        messages, lines = self.desk.tick(now, lambda receiver: self._alive(receiver, now))
+        messages, lines = self.mission_transfer.tick(now, lambda receiver: self._alive(receiver, now))
         for receiver, line in lines:
             self._tell_of(receiver, "package_offer", line)
         self._hold()

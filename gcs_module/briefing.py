@@ -11,13 +11,13 @@ from __future__ import annotations
 from math import inf
 from typing import Final
 
-__all__ = ["NAMES", "BriefingBook"]
+__all__ = ["NAMES", "Briefing"]
 
 #: what stands before each line
 NAMES: Final = ("leg", "battery", "wind", "links", "alerts", "next")
 
 
-class BriefingBook:
+class Briefing:
     """The last briefing. Times are monotonic seconds."""
 
     def __init__(self) -> None:

@@ -14,10 +14,10 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from gcs_module.alarms import Level
 from gcs_module.banner import Situation, age
-from gcs_module.briefing import BriefingBook
+from gcs_module.briefing import Briefing
 from gcs_module.core import Answer, Event, Notice, StationCore, Wish, WishAnswered
 from gcs_module.decisions import Decisions
-from gcs_module.mission_transfer import PackageDesk
+from gcs_module.mission_transfer import MissionTransfer
 from gcs_module.narrator import FlightNarrator
 from gcs_module.route_watch import StationRouteWatch
 from gcs_module.vehicle_addresses import VehicleAddresses
@@ -63,10 +63,10 @@ class Host(Protocol):
     sysid: int
     of: str
     core: StationCore
-    desk: PackageDesk
+    mission_transfer: MissionTransfer
     route: StationRouteWatch
     decisions: Decisions
-    briefing: BriefingBook
+    briefing: Briefing
     view: View
     narrator: FlightNarrator
     faults: Counter[str]
@@ -371,17 +371,17 @@ class StationCommands:
 
     def _share(self) -> None:
         module = self._module
-        if module.desk.held is None:
+        if module.mission_transfer.held is None:
             where = "its [[vehicle]]" if module.of else "[station]"
             module.view.line(f"There is no mission to share: set mission in {where}.")
             return
         now = time.monotonic()
-        module.desk.offer(module.sysid, COMPANION_COMPID, now, until_loaded=True)
+        module.mission_transfer.offer(module.sysid, COMPANION_COMPID, now, until_loaded=True)
         for peer in module.config.peers:
-            module.desk.offer(peer.station.sysid, 0, now)
-        module.view.line(f"Sharing mission {module.desk.held.name!r}.")
-        if module.desk.held.addresses_fault:
-            module.view.line(without_addresses(module.desk.held.addresses_fault))
+            module.mission_transfer.offer(peer.station.sysid, 0, now)
+        module.view.line(f"Sharing mission {module.mission_transfer.held.name!r}.")
+        if module.mission_transfer.held.addresses_fault:
+            module.view.line(without_addresses(module.mission_transfer.held.addresses_fault))
 
     def _telemetry(self) -> None:
         module, telemetry = self._module, self._module.view.last_telemetry
@@ -410,7 +410,7 @@ class StationCommands:
             module.view.show(line)
 
     def _take(self, name: str) -> None:
-        self._module.view.line(self._module.desk.inbox.take(name, self._module.disarmed))
+        self._module.view.line(self._module.mission_transfer.inbox.take(name, self._module.disarmed))
 
     def _list_addresses(self) -> None:
         lines = [*self._module.addresses.status()]
@@ -446,7 +446,7 @@ class StationCommands:
             said = {Consent.GRANTED: "accepted", Consent.DENIED: "denied", Consent.WAITING: "to be answered"}
             pair = f"{core.name(ahead.key.from_station)} -> {core.name(ahead.key.to_station)}"
             show(f"ahead     {pair} in {max(0.0, ahead.at - now):.0f} s, {said[ahead.consent]}")
-        held = module.desk.held
+        held = module.mission_transfer.held
         same = (
             "the vehicle has the same" if core.digest and core.digest == core.vehicle_digest else "the vehicle has not"
         )
@@ -454,7 +454,7 @@ class StationCommands:
         route = module.route.words(now)
         if route:
             show(f"route     {route}")
-        for offer in module.desk.inbox.waiting:
+        for offer in module.mission_transfer.inbox.waiting:
             show(f"offered   {offer.name!r} {offer.digest.hex()[:8]}: 'handover take {offer.name}'")
         for line in module.addresses.status():
             show(f"address   {line}")

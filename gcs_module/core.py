@@ -40,7 +40,7 @@ from dataclasses import dataclass, replace
 from enum import Enum, IntEnum
 from math import ceil, inf
 
-from gcs_module.ahead import Ahead, Beforehand
+from gcs_module.ahead import Ahead, EarlyConsent
 from gcs_module.alarms import Level
 from gcs_module.events import (
     Action,
@@ -176,7 +176,7 @@ class StationCore:
         #: until when an operator who is asked may answer
         self._answer_until = inf
         self._part: _Part | None = None
-        self._beforehand = Beforehand(station.sysid)
+        self._early_consent = EarlyConsent(station.sysid)
         #: since when the operator is asked what he is asked now
         self.asked_at = -inf
         #: when a question was last over unanswered, and until when an answer may be meant for that one
@@ -222,12 +222,12 @@ class StationCore:
     @property
     def ahead(self) -> Ahead | None:
         """The border ahead at which this station is to hand the aircraft over, or to take it; None: none is known."""
-        return self._beforehand.ahead
+        return self._early_consent.ahead
 
     @property
     def asked_ahead(self) -> CrossingKey | None:
         """The border ahead of which this station's operator is asked beforehand."""
-        ahead = self._beforehand.ahead
+        ahead = self._early_consent.ahead
         return None if ahead is None or not ahead.waits or self.question is not None else ahead.key
 
     @property
@@ -238,7 +238,7 @@ class StationCore:
 
     def _matter(self) -> tuple[int, ...] | None:
         """What the operator is asked, whether beforehand or at the border; None: nothing."""
-        part, ahead = self._part, self._beforehand.ahead
+        part, ahead = self._part, self._early_consent.ahead
         if part is not None and part.consent is Consent.WAITING:
             key, number = part.key, (part.crossing, -1) if part.crossing else (0, part.key.handover_id)
             return key.from_station, key.to_station, key.epoch, *number
@@ -248,7 +248,7 @@ class StationCore:
 
     def answer_left_s(self, now: float) -> float:
         """What is left (s) for an operator who is asked, here or elsewhere; inf: nobody is, as far as is known."""
-        ahead = self._beforehand.ahead
+        ahead = self._early_consent.ahead
         if self.partner is None and ahead is not None and ahead.waits:
             return ahead.at - now
         return self._answer_until - now
@@ -329,15 +329,20 @@ class StationCore:
         for peer in [peer for peer in self._peers_up if not self.peer_alive(peer, now)]:
             self._peers_up -= {peer}
             actions.append(Notice("peer_lost", f"Ground link to {self.name(peer)} is down."))
-        if self._beforehand.lapsed(now):
+        if self._early_consent.lapsed(now):
             actions.append(Notice("aborted", "The question is over: that border is not expected any more."))
         self._count_down(now, actions)
         return actions
 
+    def _asked(self) -> _Part | Ahead | None:
+        """The question that waits for the operator: of a transfer first, else of the border ahead."""
+        if self.question is not None:
+            return self._part
+        return self._early_consent.ahead if self._early_consent.waits else None
+
     def _count_down(self, now: float, actions: list[Action]) -> None:
         """Tell an operator who has not answered what is left, and what comes of it if he does not."""
-        part, ahead = self._part, self._beforehand.ahead
-        asked: _Part | Ahead | None = part if self.question is not None else ahead if self._beforehand.waits else None
+        asked = self._asked()
         if asked is None:
             return
         left_s = self.answer_left_s(now)
@@ -345,7 +350,8 @@ class StationCore:
         if due:
             asked.told_left_s = min(due)
             keeps = "no station commands it" if self.commander is None else f"{self.name(self.commander)} keeps it"
-            what = f"Without an answer {keeps}" if asked is part else "At the border you are asked again"
+            ahead = isinstance(asked, Ahead)
+            what = "At the border you are asked again" if ahead else f"Without an answer {keeps}"
             words = f"{ceil(max(0.0, left_s))} s left to answer: {self._in_words(asked.key)}."
             actions.append(Notice("countdown", f"{words} {what}.{self._hint(Consent.WAITING)}"))
 
@@ -401,7 +407,7 @@ class StationCore:
         self._wished_until = -inf  # it was about another commander
         if self._part is not None and self._part.key.epoch < epoch:
             self._part = None  # over, whatever became of it: no question of it is open any more
-        self._beforehand.over()
+        self._early_consent.over()
         if commander is None and self.alone:
             text = f"No station commands {self.vehicle_name}: it crosses a gap that its mission declares."
             notice = Notice("authority", text)
@@ -433,7 +439,7 @@ class StationCore:
         self._doubt(event.epoch)
         self._answer_until = now + event.answer_left_s
         self.alone = event.alone
-        if event.phase is Phase.EMERGENCY and self._beforehand.over():
+        if event.phase is Phase.EMERGENCY and self._early_consent.over():
             actions.append(Notice("aborted", "The question is over: there is an emergency."))
         if event.phase is not self.phase:
             self.phase = event.phase
@@ -520,10 +526,10 @@ class StationCore:
         wished = as_partner and self._wishes(now, requested=why is Reason.REQUESTED)
         if wished:
             self._wished_until = -inf
-        said = self._beforehand.said(key, why, crossing, as_partner=as_partner)
+        said = self._early_consent.said(key, why, crossing, as_partner=as_partner)
         consent = Consent.GRANTED if automatic or wished else Consent.WAITING
         self._part = part = _Part(key, as_partner, consent if said is None else said, crossing)
-        self._beforehand.used(key, crossing)
+        self._early_consent.used(key, crossing)
         return part, True
 
     def _announced_as(self, key: TransferKey) -> tuple[Reason, int]:
@@ -532,14 +538,14 @@ class StationCore:
 
     def _on_ahead(self, message: HandoverAhead, now: float, actions: list[Action]) -> None:
         """The vehicle foresees a border: this station's operator may answer before it is reached."""
-        if self.phase is Phase.EMERGENCY or not self._beforehand.fits(message, self.epoch, self.commander):
+        if self.phase is Phase.EMERGENCY or not self._early_consent.fits(message, self.epoch, self.commander):
             return
         key, partner = message.key, message.key.to_station == self._station.sysid
         agrees = QUESTIONS[Reason.ZONE] in self._automatic or (partner and self._wishes(now))
-        known = self._beforehand.ahead
+        known = self._early_consent.ahead
         other = None if known is None or known.key != key else known.other
-        new = self._beforehand.heard(message, now, agrees=agrees)
-        ahead = self._beforehand.ahead
+        new = self._early_consent.heard(message, now, agrees=agrees)
+        ahead = self._early_consent.ahead
         assert ahead is not None
         actions.append(ToVehicle(OkAhead(key, ahead.consent)))
         if new:
@@ -678,7 +684,7 @@ class StationCore:
         if part is not None and part.consent is Consent.WAITING and part.key.to_station == station:
             self._settle(part, True, now, actions)
             return
-        ahead = self._beforehand.ahead
+        ahead = self._early_consent.ahead
         if ahead is not None and ahead.waits and ahead.key.to_station == station:
             self._settle_ahead(ahead, True, actions)
             return
@@ -696,8 +702,7 @@ class StationCore:
         return now < self._wished_until and (self._wish_accepted or requested)
 
     def _on_answer(self, yes: bool, now: float, actions: list[Action]) -> None:
-        part, ahead = self._part, self._beforehand.ahead
-        asked: _Part | Ahead | None = part if self.question is not None else ahead if self._beforehand.waits else None
+        asked = self._asked()
         if asked is None and not self._thinks_again(yes, actions):
             actions.append(Notice("question", "There is no question to answer."))
         if asked is None:
@@ -713,7 +718,7 @@ class StationCore:
 
     def _thinks_again(self, yes: bool, actions: list[Action]) -> bool:
         """What was said of the border ahead is taken back, or given after all; whether there is anything to change."""
-        ahead, consent = self._beforehand.ahead, Consent.GRANTED if yes else Consent.DENIED
+        ahead, consent = self._early_consent.ahead, Consent.GRANTED if yes else Consent.DENIED
         if ahead is None or self._part is not None or ahead.consent is consent:
             return False
         self._settle_ahead(ahead, yes, actions)

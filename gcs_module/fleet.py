@@ -18,9 +18,9 @@ from MAVProxy.modules.lib import mp_settings
 
 from gcs_module.aircraft import Aircraft
 from gcs_module.banner import age
-from gcs_module.vehicle_selection import VehicleChoice, known, vehicle_of
+from gcs_module.vehicle_selection import VehicleSelection, known, vehicle_of
 
-__all__ = ["Fleet", "our_settings"]
+__all__ = ["FleetCommands", "our_settings"]
 
 #: what answers a question
 _ANSWERS = ("accept", "deny")
@@ -41,13 +41,13 @@ def our_settings() -> Any:
     )
 
 
-class Fleet:
+class FleetCommands:
     """All vehicles of a station, as far as what is typed goes. `faults`: the module's, by where they were."""
 
     def __init__(
         self,
         aircraft: Sequence[Aircraft],
-        choice: VehicleChoice,
+        choice: VehicleSelection,
         settings: Any,
         show: Callable[[str], None],
         faults: Counter[str],

@@ -25,7 +25,7 @@ from gcs_module.banner import OLD_S
 from gcs_module.map_items import Colour, Item, Line, Mark, Paths, Place, Plate, Row, Sign
 from mavproxy_handover.mission.geodesy import beside_deg
 
-__all__ = ["slip_object"]
+__all__ = ["map_object"]
 
 _FONT: Final = cv2.FONT_HERSHEY_SIMPLEX
 _SIZE, _PLATE_SIZE = 0.45, 0.5
@@ -43,11 +43,11 @@ _Bounds = tuple[float, float, float, float]
 _Pixels = Callable[[Place], tuple[int, int]]
 
 
-def slip_object(key: str, layer: str, item: Item) -> Any:
+def map_object(key: str, layer: str, item: Item) -> Any:
     """The object for MAVProxy's map that shows an item."""
     if isinstance(item, Paths):
-        return SlipPaths(key, layer, item)
-    return SlipSign(key, layer, item) if isinstance(item, Sign) else SlipPlate(key, layer, item)
+        return DrawnPaths(key, layer, item)
+    return DrawnSign(key, layer, item) if isinstance(item, Sign) else DrawnPlate(key, layer, item)
 
 
 def _beside(place: Place, bounds: _Bounds) -> Place:
@@ -56,7 +56,7 @@ def _beside(place: Place, bounds: _Bounds) -> Place:
     return place[0], beside_deg(place[1], bounds[1] + bounds[3] / 2.0)
 
 
-class SlipPaths(SlipObject):
+class DrawnPaths(SlipObject):
     """Lines."""
 
     def __init__(self, key: str, layer: str, item: Paths) -> None:
@@ -87,7 +87,7 @@ def _pieces(
                 yield first, last
 
 
-class SlipSign(SlipObject):
+class DrawnSign(SlipObject):
     """Words at a place."""
 
     def __init__(self, key: str, layer: str, item: Sign) -> None:
@@ -116,7 +116,7 @@ class SlipSign(SlipObject):
             y += high + _BETWEEN + _AROUND
 
 
-class SlipPlate(SlipObject):
+class DrawnPlate(SlipObject):
     """Lines in the corner, wherever the map is."""
 
     def __init__(self, key: str, layer: str, item: Plate) -> None:

@@ -4,9 +4,9 @@
 
 Theory of operation
 -------------------
-What a mission has to show is worked out once (`survey.py`). What is true at a moment is a `Now`; `drawn` brings both
-together into items by name. An item that is equal to the one before needs no new drawing, and one that is missing is
-to be taken away: that is all that whoever draws has to know.
+`mission_map.py` computes once what a mission shows. A `Now` holds what is true at a moment. `drawn` combines both into
+items by name. The drawing code draws an item only if it differs from the one before, and removes an item that is
+missing.
 
 * A zone has its station's colour, the commander's a broad line. Nobody's is broad where nobody commands.
 * The border ahead has its seconds, at the place of the route where it is expected: the next one between these two
@@ -29,7 +29,7 @@ from gcs_module.alarms import LOOKS, Level
 from gcs_module.banner import Situation, banner
 from gcs_module.core import StationCore
 from gcs_module.map_items import Colour, Item, Mark, Paths, Plate, Row, Sign
-from gcs_module.mission_map import Crossing, Ground, ZoneView
+from gcs_module.mission_map import Crossing, MissionMap, ZoneView
 from mavproxy_handover.core.common.model import FlightAction
 from mavproxy_handover.core.safety.route import TrackFact
 
@@ -132,7 +132,7 @@ def _border(core: StationCore, ahead: Ahead, now: float) -> Border:
     return Border(key.from_station, key.to_station, words, max(0, math.ceil(ahead.at - now)))
 
 
-def drawn(ground: Ground | None, now: Now, number: int = 0) -> dict[str, Item]:
+def drawn(ground: MissionMap | None, now: Now, number: int = 0) -> dict[str, Item]:
     """All that is to be seen now, by name. `ground` None: there is no mission, or it is still being looked at;
     `number`: of the vehicle, for its plate."""
     found: dict[str, Item] = {}
@@ -162,7 +162,7 @@ def _name(zone: ZoneView, words: tuple[str, ...], *, commands: bool) -> Sign:
     return Sign(zone.name_at, words, zone.colour if on == _NAMED["white"] else on)
 
 
-def _crossings(ground: Ground, now: Now) -> Iterator[tuple[str, Item]]:
+def _crossings(ground: MissionMap, now: Now) -> Iterator[tuple[str, Item]]:
     ahead = _ahead(ground, now)
     for each in ground.crossings:
         sign = Sign(each.place, (f"{each.number}",), _on(each.colour), Mark.DIAMOND, each.colour)
@@ -172,7 +172,7 @@ def _crossings(ground: Ground, now: Now) -> Iterator[tuple[str, Item]]:
         yield f"handover {each.number}", sign
 
 
-def _ahead(ground: Ground, now: Now) -> Crossing | None:
+def _ahead(ground: MissionMap, now: Now) -> Crossing | None:
     border = now.border
     if border is None or now.at is None:
         return None

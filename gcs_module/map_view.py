@@ -20,16 +20,16 @@ from typing import Any
 
 from gcs_module.map_items import Item, Paths
 from gcs_module.map_layer import Now, drawn
-from gcs_module.mission_map import Ground, survey
+from gcs_module.mission_map import MissionMap, mission_map
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.worker import Worker
 
-__all__ = ["Chart", "maps_of"]
+__all__ = ["MapView", "loaded_maps"]
 
 _WHERE = "map"
 
 
-def maps_of(mpstate: Any) -> list[Any]:
+def loaded_maps(mpstate: Any) -> list[Any]:
     """The maps that MAVProxy has loaded and whose windows are open: "map", "map2" and so on."""
     # not its public modules: one that broke while it was loaded stays among them, half made
     loaded = (module for module, _package in list(mpstate.modules) if module.name.rstrip("0123456789") == "map")
@@ -45,7 +45,7 @@ class _Sheet:
     broken: bool = False
 
 
-class Chart:
+class MapView:
     """Of one vehicle. Times are monotonic seconds; not safe for threads, but for `remove`."""
 
     def __init__(self, name: str, maps: Callable[[], list[Any]], fault: Callable[[str, str], None]) -> None:
@@ -56,7 +56,7 @@ class Chart:
         self._worker = Worker()
         self._sheets: list[_Sheet] = []
         #: of the mission that was looked at last; None: there is none, or it cannot be shown
-        self._ground: Ground | None = None
+        self._ground: MissionMap | None = None
         #: the digest of the mission that is being looked at, or was
         self._digest: bytes | None = None
 
@@ -89,13 +89,13 @@ class Chart:
             return
         if package is None:
             self._digest = self._ground = None
-        elif self._worker.submit(lambda: survey(package), lambda result, _now: self._looked_at(package, result)):
+        elif self._worker.submit(lambda: mission_map(package), lambda result, _now: self._looked_at(package, result)):
             self._digest, self._ground = digest, None
 
-    def _looked_at(self, package: MissionPackage, result: Ground | Exception) -> None:
+    def _looked_at(self, package: MissionPackage, result: MissionMap | Exception) -> None:
         if package.digest != self._digest:
             return
-        if isinstance(result, Ground):
+        if isinstance(result, MissionMap):
             self._ground = result
         else:
             self._fault(_WHERE, f"mission {package.name!r} cannot be shown: {type(result).__name__}: {result}")
@@ -116,10 +116,10 @@ class Chart:
         changed = {name: item for name, item in items.items() if sheet.shown.get(name) != item}
         if not changed:
             return
-        from gcs_module.map_drawing import slip_object  # needs OpenCV, as the map does
+        from gcs_module.map_drawing import map_object  # needs OpenCV, as the map does
 
         for name, item in changed.items():
-            sheet.map.add_object(slip_object(self._key(name), self._layer(item), item))
+            sheet.map.add_object(map_object(self._key(name), self._layer(item), item))
             sheet.shown[name] = item
 
     def _key(self, name: str) -> str:

@@ -27,7 +27,7 @@ from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.mission.walk import Gap, Walk, by_commander
 from mavproxy_handover.mission.zones import Zone, overlap
 
-__all__ = ["Crossing", "Ground", "ZoneView", "survey"]
+__all__ = ["Crossing", "MissionMap", "ZoneView", "mission_map"]
 
 _INK: Final[Colour] = (34, 34, 34)
 _OVERLAP: Final[Colour] = (150, 150, 150)
@@ -64,7 +64,7 @@ class Crossing:
 
 
 @dataclass(frozen=True, slots=True)
-class Ground:
+class MissionMap:
     """What one mission has to show, whoever commands."""
 
     digest: bytes
@@ -77,7 +77,7 @@ class Ground:
     begins_m: Mapping[int, float]
 
 
-def survey(package: MissionPackage) -> Ground:
+def mission_map(package: MissionPackage) -> MissionMap:
     """Work out what a mission has to show. The time that it takes is for the mission's author to say."""
     walk, plane = package.walk(), LocalPlane(package.route.home.lat_deg, package.route.home.lon_deg)
     colours = {entry.sysid: rgb(station_colour(number)) for number, entry in enumerate(package.stations)}
@@ -86,7 +86,7 @@ def survey(package: MissionPackage) -> Ground:
     begins_m: dict[int, float] = {}
     for sample in walk.samples:
         begins_m.setdefault(sample.seq, sample.distance_along_m)
-    return Ground(
+    return MissionMap(
         package.digest,
         tuple(
             _zone_view(zone, area, colours[zone.station], [other for other in areas if other is not area], way, plane)

@@ -21,7 +21,7 @@ from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.vehicle_address import pack_addresses
 from mavproxy_handover.wire.package_transfer import PackageSender, package_id
 
-__all__ = ["NO_ANSWER_S", "PackageDesk"]
+__all__ = ["NO_ANSWER_S", "MissionTransfer"]
 
 #: some 30 offers
 NO_ANSWER_S: Final = 15.0
@@ -44,7 +44,7 @@ class _Offer:
     alive: bool = False
 
 
-class PackageDesk:
+class MissionTransfer:
     """Sends the package that the inbox holds to any number of receivers at once, by system id."""
 
     def __init__(self, own: MissionPackage | None, file: Path | None = None) -> None:

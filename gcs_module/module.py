@@ -26,13 +26,13 @@ from gcs_module.aircraft import Aircraft
 from gcs_module.alarms import Level
 from gcs_module.console_rows import ConsoleRows
 from gcs_module.core import Notice, PeerHeard
-from gcs_module.fleet import Fleet, our_settings
+from gcs_module.fleet import FleetCommands, our_settings
 from gcs_module.interrupts import Interrupts
 from gcs_module.links import Links
 from gcs_module.menu import Menu
 from gcs_module.narrator import StationNarrator
-from gcs_module.station_resources import Means
-from gcs_module.vehicle_selection import VehicleChoice
+from gcs_module.station_resources import StationResources
+from gcs_module.vehicle_selection import VehicleSelection
 from gcs_module.view import alert, plain_line
 from gcs_module.window_watchdog import WindowWatchdog
 from mavproxy_handover.clocks import Clocks
@@ -71,36 +71,36 @@ class HandoverGcsModule(mp_module.MPModule):
         self,
         mpstate: Any,
         config: StationConfig,
-        means: Means,
+        resources: StationResources,
     ) -> None:
         super().__init__(
             mpstate, "handover_gcs", "authority handover (ground station)", public=True, multi_vehicle=True
         )
         self.config = config
         self.faults: Counter[str] = Counter()
-        self.journal = means.journal
+        self.journal = resources.journal
         self.settings_of_ours = our_settings()
-        self.narrator = StationNarrator(means.journal, self._tell)
+        self.narrator = StationNarrator(resources.journal, self._tell)
         self.address_questions = itertools.count(1)
         self.links = Links(mpstate, config.vehicles, self._told_of_link, self.faults)
         self.aircraft = tuple(
             Aircraft(self, vehicle, of_vehicle, _ROW + number)
-            for number, (vehicle, of_vehicle) in enumerate(zip(config.vehicles, means.vehicles, strict=True))
+            for number, (vehicle, of_vehicle) in enumerate(zip(config.vehicles, resources.vehicles, strict=True))
         )
         self._by_sysid = {aircraft.sysid: aircraft for aircraft in self.aircraft}
-        self._ground = ground = means.ground
+        self._ground = ground = resources.ground
         self._own = mavlink.MAVLink(None, srcSystem=config.station.sysid, srcComponent=self.settings.source_component)
         self._each_second_at = 0.0
         self._turn_at = 0.0
         self._shared_log = SharedLog(mpstate, self._show)
-        self.choice = VehicleChoice(mpstate, config.vehicles, self._chosen_anew, self._show)
+        self.choice = VehicleSelection(mpstate, config.vehicles, self._chosen_anew, self._show)
         self.menu = Menu(mpstate, [peer.station.name for peer in config.peers], self.fault)
         self._rows = ConsoleRows(lambda: mpstate.console, self.now, self._why_old)
         self._windows = WindowWatchdog(self.fault)
         #: who runs the main loop, and what was typed elsewhere: MAVProxy's console has a thread for its menus
         self._thread = threading.get_ident()
         self._typed: deque[list[str]] = deque()
-        self.commands = Fleet(self.aircraft, self.choice, self.settings_of_ours, self._show, self.faults)
+        self.commands = FleetCommands(self.aircraft, self.choice, self.settings_of_ours, self._show, self.faults)
         self.add_command(
             "handover", self._command, "authority handover, this station ('handover help')", self.commands.completions()
         )
@@ -387,7 +387,7 @@ def init(mpstate: Any, config: Any = None, journal: Any = None, **unknown: Any) 
     `config`: path of the configuration file (`module load handover_gcs:{"config":"FILE"}`); `journal`: where the
     journal is written, in place of what the configuration says: `handover` gives it a folder for each run.
     """
-    means: Means | None = None
+    resources: StationResources | None = None
     try:
         if unknown:
             raise ConfigError(f"unknown argument {', '.join(unknown)}; allowed are: config, journal")
@@ -397,12 +397,12 @@ def init(mpstate: Any, config: Any = None, journal: Any = None, **unknown: Any) 
         written = path_argument("journal", journal) or _last.get("journal")
         if written is not None:
             settings = replace(settings, journal=Path(written))
-        means = Means.of(settings, Clocks(time.time, time.monotonic))
-        module = HandoverGcsModule(mpstate, settings, means)
+        resources = StationResources.of(settings, Clocks(time.time, time.monotonic))
+        module = HandoverGcsModule(mpstate, settings, resources)
     except Exception as error:  # MAVProxy would not live through it when it loads its default modules
-        if means is not None:
-            mpstate.select_extra.pop(means.ground.listening, None)
-            means.close()
+        if resources is not None:
+            mpstate.select_extra.pop(resources.ground.listening, None)
+            resources.close()
         mpstate.public_modules.pop("handover_gcs", None)
         mpstate.command_map.pop("handover", None)
         refused(mpstate, "handover_gcs", why(error))

@@ -15,11 +15,11 @@ from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.store.journal import Journal
 from mavproxy_handover.store.keys import KeysError, load_key
 
-__all__ = ["Means", "VehicleMeans"]
+__all__ = ["StationResources", "VehicleResources"]
 
 
 @dataclass(frozen=True, slots=True)
-class VehicleMeans:
+class VehicleResources:
     """What is one vehicle's: the package of its own folder, and the key on its links."""
 
     held: MissionPackage | None
@@ -27,20 +27,20 @@ class VehicleMeans:
 
 
 @dataclass(frozen=True, slots=True)
-class Means:
+class StationResources:
     """Opened by `of`, given back by `close`."""
 
     #: in the order of the configuration
-    vehicles: tuple[VehicleMeans, ...]
+    vehicles: tuple[VehicleResources, ...]
     ground: GroundLink
     journal: Journal
 
     @classmethod
-    def of(cls, config: StationConfig, clocks: Clocks) -> Means:
+    def of(cls, config: StationConfig, clocks: Clocks) -> StationResources:
         """Open what the configuration names. Raises MissionError, KeysError, LinkError, OSError."""
         keys = _keys(config.vehicles)
         vehicles = tuple(
-            VehicleMeans(
+            VehicleResources(
                 None if vehicle.mission is None else mission_package.load(vehicle.mission),
                 LinkSigning(keys[vehicle.sysid], clocks) if vehicle.sysid in keys else None,
             )

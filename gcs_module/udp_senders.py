@@ -9,7 +9,7 @@ gets a `recv` of ours; all the rest is pymavlink's. Rules that live here:
 
 1. Written to is who sent a frame of the vehicle: one that the station's key proves; without a key, one with the
    vehicle's system id and a right CRC. That may be several, as the vehicle may have several modems, but no more than
-   CALLERS. One that was silent for KEPT_S is forgotten, but for the last.
+   MOST_SENDERS. One that was silent for KEPT_S is forgotten, but for the last.
 2. One who was heard within PEER_HOLD_S does not have to go for a newcomer.
 3. Without a key, while the vehicle is not heard on a link, whoever sent a whole frame is written to, one at a time: a
    MAVProxy that talks with something else there goes on doing so.
@@ -35,9 +35,9 @@ from pymavlink import mavutil
 from mavproxy_handover.link.base import PEER_HOLD_S
 from mavproxy_handover.wire.frames import PATIENCE_S, Frame, FrameSplitter, parse_one
 
-__all__ = ["CALLERS", "KEPT_S", "Callers"]
+__all__ = ["MOST_SENDERS", "KEPT_S", "UdpSenders"]
 
-CALLERS: Final = 4
+MOST_SENDERS: Final = 4
 KEPT_S: Final = 10.0
 
 #: datagrams taken off a socket in one `recv`; of these, strangers' that are looked at; and of these, of one host
@@ -80,7 +80,7 @@ class _Link:
         self.frames = 0
 
 
-class Callers:
+class UdpSenders:
     """One station's. `vehicle`: its system id; `keyed`: whether `proven` says who is the vehicle."""
 
     def __init__(
@@ -191,7 +191,7 @@ class Callers:
         """The vehicle speaks from there."""
         if not address[1]:  # nobody can be written to at port 0, and an error ends pymavlink's round of writing
             return
-        if address not in link.vehicle and len(link.vehicle) >= CALLERS:
+        if address not in link.vehicle and len(link.vehicle) >= MOST_SENDERS:
             oldest = min(link.vehicle, key=lambda one: link.vehicle[one])
             if now - link.vehicle[oldest] <= PEER_HOLD_S:
                 return

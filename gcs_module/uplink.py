@@ -19,7 +19,7 @@ from collections import deque
 from collections.abc import Sequence
 from typing import Final
 
-__all__ = ["FOLLOW_S", "SILENT_S", "UplinkChoice"]
+__all__ = ["FOLLOW_S", "SILENT_S", "UplinkSelector"]
 
 SILENT_S: Final = 0.6
 FOLLOW_S: Final = 0.5
@@ -30,7 +30,7 @@ _LIVING: Final = 3
 _MORE: Final = 8
 
 
-class UplinkChoice:
+class UplinkSelector:
     """Follows how many frames came by each link."""
 
     def __init__(self) -> None:

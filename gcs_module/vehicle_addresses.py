@@ -62,7 +62,7 @@ _ASKED: Final = 100
 Listed = tuple[VehicleAddress, ...]
 
 
-class Door(Protocol):
+class LinkOpener(Protocol):
     """MAVProxy's links of the vehicle: `vehicle_links.py`."""
 
     def own(self) -> tuple[str, ...]:
@@ -139,7 +139,7 @@ class VehicleAddresses:
 
     def __init__(
         self,
-        door: Door,
+        opener: LinkOpener,
         station: int,
         file: Path,
         *,
@@ -149,7 +149,7 @@ class VehicleAddresses:
         numbers: Iterator[int] | None = None,
         utc: Callable[[], float] = time.time,
     ) -> None:
-        self._door = door
+        self._opener = opener
         self._station = station
         self._file = file
         self._ask = ask
@@ -223,7 +223,7 @@ class VehicleAddresses:
 
     def _not_asked(self, sender: _Sender, addresses: Listed) -> str | None:
         """A line about addresses that are not asked about, "" if nothing is to be said; None: the operator is asked."""
-        own = self._door.own()
+        own = self._opener.own()
         if not addresses:
             return self._without(sender) if not own and self._confirmed is None else ""
         if self._confirmed is not None and self._confirmed.addresses == addresses:
@@ -272,10 +272,10 @@ class VehicleAddresses:
             return f"{len(addresses)} addresses, allowed are {MAX_OF_STATION}"
         for address in addresses:
             why = why_unusable(address)
-            if not why and (on_this_computer(address) or self._door.leads_back(address)):
+            if not why and (on_this_computer(address) or self._opener.leads_back(address)):
                 if not self._local:
                     why = f"{address.host} is this computer itself ({LOCAL_KEY} = true allows it)"
-                elif self._door.is_ours(address):
+                elif self._opener.is_ours(address):
                     why = f"this station itself listens at port {address.port}"
             if why:
                 return why
@@ -299,13 +299,13 @@ class VehicleAddresses:
         ((sender, question),) = found
         if armed:
             return _not_while_armed(f"handover connect {word}")
-        own = self._door.own()
+        own = self._opener.own()
         if own:
             return f"This station keeps its own link: {', '.join(own)}."
         wrong = self._wrong(question.addresses)
         if wrong:
             return f"Refused: {wrong}."
-        why = self._door.close()
+        why = self._opener.close()
         if why:
             return f"The link in use cannot be closed: {why}. Nothing was changed."
         sender.question = None
@@ -336,7 +336,7 @@ class VehicleAddresses:
             return "This station uses no address of the vehicle that another station sent."
         if armed:
             return _not_while_armed("handover disconnect")
-        why = self._door.close()
+        why = self._opener.close()
         self._confirmed, self._unwritten = None, True
         self._keep()  # at once: the operator may end the program next
         for sender in self._senders.values():  # so that it can be chosen again by its number
@@ -357,9 +357,9 @@ class VehicleAddresses:
         confirmed = self._confirmed
         if confirmed is not None:
             origin = f"from {confirmed.sender} with mission {confirmed.mission!r}, confirmed {confirmed.at}"
-            removed = [self._door.is_removed(address) for address in confirmed.addresses]
+            removed = [self._opener.is_removed(address) for address in confirmed.addresses]
             open_now = [
-                self._door.is_open(address) and not gone
+                self._opener.is_open(address) and not gone
                 for address, gone in zip(confirmed.addresses, removed, strict=True)
             ]
             if all(removed):
@@ -367,7 +367,7 @@ class VehicleAddresses:
             elif any(open_now):
                 state = "in use" if all(open_now) else "in use in part"
             else:
-                state = "not used: this station has its own link" if self._door.own() else "not open yet"
+                state = "not used: this station has its own link" if self._opener.own() else "not open yet"
             yield f"{confirmed.text} {origin}; {state} ('handover disconnect' withdraws it)"
         for sender in self._senders.values():
             question = sender.question
@@ -388,7 +388,7 @@ class VehicleAddresses:
 
         What the operator said last is written first. A disk that does not take it holds this up for _END_S.
         """
-        self._door.close()
+        self._opener.close()
         until = time.monotonic() + _END_S
         while self._read and (self._keeper.busy or self._unwritten) and time.monotonic() < until:
             self._keeper.tick(self._now)
@@ -398,12 +398,12 @@ class VehicleAddresses:
     def _open_next(self, now: float) -> None:
         """Open what was confirmed and is not open yet."""
         confirmed = self._confirmed
-        if confirmed is None or now < self._try_at or self._door.own():
+        if confirmed is None or now < self._try_at or self._opener.own():
             return
         self._try_at = now + _AGAIN_S
         for address in confirmed.addresses:
-            if not self._door.is_open(address):
-                self._tell_opened(address, self._door.open(address))
+            if not self._opener.is_open(address):
+                self._tell_opened(address, self._opener.open(address))
 
     def _tell_opened(self, address: VehicleAddress, why: str) -> None:
         if not why:
@@ -431,7 +431,7 @@ class VehicleAddresses:
             self._lines.append(f"{text}. Ask for the mission again.")
             return
         if result is None:
-            if not self._door.own() and not self._senders:
+            if not self._opener.own() and not self._senders:
                 self._lines.append(
                     "This station has no link to the vehicle. It waits until another station shares a mission with the "
                     "vehicle's address."
@@ -447,7 +447,7 @@ class VehicleAddresses:
             self._lines.append(f"{origin}, is not used. {refuses}")
             return
         self._confirmed = result
-        own = self._door.own()
+        own = self._opener.own()
         if own:
             self._lines.append(f"{origin}, is not used. This station keeps its own link: {', '.join(own)}.")
 

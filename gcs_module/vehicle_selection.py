@@ -13,7 +13,7 @@ from typing import Any
 
 from mavproxy_handover.config.files import FleetVehicle
 
-__all__ = ["VehicleChoice", "known", "vehicle_of"]
+__all__ = ["VehicleSelection", "known", "vehicle_of"]
 
 
 def known(vehicles: Sequence[FleetVehicle]) -> str:
@@ -26,7 +26,7 @@ def vehicle_of(word: str, vehicles: Sequence[FleetVehicle]) -> FleetVehicle | No
     return next((vehicle for vehicle in vehicles if word in (vehicle.name, str(vehicle.sysid))), None)
 
 
-class VehicleChoice:
+class VehicleSelection:
     """Stands in for MAVProxy's `vehicle` from `take` to `give_back`. `changed`: told the system ids before and now, at
     once; `show`: a line for whoever typed."""
 

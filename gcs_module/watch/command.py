@@ -14,8 +14,8 @@ from urllib.parse import urlsplit
 
 from gcs_module.watch.follow import journals_in
 from gcs_module.watch.missions import read
-from gcs_module.watch.passive_link import listened_to
-from gcs_module.watch.web_auth import Door, is_loopback
+from gcs_module.watch.passive_link import parse_passive_link
+from gcs_module.watch.web_auth import WebAuth, is_loopback
 from mavproxy_handover.link.forms import LinkError
 from mavproxy_handover.mission.errors import MissionError
 
@@ -90,7 +90,7 @@ def _serve(arguments: argparse.Namespace) -> int:
         if path.is_file() and path.suffix != _JOURNAL:
             raise _Wrong(f"{path}: not a journal (*{_JOURNAL}). 'handover report {path}' shows logs after a flight.")
     try:
-        devices = [listened_to(text) for text in arguments.link]
+        devices = [parse_passive_link(text) for text in arguments.link]
         missions = [read(folder) for folder in arguments.mission]
     except (LinkError, MissionError) as error:
         raise _Wrong(str(error)) from None
@@ -112,7 +112,7 @@ def _serve(arguments: argparse.Namespace) -> int:
     application = build(follower, tiles, follower.begin, follower.end)
     origin = "" if tiles is None else "{0.scheme}://{0.netloc}".format(urlsplit(tiles["url"].replace("{s}", "*")))
     config = uvicorn.Config(
-        Door(application, token, origin),
+        WebAuth(application, token, origin),
         host=arguments.bind,
         port=arguments.port,
         log_level="warning",

@@ -19,10 +19,10 @@ from pathlib import Path
 from typing import Final
 
 from gcs_module.watch.journals import Writer
-from gcs_module.watch.link_reader import Hearing
+from gcs_module.watch.link_reader import LinkReader
 from gcs_module.watch.missions import MOST_MISSIONS, Mission, beside, read
 from gcs_module.watch.page_values import Shown, shown
-from gcs_module.watch.passive_link import Ear
+from gcs_module.watch.passive_link import PassiveLink
 from gcs_module.watch.scene import Scene
 from gcs_module.watch.tail import Entry, Tail
 from mavproxy_handover.link.forms import DeviceSpec
@@ -71,17 +71,17 @@ class Follower:
         self._journals: dict[Path, _Journal] = {}
         self._folders: dict[Path, str] = {}
         self._tasks: list[asyncio.Task[None]] = []
-        self._links: list[tuple[Ear, Hearing]] = []
+        self._links: list[tuple[PassiveLink, LinkReader]] = []
         for device in devices:
-            hearing = Hearing(self.scene, device.text, self._station_name)
-            ear = Ear(device, partial(self._heard, hearing), time.monotonic)
-            self._links.append((ear, hearing))
-        self._sockets = [ear.bind() for ear, _hearing in self._links]
+            reader = LinkReader(self.scene, device.text, self._station_name)
+            link = PassiveLink(device, partial(self._heard, reader), time.monotonic)
+            self._links.append((link, reader))
+        self._sockets = [link.bind() for link, _reader in self._links]
 
     def begin(self) -> None:
         """Begin to follow, in the event loop that runs."""
-        for (ear, _hearing), opened in zip(self._links, self._sockets, strict=True):
-            self._tasks.append(asyncio.create_task(ear.run(opened)))
+        for (link, _reader), opened in zip(self._links, self._sockets, strict=True):
+            self._tasks.append(asyncio.create_task(link.run(opened)))
         for job in (self._read, self._look, self._show):
             self._tasks.append(asyncio.create_task(self._forever(job)))
 
@@ -101,9 +101,9 @@ class Follower:
         parts = [f"{len(self.scene.aircraft)} aircraft"]
         if self._journals or self._paths:
             parts.append(f"{len(self._journals)} journals" + (f", {broken} lines broken" if broken else ""))
-        for ear, _hearing in self._links:
-            lost = f", {ear.thrown_away} frames too many" if ear.thrown_away else ""
-            parts.append(f"{ear.device.text} {ear.state}{lost}")
+        for link, _reader in self._links:
+            lost = f", {link.thrown_away} frames too many" if link.thrown_away else ""
+            parts.append(f"{link.device.text} {link.state}{lost}")
         if self.scene.left_out:
             parts.append("more aircraft or stations than can be shown")
         parts += [f"{what} ({count})" if count > 1 else what for what, count in self.faults.items()]
@@ -179,14 +179,14 @@ class Follower:
 
     async def _show(self) -> float:
         now = time.monotonic()
-        for _ear, hearing in self._links:
-            hearing.tick(now, time.time())
+        for _link, reader in self._links:
+            reader.tick(now, time.time())
         self.shown = shown(self.scene, self.missions, now)
         return 1.0
 
     @staticmethod
-    def _heard(hearing: Hearing, frame: Frame) -> None:
-        hearing.on_frame(frame, time.monotonic(), time.time())
+    def _heard(reader: LinkReader, frame: Frame) -> None:
+        reader.on_frame(frame, time.monotonic(), time.time())
 
     def _station_name(self, sysid: int) -> str:
         names = {each.names[sysid] for each in self.missions.values() if sysid in each.names}

@@ -28,7 +28,7 @@ from mavproxy_handover.wire.frames import Frame
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, COMPANION_COMPID, LANGUAGE_COMPID
 from mavproxy_handover.wire.texts import is_marked
 
-__all__ = ["Hearing"]
+__all__ = ["LinkReader"]
 
 _TAKEN: Final = frozenset(
     (
@@ -50,7 +50,7 @@ _NO_HEADING, _NO_VOLTAGE = 0xFFFF, 0xFFFF
 _GUARD_TROUBLE: Final = (GuardState.EXPIRED, GuardState.LOST, GuardState.SILENT)
 
 
-class Hearing:
+class LinkReader:
     """Of one link. `station_name`: the name that a mission gives to a system id, "": none does."""
 
     def __init__(self, scene: Scene, name: str, station_name: Callable[[int], str]) -> None:

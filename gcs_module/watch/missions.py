@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the missions have to show, and when an aircraft comes to its next handover.
+"""What the page shows of the missions, and when an aircraft reaches its next handover.
 
-A mission is read and looked at (`survey.py`) in a thread: how long that takes is for its author to say. One that cannot
-be read is told once, and tried again when its folder has changed.
+A thread reads a mission and makes its map (`mission_map.py`), because the time for that depends on the mission. A
+mission that cannot be read is reported once, and tried again when its folder has changed.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from gcs_module.map_items import Colour, Line, Paths
-from gcs_module.mission_map import Crossing, Ground, survey
+from gcs_module.mission_map import Crossing, MissionMap, mission_map
 from gcs_module.watch.scene import Aircraft
 from mavproxy_handover.mission.colours import station_colour
 from mavproxy_handover.mission.geodesy import distance_m
@@ -69,10 +69,10 @@ def beside(journal: Path) -> Path | None:
 def read(folder: Path) -> Mission:
     """Read a mission and look at it. Raises MissionError."""
     package = load(folder)
-    return _mission(package, survey(package))
+    return _mission(package, mission_map(package))
 
 
-def _mission(package: MissionPackage, ground: Ground) -> Mission:
+def _mission(package: MissionPackage, ground: MissionMap) -> Mission:
     key = ground.digest.hex()[:16]
     by_seq: dict[int, list[Sample]] = {}
     for sample in package.walk().samples:
@@ -89,7 +89,7 @@ def _mission(package: MissionPackage, ground: Ground) -> Mission:
     )
 
 
-def _drawn(key: str, package: MissionPackage, ground: Ground) -> dict[str, Any]:
+def _drawn(key: str, package: MissionPackage, ground: MissionMap) -> dict[str, Any]:
     names = {entry.sysid: entry.name for entry in package.stations}
     return {
         "key": key,

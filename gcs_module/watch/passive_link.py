@@ -23,7 +23,7 @@ from typing import Final
 from mavproxy_handover.link.forms import DeviceSpec, Kind, LinkError, parse_device
 from mavproxy_handover.wire.frames import Frame, FrameSplitter
 
-__all__ = ["MOST_FRAMES", "Ear", "listened_to"]
+__all__ = ["MOST_FRAMES", "PassiveLink", "parse_passive_link"]
 
 #: taken in of one link in a second: twenty aircraft with all their streams
 MOST_FRAMES: Final = 4000
@@ -32,7 +32,7 @@ _AGAIN_S: Final = 2.0
 _BYTES: Final = 65536
 
 
-def listened_to(text: str) -> DeviceSpec:
+def parse_passive_link(text: str) -> DeviceSpec:
     """The meaning of a device string. Raises LinkError, one line, for what cannot be listened to."""
     device = parse_device(text)
     if device.kind not in (Kind.UDP_IN, Kind.TCP_OUT):
@@ -40,7 +40,7 @@ def listened_to(text: str) -> DeviceSpec:
     return device
 
 
-class Ear:
+class PassiveLink:
     """One link. `heard`: takes each frame; `now`: the clock, monotonic seconds."""
 
     def __init__(self, device: DeviceSpec, heard: Callable[[Frame], None], now: Callable[[], float]) -> None:
@@ -58,32 +58,32 @@ class Ear:
         """Open a local address, before anything else begins; None: it is no such link. Raises LinkError."""
         if self.device.kind is not Kind.UDP_IN:
             return None
-        ear = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        opened = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
-            ear.bind((self.device.host, self.device.port))
+            opened.bind((self.device.host, self.device.port))
         except OSError as error:
-            ear.close()
+            opened.close()
             raise LinkError(f"link {self.device.text}: {error.strerror or error}") from None
-        ear.setblocking(False)
+        opened.setblocking(False)
         self.state = "listening"
-        return ear
+        return opened
 
-    async def run(self, ear: socket.socket | None) -> None:
-        """Listen until it is cancelled. `ear`: what `bind` has opened."""
+    async def run(self, opened: socket.socket | None) -> None:
+        """Listen until it is cancelled. `opened`: what `bind` has opened."""
         while True:
             try:
-                if ear is not None:
-                    await self._datagrams(ear)
+                if opened is not None:
+                    await self._datagrams(opened)
                 else:
                     await self._stream()
             except OSError as error:
                 self.state = f"not connected: {error.strerror or error}"
             await asyncio.sleep(_AGAIN_S)
 
-    async def _datagrams(self, ear: socket.socket) -> None:
+    async def _datagrams(self, opened: socket.socket) -> None:
         loop = asyncio.get_running_loop()
         while True:
-            data = await loop.sock_recv(ear, _BYTES)
+            data = await loop.sock_recv(opened, _BYTES)
             splitter = FrameSplitter()  # of this datagram alone: senders may be several, and frames are never cut
             self._take(splitter.feed(data))
             self.garbage += splitter.counters.garbage_bytes + splitter.waiting
@@ -91,11 +91,11 @@ class Ear:
     async def _stream(self) -> None:
         loop = asyncio.get_running_loop()
         splitter = FrameSplitter()
-        with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as ear:
-            ear.setblocking(False)
-            await loop.sock_connect(ear, (self.device.host, self.device.port))
+        with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as opened:
+            opened.setblocking(False)
+            await loop.sock_connect(opened, (self.device.host, self.device.port))
             self.state = "connected"
-            while data := await loop.sock_recv(ear, _BYTES):
+            while data := await loop.sock_recv(opened, _BYTES):
                 before = splitter.counters.garbage_bytes
                 self._take(splitter.feed(data, self._now()))
                 self.garbage += splitter.counters.garbage_bytes - before

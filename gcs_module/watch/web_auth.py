@@ -21,7 +21,7 @@ from ipaddress import ip_address
 from typing import Any, Final
 from urllib.parse import parse_qs, quote, urlencode, urlsplit
 
-__all__ = ["COOKIE", "Door", "is_loopback"]
+__all__ = ["COOKIE", "WebAuth", "is_loopback"]
 
 COOKIE: Final = "handover_watch"
 _Message = MutableMapping[str, Any]
@@ -38,7 +38,7 @@ def is_loopback(host: str) -> bool:
         return False
 
 
-class Door:
+class WebAuth:
     """An ASGI application around another. `token` None: whoever reaches the address may look, which must be loopback.
 
     `tiles`: origin of the map's tiles, "": none.

@@ -36,7 +36,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from gcs_module import commands as station_commands
 from gcs_module import module as gcs_module
 from gcs_module.events import FromPeer, PeerHeard
-from gcs_module.station_resources import Means
+from gcs_module.station_resources import StationResources
 from mavproxy_handover import worker
 from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.config.files import load_station
@@ -182,14 +182,14 @@ class Station:
         self._mpstate = MPState()
         Socket.written.clear()
         self.module: Any = gcs_module.HandoverGcsModule(
-            self._mpstate, config, Means.of(config, Clocks(clock.time, clock.monotonic))
+            self._mpstate, config, StationResources.of(config, Clocks(clock.time, clock.monotonic))
         )
         self._checker = SignedPeer(KEY)
         self._watch()
         self._look()
 
     def _watch(self) -> None:
-        handle, take = self.module.aircraft[0].core.handle, self.module.aircraft[0].desk.on_message
+        handle, take = self.module.aircraft[0].core.handle, self.module.aircraft[0].mission_transfer.on_message
 
         def handled(event: Any, now: float) -> Any:
             if isinstance(event, (FromPeer, PeerHeard)):
@@ -200,18 +200,18 @@ class Station:
             self.told.append(message)
             return take(sender, component, message, now)
 
-        self.module.aircraft[0].core.handle, self.module.aircraft[0].desk.on_message = handled, taken
+        self.module.aircraft[0].core.handle, self.module.aircraft[0].mission_transfer.on_message = handled, taken
 
     def datagram(self, data: bytes, *, signed: bool = False) -> None:
         """A datagram arrives on the ground link. `signed`: it is one frame, signed with the link's key."""
         core = self.module.aircraft[0].core
         before = (core.epoch, core.commander, core.digest)
-        held = self.module.aircraft[0].desk.held
+        held = self.module.aircraft[0].mission_transfer.held
         self.told.clear()
         self._socket.waiting.append(data)
         self.module._readable(None)
         assert (core.epoch, core.commander, core.digest) == before
-        assert self.module.aircraft[0].desk.held is held
+        assert self.module.aircraft[0].mission_transfer.held is held
         if not signed or data in self.done:
             assert not self.told
             assert not Socket.written
@@ -237,13 +237,13 @@ class Station:
     def vehicle_says(self, raw: bytes) -> None:
         """A message that came by MAVProxy's link."""
         message = stock.MAVLink(None).decode(bytearray(raw))
-        held = self.module.aircraft[0].desk.held
+        held = self.module.aircraft[0].mission_transfer.held
         self.vehicle_spoke = True
         self.module.mavlink_packet(message)
         self._look(held)
 
     def pause(self, seconds: float) -> None:
-        held = self.module.aircraft[0].desk.held
+        held = self.module.aircraft[0].mission_transfer.held
         self.clock.now += seconds
         self.module.idle_task()
         self._look(held)
@@ -261,7 +261,7 @@ class Station:
         faults = [where for where in self.module.faults if not where.startswith(("ground frame", "message of the"))]
         assert not faults, faults
         assert not self._mpstate.escaped
-        now = self.module.aircraft[0].desk.held
+        now = self.module.aircraft[0].mission_transfer.held
         if self._own:
             assert now == OWN
         elif held is not ... and now is not held:

@@ -130,5 +130,5 @@ def test_an_open_ground_link_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None
 
 
 def test_a_package_gets_across_the_ground_link_and_is_taken_once_the_vehicle_says_so() -> None:
-    taken = [ground.run(seed).module.aircraft[0].desk.held for seed in ground.seeds() if seed[0] == 0]
+    taken = [ground.run(seed).module.aircraft[0].mission_transfer.held for seed in ground.seeds() if seed[0] == 0]
     assert ground.OFFERED in taken

@@ -10,7 +10,7 @@ from math import inf
 
 import pytest
 
-from gcs_module.ahead import Beforehand
+from gcs_module.ahead import EarlyConsent
 from gcs_module.alarms import Level
 from gcs_module.core import (
     Action,
@@ -100,7 +100,7 @@ class TestQuestion:
         core.handle(WishAnswered(B, accepted=True), NOW)
         assert words(tell(core, NOW + after_s)) == [ToVehicle(OkAhead(BORDER, consent))]
 
-    def test_a_refused_request_is_no_answer_beforehand(self) -> None:
+    def test_a_refused_request_is_no_answer_early_consent(self) -> None:
         core = station(B, asks=True)
         core.handle(Wish(B), NOW)
         assert words(tell(core, NOW)) == [ToVehicle(OkAhead(BORDER, WAITING))]
@@ -374,8 +374,8 @@ class TestOver:
 class TestBeforehand:
     """The book of one station, by itself."""
 
-    def book(self, crossing: int = 5, own: int = B, *, agrees: bool = False) -> Beforehand:
-        book = Beforehand(own)
+    def book(self, crossing: int = 5, own: int = B, *, agrees: bool = False) -> EarlyConsent:
+        book = EarlyConsent(own)
         message = HandoverAhead(replace(BORDER, crossing=crossing), 30.0)
         assert book.heard(message, NOW, agrees=agrees)
         return book
@@ -404,7 +404,7 @@ class TestBeforehand:
         assert self.book(5).fits(message, 4, A)
 
     def test_who_is_asked_waits_and_who_agrees_does_not(self) -> None:
-        assert not Beforehand(B).waits
+        assert not EarlyConsent(B).waits
         assert self.book().waits
         assert not self.book(agrees=True).waits
 
@@ -448,7 +448,7 @@ class TestBeforehand:
         assert book.waits
 
     def test_it_is_over_for_whom_was_asked(self) -> None:
-        for book, waited in ((self.book(), True), (self.book(agrees=True), False), (Beforehand(B), False)):
+        for book, waited in ((self.book(), True), (self.book(agrees=True), False), (EarlyConsent(B), False)):
             assert book.over() is waited
             assert book.ahead is None
 

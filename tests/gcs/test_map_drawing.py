@@ -56,12 +56,12 @@ def drawing(monkeypatch: pytest.MonkeyPatch) -> Iterator[Drawing]:
 
 def draw(item: Item, west: float = 0.0, bounds: tuple[float, float, float, float] | None = None) -> None:
     """On a map of 8 by 6 degrees with its north-west corner at latitude 6 and `west`, 100 pixels a degree."""
-    from gcs_module.map_drawing import slip_object
+    from gcs_module.map_drawing import map_object
 
     def pixels(place: Place) -> tuple[int, int]:
         return round((place[1] - west) * 100.0), round((6.0 - place[0]) * 100.0)
 
-    slip = slip_object("handover 1 x", "1 handover 1", item)
+    slip = map_object("handover 1 x", "1 handover 1", item)
     assert pickle.loads(pickle.dumps(slip)).item == item, "it travels to another process"
     assert slip.clicked(5, 5) is None, "it is in nobody's way"
     slip.draw(IMAGE, pixels, bounds or (0.0, west, 6.0, 8.0))

@@ -17,7 +17,7 @@ from gcs_module.banner import Situation
 from gcs_module.core import AuthorityHeard, FromVehicle, StationCore
 from gcs_module.map_items import Item, Mark, Paths, Plate, Row, Sign
 from gcs_module.map_layer import Border, Now, drawn, now_of, place_of
-from gcs_module.mission_map import Ground, survey
+from gcs_module.mission_map import MissionMap, mission_map
 from mavproxy_handover.core.common.messages import CrossingKey, HandoverAhead
 from mavproxy_handover.core.common.model import FlightAction, Phase, Station
 from mavproxy_handover.core.safety.route import TrackFact
@@ -31,23 +31,23 @@ BLUE, VERMILION, ORANGE, RED, WHITE, BLACK = (
 
 
 @pytest.fixture(scope="module")
-def delivery() -> Ground:
-    return survey(load(ROUND))
+def delivery() -> MissionMap:
+    return mission_map(load(ROUND))
 
 
 @pytest.fixture(scope="module")
-def meridian() -> Ground:
-    return survey(load(MISSIONS / "meridian"))
+def meridian() -> MissionMap:
+    return mission_map(load(MISSIONS / "meridian"))
 
 
-def edited(folder: Path, mission: str, file: str, old: str, new: str) -> Ground:
+def edited(folder: Path, mission: str, file: str, old: str, new: str) -> MissionMap:
     """The survey of a mission in which something was changed."""
     shutil.copytree(MISSIONS / mission, folder / mission)
     path = folder / mission / file
     text = path.read_text()
     assert old in text
     path.write_text(text.replace(old, new, 1))
-    return survey(load(folder / mission))
+    return mission_map(load(folder / mission))
 
 
 def paths(items: dict[str, Item], name: str) -> Paths:
@@ -71,7 +71,7 @@ def rows(items: dict[str, Item]) -> list[str]:
 # ---- of a mission -------------------------------------------------------------------------------------------------
 
 
-def test_the_delivery_has_two_zones_an_overlap_a_route_and_four_handovers(delivery: Ground) -> None:
+def test_the_delivery_has_two_zones_an_overlap_a_route_and_four_handovers(delivery: MissionMap) -> None:
     items = drawn(delivery, Now())
     assert set(items) == {
         "zone 251", "zone 252", "name 251", "name 252", "overlaps", "route 251", "route 252",
@@ -86,13 +86,13 @@ def test_the_delivery_has_two_zones_an_overlap_a_route_and_four_handovers(delive
     assert (round(lat, 4), round(lon, 4)) == (52.6781, 5.9262)
 
 
-def test_the_route_has_its_corners_and_not_each_of_its_steps(delivery: Ground) -> None:
+def test_the_route_has_its_corners_and_not_each_of_its_steps(delivery: MissionMap) -> None:
     places = [place for line in delivery.route["route 251"].lines for place in line]
     assert len(places) < 20
     assert (round(places[0][0], 5), round(places[0][1], 5)) == (52.679, 5.924)
 
 
-def test_names_stand_inside_their_zones_and_outside_the_others(delivery: Ground) -> None:
+def test_names_stand_inside_their_zones_and_outside_the_others(delivery: MissionMap) -> None:
     items = drawn(delivery, Now())
     (a_lat, a_lon), (b_lat, b_lon) = sign(items, "name 251").place, sign(items, "name 252").place
     assert 52.677 < a_lat < 52.681
@@ -101,7 +101,7 @@ def test_names_stand_inside_their_zones_and_outside_the_others(delivery: Ground)
     assert b_lon > 5.928
 
 
-def test_an_overlap_is_hatched(delivery: Ground) -> None:
+def test_an_overlap_is_hatched(delivery: MissionMap) -> None:
     edge, *hatches = delivery.overlaps.lines
     assert len(edge) == 7
     assert 8 <= len(hatches) <= 62
@@ -109,7 +109,7 @@ def test_an_overlap_is_hatched(delivery: Ground) -> None:
     assert all(west - 1e-9 <= lon <= east + 1e-9 for line in hatches for _lat, lon in line)
 
 
-def test_a_zone_over_the_180th_meridian_is_in_one_piece(meridian: Ground) -> None:
+def test_a_zone_over_the_180th_meridian_is_in_one_piece(meridian: MissionMap) -> None:
     (ring,) = paths(drawn(meridian, Now()), "zone 251").lines
     lons = [lon for _lat, lon in ring]
     assert (min(lons), max(lons)) == pytest.approx((179.992494, 180.001501))
@@ -123,12 +123,12 @@ def test_circles_and_holes_and_limits_of_altitude_are_shown(tmp_path: Path) -> N
     area = package.zones[0].area
     assert area.geom_type == "Polygon"  # type: ignore[union-attr]
     holed = replace(package.zones[0], area=area.difference(area.centroid.buffer(0.0001)))  # type: ignore[union-attr]
-    ground = survey(replace(package, zones=(holed, package.zones[1])))
+    ground = mission_map(replace(package, zones=(holed, package.zones[1])))
     assert len(ground.zones[0].outline) == 2
 
 
 def test_a_gap_that_is_declared_is_black_and_one_that_is_not_is_red(tmp_path: Path) -> None:
-    east = drawn(survey(_shrunk(load(ROUND))), Now())
+    east = drawn(mission_map(_shrunk(load(ROUND))), Now())
     assert paths(east, "uncovered").colour == (230, 0, 0)
     assert "gap" not in east
 
@@ -144,7 +144,7 @@ def _shrunk(package: Any) -> Any:
 # ---- in a situation -----------------------------------------------------------------------------------------------
 
 
-def test_the_commanders_zone_is_broad_and_says_so(delivery: Ground) -> None:
+def test_the_commanders_zone_is_broad_and_says_so(delivery: MissionMap) -> None:
     items = drawn(delivery, Now(commander=B))
     assert (paths(items, "zone 251").width, paths(items, "zone 252").width) == (2, 5)
     assert paths(items, "zone 252").edged
@@ -154,19 +154,19 @@ def test_the_commanders_zone_is_broad_and_says_so(delivery: Ground) -> None:
     assert (sign(items, "name 251").plate, sign(items, "name 251").colour) == (WHITE, BLUE)
 
 
-def test_a_name_is_read_on_its_plate_whatever_its_stations_colour(delivery: Ground) -> None:
+def test_a_name_is_read_on_its_plate_whatever_its_stations_colour(delivery: MissionMap) -> None:
     light = replace(delivery, zones=(replace(delivery.zones[0], colour=(230, 159, 0)), *delivery.zones[1:]))
     calm, commands = (sign(drawn(light, Now(commander=commander)), "name 251") for commander in (B, A))
     assert (calm.colour, calm.plate) == (BLACK, WHITE)
     assert (commands.colour, commands.plate) == (BLACK, (230, 159, 0))
 
 
-def test_nobodys_zone_is_broad_where_nobody_commands(delivery: Ground) -> None:
+def test_nobodys_zone_is_broad_where_nobody_commands(delivery: MissionMap) -> None:
     items = drawn(delivery, Now(commander=None))
     assert [paths(items, f"zone {station}").width for station in (A, B)] == [2, 2]
 
 
-def test_only_what_changed_is_another_item(delivery: Ground) -> None:
+def test_only_what_changed_is_another_item(delivery: MissionMap) -> None:
     before = drawn(delivery, Now(commander=A, border=Border(A, B, "GCSA -> GCSB", 12), at=(2, 0.0)))
     after = drawn(delivery, Now(commander=A, border=Border(A, B, "GCSA -> GCSB", 11), at=(2, 10.0)))
     assert {name for name in after if after[name] != before[name]} == {"handover 1", "plate"}
@@ -187,7 +187,7 @@ def test_only_what_changed_is_another_item(delivery: Ground) -> None:
     ],
 )
 def test_the_seconds_stand_at_the_next_border_between_the_two(
-    delivery: Ground, at: tuple[int, float] | None, border: Border, shown: str | None
+    delivery: MissionMap, at: tuple[int, float] | None, border: Border, shown: str | None
 ) -> None:
     items = drawn(delivery, Now(border=border, at=at))
     counted = [name for name, item in items.items() if isinstance(item, Sign) and item.plate == ORANGE]
@@ -195,12 +195,12 @@ def test_the_seconds_stand_at_the_next_border_between_the_two(
     assert any(f"in {border.in_s} s" in row for row in rows(items)), "the plate has them in any case"
 
 
-def test_a_border_that_is_reached_is_now(delivery: Ground) -> None:
+def test_a_border_that_is_reached_is_now(delivery: MissionMap) -> None:
     items = drawn(delivery, Now(border=Border(A, B, "GCSA -> GCSB", 0), at=(2, 0.0)))
     assert sign(items, "handover 1").words == ("GCSA -> GCSB now",)
 
 
-def test_the_place_of_a_return_is_a_star_and_red_on_the_way_there(delivery: Ground) -> None:
+def test_the_place_of_a_return_is_a_star_and_red_on_the_way_there(delivery: MissionMap) -> None:
     place = ("rally 2", 52.67918, 5.931984)
     calm = sign(drawn(delivery, Now(place=place)), "return")
     assert (calm.words, calm.place, calm.mark, calm.plate) == (("return: rally 2",), place[1:], Mark.STAR, WHITE)
@@ -208,12 +208,12 @@ def test_the_place_of_a_return_is_a_star_and_red_on_the_way_there(delivery: Grou
     assert (going.words, going.plate, going.colour) == (("RETURNS TO rally 2",), RED, WHITE)
 
 
-def test_the_plate_says_where_it_returns_to_now_whatever_was_decided_first(delivery: Ground) -> None:
+def test_the_plate_says_where_it_returns_to_now_whatever_was_decided_first(delivery: MissionMap) -> None:
     now = Now("NO COMMANDER - RTL", Level.EMERGENCY, "RETURN to rally 2", place=("home", 1.0, 2.0), returning=True)
     assert rows(drawn(delivery, now)) == ["NO COMMANDER - RTL", "RETURN to rally 2", "returns to home"]
 
 
-def test_an_emergency_is_white_on_red_with_its_cause(delivery: Ground) -> None:
+def test_an_emergency_is_white_on_red_with_its_cause(delivery: MissionMap) -> None:
     wrong = "GCSB silent 5 s: RTL to rally 2, 1.9 km, needs 21 % of 38 %, covered by GCSA"
     items = drawn(delivery, Now("NO COMMANDER - RTL", Level.EMERGENCY, wrong))
     plate = items["plate"]
@@ -226,12 +226,12 @@ def test_an_emergency_is_white_on_red_with_its_cause(delivery: Ground) -> None:
     )
 
 
-def test_another_mission_in_flight_leaves_the_zones_alone(delivery: Ground) -> None:
+def test_another_mission_in_flight_leaves_the_zones_alone(delivery: MissionMap) -> None:
     items = drawn(delivery, Now(own_route=False))
     assert set(items) == {"zone 251", "zone 252", "name 251", "name 252", "overlaps", "plate"}
 
 
-def test_without_a_mission_there_is_the_plate(delivery: Ground) -> None:
+def test_without_a_mission_there_is_the_plate(delivery: MissionMap) -> None:
     items = drawn(None, Now("CONTROL: GCSA", border=Border(A, B, "GCSA -> GCSB", 5), place=("home", 1.0, 2.0)), 1)
     assert set(items) == {"return", "plate"}
     assert rows(items) == ["CONTROL: GCSA", "GCSA -> GCSB in 5 s", "a return goes to home"]
@@ -297,7 +297,7 @@ def test_where_a_return_goes_as_the_vehicle_says_it(name: str, lat: int, lon: in
     assert place_of(SimpleNamespace(place=name, place_lat=lat, place_lon=lon)) == found
 
 
-def test_what_was_heard_long_ago_is_not_shown_as_if_it_were_true_now(delivery: Ground) -> None:
+def test_what_was_heard_long_ago_is_not_shown_as_if_it_were_true_now(delivery: MissionMap) -> None:
     now = Now(
         "drone-1: NOT HEARD FOR 12 s",
         Level.WARNING,

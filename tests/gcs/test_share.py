@@ -14,7 +14,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from gcs_module import commands as station_commands
 from gcs_module import module as station_module
-from gcs_module.mission_transfer import NO_ANSWER_S, PackageDesk
+from gcs_module.mission_transfer import NO_ANSWER_S, MissionTransfer
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.vehicle_address import parse_address
@@ -41,22 +41,22 @@ def linear() -> MissionPackage:
 
 
 class Run:
-    """A desk that shares a package with GCSB, in time that the test moves."""
+    """A transfer that shares a package with GCSB, in time that the test moves."""
 
     def __init__(self, package: MissionPackage) -> None:
-        self.desk = PackageDesk(package)
+        self.transfer = MissionTransfer(package)
         self.package = package
         self.now = 100.0
         self.alive: set[int] = set()
         self.lines: list[str] = []
-        self.desk.offer(PEER, 0, self.now)
+        self.transfer.offer(PEER, 0, self.now)
 
     def run(self, seconds: float) -> int:
         """How many offers were made."""
         offers = 0
         for _ in range(round(seconds / 0.1)):
             self.now = round(self.now + 0.1, 3)
-            messages, lines = self.desk.tick(self.now, self.alive.__contains__)
+            messages, lines = self.transfer.tick(self.now, self.alive.__contains__)
             offers += sum(message.get_type() == "MISSION_PACKAGE" for _receiver, message in messages)
             self.lines += [line for _receiver, line in lines]
         return offers
@@ -65,7 +65,7 @@ class Run:
         """An answer of GCSB; the line for the operator."""
         short = int.from_bytes((digest or self.package.digest)[:4], "little")
         ack = mavlink.MAVLink_mission_package_ack_message(251, 190, short, offset, result, text.encode())
-        return self.desk.on_message(PEER, 0, ack, self.now)[1]
+        return self.transfer.on_message(PEER, 0, ack, self.now)[1]
 
 
 def test_fifteen_seconds_without_an_answer_are_enough() -> None:
@@ -100,7 +100,7 @@ def test_who_is_there_and_does_not_answer_is_the_operators_to_ask(delivery: Miss
     assert run.lines == [NO_ANSWER]
     assert run.run(60.0) == 0
     assert run.lines == [NO_ANSWER]
-    run.desk.offer(PEER, 0, run.now)
+    run.transfer.offer(PEER, 0, run.now)
     assert run.run(1.0) == 2
 
 
@@ -163,7 +163,7 @@ def test_a_mission_that_another_has_replaced_is_not_offered_any_more(
 ) -> None:
     run = Run(delivery)
     run.run(20.0)
-    run.desk.inbox.held = linear
+    run.transfer.inbox.held = linear
     run.alive.add(PEER)
     assert run.run(60.0) == 0
     assert run.lines == [NOT_HEARD]
@@ -172,7 +172,7 @@ def test_a_mission_that_another_has_replaced_is_not_offered_any_more(
 def test_one_that_does_not_answer_takes_nothing_from_the_others(delivery: MissionPackage) -> None:
     run = Run(delivery)
     run.run(10.0)
-    run.desk.offer(VEHICLE, 191, run.now, until_loaded=True)
+    run.transfer.offer(VEHICLE, 191, run.now, until_loaded=True)
     run.run(10.0)
     assert run.lines == [NOT_HEARD]
     assert run.run(2.0) == 4, "the vehicle's has five seconds left"
@@ -242,10 +242,10 @@ def test_each_station_is_sent_its_own_addresses_of_the_vehicle_and_the_vehicle_t
     delivery: MissionPackage,
 ) -> None:
     addresses = {251: (parse_address("udpout:10.0.0.2:5760"),), PEER: (parse_address("udpout:10.0.0.2:14552"),)}
-    desk = PackageDesk(replace(delivery, addresses=addresses))
-    desk.offer(PEER, 0, 100.0)
-    desk.offer(VEHICLE, 191, 100.0, until_loaded=True)
-    messages, _lines = desk.tick(100.0, lambda _receiver: True)
+    transfer = MissionTransfer(replace(delivery, addresses=addresses))
+    transfer.offer(PEER, 0, 100.0)
+    transfer.offer(VEHICLE, 191, 100.0, until_loaded=True)
+    messages, _lines = transfer.tick(100.0, lambda _receiver: True)
     sent = {receiver: bytes(message.addresses) for receiver, message in messages}
     own, all_of_them = bytes.fromhex("fc0138d80a000002"), bytes.fromhex("fb0116800a000002fc0138d80a000002")
     assert sent == {PEER: own + bytes(168), VEHICLE: all_of_them + bytes(160)}

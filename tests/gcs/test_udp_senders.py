@@ -18,7 +18,7 @@ from pymavlink.dialects.v20 import ardupilotmega as stock
 from pymavlink.dialects.v20 import handover as mavlink
 
 from gcs_module.signing import LinkSigning
-from gcs_module.udp_senders import CALLERS, Callers
+from gcs_module.udp_senders import MOST_SENDERS, UdpSenders
 from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.store.keys import key_of
 from tests.link.frames import Clock
@@ -63,7 +63,7 @@ class Sender:
 
 
 class Bench:
-    """A link of MAVProxy's, `Callers`, and the system ids of the frames that MAVProxy got."""
+    """A link of MAVProxy's, `UdpSenders`, and the system ids of the frames that MAVProxy got."""
 
     def __init__(self, stack: contextlib.ExitStack, patch: pytest.MonkeyPatch) -> None:
         self._stack, self._patch = stack, patch
@@ -98,9 +98,9 @@ class Bench:
         if message.get_type() != "BAD_DATA":
             self.heard.append(message.get_srcSystem())
 
-    def watched(self, key: bytes | None = None) -> Callers:
+    def watched(self, key: bytes | None = None) -> UdpSenders:
         """Our part, set up as the module does it."""
-        callers = Callers(1, key is not None, self.clock, lambda _where, text: self.faults.append(text))
+        callers = UdpSenders(1, key is not None, self.clock, lambda _where, text: self.faults.append(text))
         callers.watch([self.master])
         if key is not None:
             signing = LinkSigning(key, Clocks(time.time, self.clock))
@@ -261,7 +261,7 @@ def test_who_is_heard_does_not_have_to_go_for_who_says_that_he_is_the_vehicle(be
         for liar in liars:
             liar.send(bench.master)
         bench.read()
-        assert len(bench.master.clients) == CALLERS
+        assert len(bench.master.clients) == MOST_SENDERS
         assert bench.written(vehicle) == [True]
 
 

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from gcs_module.uplink import UplinkChoice
+from gcs_module.uplink import UplinkSelector
 
 TICK_S = 0.01
 
@@ -13,7 +13,7 @@ class Links:
     """Frames come in at even rates; time goes on."""
 
     def __init__(self, count: int = 2) -> None:
-        self.choice = UplinkChoice()
+        self.choice = UplinkSelector()
         self.now = 50.0
         self.received = [0.0] * count
         self.chosen = 0

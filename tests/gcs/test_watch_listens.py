@@ -16,9 +16,9 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 import gcs_module.watch
 from gcs_module.alarms import DECISIONS
-from gcs_module.watch.link_reader import Hearing
+from gcs_module.watch.link_reader import LinkReader
 from gcs_module.watch.page_values import shown
-from gcs_module.watch.passive_link import MOST_FRAMES, Ear, listened_to
+from gcs_module.watch.passive_link import MOST_FRAMES, PassiveLink, parse_passive_link
 from gcs_module.watch.scene import MOST_AIRCRAFT, Scene
 from mavproxy_handover.core.common.model import AuthorityView, FlightAction, GuardState, LeaseState, Phase, Reason
 from mavproxy_handover.link.forms import LinkError
@@ -81,7 +81,7 @@ class Listening:
 
     def __init__(self) -> None:
         self.scene, self.now = Scene(), 1000.0
-        self.hearing = Hearing(self.scene, "udpin", self.name)
+        self.hearing = LinkReader(self.scene, "udpin", self.name)
 
     @staticmethod
     def name(sysid: int) -> str:
@@ -182,11 +182,13 @@ def _raw(msgid: int, payload: bytes, component: int) -> bytes:
 def test_links_that_need_a_word_are_refused() -> None:
     for text in ("udpout:127.0.0.1:1", "tcpin:0.0.0.0:1", "/dev/ttyUSB0", "serial:/dev/ttyUSB0:57600", "udpin:x", ""):
         with pytest.raises(LinkError):
-            listened_to(text)
+            parse_passive_link(text)
     taken = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     taken.bind(("127.0.0.1", 0))
     with taken, pytest.raises(LinkError, match="Address already in use"):
-        Ear(listened_to(f"udpin:127.0.0.1:{taken.getsockname()[1]}"), lambda _frame: None, time.monotonic).bind()
+        PassiveLink(
+            parse_passive_link(f"udpin:127.0.0.1:{taken.getsockname()[1]}"), lambda _frame: None, time.monotonic
+        ).bind()
 
 
 def calls() -> Iterator[tuple[str, str]]:
@@ -222,7 +224,7 @@ QUESTIONS = b"".join(
 )
 
 
-async def heard(ear: Ear, opened: socket.socket | None, count: int, frames: list[Frame]) -> None:
+async def heard(ear: PassiveLink, opened: socket.socket | None, count: int, frames: list[Frame]) -> None:
     listener = asyncio.create_task(ear.run(opened))
     for _ in range(300):
         if len(frames) >= count:
@@ -237,7 +239,7 @@ def test_who_speaks_to_it_by_udp_gets_no_answer() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    ear = Ear(listened_to(f"udpin:127.0.0.1:{port}"), frames.append, time.monotonic)
+    ear = PassiveLink(parse_passive_link(f"udpin:127.0.0.1:{port}"), frames.append, time.monotonic)
     opened = ear.bind()
     assert opened is not None
     with opened, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as peer:
@@ -257,7 +259,7 @@ def test_a_server_it_listens_to_gets_no_byte_and_is_found_again(monkeypatch: pyt
     frames: list[Frame] = []
     with socket.create_server(("127.0.0.1", 0)) as server:
         server.settimeout(5.0)
-        ear = Ear(listened_to(f"tcp:127.0.0.1:{server.getsockname()[1]}"), frames.append, time.monotonic)
+        ear = PassiveLink(parse_passive_link(f"tcp:127.0.0.1:{server.getsockname()[1]}"), frames.append, time.monotonic)
 
         async def serve() -> None:
             listener = asyncio.create_task(ear.run(None))
@@ -279,7 +281,7 @@ def test_a_server_it_listens_to_gets_no_byte_and_is_found_again(monkeypatch: pyt
 
 def test_a_flood_is_thrown_away() -> None:
     frames: list[Frame] = []
-    ear = Ear(listened_to("udpin:127.0.0.1:1"), frames.append, lambda: 5.5)
+    ear = PassiveLink(parse_passive_link("udpin:127.0.0.1:1"), frames.append, lambda: 5.5)
     flood = FrameSplitter(1 << 22).feed(packed(heartbeat()) * (MOST_FRAMES + 500))
     ear._take(flood)
     assert (len(frames), ear.thrown_away) == (MOST_FRAMES, 500)

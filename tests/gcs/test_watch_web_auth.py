@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from gcs_module.watch.web_auth import COOKIE, Door, is_loopback
+from gcs_module.watch.web_auth import COOKIE, WebAuth, is_loopback
 
 TOKEN = "abcdefghijklmnop"
 
@@ -31,7 +31,7 @@ def ask(door_token: str | None, kind: str = "http", path: str = "/", query: str 
     browser = {"host": "127.0.0.1:8090", "accept": "text/html,application/xhtml+xml"}
     given = [(name.encode(), value.encode("latin-1")) for name, value in (browser | headers).items()]
     scope = {"type": kind, "path": path, "query_string": query.encode(), "headers": given}
-    asyncio.run(Door(inside, door_token)(scope, receive, send))
+    asyncio.run(WebAuth(inside, door_token)(scope, receive, send))
     return sent
 
 

@@ -25,7 +25,7 @@ from itertools import pairwise
 from math import inf
 from typing import Any
 
-from gcs_module.ahead import Beforehand
+from gcs_module.ahead import EarlyConsent
 from gcs_module.core import StationCore, _Part
 from mavproxy_handover.core.arbiter import Arbiter
 from mavproxy_handover.core.authority.authority import Authority
@@ -746,7 +746,7 @@ class Packer:
             told_left_s=plain,
             ready=plain,
         )
-        beforehand = _Class(Beforehand, _own=plain, ahead=_Never(lambda: None))
+        beforehand = _Class(EarlyConsent, _own=plain, ahead=_Never(lambda: None))
         self._station = _Class(
             StationCore,
             _station=plain,
@@ -765,7 +765,7 @@ class Packer:
             _read_until=_Ago(0.0),
             _vehicle_lost=plain,
             _part=_Object(part),
-            _beforehand=_Object(beforehand),
+            _early_consent=_Object(beforehand),
             _wished_until=_Ago(0.0),
             _wish_accepted=plain,
             _latest=value,

@@ -110,7 +110,7 @@ def status(commander: int = 251, epoch: int = 1, place: str = "home", **more: An
 
 def test_without_a_map_nothing_is_looked_at(station: StationBench, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: F811
     looked: list[Any] = []
-    monkeypatch.setattr(map_view, "survey", looked.append)
+    monkeypatch.setattr(map_view, "mission_map", looked.append)
     station.load()
     station.run(3.0)
     assert looked == []
@@ -213,7 +213,7 @@ def test_a_mission_that_cannot_be_shown_is_one_fault(
     def no_survey(_package: Any) -> Any:
         raise ArithmeticError("no room")
 
-    monkeypatch.setattr(map_view, "survey", no_survey)
+    monkeypatch.setattr(map_view, "mission_map", no_survey)
     host = load(station, "map")
     module = station.load()
     station.run(4.0)
