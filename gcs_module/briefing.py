@@ -29,7 +29,7 @@ class Briefing:
         #: the question for which it was shown last
         self._shown_for: object = None
 
-    def take(self, number: int, line: int, lines: int, text: str, now: float) -> None:
+    def add_line(self, number: int, line: int, lines: int, text: str, now: float) -> None:
         """One line has come."""
         if number != self._number:
             self._number, self._parts = number, {}

@@ -21,6 +21,9 @@ from gcs_module.mission_transfer import MissionTransfer
 from gcs_module.narrator import FlightNarrator
 from gcs_module.route_watch import StationRouteWatch
 from gcs_module.vehicle_addresses import VehicleAddresses
+from gcs_module.vehicle_connection import VehicleConnection
+from gcs_module.vehicle_state import VehicleState
+from gcs_module.vehicle_texts import VehicleTexts
 from gcs_module.view import View, telemetry_line, telemetry_table
 from mavproxy_handover.config.station import StationConfig
 from mavproxy_handover.core.common.model import Consent
@@ -63,32 +66,23 @@ class Host(Protocol):
     sysid: int
     of: str
     core: StationCore
+    state: VehicleState
+    connection: VehicleConnection
     mission_transfer: MissionTransfer
     route: StationRouteWatch
     decisions: Decisions
     briefing: Briefing
+    texts: VehicleTexts
     view: View
     narrator: FlightNarrator
     faults: Counter[str]
     addresses: VehicleAddresses
-    disarmed: bool
-    rehearsal: bool
 
-    @property
-    def armed(self) -> bool:
-        """Whether the vehicle is heard and has not said that it is disarmed."""
-
-    def operator(self, event: Event) -> None:
-        """An operator's word to the core."""
-
-    def to_vehicle(self, message: Any) -> None:
-        """Send a MAVLink message to the vehicle."""
+    def handle(self, event: Event) -> None:
+        """An event for the rules."""
 
     def situation(self) -> Situation:
-        """What is known of the vehicle now."""
-
-    def said(self, beginning: str) -> str:
-        """Words of the companion that begin so and are not shown yet; "" if there are none."""
+        """What the station knows of the vehicle now."""
 
 
 class StationCommands:
@@ -211,7 +205,7 @@ class StationCommands:
         now = time.monotonic()
         owed = self._replace(word, (command, parameters))
         self._sent[word] = command, parameters
-        self._talks[word] = Conversation(self._asking(command, parameters, owed), self._module.to_vehicle, now)
+        self._talks[word] = Conversation(self._asking(command, parameters, owed), self._module.connection.send, now)
         self._module.narrator.command_sent(word)
 
     def _replace(self, word: str, sent: tuple[int, tuple[float, ...]]) -> int:
@@ -246,7 +240,7 @@ class StationCommands:
             return
         if asked:
             self._answered_at = now
-        self._module.operator(Answer(yes))
+        self._module.handle(Answer(yes))
 
     def _resume(self) -> None:
         """The vehicle judges it as any AUTO of its commander: leg, fence, coverage, energy."""
@@ -259,19 +253,19 @@ class StationCommands:
     def _request(self) -> None:
         """Whoever commands is asked; the answer of the vehicle says that, AUTHORITY_STATUS who commands."""
         own = self._module.config.station.sysid
-        self._module.operator(Wish(own))
+        self._module.handle(Wish(own))
         self._command("REQUEST", OPERATOR_CONTROL, 1, 0, self.settings.request_timeout, own)
 
     def _release(self) -> None:
         own = self._module.config.station.sysid
-        self._module.operator(WishAnswered(own, False))  # what was asked for before is not wanted any more
+        self._module.handle(WishAnswered(own, False))  # what was asked for before is not wanted any more
         self._command("RELEASE", OPERATOR_CONTROL, 0, 0, 0, own)
 
     def _give(self, name: str) -> None:
         for peer in self._module.config.peers:
             if peer.station.name == name:
-                self._module.operator(WishAnswered(self._module.config.station.sysid, False))
-                self._module.operator(Wish(peer.station.sysid))
+                self._module.handle(WishAnswered(self._module.config.station.sysid, False))
+                self._module.handle(Wish(peer.station.sysid))
                 self._command("GIVE", OPERATOR_CONTROL, 1, 0, self.settings.request_timeout, peer.station.sysid)
                 return
         known = ", ".join(peer.station.name for peer in self._module.config.peers) or "none"
@@ -286,7 +280,7 @@ class StationCommands:
         now = time.monotonic()
         word = f"OVERRIDE {limit}"
         asking = _override_asking(self._module.sysid, number, self._next_nonce(now))
-        self._talks[word] = Conversation(asking, self._module.to_vehicle, now)
+        self._talks[word] = Conversation(asking, self._module.connection.send, now)
         self._module.narrator.command_sent(word)
 
     def _next_nonce(self, now: float) -> int:
@@ -296,7 +290,7 @@ class StationCommands:
 
     def _rehearse(self) -> None:
         """Whoever commands may begin one; while one is under way, anybody is told of it."""
-        if self._module.rehearsal:
+        if self._module.state.rehearsal:
             self.rehearsal_report()
         else:
             self._ask_rehearsal("REHEARSE", mavlink.HANDOVER_REHEARSAL_WISH_BEGIN)
@@ -316,7 +310,7 @@ class StationCommands:
     def _ask_rehearsal(self, word: str, wish: int) -> None:
         now = time.monotonic()
         asking = _rehearsal_asking(self._module.sysid, wish, self._next_nonce(now))
-        self._talks[word] = Conversation(asking, self._module.to_vehicle, now)
+        self._talks[word] = Conversation(asking, self._module.connection.send, now)
         if word != _REPORT:
             self._module.narrator.command_sent(word)
 
@@ -334,7 +328,7 @@ class StationCommands:
                 self._ended(word, talk, now)
         for word, (outcome, until) in list(self._refused.items()):
             beginnings = [*(f"{said} refused: " for said in _SAID.get(word, (word,))), "Control denied: "]
-            why = next((text for text in map(self._module.said, beginnings) if text), "")
+            why = next((text for text in map(self._module.texts.pop, beginnings) if text), "")
             if why or now >= until:
                 del self._refused[word]
                 text = f"{word} refused: {why.partition(': ')[2] or outcome.replace('_', ' ')}"
@@ -347,7 +341,7 @@ class StationCommands:
                 mavlink.MAV_RESULT_ACCEPTED,
                 mavlink.MAV_RESULT_FAILED,  # the commander is being asked
             )
-            self._module.operator(WishAnswered(self._module.config.station.sysid, accepted))
+            self._module.handle(WishAnswered(self._module.config.station.sysid, accepted))
         if word == _REPORT:
             for line in talk.result or ("no report of the rehearsal: no answer of the vehicle",):
                 self._module.view.show(line)
@@ -410,7 +404,7 @@ class StationCommands:
             module.view.show(line)
 
     def _take(self, name: str) -> None:
-        self._module.view.line(self._module.mission_transfer.inbox.take(name, self._module.disarmed))
+        self._module.view.line(self._module.mission_transfer.inbox.accept_offer(name, self._module.state.disarmed))
 
     def _list_addresses(self) -> None:
         lines = [*self._module.addresses.status()]
@@ -419,10 +413,10 @@ class StationCommands:
             self._module.view.show(f"address   {line}")
 
     def _connect(self, word: str) -> None:
-        self._tell_address(self._module.addresses.connect(word, self._module.armed))
+        self._tell_address(self._module.addresses.connect(word, self._module.state.armed(time.monotonic())))
 
     def _disconnect(self) -> None:
-        self._tell_address(self._module.addresses.disconnect(self._module.armed))
+        self._tell_address(self._module.addresses.disconnect(self._module.state.armed(time.monotonic())))
 
     def _tell_address(self, line: str) -> None:
         self._module.narrator.notice(Notice("address", line), time.monotonic())
@@ -432,7 +426,7 @@ class StationCommands:
         show = module.view.show
         name = f"{module.of}: " if module.of else ""
         show(f"vehicle   {name}{'connected' if core.vehicle_alive(now) else 'not heard'}, {core.phase.name}")
-        if module.rehearsal:
+        if module.state.rehearsal:
             show("rehearsal the aircraft is carried: nothing arms ('handover rehearse' for its report)")
         show(f"commander {core.name(core.commander)}, epoch {core.epoch}; this station is {core.role.value}")
         if module.decisions.text:

@@ -151,8 +151,8 @@ class FleetCommands:
             each.of,
             f"{commander} -> {now.partner}" if now.partner else commander,
             f"{now.phase.name} {now.mode}".rstrip(),
-            each.core.name(each.zone) if each.zone else "none",
-            each.links_in_words(),
+            each.core.name(each.state.zone) if each.state.zone else "none",
+            each.connection.summary(),
             f"{len(alarms)} {alarms[0].level.name}" if alarms else "none",
             heard,
         )

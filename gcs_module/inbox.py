@@ -156,7 +156,7 @@ class Inbox:
 
     # ---- what makes one count -------------------------------------------------------------------------------------
 
-    def announced(self, digest: bytes, disarmed: bool) -> str:
+    def accept_announced(self, digest: bytes, disarmed: bool) -> str:
         """The vehicle holds the package of this digest; returns a line for the operator, "" if nothing changes.
 
         `disarmed`: the vehicle is known to be.
@@ -165,10 +165,10 @@ class Inbox:
         found = next((package for package in offers if package.digest == digest), None)
         if found is None or not self._may_take(found, disarmed):
             return ""
-        self._take(found)
+        self._replace_held(found)
         return f"Mission {found.name!r}, {digest.hex()[:8]}, is the vehicle's: taken."
 
-    def take(self, name: str, disarmed: bool) -> str:
+    def accept_offer(self, name: str, disarmed: bool) -> str:
         """The operator takes the offer of this name, or whose digest begins so; returns a line for the operator."""
         found = [
             package
@@ -184,7 +184,7 @@ class Inbox:
             return "This station has a mission of its own: it is not replaced."
         if not self._may_take(package, disarmed):
             return "Not while the vehicle is armed, or not known to be disarmed."
-        self._take(package)
+        self._replace_held(package)
         return f"Mission {package.name!r}, {package.digest.hex()[:8]}, taken."
 
     def _may_take(self, package: MissionPackage, disarmed: bool) -> bool:
@@ -192,7 +192,7 @@ class Inbox:
             return False
         return self.held is None or disarmed
 
-    def _take(self, package: MissionPackage) -> None:
+    def _replace_held(self, package: MissionPackage) -> None:
         if package is not self._kept:
             self._unwritten = package
         self.held = package

@@ -184,7 +184,7 @@ class HandoverGcsModule(mp_module.MPModule):
 
     def _flown_from_here(self) -> str:
         """The aircraft in flight that this station commands, by name; "" if there is none."""
-        return " and ".join(aircraft.core.vehicle_name for aircraft in self.aircraft if aircraft.flown_from_here)
+        return " and ".join(aircraft.core.vehicle_name for aircraft in self.aircraft if aircraft.state.flown_from_here)
 
     def _links(self) -> list[Device]:
         return self._ground.devices
@@ -377,7 +377,7 @@ class HandoverGcsModule(mp_module.MPModule):
             return
         rc.override = [0] * len(rc.override)
         if aircraft is not None:
-            aircraft.to_vehicle(mavlink.MAVLink_rc_channels_override_message(before, 0, *([0] * 8)))
+            aircraft.connection.send(mavlink.MAVLink_rc_channels_override_message(before, 0, *([0] * 8)))
             aircraft.view.line("Its sticks are let go of: another vehicle is chosen.", Level.ADVISORY)
 
 

@@ -102,7 +102,7 @@ class FlightNarrator:
         for line in (f"{vehicle} as it is:", *(f"  {line}" for line in lines)):
             self._view.show(line)
 
-    def again(self, now: float) -> None:
+    def repeat_alarms(self, now: float) -> None:
         """Say again what stands and was not acknowledged; to be called each second."""
         if self._core.question is None and self._core.asked_ahead is None:
             self.alarms.end("question")

@@ -121,7 +121,7 @@ class Texts:
                 found.append(text)
         return found
 
-    def take(self, beginning: str) -> str:
+    def pop(self, beginning: str) -> str:
         """Take out the first text that waits and begins so, because it is told with something else; "" if none does."""
         for text in self._whole:
             if text.words.startswith(beginning):

@@ -90,7 +90,7 @@ class Values:
         #: when the position came (monotonic s)
         self.at = -inf
 
-    def take(self, m: Any, now: float) -> None:
+    def update(self, m: Any, now: float) -> None:
         """A message of the autopilot."""
         kind = m.get_type()
         if kind == "GLOBAL_POSITION_INT":

@@ -13,7 +13,7 @@ QUESTION = (251, 252, 1, 1, -1)
 
 def tell(book: Briefing, number: int, words: str, now: float, order: list[int] | None = None) -> None:
     for line in order or list(range(1, 7)):
-        book.take(number, line, 6, f"{words} {line}", now)
+        book.add_line(number, line, 6, f"{words} {line}", now)
 
 
 def test_each_line_has_its_name() -> None:
@@ -44,7 +44,7 @@ def test_what_is_not_whole_does_not_count_and_lines_of_two_do_not_mix() -> None:
 def test_lines_that_make_no_sense_are_passed_over() -> None:
     book = Briefing()
     for line, lines in ((0, 6), (7, 6), (255, 0)):
-        book.take(1, line, lines, "x", 10.0)
+        book.add_line(1, line, lines, "x", 10.0)
     assert book.lines == ()
 
 
@@ -68,7 +68,7 @@ def test_one_that_comes_with_the_question_is_shown_with_it() -> None:
 def test_a_line_of_a_newer_vehicle_is_shown_without_a_name() -> None:
     book = Briefing()
     for line in range(1, 9):
-        book.take(1, line, 8, f"a {line}", 10.0)
+        book.add_line(1, line, 8, f"a {line}", 10.0)
     assert [text.split() for text in book.lines[6:]] == [["a", "7"], ["a", "8"]]
 
 

@@ -54,7 +54,7 @@ def test_two_stations_offers_wait_side_by_side(delivery: MissionPackage, linear:
     assert (sent(inbox, B, delivery).result, sent(inbox, C, linear).result) == (RECEIVED, RECEIVED)
     assert inbox.waiting == (delivery, linear)
     assert inbox.held is None
-    assert inbox.announced(linear.digest, disarmed=False) != ""
+    assert inbox.accept_announced(linear.digest, disarmed=False) != ""
     assert (inbox.held, inbox.waiting) == (linear, (delivery,))
 
 
@@ -76,17 +76,17 @@ def test_what_the_vehicle_announced_before_the_offer_came_is_taken_when_it_is_as
     delivery: MissionPackage,
 ) -> None:
     inbox = Inbox(None)
-    assert inbox.announced(delivery.digest, disarmed=True) == ""
+    assert inbox.accept_announced(delivery.digest, disarmed=True) == ""
     sent(inbox, B, delivery)
-    assert inbox.announced(delivery.digest, disarmed=True) == "Mission 'delivery', f433d144, is the vehicle's: taken."
-    assert inbox.announced(delivery.digest, disarmed=True) == ""
+    assert inbox.accept_announced(delivery.digest, disarmed=True) == "Mission 'delivery', f433d144, is the vehicle's: taken."
+    assert inbox.accept_announced(delivery.digest, disarmed=True) == ""
 
 
 def test_an_offer_under_a_false_digest_never_counts(delivery: MissionPackage, linear: MissionPackage) -> None:
     inbox = Inbox(None)
     sender = sent(inbox, B, linear, delivery.digest)
     assert (sender.result, inbox.waiting) == (REFUSED, ())
-    assert inbox.announced(delivery.digest, disarmed=True) == ""
+    assert inbox.accept_announced(delivery.digest, disarmed=True) == ""
 
 
 @pytest.mark.parametrize("own", [True, False])
@@ -94,7 +94,7 @@ def test_the_package_that_is_held_already_is_not_sent_again(delivery: MissionPac
     inbox = Inbox(delivery if own else None)
     if not own:
         sent(inbox, B, delivery)
-        inbox.announced(delivery.digest, disarmed=True)
+        inbox.accept_announced(delivery.digest, disarmed=True)
     assert sent(inbox, C, delivery, steps=1).result == RECEIVED
 
 
@@ -103,11 +103,11 @@ def test_by_name_or_by_the_head_of_its_digest(delivery: MissionPackage, linear: 
     sent(inbox, B, delivery)
     sent(inbox, C, linear)
     short = linear.digest.hex()[:8]
-    assert inbox.take("nothing", disarmed=True) == (
+    assert inbox.accept_offer("nothing", disarmed=True) == (
         f"No mission 'nothing' is offered; offered are: delivery (f433d144), linear ({short})."
     )
-    assert inbox.take("", disarmed=True).startswith("Several missions are called that; offered are: ")
-    assert inbox.take(short, disarmed=True) == f"Mission 'linear', {short}, taken."
+    assert inbox.accept_offer("", disarmed=True).startswith("Several missions are called that; offered are: ")
+    assert inbox.accept_offer(short, disarmed=True) == f"Mission 'linear', {short}, taken."
 
 
 def test_while_one_package_is_read_another_is_asked_to_come_again(
@@ -146,7 +146,7 @@ class TestKept:
         """A run in which the package was taken."""
         inbox = Inbox(None, file)
         sent(inbox, B, package)
-        inbox.announced(package.digest, disarmed=True)
+        inbox.accept_announced(package.digest, disarmed=True)
         inbox.tick(0.0)
         inbox.tick(0.0)
 
@@ -163,7 +163,7 @@ class TestKept:
         self.flown(tmp_path / "kept", delivery)
         inbox = self.begun(tmp_path / "kept")
         assert inbox.held is None
-        assert inbox.announced(delivery.digest, disarmed=False) == (
+        assert inbox.accept_announced(delivery.digest, disarmed=False) == (
             f"Mission 'delivery', {delivery.digest.hex()[:8]}, is the vehicle's: taken."
         )
         assert inbox.held == delivery
@@ -173,15 +173,15 @@ class TestKept:
     ) -> None:
         self.flown(tmp_path / "kept", delivery)
         inbox = self.begun(tmp_path / "kept")
-        assert inbox.announced(linear.digest, disarmed=True) == ""
-        assert inbox.announced(bytes(32), disarmed=True) == ""
+        assert inbox.accept_announced(linear.digest, disarmed=True) == ""
+        assert inbox.accept_announced(bytes(32), disarmed=True) == ""
         assert inbox.held is None
 
     def test_it_is_no_offer_that_an_operator_could_take(self, tmp_path: Path, delivery: MissionPackage) -> None:
         self.flown(tmp_path / "kept", delivery)
         inbox = self.begun(tmp_path / "kept")
         assert inbox.waiting == ()
-        assert inbox.take("delivery", disarmed=True) == "No mission 'delivery' is offered; offered are: none."
+        assert inbox.accept_offer("delivery", disarmed=True) == "No mission 'delivery' is offered; offered are: none."
 
     def test_an_offer_that_was_not_taken_is_not_kept(self, tmp_path: Path, delivery: MissionPackage) -> None:
         inbox = Inbox(None, tmp_path / "kept")
@@ -195,7 +195,7 @@ class TestKept:
         self.flown(tmp_path / "kept", delivery)
         inbox = Inbox(linear, tmp_path / "kept")
         inbox.tick(0.0)
-        assert inbox.announced(delivery.digest, disarmed=True) == ""
+        assert inbox.accept_announced(delivery.digest, disarmed=True) == ""
         assert inbox.held == linear
 
     @pytest.mark.parametrize("data", [b"", b"noise", bytes(65 * 1024)])
@@ -212,7 +212,7 @@ class TestKept:
     ) -> None:
         inbox = Inbox(None, tmp_path / "not there" / "kept")
         sent(inbox, B, delivery)
-        inbox.announced(delivery.digest, disarmed=True)
+        inbox.accept_announced(delivery.digest, disarmed=True)
         lines = [line for _ in range(3) for _who, line in inbox.tick(0.0)[1]]
         assert any(line.startswith("The mission is not kept for a restart: ") for line in lines)
         assert inbox.held == delivery

@@ -526,7 +526,7 @@ def test_a_fault_while_loading_leaves_the_links_unsigned(
         raise RuntimeError("a bug")
 
     with monkeypatch.context() as patch:
-        patch.setattr(station_aircraft.Aircraft, "_handle", broken)
+        patch.setattr(station_aircraft.Aircraft, "handle", broken)
         assert station.load() is None
     assert station.mpstate.console.lines[-1] == "handover_gcs is not loaded: internal fault: RuntimeError: a bug"
     assert not sent_by(station.mpstate.mav_master[0])[0][2] & 1

@@ -132,9 +132,9 @@ def test_what_is_told_already_is_left_out() -> None:
 def test_a_text_can_be_taken_by_its_beginning_once() -> None:
     texts = Texts(nothing)
     texts.on_frame(piece("START refused: why"), NOW)
-    assert texts.take("STOP refused: ") == ""
-    assert texts.take("START refused: ") == "START refused: why"
-    assert texts.take("START refused: ") == ""
+    assert texts.pop("STOP refused: ") == ""
+    assert texts.pop("START refused: ") == "START refused: why"
+    assert texts.pop("START refused: ") == ""
     assert shown(texts) == []
 
 

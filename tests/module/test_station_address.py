@@ -156,7 +156,7 @@ def test_a_new_link_is_signed_before_anything_is_sent_by_it(bench: Bench) -> Non
     order: list[str] = []
     aircraft = bench.module.aircraft[0]
     aircraft.addresses.tick = lambda *_now: order.append("link") or []
-    aircraft._see_to_links = lambda: order.append("signed")
+    aircraft.connection.refresh = lambda: order.append("signed")
     bench.run(1.1)
     assert order == ["link", "signed"]
 

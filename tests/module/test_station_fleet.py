@@ -329,7 +329,7 @@ def test_a_fault_in_one_vehicles_part_leaves_the_other_alone(fleet: Fleet, monke
     with monkeypatch.context() as patch:
         for name in ("handle", "tick"):
             patch.setattr(first.core, name, broken)
-        patch.setattr(first.narrator, "again", broken)
+        patch.setattr(first.narrator, "repeat_alarms", broken)
         patch.setattr(first.view, "status", broken)
         fleet.hear(1, asked(1))
         fleet.hear(2, connect(2, 251, epoch=2))
@@ -757,7 +757,7 @@ def test_packages_for_two_vehicles_come_side_by_side(fleet: Fleet, delivery: Mis
     fleet.hear(1, connect(1, 252, digest=delivery.digest))
     fleet.hear(2, connect(2, 252, digest=linear.digest))
     fleet.run(0.1)
-    assert [each.desk.held.name for each in fleet.module.aircraft] == ["delivery", "linear"]
+    assert [each.mission_transfer.held.name for each in fleet.module.aircraft] == ["delivery", "linear"]
     assert [each.core.digest for each in fleet.module.aircraft] == [delivery.digest, linear.digest]
 
 

@@ -127,7 +127,7 @@ def test_a_map_gets_everything_once_and_then_what_changes(station: StationBench)
     station.run(5.0)
     assert set(host.map.given) == {"handover 1 plate"}, "only its time has changed"
     host.map.given.clear()
-    station.hear(connect_message(digest=module.aircraft[0].desk.held.digest))
+    station.hear(connect_message(digest=module.aircraft[0].mission_transfer.held.digest))
     station.hear(status(252, 2))
     station.run(1.0)
     assert set(host.map.given) == {
@@ -141,7 +141,7 @@ def test_a_map_gets_everything_once_and_then_what_changes(station: StationBench)
 def test_the_seconds_before_a_border_are_counted_each_second(station: StationBench) -> None:  # noqa: F811
     host = load(station, "map")
     module = station.load()
-    station.hear(connect_message(digest=module.aircraft[0].desk.held.digest))
+    station.hear(connect_message(digest=module.aircraft[0].mission_transfer.held.digest))
     station.hear(status())
     ahead = mavlink.MAVLink_handover_ahead_message(251, 190, 1, 251, 252, 1, 1, 20, 0, 0)
     station.hear(ahead)
@@ -236,7 +236,7 @@ def test_a_mission_that_the_vehicle_does_not_fly_is_not_shown(station: StationBe
 def test_a_route_that_was_changed_in_flight_is_taken_away(station: StationBench) -> None:  # noqa: F811
     host = load(station, "map")
     module = station.load()
-    station.hear(connect_message(digest=module.aircraft[0].desk.held.digest))
+    station.hear(connect_message(digest=module.aircraft[0].mission_transfer.held.digest))
     station.hear(status(route_changed=1))
     station.run(3.0)
     assert set(host.map.objects) >= ZONES
@@ -246,7 +246,7 @@ def test_a_route_that_was_changed_in_flight_is_taken_away(station: StationBench)
 def test_on_the_way_home_the_place_is_red(station: StationBench) -> None:  # noqa: F811
     host = load(station, "map")
     module = station.load()
-    station.hear(connect_message(digest=module.aircraft[0].desk.held.digest))
+    station.hear(connect_message(digest=module.aircraft[0].mission_transfer.held.digest))
     station.hear(status(0, place="rally 2"))
     station.hear(mavlink.MAVLink_heartbeat_message(2, 3, 129, 6, 4, 3), autopilot=True)
     station.run(1.0)

@@ -793,7 +793,7 @@ def test_of_the_vehicle_a_station_takes_the_package_that_it_announces_and_no_oth
         station.run(0.2)
         acks = [m for m in station.sent() if m.get_type() == "MISSION_PACKAGE_ACK"]
         messages = [message for ack in acks for message in sender.on_ack(ack, 0.0)]
-    held = station.module.aircraft[0].desk.held
+    held = station.module.aircraft[0].mission_transfer.held
     assert held == (delivery if announced else None)
 
 
