@@ -78,7 +78,8 @@ def test_what_the_vehicle_announced_before_the_offer_came_is_taken_when_it_is_as
     inbox = Inbox(None)
     assert inbox.accept_announced(delivery.digest, disarmed=True) == ""
     sent(inbox, B, delivery)
-    assert inbox.accept_announced(delivery.digest, disarmed=True) == "Mission 'delivery', f433d144, is the vehicle's: taken."
+    line = inbox.accept_announced(delivery.digest, disarmed=True)
+    assert line == "Mission 'delivery', f433d144, is the vehicle's: taken."
     assert inbox.accept_announced(delivery.digest, disarmed=True) == ""
 
 
