@@ -18,7 +18,7 @@ from gcs_module.core import AuthorityHeard, Role, StationCore
 from gcs_module.decisions import Who
 from gcs_module.map_layer import place_of
 from gcs_module.vehicle_addresses import SILENT_S
-from mavproxy_handover.core.model import FlightAction, LeaseState, Phase, Reason
+from mavproxy_handover.core.common.model import FlightAction, LeaseState, Phase, Reason
 
 __all__ = ["VehicleState"]
 
