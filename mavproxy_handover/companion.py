@@ -44,13 +44,17 @@ from mavproxy_handover.core.common.model import AuthorityView, FlightAction, Flo
 from mavproxy_handover.core.common.never import assert_never
 from mavproxy_handover.core.common.snapshot import Snapshot
 from mavproxy_handover.event_queue import EventQueue
+from mavproxy_handover.gate.filters import CompanionMatters
 from mavproxy_handover.gate.gate import Gate
+from mavproxy_handover.gate.in_force import AuthorityInForce
 from mavproxy_handover.gate.intent import intent_of, repeats, wish_of
 from mavproxy_handover.gate.judge import Fate, Verdict, uploads
 from mavproxy_handover.gate.latent import News
 from mavproxy_handover.gate.list_changes import list_change
+from mavproxy_handover.gate.passed import PassedFrames
 from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.gate.policy.rows import begins_midway, classify
+from mavproxy_handover.gate.replies import GateReports
 from mavproxy_handover.gate.tongues import Tongue
 from mavproxy_handover.gate.words import thesis_command
 from mavproxy_handover.link.quality import LinkEvent
@@ -149,19 +153,19 @@ class Companion:
         #: MAVProxy's messages whose CRC need not be checked again: MAVProxy may speak another dialect than ours
         self._checked = checked_types(mavutil.mavlink) | checked_types(mavlink)
         self._voice = Voice(config.sysid, self._write_autopilot, ports, self.fault)
-        told = (self._station_told, self._say)
-        self.gate = Gate(config.sysid, ports, config.observers, edge.write_autopilot, self.fault, *told)
-        self.gate.distrust()
-        self.gate.change(self.arbiter.view, edge.clocks.monotonic())
+        self._in_force = in_force = AuthorityInForce()
+        self._passed = passed = PassedFrames(
+            config.sysid, ports, config.observers, in_force, edge.write_autopilot, self.fault
+        )
         self.narrator = Narrator(
             config.name, self.journal, self._strangers, self.arbiter, self._shown_by(edge.show), lambda: self.view.phase
         )
         self._announcer = Announcer(self._voice)
         self._unheard = Unheard(self._voice)
         self._control = OperatorControl(self._voice, self.narrator, self.handle)
-        authority = Authority(self.arbiter, self.handle, lambda station: self.view.commander == station)
+        authority = Authority(self.arbiter, self.handle, in_force.commands)
         reports = Reports(self.narrator, self._voice, self.fault)
-        mission = MissionSurroundings(self._keep, self._close_mission_files, lambda: self.gate.list_open)
+        mission = MissionSurroundings(self._keep, self._close_mission_files, lambda: passed.list_open)
         try:
             self.autopilot = assemble(running, authority, reports, mission, edge.clocks, edge.nonce, edge.box)
         except Exception:
@@ -174,9 +178,16 @@ class Companion:
         self.rehearsal = RehearsalDesk(config.sysid, self.arbiter, self.handle, *told_by, around)
         self._package_return = PackageReturn(ports, self.arbiter.unfit, self.narrator)
         self._briefing = Briefing(self.arbiter, self.autopilot, ports, self.fault)
-        self.gate.targets.judge = self.autopilot.desk.target
-        self.gate.takes_over = self.autopilot.orders.takes_over
-        self.gate.of_served_file = self.autopilot.places.list.file.access
+        matters = CompanionMatters(
+            self.autopilot.desk.target,
+            self.autopilot.orders.takes_over,
+            self.autopilot.places.list.file.access,
+            lambda: self.autopilot.aircraft.judged_by,
+        )
+        told = GateReports(self.fault, self._station_told, self._say)
+        self.gate = Gate(config.sysid, ports, in_force, passed, edge.write_autopilot, told, matters)
+        self.gate.distrust()
+        self.gate.change(self.arbiter.view, edge.clocks.monotonic())
         self._overrides = Overrides(self.autopilot.desk, lambda: self.view.commander, config.sysid)
         jobs = [
             ("send_lease", self._send_lease, status.LEASE_INTERVAL_S),
@@ -199,7 +210,7 @@ class Companion:
     def _write_autopilot(self, data: bytes) -> None:
         """A frame of the companion's own goes to the autopilot."""
         self._edge.write_autopilot(data)
-        self.gate.companion_sent(data, self._edge.clocks.monotonic())
+        self._passed.companion_sent(data, self._edge.clocks.monotonic())
 
     def _snapshot(self) -> Snapshot:
         """What a run after this one needs."""
@@ -226,7 +237,7 @@ class Companion:
         self.journal.lay_beside(f"mission-{package.digest.hex()[:8]}", package.files)
 
     def _close_mission_files(self) -> None:
-        for station, closing in self.gate.close_mission_files():
+        for station, closing in self._passed.close_mission_files():
             self.narrator.closed(station, closing)
 
     def _place(self) -> str:
@@ -249,7 +260,7 @@ class Companion:
     @property
     def view(self) -> AuthorityView:
         """The authority that is in force: what the gate judges by."""
-        return self.gate.view
+        return self._in_force.view
 
     @property
     def decision(self) -> str:
@@ -410,10 +421,10 @@ class Companion:
 
     def _in_flight(self, port: StationPort, frame: Frame, verdict: Verdict, now: float) -> None:
         """A command of the commander that the situation judges, or a part of an upload."""
-        if uploads(frame, self.gate.modes):
+        if uploads(frame, self.autopilot.aircraft.judged_by):
             self.autopilot.mission.staging.on_frame(port, frame, now)
             return
-        intent = intent_of(frame, self.gate.modes)
+        intent = intent_of(frame, self.autopilot.aircraft.judged_by)
         if intent is None or self.autopilot.desk.judge(port, intent, now).passes:
             if self.autopilot.orders.takes_over(frame):
                 self._journal_accepted(port, frame, verdict.what)
@@ -467,7 +478,6 @@ class Companion:
                 self.autopilot.messages.take(message, now)
                 if self.autopilot.guard.asks:
                     self._send_lease(now)
-                self.gate.modes = self.autopilot.aircraft.judged_by
             if frame.msgid == _CONTROL_STATUS:
                 self.autopilot.messages.second_manager(frame)
         if not self.gate.down(frame, now):

@@ -196,7 +196,7 @@ class HandoverModule(mp_module.MPModule):
         self._send_downloads(now)
         self._stay_until = now + STAY_S
         self._guarded("side doors", self._close_side_doors)
-        if self.companion.gate.downloads_wait or (self._talking and now - self._heard_at < TALKING_S):
+        if self.companion.gate.downloads.wait or (self._talking and now - self._heard_at < TALKING_S):
             self._guarded("link", self._stay)
         self._guarded("idle", self._idle)
 
@@ -265,7 +265,7 @@ class HandoverModule(mp_module.MPModule):
         while now < until:
             due = now if self.companion.autopilot.aircraft.uncompared else min(self._idle_at, until)
             wait_s = due - now
-            if gate.downloads_wait:
+            if gate.downloads.wait:
                 self._send_downloads(now)
                 wait_s = min(wait_s, DOWNLOAD_S)
             ready, others = readable(waiting, ours, wait_s)
@@ -284,8 +284,8 @@ class HandoverModule(mp_module.MPModule):
 
     def _send_downloads(self, now: float) -> None:
         gate = self.companion.gate
-        if gate.downloads_wait:  # in every round: nearly never so
-            self._guarded("downloads", partial(gate.send_downloads, now))
+        if gate.downloads.wait:  # in every round: nearly never so
+            self._guarded("downloads", partial(gate.downloads.send, now))
 
     def _serve(self, port: StationPort, link: Device, once: bool = False) -> None:
         try:

@@ -73,9 +73,9 @@ class _Judged:
 class TargetStreams:
     """The streams of the commander. Times are monotonic seconds."""
 
-    def __init__(self) -> None:
-        #: whether a target of a station may be flown to now
-        self.judge: Callable[[Aim, int, float], bool] = lambda _aim, _station, _now: True
+    def __init__(self, passes: Callable[[Aim, int, float], bool]) -> None:
+        """`passes`: whether a target of a station (system id) may be flown to now."""
+        self._passes = passes
         self._streams: dict[tuple[int, int], _Judged] = {}
 
     def limit(self, frame: Frame, verdict: Verdict, station: int, now: float, modes: Modes = COPTER) -> Verdict:
@@ -110,7 +110,7 @@ class TargetStreams:
             aim = aim_of(frame, modes)
             judged.frame, judged.numbers, judged.at = number, numbers, now
             judged.passes = False  # until it is known: if the judgement breaks, no copy passes by the verdict before
-            judged.passes = aim is None or (aim.makes_sense and self.judge(aim, station, now))
+            judged.passes = aim is None or (aim.makes_sense and self._passes(aim, station, now))
         return verdict if judged.passes else verdict._replace(fate=Fate.DROP, reason=GateReason.SITUATION)
 
 

@@ -12,11 +12,18 @@ from math import inf
 from typing import NamedTuple
 
 from mavproxy_handover.core.common.model import AuthorityView
+from mavproxy_handover.gate.filters import CompanionMatters
 from mavproxy_handover.gate.flush import Closing
 from mavproxy_handover.gate.gate import Gate
+from mavproxy_handover.gate.in_force import AuthorityInForce
+from mavproxy_handover.gate.intent import Aim
 from mavproxy_handover.gate.judge import StationIdentity, Verdict
 from mavproxy_handover.gate.latent import News
 from mavproxy_handover.gate.observers import ObserverLimits
+from mavproxy_handover.gate.passed import PassedFrames
+from mavproxy_handover.gate.policy.access import Access
+from mavproxy_handover.gate.policy.modes import COPTER, Modes
+from mavproxy_handover.gate.replies import GateReports
 from mavproxy_handover.gate.tongues import Tongues
 from mavproxy_handover.wire.frames import Frame
 from tests.gate.ledger import GCSA, GCSB, GCSC, VEHICLE, A, B, C
@@ -83,15 +90,29 @@ class Door:
         self.now = 1000.0
         self._step_s = step_s
         pass_on = to_autopilot or self.passed.append
-        self.gate = Gate(
-            VEHICLE,
-            self.ports,
-            ObserverLimits(),
-            pass_on,
+        reports = GateReports(
             lambda where, text: self.faults.append(f"{where}: {text}"),
             lambda news, _now: self.told.append(news),
             lambda station, text, _now: self.said.append((station, text)),
         )
+        #: what the companion says to the questions of the gate
+        self.modes: Modes = COPTER
+        self.target_passes: Callable[[Aim, int, float], bool] = lambda _aim, _station, _now: True
+        self.takes_over: Callable[[Frame], bool] = lambda _frame: False
+        self.served_file: Callable[[int, Frame], Access | None] = lambda _station, _frame: None
+        matters = CompanionMatters(self._passes, self._carries_out, self._serves, lambda: self.modes)
+        in_force = AuthorityInForce()
+        self.frames = PassedFrames(VEHICLE, self.ports, ObserverLimits(), in_force, pass_on, reports.fault)
+        self.gate = Gate(VEHICLE, self.ports, in_force, self.frames, pass_on, reports, matters)
+
+    def _passes(self, aim: Aim, station: int, now: float) -> bool:
+        return self.target_passes(aim, station, now)
+
+    def _carries_out(self, frame: Frame) -> bool:
+        return self.takes_over(frame)
+
+    def _serves(self, station: int, frame: Frame) -> Access | None:
+        return self.served_file(station, frame)
 
     def up(self, station: StationIdentity, frame: Frame) -> Came:
         """A frame arrives from a station."""

@@ -428,12 +428,12 @@ def test_the_gate_paces_the_commanders_download_and_everything_else_goes_before_
     door.gate.down(heartbeat, door.now)
     port = door.ports[GCSA]
     assert port.heard == [heartbeat.raw]
-    assert door.gate.downloads_wait
+    assert door.gate.downloads.wait
     for _ in range(20):
         door.now += 0.02
-        door.gate.send_downloads(door.now)
+        door.gate.downloads.send(door.now)
     assert port.heard[1:] == [data(number * WHOLE).raw for number in range(500)]
-    assert not door.gate.downloads_wait
+    assert not door.gate.downloads.wait
     assert door.faults == []
 
 
@@ -444,7 +444,7 @@ def test_when_authority_moves_the_rest_of_a_download_is_thrown_away() -> None:
     for number in range(500):
         door.gate.down(data(number * WHOLE), door.now)
     on_the_ground(door, None)
-    door.gate.send_downloads(door.now + 1.0)
+    door.gate.downloads.send(door.now + 1.0)
     assert door.ports[GCSA].heard == []
 
 
@@ -467,9 +467,9 @@ def test_a_fault_of_the_download_is_told_and_ends_it() -> None:
         raise RuntimeError("broken")
 
     door.ports[GCSA].write_more = fails  # type: ignore[method-assign]
-    door.gate.send_downloads(door.now)
+    door.gate.downloads.send(door.now)
     assert [fault.split(":")[0] for fault in door.faults] == ["log download"]
-    assert not door.gate.downloads_wait
+    assert not door.gate.downloads.wait
 
 
 def test_a_request_for_nothing_is_made_once_and_its_answer_reaches_the_station() -> None:

@@ -28,7 +28,7 @@ class Bench:
     def reads(self) -> None:
         """The companion."""
         message = mavlink.MAVLink_param_request_read_message(VEHICLE, 1, b"FS_OPTIONS", -1)
-        self.door.gate.companion_sent(packed(message, VEHICLE, 191).raw, self.door.now)
+        self.door.frames.companion_sent(packed(message, VEHICLE, 191).raw, self.door.now)
 
     def comes(self, value: float, name: bytes = b"FS_OPTIONS", index: int = BY_NAME, sender: int = VEHICLE) -> None:
         message = mavlink.MAVLink_param_value_message(name, value, 9, 1400, index)
@@ -75,7 +75,7 @@ def test_questions_without_an_answer_fill_no_memory() -> None:
     bench = Bench()
     for _ in range(1000):
         bench.reads()
-    (asked,) = bench.door.gate._own_reads._asked_at.values()
+    (asked,) = bench.door.frames.own_reads._asked_at.values()
     assert len(asked) <= 8
 
 
@@ -136,4 +136,4 @@ def test_the_memory_of_values_is_bounded() -> None:
     bench = Bench()
     for number in range(20_000):
         bench.comes(1.0, name=f"P{number}".encode())
-    assert len(bench.door.gate._own_reads._values) <= 8192
+    assert len(bench.door.frames.own_reads._values) <= 8192

@@ -199,7 +199,7 @@ def test_a_flood_is_told_of_once_and_makes_no_words(make: Make, monkeypatch: pyt
         made.append(arguments)
         return sentence(*arguments, **more)
 
-    monkeypatch.setattr("mavproxy_handover.gate.gate.sentence", counted)
+    monkeypatch.setattr("mavproxy_handover.gate.replies.sentence", counted)
     door = Door(step_s=0.001)
     door.change(OF_A)
     frame = make("COMMAND_LONG", sysid=GCSB, command=400, param1=1.0)
@@ -212,13 +212,13 @@ def test_a_flood_is_told_of_once_and_makes_no_words(make: Make, monkeypatch: pyt
 
 
 def test_another_vehicles_modes_have_no_copters_names(door: Door, make: Make) -> None:
-    door.gate.modes = UNKNOWN
+    door.modes = UNKNOWN
     door.up(B, make("SET_MODE", sysid=GCSB, custom_mode=6))
     assert door.said == [(GCSB, "mode refused: GCSA commands")]
 
 
 def test_a_planes_modes_have_their_own_names(door: Door, make: Make) -> None:
-    door.gate.modes = PLANE
+    door.modes = PLANE
     for number in (11, 21, 26):
         door.up(B, make("SET_MODE", sysid=GCSB, custom_mode=number))
     names = ("RTL", "QRTL", "AUTOLAND")

@@ -167,7 +167,7 @@ def test_whatever_changes_mission_or_geofence_drops_the_package(loaded: Bench, w
 
 
 @pytest.mark.parametrize(
-    "part", ["narrator.accepted", "autopilot.orders.give_start_up", "autopilot.desk.start", "gate._flusher.saw"]
+    "part", ["narrator.accepted", "autopilot.orders.give_start_up", "autopilot.desk.start", "gate._passed.flusher.saw"]
 )
 def test_an_upload_drops_the_package_though_something_else_breaks(
     loaded: Bench, part: str, monkeypatch: pytest.MonkeyPatch

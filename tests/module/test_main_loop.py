@@ -287,8 +287,8 @@ class TestTheModule:
         bench.a.alive = bench.b.alive = False
         bench.run(0.5)
         offered: list[float] = []
-        monkeypatch.setattr(bench.companion.gate, "downloads_wait", True)
-        monkeypatch.setattr(bench.companion.gate, "send_downloads", offered.append)
+        monkeypatch.setattr(bench.companion.gate.downloads, "wait", True)
+        monkeypatch.setattr(bench.companion.gate.downloads, "send", offered.append)
         began = bench.clock.now
         bench.module.idle_task()
         assert bench.clock.now - began == pytest.approx(0.05)
@@ -300,7 +300,7 @@ class TestTheModule:
         bench, _far = busy
         bench.a.alive = bench.b.alive = False
         bench.run(0.5)
-        bench.companion.gate.downloads_wait = True  # of which there is nothing
+        bench.companion.gate.downloads.wait = True  # of which there is nothing
         began = bench.clock.now
         bench.module.idle_task()
         assert bench.clock.now == began

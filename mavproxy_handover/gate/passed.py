@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The frames that went to the autopilot, and what the gate remembers of them.
+
+Nothing delays a frame that may pass. What it means for the gate (what it asks, what it leaves open at the autopilot) is
+noted afterwards: frequent frames of the commander with the next `note`, all others at once. `note` is called in each
+tick, before another station's frame, and before authority changes.
+"""
+
+from __future__ import annotations
+
+import traceback
+from collections import Counter
+from collections.abc import Callable, Mapping
+
+from mavproxy_handover.gate.downlink import DownlinkPolicy
+from mavproxy_handover.gate.flush import Closing, FlushTracker
+from mavproxy_handover.gate.in_force import AuthorityInForce
+from mavproxy_handover.gate.judge import GateReason, Verdict
+from mavproxy_handover.gate.latent import LatentStreams
+from mavproxy_handover.gate.observers import ObserverLimits, ObserverRates
+from mavproxy_handover.gate.own_reads import OwnReads
+from mavproxy_handover.gate.policy.access import Access
+from mavproxy_handover.gate.port import Port
+from mavproxy_handover.gate.questions import Questions
+from mavproxy_handover.wire.frames import Frame, parse_one
+
+__all__ = ["PassedFrames"]
+
+
+class PassedFrames:
+    """Of one vehicle. Times are monotonic seconds; not safe for threads."""
+
+    def __init__(
+        self,
+        vehicle: int,
+        ports: Mapping[int, Port],
+        limits: ObserverLimits,
+        in_force: AuthorityInForce,
+        to_autopilot: Callable[[bytes], None],
+        fault: Callable[[str, str], None],
+    ) -> None:
+        """`vehicle`: its system id; `ports`: every known station by system id; `to_autopilot` takes whole frames;
+        `fault` is told what broke, and where."""
+        self._in_force = in_force
+        self._to_autopilot = to_autopilot
+        self._fault = fault
+        #: the number of frames of each station, by what became of them and why
+        self.counts: dict[int, Counter[GateReason]] = {station: Counter() for station in ports}
+        self.flusher = FlushTracker(vehicle)
+        self.questions = Questions(self.flusher)
+        self.latent = LatentStreams(ports)
+        self.own_reads = OwnReads()
+        self.rates = ObserverRates(limits)
+        self.downlink = DownlinkPolicy((port.identity for port in ports.values()), self.rates)
+        self._unnoted: list[tuple[Port, Frame, Verdict, float]] = []
+
+    @property
+    def unnoted(self) -> int:
+        """The number of frames that wait to be noted."""
+        return len(self._unnoted)
+
+    def add(self, port: Port, frame: Frame, verdict: Verdict, now: float) -> None:
+        """This frame went to the autopilot."""
+        self._unnoted.append((port, frame, verdict, now))
+
+    def companion_sent(self, raw: bytes, now: float) -> None:
+        """The companion itself sends this whole frame to the autopilot."""
+        frame = parse_one(raw, proven=True)
+        if frame is not None:
+            self.own_reads.companion_sent(frame, now)
+
+    def note(self) -> None:
+        """Note what the frames mean that went to the autopilot. A frame whose noting breaks is not noted."""
+        if self._unnoted:
+            self.note_for(self._in_force.view.commander)
+
+    def note_for(self, commander: int | None) -> None:
+        """The same; `commander`: the station that had authority when they passed."""
+        passed, self._unnoted = self._unnoted, []
+        for port, frame, verdict, at in passed:
+            try:
+                self.counts[port.sysid][verdict.reason] += 1
+                if port.sysid == commander:
+                    self._commander_sent(port, frame, verdict, at)
+                self.downlink.asked(frame, port.sysid, at)
+                self.own_reads.station_sent(frame)
+                self.flusher.saw(frame, verdict, port.sysid)
+            except Exception:
+                self._fault("frame that passed", traceback.format_exc(limit=-3))
+
+    def _commander_sent(self, port: Port, frame: Frame, verdict: Verdict, at: float) -> None:
+        self.questions.commander_sent(frame, at)
+        if verdict.access is Access.STREAM:
+            self.latent.begun(frame)
+        elif verdict.access is Access.LIVENESS:
+            self.latent.beat(port.sysid)
+
+    # ---- what is left open at the autopilot -----------------------------------------------------------------------
+
+    @property
+    def list_open(self) -> bool:
+        """Whether a station is writing the mission or the geofence to the autopilot."""
+        self.note()
+        return self.flusher.list_open
+
+    def close_mission_files(self) -> list[tuple[int, Closing]]:
+        """Discard the mission files that the commander has open at the autopilot. Returns what was closed, and whose it
+        was.
+
+        The autopilot applies such a file when it is closed. After a package was written, it would replace its mission.
+        """
+        self.note()
+        commander = self._in_force.view.commander
+        return [] if commander is None else self.close(commander, self.flusher.mission_files())
+
+    def close(self, station: int, closings: list[Closing]) -> list[tuple[int, Closing]]:
+        """Send what closes these at the autopilot. `station`: the one that left them open."""
+        for closing in closings:
+            for raw in closing.frames:
+                self._to_autopilot(raw)
+        return [(station, closing) for closing in closings]

@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What the gate answers stations: refusals, data rates of observers, and news of their sticks and setpoints.
+
+Every refusal is answered in its protocol, and a text says why, but not more often than the limits of `refusals.py`
+allow: that is known before an answer is made. Data rates that an observer asks for are the companion's to give
+(`observers.py`): the autopilot is not asked.
+"""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.gate.in_force import AuthorityInForce
+from mavproxy_handover.gate.judge import Verdict
+from mavproxy_handover.gate.latent import LatentStreams, News, State, lines
+from mavproxy_handover.gate.observers import ObserverRates
+from mavproxy_handover.gate.policy.modes import Modes
+from mavproxy_handover.gate.port import Port
+from mavproxy_handover.gate.refusals import OncePerCause, RefusalLimiter, has_words, line_of_text, refusal
+from mavproxy_handover.gate.words import sentence, subject_of
+from mavproxy_handover.wire import codec
+from mavproxy_handover.wire.frames import Frame
+from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, COMPANION_COMPID
+
+__all__ = ["GateReports", "Replies"]
+
+_WARNINGS: Final = (State.REFUSED, State.RAN_BEFORE)
+#: answers to requests for data rates, to one station
+_RATE_ANSWERS_PER_S: Final = 20
+
+
+@dataclass(frozen=True, slots=True)
+class GateReports:
+    """What the gate reports to the rest of the companion."""
+
+    #: what broke: where, and the text
+    fault: Callable[[str, str], None]
+    #: what a station was told of its sticks and setpoints
+    stream: Callable[[News, float], None]
+    #: tells a station (system id) in words why a frame is refused
+    say: Callable[[int, str, float], None]
+
+
+class Replies:
+    """Of one vehicle. Times are monotonic seconds."""
+
+    def __init__(
+        self, vehicle: int, ports: Mapping[int, Port], in_force: AuthorityInForce, reports: GateReports
+    ) -> None:
+        self._ports = ports
+        self._names = {station: port.name for station, port in ports.items()}
+        self._in_force = in_force
+        self._reports = reports
+        self._refusals = RefusalLimiter()
+        self._in_words = OncePerCause()
+        self._rate_answers = RefusalLimiter(_RATE_ANSWERS_PER_S)
+        self._own = mavlink.MAVLink(None, srcSystem=vehicle, srcComponent=COMPANION_COMPID)
+        self._as_autopilot = mavlink.MAVLink(None, srcSystem=vehicle, srcComponent=AUTOPILOT_COMPID)
+
+    def refuse(self, port: Port, frame: Frame, verdict: Verdict, modes: Modes, now: float) -> None:
+        """Answer a refused frame in its protocol, and say why."""
+        if not self._refusals.allow(port.sysid, frame.msgid, now):
+            return
+        tongues, sender = port.tongues, (frame.sysid, frame.compid)
+        for answer in refusal(frame, verdict, self._own, tongues.knows_not_in_control(sender)):
+            self.send(port, answer)
+        if not has_words(frame, verdict):
+            return
+        subject, commander = subject_of(frame), self._in_force.view.commander
+        if self._in_words.allow(port.sysid, (subject, verdict.reason, commander), now):
+            name = "" if commander is None else self._names[commander]
+            words = sentence(subject, verdict.reason, name, tongues.of(sender), modes=modes)
+            self._reports.say(port.sysid, words, now)
+
+    def turn_down(self, port: Port, frame: Frame, verdict: Verdict, now: float) -> None:
+        """Answer a frame of the commander that the companion has refused; the caller says why."""
+        if self._refusals.allow(port.sysid, frame.msgid, now):
+            for answer in refusal(frame, verdict, self._own, knows=False):
+                self.send(port, answer)
+
+    def grant_rates(self, port: Port, frame: Frame, rates: ObserverRates, now: float) -> None:
+        """Answer an observer that asks for data rates, in the autopilot's name."""
+        answers = rates.asked(frame, port.sysid, now)
+        if answers and self._rate_answers.allow(port.sysid, "rates", now):
+            for answer in answers:
+                self.send(port, codec.pack(answer, self._as_autopilot))
+
+    def tell_streams(self, latent: LatentStreams, now: float) -> None:
+        """Tell stations the news of their sticks and setpoints."""
+        untold, latent.untold = latent.untold, []
+        for news in untold:
+            severity = mavlink.MAV_SEVERITY_WARNING if news.state in _WARNINGS else mavlink.MAV_SEVERITY_NOTICE
+            for line in lines(news):
+                self.send(self._ports[news.station], line_of_text(line, severity, self._own))
+            self._reports.stream(news, now)
+
+    def send(self, port: Port, raw: bytes) -> None:
+        """Send a whole frame to a station. A fault costs this frame only."""
+        try:
+            port.write(raw)
+        except Exception:
+            self._reports.fault(f"sending to {port.name}", traceback.format_exc(limit=-3))
