@@ -11,7 +11,7 @@ SOURCES := $(shell find mavproxy_handover gcs_module sitl missions ardupilot_lua
            pyproject.toml setup.py constraints.txt
 
 .DEFAULT_GOAL := help
-.PHONY: help demo quick test check lint types lint-lua format clean bench fuzz explore mutants scenarios soak flights hosts picture clients docs reference
+.PHONY: help demo quick test check lint types language lint-lua format clean bench fuzz explore mutants scenarios soak flights hosts picture clients docs reference
 
 help:
 	@echo "make demo    set up, fly the delivery mission in simulation, write a report"
@@ -20,6 +20,7 @@ help:
 	@echo "make check   the same, and Lua lint where luacheck is installed"
 	@echo "make lint    set up, check formatting and lint"
 	@echo "make types   set up, check types"
+	@echo "make language  plain English in docstrings, comments, messages, documents (ARGS='--count', files or folders)"
 	@echo "make bench   speed against stock MAVProxy, transfer durations under loss and delay"
 	@echo "make explore every reachable state of the real core, deep"
 	@echo "make fuzz    coverage-guided fuzzing of gate, packages, ground link, serial stream, files (needs atheris)"
@@ -74,6 +75,9 @@ lint: $(VENV)/installed
 
 types: $(VENV)/installed
 	$(BIN)/mypy mavproxy_handover gcs_module sitl
+
+language: $(VENV)/installed
+	$(BIN)/python -m tests.structure.language $(ARGS)
 
 lint-lua:
 	@if command -v luacheck > /dev/null; then luacheck --config ardupilot_lua/.luacheckrc ardupilot_lua; \
