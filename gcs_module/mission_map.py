@@ -24,7 +24,7 @@ from mavproxy_handover.mission.flat import parts, quiet_place
 from mavproxy_handover.mission.gaps import undeclared
 from mavproxy_handover.mission.geodesy import LocalPlane
 from mavproxy_handover.mission.package import MissionPackage
-from mavproxy_handover.mission.walk import Gap, Walk, by_commander
+from mavproxy_handover.mission.route_simulation import Gap, Walk, by_commander
 from mavproxy_handover.mission.zones import Zone, overlap
 
 __all__ = ["Crossing", "MissionMap", "ZoneView", "mission_map"]

@@ -72,7 +72,7 @@ from mavproxy_handover.stations.rehearsal_book import Foreseen
 from mavproxy_handover.stations.unheard import Unheard
 from mavproxy_handover.stations.voice import Voice
 from mavproxy_handover.store.journal import Journal, strangers_path
-from mavproxy_handover.store.keeper import StateKeeper
+from mavproxy_handover.store.state_store import StateKeeper
 from mavproxy_handover.vehicle import mode_requests
 from mavproxy_handover.wire import codec, status
 from mavproxy_handover.wire.frames import Frame, checked_types, parse_one

@@ -10,11 +10,11 @@ from collections.abc import Callable
 from typing import Any
 
 from mavproxy_handover.config.files import ConfigError
-from mavproxy_handover.lifeline import Refusal
 from mavproxy_handover.link.devices import LinkError
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.store.keys import KeysError
 from mavproxy_handover.store.lock import LockError
+from mavproxy_handover.watchdog_pipe import Refusal
 
 __all__ = ["SharedLog", "guarded", "refusal", "why"]
 

@@ -13,7 +13,7 @@ back. What it must see to, because MAVProxy does not:
 * it is the vehicle's only judge: it holds the vehicle's lock, and that of a serial line to the autopilot.
 
 The lease goes out from MAVProxy's main loop, so it stops when that loop stalls; and so do the signs of life to the
-supervisor (`lifeline.py`) or, where there is none, to a service manager (`supervision/manager.py`).
+supervisor (`watchdog_pipe.py`) or, where there is none, to a service manager (`supervision/manager.py`).
 """
 
 from __future__ import annotations
@@ -40,7 +40,6 @@ from mavproxy_handover.companion import Companion, Edge
 from mavproxy_handover.config.files import VehicleConfig, find_vehicle_config, path_argument
 from mavproxy_handover.config.running import Running, forget, keep, load_running
 from mavproxy_handover.hosting import SharedLog, guarded, refusal, why
-from mavproxy_handover.lifeline import lifeline
 from mavproxy_handover.link.box_line import BoxLine
 from mavproxy_handover.link.devices import Device, parse_device
 from mavproxy_handover.link.names import Names
@@ -48,13 +47,14 @@ from mavproxy_handover.main_loop import DOWNLOAD_S, STAY_S, TALKING_S, ends, pol
 from mavproxy_handover.must_load import loaded, refused
 from mavproxy_handover.schedule import TICK_S, Schedule
 from mavproxy_handover.stations.port import StationPort, open_ports
-from mavproxy_handover.store.behind import Behind
+from mavproxy_handover.store.background_writer import Behind
 from mavproxy_handover.store.lock import VehicleLock, lock_line
 from mavproxy_handover.store.memory import memory_folder, memory_name
 from mavproxy_handover.store.replay import ReplayStore
 from mavproxy_handover.supervision.manager import ServiceManager, named_manager
 from mavproxy_handover.unloading import UnloadQuestion
 from mavproxy_handover.version import VERSION
+from mavproxy_handover.watchdog_pipe import lifeline
 from mavproxy_handover.wire.signing import SignedPeer
 
 __all__ = ["HandoverModule", "init"]

@@ -17,8 +17,8 @@ import sys
 from collections.abc import Callable
 from typing import Any, Final
 
-from mavproxy_handover.lifeline import Refusal, lifeline
 from mavproxy_handover.main_loop import end
+from mavproxy_handover.watchdog_pipe import Refusal, lifeline
 
 __all__ = ["MUST_LOAD", "import_fault", "loaded", "module_fault", "must_load", "refused", "starter"]
 

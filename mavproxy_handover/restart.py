@@ -4,7 +4,8 @@
 
 Rules
 -----
-* It is kept before anybody hears of it: what is told must outlive a crash. No disk is waited for (`store/keeper.py`).
+* It is kept before anybody hears of it: what is told must outlive a crash. No disk is waited for
+  (`store/state_store.py`).
 * If it cannot be kept, whatever the reason, what was kept before must go: after a restart it would give authority to
   whoever had it then. What the rules settled comes into force all the same.
 * Without a store nothing is kept: a restart in flight means that nobody commands.
@@ -20,7 +21,7 @@ from mavproxy_handover.core.common.model import Phase
 from mavproxy_handover.core.common.snapshot import Snapshot
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.narrator import Narrator
-from mavproxy_handover.store.keeper import StateKeeper
+from mavproxy_handover.store.state_store import StateKeeper
 
 __all__ = ["Restart"]
 

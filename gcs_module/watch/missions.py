@@ -19,7 +19,7 @@ from gcs_module.watch.scene import Aircraft
 from mavproxy_handover.mission.colours import station_colour
 from mavproxy_handover.mission.geodesy import distance_m
 from mavproxy_handover.mission.package import MissionPackage, load
-from mavproxy_handover.mission.walk import Sample
+from mavproxy_handover.mission.route_simulation import Sample
 
 __all__ = ["MOST_MISSIONS", "Coming", "Mission", "beside", "coming", "read"]
 

@@ -48,7 +48,7 @@ from mavproxy_handover.gate.words import how_to_lift
 from mavproxy_handover.mission.ahead import Ahead, around, leaves_coverage, leaves_fence, straight, to_height
 from mavproxy_handover.mission.energy import Place, pieces_along, released_at, with_ways_down
 from mavproxy_handover.mission.geodesy import offset
-from mavproxy_handover.mission.walk import Leg
+from mavproxy_handover.mission.route_simulation import Leg
 from mavproxy_handover.mission.wings import AS_IT_COMES
 from mavproxy_handover.monitors.energy import FAULT, EnergyMonitor
 from mavproxy_handover.monitors.return_site.candidates import Candidates

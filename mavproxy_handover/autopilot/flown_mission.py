@@ -25,7 +25,7 @@ from mavproxy_handover.mission.energy import released_at
 from mavproxy_handover.mission.items import RallyPoint
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.mission.plan import Route
-from mavproxy_handover.mission.walk import Handover
+from mavproxy_handover.mission.route_simulation import Handover
 from mavproxy_handover.monitors.borders import BorderMonitor
 from mavproxy_handover.monitors.energy import EnergyMonitor
 from mavproxy_handover.monitors.gaps import GapMonitor

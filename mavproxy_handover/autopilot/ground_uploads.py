@@ -45,7 +45,7 @@ from mavproxy_handover.mission.heights import into_ground
 from mavproxy_handover.mission.items import COMMANDS, MissionItem, difference
 from mavproxy_handover.mission.jumps import jumps
 from mavproxy_handover.mission.package import MissionPackage
-from mavproxy_handover.mission.walk import walk_legs
+from mavproxy_handover.mission.route_simulation import walk_legs
 from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.wire.conversation import Conversation
 from mavproxy_handover.worker import Worker

@@ -16,7 +16,7 @@ from mavproxy_handover.mission.crossings import WayAhead
 from mavproxy_handover.mission.energy import PreparedWay
 from mavproxy_handover.mission.gaps import Stretch
 from mavproxy_handover.mission.package import MissionPackage
-from mavproxy_handover.mission.walk import Handover
+from mavproxy_handover.mission.route_simulation import Handover
 from mavproxy_handover.mission.zones import ZoneFinder
 from mavproxy_handover.monitors.preflight.own_failsafes import PlanFacts
 

@@ -14,7 +14,7 @@ from mavproxy_handover.autopilot.context import Context
 from mavproxy_handover.autopilot.flown_mission import FlownMission
 from mavproxy_handover.autopilot.orders import Orders
 from mavproxy_handover.autopilot.return_site import ReturnSite
-from mavproxy_handover.mission.walk import speed_at
+from mavproxy_handover.mission.route_simulation import speed_at
 
 __all__ = ["SpeedKeeper"]
 

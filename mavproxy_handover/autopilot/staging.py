@@ -46,7 +46,7 @@ from mavproxy_handover.mission.items import COMMANDS, JUMP, MissionItem
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.mission.plan import MAX_CORNERS, MAX_ITEMS, Route, with_items
 from mavproxy_handover.mission.returns import with_return
-from mavproxy_handover.mission.walk import walk_legs
+from mavproxy_handover.mission.route_simulation import walk_legs
 from mavproxy_handover.monitors.preflight.own_failsafes import plan_facts
 from mavproxy_handover.monitors.preflight.plan_fit import not_as_checked
 from mavproxy_handover.stations.port import StationPort

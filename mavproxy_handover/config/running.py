@@ -6,8 +6,8 @@ Rules that live here
 --------------------
 * A start on the ground reads the files. It is strict: whatever is missing or wrong is an error.
 * A restart goes on with what the run before it had loaded (`store/run_record.py`), and touches no file. A restart is a
-  start by the supervisor after a death, or a start in flight by the state in memory (`store/keeper.py`). So nothing
-  that happens to a file in flight, by an editor or by a failing disk, can leave an aircraft without a judge.
+  start by the supervisor after a death, or a start in flight by the state in memory (`store/state_store.py`). So
+  nothing that happens to a file in flight, by an editor or by a failing disk, can leave an aircraft without a judge.
 * Where a restart finds no such record it reads the files. A key file that others may read is then a warning.
 """
 
@@ -26,9 +26,9 @@ from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.addresses import without_addresses
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.package import MissionPackage
-from mavproxy_handover.store.keeper import in_flight
 from mavproxy_handover.store.keys import StationKeys, load_key, load_station_keys
 from mavproxy_handover.store.run_record import RunRecord
+from mavproxy_handover.store.state_store import in_flight
 from mavproxy_handover.vehicle_address import pack_addresses, unpack_addresses
 from mavproxy_handover.wire.signing import KEY_BYTES
 

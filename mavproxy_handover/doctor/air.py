@@ -17,10 +17,10 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.config.station import FleetVehicle, StationConfig
 from mavproxy_handover.core.common.messages import Connect
+from mavproxy_handover.doctor.check_context import Patient
 from mavproxy_handover.doctor.finding import Finding, error, ok, unseen, warning
 from mavproxy_handover.doctor.line import here, line_findings, usable
 from mavproxy_handover.doctor.mission import shown
-from mavproxy_handover.doctor.patient import Patient
 from mavproxy_handover.doctor.ports import held_by_ours
 from mavproxy_handover.doctor.talk import Talk
 from mavproxy_handover.link.devices import Kind, LinkError, open_device, parse_device

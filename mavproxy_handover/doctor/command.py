@@ -24,11 +24,11 @@ from mavproxy_handover.cli.machine import CONFIGURATION, below
 from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.config.files import STATION_PLACES, ConfigError, find_station_config, find_vehicle_config
 from mavproxy_handover.doctor.air import air
+from mavproxy_handover.doctor.check_context import CompanionStarted, Patient, admit
 from mavproxy_handover.doctor.finding import Finding, Level, unseen
 from mavproxy_handover.doctor.flight_controller import autopilot
 from mavproxy_handover.doctor.host import clock, disk, service
 from mavproxy_handover.doctor.mission import missions
-from mavproxy_handover.doctor.patient import CompanionStarted, Patient, admit
 from mavproxy_handover.doctor.ports import ports
 from mavproxy_handover.doctor.position_box import position_box
 from mavproxy_handover.doctor.programs import programs

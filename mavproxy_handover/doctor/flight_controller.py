@@ -22,11 +22,11 @@ from mavproxy_handover.config.vehicle import VehicleConfig
 from mavproxy_handover.core.common import model
 from mavproxy_handover.core.common.model import GuardState
 from mavproxy_handover.doctor.advice import advice
+from mavproxy_handover.doctor.check_context import Patient
 from mavproxy_handover.doctor.finding import Finding, error, ok, unseen, warning
 from mavproxy_handover.doctor.guard_script import card_checksum, shipped_script
 from mavproxy_handover.doctor.journal import autopilot_by_journal
 from mavproxy_handover.doctor.line import RATES, here, line_findings, usable
-from mavproxy_handover.doctor.patient import Patient
 from mavproxy_handover.doctor.talk import Talk
 from mavproxy_handover.link.devices import DeviceSpec, Kind, LinkError, open_device, parse_device
 from mavproxy_handover.mission.heights import above_sea

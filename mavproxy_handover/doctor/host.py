@@ -18,8 +18,8 @@ from typing import Final
 import mavproxy_handover
 from mavproxy_handover.cli.machine import STATE
 from mavproxy_handover.doctor.accounts import WRITE, may, reaches
+from mavproxy_handover.doctor.check_context import Patient
 from mavproxy_handover.doctor.finding import Finding, error, ok, unseen, warning
-from mavproxy_handover.doctor.patient import Patient
 
 __all__ = ["clock", "disk", "service"]
 

@@ -14,8 +14,8 @@ from typing import Any, Final
 
 from mavproxy_handover.cli.machine import STATE
 from mavproxy_handover.doctor.advice import advice
+from mavproxy_handover.doctor.check_context import Patient
 from mavproxy_handover.doctor.finding import Finding, error, ok, unseen
-from mavproxy_handover.doctor.patient import Patient
 from mavproxy_handover.store.flights import LATEST
 
 __all__ = ["autopilot_by_journal", "links_by_journal", "position_box_by_journal"]

@@ -12,8 +12,8 @@ from typing import Final
 
 from mavproxy_handover.cli.machine import LINE
 from mavproxy_handover.doctor.accounts import READ, WRITE, may
+from mavproxy_handover.doctor.check_context import Patient
 from mavproxy_handover.doctor.finding import Finding, error, ok
-from mavproxy_handover.doctor.patient import Patient
 from mavproxy_handover.doctor.processes import users_of
 from mavproxy_handover.link.forms import DeviceSpec
 

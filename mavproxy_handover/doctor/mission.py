@@ -10,13 +10,13 @@ from typing import Final
 
 from mavproxy_handover.config.vehicle import VehicleConfig
 from mavproxy_handover.core.authority.consent import refused_on_route, without_consent
+from mavproxy_handover.doctor.check_context import Patient
 from mavproxy_handover.doctor.finding import Finding, error, ok, warning
-from mavproxy_handover.doctor.patient import Patient
 from mavproxy_handover.link.forms import Kind, parse_device
 from mavproxy_handover.mission.addresses import ADDRESSES_FILE
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.package import MissionPackage, load
-from mavproxy_handover.store.state import StateError, StateStore
+from mavproxy_handover.store.state_file import StateError, StateStore
 
 __all__ = ["missions", "shown"]
 

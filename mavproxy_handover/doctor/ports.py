@@ -16,8 +16,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
+from mavproxy_handover.doctor.check_context import Patient
 from mavproxy_handover.doctor.finding import Finding, error, ok, warning
-from mavproxy_handover.doctor.patient import Patient
 from mavproxy_handover.doctor.processes import Process, command_line, listens, port_holder, users_of
 from mavproxy_handover.link.forms import DeviceSpec, Kind, LinkError, parse_device
 from mavproxy_handover.link.names import endpoint, hear_both_kinds

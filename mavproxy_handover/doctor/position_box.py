@@ -20,9 +20,9 @@ from typing import Final
 
 from mavproxy_handover.config.position import BOX
 from mavproxy_handover.config.vehicle import VehicleConfig
+from mavproxy_handover.doctor.check_context import Patient
 from mavproxy_handover.doctor.finding import Finding, error, ok, unseen, warning
 from mavproxy_handover.doctor.journal import position_box_by_journal
-from mavproxy_handover.doctor.patient import Patient
 from mavproxy_handover.link.box_line import SILENT, BoxCounters, BoxLine, Fix
 from mavproxy_handover.link.forms import LinkError
 from mavproxy_handover.monitors.position.box_layout_watch import LayoutWatch, Verdict, rivals

@@ -18,8 +18,8 @@ from pathlib import Path
 from shutil import which
 from typing import Final
 
+from mavproxy_handover.doctor.check_context import Patient
 from mavproxy_handover.doctor.finding import Finding, error, ok, unseen, warning
-from mavproxy_handover.doctor.patient import Patient
 from mavproxy_handover.resources import shipped
 
 __all__ = ["programs"]

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Final
 
 from mavproxy_handover.doctor.accounts import READ, may, reaches
+from mavproxy_handover.doctor.check_context import Patient
 from mavproxy_handover.doctor.finding import Finding, error, ok, unseen, warning
-from mavproxy_handover.doctor.patient import Patient
 from mavproxy_handover.store.keys import KeysError, StationKeys, check_distinct, load_station_keys
 from mavproxy_handover.wire.signing import fingerprint
 

@@ -13,8 +13,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
+from mavproxy_handover.doctor.check_context import Patient
 from mavproxy_handover.doctor.finding import Finding, ok, warning
-from mavproxy_handover.doctor.patient import Patient
 from mavproxy_handover.doctor.routes import Interface, interface_of, interface_to
 from mavproxy_handover.link.forms import Kind, LinkError, parse_device
 from mavproxy_handover.link.names import endpoint

@@ -45,8 +45,8 @@ from dataclasses import dataclass
 from typing import Final, Protocol
 
 from mavproxy_handover.link.base import LinkCounters
+from mavproxy_handover.link.link_sequencer import Outlet, Seal
 from mavproxy_handover.link.monitor import LinkMonitor
-from mavproxy_handover.link.outlet import Outlet, Seal
 from mavproxy_handover.link.quality import LinkEvent, LinkEventKind, LinkLimits, LinkQuality
 from mavproxy_handover.link.timesync import TIMESYNC, answered_stamp
 from mavproxy_handover.wire.frames import MAGIC_V2, Frame

@@ -4,8 +4,8 @@
 
 `load` reads a folder and `from_bytes` what came over a link; both give a `MissionPackage`, whose route (`plan.py`,
 `items.py`) and zones (`geojson.py`, `corridor.py`, `zones.py`) have been checked against each other. `ZoneFinder` turns
-positions into facts in flight. `walk.py` and `check.py` tell before flight what will happen; `picture.py` draws it.
-Whatever is wrong with a package is a `MissionError` of one line.
+positions into facts in flight. `route_simulation.py` and `check.py` tell before flight what will happen; `picture.py`
+draws it. Whatever is wrong with a package is a `MissionError` of one line.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.items import MissionItem, RallyPoint, difference
 from mavproxy_handover.mission.package import MissionPackage, StationEntry, from_bytes, load
 from mavproxy_handover.mission.plan import Home, Route, read_route
-from mavproxy_handover.mission.walk import Gap, Handover, Walk, commanders_along
+from mavproxy_handover.mission.route_simulation import Gap, Handover, Walk, commanders_along
 from mavproxy_handover.mission.zones import Circle, Zone, ZoneFinder, overlap
 
 __all__ = [

@@ -28,7 +28,7 @@ from mavproxy_handover.mission.gaps import Stretch
 from mavproxy_handover.mission.geodesy import offset
 from mavproxy_handover.mission.leg import DEFAULT_CRUISE_MPS
 from mavproxy_handover.mission.plan import Route
-from mavproxy_handover.mission.walk import Leg, legs_from
+from mavproxy_handover.mission.route_simulation import Leg, legs_from
 from mavproxy_handover.mission.zones import ZoneFinder
 
 __all__ = ["NEAR_M", "Ahead", "around", "leaves_coverage", "leaves_fence", "straight", "to_height"]

@@ -39,8 +39,7 @@ from mavproxy_handover.mission.items import MissionItem
 from mavproxy_handover.mission.package import MISSION_FILE, MissionPackage
 from mavproxy_handover.mission.path import Path, Turn
 from mavproxy_handover.mission.plan import Route
-from mavproxy_handover.mission.terrain import CLEAR_M
-from mavproxy_handover.mission.walk import (
+from mavproxy_handover.mission.route_simulation import (
     Gap,
     Handover,
     Walk,
@@ -48,6 +47,7 @@ from mavproxy_handover.mission.walk import (
     landing_sequences,
     sequence_place,
 )
+from mavproxy_handover.mission.terrain import CLEAR_M
 from mavproxy_handover.mission.wings import Air
 from mavproxy_handover.mission.zones import overlap
 from mavproxy_handover.vehicle_address import on_this_computer

@@ -7,7 +7,7 @@ and of the legs between those that follow one another on the route. So two stati
 handover region of at least twice that width around it, and two that share two waypoints one along the whole leg. From
 here on such a zone is an area like any other: finder, check and map need no second set of rules, and an aircraft blown
 off its route leaves the zone as it should. Where each waypoint belongs to one station and decides by being reached
-(`reached.py`), the areas are made the same way.
+(`waypoint_ownership.py`), the areas are made the same way.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from mavproxy_handover.mission.errors import Where
 from mavproxy_handover.mission.geodesy import beside_deg, degree_lengths_m
 from mavproxy_handover.mission.items import COMMANDS
 from mavproxy_handover.mission.plan import Route
-from mavproxy_handover.mission.walk import legs_of
+from mavproxy_handover.mission.route_simulation import legs_of
 
 __all__ = ["covered_area"]
 

@@ -2,11 +2,11 @@
 
 """Where zones begin and end on the way of a mission, and how soon the aircraft is there.
 
-Where a station awaits the aircraft at a waypoint (`reached.py`), its zone begins there.
+Where a station awaits the aircraft at a waypoint (`waypoint_ownership.py`), its zone begins there.
 
-The way is walked once, when the mission is loaded (`walk.py`): that finds every border. In flight nothing is left but
-to measure how far it is to the end of the leg, so a look costs little, however many zones there are. On a circle or a
-spline the aircraft is followed from place to place, and in a climb or descent on the spot by its height.
+The way is walked once, when the mission is loaded (`route_simulation.py`): that finds every border. In flight nothing
+is left but to measure how far it is to the end of the leg, so a look costs little, however many zones there are. On a
+circle or a spline the aircraft is followed from place to place, and in a climb or descent on the spot by its height.
 
 Times of a copter have what speeding up, slowing down and corners cost (`pace.py`); those of wings are the walk's, at
 their airspeed. Both follow what is flown:
@@ -30,7 +30,7 @@ from mavproxy_handover.mission.geodesy import distance_m
 from mavproxy_handover.mission.items import LANDINGS, RETURN_TO_LAUNCH
 from mavproxy_handover.mission.pace import Pace, speed_up_mps2
 from mavproxy_handover.mission.plan import Route
-from mavproxy_handover.mission.walk import Sample, Walk
+from mavproxy_handover.mission.route_simulation import Sample, Walk
 
 __all__ = ["Seen", "WayAhead"]
 

@@ -38,7 +38,7 @@ from mavproxy_handover.mission.fence import Fence
 from mavproxy_handover.mission.geodesy import bearing_deg, distance_m
 from mavproxy_handover.mission.items import GRIPPER, LANDINGS, PAYLOAD_PLACE, RETURN_TO_LAUNCH
 from mavproxy_handover.mission.plan import Route
-from mavproxy_handover.mission.walk import (
+from mavproxy_handover.mission.route_simulation import (
     Leg,
     cruise_of,
     landing_sequences,

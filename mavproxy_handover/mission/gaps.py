@@ -26,7 +26,7 @@ from mavproxy_handover.mission.items import COMMANDS
 from mavproxy_handover.mission.leg import round_by_round
 from mavproxy_handover.mission.pieces import Line
 from mavproxy_handover.mission.plan import Route
-from mavproxy_handover.mission.walk import Gap, Leg, Sample, Walk
+from mavproxy_handover.mission.route_simulation import Gap, Leg, Sample, Walk
 
 __all__ = ["LONGEST_S", "DeclaredGap", "Stretch", "read_gaps", "stretches", "undeclared"]
 

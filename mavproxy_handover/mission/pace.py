@@ -2,9 +2,9 @@
 
 """When a copter is where on its way: with speeding up, slowing down, and corners.
 
-A walk (`walk.py`) has the least time there is: each leg at its full speed. A copter starts from rest, climbs before it
-goes, rounds corners slowly and stops where it waits. Each costs two to four seconds. So the speed is limited here at
-each place of the walk, and from place to place by how fast a copter speeds up and slows down:
+A walk (`route_simulation.py`) has the least time there is: each leg at its full speed. A copter starts from rest,
+climbs before it goes, rounds corners slowly and stops where it waits. Each costs two to four seconds. So the speed is
+limited here at each place of the walk, and from place to place by how fast a copter speeds up and slows down:
 
 * at rest: the start, the end, where the walk waits, where a return or a landing begins, and between a climb or descent
   on the spot and the way on;
@@ -24,7 +24,7 @@ from itertools import pairwise
 from typing import Final
 
 from mavproxy_handover.mission.geodesy import east_north_m
-from mavproxy_handover.mission.walk import Sample
+from mavproxy_handover.mission.route_simulation import Sample
 
 __all__ = ["Pace", "speed_up_mps2"]
 

@@ -44,10 +44,8 @@ from mavproxy_handover.mission.items import COMMANDS, MissionItem
 from mavproxy_handover.mission.path import Path as FlownPath
 from mavproxy_handover.mission.path import path_of
 from mavproxy_handover.mission.plan import FencePart, Route, on_ground, read_route
-from mavproxy_handover.mission.reached import Belonging, belonging_of
 from mavproxy_handover.mission.returns import with_return
-from mavproxy_handover.mission.terrain import Relief, Terrain, read_terrain, relief_of
-from mavproxy_handover.mission.walk import (
+from mavproxy_handover.mission.route_simulation import (
     Leg,
     Walk,
     commanders_along,
@@ -55,6 +53,8 @@ from mavproxy_handover.mission.walk import (
     legs_of,
     walk_legs,
 )
+from mavproxy_handover.mission.terrain import Relief, Terrain, read_terrain, relief_of
+from mavproxy_handover.mission.waypoint_ownership import Belonging, belonging_of
 from mavproxy_handover.mission.wings import WINGS_RANGES, Air, Wings
 from mavproxy_handover.mission.zones import Zone, ZoneFinder
 from mavproxy_handover.vehicle_address import Addresses

@@ -2,10 +2,10 @@
 
 """The path that wings fly along a route: past its waypoints in turns, around its circles, in the wind.
 
-`legs_of` (walk.py) has the lines between the places of a route. Here each corner of two of them becomes the bend of
-`wings.py`, each NAV_LOITER_* a way to the circle, once around it and on to where it is left towards the next place. The
-times are those of the ground speed in each direction, at the most: the aircraft has at least the time told here. The
-turns themselves are as wide as the fastest ground speed makes them, in whatever direction they are flown.
+`legs_of` (route_simulation.py) has the lines between the places of a route. Here each corner of two of them becomes the
+bend of `wings.py`, each NAV_LOITER_* a way to the circle, once around it and on to where it is left towards the next
+place. The times are those of the ground speed in each direction, at the most: the aircraft has at least the time told
+here. The turns themselves are as wide as the fastest ground speed makes them, in whatever direction they are flown.
 
 Hovering there are no turns: a quadplane that rises, comes down or was told by DO_VTOL_TRANSITION to hover turns on the
 spot. The way to a hovering landing is taken to be straight, with the braking left out.
@@ -31,7 +31,7 @@ from mavproxy_handover.mission.items import (
     MissionItem,
 )
 from mavproxy_handover.mission.plan import Route
-from mavproxy_handover.mission.walk import Leg, hovers_at, legs_of
+from mavproxy_handover.mission.route_simulation import Leg, hovers_at, legs_of
 from mavproxy_handover.mission.wings import ROLL_IN_S, Air, Bend, bend
 
 __all__ = ["Path", "Tight", "Turn", "path_of"]

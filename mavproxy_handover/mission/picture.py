@@ -36,7 +36,7 @@ from mavproxy_handover.mission.geodesy import LocalPlane
 from mavproxy_handover.mission.items import COMMANDS, LANDINGS, RETURN_TO_LAUNCH, TAKEOFFS
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.mission.plan import FenceCircle
-from mavproxy_handover.mission.walk import Gap, Sample, Walk, by_commander
+from mavproxy_handover.mission.route_simulation import Gap, Sample, Walk, by_commander
 from mavproxy_handover.mission.zones import Circle, Zone, overlap
 
 if TYPE_CHECKING:

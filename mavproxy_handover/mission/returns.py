@@ -21,10 +21,10 @@ from mavproxy_handover.mission.energy import LANDING, places_of
 from mavproxy_handover.mission.fence import Fence
 from mavproxy_handover.mission.geodesy import distance_m
 from mavproxy_handover.mission.items import RETURN_TO_LAUNCH
-from mavproxy_handover.mission.places import PlaceFinder
 from mavproxy_handover.mission.plan import Route
+from mavproxy_handover.mission.return_paths import PlaceFinder
+from mavproxy_handover.mission.route_simulation import legs_of
 from mavproxy_handover.mission.terrain import Terrain, relief_of
-from mavproxy_handover.mission.walk import legs_of
 from mavproxy_handover.mission.zones import Zone
 
 __all__ = ["before_return", "with_return"]

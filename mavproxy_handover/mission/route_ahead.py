@@ -8,7 +8,7 @@ from typing import Final
 
 from mavproxy_handover.mission.pieces import Line, PieceRow
 from mavproxy_handover.mission.plan import Route
-from mavproxy_handover.mission.walk import legs_of
+from mavproxy_handover.mission.route_simulation import legs_of
 
 __all__ = ["RouteAhead"]
 

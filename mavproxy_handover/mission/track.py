@@ -53,7 +53,7 @@ from mavproxy_handover.mission.items import (
 from mavproxy_handover.mission.leg import Leg
 from mavproxy_handover.mission.pieces import Line, PieceRow
 from mavproxy_handover.mission.plan import Route
-from mavproxy_handover.mission.walk import legs_of
+from mavproxy_handover.mission.route_simulation import legs_of
 
 __all__ = ["Motion", "RouteTracker"]
 

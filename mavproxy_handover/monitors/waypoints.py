@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Which stations await the aircraft at a waypoint, by what the autopilot says of its mission (`mission/reached.py`).
+"""Which stations await the aircraft at a waypoint, by what the autopilot says of its mission
+(`mission/waypoint_ownership.py`).
 
 Rules
 -----
@@ -22,7 +23,7 @@ from dataclasses import replace
 from typing import Final
 
 from mavproxy_handover.core.common.model import ZoneFact
-from mavproxy_handover.mission.reached import Belonging
+from mavproxy_handover.mission.waypoint_ownership import Belonging
 from mavproxy_handover.vehicle.state import VehicleState
 
 __all__ = ["MISSING_S", "WaypointMonitor"]

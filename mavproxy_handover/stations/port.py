@@ -18,8 +18,8 @@ from mavproxy_handover.gate.judge import StationIdentity
 from mavproxy_handover.gate.tongues import ANEW_S, Tongues
 from mavproxy_handover.link.bundle import LinkBundle
 from mavproxy_handover.link.devices import Device, LinkError, open_link
+from mavproxy_handover.link.link_sequencer import NO_STAMP
 from mavproxy_handover.link.names import Names
-from mavproxy_handover.link.outlet import NO_STAMP
 from mavproxy_handover.link.quality import LinkEvent, LinkEventKind, LinkQuality, Measure
 from mavproxy_handover.link.timesync import probe_message
 from mavproxy_handover.store.keys import StationKeys, check_distinct

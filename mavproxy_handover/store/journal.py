@@ -7,8 +7,9 @@ Every entry carries `t` (monotonic seconds: differences are true even when the c
 newest events are always there. An entry that was cut (full disk, power failure) stays a line by itself.
 
 Writing never raises and never waits: a disk that is full, slow or gone must not end a flight, nor hold up the lease.
-Entries are written by a thread (`behind.py`), in their order, a moment after they were given; those that find no room
-there, or none on the disk, are counted, and once an entry can be written again the journal says how many are missing.
+Entries are written by a thread (`background_writer.py`), in their order, a moment after they were given; those that
+find no room there, or none on the disk, are counted, and once an entry can be written again the journal says how many
+are missing.
 
 `note` is for what comes often and changes nothing: a single entry costs as much as several that are written together,
 when little else runs on the processor. Its entries have their own time and place, and are in the file a moment later.
@@ -30,7 +31,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-from mavproxy_handover.store.behind import CLOSE_S, Behind
+from mavproxy_handover.store.background_writer import CLOSE_S, Behind
 
 __all__ = ["Journal", "strangers_path"]
 

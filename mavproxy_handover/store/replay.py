@@ -25,7 +25,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-from mavproxy_handover.store.behind import CLOSE_S, Behind
+from mavproxy_handover.store.background_writer import CLOSE_S, Behind
 from mavproxy_handover.store.durable import discard, replace_whole, sync_folder
 from mavproxy_handover.wire.signing import MAX_TIMESTAMP, UNITS_PER_S, SignedPeer, timestamp_of
 

@@ -4,7 +4,7 @@
 
 Theory of operation
 -------------------
-A process is in one of four states, by the last sign that it gave (`lifeline.py`), and each has its patience:
+A process is in one of four states, by the last sign that it gave (`watchdog_pipe.py`), and each has its patience:
 
     STARTING   no sign yet: it loads                      start_s
     LIVE       its main loop goes round                   silent_s, less than half of what the guard allows
@@ -35,7 +35,7 @@ from enum import Enum
 from math import inf
 from typing import Final
 
-from mavproxy_handover.lifeline import BEAT, ENDING, LET_GO, Told
+from mavproxy_handover.watchdog_pipe import BEAT, ENDING, LET_GO, Told
 
 __all__ = ["LOCKED", "REFUSED", "Limits", "Next", "State", "Watch"]
 

@@ -27,9 +27,9 @@ from contextlib import contextmanager, suppress
 from dataclasses import replace
 from typing import Any, Final
 
-from mavproxy_handover.lifeline import Lifeline, Told
 from mavproxy_handover.supervision.manager import ServiceManager
 from mavproxy_handover.supervision.rules import Limits, Next, Watch
+from mavproxy_handover.watchdog_pipe import Lifeline, Told
 
 __all__ = ["ENDS", "Supervisor", "single_threaded"]
 

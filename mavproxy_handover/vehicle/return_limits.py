@@ -12,7 +12,7 @@ from __future__ import annotations
 from typing import Final
 
 from mavproxy_handover.core.safety.energy_prior import RETURN_ALT_M, WINGED_RETURN_ALT_M
-from mavproxy_handover.mission.places import FenceLimits
+from mavproxy_handover.mission.return_paths import FenceLimits
 from mavproxy_handover.vehicle.kinds import VEHICLES
 from mavproxy_handover.vehicle.state import VehicleState
 

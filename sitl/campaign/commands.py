@@ -24,7 +24,7 @@ from mavproxy_handover.mission.energy import Place, pieces_along
 from mavproxy_handover.mission.fence import Fence
 from mavproxy_handover.mission.gaps import DeclaredGap, Stretch, stretches
 from mavproxy_handover.mission.plan import FenceCircle
-from mavproxy_handover.mission.walk import Leg, walk_legs
+from mavproxy_handover.mission.route_simulation import Leg, walk_legs
 from mavproxy_handover.mission.zones import Zone, ZoneFinder
 from sitl.campaign.aircraft import Aircraft
 from sitl.campaign.plan import FlightPlan

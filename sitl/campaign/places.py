@@ -30,8 +30,8 @@ from mavproxy_handover.core.safety.return_site import (
     Reach,
 )
 from mavproxy_handover.mission.fence import Fence
-from mavproxy_handover.mission.places import PlaceFinder, flown_s
 from mavproxy_handover.mission.plan import FenceCircle
+from mavproxy_handover.mission.return_paths import PlaceFinder, flown_s
 from mavproxy_handover.mission.zones import Zone
 from sitl.campaign.aircraft import Aircraft, Mode
 from sitl.campaign.plan import FlightPlan

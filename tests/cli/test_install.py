@@ -121,7 +121,7 @@ def test_the_unit_of_a_station(device: str | None, option: str, allowed: str | N
 
 
 def test_who_commands_is_known_again_after_the_service_was_restarted() -> None:
-    """It is kept in memory, and bound to the boot (store/keeper.py): both have to be there for the service."""
+    """It is kept in memory, and bound to the boot (store/state_store.py): both have to be there for the service."""
     service = unit_of(text_of(files("companion", PROGRAM, LINE), "handover-companion.service"))["Service"]
     assert service["RuntimeDirectory"] == "handover"
     assert service["RuntimeDirectoryPreserve"] == "yes", "/dev/shm is emptied by RemoveIPC=, /run is not writable"

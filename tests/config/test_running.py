@@ -19,9 +19,9 @@ from mavproxy_handover.core.common.model import Phase
 from mavproxy_handover.core.common.snapshot import Snapshot
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.store import run_record
-from mavproxy_handover.store.keeper import StateKeeper
 from mavproxy_handover.store.keys import KeysError
 from mavproxy_handover.store.run_record import RunRecord
+from mavproxy_handover.store.state_store import StateKeeper
 
 MISSIONS = Path(__file__).resolve().parents[2] / "missions"
 KEYS = {name: bytes([number]) * 32 for number, name in enumerate(("GCSA", "old", "autopilot", "guard"), 1)}

@@ -23,7 +23,7 @@ from mavproxy_handover.mission.package import load
 from mavproxy_handover.resources import shipped
 from mavproxy_handover.store.journal import Journal
 from mavproxy_handover.store.lock import VehicleLock
-from mavproxy_handover.store.state import StateStore
+from mavproxy_handover.store.state_file import StateStore
 from tests.doctor.machine import Machine, Speaker, companion, free_port, heartbeat
 
 STATE = "var/lib/handover/state"

@@ -37,7 +37,7 @@ from mavproxy_handover.core.safety.battery import PackMemory
 from mavproxy_handover.mission import package as packages
 from mavproxy_handover.store.memory import Condition, Slots
 from mavproxy_handover.store.replay import ReplayStore
-from mavproxy_handover.store.state import Kept, StateError, StateStore, pack, unpack
+from mavproxy_handover.store.state_file import Kept, StateError, StateStore, pack, unpack
 from mavproxy_handover.vehicle_address import VehicleAddress
 from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.frames import Frame, parse_one

@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from gcs_module.ground import GroundLink
-from mavproxy_handover.store.state import Kept, StateStore
+from mavproxy_handover.store.state_file import Kept, StateStore
 from mavproxy_handover.vehicle_address import VehicleAddress
 from mavproxy_handover.wire.frames import FrameSplitter
 from tests.fuzz import ground, package, states, stream

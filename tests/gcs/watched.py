@@ -16,7 +16,7 @@ from pathlib import Path
 
 from mavproxy_handover.mission.geodesy import distance_m
 from mavproxy_handover.mission.package import MissionPackage, load
-from mavproxy_handover.mission.walk import Sample
+from mavproxy_handover.mission.route_simulation import Sample
 from mavproxy_handover.store.journal import Journal
 from tests.packages import MISSIONS
 

@@ -16,7 +16,7 @@ from mavproxy_handover.mission.fence import Fence, outside_fence
 from mavproxy_handover.mission.geodesy import distance_m, offset
 from mavproxy_handover.mission.items import LAND, RETURN_TO_LAUNCH, TAKEOFF, WAYPOINT, MissionItem
 from mavproxy_handover.mission.plan import FenceCircle, FencePart, FencePolygon, Home, Route
-from mavproxy_handover.mission.walk import Leg
+from mavproxy_handover.mission.route_simulation import Leg
 from mavproxy_handover.mission.zones import Zone, ZoneFinder
 
 HOME = 52.0, 6.0

@@ -26,7 +26,7 @@ from mavproxy_handover.mission.items import MissionItem
 from mavproxy_handover.mission.leg import round_by_round
 from mavproxy_handover.mission.pieces import Line
 from mavproxy_handover.mission.plan import Home, Route
-from mavproxy_handover.mission.walk import curves_lacking, legs_from, legs_of
+from mavproxy_handover.mission.route_simulation import curves_lacking, legs_from, legs_of
 
 DATA = Path(__file__).resolve().parents[1] / "data" / "missions"
 HOME = (52.0, 5.0)

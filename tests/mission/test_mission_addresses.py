@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from mavproxy_handover.mission.package import from_bytes, load
-from mavproxy_handover.store.state import StateStore
+from mavproxy_handover.store.state_file import StateStore
 from mavproxy_handover.vehicle_address import VehicleAddress
 from tests.packages import ROUND
 

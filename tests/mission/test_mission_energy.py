@@ -17,7 +17,7 @@ from mavproxy_handover.core.safety.energy_prior import ENERGY_RANGES, EnergySett
 from mavproxy_handover.mission import MissionError, load
 from mavproxy_handover.mission.check import Severity, check, report_text
 from mavproxy_handover.mission.energy import budget_of, pieces_along, pieces_of, places_of, released_at
-from mavproxy_handover.mission.walk import legs_of
+from mavproxy_handover.mission.route_simulation import legs_of
 
 NUMBERS = """
 [energy]

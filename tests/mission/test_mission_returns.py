@@ -13,7 +13,7 @@ from mavproxy_handover.mission.items import RETURN_TO_LAUNCH
 from mavproxy_handover.mission.package import load
 from mavproxy_handover.mission.plan import with_items
 from mavproxy_handover.mission.returns import before_return, with_return
-from mavproxy_handover.mission.walk import legs_of
+from mavproxy_handover.mission.route_simulation import legs_of
 
 HOME, RALLY = (0.0, 10.001), (0.0, 10.0035)
 

@@ -16,7 +16,7 @@ from mavproxy_handover.mission import MissionError, load
 from mavproxy_handover.mission.check import Severity, check
 from mavproxy_handover.mission.fence import Fence
 from mavproxy_handover.mission.package import from_bytes
-from mavproxy_handover.mission.places import PlaceFinder
+from mavproxy_handover.mission.return_paths import PlaceFinder
 from mavproxy_handover.mission.terrain import Relief, read_terrain
 from tests.mission.test_mission_kinds import hovering
 

@@ -21,7 +21,7 @@ from mavproxy_handover.mission.energy import places_of, way_back
 from mavproxy_handover.mission.geodesy import east_north_m
 from mavproxy_handover.mission.path import path_of
 from mavproxy_handover.mission.plan import Home, Route
-from mavproxy_handover.mission.walk import hovers_at, landing_sequences, legs_of
+from mavproxy_handover.mission.route_simulation import hovers_at, landing_sequences, legs_of
 from mavproxy_handover.mission.wings import Air, Wings, bend
 
 CALM = Air(20.0)

@@ -19,8 +19,8 @@ from mavproxy_handover.mission.geodesy import bearing_deg, offset
 from mavproxy_handover.mission.items import MissionItem
 from mavproxy_handover.mission.path import path_of
 from mavproxy_handover.mission.plan import Home, Route
+from mavproxy_handover.mission.route_simulation import legs_of, walk_legs
 from mavproxy_handover.mission.track import Motion, RouteTracker
-from mavproxy_handover.mission.walk import legs_of, walk_legs
 from mavproxy_handover.mission.wings import Air
 
 HOME = (52.679, 5.924)

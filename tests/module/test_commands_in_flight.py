@@ -19,7 +19,7 @@ from mavproxy_handover.core.common.model import Phase
 from mavproxy_handover.core.safety.energy import EnergyFact
 from mavproxy_handover.mission.geodesy import offset
 from mavproxy_handover.mission.package import MissionPackage, load
-from mavproxy_handover.mission.places import PlaceFinder
+from mavproxy_handover.mission.return_paths import PlaceFinder
 from tests.module.conftest import Bench
 from tests.module.test_rally_list import clear, result, send, upload
 from tests.module.vehicle import AUTO, HOME, PlaneAutopilot

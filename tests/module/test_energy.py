@@ -23,7 +23,7 @@ from mavproxy_handover.core.safety.battery import Batteries
 from mavproxy_handover.core.safety.learning import Learner
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage
-from mavproxy_handover.store.state import StateStore
+from mavproxy_handover.store.state_file import StateStore
 from tests.module.conftest import Bench
 from tests.module.test_restart import lose_power, restart
 from tests.module.vehicle import AUTO, RTL

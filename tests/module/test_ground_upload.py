@@ -14,7 +14,7 @@ from mavproxy_handover.autopilot.mission_protocol import fence_items
 from mavproxy_handover.gate.mission_items import item_message
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.mission.plan import FenceCircle
-from mavproxy_handover.mission.walk import legs_of
+from mavproxy_handover.mission.route_simulation import legs_of
 from tests.module.conftest import Bench
 from tests.module.test_commands_in_flight import override
 from tests.module.test_ground_writes import needs, told

@@ -15,7 +15,7 @@ from mavproxy_handover.autopilot.return_site import ReturnSite
 from mavproxy_handover.core.common.model import Phase
 from mavproxy_handover.core.safety.return_site import PlaceChooser
 from mavproxy_handover.mission.package import MissionPackage
-from mavproxy_handover.mission.places import PlaceFinder
+from mavproxy_handover.mission.return_paths import PlaceFinder
 from mavproxy_handover.monitors.return_site import views
 from mavproxy_handover.monitors.return_site.views import Views
 from tests.module.conftest import Bench

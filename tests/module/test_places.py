@@ -19,7 +19,7 @@ from mavproxy_handover.autopilot.rally import READ_S, WRITE_S
 from mavproxy_handover.core.common.events import LinkJudged, PlaceJudged
 from mavproxy_handover.core.common.model import Phase
 from mavproxy_handover.mission.package import MissionPackage, load
-from mavproxy_handover.mission.places import PlaceFinder
+from mavproxy_handover.mission.return_paths import PlaceFinder
 from tests.module.conftest import Bench
 from tests.packages import ROUND
 

@@ -26,10 +26,10 @@ from mavproxy_handover.core.common.model import (
     Station,
 )
 from mavproxy_handover.mission.package import MissionPackage
-from mavproxy_handover.store import keeper, state
-from mavproxy_handover.store.keeper import StateKeeper
+from mavproxy_handover.store import state_file, state_store
 from mavproxy_handover.store.memory import Slots, memory_folder
-from mavproxy_handover.store.state import StateStore
+from mavproxy_handover.store.state_file import StateStore
+from mavproxy_handover.store.state_store import StateKeeper
 from mavproxy_handover.wire import codec
 from tests.module import vehicle
 from tests.module.conftest import Bench
@@ -79,7 +79,7 @@ def lose_power(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     kill(bench)
     kept_in_memory(bench).unlink()
     kept_in_memory(bench).with_suffix(".mission").unlink(missing_ok=True)
-    monkeypatch.setattr(keeper, "boot_id", lambda: "another boot")
+    monkeypatch.setattr(state_store, "boot_id", lambda: "another boot")
 
 
 def leases(bench: Bench) -> list[tuple[int, int, int]]:
@@ -92,7 +92,7 @@ def leases(bench: Bench) -> list[tuple[int, int, int]]:
     return seen
 
 
-def state_file(bench: Bench) -> Path:
+def path_of_state(bench: Bench) -> Path:
     return bench.folder / "state" / "drone-1.state.json"
 
 
@@ -415,7 +415,7 @@ class TestBadState:
     @pytest.mark.parametrize("how", ["torn", "empty", "flipped", "of another vehicle", "a folder"])
     def test_in_flight(self, flight: Bench, how: str, monkeypatch: pytest.MonkeyPatch) -> None:
         lose_power(flight, monkeypatch)
-        self.spoil(state_file(flight), how)
+        self.spoil(path_of_state(flight), how)
         flight.load()
         flight.run(3.0)
         assert flight.autopilot.mode == RTL
@@ -435,7 +435,7 @@ class TestBadState:
     @pytest.mark.parametrize("how", ["torn", "empty", "flipped", "of another vehicle", "a folder"])
     def test_while_the_power_is_on_the_disk_does_not_matter(self, flight: Bench, how: str) -> None:
         kill(flight)
-        self.spoil(state_file(flight), how)
+        self.spoil(path_of_state(flight), how)
         flight.load()
         flight.run(2.0)
         assert leases(flight) == [(RECOVERING, 0, 2), (HELD, 251, 2)]
@@ -443,7 +443,7 @@ class TestBadState:
 
     def test_without_any_file_neither(self, flight: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
         lose_power(flight, monkeypatch)
-        state_file(flight).unlink()
+        path_of_state(flight).unlink()
         flight.load()
         flight.run(3.0)
         assert flight.autopilot.mode == RTL
@@ -460,7 +460,7 @@ class TestBadState:
             bench.run(1.5)
         assert bench.companion.view.epoch == 7
         lose_power(bench, monkeypatch)
-        self.spoil(state_file(bench), "torn")
+        self.spoil(path_of_state(bench), "torn")
         bench.load()
         bench.until(lambda: bench.companion.view.commander == 251)
         assert len(bench.journal("state_lost")) == 1
@@ -493,7 +493,7 @@ class TestBadState:
         self, flight: Bench, delivery: MissionPackage, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         kill(flight)
-        monkeypatch.setattr(state, "from_bytes", lambda data: _Other())
+        monkeypatch.setattr(state_file, "from_bytes", lambda data: _Other())
         flight.load()
         flight.run(2.0)
         assert flight.companion.autopilot.zones.facts() == ()

@@ -13,9 +13,9 @@ from pathlib import Path
 import pytest
 import serial
 
-from mavproxy_handover.lifeline import Lifeline, Told, hold
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.store.lock import LockError, VehicleLock, lock_line
+from mavproxy_handover.watchdog_pipe import Lifeline, Told, hold
 from tests.module.conftest import Bench
 from tests.module.test_restart import kill
 

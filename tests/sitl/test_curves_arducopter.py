@@ -16,7 +16,7 @@ import pytest
 from mavproxy_handover.mission.geodesy import distance_m, offset
 from mavproxy_handover.mission.items import MissionItem
 from mavproxy_handover.mission.plan import Home, Route
-from mavproxy_handover.mission.walk import legs_of
+from mavproxy_handover.mission.route_simulation import legs_of
 from sitl.vehicles import find_arducopter
 from tests.sitl.curve_flight import fly, hold_against
 from tests.sitl.guard_flight import HOME

@@ -44,7 +44,7 @@ from mavproxy_handover.mission.heights import above_sea, above_terrain, low_ways
 from mavproxy_handover.mission.items import GRIPPER, LANDINGS, LOITER_TURNS, MissionItem, stored_radius_m
 from mavproxy_handover.mission.leg import Leg
 from mavproxy_handover.mission.plan import Route, ways_from_land_starts
-from mavproxy_handover.mission.walk import legs_of
+from mavproxy_handover.mission.route_simulation import legs_of
 from mavproxy_handover.vehicle.return_limits import BELOW_CEILING_M
 
 __all__ = [

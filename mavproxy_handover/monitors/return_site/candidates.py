@@ -20,8 +20,8 @@ from mavproxy_handover.mission.fence import Fence
 from mavproxy_handover.mission.geodesy import distance_m
 from mavproxy_handover.mission.items import RallyPoint, alike
 from mavproxy_handover.mission.package import MissionPackage
-from mavproxy_handover.mission.places import FenceLimits, PlaceFinder
 from mavproxy_handover.mission.plan import FencePart, Route
+from mavproxy_handover.mission.return_paths import FenceLimits, PlaceFinder
 from mavproxy_handover.mission.returns import before_return
 from mavproxy_handover.vehicle.return_limits import BELOW_CEILING_M, fence_limits, return_alt_m, return_mps
 from mavproxy_handover.vehicle.state import VehicleState

@@ -2,8 +2,9 @@
 
 """What each place is worth from where the aircraft is: distance, time, energy, zones and fence.
 
-What the map says of a place is `mission/places.py`. One look at a place takes up to a millisecond, so the chosen place
-and home are looked at each second, and some of the others in turn. A look that breaks leaves what was seen before.
+What the map says of a place is `mission/return_paths.py`. One look at a place takes up to a millisecond, so the chosen
+place and home are looked at each second, and some of the others in turn. A look that breaks leaves what was seen
+before.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from mavproxy_handover.core.safety.energy import EnergyFact, Piece
 from mavproxy_handover.core.safety.return_site import PlaceFact
 from mavproxy_handover.mission.energy import Place, way_back
 from mavproxy_handover.mission.geodesy import distance_m
-from mavproxy_handover.mission.places import flown_s
+from mavproxy_handover.mission.return_paths import flown_s
 from mavproxy_handover.monitors.return_site.candidates import HOME, Candidates
 from mavproxy_handover.schedule import attempt
 from mavproxy_handover.vehicle.return_limits import fence_limits, return_alt_m, return_mps

@@ -32,7 +32,7 @@ from mavproxy_handover.core.safety.energy_prior import (
 from mavproxy_handover.gate.tongues import POLICIES as TONGUES
 from mavproxy_handover.mission import gaps
 from mavproxy_handover.mission import package as packages
-from mavproxy_handover.mission.walk import DEFAULT_CRUISE_MPS
+from mavproxy_handover.mission.route_simulation import DEFAULT_CRUISE_MPS
 from mavproxy_handover.mission.wings import AS_IT_COMES, WINGS_RANGES
 from mavproxy_handover.wire.box_layout import LAYOUTS, BoxLayout
 from tests.structure.imports import ROOT

@@ -10,7 +10,7 @@ import pytest
 from shapely.geometry import Polygon
 
 from mavproxy_handover.mission import Circle, Zone, ZoneFinder, commanders_along, load, read_route
-from mavproxy_handover.mission.walk import legs_from, legs_of, speed_at
+from mavproxy_handover.mission.route_simulation import legs_from, legs_of, speed_at
 
 A, B, C = 251, 252, 253
 

@@ -15,8 +15,8 @@ from mavproxy_handover.core.safety.energy import Piece, Wind
 from mavproxy_handover.core.safety.energy_prior import EnergySettings
 from mavproxy_handover.mission.borders import Circle
 from mavproxy_handover.mission.fence import Fence, outside_fence
-from mavproxy_handover.mission.places import PlaceFinder, PlaceView, flown_s
 from mavproxy_handover.mission.plan import FenceCircle, FencePolygon
+from mavproxy_handover.mission.return_paths import PlaceFinder, PlaceView, flown_s
 from mavproxy_handover.mission.zones import Zone, ZoneFinder
 
 A, B = 251, 252

@@ -16,10 +16,10 @@ from mavproxy_handover.core.common.model import Phase
 from mavproxy_handover.core.common.snapshot import Snapshot
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage
-from mavproxy_handover.store import keeper as keeping
 from mavproxy_handover.store import memory
-from mavproxy_handover.store.keeper import StateKeeper
-from mavproxy_handover.store.state import StateStore
+from mavproxy_handover.store import state_store as keeping
+from mavproxy_handover.store.state_file import StateStore
+from mavproxy_handover.store.state_store import StateKeeper
 
 MISSIONS = Path(__file__).resolve().parents[2] / "missions"
 WAIT_S = 10.0
@@ -324,7 +324,7 @@ class TestItCannotBeKept:
 class TestFolderOfAnotherUser:
     def test_it_is_said_in_words(self, place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
         why = "/dev/shm/mavproxy-handover-0 belongs to user 1000, not to user 0, and is not used. Remove it"
-        monkeypatch.setattr("mavproxy_handover.store.keeper.passed_over", lambda environment: why)
+        monkeypatch.setattr("mavproxy_handover.store.state_store.passed_over", lambda environment: why)
         assert place.start().note == why
 
 

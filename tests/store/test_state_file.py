@@ -22,8 +22,8 @@ from mavproxy_handover.core.common.snapshot import Snapshot
 from mavproxy_handover.core.safety.battery import Batteries, PackMemory, PackReport
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage
-from mavproxy_handover.store import state
-from mavproxy_handover.store.state import Kept, StateError, StateStore
+from mavproxy_handover.store import state_file
+from mavproxy_handover.store.state_file import Kept, StateError, StateStore
 
 MISSIONS = Path(__file__).resolve().parents[2] / "missions"
 DIGEST = bytes(range(32))
@@ -408,11 +408,11 @@ def dying_at(step: str, monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
 
         context.setattr(Path, "open", opened)
     elif step == "fsync":
-        context.setattr(state.os, "fsync", killed)
+        context.setattr(state_file.os, "fsync", killed)
     elif step == "replace":
-        context.setattr(state.os, "replace", killed)
+        context.setattr(state_file.os, "replace", killed)
     else:
-        context.setattr(state, "sync_folder", killed)
+        context.setattr(state_file, "sync_folder", killed)
     return context.undo
 
 
@@ -465,9 +465,9 @@ class TestKilled:
     def test_it_is_on_the_disk_before_it_has_its_name(self, store: StateStore, monkeypatch: pytest.MonkeyPatch) -> None:
         order: list[str] = []
         fsync, renamed = os.fsync, os.replace
-        monkeypatch.setattr(state.os, "fsync", lambda d: (order.append("fsync"), fsync(d))[1])
-        monkeypatch.setattr(state.os, "replace", lambda a, b: (order.append("replace"), renamed(a, b))[1])
-        monkeypatch.setattr(state, "sync_folder", lambda p: order.append("folder"))
+        monkeypatch.setattr(state_file.os, "fsync", lambda d: (order.append("fsync"), fsync(d))[1])
+        monkeypatch.setattr(state_file.os, "replace", lambda a, b: (order.append("replace"), renamed(a, b))[1])
+        monkeypatch.setattr(state_file, "sync_folder", lambda p: order.append("folder"))
         store.save(BEFORE)
         assert order == ["fsync", "replace", "folder"]
 
@@ -487,7 +487,7 @@ class TestUnwritable:
 
         store.save(BEFORE)
         with monkeypatch.context() as patch:
-            patch.setattr(state.os, call, full)
+            patch.setattr(state_file.os, call, full)
             with pytest.raises(OSError, match="No space left"):
                 store.save(AFTER)
         assert held(store) == BEFORE
@@ -536,7 +536,7 @@ class TestPackage:
     def test_a_killed_save_leaves_the_old_one(self, store: StateStore, delivery: MissionPackage) -> None:
         store.save_package(delivery)
         patch = pytest.MonkeyPatch()
-        patch.setattr(state.os, "replace", killed)
+        patch.setattr(state_file.os, "replace", killed)
         with pytest.raises(Killed):
             store.save_package(delivery)
         patch.undo()

@@ -32,10 +32,10 @@ from typing import Final
 from mavproxy_handover.core.common.model import Phase
 from mavproxy_handover.core.common.snapshot import Snapshot
 from mavproxy_handover.mission.package import MissionPackage
-from mavproxy_handover.store.behind import CLOSE_S, Behind
+from mavproxy_handover.store.background_writer import CLOSE_S, Behind
 from mavproxy_handover.store.durable import discard
 from mavproxy_handover.store.memory import Condition, Slots, boot_id, memory_folder, memory_name, passed_over
-from mavproxy_handover.store.state import Kept, StateError, StateStore, pack, unpack
+from mavproxy_handover.store.state_file import Kept, StateError, StateStore, pack, unpack
 
 __all__ = ["StateKeeper", "in_flight"]
 

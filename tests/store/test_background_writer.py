@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from mavproxy_handover.store.behind import Behind
+from mavproxy_handover.store.background_writer import Behind
 
 WAIT_S = 10.0
 

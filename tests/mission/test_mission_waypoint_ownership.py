@@ -10,7 +10,7 @@ from mavproxy_handover.mission import MissionError, load
 from mavproxy_handover.mission.check import Severity, check
 from mavproxy_handover.mission.crossings import Seen, WayAhead
 from mavproxy_handover.mission.errors import Where
-from mavproxy_handover.mission.reached import Belonging, belonging_of
+from mavproxy_handover.mission.waypoint_ownership import Belonging, belonging_of
 
 A, B, C = 251, 252, 253
 #: a thousandth of a degree of longitude on the equator (m)
@@ -174,7 +174,7 @@ def test_a_zone_that_ends_before_the_waypoint_moves_authority_all_the_same(line)
     package = load(line.write())
     walk = package.walk()
     other = belonging_of(Where("mission.toml"), package.route, [(A, [1, 2, 3]), (B, [4])])
-    from mavproxy_handover.mission.walk import commanders_along
+    from mavproxy_handover.mission.route_simulation import commanders_along
 
     found = commanders_along(package.route, package.zone_finder(), A, cruise_speed_mps=10.0, belonging=other)
     (handover,) = [each for each in found.handovers if each.to_station == B]

@@ -9,7 +9,8 @@ and moves authority by the rule of the core:
 * while inside the commander's zone, entering another station's zone moves authority to that station;
 * authority also moves when the commander's zone ends and another zone holds the aircraft;
 * of several stations that could take over, the one that keeps the aircraft longest does;
-* where waypoints belong to stations (`reached.py`), a zone is entered when its station awaits the aircraft no more.
+* where waypoints belong to stations (`waypoint_ownership.py`), a zone is entered when its station awaits the aircraft
+  no more.
 
 Times come from the cruise speed and ArduCopter's default vertical speeds, without the time that speeding up, slowing
 down and corners cost: the aircraft has at least the time told here. Wind is left out.
@@ -53,7 +54,7 @@ from mavproxy_handover.mission.leg import (
     round_by_round,
 )
 from mavproxy_handover.mission.plan import Route, ways_from_land_starts
-from mavproxy_handover.mission.reached import Belonging
+from mavproxy_handover.mission.waypoint_ownership import Belonging
 from mavproxy_handover.mission.wings import DEFAULT_AIRSPEED_MPS, HOVER_MPS
 from mavproxy_handover.mission.zones import ZoneFinder
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Each rule at the head of `link/outlet.py`, seen by who counts lost frames at the other end: pymavlink."""
+"""Each rule at the head of `link/link_sequencer.py`, seen by who counts lost frames at the other end: pymavlink."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import pytest
 from pymavlink.dialects.v10 import ardupilotmega as v10
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.link.outlet import NO_STAMP, Outlet
+from mavproxy_handover.link.link_sequencer import NO_STAMP, Outlet
 from mavproxy_handover.wire.frames import parse_one
 from mavproxy_handover.wire.signing import sign
 from sitl.report.loss import Heard, losses
