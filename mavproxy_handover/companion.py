@@ -72,7 +72,7 @@ from mavproxy_handover.stations.rehearsal_book import Foreseen
 from mavproxy_handover.stations.unheard import Unheard
 from mavproxy_handover.stations.voice import Voice
 from mavproxy_handover.store.journal import Journal, strangers_path
-from mavproxy_handover.store.state_store import StateKeeper
+from mavproxy_handover.store.state_store import StateStore
 from mavproxy_handover.vehicle import mode_requests
 from mavproxy_handover.wire import codec, status
 from mavproxy_handover.wire.frames import Frame, checked_types, parse_one
@@ -144,7 +144,7 @@ class Companion:
         self._reason = Reason.NONE
         #: what each station was told last of what the checks before flight have found
         self._warned: dict[int, tuple[str, ...]] = {}
-        keeper = None if config.state is None else StateKeeper(config.state, config.name)
+        keeper = None if config.state is None else StateStore(config.state, config.name)
         self._restart = Restart(keeper, self.fault, self._not_kept)
         identity = Identity(config.name, tuple(entry.station for entry in config.stations), config.parent, edge.nonce)
         self.arbiter = Arbiter(identity, config.limits, self._restart.restored)

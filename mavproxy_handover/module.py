@@ -47,7 +47,7 @@ from mavproxy_handover.main_loop import DOWNLOAD_S, STAY_S, TALKING_S, ends, pol
 from mavproxy_handover.must_load import loaded, refused
 from mavproxy_handover.schedule import TICK_S, Schedule
 from mavproxy_handover.stations.port import StationPort, open_ports
-from mavproxy_handover.store.background_writer import Behind
+from mavproxy_handover.store.background_writer import BackgroundWriter
 from mavproxy_handover.store.lock import VehicleLock, lock_line
 from mavproxy_handover.store.memory import memory_folder, memory_name
 from mavproxy_handover.store.replay import ReplayStore
@@ -114,7 +114,7 @@ class HandoverModule(mp_module.MPModule):
         jobs = [("measuring links", partial(self._measure, port), _measured_s(port)) for port in ports.values()]
         jobs += [("link", partial(self._look_at, port, link), _POLL_S) for port, link in self._links]
         self._running, self._names = running, names
-        self._record = Behind("run record")
+        self._record = BackgroundWriter("run record")
         jobs.append(("names", partial(self._look_up), _POLL_S))
         jobs.append(("shared log", partial(SharedLog.look, SharedLog(mpstate, self._show)), 1.0))
         self._schedule = Schedule(jobs, self.companion.fault)

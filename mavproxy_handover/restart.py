@@ -21,7 +21,7 @@ from mavproxy_handover.core.common.model import Phase
 from mavproxy_handover.core.common.snapshot import Snapshot
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.narrator import Narrator
-from mavproxy_handover.store.state_store import StateKeeper
+from mavproxy_handover.store.state_store import StateStore
 
 __all__ = ["Restart"]
 
@@ -34,7 +34,7 @@ class Restart:
     """
 
     def __init__(
-        self, store: StateKeeper | None, fault: Callable[[str, str], None], not_kept: Callable[[str], None]
+        self, store: StateStore | None, fault: Callable[[str, str], None], not_kept: Callable[[str], None]
     ) -> None:
         self._store = store
         self._fault = fault

@@ -16,7 +16,7 @@ from mavproxy_handover.link.forms import Kind, parse_device
 from mavproxy_handover.mission.addresses import ADDRESSES_FILE
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.package import MissionPackage, load
-from mavproxy_handover.store.state_file import StateError, StateStore
+from mavproxy_handover.store.state_file import StateError, StateFile
 
 __all__ = ["missions", "shown"]
 
@@ -66,7 +66,7 @@ def _of_vehicle(patient: Patient, vehicle: VehicleConfig) -> Iterator[Finding]:
     else:
         yield ok("mission on board", "none in the configuration: the parent sends it")
     if vehicle.state is not None:
-        yield from _held(patient, StateStore(patient.at(vehicle.state), vehicle.name))
+        yield from _held(patient, StateFile(patient.at(vehicle.state), vehicle.name))
     yield from _consent(patient, vehicle)
 
 
@@ -99,7 +99,7 @@ def _consent(patient: Patient, vehicle: VehicleConfig) -> Iterator[Finding]:
             yield error("consent", text, f'Write consent = "automatic" in {patient.path}, or fly another route.')
 
 
-def _held(patient: Patient, store: StateStore) -> Iterator[Finding]:
+def _held(patient: Patient, store: StateFile) -> Iterator[Finding]:
     """What the state file says of the last run, or of the one that goes on."""
     try:
         kept = store.load()

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What is written to a disk is written behind the main loop: the lease goes out from there, and a disk may hang.
+"""Threads that write to a disk for the main loop. The main loop sends the lease, and a disk may hang.
 
 Rules that live here
 --------------------
-* One thread for each thing that is written, so that what hangs in one holds up no other.
-* Of jobs with the same name only the newest is done: what nobody has begun when the next one comes is not news any
-  more. So no more jobs can wait than there are names.
-* Nothing here raises, and nothing waits but `settle` and `close`, which are told for how long. The thread keeps no
+* One thread for each thing that is written. If one thread hangs, the others go on.
+* A new job replaces a waiting job of the same name, because the older one is obsolete. So no more jobs can wait than
+  there are names.
+* Nothing here raises. Only `settle` and `close` wait, at most as long as they are told. The threads do not keep the
   program from ending.
 """
 
@@ -18,19 +18,19 @@ import threading
 import time
 from collections.abc import Callable
 
-__all__ = ["CLOSE_S", "Behind"]
+__all__ = ["CLOSE_S", "BackgroundWriter"]
 
-#: at the end so long is waited for what has still to be written: the program has two seconds to end
+#: time (s) that `close` waits for unfinished writes; the whole program has two seconds to end
 CLOSE_S = 0.5
 _LOG = logging.getLogger(__name__)
 
 
-class Behind:
-    """Does jobs in a thread of its own, which begins with the first of them. A job may raise: that ends it alone."""
+class BackgroundWriter:
+    """Runs jobs in its own thread, which starts with the first job. An exception ends only the job that raised it."""
 
     def __init__(self, name: str) -> None:
         self._name = name
-        #: what waits, by name, the oldest first
+        #: waiting jobs by name, the oldest first
         self._waiting: dict[str, Callable[[], None]] = {}
         self._changed = threading.Condition()
         self._thread: threading.Thread | None = None
@@ -39,14 +39,14 @@ class Behind:
 
     @property
     def idle(self) -> bool:
-        """Nothing waits, and nothing is being done."""
+        """True if no job waits or runs."""
         with self._changed:
             return not self._waiting and not self._working
 
     def put(self, name: str, job: Callable[[], None]) -> bool:
-        """Have `job` done, in place of the one of this name that still waits. False: that cannot be, it is not taken.
+        """Queue `job`. It replaces a waiting job of the same name. Returns at once.
 
-        Returns at once.
+        Returns False if the job cannot be accepted: this writer is closed, or its thread cannot start.
         """
         with self._changed:
             if self._closed or not self._begun():
@@ -56,7 +56,7 @@ class Behind:
         return True
 
     def settle(self, within_s: float) -> bool:
-        """Wait until all is done, so long at most; whether it is."""
+        """Wait until all jobs are done, at most `within_s`. Returns True if they are."""
         until = time.monotonic() + within_s
         with self._changed:
             while self._waiting or self._working:
@@ -67,13 +67,13 @@ class Behind:
         return True
 
     def close(self, within_s: float = CLOSE_S) -> bool:
-        """Take nothing more, and wait for what was taken, so long at most; whether all of it is done."""
+        """Accept no more jobs and wait for the accepted ones, at most `within_s`. Returns True if all are done."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()
         done = self.settle(within_s)
         with self._changed:
-            self._waiting.clear()  # the disk hangs: should it come back, what it does then is nobody's wish any more
+            self._waiting.clear()  # the disk hangs: drop the jobs, so that nothing is written if it recovers later
         return done
 
     def _begun(self) -> bool:
@@ -81,7 +81,7 @@ class Behind:
             thread = threading.Thread(target=self._run, name=self._name, daemon=True)
             try:
                 thread.start()
-            except RuntimeError:  # the system has no room for one more: the next job tries again
+            except RuntimeError:  # the system cannot start a thread now; the next job tries again
                 return False
             self._thread = thread
         return True
@@ -100,5 +100,5 @@ class Behind:
                 self._working = True
             try:
                 job()
-            except Exception:  # whoever gave the job knows what to make of it; what it did not foresee is told here
+            except Exception:  # a job handles its expected errors itself; log what it did not expect
                 _LOG.exception("%s: %s failed", self._name, name)

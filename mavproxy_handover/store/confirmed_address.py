@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The file of a vehicle's address that a station's operator confirmed. It lies beside the station's configuration.
+"""The vehicle's address that a station's operator confirmed, in a file beside the station's configuration.
 
-What is read is as strict as what comes over a link: a damaged or foreign file is no address.
+The file is read as strictly as a message from a link. A damaged or foreign file counts as no address.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _FILE_BYTES: Final = 4096
 
 @dataclass(frozen=True, slots=True)
 class ConfirmedAddress:
-    """Paths to the vehicle. `sender`: name of the station that sent them; `at`: UTC, for people."""
+    """Paths to the vehicle. `sender`: name of the station that sent them. `at`: time in UTC, for display only."""
 
     addresses: tuple[VehicleAddress, ...]
     sender: str
@@ -36,12 +36,12 @@ class ConfirmedAddress:
 
 
 def address_file(configuration: Path, station: str, vehicle: int) -> Path:
-    """Where a station keeps the address of the vehicle with this system id."""
+    """Path of the file in which a station keeps the address of the vehicle with this system id."""
     return configuration.with_name(f"{station}-vehicle-{vehicle}.address")
 
 
 def kept_address(file: Path) -> ConfirmedAddress | None:
-    """What the operator confirmed, None if there is nothing. Raises ValueError, OSError."""
+    """Read the confirmed addresses; None if there are none. Raises ValueError, OSError."""
     try:
         with file.open("rb") as stream:
             data = stream.read(_FILE_BYTES + 1)
@@ -61,7 +61,7 @@ def kept_address(file: Path) -> ConfirmedAddress | None:
 
 
 def keep_address(file: Path, confirmed: ConfirmedAddress | None) -> None:
-    """Replace the file by this, or remove it. Raises OSError."""
+    """Write the file, or remove it if `confirmed` is None. Raises OSError."""
     if confirmed is None:
         file.unlink(missing_ok=True)
         return

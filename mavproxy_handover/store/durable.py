@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Small private files that are on the disk whole, or not there at all.
+"""Small private files that are written completely or not at all.
 
-A temporary file is written beside the target, and then linked or renamed: who reads the target sees all of it or
-nothing of it, whenever the power fails. What cannot be finished leaves no temporary file: it may hold keys.
+A temporary file is written beside the target, then linked or renamed. So a reader sees the whole new content or none of
+it, even if the power fails at any time. If the write fails, the temporary file is removed, because it may hold keys.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ _TOKEN_BYTES = 4
 
 
 def write_beside(path: Path, data: bytes, *, sync: bool = True) -> Path:
-    """A new file in the folder of `path`: holds `data`, mode 0600 from the start, on the disk. Raises OSError.
+    """Write `data` to a new file in the folder of `path` and return its path. Raises OSError.
 
-    `sync` False: of storage in memory, where there is no disk to wait for.
+    The file has mode 0600 from the start. `sync` False: do not wait for the disk, because the storage is in memory.
     """
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(_TOKEN_BYTES)}")
     descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, _MODE)
     try:
         with os.fdopen(descriptor, "wb") as file:
-            os.fchmod(file.fileno(), _MODE)  # the umask may have taken away more
+            os.fchmod(file.fileno(), _MODE)  # the umask may have removed more bits
             file.write(data)
             file.flush()
             if sync:
@@ -40,7 +40,10 @@ def write_beside(path: Path, data: bytes, *, sync: bool = True) -> Path:
 
 
 def replace_whole(path: Path, data: bytes, *, sync: bool = True) -> None:
-    """Put `data` in the place of what is in the file, mode 0600. Raises OSError: then that stays. `sync`: as above."""
+    """Replace the content of the file by `data`, mode 0600. Raises OSError: then the old content stays.
+
+    `sync` False: do not wait for the disk, because the storage is in memory.
+    """
     temporary = write_beside(path, data, sync=sync)
     try:
         os.replace(temporary, path)
@@ -50,7 +53,7 @@ def replace_whole(path: Path, data: bytes, *, sync: bool = True) -> None:
 
 
 def discard_unfinished(path: Path) -> None:
-    """Remove temporary files of `path` that a killed process has left."""
+    """Remove temporary files of `path` that a killed process left."""
     with suppress(OSError):
         for left in list(path.parent.iterdir()):
             if _is_temporary(left.name, path.name):
@@ -69,7 +72,7 @@ def discard(path: Path) -> None:
 
 
 def sync_folder(path: Path) -> None:
-    """Put the name of `path` on the disk: names are there only when their folder is. As far as the disk can do it."""
+    """Sync the folder of `path`, because a name is on the disk only when its folder is. Errors are ignored."""
     with suppress(OSError):
         descriptor = os.open(path.parent, os.O_RDONLY | os.O_CLOEXEC)
         try:

@@ -1,17 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Folders of flights: what a run of the companion, or of a station, leaves behind, and nothing of any other run.
+"""Flight folders. Each holds the files of one run of the companion or of a station.
 
 Rules that live here
 --------------------
-* One folder for each run, made for it: so no run ever opens, shortens or overwrites what another one wrote. A restart
-  by the supervisor is the same run. The name begins with the time by UTC, for people; it is only a name: a clock that
-  was not set yet, or is set back, makes no two of one, as what is there already is counted past.
-* `latest` leads to the newest one that was begun.
-* A run that ended before it wrote anything (a key that others may read, no autopilot at the other end) leaves nothing
-  when the next one of its name begins: a service manager tries every few seconds, for as long as nobody looks.
-* A folder is held for as long as anything of its run lives (a lock that children and successors keep), and what is held
-  is never deleted. Of the others the oldest go first, and only whole ones.
+* Each run has a new folder. So a run never opens, shortens or overwrites the files of another run. A restart by the
+  supervisor belongs to the same run. The folder's name begins with the UTC time, for people. If the name exists
+  already, a number is added, so a clock that is not set or is set back makes no two equal names.
+* `latest` is a link to the folder that was begun last.
+* A run may end before it wrote anything, for example if the key file is readable by others or no autopilot answers. Its
+  folder is removed when the next run of its name begins, because a service manager retries every few seconds.
+* A folder is locked while any process of its run lives; children and successors inherit the lock. A locked folder is
+  never deleted. Of the others the oldest are deleted first, each as a whole.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from typing import Any, Final
 __all__ = ["LATEST", "Flight", "begin", "delete", "flights", "latest_flight", "to_go"]
 
 LATEST: Final = "latest"
-#: lock, and what the run is about
+#: lock file, and file with the facts about the run
 _HELD: Final = ".held"
 _ABOUT: Final = "run.json"
 _NAME: Final = re.compile(r"(?P<time>\d{8}T\d{6}Z)-(?P<who>[\w.-]+)(\+(?P<count>\d+))?")
@@ -42,7 +42,9 @@ _DAY_S: Final = 86400.0
 
 @dataclass(frozen=True, slots=True)
 class Flight:
-    """A folder. `begun` is what its name says, `ended` its last change, both UTC. `held`: it is written to."""
+    """A flight folder. `begun`: UTC time in its name. `ended`: UTC time of its last change. `held`: a process of its
+    run lives.
+    """
 
     path: Path
     who: str
@@ -55,13 +57,14 @@ class Flight:
 def begin(
     base: Path, who: str, utc: datetime, about: Mapping[str, Any], config: Path, content: bytes | None = None
 ) -> Path:
-    """Make the folder of a run that begins, and hold it for this process, its children and whoever it becomes.
+    """Make the folder of a new run and lock it for this process, its children and its successors.
 
-    `about` goes into it as JSON, and so does the configuration file: `content`, or what is in it now. Raises OSError.
+    Writes `about` to it as JSON, and a copy of the configuration: `content`, or else what the file holds now. Raises
+    OSError.
     """
     base.mkdir(parents=True, exist_ok=True)
     who = re.sub(r"[^\w.-]", "_", who)
-    with suppress(OSError):  # what cannot be taken away stays
+    with suppress(OSError):  # a folder that cannot be removed stays
         _forget(base, who, config.name)
     stem = f"{utc.astimezone(timezone.utc):%Y%m%dT%H%M%SZ}-{who}"
     for number in range(1, _TRIES):
@@ -93,7 +96,7 @@ def _forget(base: Path, who: str, config: str) -> None:
     if not begun:
         return
     path = base / max(begun)[2]
-    # one that another process is just making has no such file yet: that is written under the lock
+    # a folder that another process is making has no such file yet: it is written under the lock
     if path.is_symlink() or not (path / _ABOUT).is_file():
         return
     written = (each.stat().st_size for each in path.iterdir() if each.name not in (_HELD, _ABOUT, config))
@@ -102,7 +105,7 @@ def _forget(base: Path, who: str, config: str) -> None:
 
 
 def _lead_to(base: Path, folder: Path) -> None:
-    """`latest` in one step; where there can be no links there is none."""
+    """Point `latest` to the folder in one step. A file system without links gets none."""
     with suppress(OSError):
         draft = Path(tempfile.mktemp(prefix=".latest-", dir=base))
         draft.symlink_to(folder.name)
@@ -110,7 +113,7 @@ def _lead_to(base: Path, folder: Path) -> None:
 
 
 def flights(base: Path) -> list[Flight]:
-    """All folders there, the oldest first; anything else is left out. Raises OSError."""
+    """All flight folders, the oldest first; other entries are skipped. Raises OSError."""
     found = []
     for path in base.iterdir():
         named = _NAME.fullmatch(path.name)
@@ -150,7 +153,7 @@ def _is_held(path: Path) -> bool:
         descriptor = os.open(path / _HELD, os.O_RDONLY)
     except FileNotFoundError:
         return False
-    except OSError:  # nobody to ask
+    except OSError:  # the lock file cannot be opened
         return True
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -162,8 +165,10 @@ def _is_held(path: Path) -> bool:
 
 
 def to_go(found: Iterable[Flight], now: datetime, keep_days: float, keep_bytes: float) -> list[Flight]:
-    """Which of them may be deleted: those that ended longer ago, and of the others the oldest, until the rest is no
-    more than so many bytes. Never one that is held."""
+    """Folders that may be deleted, never a locked one.
+
+    First those that ended more than `keep_days` ago, then the oldest, until the rest has at most `keep_bytes`.
+    """
     gone: list[Flight] = []
     kept: list[Flight] = []
     for flight in sorted(found, key=lambda each: each.ended):
@@ -180,7 +185,9 @@ def to_go(found: Iterable[Flight], now: datetime, keep_days: float, keep_bytes: 
 
 
 def delete(flight: Flight) -> None:
-    """The whole folder; under another name first, so that what is cut short is no half flight. Raises OSError."""
+    """Delete the folder. It is renamed first, so that an interrupted deletion leaves no incomplete flight. Raises
+    OSError.
+    """
     _delete(flight.path)
 
 

@@ -1,20 +1,21 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The journal: JSON lines, one object an entry, for people and programs after the flight.
+"""The journal: a file of JSON lines, one object for each entry, for people and programs after the flight.
 
-Every entry carries `t` (monotonic seconds: differences are true even when the clock is set), `utc`, `who` and `event`;
-`text` is the sentence for people. The file is size-capped: when full it moves to `NAME.1` and a new one begins, so the
-newest events are always there. An entry that was cut (full disk, power failure) stays a line by itself.
+Every entry has `t` (monotonic seconds, so differences are correct even if the clock is set), `utc`, `who` and `event`;
+`text` is the sentence for people. The file has a maximum size. When it is full it is renamed to `NAME.1` and a new one
+begins, so the newest events are always there. An entry that was cut by a full disk or a power failure stays on a line
+of its own.
 
-Writing never raises and never waits: a disk that is full, slow or gone must not end a flight, nor hold up the lease.
-Entries are written by a thread (`background_writer.py`), in their order, a moment after they were given; those that
-find no room there, or none on the disk, are counted, and once an entry can be written again the journal says how many
-are missing.
+Writing never raises and never waits, because a full, slow or missing disk must not end a flight or delay the lease. A
+thread (`background_writer.py`) writes the entries in their order, a moment later. Entries that find no room in memory
+or on the disk are counted. The next entry that can be written is followed by the number of lost ones.
 
-`note` is for what comes often and changes nothing: a single entry costs as much as several that are written together,
-when little else runs on the processor. Its entries have their own time and place, and are in the file a moment later.
+`note` is for frequent entries without consequences. A single write costs as much as a write of several entries if the
+processor is otherwise idle. A noted entry keeps its own time and position, and reaches the file a moment later.
 
-`lay_beside` is for what the entries speak of and do not hold, as the mission package: without it nobody can read them.
+`lay_beside` stores files that the entries refer to, for example the mission package. Without them the entries cannot be
+understood.
 """
 
 from __future__ import annotations
@@ -31,26 +32,26 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-from mavproxy_handover.store.background_writer import CLOSE_S, Behind
+from mavproxy_handover.store.background_writer import CLOSE_S, BackgroundWriter
 
 __all__ = ["Journal", "strangers_path"]
 
 _MAX_BYTES = 64 * 1024 * 1024
-#: so many entries are not left waiting for `flush`
+#: at this number of entries `note` does not wait for `flush`
 _MOST_WAITING: Final = 256
-#: and so many wait for the disk: the worst minute of a flight, in a few megabytes
+#: most entries that wait for the disk: those of the worst minute of a flight, a few megabytes
 _MOST_BEHIND: Final = 4096
 
-#: both times (monotonic and UTC s), event, text, values
+#: monotonic and UTC time (s), event, text, values
 _Entry = tuple[float, float, str, str, dict[str, Any]]
-#: made once: to make an encoder takes as long as to use it
+#: made once, because making an encoder takes as long as using it
 _encode = json.JSONEncoder(ensure_ascii=False, default=str).encode
 
 
 def strangers_path(path: Path) -> Path:
-    """Beside a journal: what those make us write who have not proven to be anybody.
+    """Path of the second journal, for entries caused by senders that are not authenticated.
 
-    It has a size of its own, so nothing that they do can push an entry of the flight out of the journal.
+    It has its own maximum size, so such a sender cannot push an entry of the flight out of the journal.
     """
     return path.with_name(f"{path.stem}-strangers{path.suffix}")
 
@@ -59,9 +60,9 @@ class Journal:
     """An append-only event log."""
 
     def __init__(self, path: Path, who: str, max_bytes: int = _MAX_BYTES, *, strict: bool = True) -> None:
-        """Open `path` for appending. Raises OSError if that cannot be done: better before the flight than in it.
+        """Open `path` for appending. Raises OSError if it cannot be opened, so that the fault shows before the flight.
 
-        `strict` False: that is no error. It is tried again with each entry.
+        `strict` False: do not raise. Each entry tries again to open the file.
         """
         self.path = path
         self._who = who
@@ -70,62 +71,65 @@ class Journal:
         self._closed = False
         #: the file ends in the middle of a line
         self._cut = False
-        #: entries that are not handed over yet, and those that wait for the disk
+        #: entries that are not yet given to the thread, and entries that wait for the disk
         self._waiting: list[_Entry] = []
         self._handed: deque[_Entry] = deque()
-        #: entries that found no room, counted here, and that could not be written, counted by the thread; and how many
-        #: of all these the file tells of
+        #: entries dropped for lack of room (counted in the main loop), entries that could not be written (counted by
+        #: the thread), and the number of both that the file already reports
         self._dropped = self._failed = self._told = 0
-        self._behind = Behind("journal")
+        self._writer = BackgroundWriter("journal")
         with nullcontext() if strict else suppress(OSError):
             self._open()
 
     @property
     def lost(self) -> int:
-        """Entries that are not in the file and will not be."""
+        """Number of entries that were lost."""
         return self._dropped + self._failed
 
     def write(self, event: str, text: str = "", **values: Any) -> None:
-        """Add an entry, and those that wait. Values that are None are left out; nobody changes the others any more."""
+        """Write an entry, and those that wait. Values that are None are left out. The caller must not change the values
+        later.
+        """
         self.note(event, text, **values)
         self.flush()
 
     def note(self, event: str, text: str = "", **values: Any) -> None:
-        """The same, but with the next `write` or `flush`, whichever comes first."""
+        """Add an entry that is written with the next `write` or `flush`, whichever comes first."""
         self._waiting.append((time.monotonic(), time.time(), event, text, values))
         if len(self._waiting) >= _MOST_WAITING:
             self.flush()
 
     def flush(self) -> None:
-        """Have written what waits; to be called a few times a second."""
+        """Write the waiting entries. Call it a few times a second."""
         waiting, self._waiting = self._waiting, []
         if not waiting:
             return
         taken = 0 if self._closed else min(len(waiting), max(0, _MOST_BEHIND - len(self._handed)))
         self._dropped += len(waiting) - taken
         self._handed.extend(waiting[:taken])
-        self._behind.put("entries", self._write_down)
+        self._writer.put("entries", self._write_down)
 
     def lay_beside(self, name: str, files: Mapping[str, bytes]) -> None:
-        """Have a folder with these files made beside the file, `STEM-NAME`; one that is there stays as it is.
+        """Store these files in a new folder `STEM-NAME` beside the journal. An existing folder stays unchanged.
 
-        If that cannot be done an entry says so.
+        If that fails, an entry reports it.
         """
         folder = self.path.with_name(f"{self.path.stem}-{name}")
-        self._behind.put(f"folder {name}", partial(self._lay, folder, dict(files)))
+        self._writer.put(f"folder {name}", partial(self._lay, folder, dict(files)))
 
     def settle(self, within_s: float) -> bool:
-        """Wait, so long at most, until all that was given is in the file, or lost; whether it is."""
+        """Wait at most `within_s` until all entries are written or lost. Returns True if they are."""
         self.flush()
-        return self._behind.settle(within_s)
+        return self._writer.settle(within_s)
 
     def close(self, within_s: float = CLOSE_S) -> None:
-        """Write what waits, for so long at most, and close the file; entries after this are lost and counted."""
+        """Write the waiting entries, at most for `within_s`, and close the file. Later entries are lost and counted."""
         self.flush()
         self._closed = True
-        if self._behind.close(within_s):
+        if self._writer.close(within_s):
             self._release()
-        # else the file is left to the thread, which may be writing: its number must not become another file's
+        # otherwise the thread may still be writing, so do not close the file: its descriptor could become another
+        # file's
         self._dropped += len(self._handed)
         self._handed.clear()
 
@@ -153,14 +157,14 @@ class Journal:
         try:
             entry["utc"] = datetime.fromtimestamp(utc, timezone.utc).isoformat(timespec="milliseconds")
             self._append((_encode(entry) + "\n").encode("utf-8", "backslashreplace"))
-        except Exception:  # what stands in an entry may break in any way
+        except Exception:  # a value in an entry may raise anything when it is encoded
             return False
         return True
 
     def _lay(self, folder: Path, files: Mapping[str, bytes]) -> None:
         if folder.exists():
             return
-        draft = folder.with_name(f".{folder.name}.draft")  # whoever finds the folder finds all of it
+        draft = folder.with_name(f".{folder.name}.draft")  # a reader that finds the folder finds all its files
         try:
             shutil.rmtree(draft, ignore_errors=True)
             draft.mkdir()
@@ -186,7 +190,7 @@ class Journal:
         size = os.fstat(descriptor).st_size
         if size > 0 and size + len(line) > self._max_bytes:
             self._release()
-            with suppress(OSError):  # too long a journal is better than none
+            with suppress(OSError):  # a journal that is too long is better than none
                 os.replace(self.path, self.path.with_name(self.path.name + ".1"))
             descriptor = self._open()
         data = b"\n" + line if self._cut else line

@@ -1,17 +1,18 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Signing keys on disk: one file for each station.
+"""Signing keys on disk, one file for each station.
 
-A key is 32 bytes: the SHA-256 of a passphrase, as MAVProxy (`signing key`), Mission Planner and older QGroundControl
-make theirs. Newer QGroundControl makes another key of the same passphrase (PBKDF2) and takes ours as 64 hexadecimal
-digits instead ("raw hex key"); those are what a key file holds. Rules that live here:
+A key has 32 bytes: the SHA-256 of a passphrase, as in MAVProxy (`signing key`), Mission Planner and older
+QGroundControl. Newer QGroundControl derives another key from the same passphrase (PBKDF2), but accepts 64 hexadecimal
+digits instead ("raw hex key"). A key file holds these digits. Rules that live here:
 
-1. One file for each station, `NAME.key`, mode 0600 from the moment it exists, written whole or not at all. A file that
-   others may read, that belongs to somebody else or that holds anything but a key is refused with one line.
-2. No message, exception or log line carries a key or a part of one; a fingerprint names it.
-3. While `NAME.key.old` is there, a rotation is under way and the key in it is accepted too (`wire.signing.SignedPeer`).
-   So a rotation cuts off nobody: not a vehicle that flies, which has its keys in memory, and not one whose companion
-   restarts in flight.
+1. One file for each station, `NAME.key`, with mode 0600 from the start, written completely or not at all. The file is
+   refused with a message of one line for any of three reasons. Other users may read it, it belongs to another user, or
+   it holds anything except a key.
+2. No message, exception or log line contains a key or a part of one. A fingerprint names it.
+3. While `NAME.key.old` exists, a rotation is in progress and the key in it is accepted too (`wire.signing.SignedPeer`).
+   So a rotation does not disconnect a vehicle in flight, which has its keys in memory, or a companion that restarts in
+   flight.
 """
 
 from __future__ import annotations
@@ -53,11 +54,11 @@ _NAME: Final = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,19}")
 _CONTENT: Final = re.compile(rb"[0-9a-fA-F]{64}")
 _MAX_FILE_BYTES: Final = 128
 _PASSPHRASE: Final = re.compile(r"[!-~]+")
-_AWKWARD: Final = "\"'\\;#"  # MAVProxy's command line takes them for something else
+_AWKWARD: Final = "\"'\\;#"  # MAVProxy's command line gives them another meaning
 
 
 class KeysError(Exception):
-    """A key cannot be used or kept. The message is one line for people and holds no key."""
+    """A key cannot be used or stored. The message is one line for people and contains no key."""
 
     def __init__(self, message: str) -> None:
         super().__init__(" ".join(message.splitlines()))
@@ -65,7 +66,7 @@ class KeysError(Exception):
 
 @dataclass(frozen=True, slots=True, repr=False)
 class StationKeys:
-    """The keys of one station; `previous` only while a rotation is under way. Its repr shows no key."""
+    """The keys of one station; `previous` only during a rotation. Its repr shows no key."""
 
     current: bytes
     previous: bytes | None = None
@@ -79,14 +80,17 @@ class StationKeys:
 
 
 def make_passphrase() -> str:
-    """A new passphrase of 125 random bits: five groups of five, easy to read out and to type, one word to a shell."""
+    """Make a passphrase of 125 random bits: five groups of five characters.
+
+    It is easy to read out and to type, and a shell reads it as one word.
+    """
     return "-".join("".join(secrets.choice(_ALPHABET) for _ in range(5)) for _ in range(_GROUPS))
 
 
 def key_of(passphrase: str) -> bytes:
-    """The key that MAVProxy makes of `passphrase`, and others with it.
+    """Derive the key from `passphrase` as MAVProxy and other programs do.
 
-    Raises KeysError for one that some program could not be given, or that is short enough to be guessed from a
+    Raises KeysError if some program cannot take this passphrase, or if it is so short that it could be guessed from a
     recorded frame.
     """
     if len(passphrase) < MIN_PASSPHRASE:
@@ -102,24 +106,25 @@ def key_of(passphrase: str) -> bytes:
 
 
 def key_path(folder: Path, name: str) -> Path:
-    """Where the key of station `name` is kept. Raises KeysError for a name that cannot be a file's."""
+    """Path of the key file of station `name`. Raises KeysError for a name that cannot be a file name."""
     if not _NAME.fullmatch(name):
         raise KeysError(f"station name {name!r} must be 1 to 20 letters, digits, '_', '-' or '.', to name a key file")
     return folder / f"{name}.key"
 
 
 def previous_path(path: Path) -> Path:
-    """Where the key before the last rotation is kept."""
+    """Path of the key before the last rotation."""
     return path.with_name(path.name + ".old")
 
 
 def load_key(path: Path, owner: int | None = None, warn: Callable[[str], None] | None = None) -> bytes:
-    """The 32 bytes in a key file. Raises KeysError: missing, not ours alone, or not a key.
+    """Read the 32 bytes in a key file. Raises KeysError if it is missing, readable by others, or holds no key.
 
-    `owner`: the user who is to use it; None: the user who runs this. `warn`: is told what is wrong with mode or owner,
-    which is then no error: for a restart in flight, which must not fail for it."""
+    `owner`: the user that will use the key; None: the user that runs this process. `warn`: gets what is wrong with mode
+    or owner, which then is no error. It is for a restart in flight, which must not fail because of it.
+    """
     try:
-        descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)  # a pipe must not stop the start
+        descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)  # do not hang on a pipe
         try:
             problem = _problem(path, os.fstat(descriptor), owner)
             if problem and warn is not None and stat.S_ISREG(os.fstat(descriptor).st_mode):
@@ -144,12 +149,12 @@ def load_key(path: Path, owner: int | None = None, warn: Callable[[str], None] |
 
 
 def _problem(path: Path, status: os.stat_result, owner: int | None) -> str:
-    """What keeps a key file, open already so that nobody swaps it, from being used; "" if nothing does."""
+    """Reason why an open key file cannot be used, "" if it can. It is open so that it cannot be exchanged meanwhile."""
     if not stat.S_ISREG(status.st_mode):
         return "is not a file"
     mode = stat.S_IMODE(status.st_mode)
     if mode & ~(stat.S_IRUSR | stat.S_IWUSR):
-        return f"mode {mode:04o} must be 0600, a key is for its owner alone: chmod 600 {path}"
+        return f"mode {mode:04o} must be 0600, because only its owner may read a key: chmod 600 {path}"
     if status.st_uid != (os.geteuid() if owner is None else owner):
         must = f"{os.geteuid()}, who runs this" if owner is None else f"{owner}, who is to use it"
         return f"belongs to user {status.st_uid}, must belong to {must}"
@@ -157,8 +162,10 @@ def _problem(path: Path, status: os.stat_result, owner: int | None) -> str:
 
 
 def load_station_keys(path: Path, owner: int | None = None, warn: Callable[[str], None] | None = None) -> StationKeys:
-    """The key in `path` and, if a rotation is under way, the one before it. Raises KeysError. `owner`, `warn`: as
-    above."""
+    """Read the key in `path` and, during a rotation, the one before it. Raises KeysError.
+
+    `owner` and `warn` have the same meaning as in `load_key`.
+    """
     current = load_key(path, owner, warn)
     old = previous_path(path)
     previous = load_key(old, owner, warn) if os.path.lexists(old) else None
@@ -166,7 +173,7 @@ def load_station_keys(path: Path, owner: int | None = None, warn: Callable[[str]
 
 
 def check_distinct(keys: Mapping[str, StationKeys]) -> None:
-    """Raise KeysError if two stations share a key: who holds it could then speak for both."""
+    """Raise KeysError if two stations share a key: one could then pretend to be the other."""
     owners: dict[bytes, str] = {}
     for name, station in keys.items():
         for key in (station.current, station.previous):
@@ -175,7 +182,7 @@ def check_distinct(keys: Mapping[str, StationKeys]) -> None:
 
 
 def write_key(path: Path, key: bytes) -> None:
-    """Write a new key file, mode 0600. Never over one that exists. Raises KeysError."""
+    """Write a new key file, mode 0600. It never replaces an existing file. Raises KeysError."""
     temporary = _temporary(path, key)
     try:
         os.link(temporary, path)  # unlike a rename, this does not replace
@@ -189,9 +196,9 @@ def write_key(path: Path, key: bytes) -> None:
 
 
 def rotate_key(path: Path, key: bytes) -> None:
-    """Put `key` in the place of the one in `path`, which is kept beside it and accepted until it is retired.
+    """Replace the key in `path` by `key`. The old one is kept beside it and accepted until it is retired.
 
-    Raises KeysError: no good key there, or an earlier rotation is not finished.
+    Raises KeysError if there is no valid key, or if an earlier rotation is not finished.
     """
     current = load_key(path)
     old = previous_path(path)
@@ -215,7 +222,7 @@ def rotate_key(path: Path, key: bytes) -> None:
 
 
 def retire_key(path: Path) -> None:
-    """Remove the key before the last rotation. Raises KeysError: there is none, or the current one is no good."""
+    """Remove the key before the last rotation. Raises KeysError if there is none, or if the current key is invalid."""
     load_key(path)
     old = previous_path(path)
     try:

@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""One judge for a vehicle: the process that holds its lock is the only one, on this computer.
+"""The lock of a vehicle. On this computer only the process that holds it may judge authority.
 
-The lock is the kernel's and belongs to an open file: it is free as soon as its holder is dead, however that died, and
-nothing has to be cleaned up. The file stays, and says nothing. It needs no room on the disk but for its name, and once
-it is there none at all: a restart in flight must not end for a full or a failing disk.
+The kernel's lock belongs to an open file. It is free as soon as its holder is dead, for whatever reason, and needs no
+cleaning up. The file stays and has no content. Once its name exists it needs no room on the disk, because a full or
+failing disk must not end a restart in flight.
 
-There are two lock files: one beside the state, one in memory-backed storage. On the ground both must be taken. A
-restart in flight may do without the one beside the state, if that folder is gone: the one in memory still keeps a
-second judge away.
+There are two lock files: one beside the state, one in memory-backed storage. On the ground both must be locked. A
+restart in flight may go on without the one beside the state, if that folder is gone. The one in memory still keeps out
+a second judge.
 
-A serial line has a lock of the same kind, which other programs heed too (pyserial's `exclusive`, tio, minicom).
+A serial line has a lock of the same kind, which other programs respect too (pyserial's `exclusive`, tio, minicom).
 """
 
 from __future__ import annotations
@@ -26,18 +26,21 @@ __all__ = ["LockError", "VehicleLock", "lock_line"]
 
 
 class LockError(Exception):
-    """Somebody else holds it; one line for people."""
+    """Another process holds the lock. The message is one line for people."""
 
 
 class VehicleLock:
-    """Held from the moment that it is made."""
+    """The lock, taken when the object is made."""
 
     def __init__(self, folder: Path, vehicle: str, *, strict: bool = True) -> None:
-        """`folder`: where the vehicle's state is kept. `strict` False: a folder that cannot be used is done without, if
-        there is storage in memory. Raises LockError, OSError."""
+        """Take the lock. Raises LockError, OSError.
+
+        `folder`: folder of the vehicle's state. `strict` False: an unusable folder is no error if there is storage in
+        memory.
+        """
         path = folder / f"{vehicle}.lock"
         place = memory_folder(os.environ)
-        #: of the files that are locked
+        #: of the locked files
         self.descriptors: list[int] = []
         try:
             try:
@@ -56,20 +59,21 @@ class VehicleLock:
         """Lock `path`; an error names `named`."""
         descriptor = os.open(path, os.O_RDONLY | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
         self.descriptors.append(descriptor)
-        with suppress(OSError):  # a file of an earlier version, which other users could hold; a read-only disk
+        # the file is of an earlier version, which other users could lock; or the disk is read-only
+        with suppress(OSError):
             if os.fstat(descriptor).st_uid == os.geteuid():
                 os.fchmod(descriptor, 0o600)
         if not _lock(descriptor):
             raise LockError(f"{named} is locked: another companion of {vehicle} is running")
 
     def release(self) -> None:
-        """Give it back. Safe to call twice."""
+        """Release the lock. Safe to call twice."""
         while self.descriptors:
             os.close(self.descriptors.pop())
 
 
 def lock_line(descriptor: int, device: str) -> None:
-    """Lock a serial line for as long as it is open. Raises LockError. What knows no locks is left as it is."""
+    """Lock a serial line while it is open. Raises LockError. A device without locks is not locked."""
     try:
         free = _lock(descriptor)
     except OSError:
@@ -79,7 +83,7 @@ def lock_line(descriptor: int, device: str) -> None:
 
 
 def _lock(descriptor: int) -> bool:
-    """False: it is somebody else's. Raises OSError."""
+    """Lock the file. Returns False if another process holds the lock. Raises OSError."""
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:

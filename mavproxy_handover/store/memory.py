@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""A small record in memory-backed storage: it outlives the process, and to write it waits for no disk.
+"""A small record in memory-backed storage. It outlives the process, and a write does not wait for a disk.
 
 Rules that live here
 --------------------
-* Two slots of fixed size, written in turn and in place. Their room is taken when the file is made: a storage that fills
-  up later cannot fail a write, and a write that ends in the middle leaves the other slot.
-* Each slot has a serial that rises, a length and a checksum; of those that fit, the higher serial counts.
-* What cannot be written is made void: what the file says is not true any more, and that shows (`Condition.VOID`).
-* The folder is this user's alone, mode 0700, and a link is nothing that we follow: /dev/shm is everybody's.
+* There are two slots of fixed size, written in turn and in place. Their room is reserved when the file is made. So a
+  storage that fills up later cannot make a write fail, and an interrupted write leaves the other slot.
+* Each slot has a serial that rises, a length and a checksum. Of the valid slots the one with the higher serial counts.
+* If a record cannot be written, the file is marked void, because its content is no longer true (`Condition.VOID`).
+* Only this user can access the folder (mode 0700). Links are not followed, because every user can write to /dev/shm.
 """
 
 from __future__ import annotations
@@ -24,29 +24,29 @@ from typing import Final
 
 __all__ = ["SLOT_BYTES", "Condition", "Slots", "boot_id", "memory_folder", "memory_name", "passed_over"]
 
-#: more than the state of any flight needs, the longest of routes included
+#: more than the state of any flight needs, even with the longest route
 SLOT_BYTES: Final = 64 * 1024
-#: kind of slot, serial, length and checksum of what follows
+#: kind of slot, serial, length and checksum of the record that follows
 _HEAD: Final = struct.Struct("<8sQI32s")
 _HELD: Final = b"HNDOheld"
 _VOID: Final = b"HNDOvoid"
 _FOLDER: Final = "mavproxy-handover"
-#: file systems that live in memory
+#: file systems in memory
 _IN_MEMORY: Final = ("tmpfs", "ramfs")
 _BOOT_ID: Final = Path("/proc/sys/kernel/random/boot_id")
 _MOUNTS: Final = Path("/proc/self/mountinfo")
 
 
 class Condition(enum.Enum):
-    """What was found in the file."""
+    """Condition of the record in the file."""
 
-    #: nothing was ever written
+    #: no record was ever written
     EMPTY = "empty"
-    #: a record that counts
+    #: a valid record
     HELD = "held"
-    #: made void: what came last could not be written
+    #: marked void: the last record could not be written
     VOID = "void"
-    #: something was written, and nothing of it fits
+    #: there is content, but no valid record
     DAMAGED = "damaged"
 
 
@@ -54,7 +54,7 @@ class Slots:
     """A file of two slots. Not safe for threads."""
 
     def __init__(self, path: Path) -> None:
-        """Open the file, or make it. Raises OSError: it cannot be had, or is not this user's own."""
+        """Open or make the file. Raises OSError if that fails, or if the file is not private to this user."""
         self.path = path
         flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
         self._descriptor = os.open(path, flags, 0o600)
@@ -65,14 +65,14 @@ class Slots:
             os.fchmod(self._descriptor, 0o600)
             if hasattr(os, "posix_fallocate"):
                 os.posix_fallocate(self._descriptor, 0, 2 * SLOT_BYTES)
-            #: what counts now, if the file is in this condition, and its serial, 0 without one
+            #: condition, and of a valid record its serial (else 0) and content
             self.condition, self.serial, self.record = self._read()
         except BaseException:
             os.close(self._descriptor)
             raise
 
     def write(self, record: bytes, serial: int) -> None:
-        """Put down a record, with a higher serial than the last one. Raises OSError; then `void` is due."""
+        """Write a record with a higher serial than the last one. Raises OSError; then call `void`."""
         if len(record) > SLOT_BYTES - _HEAD.size:
             raise OSError(f"the record has {len(record)} bytes, more than a slot holds")
         body = _HEAD.pack(_HELD, serial, len(record), _checksum(serial, record)) + record
@@ -80,13 +80,13 @@ class Slots:
         self.condition, self.serial, self.record = Condition.HELD, serial, record
 
     def void(self) -> None:
-        """What the file says is not true any more. Raises OSError; then it should go."""
+        """Mark the file as no longer true. Raises OSError; then remove the file."""
         self.condition, self.record = Condition.VOID, b""
         for slot in (0, 1):
             self._put(slot, _HEAD.pack(_VOID, 0, 0, bytes(32)))
 
     def close(self) -> None:
-        """Give the descriptor back."""
+        """Close the file."""
         descriptor, self._descriptor = self._descriptor, -1
         if descriptor >= 0:
             os.close(descriptor)
@@ -119,7 +119,7 @@ def _checksum(serial: int, record: bytes) -> bytes:
 
 
 def boot_id() -> str:
-    """What names the time since the power came on; "" where the system does not tell."""
+    """Identifier of this boot of the system; "" if the system does not tell."""
     try:
         return _BOOT_ID.read_text(encoding="ascii").strip()
     except (OSError, UnicodeDecodeError):
@@ -127,21 +127,23 @@ def boot_id() -> str:
 
 
 def memory_folder(environment: Mapping[str, str]) -> Path | None:
-    """Our folder in memory-backed storage, made if need be; None if there is none that is ours alone."""
+    """The private folder in memory-backed storage, made if needed; None if there is none that only this user can
+    access.
+    """
     return next((folder for folder in _folders(environment) if _own(folder)), None)
 
 
 def passed_over(environment: Mapping[str, str]) -> str:
-    """Why a folder of our name is not used, and what to do; "" if none is passed over.
+    """Why an existing folder of our name is not used, and what to do; "" if there is none.
 
-    Any user may make a folder in /dev/shm before we do, and could then read and change what we keep there.
+    Any user may make a folder in /dev/shm before we do, and could then read and change our files.
     """
     for folder in _folders(environment):
         if _own(folder):
             return ""
         try:
             found = folder.lstat()
-        except OSError:  # it is not there, and may not be made: another place is taken
+        except OSError:  # it does not exist and cannot be made: the next candidate is used
             continue
         cure = f"Remove it (sudo rm -r {folder}) and start again"
         if found.st_uid != os.geteuid():
@@ -154,7 +156,7 @@ def passed_over(environment: Mapping[str, str]) -> str:
 
 
 def _folders(environment: Mapping[str, str]) -> Iterator[Path]:
-    """Where it could be, the best place first."""
+    """Candidates for the folder, the best first."""
     named = environment.get("RUNTIME_DIRECTORY", "").split(":")[0]
     for base in (named, "/run", "/dev/shm"):
         if base and in_memory(Path(base)):
@@ -162,12 +164,12 @@ def _folders(environment: Mapping[str, str]) -> Iterator[Path]:
 
 
 def memory_name(folder: Path, vehicle: str) -> str:
-    """What the files of a vehicle are called there. `folder`: where its state is kept on the disk."""
+    """Base name of a vehicle's files there. `folder`: folder of its state on the disk."""
     return hashlib.sha256(f"{folder.resolve()}\0{vehicle}".encode()).hexdigest()[:32]
 
 
 def in_memory(path: Path) -> bool:
-    """Whether what is at `path` lives in memory; False if that cannot be found out."""
+    """Whether `path` is in memory-backed storage; False if that is unknown."""
     try:
         device = path.stat().st_dev
         mounts = _MOUNTS.read_text(encoding="utf-8", errors="replace").splitlines()

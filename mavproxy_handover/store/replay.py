@@ -1,18 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What must outlive a restart so that old signed frames stay refused, and ours are not: one stamp for each key, and one
-for what the autopilot was sent.
+"""Replay protection across restarts: a stamp for each key, and one for the frames that the autopilot was sent.
 
 Rules that live here:
 
-1. Everything up to the stamp is old after a restart (`wire.signing`, rule 9). What is written is a little ahead of what
-   was accepted, so that nothing accepted after the last write is accepted again after a crash.
-   The same lead keeps our own stamps above those that the autopilot has had.
-2. A file that cannot be read shuts nobody out for good and lets nothing old in: everything signed before now is
-   refused, and a note says so. A missing file is a first start: then the clock alone says what is new.
-3. A copy in memory-backed storage is written before the one on the disk. Within a boot it is the newer one: a disk that
-   is full, or a file that is gone, lets nothing old in.
-4. Neither reading nor writing raises or waits for the disk in the main loop: the lease goes out from there.
+1. After a restart every frame up to the stamp is old (`wire.signing`, rule 9). The written stamp is a little ahead of
+   the last accepted frame. So no frame that was accepted after the last write is accepted again after a crash. The same
+   lead keeps our own stamps above those that the autopilot has received.
+2. If a file cannot be read, everything signed before now is refused, and a note says so. So no old frame is accepted,
+   and no station is excluded permanently. A missing file means a first start: then only the clock says what is new.
+3. A copy in memory-backed storage is written before the one on the disk. Within a boot it is the newer one. So a full
+   disk or a missing file does not let old frames in.
+4. Reading and writing never raise, and never wait for the disk in the main loop, which sends the lease.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-from mavproxy_handover.store.background_writer import CLOSE_S, Behind
+from mavproxy_handover.store.background_writer import CLOSE_S, BackgroundWriter
 from mavproxy_handover.store.durable import discard, replace_whole, sync_folder
 from mavproxy_handover.wire.signing import MAX_TIMESTAMP, UNITS_PER_S, SignedPeer, timestamp_of
 
@@ -38,23 +37,25 @@ _Stamps = dict[str, dict[str, int]]
 
 
 class ReplayStore:
-    """The replay state of all peers in one file: load, attach each peer, tick from the main loop, close.
+    """The replay state of all peers in one file. Use: load, attach each peer, tick from the main loop, close.
 
-    A write happens beside the main loop: waiting for a disk there would hold up the lease. How often follows from the
-    stamps: when those accepted have used up half of the `reserve_s` that the file is ahead, but never sooner than
-    `interval_s` after the last write; while nobody sends, nothing is written. After a crash what is signed within the
-    reserve is refused, so a station is heard again at most `reserve_s` after its last frame, or as soon as it heard us.
+    A thread writes the file, because waiting for a disk would delay the lease. A write is due when the accepted stamps
+    have used up half of the `reserve_s` by which the file is ahead. It comes at most every `interval_s`. If no frame
+    arrives, nothing is written.
+
+    After a crash frames that were signed within the reserve are refused. So a station is heard again at most
+    `reserve_s` after its last frame, or as soon as it has heard us.
     """
 
     def __init__(
         self, path: Path, reserve_s: float = 4.0, interval_s: float = 1.0, *, memory: Path | None = None
     ) -> None:
-        """`memory`: the file's copy in memory-backed storage, None where there is none."""
+        """`memory`: path of the copy in memory-backed storage, None if there is none."""
         self.path = path
         self._memory = memory
-        #: what is to be said of the file, "" if it is as it should be
+        #: problem with the file, "" if there is none
         self.note = ""
-        #: writes that failed
+        #: number of failed writes
         self.errors = 0
         self._reserve = int(reserve_s * UNITS_PER_S)
         self._interval_s = interval_s
@@ -63,12 +64,12 @@ class ReplayStore:
         self._peers: dict[str, SignedPeer] = {}
         self._attached: _Stamps = {}
         self._not_before_s = float("-inf")
-        self._behind = Behind("replay-state")
+        self._writer = BackgroundWriter("replay-state")
 
     def load(self, now_utc_s: float, *, first: bool = True) -> str:
-        """Read the file; returns what is to be said of it (`note`). Never raises.
+        """Read the file; returns its problem (`note`). Never raises.
 
-        `first` False: it is a restart, so there was a file.
+        `first` False: this is a restart, so the file must exist.
         """
         newer = self._in_memory()
         if newer is not None:
@@ -90,46 +91,50 @@ class ReplayStore:
         return self.note
 
     def _in_memory(self) -> _Stamps | None:
-        """The copy in memory; None if there is none that can be used."""
+        """The copy in memory; None if there is no valid one."""
         try:
             return None if self._memory is None else _unpack(self._memory.read_bytes())
         except (OSError, ValueError, RecursionError):
             return None
 
     def attach(self, name: str, peer: SignedPeer) -> None:
-        """Give `peer` what is known of its keys, and keep its state from now on. Before its first frame."""
+        """Restore the state of the keys of `peer`, and save it from now on. Call this before its first frame."""
         peer.restore(self._written.get(name, {}), self._floor)
         self._peers[name] = peer
         self._attached[name] = peer.state()
 
     def tick(self, now_s: float) -> None:
-        """Write if it is time to. Returns at once."""
-        if now_s < self._not_before_s or not self._behind.idle or not self._due():
+        """Write if a write is due. Returns at once."""
+        if now_s < self._not_before_s or not self._writer.idle or not self._due():
             return
         self._not_before_s = now_s + self._interval_s
-        self._behind.put("stamps", partial(self._write, self._stamps(self._reserve)))
+        self._writer.put("stamps", partial(self._write, self._stamps(self._reserve)))
 
     def settle(self, within_s: float) -> bool:
-        """Wait, so long at most, until the write that is under way is done; whether it is."""
-        return self._behind.settle(within_s)
+        """Wait at most `within_s` until the current write is done. Returns True if it is."""
+        return self._writer.settle(within_s)
 
     def close(self, within_s: float = CLOSE_S) -> bool:
-        """Write the state as it is, and wait for that, so long at most; whether it is done. Then the store is over.
+        """Write the state, and wait for it at most `within_s`. Returns True if it is written. No call may follow.
 
-        A write that is under way is waited for as well, lest that one comes last.
+        It waits for a current write too, because that one must not come last.
         """
         if self._peers:
-            self._behind.put("stamps", partial(self._write, self._stamps(0), last=True))
-        return self._behind.close(within_s)
+            self._writer.put("stamps", partial(self._write, self._stamps(0), last=True))
+        return self._writer.close(within_s)
 
     def _lost(self, why: str, now_utc_s: float) -> str:
-        """The state cannot be had. What the file's own time says may be later than a clock that is not set yet."""
+        """Refuse everything signed before now, because the state cannot be read.
+
+        The file's own time may be later than a clock that is not set yet; the later one counts.
+        """
         self._floor = timestamp_of(now_utc_s)
         with suppress(OSError):
             self._floor = max(self._floor, timestamp_of(self.path.stat().st_mtime))
         kept = self.path.with_name(self.path.name + ".damaged")
         self.note = f"{self.path}: replay state cannot be read ({why}); what was signed before now is refused"
-        with suppress(OSError):  # linked, not moved: were it missing at a start before the next write, all would be new
+        # linked, not moved: if the file were missing at a start before the next write, old frames would count as new
+        with suppress(OSError):
             discard(kept)
             os.link(self.path, kept)
             self.note += f"; the file is kept as {kept.name}"
@@ -144,7 +149,9 @@ class ReplayStore:
         return False
 
     def _stamps(self, reserve: int) -> _Stamps:
-        """What to write: of peers that are not here now, what was there before; ahead only where frames came in."""
+        """Stamps to write, ahead by `reserve` for keys whose frames arrived. Peers that are not attached keep their old
+        stamps.
+        """
         stamps = dict(self._written)
         for name, peer in self._peers.items():
             attached = self._attached[name]
@@ -159,7 +166,7 @@ class ReplayStore:
         if self._memory is not None:
             try:
                 replace_whole(self._memory, data, sync=False)
-            except OSError:  # an older copy must not count before a newer file
+            except OSError:  # an older copy must not take precedence over a newer file
                 discard(self._memory)
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
@@ -170,7 +177,7 @@ class ReplayStore:
             return
         sync_folder(self.path)
         self._written = stamps
-        if last and self._memory is not None:  # the file has everything
+        if last and self._memory is not None:  # the file is complete
             discard(self._memory)
 
 
@@ -181,7 +188,7 @@ def _pack(stamps: _Stamps) -> bytes:
 
 
 def _unpack(data: bytes) -> _Stamps:
-    """What `_pack` wrote. Raises ValueError that says what is wrong."""
+    """Parse what `_pack` wrote. Raises ValueError that says what is wrong."""
     try:
         content: Any = json.loads(data)
     except (ValueError, RecursionError):

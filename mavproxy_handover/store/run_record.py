@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The run record: what a run of the companion has loaded, kept for a restart in flight.
+"""The run record: everything that a run of the companion has loaded, kept for a restart in flight.
 
 Rules that live here
 --------------------
-* It lies in memory-backed storage, in the folder that is this user's alone (`memory.py`), mode 0600. It holds keys: it
-  is on no disk, and in no environment variable or argument. Where there is no such storage nothing is kept.
-* It is found by the path of the configuration file: that is what a start knows before it has read anything.
-* It counts in the boot that wrote it, for the user that wrote it, and only whole: it has a checksum.
+* It is in memory-backed storage, in the folder that only this user can access (`memory.py`), with mode 0600. It holds
+  keys, so it is on no disk, and in no environment variable or argument. Without such storage nothing is kept.
+* It is found by the path of the configuration file, which a start knows before it has read anything.
+* It is valid only in the boot and for the user that wrote it, and only if its checksum is correct.
 """
 
 from __future__ import annotations
@@ -26,22 +26,22 @@ from mavproxy_handover.store.memory import boot_id, memory_folder
 __all__ = ["RunRecord"]
 
 _FORMAT: Final = 1
-#: more than a configuration and the largest mission package come to
+#: more than a configuration and the largest mission package need
 _MOST_BYTES: Final = 4 * 1024 * 1024
 
 
 class RunRecord:
-    """The record of one configuration file. Nothing here raises but `save`."""
+    """The record of one configuration file. Only `save` raises."""
 
     def __init__(self, config: Path) -> None:
         """`config`: path of the configuration file, resolved."""
         place = memory_folder(os.environ)
         name = hashlib.sha256(f"run\0{config}".encode("utf-8", "surrogateescape")).hexdigest()[:32]
-        #: None: there is no storage for it
+        #: None if there is no storage for it
         self.path = None if place is None else place / f"{name}.run"
 
     def load(self) -> Mapping[str, Any] | None:
-        """What was saved last; None if nothing was, or if it does not count."""
+        """The last saved record; None if there is none, or if it is not valid."""
         raw = None if self.path is None else _read(self.path)
         if raw is None:
             return None
@@ -54,7 +54,7 @@ class RunRecord:
             return None
 
     def save(self, run: Mapping[str, Any]) -> None:
-        """Keep this in place of what was saved before. Raises OSError: then what was before stays."""
+        """Replace the saved record. Raises OSError: then the old one stays."""
         if self.path is None:
             raise OSError("there is no storage in memory")
         body = {"format": _FORMAT, "boot": boot_id(), "run": run}
@@ -64,14 +64,14 @@ class RunRecord:
         replace_whole(self.path, data, sync=False)
 
     def remove(self) -> None:
-        """Keep nothing any more."""
+        """Remove the saved record."""
         if self.path is not None:
             discard(self.path)
             discard_unfinished(self.path)
 
 
 def _read(path: Path) -> bytes | None:
-    """The file's content if it is a file of this user's alone."""
+    """The file's content if only this user can access the file, else None."""
     try:
         descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
     except OSError:

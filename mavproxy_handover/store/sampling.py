@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Which of many like entries are written, so that nobody can fill the journal. Pure: time is an argument.
+"""Limits for repeated entries, so that no sender can fill the journal. Pure: time is an argument.
 
-A journal keeps the newest entries. So whoever can make us write without end can push out the entries that matter: 63 kB
-a second of frames that are refused took nine minutes for it. Hence what one source can make us write has two bounds:
+A journal keeps the newest entries. So a source of endless entries could push out the entries that matter. Refused
+frames at 63 kB a second took nine minutes for it. Therefore the entries of one source have two limits:
 
 * of each kind one entry a second; the next one of the kind says how many were left out since;
-* of all kinds together `most` at once, and from then on one each `interval_s`. What is over is counted, and the count
-  is asked for once a minute (`left_out`). The kind alone would be no bound: who sends decides of what kinds.
+* of all kinds together `most` at once, and then one each `interval_s`. Entries above that are counted, and the count is
+  requested once a minute (`left_out`). The first limit alone would not help, because the sender chooses the kinds.
 
-Memory is bounded too: `KINDS` kinds, the oldest of which gives way, and its count goes to the others'.
+Memory is limited too: to `KINDS` kinds. A new kind replaces the oldest one, whose count is added to that of the others.
 """
 
 from __future__ import annotations
@@ -29,28 +29,28 @@ class _Kind:
     __slots__ = ("kept_back", "since")
 
     def __init__(self, since: float) -> None:
-        self.since = since  #: when one was written last
-        self.kept_back = 0  #: how many were left out since
+        self.since = since  #: time of the last written entry
+        self.kept_back = 0  #: number of entries left out since
 
 
 class Sampler:
-    """Entries of one source. Times in seconds."""
+    """The limits for one source. Times in seconds."""
 
     def __init__(self, most: int, interval_s: float) -> None:
         self._most = most
         self._interval_s = interval_s
-        #: entries that may be written now, as of `_at`
+        #: number of entries that may be written at `_at`
         self._room = float(most)
         self._at = -inf
-        #: of each kind, oldest first
+        #: by kind, the oldest first
         self._kinds: dict[Hashable, _Kind] = {}
         self._left_out = 0
         self._told_at = -inf
 
     def take(self, now: float, kind: Hashable = None) -> int | None:
-        """None: it is left out. Else how many of its kind were left out since the last one that was written.
+        """Number of entries left out of this kind since its last written one; None: leave this one out.
 
-        `kind` None: there are no two alike.
+        `kind` None: the entry is unlike all others.
         """
         known = None if kind is None else self._kinds.get(kind)
         if known is not None and now - known.since < SAME_S:
@@ -67,7 +67,7 @@ class Sampler:
         return 0 if known is None else known.kept_back
 
     def left_out(self, now: float) -> int:
-        """How many were left out that no entry tells of: at most once a minute, and 0 in between."""
+        """Number of left-out entries that no entry reports. Nonzero at most once a minute."""
         if now - self._told_at < TOLD_S:
             return 0
         for kind, known in list(self._kinds.items()):

@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The state file: the snapshot of authority and the mission package, written so that a crash leaves the old or the new.
+"""The state file: the snapshot of authority and the mission package. A crash leaves the old state or the new one.
 
 Rules
 -----
-* Written to a file beside it, synchronised, then renamed: never half.
-* A checksum over everything: what does not fit is not guessed at. A file that is there but cannot be trusted says so
-  (`StateError`); the companion then starts without authority, which in flight means the way home.
-* It says in which boot it was written, and its serial: a disk may be late, and then the file is not the last word. What
-  is made of that is the `keeper`'s.
-* The mission package has a file of its own, because it is large and seldom changes. The vehicle's addresses that came
-  with it are in a further one, bound to its digest. What is wrong there costs the addresses alone.
+* The state is written to a file beside it, synchronised, then renamed, so it is never incomplete.
+* A checksum covers everything. A damaged file is not repaired: it raises `StateError`. The companion then starts
+  without authority, which in flight means a return.
+* The file contains the boot in which it was written, and its serial. A disk may be late, so the file may not be the
+  newest state. `state_store.py` decides what counts.
+* The mission package has its own file, because it is large and seldom changes. The vehicle's addresses that came with
+  it are in a further file, bound to the digest of the package. Damage there costs only the addresses.
 """
 
 from __future__ import annotations
@@ -39,25 +39,25 @@ from mavproxy_handover.vehicle_address import (
     unpack_addresses,
 )
 
-__all__ = ["Kept", "StateError", "StateStore", "pack", "unpack"]
+__all__ = ["Kept", "StateError", "StateFile", "pack", "unpack"]
 
 _FORMAT = 9
 _MAX_SYSID = 255
-#: the next run begins one above what it finds, and each change of authority takes one more of the 32 bits
+#: the next run begins one above the stored epoch, and each change of authority takes one more of the 32 bits
 _MAX_EPOCH = 0xFFFF_0000
 _DIGEST_BYTES = 32
 _MOST_ADDRESS_BYTES = _DIGEST_BYTES + MAX_ADDRESSES * ENTRY_BYTES
-#: more than the most that is believed of a battery monitor comes to: no word of one costs the file
+#: above the largest value that is accepted of a battery monitor, so no such value makes the file invalid
 _MOST_AMOUNT = 1e12
 
 
 class StateError(Exception):
-    """There is a state file and it cannot be trusted; one line for people."""
+    """The state file exists but cannot be trusted. The message is one line for people."""
 
 
 @dataclass(frozen=True, slots=True)
 class Kept:
-    """A snapshot as it was kept: in which boot of the system ("": nobody knows), and as which one of that boot."""
+    """A stored snapshot, with its boot of the system ("" if unknown) and its serial within that boot."""
 
     snapshot: Snapshot
     boot: str = ""
@@ -65,7 +65,7 @@ class Kept:
 
 
 def pack(kept: Kept, vehicle: str) -> bytes:
-    """What is kept of a vehicle, with a checksum over all of it."""
+    """Encode the state of a vehicle, with a checksum over all of it."""
     snapshot = kept.snapshot
     body = {
         "format": _FORMAT,
@@ -96,7 +96,7 @@ def pack(kept: Kept, vehicle: str) -> bytes:
 
 
 def unpack(raw: bytes, vehicle: str) -> Kept:
-    """What `pack` made. Raises ValueError that says what is wrong."""
+    """Decode what `pack` made. Raises ValueError that says what is wrong."""
     try:
         whole = json.loads(raw)
         body = whole["body"]
@@ -111,8 +111,8 @@ def unpack(raw: bytes, vehicle: str) -> Kept:
         raise ValueError(str(error)) from None
 
 
-class StateStore:
-    """Keeps one vehicle's state in `folder`."""
+class StateFile:
+    """The state files of one vehicle in `folder`."""
 
     def __init__(self, folder: Path, vehicle: str) -> None:
         self._folder = folder
@@ -131,7 +131,7 @@ class StateStore:
         _write(self._addresses_path, _bound(package.digest, pack_addresses(package.addresses)))
 
     def load(self) -> Kept | None:
-        """What was saved last; None if nothing ever was. Raises StateError: there is a file that cannot be trusted."""
+        """The last saved state; None if there never was one. Raises StateError if the file cannot be trusted."""
         try:
             raw = self._path.read_bytes()
         except FileNotFoundError:
@@ -152,7 +152,7 @@ class StateStore:
         return package.with_addresses(self._addresses(digest)) if package.digest == digest else None
 
     def _addresses(self, digest: bytes) -> Addresses:
-        """Those that came with the package with this digest; none if that is not certain."""
+        """The addresses that came with the package with this digest; none if that is not certain."""
         try:
             with self._addresses_path.open("rb") as stream:
                 raw = stream.read(_MOST_ADDRESS_BYTES + 1)
@@ -168,7 +168,10 @@ def _bound(digest: bytes, packed: bytes) -> bytes:
 
 
 def _snapshot(body: Mapping[str, Any]) -> Snapshot:
-    """Raises ValueError, KeyError, TypeError. Nothing is converted: what is not what was written is none of ours."""
+    """Decode the snapshot. Raises ValueError, KeyError, TypeError.
+
+    Nothing is converted: a value of another type than was written is an error.
+    """
     route = _list("route", body)
     owner, policy = body["owner"], body["out_of_coverage"]
     return Snapshot(
@@ -249,7 +252,7 @@ def _memory(values: object) -> PackMemory:
 
 
 def _amount(key: str, value: object) -> float | None:
-    """What there is of something, or none."""
+    """An amount, or None."""
     if value is not None and (type(value) is not float or not 0.0 <= value <= _MOST_AMOUNT):
         raise ValueError(f"packs: {key}: {value!r} must be a number from 0.0 to {_MOST_AMOUNT}, or none")
     return value

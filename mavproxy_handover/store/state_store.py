@@ -1,22 +1,22 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Two copies of the state: one in memory, at once; one on the disk, behind it.
+"""The state in two copies: one in memory, written at once, and one on the disk, written later.
 
-The one in memory outlives the process, and to write it takes microseconds, so it is made in the main loop, before
-anybody hears of what it says. The one on the disk outlives a loss of power. It is written by a thread, whenever the
-disk lets it: a disk that is slow, full or read-only holds up nothing, and is late.
+The copy in memory outlives the process. Writing it takes microseconds, so the main loop writes it before any message
+tells of the new state. The copy on the disk outlives a loss of power. A thread writes it when the disk is ready. So a
+slow, full or read-only disk delays only that copy.
 
-What a run makes of the two:
+Which copy a new run uses:
 
 | memory | disk | what counts |
 |---|---|---|
-| fits | whatever it says, if it is no later | the copy in memory: it has the last word |
-| not there, made void, damaged, or behind the disk | of this boot | nobody: the last word is lost; the disk's numbers |
-| made void or damaged | of an earlier boot | the same: this boot had a last word |
-| not there | of an earlier boot | the disk, not `proven`: the stations decide (`core/authority/authority.py`) |
+| valid | not later than memory, or no valid file | the copy in memory, which is the newest state |
+| missing, void, damaged, or older than the disk | of this boot | only its numbers: no station has authority |
+| void or damaged | of an earlier boot | as in the row before, because a newer state existed in this boot |
+| missing | of an earlier boot | the disk, not `proven`: the stations decide (`core/authority/authority.py`) |
 
-Where no storage lives in memory the first copy lies beside the second, bound to the boot. It is written without waiting
-for the disk, as far as the system lets one.
+If there is no storage in memory, the first copy lies beside the second, bound to the boot. It is written without
+waiting for the disk, as far as the system allows.
 """
 
 from __future__ import annotations
@@ -32,25 +32,25 @@ from typing import Final
 from mavproxy_handover.core.common.model import Phase
 from mavproxy_handover.core.common.snapshot import Snapshot
 from mavproxy_handover.mission.package import MissionPackage
-from mavproxy_handover.store.background_writer import CLOSE_S, Behind
+from mavproxy_handover.store.background_writer import CLOSE_S, BackgroundWriter
 from mavproxy_handover.store.durable import discard
 from mavproxy_handover.store.memory import Condition, Slots, boot_id, memory_folder, memory_name, passed_over
-from mavproxy_handover.store.state_file import Kept, StateError, StateStore, pack, unpack
+from mavproxy_handover.store.state_file import Kept, StateError, StateFile, pack, unpack
 
-__all__ = ["StateKeeper", "in_flight"]
+__all__ = ["StateStore", "in_flight"]
 
 _STATE: Final = "state"
 _PACKAGE: Final = "package"
-#: so many words about the disk wait to be heard
+#: most messages about the disk that wait to be read
 _MOST_TROUBLES: Final = 8
 
 
 def in_flight(folder: Path, vehicle: str) -> bool:
-    """Whether the run before this one, in this boot, ended in flight, by the copy in memory. Never raises.
+    """Whether the previous run of this boot ended in flight, according to the copy in memory. Never raises.
 
-    A rehearsal is no flight. A copy that does not count says nothing.
+    A rehearsal is no flight. An invalid copy counts as no flight.
     """
-    keeper = StateKeeper(folder, vehicle)
+    keeper = StateStore(folder, vehicle)
     try:
         held, _lost = keeper.held()
     finally:
@@ -58,31 +58,31 @@ def in_flight(folder: Path, vehicle: str) -> bool:
     return held is not None and held.snapshot.phase is not Phase.ON_LOAD and not held.snapshot.rehearsal
 
 
-class StateKeeper:
-    """Keeps one vehicle's state: in `folder`, and in memory before that. Its own thread writes to the disk."""
+class StateStore:
+    """Stores one vehicle's state: in memory first, then in `folder`. Its own thread writes to the disk."""
 
     def __init__(self, folder: Path, vehicle: str) -> None:
         self._vehicle = vehicle
-        self._disk = StateStore(folder, vehicle)
+        self._disk = StateFile(folder, vehicle)
         self._boot = boot_id()
-        #: what is to be said of where the state is kept, "" if all is well
+        #: problem with the storage of the state, "" if there is none
         self.note = ""
         self._slots, self._packages = self._open(folder)
-        self._behind = Behind("state")
+        self._writer = BackgroundWriter("state")
         self._serial = 0
-        #: what the disk is to hold, and the serial of what it holds
+        #: state that the disk should hold, and serial of the state that it holds
         self._wanted: Kept | None = None
         self._written = 0
         self._troubles: deque[str] = deque(maxlen=_MOST_TROUBLES)
 
-    def _open(self, folder: Path) -> tuple[Slots | None, StateStore | None]:
-        """The copy in memory, and where packages are kept there."""
+    def _open(self, folder: Path) -> tuple[Slots | None, StateFile | None]:
+        """Open the copy in memory, and the store of packages in memory."""
         place = memory_folder(os.environ)
         name = memory_name(folder, self._vehicle)
         self.note = passed_over(os.environ)
         try:
             if place is not None:
-                return Slots(place / f"{name}.state"), StateStore(place, name)
+                return Slots(place / f"{name}.state"), StateFile(place, name)
             why = self.note or "no storage in memory"
             self.note = f"{why}: the state is kept in {folder}, and a slow disk may hold up a handover"
             folder.mkdir(parents=True, exist_ok=True)
@@ -94,7 +94,7 @@ class StateKeeper:
     # ---- at the start ---------------------------------------------------------------------------------------------
 
     def recall(self) -> tuple[Snapshot | None, str]:
-        """What the run before left behind, and why what it had to say last cannot be had, if so. Never raises."""
+        """The state of the previous run, and the reason if its newest state is lost. Never raises."""
         disk, trouble = None, ""
         try:
             disk = self._disk.load()
@@ -109,12 +109,12 @@ class StateKeeper:
         if disk is None:
             return None, trouble or lost
         if lost or (disk.boot and disk.boot == self._boot):
-            lost = lost or "the copy in memory is gone, and the disk may be behind"
+            lost = lost or "the copy in memory is gone, and the disk may be older"
             return replace(disk.snapshot, owner=None, proven=False), lost
         return replace(disk.snapshot, proven=False), ""
 
     def held(self) -> tuple[Kept | None, str]:
-        """The copy in memory that counts, and what is wrong with the one that is there."""
+        """The valid copy in memory, and what is wrong with an invalid one."""
         if self._slots is None or self._slots.condition is Condition.EMPTY:
             return None, ""
         if self._slots.condition is Condition.HELD:
@@ -122,7 +122,7 @@ class StateKeeper:
                 held = unpack(self._slots.record, self._vehicle)
             except ValueError as error:
                 return None, f"the copy in memory is not to be trusted: {error}"
-            # of an earlier boot: it lay on a disk
+            # of an earlier boot, if it is on a disk
             return (held, "") if held.boot == self._boot and held.serial == self._slots.serial else (None, "")
         return None, f"the copy in memory is {self._slots.condition.value}"
 
@@ -134,7 +134,10 @@ class StateKeeper:
     # ---- in flight ------------------------------------------------------------------------------------------------
 
     def save(self, snapshot: Snapshot) -> None:
-        """Keep the snapshot: on return it outlives the process. Raises OSError: then nothing does, nor an older one."""
+        """Store the snapshot; on return it outlives the process.
+
+        Raises OSError: then no state outlives the process, not even an older one.
+        """
         self._serial += 1
         kept = Kept(snapshot, self._boot, self._serial)
         try:
@@ -146,16 +149,16 @@ class StateKeeper:
             raise
         finally:
             self._wanted = kept
-            self._behind.put(_STATE, partial(self._to_disk, kept))
+            self._writer.put(_STATE, partial(self._to_disk, kept))
 
     def keep(self, package: MissionPackage) -> None:
-        """Keep the mission package, when the disk lets us."""
-        self._behind.put(_PACKAGE, partial(self._package_to_disk, package))
+        """Store the mission package when the disk is ready."""
+        self._writer.put(_PACKAGE, partial(self._package_to_disk, package))
 
     def tick(self) -> list[str]:
-        """To be called each second: what failed on the disk is tried again. Returns what there is to say of it."""
-        if self._wanted is not None and self._written < self._wanted.serial and self._behind.idle:
-            self._behind.put(_STATE, partial(self._to_disk, self._wanted))
+        """Try again what failed on the disk. Returns the messages about the disk. Call it each second."""
+        if self._wanted is not None and self._written < self._wanted.serial and self._writer.idle:
+            self._writer.put(_STATE, partial(self._to_disk, self._wanted))
         troubles = []
         with suppress(IndexError):
             while True:
@@ -163,24 +166,24 @@ class StateKeeper:
         return troubles
 
     def settle(self, within_s: float) -> bool:
-        """Wait until the disk has everything, or has failed; so long at most. Whether it is so."""
-        return self._behind.settle(within_s)
+        """Wait at most `within_s` until the disk has everything or has failed. Returns True if so."""
+        return self._writer.settle(within_s)
 
     def close(self, within_s: float = CLOSE_S) -> bool:
-        """The end: wait for the disk, so long at most; whether it has everything."""
-        done = self._behind.close(within_s)
+        """Close the store and wait for the disk, at most `within_s`. Returns True if the disk has everything."""
+        done = self._writer.close(within_s)
         if self._slots is not None:
             self._slots.close()
         return done
 
     def _void(self) -> None:
-        """What is in memory must not be taken for the last word any more."""
+        """Make sure that the copy in memory does not count as the newest state any more."""
         slots = self._slots
         if slots is None:
             return
         try:
             slots.void()
-        except OSError:  # nor can that be written: then the file goes
+        except OSError:  # marking it void fails too: remove the file
             self._slots = None
             slots.close()
             discard(slots.path)

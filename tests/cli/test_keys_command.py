@@ -205,7 +205,8 @@ def test_every_bad_key_is_named_and_the_exit_code_is_1(
     assert main([word]) == 1
     captured = capsys.readouterr()
     assert captured.err.splitlines() == [
-        "handover keys: keys/GCSA.key: mode 0644 must be 0600, a key is for its owner alone: chmod 600 keys/GCSA.key",
+        "handover keys: keys/GCSA.key: mode 0644 must be 0600, because only its owner may read a key: "
+        "chmod 600 keys/GCSA.key",
         "handover keys: keys/GCSB.key: must hold 64 hexadecimal digits and nothing else",
         "handover keys: keys: GCSC and GCSD have the same key; each station needs one of its own",
     ]

@@ -21,7 +21,7 @@ from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.store import run_record
 from mavproxy_handover.store.keys import KeysError
 from mavproxy_handover.store.run_record import RunRecord
-from mavproxy_handover.store.state_store import StateKeeper
+from mavproxy_handover.store.state_store import StateStore
 
 MISSIONS = Path(__file__).resolve().parents[2] / "missions"
 KEYS = {name: bytes([number]) * 32 for number, name in enumerate(("GCSA", "old", "autopilot", "guard"), 1)}
@@ -57,7 +57,7 @@ def config(tmp_path: Path) -> Path:
 
 def left_behind(config: Path, snapshot: Snapshot) -> None:
     """A run ended here, with this state."""
-    keeper = StateKeeper(config.parent / "state", "drone-1")
+    keeper = StateStore(config.parent / "state", "drone-1")
     keeper.recall()
     keeper.save(snapshot)
     keeper.close()

@@ -121,7 +121,7 @@ PLANTED: list[tuple[str, Plant, str, str]] = [
         "key mode",
         lambda m: key(m).chmod(0o644),
         "keys: key of GCSA: ",
-        "mode 0644 must be 0600, a key is for its owner alone -> Run: chmod 600 ",
+        "mode 0644 must be 0600, because only its owner may read a key -> Run: chmod 600 ",
     ),
     ("key missing", lambda m: key(m).unlink(), "keys: key of GCSA: ", "no such file -> Run 'handover keys make'"),
     ("no key in it", lambda m: key(m).write_text("x"), "keys: key of GCSA: ", "must hold 64 hexadecimal digits"),

@@ -23,7 +23,7 @@ from mavproxy_handover.mission.package import load
 from mavproxy_handover.resources import shipped
 from mavproxy_handover.store.journal import Journal
 from mavproxy_handover.store.lock import VehicleLock
-from mavproxy_handover.store.state_file import StateStore
+from mavproxy_handover.store.state_file import StateFile
 from tests.doctor.machine import Machine, Speaker, companion, free_port, heartbeat
 
 STATE = "var/lib/handover/state"
@@ -57,7 +57,7 @@ def journal(machine: Machine, *entries: tuple[str, dict[str, object]]) -> None:
 
 def kept(machine: Machine, digest: bytes) -> None:
     snapshot = Snapshot(owner=251, epoch=7, handover_id=0, phase=Phase.ON_LOAD, route_at=0, digest=digest, route=())
-    StateStore(machine.path(STATE), "drone-1").save(snapshot)
+    StateFile(machine.path(STATE), "drone-1").save(snapshot)
 
 
 HEARD = [("station_heard", {"station": name}) for name in ("GCSA", "GCSB")]

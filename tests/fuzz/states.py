@@ -6,7 +6,7 @@ vehicle and replay state after any damage.
 A plan's first byte says how the rest is meant: as a whole file, as damage to a good one, or as other values in a good
 one, under a checksum that fits. Only what any caller may use is used. What must hold:
 
-* `StateStore.load` gives what was kept, None, or StateError with a line; so does the copy in memory, with ValueError;
+* `StateFile.load` gives what was kept, None, or StateError with a line; so does the copy in memory, with ValueError;
 * a snapshot has the numbers that its messages can carry, each of its own kind, and an arbiter goes on from it;
 * `load_package` gives the package of the digest that was asked for, or none; with the addresses that were saved, or
   none;
@@ -37,7 +37,7 @@ from mavproxy_handover.core.safety.battery import PackMemory
 from mavproxy_handover.mission import package as packages
 from mavproxy_handover.store.memory import Condition, Slots
 from mavproxy_handover.store.replay import ReplayStore
-from mavproxy_handover.store.state_file import Kept, StateError, StateStore, pack, unpack
+from mavproxy_handover.store.state_file import Kept, StateError, StateFile, pack, unpack
 from mavproxy_handover.vehicle_address import VehicleAddress
 from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.frames import Frame, parse_one
@@ -69,7 +69,7 @@ class Files:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self.store = StateStore(folder, VEHICLE)
+        self.store = StateFile(folder, VEHICLE)
         self.store.save(GOOD, "boot", 7)
         (self.state,) = folder.iterdir()
         self.store.save_package(PACKAGE)

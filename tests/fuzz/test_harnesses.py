@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from gcs_module.ground import GroundLink
-from mavproxy_handover.store.state_file import Kept, StateStore
+from mavproxy_handover.store.state_file import Kept, StateFile
 from mavproxy_handover.vehicle_address import VehicleAddress
 from mavproxy_handover.wire.frames import FrameSplitter
 from tests.fuzz import ground, package, states, stream
@@ -102,7 +102,7 @@ def test_most_of_the_packages_that_fuzzing_begins_with_are_sound() -> None:
 @pytest.mark.parametrize("plan", [bytes([states.VALUES, 0]), bytes([states.RAW, 1])])
 def test_a_state_that_cannot_be_is_noticed(monkeypatch: pytest.MonkeyPatch, plan: bytes) -> None:
     assert states.run(plan) == states.GOOD
-    monkeypatch.setattr(StateStore, "load", lambda _store: Kept(replace(states.GOOD, owner=256)))
+    monkeypatch.setattr(StateFile, "load", lambda _store: Kept(replace(states.GOOD, owner=256)))
     with pytest.raises(AssertionError):
         states.run(plan)
 
@@ -110,7 +110,7 @@ def test_a_state_that_cannot_be_is_noticed(monkeypatch: pytest.MonkeyPatch, plan
 def test_addresses_that_nobody_saved_are_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     plan = bytes([states.DAMAGED, states.KINDS.index("addresses"), 0, 40, 0, 1])
     assert states.run(plan) == states.GOOD
-    monkeypatch.setattr(StateStore, "_addresses", lambda _store, _digest: {251: (VehicleAddress("10.8.0.9", 14550),)})
+    monkeypatch.setattr(StateFile, "_addresses", lambda _store, _digest: {251: (VehicleAddress("10.8.0.9", 14550),)})
     with pytest.raises(AssertionError):
         states.run(plan)
 

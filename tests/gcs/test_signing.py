@@ -479,7 +479,7 @@ def test_a_key_file_that_others_may_read_is_refused_with_one_line(station: Stati
     path.chmod(mode)
     assert station.load() is None
     assert station.mpstate.console.lines == [
-        f"handover_gcs is not loaded: {path}: mode {mode:04o} must be 0600, a key is for its owner alone: "
+        f"handover_gcs is not loaded: {path}: mode {mode:04o} must be 0600, because only its owner may read a key: "
         f"chmod 600 {path}"
     ]
     assert not sent_by(station.mpstate.mav_master[0])[0][2] & 1

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from mavproxy_handover.mission.package import from_bytes, load
-from mavproxy_handover.store.state_file import StateStore
+from mavproxy_handover.store.state_file import StateFile
 from mavproxy_handover.vehicle_address import VehicleAddress
 from tests.packages import ROUND
 
@@ -140,9 +140,9 @@ def test_no_more_addresses_than_a_message_has_room_for(folder: Path) -> None:
 def test_the_state_keeps_them_with_the_package(folder: Path, tmp_path: Path) -> None:
     """The fault: after a restart of the companion the package that it gave back to a station had no addresses."""
     package = load(written(folder, GOOD))
-    store = StateStore(tmp_path / "state", "drone-1")
+    store = StateFile(tmp_path / "state", "drone-1")
     store.save_package(package)
-    kept = StateStore(tmp_path / "state", "drone-1").load_package(package.digest)
+    kept = StateFile(tmp_path / "state", "drone-1").load_package(package.digest)
     assert kept == package
     assert dict(kept.addresses) == {252: (VehicleAddress("10.0.0.2", 14552), VehicleAddress("100.64.3.7", 5762))}
     store.save_package(from_bytes(package.to_bytes()))
@@ -152,7 +152,7 @@ def test_the_state_keeps_them_with_the_package(folder: Path, tmp_path: Path) -> 
 @pytest.mark.parametrize("damage", [b"", b"x", bytes(40), b"\xff" * 400])
 def test_a_damaged_file_of_the_state_costs_the_addresses_alone(folder: Path, tmp_path: Path, damage: bytes) -> None:
     package = load(written(folder, GOOD))
-    store = StateStore(tmp_path / "state", "drone-1")
+    store = StateFile(tmp_path / "state", "drone-1")
     store.save_package(package)
     (tmp_path / "state" / "drone-1.addresses").write_bytes(damage)
     assert store.load_package(package.digest) == package

@@ -23,7 +23,7 @@ from mavproxy_handover.core.safety.battery import Batteries
 from mavproxy_handover.core.safety.learning import Learner
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage
-from mavproxy_handover.store.state_file import StateStore
+from mavproxy_handover.store.state_file import StateFile
 from tests.module.conftest import Bench
 from tests.module.test_restart import lose_power, restart
 from tests.module.vehicle import AUTO, RTL
@@ -530,7 +530,7 @@ def test_it_is_written_when_a_twentieth_is_drawn_and_not_with_every_report(
     rest(bench, delivery, 12.6)
     drain(bench, 3, 0.0)
     written: list[Any] = []
-    monkeypatch.setattr(StateStore, "save", lambda self, *what: written.append(what))
+    monkeypatch.setattr(StateFile, "save", lambda self, *what: written.append(what))
     for hundredth in range(1, 21):
         drain(bench, 3, hundredth / 100.0)
         assert bench.companion.settle(10.0)

@@ -28,8 +28,8 @@ from mavproxy_handover.core.common.model import (
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.store import state_file, state_store
 from mavproxy_handover.store.memory import Slots, memory_folder
-from mavproxy_handover.store.state_file import StateStore
-from mavproxy_handover.store.state_store import StateKeeper
+from mavproxy_handover.store.state_file import StateFile
+from mavproxy_handover.store.state_store import StateStore
 from mavproxy_handover.wire import codec
 from tests.module import vehicle
 from tests.module.conftest import Bench
@@ -311,9 +311,9 @@ class TestInATransfer:
     ) -> None:
         """Whoever has been told that it commands must command after a crash."""
         order: list[str] = []
-        save, write = StateKeeper.save, type(flight.companion.ports[252]).write_all
+        save, write = StateStore.save, type(flight.companion.ports[252]).write_all
 
-        def saved(self: StateKeeper, snapshot: Any) -> None:
+        def saved(self: StateStore, snapshot: Any) -> None:
             save(self, snapshot)
             order.append(f"saved {snapshot.owner}")
 
@@ -323,7 +323,7 @@ class TestInATransfer:
                     order.append(f"told {message.commander}")
             write(self, data)
 
-        monkeypatch.setattr(StateKeeper, "save", saved)
+        monkeypatch.setattr(StateStore, "save", saved)
         monkeypatch.setattr(type(flight.companion.ports[252]), "write_all", told)
         flight.autopilot.position = IN_BOTH
         flight.until(lambda: "told 252" in order)
@@ -404,9 +404,9 @@ class TestBadState:
         elif how == "flipped":
             path.write_bytes(data.replace(b'"owner": 251', b'"owner": 252'))
         elif how == "of another vehicle":
-            kept = StateStore(path.parent, "drone-1").load()
+            kept = StateFile(path.parent, "drone-1").load()
             assert kept is not None
-            StateStore(path.parent, "drone-2").save(kept.snapshot)
+            StateFile(path.parent, "drone-2").save(kept.snapshot)
             (path.parent / "drone-2.state.json").replace(path)
         elif how == "a folder":
             path.unlink()
@@ -516,7 +516,7 @@ class TestTheDiskTakesNothing:
     def full(self, flight: Bench) -> Iterator[pytest.MonkeyPatch]:
         assert flight.companion.settle(10.0)
         patch = pytest.MonkeyPatch()
-        patch.setattr(StateStore, "save", no_room)
+        patch.setattr(StateFile, "save", no_room)
         yield patch
         patch.undo()
 
@@ -548,7 +548,7 @@ class TestTheDiskTakesNothing:
         full.undo()
         flight.run(2.1)
         assert flight.companion.settle(10.0)
-        kept = StateStore(flight.folder / "state", "drone-1").load()
+        kept = StateFile(flight.folder / "state", "drone-1").load()
         assert kept is not None
         assert (kept.snapshot.owner, kept.snapshot.epoch) == (252, 2)
 
@@ -614,7 +614,7 @@ class TestUnwritable:
         self, flight: Bench, broken: pytest.MonkeyPatch, disk: str
     ) -> None:
         if disk == "does not":
-            broken.setattr(StateStore, "save", no_room)
+            broken.setattr(StateFile, "save", no_room)
         flight.autopilot.position = IN_BOTH
         flight.until(lambda: flight.companion.view.commander == 252)
         restart(flight)
@@ -636,7 +636,7 @@ class TestUnwritable:
     def test_nothing_changed_nothing_is_written(self, flight: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
         written: list[Any] = []
         assert flight.companion.settle(10.0)
-        monkeypatch.setattr(StateStore, "save", lambda self, *what: written.append(what))
+        monkeypatch.setattr(StateFile, "save", lambda self, *what: written.append(what))
         monkeypatch.setattr(Slots, "write", lambda self, *what: written.append(what))
         flight.run(10.0)
         assert flight.companion.settle(10.0)

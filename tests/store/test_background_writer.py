@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from mavproxy_handover.store.background_writer import Behind
+from mavproxy_handover.store.background_writer import BackgroundWriter
 
 WAIT_S = 10.0
 
@@ -29,8 +29,8 @@ class Disk:
 
 
 @pytest.fixture
-def behind() -> Iterator[Behind]:
-    behind = Behind("test")
+def behind() -> Iterator[BackgroundWriter]:
+    behind = BackgroundWriter("test")
     yield behind
     behind.close(WAIT_S)
 
@@ -42,7 +42,7 @@ def disk() -> Iterator[Disk]:
     disk.free.set()
 
 
-def test_a_job_is_done_in_a_thread_that_keeps_nobody_from_ending(behind: Behind) -> None:
+def test_a_job_is_done_in_a_thread_that_keeps_nobody_from_ending(behind: BackgroundWriter) -> None:
     seen: list[threading.Thread] = []
     assert behind.put("a", lambda: seen.append(threading.current_thread()))
     assert behind.settle(WAIT_S)
@@ -50,7 +50,7 @@ def test_a_job_is_done_in_a_thread_that_keeps_nobody_from_ending(behind: Behind)
     assert seen[0].daemon
 
 
-def test_of_one_name_only_the_newest_is_done_and_the_others_in_their_order(behind: Behind, disk: Disk) -> None:
+def test_of_one_name_only_the_newest_job_runs_and_the_others_in_order(behind: BackgroundWriter, disk: Disk) -> None:
     behind.put("state", lambda: disk.write("state 1"))
     assert disk.began.wait(WAIT_S)
     for number in (2, 3, 4):
@@ -63,7 +63,7 @@ def test_of_one_name_only_the_newest_is_done_and_the_others_in_their_order(behin
     assert behind.idle
 
 
-def test_what_breaks_ends_alone(behind: Behind) -> None:
+def test_what_breaks_ends_alone(behind: BackgroundWriter) -> None:
     done: list[str] = []
     behind.put("a", lambda: {}["nothing"])
     behind.put("b", lambda: done.append("b"))
@@ -73,7 +73,7 @@ def test_what_breaks_ends_alone(behind: Behind) -> None:
     assert done == ["b", "c"]
 
 
-def test_a_disk_that_hangs_is_waited_for_no_longer_than_told(behind: Behind, disk: Disk) -> None:
+def test_a_disk_that_hangs_is_waited_for_no_longer_than_told(behind: BackgroundWriter, disk: Disk) -> None:
     behind.put("a", lambda: disk.write("a"))
     behind.put("b", lambda: disk.write("b"))
     assert not behind.settle(0.01)
@@ -81,7 +81,7 @@ def test_a_disk_that_hangs_is_waited_for_no_longer_than_told(behind: Behind, dis
     assert disk.done == []
 
 
-def test_what_had_not_begun_when_it_was_closed_is_not_done_later(behind: Behind, disk: Disk) -> None:
+def test_what_had_not_begun_when_it_was_closed_is_not_done_later(behind: BackgroundWriter, disk: Disk) -> None:
     behind.put("a", lambda: disk.write("a"))
     assert disk.began.wait(WAIT_S)
     behind.put("b", lambda: disk.write("b"))
@@ -91,7 +91,7 @@ def test_what_had_not_begun_when_it_was_closed_is_not_done_later(behind: Behind,
     assert disk.done == ["a"]
 
 
-def test_the_end_waits_for_what_was_taken_and_takes_nothing_more(behind: Behind) -> None:
+def test_the_end_waits_for_what_was_taken_and_takes_nothing_more(behind: BackgroundWriter) -> None:
     done: list[str] = []
     behind.put("a", lambda: done.append("a"))
     assert behind.close(WAIT_S)
@@ -102,7 +102,7 @@ def test_the_end_waits_for_what_was_taken_and_takes_nothing_more(behind: Behind)
 
 
 def test_without_room_for_a_thread_a_job_is_not_taken_and_nothing_raises(
-    behind: Behind, monkeypatch: pytest.MonkeyPatch
+    behind: BackgroundWriter, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def no_room(_thread: threading.Thread) -> None:
         raise RuntimeError("can't start new thread")
@@ -117,7 +117,7 @@ def test_without_room_for_a_thread_a_job_is_not_taken_and_nothing_raises(
     assert done == ["b"]
 
 
-def test_a_job_that_raises_ends_alone_and_is_told(behind: Behind, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_job_that_raises_ends_alone_and_is_told(behind: BackgroundWriter, caplog: pytest.LogCaptureFixture) -> None:
     done: list[str] = []
 
     def broken() -> None:

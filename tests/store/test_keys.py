@@ -135,7 +135,7 @@ def test_a_file_that_is_not_for_its_owner_alone_is_refused(path: Path, mode: int
     put(path, KEY.hex().encode(), mode)
     with pytest.raises(KeysError) as raised:
         load_key(path)
-    expected = f"{path}: mode {mode:04o} must be 0600, a key is for its owner alone: chmod 600 {path}"
+    expected = f"{path}: mode {mode:04o} must be 0600, because only its owner may read a key: chmod 600 {path}"
     assert str(raised.value) == expected
 
 

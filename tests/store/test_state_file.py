@@ -23,7 +23,7 @@ from mavproxy_handover.core.safety.battery import Batteries, PackMemory, PackRep
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.store import state_file
-from mavproxy_handover.store.state_file import Kept, StateError, StateStore
+from mavproxy_handover.store.state_file import Kept, StateError, StateFile
 
 MISSIONS = Path(__file__).resolve().parents[2] / "missions"
 DIGEST = bytes(range(32))
@@ -34,13 +34,13 @@ BEFORE = Snapshot(
 AFTER = Snapshot(252, 5, 8, Phase.ON_HANDOVER, 3, DIGEST, (251, 252, 251), False, "return")
 
 
-def held(store: StateStore) -> Snapshot | None:
+def held(store: StateFile) -> Snapshot | None:
     """What the file says."""
     kept = store.load()
     return None if kept is None else kept.snapshot
 
 
-def told(store: StateStore) -> Snapshot | str | None:
+def told(store: StateFile) -> Snapshot | str | None:
     """What the file says, or why it is not to be trusted."""
     try:
         return held(store)
@@ -53,8 +53,8 @@ class Killed(BaseException):
 
 
 @pytest.fixture
-def store(tmp_path: Path) -> StateStore:
-    return StateStore(tmp_path, "drone-1")
+def store(tmp_path: Path) -> StateFile:
+    return StateFile(tmp_path, "drone-1")
 
 
 @pytest.fixture(scope="module")
@@ -124,11 +124,11 @@ class TestKept:
             replace(BEFORE, kept=True, kept_by=DIGEST),
         ],
     )
-    def test_what_was_saved_is_what_is_loaded(self, store: StateStore, snapshot: Snapshot) -> None:
+    def test_what_was_saved_is_what_is_loaded(self, store: StateFile, snapshot: Snapshot) -> None:
         store.save(snapshot)
         assert held(store) == snapshot
 
-    def test_no_word_of_a_battery_monitor_costs_the_file(self, store: StateStore) -> None:
+    def test_no_word_of_a_battery_monitor_costs_the_file(self, store: StateFile) -> None:
         """The fault: a counter of millions was kept, and with it the next run read nothing of who commands either."""
         packs = Batteries(126.0, 1, 3.0, 1e9, 385.0)
         most = PackReport(used_mah=1e8, remaining=1.0, voltage_v=1000.0, current_a=10_000.0)
@@ -140,41 +140,41 @@ class TestKept:
         store.save(snapshot)
         assert held(store) == snapshot
 
-    def test_the_last_one_counts(self, store: StateStore) -> None:
+    def test_the_last_one_counts(self, store: StateFile) -> None:
         store.save(BEFORE)
         store.save(AFTER)
         assert held(store) == AFTER
 
-    def test_the_file_is_what_it_says(self, store: StateStore, path: Path) -> None:
+    def test_the_file_is_what_it_says(self, store: StateFile, path: Path) -> None:
         store.save(BEFORE, "b1", 12)
         assert json.loads(path.read_bytes()) == json.loads(signed(good_body()))
         path.write_bytes(signed(good_body()))
         assert store.load() == Kept(BEFORE, "b1", 12)
 
-    def test_another_run_reads_it(self, store: StateStore, tmp_path: Path) -> None:
+    def test_another_run_reads_it(self, store: StateFile, tmp_path: Path) -> None:
         store.save(BEFORE)
-        assert held(StateStore(tmp_path, "drone-1")) == BEFORE
+        assert held(StateFile(tmp_path, "drone-1")) == BEFORE
 
-    def test_two_vehicles_do_not_mix(self, store: StateStore, tmp_path: Path) -> None:
-        other = StateStore(tmp_path, "drone-2")
+    def test_two_vehicles_do_not_mix(self, store: StateFile, tmp_path: Path) -> None:
+        other = StateFile(tmp_path, "drone-2")
         store.save(BEFORE)
         other.save(AFTER)
         assert (held(store), held(other)) == (BEFORE, AFTER)
 
     def test_the_folder_is_made(self, tmp_path: Path) -> None:
-        store = StateStore(tmp_path / "not" / "there", "drone-1")
+        store = StateFile(tmp_path / "not" / "there", "drone-1")
         assert held(store) is None
         store.save(BEFORE)
         assert held(store) == BEFORE
 
-    def test_never_saved_is_nothing_to_recover(self, store: StateStore) -> None:
+    def test_never_saved_is_nothing_to_recover(self, store: StateFile) -> None:
         assert store.load() is None
 
 
 class TestNotTrusted:
     """A file that is there and does not fit is never guessed at."""
 
-    def check(self, store: StateStore, why: str = "") -> None:
+    def check(self, store: StateFile, why: str = "") -> None:
         with pytest.raises(StateError, match="not to be trusted") as caught:
             store.load()
         text = str(caught.value)
@@ -182,19 +182,19 @@ class TestNotTrusted:
         assert "\n" not in text
 
     @pytest.mark.parametrize("kept", [0, 1, 2, 10, 100, 200, -1])
-    def test_cut_off(self, store: StateStore, path: Path, kept: int) -> None:
+    def test_cut_off(self, store: StateFile, path: Path, kept: int) -> None:
         store.save(BEFORE)
         path.write_bytes(path.read_bytes()[:kept])
         self.check(store)
 
-    def test_cut_off_anywhere(self, store: StateStore, path: Path) -> None:
+    def test_cut_off_anywhere(self, store: StateFile, path: Path) -> None:
         store.save(BEFORE)
         whole = path.read_bytes()
         for length in range(len(whole)):
             path.write_bytes(whole[:length])
             assert not isinstance(told(store), Snapshot)
 
-    def test_the_end_overwritten_with_zeros(self, store: StateStore, path: Path) -> None:
+    def test_the_end_overwritten_with_zeros(self, store: StateFile, path: Path) -> None:
         # what a file system may leave behind when the power fails
         store.save(BEFORE)
         whole = path.read_bytes()
@@ -202,7 +202,7 @@ class TestNotTrusted:
             path.write_bytes(whole[:length] + bytes(len(whole) - length))
             self.check(store)
 
-    def test_the_head_of_one_and_the_tail_of_the_other(self, store: StateStore, path: Path) -> None:
+    def test_the_head_of_one_and_the_tail_of_the_other(self, store: StateFile, path: Path) -> None:
         store.save(BEFORE)
         before = path.read_bytes()
         store.save(AFTER)
@@ -215,7 +215,7 @@ class TestNotTrusted:
                 continue
             assert loaded in (BEFORE, AFTER)
 
-    def test_every_single_bit(self, store: StateStore, path: Path) -> None:
+    def test_every_single_bit(self, store: StateFile, path: Path) -> None:
         store.save(BEFORE)
         whole = bytearray(path.read_bytes())
         for position in range(len(whole)):
@@ -229,7 +229,7 @@ class TestNotTrusted:
 
     @settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
     @given(data=st.binary(max_size=200))
-    def test_anything_at_all(self, store: StateStore, path: Path, data: bytes) -> None:
+    def test_anything_at_all(self, store: StateFile, path: Path, data: bytes) -> None:
         path.write_bytes(data)
         self.check(store)
 
@@ -253,28 +253,28 @@ class TestNotTrusted:
         ],
         ids=lambda data: repr(data[:20]),
     )
-    def test_other_json(self, store: StateStore, path: Path, data: bytes) -> None:
+    def test_other_json(self, store: StateFile, path: Path, data: bytes) -> None:
         path.write_bytes(data)
         self.check(store)
 
-    def test_a_checksum_of_something_else(self, store: StateStore, path: Path) -> None:
+    def test_a_checksum_of_something_else(self, store: StateFile, path: Path) -> None:
         whole = json.loads(signed(good_body()))
         whole["body"]["owner"] = 252
         path.write_bytes(json.dumps(whole).encode())
         self.check(store, "its checksum does not fit")
 
     @pytest.mark.parametrize("change", [{"vehicle": "drone-2"}, {"vehicle": None}, {"format": 1}, {"format": "2"}])
-    def test_of_another_vehicle_or_version(self, store: StateStore, path: Path, change: dict[str, Any]) -> None:
+    def test_of_another_vehicle_or_version(self, store: StateFile, path: Path, change: dict[str, Any]) -> None:
         path.write_bytes(signed(good_body() | change))
         self.check(store, "it is of another vehicle or version")
 
-    def test_a_file_copied_from_another_vehicle(self, store: StateStore, tmp_path: Path, path: Path) -> None:
-        StateStore(tmp_path, "drone-2").save(AFTER)
+    def test_a_file_copied_from_another_vehicle(self, store: StateFile, tmp_path: Path, path: Path) -> None:
+        StateFile(tmp_path, "drone-2").save(AFTER)
         os.replace(tmp_path / "drone-2.state.json", path)
         self.check(store, "it is of another vehicle or version")
 
     @pytest.mark.parametrize("key", list(good_body()))
-    def test_a_key_that_is_missing(self, store: StateStore, path: Path, key: str) -> None:
+    def test_a_key_that_is_missing(self, store: StateFile, path: Path, key: str) -> None:
         body = good_body()
         del body[key]
         path.write_bytes(signed(body))
@@ -366,11 +366,11 @@ class TestNotTrusted:
         ],
         ids=str,
     )
-    def test_a_value_that_is_none_of_its_kind(self, store: StateStore, path: Path, change: dict[str, Any]) -> None:
+    def test_a_value_that_is_none_of_its_kind(self, store: StateFile, path: Path, change: dict[str, Any]) -> None:
         path.write_bytes(signed(good_body() | change))
         self.check(store)
 
-    def test_a_folder_in_its_place(self, store: StateStore, path: Path) -> None:
+    def test_a_folder_in_its_place(self, store: StateFile, path: Path) -> None:
         path.mkdir()
         with pytest.raises(StateError, match="Is a directory"):
             store.load()
@@ -378,11 +378,11 @@ class TestNotTrusted:
 
     def test_a_file_in_place_of_the_folder(self, tmp_path: Path) -> None:
         (tmp_path / "state").write_text("")
-        store = StateStore(tmp_path / "state", "drone-1")
+        store = StateFile(tmp_path / "state", "drone-1")
         with pytest.raises(StateError, match="Not a directory"):
             store.load()
 
-    def test_the_next_save_puts_it_right(self, store: StateStore, path: Path) -> None:
+    def test_the_next_save_puts_it_right(self, store: StateFile, path: Path) -> None:
         path.write_bytes(b"rubbish")
         store.save(AFTER)
         assert held(store) == AFTER
@@ -425,7 +425,7 @@ class TestKilled:
 
     @pytest.mark.parametrize("step", STEPS)
     def test_the_old_state_or_the_new_one(
-        self, store: StateStore, tmp_path: Path, step: str, monkeypatch: pytest.MonkeyPatch
+        self, store: StateFile, tmp_path: Path, step: str, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         store.save(BEFORE)
         end = dying_at(step, monkeypatch)
@@ -433,23 +433,23 @@ class TestKilled:
             store.save(AFTER)
         end()
         expected = AFTER if step == "fsync of the folder" else BEFORE
-        assert held(StateStore(tmp_path, "drone-1")) == expected
+        assert held(StateFile(tmp_path, "drone-1")) == expected
 
     @pytest.mark.parametrize("step", STEPS)
     def test_and_the_next_run_can_save(
-        self, store: StateStore, tmp_path: Path, step: str, monkeypatch: pytest.MonkeyPatch
+        self, store: StateFile, tmp_path: Path, step: str, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         end = dying_at(step, monkeypatch)
         with pytest.raises(Killed):
             store.save(BEFORE)
         end()
-        again = StateStore(tmp_path, "drone-1")
+        again = StateFile(tmp_path, "drone-1")
         again.save(AFTER)
         assert held(again) == AFTER
 
     @pytest.mark.parametrize("step", STEPS[:-1])
     def test_at_the_very_first_save_there_is_none(
-        self, store: StateStore, step: str, monkeypatch: pytest.MonkeyPatch
+        self, store: StateFile, step: str, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         end = dying_at(step, monkeypatch)
         with pytest.raises(Killed):
@@ -457,12 +457,12 @@ class TestKilled:
         end()
         assert store.load() is None
 
-    def test_what_a_killed_save_has_left_is_never_read(self, store: StateStore, path: Path) -> None:
+    def test_what_a_killed_save_has_left_is_never_read(self, store: StateFile, path: Path) -> None:
         store.save(BEFORE)
         (path.parent / "drone-1.state.json.new").write_bytes(b'{"body": {"owner": 252')
         assert held(store) == BEFORE
 
-    def test_it_is_on_the_disk_before_it_has_its_name(self, store: StateStore, monkeypatch: pytest.MonkeyPatch) -> None:
+    def test_it_is_on_the_disk_before_it_has_its_name(self, store: StateFile, monkeypatch: pytest.MonkeyPatch) -> None:
         order: list[str] = []
         fsync, renamed = os.fsync, os.replace
         monkeypatch.setattr(state_file.os, "fsync", lambda d: (order.append("fsync"), fsync(d))[1])
@@ -478,10 +478,10 @@ class TestUnwritable:
     def test_a_folder_that_cannot_be_made(self, tmp_path: Path) -> None:
         (tmp_path / "state").write_text("")
         with pytest.raises(OSError):
-            StateStore(tmp_path / "state", "drone-1").save(BEFORE)
+            StateFile(tmp_path / "state", "drone-1").save(BEFORE)
 
     @pytest.mark.parametrize("call", ["fsync", "replace"])
-    def test_a_full_disk(self, store: StateStore, call: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    def test_a_full_disk(self, store: StateFile, call: str, monkeypatch: pytest.MonkeyPatch) -> None:
         def full(*_arguments: Any) -> None:
             raise OSError(28, "No space left on device")
 
@@ -499,28 +499,28 @@ class TestUnwritable:
         tmp_path.chmod(0o500)
         try:
             with pytest.raises(PermissionError):
-                StateStore(tmp_path, "drone-1").save(BEFORE)
+                StateFile(tmp_path, "drone-1").save(BEFORE)
         finally:
             tmp_path.chmod(0o700)
 
 
 class TestPackage:
-    def test_kept_and_found_by_its_digest(self, store: StateStore, delivery: MissionPackage) -> None:
+    def test_kept_and_found_by_its_digest(self, store: StateFile, delivery: MissionPackage) -> None:
         store.save_package(delivery)
         found = store.load_package(delivery.digest)
         assert found is not None
         assert found.digest == delivery.digest
         assert found.to_bytes() == delivery.to_bytes()
 
-    def test_another_digest_is_another_mission(self, store: StateStore, delivery: MissionPackage) -> None:
+    def test_another_digest_is_another_mission(self, store: StateFile, delivery: MissionPackage) -> None:
         store.save_package(delivery)
         assert store.load_package(DIGEST) is None
         assert store.load_package(b"") is None
 
-    def test_none_was_kept(self, store: StateStore, delivery: MissionPackage) -> None:
+    def test_none_was_kept(self, store: StateFile, delivery: MissionPackage) -> None:
         assert store.load_package(delivery.digest) is None
 
-    def test_damaged_it_is_none(self, store: StateStore, tmp_path: Path, delivery: MissionPackage) -> None:
+    def test_damaged_it_is_none(self, store: StateFile, tmp_path: Path, delivery: MissionPackage) -> None:
         store.save_package(delivery)
         path = tmp_path / "drone-1.mission"
         whole = bytearray(path.read_bytes())
@@ -533,7 +533,7 @@ class TestPackage:
             path.write_bytes(whole[:position])
             assert store.load_package(delivery.digest) is None
 
-    def test_a_killed_save_leaves_the_old_one(self, store: StateStore, delivery: MissionPackage) -> None:
+    def test_a_killed_save_leaves_the_old_one(self, store: StateFile, delivery: MissionPackage) -> None:
         store.save_package(delivery)
         patch = pytest.MonkeyPatch()
         patch.setattr(state_file.os, "replace", killed)
@@ -543,7 +543,7 @@ class TestPackage:
         assert store.load_package(delivery.digest) is not None
 
     def test_state_and_mission_do_not_touch_each_other(
-        self, store: StateStore, tmp_path: Path, delivery: MissionPackage
+        self, store: StateFile, tmp_path: Path, delivery: MissionPackage
     ) -> None:
         store.save(replace(BEFORE, digest=delivery.digest))
         store.save_package(delivery)

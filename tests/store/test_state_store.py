@@ -18,8 +18,8 @@ from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.store import memory
 from mavproxy_handover.store import state_store as keeping
-from mavproxy_handover.store.state_file import StateStore
-from mavproxy_handover.store.state_store import StateKeeper
+from mavproxy_handover.store.state_file import StateFile
+from mavproxy_handover.store.state_store import StateStore
 
 MISSIONS = Path(__file__).resolve().parents[2] / "missions"
 WAIT_S = 10.0
@@ -28,7 +28,7 @@ A, B = 251, 252
 FIRST = Snapshot(A, 4, 7, Phase.ON_MISSION, 2, DIGEST, (A, B, A))
 SECOND = replace(FIRST, owner=B, epoch=5)
 NOBODY = replace(FIRST, owner=None, proven=False)
-GONE = "the copy in memory is gone, and the disk may be behind"
+GONE = "the copy in memory is gone, and the disk may be older"
 
 
 class Place:
@@ -38,14 +38,14 @@ class Place:
         self.disk, self.memory = root / "state", root / "memory"
         self.memory.mkdir()
         self.boot = "boot 1"
-        self.open: list[StateKeeper] = []
+        self.open: list[StateStore] = []
         self.has_memory = True
         patch.setattr(keeping, "memory_folder", lambda _environment: self.memory if self.has_memory else None)
         patch.setattr(keeping, "boot_id", lambda: self.boot)
 
-    def start(self) -> StateKeeper:
+    def start(self) -> StateStore:
         """A companion starts; the one before is dead."""
-        self.open.append(StateKeeper(self.disk, "drone-1"))
+        self.open.append(StateStore(self.disk, "drone-1"))
         return self.open[-1]
 
     def recalled(self) -> tuple[Snapshot | None, str]:
@@ -61,7 +61,7 @@ class Place:
         return file
 
     def on_disk(self) -> Snapshot | None:
-        kept = StateStore(self.disk, "drone-1").load()
+        kept = StateFile(self.disk, "drone-1").load()
         return None if kept is None else kept.snapshot
 
 
@@ -81,14 +81,14 @@ def delivery() -> MissionPackage:
 @pytest.fixture
 def hanging(monkeypatch: pytest.MonkeyPatch) -> Iterator[threading.Event]:
     """The disk hangs until this is set."""
-    free, save = threading.Event(), StateStore.save
+    free, save = threading.Event(), StateFile.save
 
-    def hang(self: StateStore, *arguments: Any) -> None:
+    def hang(self: StateFile, *arguments: Any) -> None:
         assert threading.current_thread() is not threading.main_thread(), "the disk is waited for"
         assert free.wait(WAIT_S)
         save(self, *arguments)
 
-    monkeypatch.setattr(StateStore, "save", hang)
+    monkeypatch.setattr(StateFile, "save", hang)
     yield free
     free.set()
 
@@ -97,7 +97,7 @@ def fails(_self: Any, *_arguments: Any) -> None:
     raise OSError(30, "Read-only file system")
 
 
-def saved(keeper: StateKeeper, *snapshots: Snapshot) -> StateKeeper:
+def saved(keeper: StateStore, *snapshots: Snapshot) -> StateStore:
     keeper.recall()
     for snapshot in snapshots:
         keeper.save(snapshot)
@@ -129,7 +129,7 @@ class TestWithinABoot:
     def test_nor_does_one_that_cannot_be_written(self, place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
         keeper = saved(place.start(), FIRST)
         with monkeypatch.context() as read_only:
-            read_only.setattr(StateStore, "save", fails)
+            read_only.setattr(StateFile, "save", fails)
             keeper.save(SECOND)
             assert keeper.settle(WAIT_S)
             assert keeper.tick() == ["the disk does not take it: Read-only file system"]
@@ -142,8 +142,8 @@ class TestWithinABoot:
 
     def test_what_has_not_changed_is_written_once(self, place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
         written: list[Any] = []
-        save = StateStore.save
-        monkeypatch.setattr(StateStore, "save", lambda self, *a: (written.append(a), save(self, *a)))
+        save = StateFile.save
+        monkeypatch.setattr(StateFile, "save", lambda self, *a: (written.append(a), save(self, *a)))
         keeper = saved(place.start(), FIRST)
         for _ in range(5):
             assert keeper.tick() == []
@@ -161,7 +161,7 @@ class TestWithinABoot:
 
     def test_two_vehicles_do_not_mix(self, place: Place) -> None:
         saved(place.start(), FIRST)
-        other = StateKeeper(place.disk, "drone-2")
+        other = StateStore(place.disk, "drone-2")
         assert other.recall() == (None, "")
         other.save(SECOND)
         assert place.recalled() == (FIRST, "")
@@ -222,7 +222,7 @@ class TestTheLastWordIsLost:
         )
 
     def test_without_a_word_on_the_disk_there_is_nothing(self, place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr(StateStore, "save", fails)
+        monkeypatch.setattr(StateFile, "save", fails)
         saved(place.start(), FIRST)
         self.spoil(place, "damaged")
         assert place.recalled() == (None, "the copy in memory is damaged")
@@ -289,7 +289,7 @@ class TestItCannotBeKept:
     def test_the_copy_in_memory_is_void(
         self, place: Place, broken: Callable[[pytest.MonkeyPatch], None], monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        monkeypatch.setattr(StateStore, "save", lambda *_: None)
+        monkeypatch.setattr(StateFile, "save", lambda *_: None)
         keeper = saved(place.start(), FIRST)
         with monkeypatch.context() as patch:
             broken(patch)
@@ -360,7 +360,7 @@ class TestPackages:
         keeper = place.start()
         keeper.keep(delivery)
         assert keeper.settle(WAIT_S)
-        assert StateStore(place.disk, "drone-1").load_package(delivery.digest) is not None
+        assert StateFile(place.disk, "drone-1").load_package(delivery.digest) is not None
         for file in place.disk.iterdir():
             file.unlink()
         found = place.start().load_package(delivery.digest)
@@ -378,7 +378,7 @@ class TestPackages:
     def test_what_cannot_be_written_is_told(
         self, place: Place, delivery: MissionPackage, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        monkeypatch.setattr(StateStore, "save_package", fails)
+        monkeypatch.setattr(StateFile, "save_package", fails)
         keeper = place.start()
         keeper.keep(delivery)
         assert keeper.settle(WAIT_S)
