@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The stations' links: devices that move bytes, a monitor that measures them, a bundle that makes several of them one.
+"""The stations' links: devices that move bytes, a monitor that measures a link, and a bundle that joins several links.
 
-* `forms`: device strings, as pymavlink writes them, into values.
-* `base`, `udp`, `tcp`, `serial_line`: the devices; none of them blocks, and none raises once it is made.
-* `devices`: makes the device that a string names.
-* `quality`, `timesync`, `monitor`: what is measured on one link, and when it is too bad.
-* `outlet`: one link's way out: frames numbered for it, so that what is missing at the other end is what it lost.
-* `bundle`: several links of one station: duplicates out, the best way down, fail-over.
+* `forms`: parses device strings in pymavlink's form.
+* `base`, `udp`, `tcp`, `serial_line`: the devices. None blocks, and none raises after its construction.
+* `devices`: makes the device for a device string.
+* `quality`, `timesync`, `monitor`: measure one link and decide when it is degraded.
+* `link_sequencer`: numbers the frames that leave by one link, so that gaps at the receiver show the loss of this link.
+* `bundle`: the links of one station: removes duplicates, chooses the best link down, switches over.
 
-Who may speak on a link is not known here: a caller says which frames were genuine (`LinkBundle.accept`), and only
-then is their sender answered and are they counted.
+This package does not know which senders are allowed. The caller says which frames are genuine (`LinkBundle.accept`).
+Only senders of genuine frames get answers, and only genuine frames are counted.
 """

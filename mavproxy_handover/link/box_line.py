@@ -1,18 +1,18 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The connection to the position box: a TCP client that only listens, and hands out the newest record.
+"""The connection to the position box: a TCP client that only receives, and returns the newest record.
 
 Rules that live here:
 
-1. After its construction nothing raises and nothing waits. Construction raises LinkError: an unknown host.
-2. One `read` takes a bounded number of bytes, and what is kept of a stream is less than a record. A box that sends more
-   than is read makes its own records late, which shows (`Fix.late_s`); it holds up nobody else. Of each connection the
-   first bytes are kept too, for people who compare layouts.
-3. A connection is given up, and another one made, when the other side ends it, when what it sends is not believed any
-   more (`wire/box_record.py`: only a new connection has a beginning that is known), and when it brings nothing new for
-   SILENT_S, which TCP alone would not notice.
-4. Attempts grow rarer, to one in MOST_WAIT_S, until a record has come: a box in flight is wanted back soon, and one
-   that sends nonsense is not asked without end.
+1. After construction nothing raises and nothing waits. Construction raises LinkError for an unknown host.
+2. One `read` takes a limited number of bytes, and less than a record of the stream is kept. A box that sends more than
+   is read makes its own records late, which shows (`Fix.late_s`), and delays nothing else. The first bytes of each
+   connection are kept too, for people who compare layouts.
+3. A connection is closed and replaced in three cases. The other side closes it; its data is no longer valid
+   (`wire/box_record.py`: only a new connection has a known beginning); or it brings no new record for SILENT_S, which
+   TCP alone does not detect.
+4. The intervals between attempts grow up to MOST_WAIT_S, until a record has come. A box in flight is needed again soon,
+   and a box that sends nonsense is not asked without end.
 """
 
 from __future__ import annotations
@@ -32,40 +32,40 @@ from mavproxy_handover.wire.box_record import LEAP_S, BoxStream, Lateness
 __all__ = ["MOST_WAIT_S", "SILENT", "SILENT_S", "BoxCounters", "BoxLine", "Fix", "box_address"]
 
 _READ_BYTES: Final = 8192
-#: reads in one go: some 580 records, twenty times a second
+#: reads in one call: some 580 records, twenty times a second
 _READS: Final = 4
 _FIRST_WAIT_S, MOST_WAIT_S = 0.25, 2.0
-#: nothing new for so long: the connection is of no use
+#: after this time (s) without a new record the connection is replaced
 SILENT_S: Final = 3.0
-#: and this is said of it
+#: text of that error
 SILENT: Final = f"nothing new for {SILENT_S:g} s"
-assert SILENT_S < LEAP_S, "a box that was silent is connected to anew before its time may leap"
-#: bytes kept of the beginning of a connection, for people who compare layouts
+assert SILENT_S < LEAP_S, "a silent box gets a new connection before its time may leap"
+#: first bytes of a connection that are kept, for people who compare layouts
 _HEAD_BYTES: Final = 1024
 
 
 @dataclass(slots=True)
 class BoxCounters:
-    """What came of a box since the start."""
+    """Counters of a box since the start."""
 
     bytes_in: int = 0
-    #: new ones
+    #: new records
     records: int = 0
     connects: int = 0
-    #: attempts that came to nothing, and connections that were lost or given up
+    #: failed attempts, and connections that were lost or closed here
     errors: int = 0
 
 
 @dataclass(frozen=True, slots=True)
 class Fix:
-    """A record, and how much later than the quickest of its connection it came (s)."""
+    """A record, and its delay (s) relative to the fastest record of its connection."""
 
     record: BoxRecord
     late_s: float
 
 
 def box_address(text: object) -> str:
-    """`text`, if it says where a box is: tcp:HOST:PORT. Raises LinkError."""
+    """Check the address of a box, tcp:HOST:PORT, and return it. Raises LinkError."""
     spec = parse_device(text)
     if spec.kind is not Kind.TCP_OUT:
         raise LinkError(f"link {text!r} must be tcp:HOST:PORT: the box is a TCP server")
@@ -73,7 +73,7 @@ def box_address(text: object) -> str:
 
 
 class BoxLine:
-    """Connects to `tcp:HOST:PORT`, again and again. See the module's rules."""
+    """A connection to `tcp:HOST:PORT` that is made again after a loss. See the module's rules."""
 
     def __init__(
         self,
@@ -82,13 +82,15 @@ class BoxLine:
         names: Names | None = None,
         layout: BoxLayout = THESIS,
     ) -> None:
-        """`names`: see `Dialling`. Raises LinkError: no form of a box; without `names` an unknown host too."""
+        """`names`: see `Dialling`. Raises LinkError for a wrong address, and without `names` also for an
+        unknown host.
+        """
         self.device = box_address(text)
         self.layout = layout
         self.counters = BoxCounters()
-        #: the last thing that went wrong, in words; "" while records come
+        #: text of the last error; "" while records come
         self.trouble = ""
-        #: how the last connection that brought anything began
+        #: first bytes of the last connection that brought any
         self.head = b""
         self._clock = clock
         self._backoff = Backoff(_FIRST_WAIT_S, MOST_WAIT_S)
@@ -96,28 +98,28 @@ class BoxLine:
         self._socket: socket.socket | None = None
         self._stream, self._lateness = BoxStream(layout), Lateness()
         self._raw = b""
-        #: nothing has come over this connection yet
+        #: True until data comes over this connection
         self._begins = True
-        #: the last new record, or the connection
+        #: time of the last new record, or of the connection
         self._news_at = 0.0
         self._closed = False
         self._dialling.begin(clock())
 
     @property
     def open(self) -> bool:
-        """Whether it is connected."""
+        """True if it is connected."""
         return self._socket is not None
 
     def fileno(self) -> int:
-        """To wait for until the next `read`; -1 while it is not connected."""
+        """Descriptor to wait for until the next `read`; -1 while it is not connected."""
         return -1 if self._socket is None else self._socket.fileno()
 
     def descriptors(self) -> list[int]:
-        """What is open now; a child process must not keep it. May change in `read`."""
+        """Open descriptors. A child process must not keep them. They may change in `read`."""
         return self._dialling.descriptors() + ([] if self._socket is None else [self._socket.fileno()])
 
     def read(self) -> Fix | None:
-        """The newest record that has come since the last call, if one has; also looks after the connection."""
+        """Return the newest record since the last call, if there is one, and maintain the connection."""
         if self._closed:
             return None
         now = self._clock()
@@ -135,12 +137,12 @@ class BoxLine:
         return fix
 
     def raw(self) -> bytes:
-        """The bytes of the newest whole record since the last call, believed or not; none if there is no new one."""
+        """Bytes of the newest complete record since the last call, valid or not; empty if there is none."""
         raw, self._raw = self._raw, b""
         return raw
 
     def _receive(self, sock: socket.socket, now: float) -> Fix | None:
-        """Read what has come; what came before a connection was lost counts."""
+        """Read the data that has come. Data that came before a connection was lost counts."""
         fix = None
         for _ in range(_READS):
             try:
@@ -172,7 +174,7 @@ class BoxLine:
         return fix
 
     def close(self) -> None:
-        """Close for good; may be called twice."""
+        """Close the connection. It cannot be used again. May be called twice."""
         self._closed = True
         self._shut()
 

@@ -1,40 +1,42 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Several links of one station, used as one. Pure but for the devices it is given: time is an argument.
+"""Several links of one station, used as one. Pure except for the devices it is given: time is an argument.
 
-**Up: the first copy wins.** A station (or a router, or two radios of one) may send a frame over several links. A frame
-is a copy if the same bytes came by *another* link at most COPY_WINDOW_S ago. What must never be mistaken for a copy is
-a command that was sent again; it differs in its sequence number, and where it does not, it is told apart thus:
+**Up: the first copy wins.** A station (or a router, or two radios of one station) may send a frame over several links.
+A frame is a copy if the same bytes came by *another* link at most COPY_WINDOW_S ago. A command that was sent again must
+never count as a copy. It differs in its sequence number. If it does not, these rules apply:
 
-* equal bytes on the same link are no copy: some programs never count their sequence numbers;
-* each link delivers one copy of a frame; a second time is a new frame;
-* sequence numbers go round after 256 frames, so when more than COPY_FRAMES of that sender's frames have come since,
-  equal bytes are a new frame, however fast the sender is; but not where a signature is among them, whose stamp rises.
+* equal bytes on the same link are no copy, because some programs never count their sequence numbers;
+* each link delivers one copy of a frame; a second one is a new frame;
+* sequence numbers repeat after 256 frames. So equal bytes are a new frame if more than COPY_FRAMES frames of that
+  sender have come since, however fast the sender is. This does not apply if frames are signed, because the stamp rises.
 
-Only frames that the caller found genuine (`accept`) are remembered, so a stranger can neither fill the memory nor
-have a station's frame taken for a copy of his own. Copies are taken out before signatures are looked at, because the
-second copy of a signed frame looks like a replay. Of a copy that comes later than the window, signing is what remains.
+Only frames that the caller found genuine (`accept`) are remembered. So an unknown sender can neither fill the memory
+nor make a station's frame count as a copy of its own frame. Copies are removed before signatures are checked, because
+the second copy of a signed frame looks like a replay. Against a copy that comes later than the window only the
+signature helps.
 
-**Down: the best link, or all of them.** Transfer messages go out on all links (`write_all`), heartbeats too, because
-programs judge a link by them. The rest goes out on the best link that is known to work:
+**Down: the best link, or all of them.** Transfer messages and heartbeats go out on all links (`write_all`); programs
+judge a link by its heartbeats. The rest goes out on the best link that is known to work:
 
-* A link of several is probed (`timesync`) 10 times a second. Once a second, as heartbeats come, could not show within a
-  second that a link is gone. Probe and answer have 41 bytes each, signed; with two links, and each answer coming back
-  on both, a link carries 0.4 kB/s down and 0.8 kB/s up for it, a tenth of the telemetry that it looks after. A single
-  link is probed twice a second, for its round trip and the loss of its downlink.
-* A link works if the proof that it does is younger than FRESH_S. That is 6 probes: with 20 % loss each way, 5 in a row
-  go unanswered once in half a minute, and all that happens then is a change to another link that works. A link that is
-  cut is left after FRESH_S and a bit, so well within a second; if only the way down is cut, half a round trip later.
-* Of those that work, the one with the lowest cost: round trip and jitter in seconds, and a second for a frame that is
-  lost. Another one must be better by a quarter and 20 ms for DWELL_S to take over, so that equals do not alternate.
-* While no link is known to work (nobody spoke yet, or the station answers no probes and its heartbeats are all there
-  is), everything goes out on all links: doubled telemetry does no harm, lost telemetry does.
+* If there are several links, each is probed (`timesync`) 10 times a second. Heartbeats, once a second, could not show
+  within a second that a link is gone. Probe and answer have 41 bytes each, signed. With two links each answer comes
+  back on both. So each link carries 0.4 kB/s down and 0.8 kB/s up, a tenth of the telemetry. A single link is probed
+  twice a second, for its round trip and the loss of its downlink.
+* A link works if its last proof is younger than FRESH_S. That is 6 probes. With 20 % loss each way, 5 probes in a row
+  stay unanswered once in half a minute; then the downlink only changes to another link that works. A link that is cut
+  is left a bit after FRESH_S, well within a second. If only the way down is cut, that is half a round trip later.
+* Of the links that work, the one with the lowest cost is used: round trip and jitter in seconds, plus a second times
+  the share of lost frames. Another link replaces it if it is better by a quarter and 20 ms for DWELL_S, so that equal
+  links do not alternate.
+* While no link is known to work, everything goes out on all links. That is so before any frame has come, and for a
+  station that answers no probes, between its heartbeats. Doubled telemetry does no harm, lost telemetry does.
 
-So stations whose programs answer no probes are never without the downlink either; they pay with double traffic
-between their heartbeats.
+So a station whose program answers no probes always has the downlink, at the price of double traffic between its
+heartbeats.
 
-**What counts for the quality of a link** is proven to be the station's: signed with its key or, where there is no key,
-sent by the peer that the link answers. What others send in its name to the same port counts for nothing.
+**Only genuine frames count for the quality of a link.** They are signed with the station's key or, without a key, sent
+by the peer that the link answers. Frames that other senders send in the station's name to the same port do not count.
 """
 
 from __future__ import annotations
@@ -45,7 +47,7 @@ from dataclasses import dataclass
 from typing import Final, Protocol
 
 from mavproxy_handover.link.base import LinkCounters
-from mavproxy_handover.link.link_sequencer import Outlet, Seal
+from mavproxy_handover.link.link_sequencer import LinkSequencer, Seal
 from mavproxy_handover.link.monitor import LinkMonitor
 from mavproxy_handover.link.quality import LinkEvent, LinkEventKind, LinkLimits, LinkQuality
 from mavproxy_handover.link.timesync import TIMESYNC, answered_stamp
@@ -61,20 +63,20 @@ DWELL_S: Final = 3.0
 _PROBE_SEVERAL_S: Final = 0.1
 _PROBE_SINGLE_S: Final = 0.5
 _CHECK_S: Final = 0.2
-#: frames remembered for each link: two seconds of 250 a second
+#: frames remembered for each link: two seconds at 250 a second
 _REMEMBERED: Final = 512
 _SENDERS: Final = 64
-#: frames that wait for a tick to be counted, at most
+#: most frames that wait for a tick to be counted
 _UNCOUNTED: Final = 512
 _BETTER_SHARE: Final = 0.75
 _BETTER_S: Final = 0.02
-#: a link whose round trip is not known is worth as much as one with this
+#: round trip that is assumed while it is not known
 _UNKNOWN_ROUND_TRIP_S: Final = 0.5
 _LOSS_COST_S: Final = 1.0
 
 
 class LinkDevice(Protocol):
-    """What a bundle needs of a device; see `base.Device`."""
+    """The part of a device that a bundle needs; see `base.Device`."""
 
     @property
     def device(self) -> str: ...
@@ -94,7 +96,7 @@ class LinkDevice(Protocol):
 
 @dataclass(slots=True)
 class _Remembered:
-    """A genuine frame that came in: when, by which links, and how many of its sender's had come by then."""
+    """A genuine frame that came in: its time, its links, and the number of frames of its sender until then."""
 
     at: float
     count: int
@@ -102,18 +104,18 @@ class _Remembered:
 
 
 class _Link:
-    """A device with its way out and its monitor."""
+    """A device with its sequencer and its monitor."""
 
-    def __init__(self, device: LinkDevice, outlet: Outlet, monitor: LinkMonitor) -> None:
+    def __init__(self, device: LinkDevice, sequencer: LinkSequencer, monitor: LinkMonitor) -> None:
         self.device = device
-        self.outlet = outlet
+        self.sequencer = sequencer
         self.monitor = monitor
-        self.remembered: OrderedDict[bytes, _Remembered] = OrderedDict()  #: frames that came first by this link
-        self.uncounted: list[tuple[Frame, float]] = []  #: genuine frames, with the time they came at
+        self.remembered: OrderedDict[bytes, _Remembered] = OrderedDict()  #: frames that came by this link first
+        self.uncounted: list[tuple[Frame, float]] = []  #: genuine frames with their times of arrival
         self._bytes_in = self._bytes_out = self._bad_crc = self._overflowed = 0
 
     def count(self, now: float) -> None:
-        """Tell the monitor what came in since the last time, and what the device counted."""
+        """Give the monitor the frames since the last call, and the counters of the device."""
         self.count_frames(now)
         seen = self.device.counters
         self.monitor.on_traffic(
@@ -122,9 +124,12 @@ class _Link:
         self._bytes_in, self._bytes_out, self._bad_crc = seen.bytes_in, seen.bytes_out, seen.bad_crc
 
     def count_frames(self, now: float) -> None:
-        """Many at once take a third of the time that they would take one by one, and none of them waits for it."""
+        """Give the monitor the waiting frames.
+
+        Many frames at once take a third of the time that they take one by one, and no frame waits for it.
+        """
         overflowed = self.device.counters.overflowed
-        if overflowed != self._overflowed:  # before the frames, whose numbers have gaps by it
+        if overflowed != self._overflowed:  # before the frames, because the overflow makes gaps in their numbers
             self.monitor.on_traffic(now, overflowed=overflowed - self._overflowed)
             self._overflowed = overflowed
         waiting, self.uncounted = self.uncounted, []
@@ -132,15 +137,15 @@ class _Link:
             self.monitor.on_frame(frame, at)
 
     def works(self, now: float) -> bool:
-        """Whether there is young proof that frames arrive at the station."""
+        """True if there is recent proof that frames arrive at the station."""
         proof_ago_s = self.monitor.down_ago_s(now)
         return self.device.open and proof_ago_s is not None and proof_ago_s <= FRESH_S
 
     def cost_s(self, now: float) -> float:
-        """What it costs to send a frame on this link."""
+        """Cost (s) of sending a frame on this link."""
         quality = self.monitor.quality(now)
         trip_s = _UNKNOWN_ROUND_TRIP_S if quality.round_trip_s is None else quality.round_trip_s
-        # a probe is lost on either way, so each way loses about half as many
+        # a probe may be lost on either way, so each way loses about half of them
         losses = (quality.loss, None if quality.probes_lost is None else quality.probes_lost / 2)
         worst = max((loss for loss in losses if loss is not None), default=0.0)
         return trip_s + (quality.jitter_s or 0.0) + _LOSS_COST_S * worst
@@ -150,7 +155,8 @@ class LinkBundle:
     """The links of one station.
 
     `probe` makes the probe with the given stamp, a whole frame. `draw` gives random bits. `seal` signs what goes out;
-    None: nothing is signed. For a frame out of `read` the caller calls `accept` if identity and signature hold.
+    None: nothing is signed. The caller must call `accept` for each frame of `read` whose identity and signature are
+    valid.
     """
 
     def __init__(
@@ -170,7 +176,7 @@ class LinkBundle:
         self._links = [
             _Link(
                 device,
-                Outlet(device.write, seal, device.write_more),
+                LinkSequencer(device.write, seal, device.write_more),
                 LinkMonitor(device.device, interval_s, draw, limits),
             )
             for device in devices
@@ -182,13 +188,13 @@ class LinkBundle:
         self._working: tuple[int, ...] = ()
         self._challenger: tuple[int, float] | None = None
         self._check_at = float("-inf")
-        #: copies taken out so far
+        #: number of copies removed so far
         self.copies = 0
 
     # ---- up -------------------------------------------------------------------------------------------------------
 
     def read(self, device: LinkDevice, now: float, once: bool = False) -> list[Frame]:
-        """Frames that have arrived on one of the devices, without the copies of those that came by another.
+        """Read the frames of one of the devices, without copies of frames that came by another.
 
         `once`: see `base.Device.read`.
         """
@@ -206,9 +212,10 @@ class LinkBundle:
         return fresh
 
     def accept(self, device: LinkDevice, frame: Frame, now: float) -> bool:
-        """A frame out of `read` is the station's own: its sender is answered, it is counted, copies of it are known.
+        """Record that a frame of `read` is genuine.
 
-        False: it answered a probe and is of no interest to anybody else.
+        Its sender gets the answers, it is counted, and later copies of it are recognised. Returns False if it only
+        answers a probe, so that no other part needs it.
         """
         link = self._single
         if link is None:
@@ -218,7 +225,7 @@ class LinkBundle:
         return not self._credit(link, frame, now)
 
     def bad_signature(self, device: LinkDevice, now: float) -> None:
-        """The signature of a frame that came in on `device` does not hold, or is missing."""
+        """Count a frame on `device` whose signature is invalid or missing."""
         self._links[self._index[id(device)]].monitor.on_bad_signature(now)
 
     def _is_copy(self, number: int, frame: Frame, now: float) -> bool:
@@ -249,7 +256,7 @@ class LinkBundle:
             remembered.popitem(last=False)
 
     def _credit(self, link: _Link, frame: Frame, now: float) -> bool:
-        """A genuine frame will be counted for its link; True if it answers a probe."""
+        """Have a genuine frame counted for its link. Returns True if it answers a probe."""
         if link.device.accept_sender(frame) or self._seal is not None:
             link.uncounted.append((frame, now))
             if len(link.uncounted) >= _UNCOUNTED:
@@ -257,7 +264,7 @@ class LinkBundle:
         stamp = answered_stamp(frame) if frame.msgid == TIMESYNC else None
         if stamp is None or not any(other.monitor.asked(stamp) for other in self._links):
             return False
-        # the station answers on all its links; only what comes back the way it was asked measures that way
+        # the station answers on all its links; only the answer on the asked link measures that link
         if link.monitor.asked(stamp):
             link.monitor.on_answer(stamp, now)
         return True
@@ -265,31 +272,31 @@ class LinkBundle:
     # ---- down -----------------------------------------------------------------------------------------------------
 
     def write(self, data: bytes) -> bool:
-        """Send a frame the best way there is; False if no link took it."""
+        """Send a frame on the best link; False if no link took it."""
         stamp = 0 if self._seal is None else self._seal.stamp()
         if self._single is not None:
-            return self._single.outlet.send(data, stamp)
+            return self._single.sequencer.send(data, stamp)
         if not self._working or _is_heartbeat(data):
             return self._send_all(data, stamp)
-        if self._links[self._best].outlet.send(data, stamp):
+        if self._links[self._best].sequencer.send(data, stamp):
             return True
-        # its buffer is full, or it was lost just now
-        return any(self._links[number].outlet.send(data, stamp) for number in self._working if number != self._best)
+        # the buffer of the best link is full, or the link was just lost
+        return any(self._links[number].sequencer.send(data, stamp) for number in self._working if number != self._best)
 
     def write_more(self, data: bytes) -> bool:
-        """Send a frame of a download the same way; False if no link takes it now (`base`, rule 5)."""
+        """Send a frame of a download on the best link; False if no link takes it now (`base`, rule 5)."""
         stamp = 0 if self._seal is None else self._seal.stamp()
         ways = self._links if not self._working else [self._links[self._best]]
-        return sum([link.outlet.send(data, stamp, more=True) for link in ways if link.device.open]) > 0
+        return sum([link.sequencer.send(data, stamp, more=True) for link in ways if link.device.open]) > 0
 
     def flush(self) -> None:
-        """Send what `write_more` kept."""
+        """Send the frames that `write_more` kept."""
         for link in self._links:
             link.device.flush()
 
     @property
     def flow_controlled(self) -> bool:
-        """Whether `write_more` refuses what the station cannot take yet; otherwise it is lost on the way."""
+        """True if `write_more` refuses frames that the station cannot take yet. Otherwise they are lost on the way."""
         return self._links[self._best].device.flow_controlled
 
     def write_all(self, data: bytes) -> bool:
@@ -297,20 +304,20 @@ class LinkBundle:
         return self._send_all(data, 0 if self._seal is None else self._seal.stamp())
 
     def _send_all(self, data: bytes, stamp: int) -> bool:
-        return sum([link.outlet.send(data, stamp) for link in self._links if link.device.open]) > 0
+        return sum([link.sequencer.send(data, stamp) for link in self._links if link.device.open]) > 0
 
     # ---- time -----------------------------------------------------------------------------------------------------
 
     def tick(self, now: float) -> list[LinkEvent]:
-        """Send the probes that are due and look at the links; what happened.
+        """Send the probes that are due, check the links, and return the events.
 
-        To be called 20 times a second where there are several links, twice where there is one.
+        Call it 20 times a second for several links, twice a second for one link.
         """
         for link in self._links:
             link.count_frames(now)
             drawn = link.monitor.probe(now) if link.device.open else None
             if drawn is not None:
-                link.outlet.send(self._probe(drawn), 0 if self._seal is None else self._seal.stamp())
+                link.sequencer.send(self._probe(drawn), 0 if self._seal is None else self._seal.stamp())
         events: list[LinkEvent] = []
         left = self._leave_silent(now)
         if left is not None:
@@ -327,7 +334,7 @@ class LinkBundle:
         return events
 
     def _leave_silent(self, now: float) -> int | None:
-        """See to it that the best link works, if any does; the link that the downlink left, if it left one."""
+        """Choose another best link if it does not work and one does. Returns the link that was left, if any."""
         self._working = tuple(number for number, link in enumerate(self._links) if link.works(now))
         if not self._working or self._best in self._working:
             return None
@@ -337,7 +344,7 @@ class LinkBundle:
         return before
 
     def _leave_worse(self, now: float) -> int | None:
-        """Leave the best link if another has been better for long enough; the link that was left, if one was."""
+        """Leave the best link if another has been better for long enough. Returns the link that was left, if any."""
         if self._best not in self._working:
             return None
         costs = {number: self._links[number].cost_s(now) for number in self._working}
@@ -360,11 +367,11 @@ class LinkBundle:
 
     @property
     def best(self) -> LinkDevice:
-        """The link that the downlink takes, as far as one is known to work."""
+        """The link of the downlink, if one is known to work."""
         return self._links[self._best].device
 
     def carries(self, device: LinkDevice) -> bool:
-        """Whether the downlink goes out on this link."""
+        """True if the downlink goes out on this link."""
         return not self._working or self._index[id(device)] == self._best
 
     def quality(self, device: LinkDevice, now: float) -> LinkQuality:

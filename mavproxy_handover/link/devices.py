@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The device that a device string names. The forms are in `forms`, the rules of all devices in `base`."""
+"""Opens the device for a device string. The forms are in `forms`, the rules of all devices in `base`."""
 
 from __future__ import annotations
 
@@ -26,24 +26,24 @@ __all__ = [
 
 
 def open_device(text: str, clock: Clock = time.monotonic) -> Device:
-    """Open the link that `text` names. `clock` gives monotonic seconds. A host's name is looked up on the spot.
+    """Open the link that `text` names. `clock` gives monotonic seconds. A host name is looked up before this returns.
 
-    Raises LinkError, one line: a form that is not known, a port in use, an unknown host, no right to a serial line.
+    Raises LinkError with one line: an unknown form, a port in use, an unknown host, no right to a serial line.
     """
     return _made(parse_device(text), clock)
 
 
 def open_link(text: str, names: Names, clock: Clock = time.monotonic, *, strict: bool = True) -> Device:
-    """The same for a companion: `names` knows the addresses of hosts, and finds them in flight.
+    """Open a link of the companion. `names` knows the addresses of hosts, and finds them in flight.
 
-    `strict` False: what cannot be opened now is a closed link, and is tried again. Raises LinkError: with `strict` as
-    above, else only for a form that is not known.
+    `strict` False: a link that cannot be opened now is closed and tried again. Raises LinkError: with `strict` as
+    `open_device` does, otherwise only for an unknown form.
     """
     spec = parse_device(text)
     named = spec.kind is not Kind.SERIAL and not is_number(spec.host)
     if named and strict:
         names.find(spec)
-    if spec.kind is Kind.TCP_OUT:  # it connects again by itself
+    if spec.kind is Kind.TCP_OUT:  # it reconnects by itself
         return TcpOut(spec, clock, names)
     if named or not strict:
         return ReopeningLink(spec, _made, names, clock, strict=strict)
@@ -59,6 +59,6 @@ def _made(spec: DeviceSpec, clock: Clock) -> Device:
         return TcpOut(spec, clock)
     if spec.kind is Kind.TCP_IN:
         return TcpIn(spec, clock)
-    from mavproxy_handover.link.serial_line import SerialLine  # not for those who have no serial link
+    from mavproxy_handover.link.serial_line import SerialLine  # imported only if there is a serial link
 
     return SerialLine(spec, clock)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""A TCP connection that is made again and again, without waiting for it; attempts grow rarer.
+"""TCP connection attempts without waiting, at growing intervals.
 
-It ends at the connected socket: what is said over it, and when it is lost, is its owner's matter.
+This part ends at the connected socket. Its owner uses the connection and notices its loss.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _UNACKNOWLEDGED_MS: Final = 5000
 
 
 def tune(sock: socket.socket) -> None:
-    """No waiting for more bytes, little waiting in the system, and a dead peer noticed. As far as the system has it."""
+    """Set TCP options: send at once, buffer little in the system, notice a dead peer. Missing options are skipped."""
     sock.setblocking(False)
     options = [
         (socket.IPPROTO_TCP, "TCP_NODELAY", 1),
@@ -47,22 +47,23 @@ def tune(sock: socket.socket) -> None:
 
 
 class Dialling:
-    """Attempts to reach `HOST:PORT`, one at a time. `failed` is told in words why one came to nothing.
+    """Attempts to reach `HOST:PORT`, one at a time. `failed` gets the reason of a failed attempt as text.
 
-    A host with several addresses is tried at the next one each time.
+    If a host has several addresses, each attempt uses the next one.
     """
 
     def __init__(
         self, spec: DeviceSpec, backoff: Backoff, failed: Callable[[str], None], names: Names | None = None
     ) -> None:
-        """`names`: knows the host's addresses, now or later; without it a name is looked up on the spot, and one that
-        is not known raises LinkError."""
+        """`names`: finds the host's addresses, now or later. Without it the name is looked up at once, and an unknown
+        name raises LinkError.
+        """
         self._spec = spec
         self._names = names
         if names is None and not is_number(spec.host):
             self._spec = replace(spec, host=look_up_for(spec)[0])
         self._turn = 0
-        #: where the last attempt went
+        #: address of the last attempt
         self.address: Address = ("", spec.port)
         self._backoff = backoff
         self._failed = failed
@@ -70,11 +71,11 @@ class Dialling:
         self._by = 0.0
 
     def descriptors(self) -> list[int]:
-        """What is open now."""
+        """The open descriptors."""
         return [] if self._socket is None else [self._socket.fileno()]
 
     def begin(self, now: float) -> None:
-        """Make an attempt, due or not."""
+        """Start an attempt, even if none is due."""
         self._backoff.tried(now)
         self._by = now + _CONNECT_TIMEOUT_S
         host = self._next_host()
@@ -102,7 +103,7 @@ class Dialling:
         return hosts[(self._turn - 1) % len(hosts)] if hosts else ""
 
     def look(self, now: float) -> socket.socket | None:
-        """The connected socket, once, when an attempt has come to something; makes the next one when that is due."""
+        """Return the socket once after an attempt has succeeded; otherwise start the next attempt when it is due."""
         if self._socket is None:
             if self._backoff.due(now):
                 self.begin(now)
@@ -119,18 +120,18 @@ class Dialling:
             return None
         try:
             itself = self._socket.getsockname() == self._socket.getpeername()
-        except OSError as error:  # it was gone again
+        except OSError as error:  # the connection is lost already
             self._give_up(reason(error))
             return None
         if itself:
-            # on one machine an attempt can meet itself, and would then hold the port that the other side wants
-            self._give_up("nobody listens")
+            # on one machine an attempt can connect to itself, and would then hold the port that the other side needs
+            self._give_up("no program listens")
             return None
         made, self._socket = self._socket, None
         return made
 
     def shut(self) -> None:
-        """Break off the attempt that is under way."""
+        """Cancel the current attempt."""
         if self._socket is not None:
             self._socket.close()
             self._socket = None

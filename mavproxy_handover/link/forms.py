@@ -1,17 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Device strings of links, in pymavlink's forms, into values. No device is touched here.
+"""Parses device strings of links, in pymavlink's forms. It touches no device.
 
-    udpin:HOST:PORT          listen on a local address; answer whoever proved to be the station
-    udpout:HOST:PORT[@WAY]   send to a station that listens; WAY: the interface, or own address, that it leaves by
+    udpin:HOST:PORT          listen on a local address; answer the sender that proved to be the station
+    udpout:HOST:PORT[@WAY]   send to a station that listens; WAY: outgoing interface, or own address
     tcp:HOST:PORT            connect to a station that listens
     tcpin:HOST:PORT          listen for the station's connection
     /dev/ttyX[,BAUD]         serial line
-    serial:/dev/ttyX:BAUD    the same
+    serial:/dev/ttyX:BAUD    serial line, too
 
 HOST is a name, an IPv4 address or an IPv6 address in brackets: `udpin:[::]:14550`, `udpout:[fe80::1%wlan0]:14550`. WAY
-is an interface or an IPv4 address: `udpout:10.1.0.9:14550@wwan0`. Without BAUD a serial line runs at 57600, as MAVProxy
-has it.
+is an interface or an IPv4 address: `udpout:10.1.0.9:14550@wwan0`. Without BAUD a serial line runs at 57600, as in
+MAVProxy.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _FORMS: Final = (
     "an IPv6 address as HOST stands in brackets"
 )
 
-#: an interface's name as Linux has them, or an address
+#: name of an interface in Linux, or an address
 _WAY: Final = re.compile(r"[A-Za-z0-9._-]{1,15}")
 
 
@@ -43,7 +43,7 @@ class LinkError(Exception):
 
 
 class Kind(Enum):
-    """The kinds of link, by the word that a device string begins with."""
+    """The kinds of link, by the first word of a device string."""
 
     UDP_IN = "udpin"
     UDP_OUT = "udpout"
@@ -54,10 +54,10 @@ class Kind(Enum):
 
 @dataclass(frozen=True, slots=True)
 class DeviceSpec:
-    """What a device string says. `text` is the string; `host` is the path and `port` the baud rate of a serial line,
-    and an IPv6 address without its brackets.
+    """A parsed device string.
 
-    `way`: interface or own address that a `udpout` leaves by; "" for whatever the system thinks best.
+    `text` is the string. `host` and `port` are path and baud rate of a serial line; an IPv6 address has no brackets.
+    `way`: interface or own address by which a `udpout` leaves; "" if the system chooses.
     """
 
     text: str
@@ -68,7 +68,7 @@ class DeviceSpec:
 
 
 def parse_device(text: object) -> DeviceSpec:
-    """The meaning of a device string. Raises LinkError, one line that says what is allowed."""
+    """Parse a device string. Raises LinkError with one line that says what is allowed."""
     if not isinstance(text, str) or not text.isprintable():
         raise LinkError(f"link {text!r} must be one of {_FORMS}")
     if text.startswith("/dev/"):
@@ -76,7 +76,7 @@ def parse_device(text: object) -> DeviceSpec:
         return _serial(text, path, baud if "," in text else str(DEFAULT_BAUD))
     word, _, rest = text.partition(":")
     if word == Kind.SERIAL.value:
-        # paths such as /dev/serial/by-path/... have colons of their own
+        # paths such as /dev/serial/by-path/... contain colons
         path, _, baud = rest.rpartition(":")
         return _serial(text, path, baud)
     host, colon, port = _split(rest)
@@ -114,5 +114,5 @@ def _serial(text: str, path: str, baud: str) -> DeviceSpec:
 
 
 def _number(text: str) -> int:
-    """-1 for what is no plain decimal number."""
+    """A plain decimal number, else -1."""
     return int(text) if text.isascii() and text.isdecimal() and len(text) <= 8 else -1

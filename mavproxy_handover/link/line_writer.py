@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Writing to a serial line that MAVProxy has opened: a companion's to the autopilot, a station's to its modem.
+"""Writes to a serial line that MAVProxy has opened, to an autopilot or to a modem.
 
-MAVProxy opens its lines without a time-out for writing: pyserial then waits until the line takes everything, and the
-main loop with it; with a time-out of 0 it spins. So its `write` is replaced by this one. Rules:
+MAVProxy opens its lines without a time-out for writing. Then pyserial, and with it the main loop, waits until the line
+has taken everything. With a time-out of 0 pyserial spins. So its `write` is replaced by this one. Rules:
 
-1. It never waits. What the line does not take now is kept, up to a few frames, and leaves with the next write.
-2. A frame is taken whole, or not at all: one that is cut would cost the next one too.
-3. A line that is gone raises OSError, as pyserial's does: MAVProxy opens it again.
+1. It never waits. Up to a few frames are kept if the line does not take them now, and leave with the next write.
+2. A frame is taken as a whole or not at all, because a cut frame would cost the next one too.
+3. A lost line raises OSError, as with pyserial. MAVProxy then opens it again.
 """
 
 from __future__ import annotations
@@ -24,23 +24,23 @@ __all__ = ["LineWriter", "is_line"]
 
 
 def is_line(port: Any) -> bool:
-    """Whether it is an open serial line that has a descriptor (not so on Windows)."""
+    """True if it is an open serial line with a descriptor (never on Windows)."""
     return isinstance(port, serial.Serial) and hasattr(port, "fd") and port.is_open
 
 
 class LineWriter:
-    """The way out of one serial line."""
+    """The writer of one serial line."""
 
     def __init__(self, port: Any) -> None:
-        """`port`: see `is_line`. Its `write` is this one's until `release`."""
+        """`port`: see `is_line`. Its `write` is replaced until `release`."""
         self.port = port
-        #: frames that found no room
+        #: number of frames without room
         self.refused = 0
         self._out = OutBuffer()
         port.write = self.write
 
     def write(self, data: bytes) -> int:
-        """Send a frame, now or soon, or lose it. Returns its length, as pyserial does. Raises OSError."""
+        """Send a frame now or soon, or drop it. Returns its length, as pyserial does. Raises OSError."""
         data = bytes(data)
         if not len(self._out):  # nearly always so
             try:
@@ -56,15 +56,15 @@ class LineWriter:
         return len(data)
 
     def push(self) -> None:
-        """Send what waits, as far as the line takes it; to be called often. Raises OSError."""
+        """Send the waiting bytes that the line takes. Call it often. Raises OSError."""
         if len(self._out):
             self._out.drain(self._send)
 
     def _send(self, data: bytes) -> int:
-        if self.port.fd is None:  # closed: its number may be another file's by now
+        if self.port.fd is None:  # closed: its descriptor may be another file's by now
             raise OSError(errno.EBADF, os.strerror(errno.EBADF))
         return os.write(self.port.fd, data)
 
     def release(self) -> None:
-        """The line is written to as before."""
+        """Restore pyserial's `write`."""
         self.port.__dict__.pop("write", None)

@@ -1,19 +1,19 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What leaves by one link: numbered for it, sealed for its station, and only then sent.
+"""Numbers, signs and sends all frames of one link.
 
-Whoever receives a link tells frames that were lost by holes in the sequence numbers of each sender (system, component).
-What comes from the vehicle's side has none of its own any more when it gets here: the gate leaves frames out, the
-companion speaks in the autopilot's name between them, and of several links each gets a part. So, rules:
+A receiver counts lost frames by gaps in the sequence numbers of each sender (system, component). Frames from the
+vehicle have gaps when they get here. The gate drops frames, the companion sends in the autopilot's name between them,
+and each of several links gets a part. So the rules are:
 
-1. The frames of one sender are numbered anew for each link, one after the other, whoever made them: the holes that are
-   seen at the other end are what this link lost. (What was lost on the autopilot's line is MAVProxy's `link` to tell.)
-2. A frame that the link did not take has not been sent: the next one gets its number.
-3. The number comes before the signature, which is over it. A frame has one stamp on all links: by that its copies,
-   which are not the same bytes, are known (`gcs_module/signing.py`).
-4. A signature that we do not replace, because the station has no key, is not broken: its frame goes out as it is, and
-   counting goes on behind its number.
-5. What is no whole frame goes out as it is, but not where it would have to be signed.
+1. The frames of each sender get consecutive numbers for each link, whichever program made them. So the gaps at the
+   other end are the loss of this link. (MAVProxy's `link` shows the loss of the autopilot's line.)
+2. A frame that the link refused is not sent: the next frame gets its number.
+3. The number is set before the signature, which covers it. A frame has one stamp on all links. By the stamp its copies
+   are recognised, which are not the same bytes (`gcs_module/signing.py`).
+4. If the station has no key, a signature is not replaced, so the frame goes out unchanged, and counting continues from
+   its number.
+5. Data that is no complete frame goes out unchanged, except if it would have to be signed.
 """
 
 from __future__ import annotations
@@ -23,26 +23,26 @@ from typing import Final, Protocol
 
 from mavproxy_handover.wire.numbers import is_signed, number_place, renumber
 
-__all__ = ["NO_STAMP", "Outlet", "Seal"]
+__all__ = ["NO_STAMP", "LinkSequencer", "Seal"]
 
 NO_STAMP: Final = -1
 
-#: senders there can be: a byte for the system, one for the component
+#: number of possible senders: a byte for the system, one for the component
 _SENDERS: Final = 1 << 16
 
 
 class Seal(Protocol):
-    """The station's key."""
+    """Signs with the station's key."""
 
     def stamp(self) -> int:
-        """A stamp for the next frame; NO_STAMP: there are none left."""
+        """A stamp for the next frame; NO_STAMP if there are none left."""
 
     def sealed(self, data: bytes, stamp: int) -> bytes | None:
-        """The frame as the station gets it, signed; None: it cannot be."""
+        """The signed frame for the station; None if it cannot be signed."""
 
 
-class Outlet:
-    """One link's way out. `write` sends bytes, and tells whether they are sent; `seal` None: nothing is signed."""
+class LinkSequencer:
+    """The sequencer of one link. `write` sends bytes and returns True if they are sent. `seal` None: do not sign."""
 
     def __init__(
         self,
@@ -50,15 +50,17 @@ class Outlet:
         seal: Seal | None = None,
         write_more: Callable[[bytes], bool] | None = None,
     ) -> None:
-        """`write_more`: the same for a frame of which more follow; None: `write`."""
+        """`write_more`: sends a frame that more frames follow; None: use `write`."""
         self._write = write
         self._write_more = write if write_more is None else write_more
         self._seal = seal
-        #: the number of each sender's next frame
+        #: number of the next frame of each sender
         self._next = bytearray(_SENDERS)
 
     def send(self, data: bytes, stamp: int = 0, more: bool = False) -> bool:
-        """Send a whole frame; False if it was not. `stamp`: what it is sealed with; `more`: others follow at once."""
+        """Send a complete frame; False if it was refused. `stamp`: stamp of its signature. `more`: more frames follow
+        at once.
+        """
         seal, write = self._seal, self._write_more if more else self._write
         place = number_place(data)
         if not place:

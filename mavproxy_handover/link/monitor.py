@@ -1,30 +1,30 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Measures one link. Pure: time is an argument, randomness is handed in, nothing is sent from here.
+"""Measures one link. Pure: time is an argument, random bits are passed in, nothing is sent here.
 
-What is told to it: genuine frames (identity and signature checked by the caller: strangers must not be able to spoil a
-measurement), the device's byte and CRC counts, signatures that were wrong. What it measures:
+Input: genuine frames (the caller checks identity and signature, so that no other sender can spoil a measurement), the
+device's counts of bytes and CRC errors, and wrong signatures. It measures:
 
 * **Loss, duplicates, order** from sequence numbers, for each stream (system, component) of the station. A number up to
-  127 ahead of the next one expected is a gap; one behind it is late (if it was missing) or a duplicate. A sender that
-  starts anew looks like one gap, or like late frames; after some in a row that follow each other it is believed. What
-  a program sends on a link must be counted in one sequence, or loss is seen where there is none; MAVProxy does so.
-  What is missing after a silence is no loss: it was silence.
-* **Loss of the downlink** from the probes that stay without an answer. A question or its answer may be lost: the share
-  `(1 - downlink loss) (1 - uplink loss)` is answered. The uplink loss is known from the sequence numbers, and is taken
-  out, so that it does not count twice. Where the uplink loss is not known, neither is this. Ten seconds hold 20 probes
-  of a single link, which is few. So a link counts as over the limit when the loss is above it by 2.5 standard
-  deviations, and as good again when the estimate itself is well below. Probes of a time in which the uplink was silent
-  say nothing. A station that answers no probes (a program of the standard by itself) has no measure of its downlink.
-* **Round trip and jitter** from TIMESYNC probes. A stamp is good for one answer, so a forged answer spoils at most one
+  127 ahead of the expected one is a gap. A number before it is late (if it was missing) or a duplicate. A sender that
+  starts again looks like one gap, or like late frames. After some late frames that follow each other, the sender counts
+  as restarted. A program must count what it sends on a link in one sequence, or loss is seen that did not happen;
+  MAVProxy does so. Frames that are missing after a silence are no loss.
+* **Loss of the downlink** from the probes without an answer. A question or its answer may be lost: the share `(1 -
+  downlink loss) (1 - uplink loss)` is answered. The uplink loss is known from the sequence numbers and is removed, so
+  that it does not count twice. If the uplink loss is not known, neither is the loss of the downlink. Ten seconds hold
+  only 20 probes of a single link. So a link is over the limit when its loss is above it by 2.5 standard deviations. It
+  is good again when the estimate itself is well below the limit. Probes during a silence of the uplink do not count. A
+  station that answers no probes (a program of the standard without our module) has no measure of its downlink.
+* **Round trip and jitter** from TIMESYNC probes. A stamp is valid for one answer, so a forged answer spoils at most one
   sample, and medians do not follow one sample.
-* **Overflow**: datagrams that our own system dropped because they came faster than they were read. Others cause it by
-  a flood, or this program by a stall. What is missing then was lost here. So for OVERFLOW_S after the last drop nothing
-  but silence is judged: no loss, no probe, no round trip. By then what waited in the full buffer has been read.
-* **Silence**: time since the last genuine frame; and since the newest probe that was answered, which alone proves that
-  the way down works as well.
+* **Overflow**: datagrams that our own system dropped because its buffer was full. A flood by others causes it, or a
+  stall of this program. The missing frames were lost here. So for OVERFLOW_S after the last drop only silence is
+  judged: no loss, no probe, no round trip. By then the content of the full buffer has been read.
+* **Silence**: time since the last genuine frame, and time since the newest answered probe. Only the latter proves that
+  the way down works too.
 
-Counts are kept in buckets of a second for the last ten: memory does not grow, and a link that was bad is forgiven.
+Counts are kept in buckets of a second for the last ten seconds, so memory does not grow and old faults are forgotten.
 """
 
 from __future__ import annotations
@@ -45,16 +45,16 @@ __all__ = ["OVERFLOW_S", "WINDOW_S", "LinkMonitor", "SequenceTracker"]
 
 WINDOW_S: Final = 10
 OVERFLOW_S: Final = 2.0
-#: frames that must have been due before a share of lost ones means anything
+#: frames that must have been due before a share of lost ones is meaningful
 _ENOUGH_FRAMES: Final = 8
 _ENOUGH_PROBES: Final = 4
-#: standard deviations by which a loss that few probes show has to be above its limit
+#: standard deviations by which a loss from few probes must be above its limit
 _CERTAIN: Final = 2.5
-#: a probe without an answer for so long is lost; an answer later than that is not taken any more
+#: a probe without an answer for this time (s) is lost; a later answer is ignored
 _PROBE_LOST_S: Final = 3.0
 _STREAMS: Final = 16
 _SAMPLES: Final = 15
-#: late frames that follow each other, after which their sender is believed to have started anew
+#: number of late frames in a row after which their sender counts as restarted
 _RESTART_RUN: Final = 4
 
 
@@ -63,7 +63,7 @@ class _Bucket:
     """Counts of one second."""
 
     frames: int = 0
-    due: int = 0  #: frames that the sequence numbers say were sent
+    due: int = 0  #: frames that were sent, by the sequence numbers
     lost: int = 0
     duplicates: int = 0
     reordered: int = 0
@@ -71,7 +71,7 @@ class _Bucket:
     bad_signatures: int = 0
     bytes_in: int = 0
     bytes_out: int = 0
-    probes: int = 0  #: answered or given up
+    probes: int = 0  #: answered or lost
     probes_lost: int = 0
     overflowed: int = 0
 
@@ -86,7 +86,7 @@ class _Window:
         self._buckets: deque[tuple[int, _Bucket]] = deque()
 
     def at(self, now: float) -> _Bucket:
-        """The present bucket."""
+        """The current bucket."""
         second = int(now // 1)
         if not self._buckets or self._buckets[-1][0] != second:
             self._buckets.append((second, _Bucket()))
@@ -95,31 +95,34 @@ class _Window:
         return self._buckets[-1][1]
 
     def forget_probes(self) -> None:
-        """What became of probes so far says nothing of the downlink."""
+        """Forget the results of probes, because they are not valid for the downlink any more."""
         for _second, bucket in self._buckets:
             bucket.probes = bucket.probes_lost = 0
 
     def sum(self, now: float) -> _Bucket:
-        """All of them together."""
+        """The sum of all buckets."""
         self.at(now)
         return _Bucket(*map(sum, zip(*(_counts(bucket) for _second, bucket in self._buckets), strict=True)))
 
 
 class SequenceTracker:
-    """One stream's sequence numbers: what each new one says of those before it."""
+    """The sequence numbers of one stream. Each new number tells which ones before it are missing."""
 
     def __init__(self, first: int) -> None:
         self._begin(first)
 
     def _begin(self, first: int) -> None:
         self._next = (first + 1) & 0xFF
-        #: bit n: number `next - 1 - n` has come. Before the first one nothing is missing
+        #: bit n: number `next - 1 - n` has come. Numbers before the first one are not missing
         self._seen = (1 << 128) - 1
         self._late_run = 0
         self._late_next = -1
 
     def take(self, seq: int) -> tuple[int, int, int, int]:
-        """(due, lost, duplicates, reordered) to be added to the counts; `lost` is -1 when a lost one came late."""
+        """Take a number; return what to add to (due, lost, duplicates, reordered).
+
+        `lost` is -1 when a lost frame came late.
+        """
         ahead = (seq - self._next) & 0xFF
         if ahead < 128:
             self._next = (seq + 1) & 0xFF
@@ -150,11 +153,12 @@ class LinkMonitor:
         self._heard_at: float | None = None
         self._probe_at = float("-inf")
         self._waiting: OrderedDict[int, float] = OrderedDict()  #: stamp -> sent at
-        self._answered: OrderedDict[int, float] = OrderedDict()  #: stamps whose answer has come, to know a second one
+        #: stamps that are answered already, to recognise a second answer
+        self._answered: OrderedDict[int, float] = OrderedDict()
         self._samples: deque[tuple[float, float]] = deque(maxlen=_SAMPLES)
         self._answered_sent_at: float | None = None
         self._round_trip_s = 0.0
-        #: until then nothing but silence is judged
+        #: until then only silence is judged
         self._overflows_until = float("-inf")
         self._limits = limits
         self._watches = {
@@ -169,9 +173,9 @@ class LinkMonitor:
     # ---- what happened --------------------------------------------------------------------------------------------
 
     def on_frame(self, frame: Frame, now: float) -> None:
-        """A genuine frame of the station came in on this link, be it a copy of one that came by another."""
+        """Count a genuine frame of the station on this link. It may be a copy of a frame of another link."""
         if self._heard_at is not None and now - self._heard_at > self._limits.silence_s:
-            self._streams.clear()  # told as silence already, and the numbers may have gone round in between
+            self._streams.clear()  # already reported as silence, and the numbers may have wrapped meanwhile
             self._window.forget_probes()
             self._waiting.clear()
         self._heard_at = now
@@ -181,7 +185,8 @@ class LinkMonitor:
             return
         stream = (frame.sysid, frame.compid)
         tracker, heard_at = self._streams.pop(stream, (None, now))
-        if tracker is None or now - heard_at > WINDOW_S:  # as above, for one component
+        # silence of one component: its numbers may have wrapped meanwhile
+        if tracker is None or now - heard_at > WINDOW_S:
             tracker = SequenceTracker(frame.seq)
             bucket.due += 1
             if len(self._streams) >= _STREAMS:
@@ -197,7 +202,7 @@ class LinkMonitor:
     def on_traffic(
         self, now: float, bytes_in: int = 0, bytes_out: int = 0, bad_crc: int = 0, overflowed: int = 0
     ) -> None:
-        """What the device counted since the last call."""
+        """Add what the device counted since the last call."""
         bucket = self._window.at(now)
         if overflowed:
             bucket.overflowed += overflowed
@@ -208,13 +213,13 @@ class LinkMonitor:
         bucket.bad_crc += bad_crc
 
     def on_bad_signature(self, now: float) -> None:
-        """A frame whose signature did not hold."""
+        """Count a frame with an invalid signature."""
         self._window.at(now).bad_signatures += 1
 
     # ---- probes ---------------------------------------------------------------------------------------------------
 
     def probe(self, now: float) -> int | None:
-        """The stamp of the probe that is due; None when none is."""
+        """Stamp of the probe that is due; None if none is due."""
         while self._waiting:
             stamp, sent_at = next(iter(self._waiting.items()))
             if now - sent_at <= _PROBE_LOST_S:
@@ -228,7 +233,7 @@ class LinkMonitor:
             self._answered.popitem(last=False)
         if now < self._probe_at:
             return None
-        # from due time to due time, so that the steps of a main loop do not make them rarer
+        # counted from due time to due time, so that the steps of a main loop do not lower the rate
         self._probe_at += self._interval_s
         if self._probe_at <= now:
             self._probe_at = now + self._interval_s
@@ -237,11 +242,11 @@ class LinkMonitor:
         return stamp
 
     def asked(self, stamp: int) -> bool:
-        """Whether a probe of this link carries or carried the stamp."""
+        """True if a probe of this link has or had the stamp."""
         return stamp in self._waiting or stamp in self._answered
 
     def on_answer(self, stamp: int, now: float) -> None:
-        """An answer came in on this link. Only the first one to a stamp that is waited for counts."""
+        """Record an answer on this link. Only the first answer to a waiting stamp counts."""
         sent_at = self._waiting.pop(stamp, None)
         if sent_at is None:
             return
@@ -256,21 +261,21 @@ class LinkMonitor:
     # ---- what is known --------------------------------------------------------------------------------------------
 
     def heard_ago_s(self, now: float) -> float | None:
-        """Since the last genuine frame; None before the first."""
+        """Time since the last genuine frame; None before the first."""
         return None if self._heard_at is None else now - self._heard_at
 
     def down_ago_s(self, now: float) -> float | None:
-        """How old the proof is that the way down works; None if there never was one.
+        """Age of the last proof that the way down works; None if there never was one.
 
-        An answered probe proves it for the moment it was sent. The usual round trip is taken off, for nothing younger
-        can be known. From a station that answers no probes, what it sends is all the proof there is.
+        An answered probe is a proof for the time at which it was sent. The usual round trip is subtracted, because no
+        newer proof is possible. If the station answers no probes, its frames are the only proof.
         """
         if self._answered_sent_at is not None:
             return max(0.0, now - self._answered_sent_at - self._round_trip_s)
         return self.heard_ago_s(now)
 
     def quality(self, now: float) -> LinkQuality:
-        """The link as it is now."""
+        """The current measurements."""
         counts = self._window.sum(now)
         recent = [sample for at, sample in self._samples if now - at <= WINDOW_S]
         middle = median(recent) if recent else None
@@ -297,25 +302,25 @@ class LinkMonitor:
         )
 
     def _probes_lost(self, counts: _Bucket) -> float | None:
-        """Of a station that has never answered one, unanswered probes say nothing."""
+        """Share of unanswered probes; None if the station has never answered one."""
         if self._answered_sent_at is None or counts.probes < _ENOUGH_PROBES:
             return None
         return counts.probes_lost / counts.probes
 
     def _downlink_loss(self, counts: _Bucket, uplink_loss: float | None) -> tuple[float | None, float | None]:
-        """Share of the downlink that is lost, and what of it is certain; None: not known."""
+        """Estimated share of the downlink that is lost, and its certain part; None: not known."""
         lost = self._probes_lost(counts)
         if lost is None or uplink_loss is None or uplink_loss >= 1.0:
             return None, None
         arrives = 1.0 - uplink_loss
         loss = min(1.0, max(0.0, 1.0 - (1.0 - lost) / arrives))
-        # of the count plus two lost and two answered ones (Agresti and Coull), so that it is not 0 at the ends
+        # with two lost and two answered ones added (Agresti and Coull), so that it is not 0 at the ends
         counted = counts.probes + 4
         share = (counts.probes_lost + 2) / counted
         return loss, max(0.0, loss - _CERTAIN * sqrt(share * (1.0 - share) / counted) / arrives)
 
     def check(self, now: float) -> list[LinkEvent]:
-        """The limits that were passed, either way, since the last call."""
+        """Events for the limits that were passed in either direction since the last call."""
         quality = self.quality(now)
         values = {
             Measure.SILENCE: quality.heard_ago_s,
@@ -334,5 +339,5 @@ class LinkMonitor:
 
     @property
     def degraded(self) -> frozenset[Measure]:
-        """The measures that are over their limits."""
+        """Measures that are over their limits."""
         return frozenset(measure for measure, watch in self._watches.items() if watch.degraded)

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Addresses of the hosts that links name: numbers, and names that are looked up.
+"""Addresses of the hosts of links, given as numbers or as names that are looked up.
 
 Rules that live here:
 
-1. To look a name up may take half a minute, so in flight a thread does it (`worker.py`), one name at a time.
-2. The addresses that were found last stay until other ones are found. A restart in flight begins with them.
-3. IPv4 addresses come first: a station program that listens on one kind alone nearly always listens on that one.
-4. An IPv4 address that is written as an IPv6 one (`::ffff:192.0.2.1`) is taken as the IPv4 address that it is.
+1. A name look-up may take half a minute, so in flight a thread does it (`worker.py`), one name at a time.
+2. The last found addresses stay until other ones are found. A restart in flight begins with them.
+3. IPv4 addresses come first, because a station program that listens on only one kind nearly always uses IPv4.
+4. An IPv4 address in IPv6 form (`::ffff:192.0.2.1`) is used as the IPv4 address.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ from mavproxy_handover.worker import Worker
 
 __all__ = ["Address", "Names", "endpoint", "hear_both_kinds", "host_of", "is_number", "look_up", "look_up_for"]
 
-#: as Python's sockets have it: host, port, and for IPv6 flow and scope
+#: in the form of Python's sockets: host, port, and for IPv6 flow and scope
 Address = tuple[Any, ...]
 
-#: between two look-ups of one name: while nothing is known, and later
+#: time (s) between two look-ups of one name: while its address is unknown, and later
 _UNKNOWN_S, _KNOWN_S = 1.0, 30.0
-#: the part of an IPv6 address that stands for one site: a host may have any address in it
+#: length of the network part of an IPv6 address: a host may have any address in it
 _PREFIX_BYTES: Final = 8
 
 
 def is_number(host: str) -> bool:
-    """Whether it is an address, and no name."""
+    """True if it is an address and not a name."""
     try:
         ipaddress.ip_address(host)
     except ValueError:
@@ -44,14 +44,14 @@ def is_number(host: str) -> bool:
 
 
 def look_up(host: str) -> tuple[str, ...]:
-    """The addresses of a host. Takes as long as the network likes. Raises OSError, UnicodeError."""
+    """Look up the addresses of a host. May take long. Raises OSError, UnicodeError."""
     found = list(socket.getaddrinfo(host, None, type=socket.SOCK_DGRAM))
     found.sort(key=lambda entry: entry[0] != socket.AF_INET)
     return tuple(dict.fromkeys(_plain(_scoped(entry[4])) for entry in found))
 
 
 def look_up_for(spec: DeviceSpec) -> tuple[str, ...]:
-    """The addresses of a link's host. Takes as long. Raises LinkError: it has none."""
+    """Look up the addresses of a link's host. May take long. Raises LinkError if it has none."""
     try:
         return look_up(spec.host)
     except (OSError, UnicodeError) as error:
@@ -59,7 +59,7 @@ def look_up_for(spec: DeviceSpec) -> tuple[str, ...]:
 
 
 def endpoint(spec: DeviceSpec) -> tuple[socket.AddressFamily, Address]:
-    """Family and address of `HOST:PORT`. A name is looked up on the spot. Raises LinkError."""
+    """Family and address of `HOST:PORT`. A name is looked up at once. Raises LinkError."""
     host = _plain(spec.host if is_number(spec.host) else look_up_for(spec)[0])
     try:
         flags = socket.AI_NUMERICHOST
@@ -72,7 +72,7 @@ def endpoint(spec: DeviceSpec) -> tuple[socket.AddressFamily, Address]:
 
 
 def hear_both_kinds(sock: socket.socket) -> None:
-    """A socket that will listen on all IPv6 addresses (`::`) hears IPv4 too, as most programs have it."""
+    """Let a socket that will listen on all IPv6 addresses (`::`) receive IPv4 too, as most programs do."""
     if sock.family == socket.AF_INET6:
         with suppress(OSError):
             sock.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 0)
@@ -80,7 +80,7 @@ def hear_both_kinds(sock: socket.socket) -> None:
 
 @lru_cache(maxsize=256)
 def host_of(address: str) -> str:
-    """What counts as one host where strangers are counted: an IPv6 host chooses the second half of its address."""
+    """The part of an address that counts as one host. An IPv6 host can choose the second half of its address."""
     try:
         found = ipaddress.ip_address(address)
     except ValueError:
@@ -91,7 +91,7 @@ def host_of(address: str) -> str:
 
 
 def _scoped(address: Address) -> str:
-    """The host of an address; one that is good at one interface alone names it (Python leaves that out)."""
+    """The host of an address, with its interface if it is valid on one interface only. Python omits the interface."""
     host, scope = str(address[0]), address[3] if len(address) > 3 else 0
     return f"{host}%{scope}" if scope and "%" not in host else host
 
@@ -106,7 +106,7 @@ def _plain(host: str) -> str:
 
 
 class Names:
-    """What is known of the names that links use. Nothing here waits or raises but `find`."""
+    """The known addresses of the names that links use. Only `find` waits or raises."""
 
     def __init__(
         self,
@@ -114,26 +114,28 @@ class Names:
         worker: Worker | None = None,
         search: Callable[[str], tuple[str, ...]] = look_up,
     ) -> None:
-        """`known`: addresses of before, by name."""
+        """`known`: addresses of an earlier run, by name."""
         self._known = dict(known or {})
         self._worker = worker or Worker()
         self._search = search
-        #: names that are to be looked up again, and when each may be
+        #: names to look up again, and the time from which each may be looked up
         self._wanted: dict[str, None] = {}
         self._waits: dict[str, Backoff] = {}
 
     @property
     def known(self) -> Mapping[str, tuple[str, ...]]:
-        """The addresses that were found last, by name."""
+        """The last found addresses, by name."""
         return dict(self._known)
 
     def find(self, spec: DeviceSpec) -> None:
-        """Look the host of a link up and wait for that, as before a flight. Raises LinkError: it has no address."""
+        """Look up the host of a link and wait for the result, before a flight. Raises LinkError if it has no
+        address.
+        """
         if not is_number(spec.host):
             self._known[spec.host] = look_up_for(spec)
 
     def addresses(self, host: str) -> tuple[str, ...]:
-        """The addresses of a host, as far as they are known now. A name that is not known will be looked up."""
+        """The known addresses of a host. An unknown name will be looked up."""
         if is_number(host):
             return (host,)
         if host not in self._known:
@@ -141,12 +143,12 @@ class Names:
         return self._known.get(host, ())
 
     def look_again(self, host: str) -> None:
-        """Have a name looked up, though its addresses are known; not more often than every half minute."""
+        """Look up a name again, at most every half minute."""
         if not is_number(host):
             self._wanted[host] = None
 
     def tick(self, now: float) -> None:
-        """Time has passed; to be called a few times a second."""
+        """Start due look-ups and take results. Call it a few times a second."""
         self._worker.tick(now)
         if self._worker.busy:
             return

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""How good a link is, and from when on it is called bad.
+"""Quality of a link, and the limits above which it is degraded.
 
-A limit is watched with hysteresis in value and in time, so that a link at its limit makes one event and not many:
-a value over the limit for `hold_s` degrades the link, one below RESTORE_SHARE of it for `hold_s` restores it. Silence
-needs no hold: it is a time already. A value that is not known (nothing measured) changes nothing.
+A limit has hysteresis in value and in time, so that a link at its limit makes one event and not many. A value above the
+limit for `hold_s` degrades the link. A value below RESTORE_SHARE of the limit for `hold_s` restores it. Silence needs
+no hold, because it is a time already. An unknown value (not measured) changes nothing.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ RESTORE_SHARE: Final = 0.75
 
 @dataclass(frozen=True, slots=True)
 class LinkQuality:
-    """A link at one moment. Counts and shares are of the last `window_s`; None is "not known"."""
+    """Measurements of a link at one time. Counts and shares cover the last `window_s`; None means "not known"."""
 
     window_s: float
-    heard_ago_s: float | None  #: since the last genuine frame
-    answered_ago_s: float | None  #: since the newest probe that was answered was sent, less the usual round trip
-    loss: float | None  #: share of the station's frames that never came, by sequence numbers
+    heard_ago_s: float | None  #: time since the last genuine frame
+    answered_ago_s: float | None  #: time since the newest answered probe was sent, less the usual round trip
+    loss: float | None  #: share of the station's frames that were lost, by sequence numbers
     probes_lost: float | None  #: share of probes without an answer
-    downlink_loss: float | None  #: share of what the vehicle sends that never arrives, as far as probes show it
-    downlink_loss_least: float | None  #: the same less 2.5 standard deviations: so much of it is certain
+    downlink_loss: float | None  #: share of the vehicle's frames that are lost, as estimated from probes
+    downlink_loss_least: float | None  #: that share less 2.5 standard deviations: its certain part
     round_trip_s: float | None  #: median
     jitter_s: float | None  #: median distance of the round trips from their median
     frames: int = 0
@@ -42,7 +42,7 @@ class LinkQuality:
 
 
 class Measure(Enum):
-    """What is limited."""
+    """The measures that have limits."""
 
     SILENCE = "silence"
     LOSS = "loss"
@@ -54,16 +54,17 @@ class Measure(Enum):
 
 @dataclass(frozen=True, slots=True)
 class LinkLimits:
-    """From when on a link is called bad. Raises ValueError for a limit that is not above 0.
+    """Limits above which a link is degraded. Raises ValueError for a limit that is not above 0.
 
-    `loss` limits the loss of the uplink, and that of the downlink. The round trip is limited to what STANAG 4586 #1-#5
-    allow a message one way. The heartbeat of a ground station comes once a second, so silence of 3 s is three of them.
+    `loss` limits the loss of the uplink and of the downlink. The limit of the round trip is what STANAG 4586 #1-#5
+    allow for a message one way. The heartbeat of a ground station comes once a second, so a silence of 3 s is three of
+    them.
     """
 
     silence_s: float = 3.0
     loss: float = 0.25
     round_trip_s: float = 1.0
-    bad_signatures: float = 10.0  #: in the window of the measurement
+    bad_signatures: float = 10.0  #: number within the window of the measurement
     hold_s: float = 1.0
 
     def __post_init__(self) -> None:
@@ -74,13 +75,13 @@ class LinkLimits:
 
 class LinkEventKind(Enum):
     DEGRADED = "degraded"  #: a measure went over its limit
-    RESTORED = "restored"  #: and came back
+    RESTORED = "restored"  #: a measure came back below its limit
     SWITCHED = "switched"  #: the downlink moved to this link
 
 
 @dataclass(frozen=True, slots=True)
 class LinkEvent:
-    """Something about a link that the rules, the journal or people should know. `text` is a line for people."""
+    """An event of a link for the rules, the journal or people. `text` is one line for people."""
 
     kind: LinkEventKind
     device: str
@@ -91,7 +92,7 @@ class LinkEvent:
 
 
 class LimitWatch:
-    """One measure of one link against its limit."""
+    """Compares one measure of one link to its limit."""
 
     def __init__(self, device: str, measure: Measure, limit: float, hold_s: float) -> None:
         self.degraded = False
@@ -102,7 +103,7 @@ class LimitWatch:
         self._since: float | None = None
 
     def update(self, value: float | None, now: float) -> LinkEvent | None:
-        """The event that this value makes, if it makes one."""
+        """The event that this value causes, if any."""
         if value is None:
             self._since = None
             return None

@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""A link that may be closed: while it cannot be opened it is closed, and opened again and again.
+"""A link that is opened again and again while it cannot be opened.
 
 Rules that live here:
 
-1. A restart in flight must not end for one link. A port in use, an address that went with its interface, a name that
-   nobody can look up now: the link is closed, says why (`trouble`), and the others carry on.
-2. A host's name is looked up beside the main loop (`names.py`). While nothing is heard on a link for SILENT_S, its name
-   is looked up again; a link that stays silent goes to the next address that the name has.
+1. A restart in flight must not fail because of one link. A port may be in use, an address may be gone with its
+   interface, or a name look-up may fail. Then this link is closed and names its fault (`trouble`). The other links go
+   on.
+2. A host's name is looked up in a thread (`names.py`). While nothing is heard on a link for SILENT_S, its name is
+   looked up again. A link that stays silent goes on to the next address of the name.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ _LISTENING: Final = (Kind.UDP_IN, Kind.TCP_IN)
 
 
 class ReopeningLink(Device):
-    """Another device, as long as that can be opened."""
+    """Wraps another device that may be unable to open."""
 
     def __init__(
         self,
@@ -40,9 +41,9 @@ class ReopeningLink(Device):
         *,
         strict: bool = False,
     ) -> None:
-        """`make` opens the device of a spec whose host is an address; raises LinkError.
+        """`make` opens the device of a spec whose host is an address; it raises LinkError.
 
-        `strict`: it must open now, or that is an error. Raises LinkError, and only then.
+        `strict`: raise LinkError if it cannot open now. Otherwise nothing raises.
         """
         super().__init__(spec.text, clock)
         self._spec = spec
@@ -50,11 +51,11 @@ class ReopeningLink(Device):
         self._names = names
         self._named = spec.kind is not Kind.SERIAL and not is_number(spec.host)
         self._inner: Device | None = None
-        #: the address of `_inner`, and how many times another one was taken
+        #: address of `_inner`, and number of changes of the address
         self._address = ""
         self._turn = 0
         self._backoff = Backoff(0.5, 1.0)
-        #: of the last frame, or of the opening
+        #: time of the last frame, or of the opening
         self._heard_at = clock()
         fault = self._try_to_open()
         if fault is not None and strict:
@@ -62,7 +63,7 @@ class ReopeningLink(Device):
 
     @property
     def trouble(self) -> str:
-        """The last thing that went wrong, in words; empty while all is well."""
+        """Text of the last error, "" while there is none."""
         return self._trouble if self._inner is None else self._inner.trouble
 
     @trouble.setter
@@ -122,7 +123,7 @@ class ReopeningLink(Device):
             self._inner.reply(frame, data)
 
     def _try_to_open(self) -> LinkError | None:
-        """Open it, if that can be; the error that prevented it."""
+        """Try to open the device; returns the error if that fails."""
         now = self._clock()
         self._backoff.tried(now)
         fault = LinkError(f"link {self._spec.text} cannot be opened: the address of {self._spec.host} is not known yet")
@@ -146,10 +147,10 @@ class ReopeningLink(Device):
         return self._names.addresses(self._spec.host) if self._named else (self._spec.host,)
 
     def _go_to_another(self, now: float) -> None:
-        """Nothing is heard: the name may stand for another address by now, or has several."""
+        """Use another address, because nothing is heard. The name may have several addresses, or a new one."""
         self._heard_at = now
         self._names.look_again(self._spec.host)
-        if self._spec.kind in _LISTENING:  # it hears at its own address, whoever speaks
+        if self._spec.kind in _LISTENING:  # it listens on its own address, so the sender's address does not matter
             return
         addresses = self._addresses()
         if self._address in addresses:

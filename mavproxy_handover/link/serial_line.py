@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Serial links (radio modems): non-blocking, and back by themselves when the device was unplugged.
+"""Serial links (radio modems). They do not block, and reconnect by themselves after the device was unplugged.
 
-pyserial opens and sets up the line; bytes are moved on its descriptor directly, because pyserial's own `write` spins
-for as long as the line takes nothing.
+pyserial opens and configures the line. Bytes are moved on its descriptor directly, because pyserial's own `write` spins
+while the line takes nothing.
 
-A frame that has begun is waited for as long as the longest one takes at the line's rate, and half as long again: below
-16800 baud that is longer than `wire.frames.PATIENCE_S`.
+The time-out for an incomplete frame is 1.5 times the time that the longest frame takes at the line's rate. Below 16800
+baud that is longer than `wire.frames.PATIENCE_S`.
 
-At construction a device that is not there is no fault: it may be plugged in later. No right to use it, another program
-on it, or a rate that it cannot do are faults.
+A device that is missing at construction is no fault, because it may be plugged in later. No right to use it, another
+program on it, or an unsupported rate are faults.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class SerialLine(Device):
     """A serial line at a fixed rate."""
 
     def __init__(self, spec: DeviceSpec, clock: Clock = time.monotonic) -> None:
-        """Raises LinkError: not allowed, in use, no serial line, rate not possible."""
+        """Raises LinkError: no right, in use, no serial line, unsupported rate."""
         assert spec.kind is Kind.SERIAL
         super().__init__(spec.text, clock)
         self._path, self._baud = spec.host, spec.port
@@ -71,7 +71,7 @@ class SerialLine(Device):
                 self._connect()
             return []
         try:
-            # an unplugged device reads as empty, over and over, like one that is silent
+            # reading an unplugged device returns nothing, as for a silent one
             if self._hang_up.poll(0):
                 raise OSError(errno.ENODEV, os.strerror(errno.ENODEV))
             self._push()
@@ -100,7 +100,7 @@ class SerialLine(Device):
             if not self._out.add(data, more):
                 return False
             self._push()
-        except OSError as error:  # closed in the next `read`
+        except OSError as error:  # it is closed in the next `read`
             self._failed(error)
             return False
         return self._sent(data)
@@ -111,7 +111,7 @@ class SerialLine(Device):
         self._out.drain(lambda data: os.write(descriptor, data))
 
     def _connect(self) -> Exception | None:
-        """Open the line; the error that prevented it."""
+        """Open the line; returns the error if that fails."""
         self._backoff.tried(self._clock())
         try:
             self._port = serial.Serial(self._path, self._baud, timeout=0, write_timeout=0, exclusive=True)
@@ -120,7 +120,7 @@ class SerialLine(Device):
             self.trouble = _words(error)
             return error
         self._backoff.succeeded()
-        self._hang_up.register(self._port.fileno(), 0)  # hang-up and error are told without asking
+        self._hang_up.register(self._port.fileno(), 0)  # hang-up and error are always reported
         self._splitter = FrameSplitter(patience_s=self._patience_s)
         self.counters.connects += 1
         self.trouble = ""
@@ -133,7 +133,7 @@ class SerialLine(Device):
         self._out.clear()
         try:
             self._hang_up.unregister(port.fileno())
-            port.reset_output_buffer()  # closing would wait for what the line does not take
+            port.reset_output_buffer()  # closing would wait for the unsent bytes
         except Exception:  # the device is gone
             pass
         try:

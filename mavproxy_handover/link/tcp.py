@@ -2,25 +2,28 @@
 
 """TCP links.
 
-A stream that stands still must be noticed and given up, because everything written to it meanwhile is late: unsent
-bytes are few, here and in the system, and a connection whose bytes nobody acknowledges for some seconds is closed by
-the system. Bytes of a lost connection are never sent on the next one.
+A stalled stream must be noticed and closed, because everything written to it meanwhile arrives late. So there are few
+unsent bytes, here and in the system. The system closes a connection whose bytes are not acknowledged for some seconds.
+Bytes of a lost connection are never sent on the next one.
 
-`tcp` connects, without waiting for it, and connects again when it is lost; attempts grow rarer.
+`tcp` connects without waiting, and reconnects after a loss, at growing intervals.
 
-`tcpin` listens. It has one client; more may be connected, so that a station whose old connection is dead gets in, and
-strangers' connections do not keep the station out:
+`tcpin` listens. It has one client. More connections may exist, so that a station whose old connection is dead can
+reconnect, and connections of unknown senders do not exclude the station:
 
-* the client is whoever sent a frame that was last called genuine (`accept_sender`); one that was heard within
-  PEER_HOLD_S is not replaced, and nobody who proved genuine has to go for a stranger;
-* a newcomer is read before anybody has to go, which is seen to in the next `read`, when it is known who was genuine;
-* who has to go then is the oldest stranger of the address that has the most of them: who floods from one address keeps
-  nobody out who comes from another, and a station that shares it has some tenths of a second to say its first word;
-* of strangers so little is read at once that the client is not kept waiting, first of those who said least so far.
+* the client is the connection whose frame was last called genuine (`accept_sender`). A client that was heard within
+  PEER_HOLD_S is not replaced. A connection that proved genuine is never closed in favour of one that did not;
+* a new connection is read before any connection is closed for it. Connections are closed in the next `read`, when it is
+  known which ones are genuine;
+* the one to close is the oldest unproven connection of the address that has the most of them. So a flood from one
+  address does not exclude a station at another address. A station that shares the address has some tenths of a second
+  for its first frame;
+* little is read at once from unproven connections, so that the client does not wait. Those that have sent least are
+  read first.
 
-As long as nobody proved genuine, the newest connection is written to (of an address that has the fewest), for programs
-that say nothing before they hear a vehicle. Others are closed after a while. There are never more connections than
-_STRANGERS + _TAKEN + _GENUINE.
+While no connection has proved genuine, the newest one is written to (of an address that has the fewest). Some programs
+send nothing before they hear a vehicle. Other unproven connections are closed after a while. There are never more
+connections than _STRANGERS + _TAKEN + _GENUINE.
 """
 
 from __future__ import annotations
@@ -40,25 +43,25 @@ from mavproxy_handover.wire.frames import Frame, FrameSplitter
 __all__ = ["TcpIn", "TcpOut"]
 
 _READ_BYTES: Final = 8192
-#: of a connection that has not proved genuine, and of all of these but newcomers together
+#: bytes read at once from one unproven connection, and from all of these except new ones together
 _STRANGER_READ_BYTES: Final = 512
 _STRANGERS_READ_BYTES: Final = 8192
-#: connections that wait for the next `read`; the system turns away what is more
+#: connections that wait for the next `read`; the system rejects more
 _BACKLOG: Final = 128
-#: connections taken in one `read`
+#: connections accepted in one `read`
 _TAKEN: Final = 32
-#: connections kept of those that have not proved genuine, and of those that have
+#: most connections kept that are not proven, and that are
 _STRANGERS: Final = 32
 _GENUINE: Final = 4
 _UNPROVEN_S: Final = 10.0
 
 
 class _Lost(Exception):
-    """A connection is over; the text says why."""
+    """A connection is lost; the text says why."""
 
 
 class _Connection:
-    """One connected stream: splitter, unsent bytes. It is closed by its owner alone, in `read`: see `fileno`."""
+    """One connection: splitter, unsent bytes. Only its owner closes it, in `read` (see `fileno`)."""
 
     def __init__(self, sock: socket.socket, since: float, host: str) -> None:
         self.socket = sock
@@ -66,18 +69,18 @@ class _Connection:
         self.host = host
         self.bytes_in = 0
         self.splitter = FrameSplitter()
-        self.heard_at: float | None = None  #: a genuine frame, last
-        self.replaced = False  #: another connection has taken over; to be closed in the next `read`
+        self.heard_at: float | None = None  #: time of the last genuine frame
+        self.replaced = False  #: another connection is the client now; this one is closed in the next `read`
         self._out = OutBuffer()
         self._lost = ""
 
     @property
     def waits(self) -> bool:
-        """Whether `receive` has something to do though nothing has arrived."""
+        """True if `receive` has work although nothing has arrived."""
         return len(self._out) > 0 or self._lost != ""
 
     def send(self, data: bytes, more: bool = False) -> bool:
-        """Take a frame and send what can be sent now. `more`: it belongs to a download and may wait for the next."""
+        """Add a frame and send what can be sent now. `more`: it belongs to a download and may wait for the next."""
         if more and not self._lost and self._out.add(data, more):
             return True
         self.push()
@@ -88,14 +91,14 @@ class _Connection:
         return not self._lost
 
     def push(self) -> None:
-        """Send what waits, as far as the system takes it."""
+        """Send the waiting bytes that the system takes."""
         try:
             self._out.drain(self.socket.send)
         except OSError as error:
             self._lost = reason(error)
 
     def receive(self, limit: int) -> bytes:
-        """What has arrived, at most `limit` bytes; sends what waits. Raises _Lost."""
+        """Read at most `limit` bytes, and send waiting bytes. Raises _Lost."""
         self.push()
         if self._lost:
             raise _Lost(self._lost)
@@ -112,10 +115,10 @@ class _Connection:
 
 
 class TcpOut(Device):
-    """Connects to `HOST:PORT`, again and again."""
+    """A connection to `HOST:PORT` that is made again after a loss."""
 
     def __init__(self, spec: DeviceSpec, clock: Clock = time.monotonic, names: Names | None = None) -> None:
-        """`names`: see `Dialling`. Raises LinkError: unknown host."""
+        """`names`: see `Dialling`. Raises LinkError for an unknown host."""
         assert spec.kind is Kind.TCP_OUT
         super().__init__(spec.text, clock)
         self._backoff = Backoff()
@@ -195,7 +198,7 @@ class TcpIn(Device):
         super().__init__(spec.text, clock)
         self._clients: list[_Connection] = []  # oldest first
         self._proven: _Connection | None = None
-        #: who is written to while nobody has proved genuine
+        #: connection that is written to while none has proved genuine
         self._favoured: _Connection | None = None
         self._arrivals = select.poll()
         self._senders: dict[int, _Connection] = {}
@@ -205,7 +208,7 @@ class TcpIn(Device):
             family, address = endpoint(spec)
             self._listener = socket.socket(family, socket.SOCK_STREAM)
             hear_both_kinds(self._listener)
-            # a restarted companion must not wait for the system to forget its former connections
+            # a restarted companion must not wait until the system forgets its former connections
             self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             self._listener.bind(address)
             self._listener.listen(_BACKLOG)
@@ -229,9 +232,10 @@ class TcpIn(Device):
         return any(client.splitter.waiting for client in self._clients)
 
     def fileno(self) -> int:
-        """The client's; while there is none, the listening socket's, unless a single one has come that may be it.
+        """The client's descriptor. Without a client it is the listening socket's, or that of a single unproven
+        connection.
 
-        Who connects meanwhile, and what strangers send, waits for the next read.
+        New connections and data of other connections wait for the next read.
         """
         if self._served is not None and (self._proven is not None or len(self._clients) == 1):
             return self._served.socket.fileno()
@@ -266,7 +270,7 @@ class TcpIn(Device):
         return frames
 
     def _in_turn(self, arrived: set[int]) -> list[_Connection]:
-        """Those that were connected before and have something to do: who proved genuine, then who said least."""
+        """Older connections that have something to read: first the proven ones, then those that have sent least."""
         some = [client for client in self._clients if client.socket.fileno() in arrived or client.waits]
         some += [client for client in self._clients if client.splitter.waiting and client not in some]
         return sorted(some, key=lambda client: (client is not self._served, client.heard_at is None, client.bytes_in))
@@ -274,7 +278,7 @@ class TcpIn(Device):
     def _receive(
         self, client: _Connection, limit: int, now: float, frames: list[Frame], senders: dict[int, _Connection]
     ) -> int:
-        """Read a client, and drop it if it is lost; how many bytes came."""
+        """Read a client, and drop it if it is lost. Returns the number of bytes."""
         try:
             data = client.receive(limit)
         except _Lost as loss:
@@ -324,7 +328,7 @@ class TcpIn(Device):
         return True
 
     def _part(self, now: float) -> None:
-        """Part with those who are of no use, or too many."""
+        """Close connections that are useless or too many."""
         if not self._clients or self._clients == [self._proven]:  # nearly always so
             return
         for client in list(self._clients):
@@ -347,7 +351,7 @@ class TcpIn(Device):
                 self._turn_away(client)
 
     def _take_clients(self, now: float) -> list[_Connection]:
-        """Take who has come; they are read before anybody has to go for them."""
+        """Accept new connections. They are read before another one is closed for them."""
         taken: list[_Connection] = []
         assert self._listener is not None
         for _ in range(_TAKEN):
@@ -355,7 +359,7 @@ class TcpIn(Device):
                 sock, address = self._listener.accept()
             except (BlockingIOError, InterruptedError):
                 break
-            except OSError as error:  # it was gone again, or no descriptor is left
+            except OSError as error:  # the connection is lost already, or no descriptor is left
                 self._failed(error)
                 break
             tune(sock)

@@ -1,19 +1,19 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Probes of a link: MAVLink's TIMESYNC, asked by the companion and answered by the station.
+"""Probes of a link: MAVLink's TIMESYNC, requested by the companion and answered by the station.
 
-A request carries a time stamp and `tc1` 0; the answer carries the stamp back and the answerer's own time
-(https://mavlink.io/en/services/timesync.html). Only the stamp coming back counts here: clocks are not compared.
+A request carries a time stamp and `tc1` 0. The answer returns the stamp and the answerer's own time
+(https://mavlink.io/en/services/timesync.html). Only the returned stamp counts here: clocks are not compared.
 
-TIMESYNC and not PING: it is the one of the two that the standard still recommends, and a station that does not answer
-it (MAVProxy and QGroundControl by themselves do not) loses nothing but the measurement. The station's module answers
-it with `probe_answer`.
+TIMESYNC is used and not PING, because the standard still recommends only TIMESYNC. A station that does not answer it
+loses only the measurement. MAVProxy and QGroundControl by themselves do not answer it. The station's module answers
+with `probe_answer`.
 
-The stamp is the time of sending in nanoseconds with its low bits drawn at random, about a millisecond's worth: who does
-not hear the downlink cannot answer in advance.
+The stamp is the time of sending in nanoseconds, with about a millisecond's worth of its low bits random. So a sender
+that does not hear the downlink cannot answer in advance.
 
-Probes come from a component of their own, PROBE_COMPID: a station's program that lists what it hears shows what they
-are, and its module knows them by that.
+Probes come from a component of their own, PROBE_COMPID. So a station's program that lists what it hears shows their
+purpose, and its module recognises them.
 """
 
 from __future__ import annotations
@@ -41,12 +41,12 @@ def draw_stamp(now: float, draw: Callable[[int], int]) -> int:
 
 
 def probe_message(stamp: int) -> Any:
-    """The request with this stamp, to be packed by whoever sends it."""
+    """The request with this stamp. The caller packs it."""
     return mavlink.MAVLink_timesync_message(0, stamp)
 
 
 def answered_stamp(frame: Frame) -> int | None:
-    """The stamp that a TIMESYNC answer brings back; None for requests and for everything else."""
+    """The stamp in a TIMESYNC answer; None for requests and other frames."""
     if frame.msgid != TIMESYNC or len(frame.payload) < max(_TC1, _TS1) + _INT64.size:
         return None
     if _INT64.unpack_from(frame.payload, _TC1)[0] == 0:
@@ -56,10 +56,11 @@ def answered_stamp(frame: Frame) -> int | None:
 
 
 def probe_answer(frame: Frame, now_ns: int) -> Any | None:
-    """The answer to a TIMESYNC request, to be packed and sent on every link to the vehicle; None if it is no request.
+    """The answer to a TIMESYNC request; None if the frame is no request.
 
-    On every link, because MAVProxy does not tell a module on which one a message came in; the companion takes the one
-    that comes back on the link it asked on. `now_ns`: the answerer's clock, not 0.
+    The caller packs it and sends it on every link to the vehicle. MAVProxy does not tell a module on which link
+    a message came in. The companion counts the one that comes back on the link of the request. `now_ns`: the answerer's
+    clock, not 0.
     """
     if frame.msgid != TIMESYNC or len(frame.payload) < max(_TC1, _TS1) + _INT64.size:
         return None

@@ -2,38 +2,37 @@
 
 """UDP links.
 
-`udpout` sends to one address and hears that address only. That is safe behind address translation: a station's answer
-comes from the very address that was written to, whichever of the two sides is translated, or it would not find its way
-back. A station that answers from another address or socket than the one it listens on is not heard; reach it by
-`udpin`. The socket is not connected, so the way out is chosen anew for each datagram: a modem that comes back with
-another address of our own needs no reconnect. Where the kernel can (Linux), it throws away what others send, before
-it costs anything here, and datagrams are taken without their sender's address: to put that into words takes longer than
-to judge the frame. With `@WAY` it leaves by that interface, or from that address, and by no other: where there is none
-at present nothing is sent, and it is looked for again with each frame. A modem that comes back is another interface of
-the same name.
+`udpout` sends to one address and hears only that address. This works with address translation on either side: a
+station's answer comes from the address that was written to, or it would not get through. A station that answers from
+another address or socket than the one it listens on is not heard; use `udpin` for it. The socket is not connected, so
+each datagram chooses its way out: a modem that returns with another address of our own needs no reconnect. On Linux the
+kernel drops datagrams of other senders, before they cost anything here. Datagrams are then read without their sender's
+address, because converting it takes longer than judging the frame. With `@WAY` datagrams leave only by that interface
+or from that address. While it does not exist nothing is sent, and each frame looks for it again. A modem that returns
+is another interface of the same name.
 
-`udpin` listens. Anybody can send to it, so:
+`udpin` listens. Any host can send to it, so:
 
-* the peer, who gets the downlink, is the address whose frame was last called genuine (`accept_sender`); a peer that
+* the peer, which gets the downlink, is the address whose frame was last called genuine (`accept_sender`). A peer that
   was heard within PEER_HOLD_S is not replaced;
-* a datagram of the peer that is not made of whole frames goes through a splitter that lasts, as some bridges cut frames
-  anywhere; those of anybody else are looked at one by one, and only if they begin with a frame, so that nothing is
-  kept for strangers;
-* a datagram that is made of whole frames is taken as it is, whatever waits in that splitter: a forged frame start from
-  the peer's address must not make the peer's next frames wait for the end of a frame that never comes;
-* of strangers' datagrams only so many are looked at in one `read`, half of them of one host at most; the rest is thrown
-  away unread. The peer's are not left waiting behind them, and a station that comes anew is heard though another host
-  floods the link.
+* a datagram of the peer that is not made of complete frames goes through a lasting splitter, as some bridges cut frames
+  anywhere. Datagrams of other senders are parsed one by one, and only if they begin with a frame, so that nothing is
+  kept for unknown senders;
+* a datagram made of complete frames is taken as it is, whatever waits in that splitter. So a forged frame start from
+  the peer's address does not delay the peer's next frames until the end of a frame that never comes;
+* only a limited number of other senders' datagrams is parsed in one `read`, at most half of them from one host; the
+  rest is dropped unread. So the peer's datagrams do not wait, and a new station is heard although another host floods
+  the link.
 
-Datagrams of more than 2 KiB are dropped: no station sends them, and a long one made of frame starts costs much.
+Datagrams of more than 2 KiB are dropped: no station sends them, and a long one made of frame starts costs much time.
 
-Frames of a download share datagrams, `GATHERED_BYTES` at most: a program pays for each datagram that it reads, and its
-socket holds far fewer small ones. Not more than 512 bytes, because gomavlib (mavp2p) reads no more of a datagram;
+Frames of a download share datagrams of at most `GATHERED_BYTES`. Reading costs a program per datagram, and its socket
+holds far fewer small ones. The limit is 512 bytes, because gomavlib (mavp2p) reads no more of a datagram;
 mavlink-router reads 1,120.
 
-A flood fills the socket's buffer, and the system then drops the station's datagrams too. Linux counts what it drops,
-and what the filter of `udpout` keeps out as well. So a drop counts as overflow only if the buffer is at least half
-full. The device looks after every _LOOK datagrams, so that no full buffer is emptied without a look.
+A flood fills the socket's buffer, and the system then drops the station's datagrams too. Linux counts dropped
+datagrams, but also those that the filter of `udpout` rejects. So a drop counts as overflow only if the buffer is at
+least half full. The device checks after every _LOOK datagrams, so that a full buffer is never emptied without a check.
 """
 
 from __future__ import annotations
@@ -56,24 +55,24 @@ __all__ = ["GATHERED_BYTES", "UdpIn", "UdpOut", "UdpOutBy"]
 GATHERED_BYTES: Final = 512
 
 _DATAGRAM_BYTES: Final = 2048
-#: datagrams taken off the socket in one `read`
+#: datagrams read in one `read`
 _TAKEN: Final = 256
-#: of these, looked at: the peer's and everybody else's
+#: of these, datagrams parsed: the peer's, and those of all other senders
 _PEER_DATAGRAMS: Final = 64
 _STRANGER_DATAGRAMS: Final = 32
 _STRANGER_BYTES: Final = 8192
-#: of one host no more is looked at than this, with a short datagram taken for the length below. It is enough for what
-#: the stations of one host say on a ground link at once, a mission package among it
+#: most bytes parsed of one host, with a short datagram counted as the length below. It is enough for all that the
+#: stations of one host send on a ground link at once, a mission package included
 _HOST_BYTES: Final = 4096
 _SHORT_BYTES: Final = 256
 _RECEIVE_BUFFER_BYTES: Final = 1 << 20
-#: datagrams read between two looks at the buffer: far fewer than half of it holds
+#: datagrams read between two checks of the buffer: far fewer than half of it holds
 _LOOK: Final = 16
 
-#: not in Python's `socket`; the same on all of Linux's common machines (asm-generic/socket.h, linux/in.h)
+#: missing in Python's `socket`; equal on all common Linux machines (asm-generic/socket.h, linux/in.h)
 _SO_ATTACH_FILTER: Final = 26
 _SO_MEMINFO: Final = 55
-#: its numbers (linux/sock_diag.h): bytes that wait to be read, the most that may, and datagrams dropped so far
+#: its numbers (linux/sock_diag.h): bytes that wait, the most that may wait, and datagrams dropped so far
 _MEMINFO: Final = struct.Struct("9I")
 _RMEM_ALLOC, _RCVBUF, _DROPS = 0, 1, 8
 _UNICAST_IF: Final = {socket.AF_INET: (socket.IPPROTO_IP, 50), socket.AF_INET6: (socket.IPPROTO_IPV6, 76)}
@@ -92,20 +91,20 @@ class _Udp(Device):
     def __init__(self, spec: DeviceSpec, clock: Clock) -> None:
         super().__init__(spec.text, clock)
         self._peer: Address | None = None
-        #: nobody but the peer gets through to the socket
+        #: only the peer's datagrams reach the socket
         self._peer_alone = False
-        self._splitter = FrameSplitter()  #: of a peer whose datagrams are not made of whole frames
+        self._splitter = FrameSplitter()  #: for a peer whose datagrams are not made of complete frames
         family, self._address = endpoint(spec)
         try:
             self._socket = socket.socket(family, socket.SOCK_DGRAM)
         except OSError as error:
             raise LinkError(f"link {spec.text} cannot be opened: {reason(error)}") from None
         self._socket.setblocking(False)
-        # more than the system allows is cut by the system; a burst must outlast one slow round of the main loop
+        # the system limits this; a burst must fit in while one round of the main loop is slow
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER_BYTES)
-        #: frames that wait to share a datagram, and how many
+        #: frames that wait to share a datagram, and their number
         self._gathered, self._gathered_frames = b"", 0
-        #: datagrams until the buffer is looked at again, and what had been dropped by the last look
+        #: datagrams until the next check of the buffer, and drops counted at the last check
         self._look_in = _LOOK
         self._dropped = 0
 
@@ -114,8 +113,8 @@ class _Udp(Device):
         return not self._closed and self._peer is not None
 
     def _peer_frames(self, data: bytes) -> list[Frame]:
-        """The frames of a datagram of the peer."""
-        frame = parse_one(data)  # the usual case, and half the work
+        """Parse a datagram of the peer."""
+        frame = parse_one(data)  # the usual case, with half the work
         if frame is not None and frame.known:
             if self._splitter.waiting:
                 self._splitter = FrameSplitter()
@@ -132,7 +131,7 @@ class _Udp(Device):
         return self._split(self._splitter, data, self._clock())
 
     def _late_frames(self) -> list[Frame]:
-        """Nothing has arrived: frames of the peer behind one that never ended."""
+        """Frames of the peer after a frame that never ended; for a read without new data."""
         return self._split(self._splitter, b"", self._clock()) if self._splitter.waiting else []
 
     @property
@@ -150,14 +149,14 @@ class _Udp(Device):
         self._look_in = _LOOK
         try:
             told = _MEMINFO.unpack(self._socket.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, _MEMINFO.size))
-        except (OSError, struct.error):  # other systems do not tell
+        except (OSError, struct.error):  # other systems do not report it
             return
         dropped, self._dropped = (told[_DROPS] - self._dropped) & 0xFFFFFFFF, told[_DROPS]
         if 2 * told[_RMEM_ALLOC] >= told[_RCVBUF]:
             self.counters.overflowed += dropped
 
     def _receive(self) -> tuple[bytes, Address] | None:
-        """The next datagram; None when there is none. One too long comes back empty."""
+        """The next datagram; None if there is none. One that is too long is returned as empty."""
         self._look_in -= 1
         if not self._look_in:
             self._look_at_buffer()
@@ -199,7 +198,7 @@ class _Udp(Device):
         return self._send(data)
 
     def _send(self, data: bytes, frames: int = 1) -> bool:
-        """Send a datagram of so many frames."""
+        """Send a datagram that holds `frames` frames."""
         if self._peer is None or self._closed:
             return self._refused(frames)
         try:
@@ -214,17 +213,17 @@ class _Udp(Device):
 
 
 class UdpOut(_Udp):
-    """Sends to `HOST:PORT` and hears nobody else."""
+    """Sends to `HOST:PORT` and hears only this address."""
 
     def __init__(self, spec: DeviceSpec, clock: Clock = time.monotonic) -> None:
         """Raises LinkError: unknown host."""
         assert spec.kind is Kind.UDP_OUT
         super().__init__(spec, clock)
         self._peer = self._address
-        self._peer_alone = _hear_only(self._socket, self._address)  # before anything can have arrived
+        self._peer_alone = _hear_only(self._socket, self._address)  # set before any datagram can have arrived
 
     def read(self, once: bool = False) -> list[Frame]:
-        if once and self._peer_alone:  # nearly every read: without all that the others need
+        if once and self._peer_alone:  # nearly every read: skip what only the other cases need
             self._look_in -= 1
             if not self._look_in:
                 self._look_at_buffer()
@@ -255,13 +254,13 @@ class UdpOut(_Udp):
 
 
 class UdpOutBy(UdpOut):
-    """The same by one interface, or from one address."""
+    """A `UdpOut` that sends by one interface, or from one address."""
 
     def __init__(self, spec: DeviceSpec, clock: Clock = time.monotonic) -> None:
-        """Raises LinkError: unknown host. A way that is not there yet is none."""
+        """Raises LinkError for an unknown host. An interface that is missing now is no error."""
         super().__init__(spec, clock)
         self._way, self._by_name = spec.way, not _is_address(spec.way)
-        #: it is to be found before anything is sent
+        #: the interface must be found before anything is sent
         self._lost = True
 
     def _send(self, data: bytes, frames: int = 1) -> bool:
@@ -273,7 +272,7 @@ class UdpOutBy(UdpOut):
 
     def _take_way(self) -> bool:
         try:
-            if self._by_name:  # in truth by number, which may be changed at any time and needs no rights
+            if self._by_name:  # internally by number, which may be changed at any time and needs no rights
                 number = socket.if_nametoindex(self._way)
                 level, option = _UNICAST_IF[self._socket.family]
                 self._socket.setsockopt(level, option, struct.pack("!I", number))
@@ -286,14 +285,14 @@ class UdpOutBy(UdpOut):
 
 
 class UdpIn(_Udp):
-    """Listens on `HOST:PORT` and answers whoever proved genuine."""
+    """Listens on `HOST:PORT` and answers the sender that proved genuine."""
 
     def __init__(self, spec: DeviceSpec, clock: Clock = time.monotonic) -> None:
         """Raises LinkError: port in use, not an address of this machine."""
         assert spec.kind is Kind.UDP_IN
         super().__init__(spec, clock)
         self._heard_at = 0.0
-        #: senders of the frames of the last read. By identity: two senders may send equal frames
+        #: senders of the frames of the last read, by identity of the frame: two senders may send equal frames
         self._senders: dict[int, Address] = {}
         self._last: list[Frame] = []
         try:
@@ -362,7 +361,7 @@ class UdpIn(_Udp):
             return
         try:
             self._socket.sendto(data, address)
-        except OSError:  # a stranger's address is no trouble of the link
+        except OSError:  # a bad address of an unknown sender is no fault of the link
             self.counters.refused_out += 1
 
 
@@ -375,13 +374,13 @@ def _is_address(way: str) -> bool:
 
 
 def _hear_only(udp: socket.socket, address: Address) -> bool:
-    """Have the kernel throw away what comes from any other address; False where it cannot."""
-    if sys.platform != "linux" or any(address[3:]):  # a link-local address is another host's at another interface
+    """Let the kernel drop datagrams from any other address; False if it cannot."""
+    if sys.platform != "linux" or any(address[3:]):  # a link-local address belongs to another host on another interface
         return False
     host = socket.inet_pton(udp.family, address[0])
     source = _IP_HEADER + _SOURCE_IN_HEADER[udp.family]
     words = range(0, len(host), 4)
-    program = (  # operation, instructions to leave out if equal and if not, operand
+    program = (  # operation, instructions to skip if equal and if not equal, operand
         *(
             line
             for at in words
@@ -398,7 +397,7 @@ def _hear_only(udp: socket.socket, address: Address) -> bool:
     code = ctypes.create_string_buffer(b"".join(struct.pack("HBBI", *line) for line in program))
     try:
         udp.setsockopt(socket.SOL_SOCKET, _SO_ATTACH_FILTER, struct.pack("HP", len(program), ctypes.addressof(code)))
-        # some that are not quite Linux agree to it and do nothing; the size that comes back is in instructions
+        # some systems like Linux accept it and do nothing; the returned size is a number of instructions
         found = udp.getsockopt(socket.SOL_SOCKET, _SO_ATTACH_FILTER, len(code))
     except OSError:
         return False

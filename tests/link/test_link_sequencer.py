@@ -13,7 +13,7 @@ import pytest
 from pymavlink.dialects.v10 import ardupilotmega as v10
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.link.link_sequencer import NO_STAMP, Outlet
+from mavproxy_handover.link.link_sequencer import NO_STAMP, LinkSequencer
 from mavproxy_handover.wire.frames import parse_one
 from mavproxy_handover.wire.signing import sign
 from sitl.report.loss import Heard, losses
@@ -65,12 +65,12 @@ def line() -> Line:
 
 
 def test_pymavlink_sees_no_loss_where_frames_were_left_out_and_put_in(line: Line, tmp_path: Path) -> None:
-    outlet = Outlet(line)
+    sequencer = LinkSequencer(line)
     voice = 250
     for seq in range(0, 900, 3):  # two of three are left out
-        outlet.send(attitude(seq & 0xFF))
+        sequencer.send(attitude(seq & 0xFF))
         if seq % 5 == 0:  # an answer in the autopilot's name, by a counter of its own
-            outlet.send(packed(mavlink.MAVLink_command_ack_message(400, 0), voice & 0xFF))
+            sequencer.send(packed(mavlink.MAVLink_command_ack_message(400, 0), voice & 0xFF))
             voice += 1
     log = io.BytesIO()
     for number, raw in enumerate(line.sent):
@@ -81,62 +81,62 @@ def test_pymavlink_sees_no_loss_where_frames_were_left_out_and_put_in(line: Line
 
 
 def test_every_sender_is_counted_for_itself_and_the_count_goes_round(line: Line) -> None:
-    outlet = Outlet(line)
+    sequencer = LinkSequencer(line)
     senders = ((1, 1), (1, 191), (2, 1), (255, 255), (0, 0))
     for number in range(300):
         for sysid, compid in senders:
-            assert outlet.send(attitude(7 * number & 0xFF, sysid, compid))
+            assert sequencer.send(attitude(7 * number & 0xFF, sysid, compid))
     for sender in senders:
         assert line.numbers(sender) == [number & 0xFF for number in range(300)]
 
 
 def test_what_the_link_did_not_take_leaves_no_hole(line: Line) -> None:
-    outlet = Outlet(line)
+    sequencer = LinkSequencer(line)
     for number in range(12):
         line.full = number % 3 == 1
-        assert outlet.send(attitude(number)) is not line.full
+        assert sequencer.send(attitude(number)) is not line.full
     assert line.numbers((1, 1)) == list(range(8))
 
 
 def test_a_frame_of_the_old_protocol_and_one_of_an_unknown_message_are_numbered_too(line: Line) -> None:
-    outlet = Outlet(line)
-    outlet.send(attitude(9))
-    outlet.send(packed(v10.MAVLink_attitude_message(1, 0, 0, 0, 0, 0, 0), 77, dialect=v10))
+    sequencer = LinkSequencer(line)
+    sequencer.send(attitude(9))
+    sequencer.send(packed(v10.MAVLink_attitude_message(1, 0, 0, 0, 0, 0, 0), 77, dialect=v10))
     unknown = bytes([0xFD, 2, 0, 0, 50, 1, 1, 0x30, 0x75, 0x01, 3, 4, 0xAA, 0xBB])  # id 95536
-    outlet.send(unknown)
-    outlet.send(attitude(9))
+    sequencer.send(unknown)
+    sequencer.send(attitude(9))
     assert line.numbers((1, 1)) == [0, 1, 2, 3]
     assert line.sent[1] == packed(v10.MAVLink_attitude_message(1, 0, 0, 0, 0, 0, 0), 1, dialect=v10)
 
 
 def test_a_frame_that_fits_and_everything_but_number_and_crc_stays_as_it_is(line: Line) -> None:
-    outlet = Outlet(line)
+    sequencer = LinkSequencer(line)
     fits, other = attitude(0), attitude(40)
-    outlet.send(fits)
-    outlet.send(other)
+    sequencer.send(fits)
+    sequencer.send(other)
     assert line.sent[0] is fits
     assert line.sent[1][5:-2] == other[5:-2]
     assert line.sent[1][:4] == other[:4]
 
 
 def test_a_signature_that_is_not_ours_to_renew_is_not_broken_and_counting_goes_on_behind_it(line: Line) -> None:
-    outlet = Outlet(line)
+    sequencer = LinkSequencer(line)
     signed = sign(attitude(100), KEY, 3, 1)
     assert signed is not None
     for raw in (attitude(5), signed, attitude(6)):
-        assert outlet.send(raw)
+        assert sequencer.send(raw)
     line.full = True
-    assert not outlet.send(signed)
+    assert not sequencer.send(signed)
     line.full = False
-    assert outlet.send(attitude(7))
+    assert sequencer.send(attitude(7))
     assert line.sent[1] == signed
     assert line.numbers((1, 1)) == [0, 100, 101, 102]
 
 
 def test_what_is_signed_is_numbered_before(line: Line) -> None:
-    outlet = Outlet(line, Key())
+    sequencer = LinkSequencer(line, Key())
     for seq in (30, 40):
-        assert outlet.send(attitude(seq), 5)
+        assert sequencer.send(attitude(seq), 5)
     reader = mavlink.MAVLink(None)
     reader.signing.secret_key = KEY
     reader.signing.timestamp = 1
@@ -145,16 +145,16 @@ def test_what_is_signed_is_numbered_before(line: Line) -> None:
 
 
 def test_what_cannot_be_signed_is_not_sent_and_has_no_number(line: Line) -> None:
-    outlet = Outlet(line, Key())
+    sequencer = LinkSequencer(line, Key())
     old = packed(v10.MAVLink_attitude_message(1, 0, 0, 0, 0, 0, 0), 77, dialect=v10)
     for data, stamp in ((old, 5), (b"no frame", 5), (b"", 5), (attitude(1), NO_STAMP)):
-        assert not outlet.send(data, stamp)
-    assert outlet.send(attitude(1), 5)
+        assert not sequencer.send(data, stamp)
+    assert sequencer.send(attitude(1), 5)
     assert line.numbers((1, 1)) == [0]
 
 
 def test_what_is_no_frame_goes_out_as_it_is_where_nothing_is_signed(line: Line) -> None:
-    outlet = Outlet(line)
+    sequencer = LinkSequencer(line)
     for data in (b"", b"\xfd", b"\xfe\x09", b"telemetry", attitude(1) + b"\0"):
-        assert outlet.send(data)
+        assert sequencer.send(data)
         assert line.sent[-1] == data
