@@ -1,3 +1,3 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""MAVLink at the edge: frames, the dialect, the lease, and the transport of mission packages. No sockets, no clock."""
+"""MAVLink: frames, dialect, lease, and the transport of mission packages. No sockets, no clock."""

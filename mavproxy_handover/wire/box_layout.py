@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Layouts of a position box's record: which field lies where, in which type and unit.
+"""Layouts of a position box's record: place, type and unit of each field.
 
 A layout is data. `THESIS` is listing 5.7 of the thesis, and the default. `FULL` is the record that this project had
-before the listing was at hand. A user's layout comes from a file (`config/box_layouts.py`). Decoding, packing, ranges
+before the listing was available. A user's layout comes from a file (`config/box_layouts.py`). Decoding, packing, ranges
 and the page for users (`docs/position-box.md`) follow from these tables.
 
-`MEANINGS` are the things that a field can tell. A range is what a box can mean at all, in the base unit (s, rad, m,
+`MEANINGS` are the possible meanings of a field. A range is what a box can send at all, in the base unit (s, rad, m,
 m/s, V). A field has the range of its meaning.
 """
 
@@ -33,7 +33,7 @@ __all__ = [
     "Meaning",
 ]
 
-#: type -> struct's code; only a float or a double can say "not known" (NaN)
+#: type -> struct's code; only a float or a double can be unknown (NaN)
 TYPES: Final[Mapping[str, str]] = {
     "double": "d",
     "float": "f",
@@ -46,7 +46,7 @@ TYPES: Final[Mapping[str, str]] = {
     "int64": "q",
     "uint64": "Q",
 }
-#: what is measured -> its units, each with the factor to the base unit, which is the first
+#: quantity -> its units, each with the factor to the base unit, which is the first
 UNITS: Final[Mapping[str, Mapping[str, float]]] = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
     "angle": {"rad": 1.0, "deg": math.pi / 180.0, "1e-7 deg": math.pi / 180e7},
@@ -58,7 +58,7 @@ UNITS: Final[Mapping[str, Mapping[str, float]]] = {
 
 @dataclass(frozen=True, slots=True)
 class Meaning:
-    """What a field can tell: `into` is the attribute of `BoxRecord`, `times` the factor from the base unit to it."""
+    """Meaning of a field. `into`: attribute of `BoxRecord`. `times`: factor from the base unit to that attribute."""
 
     quantity: str
     low: float
@@ -89,16 +89,16 @@ MEANINGS: Final[Mapping[str, Meaning]] = {
     "pitch": Meaning("angle", -_TURN, _TURN, "pitch_rad", "nose up is positive"),
     "battery": Meaning("voltage", 0.0, 1000.0, "battery_v", "voltage of the battery"),
 }
-#: no layout does without these
+#: every layout must have these
 REQUIRED: Final = ("time", "lat", "lon", "vel_north", "vel_east")
-#: a layout that has one of these has to know it for a position
+#: if a layout has one of these, a position must have a value for it
 _NEEDED: Final = ("lat", "lon", "alt", "vel_north", "vel_east", "vel_up", "vel_down")
 _TURNS: Final = ("track", "heading")
 
 
 @dataclass(frozen=True, slots=True)
 class BoxField:
-    """One field: its `name` for people, what it means, its type and unit, and the byte at which it begins."""
+    """One field: `name` for people, meaning, type, unit, and offset of its first byte."""
 
     name: str
     meaning: str
@@ -109,12 +109,12 @@ class BoxField:
 
     @property
     def bytes(self) -> int:
-        """How many it takes."""
+        """Length of the field."""
         return struct.calcsize(f"<{TYPES[self.type]}")
 
     @property
     def factor(self) -> float:
-        """From its unit to the base unit."""
+        """Factor from its unit to the base unit."""
         return UNITS[MEANINGS[self.meaning].quantity][self.unit]
 
     @property
@@ -130,7 +130,7 @@ class BoxField:
 
 @dataclass(frozen=True, slots=True)
 class BoxRecord:
-    """What one record says, in this project's units; NaN: the box does not know it, or its layout does not have it."""
+    """A decoded record, in this project's units. NaN: the box does not know the value, or the layout lacks it."""
 
     time_s: float
     lat_deg: float
@@ -145,9 +145,9 @@ class BoxRecord:
     #: 0 to 360
     heading_deg: float = math.nan
     battery_v: float = math.nan
-    #: by the pressure, as in the standard atmosphere: off the height above sea level by the day's pressure
+    #: pressure altitude of the standard atmosphere; it differs from the height above sea level by the day's pressure
     baro_m: float = math.nan
-    #: by the pressure too: above the ground on which the box was set to zero
+    #: from the pressure too: height above the ground on which the box was set to zero
     agl_m: float = math.nan
     #: 0 to 360
     track_deg: float = math.nan
@@ -155,16 +155,16 @@ class BoxRecord:
 
     @property
     def placed(self) -> bool:
-        """Whether it has a latitude and a longitude."""
+        """True if it has a latitude and a longitude."""
         unknown = math.isnan(self.lat_deg) or math.isnan(self.lon_deg)
         return not unknown and (self.lat_deg != 0.0 or self.lon_deg != 0.0)
 
 
 @dataclass(frozen=True)
 class BoxLayout:
-    """One layout. `fields` lie in the order of their bytes and do not overlap (`config/box_layouts.py` checks that).
+    """One layout. `fields` are in the order of their bytes and do not overlap (`config/box_layouts.py` checks that).
 
-    `size`: bytes of a record; what no field covers is not looked at. `utc`: its time is UTC, in seconds since 1970.
+    `size`: bytes of a record; bytes outside all fields are ignored. `utc`: its time is UTC, in seconds since 1970.
     """
 
     name: str
@@ -175,7 +175,7 @@ class BoxLayout:
 
     @cached_property
     def format(self) -> str:
-        """Struct's."""
+        """Format string of struct."""
         codes, at = [">" if self.big_endian else "<"], 0
         for field in self.fields:
             codes.append(f"{field.offset - at}x" if field.offset > at else "")
@@ -185,14 +185,14 @@ class BoxLayout:
 
     @cached_property
     def struct(self) -> struct.Struct:
-        """Takes a record apart: one value for each field."""
+        """Unpacks a record: one value for each field."""
         made = struct.Struct(self.format)
         assert made.size == self.size, f"{self.name}: {made.size} bytes"
         return made
 
     @cached_property
     def _into(self) -> tuple[tuple[str, float, bool], ...]:
-        """For each field: attribute of the record, factor, and whether it is counted from 0 to 360."""
+        """For each field: attribute of the record, factor, and True if it is an angle from 0 to 360."""
         return tuple(
             (MEANINGS[field.meaning].into, field.factor * MEANINGS[field.meaning].times, field.meaning in _TURNS)
             for field in self.fields
@@ -200,7 +200,7 @@ class BoxLayout:
 
     @cached_property
     def _time(self) -> tuple[int, float]:
-        """Where its time is among the values, and the factor to seconds."""
+        """Index of the time in the values, and its factor to seconds."""
         index = [field.meaning for field in self.fields].index("time")
         return index, self.fields[index].factor
 
@@ -210,34 +210,34 @@ class BoxLayout:
 
     @cached_property
     def needed(self) -> tuple[str, ...]:
-        """Attributes of a record without which it is no position."""
+        """Attributes that a record needs to be a position."""
         return tuple(MEANINGS[field.meaning].into for field in self.fields if field.meaning in _NEEDED)
 
     def time_s(self, values: tuple[float, ...]) -> float:
-        """The record's time."""
+        """Time of the record (s)."""
         index, factor = self._time
         return values[index] * factor
 
     def wrong(self, values: tuple[float, ...]) -> str:
-        """What no box can mean, in words; "" if nothing. The time must be there, everything else may be NaN."""
+        """Text of the first impossible value, "" if there is none. The time must be known; other values may be NaN."""
         for (field, low, high), value in zip(self._ranges, values, strict=True):
             if not low <= value <= high and (field.meaning == "time" or not math.isnan(value)):
                 return f"{field.name} {value:g} must be {low:g} to {high:g} {field.unit}"
         return ""
 
     def record(self, values: tuple[float, ...]) -> BoxRecord:
-        """What values mean that are not wrong."""
+        """Decode values that are valid."""
         known = {}
         for (into, times, turns), value in zip(self._into, values, strict=True):
             known[into] = value * times % 360.0 if turns else value * times
         return BoxRecord(**known)
 
     def locates(self, record: BoxRecord) -> bool:
-        """Whether a record says where the aircraft is, and how it moves over ground."""
+        """True if a record has position and velocity over ground."""
         return record.placed and not any(math.isnan(getattr(record, name)) for name in self.needed)
 
     def pack(self, record: BoxRecord) -> bytes:
-        """The bytes of a record, as a box sends them."""
+        """Encode a record, as a box sends it."""
         values = []
         for field, (into, times, turns) in zip(self.fields, self._into, strict=True):
             value = getattr(record, into)
@@ -247,7 +247,7 @@ class BoxLayout:
 
 
 def _layout(name: str, rows: tuple[tuple[str, str, str, str, str], ...], *, utc: bool) -> BoxLayout:
-    """A layout without gaps, out of rows of name, meaning, type, unit and words."""
+    """Make a layout without gaps from rows of name, meaning, type, unit and text."""
     made: list[BoxField] = []
     for field, meaning, kind, unit, says in rows:
         offset = made[-1].offset + made[-1].bytes if made else 0
@@ -255,7 +255,7 @@ def _layout(name: str, rows: tuple[tuple[str, str, str, str, str], ...], *, utc:
     return BoxLayout(name, tuple(made), made[-1].offset + made[-1].bytes, utc=utc)
 
 
-#: listing 5.7 of the thesis, with its names and its words
+#: listing 5.7 of the thesis, with its names and texts
 THESIS: Final = _layout(
     "thesis",
     (
@@ -281,8 +281,8 @@ FULL: Final = _layout(
         ("lon", "lon", "double", "rad", "longitude, east is positive (WGS84)"),
         ("alt", "alt", "float", "m", "height above sea level"),
         ("vel_north", "vel_north", "float", "m/s", "velocity over ground, to the north"),
-        ("vel_east", "vel_east", "float", "m/s", "the same, to the east"),
-        ("vel_up", "vel_up", "float", "m/s", "the same, upwards"),
+        ("vel_east", "vel_east", "float", "m/s", "that speed, to the east"),
+        ("vel_up", "vel_up", "float", "m/s", "that speed, upwards"),
         ("roll", "roll", "float", "rad", "right side down is positive"),
         ("pitch", "pitch", "float", "rad", "nose up is positive"),
         ("yaw", "heading", "float", "rad", "heading, clockwise from true north"),

@@ -1,19 +1,19 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The records of a position box, one after the other in a TCP stream. Which field lies where: `wire/box_layout.py`.
+"""Splits the TCP stream of a position box into records. The layout of a record is in `wire/box_layout.py`.
 
-A record has no mark at its beginning and no check sum. Rules:
+A record has no start mark and no checksum. Rules:
 
-1. Where records begin is known at the beginning of a connection, and only there. TCP neither loses nor reorders bytes,
-   so it stays known, wherever the stream is cut. Once there is doubt, nothing can end it: what looks like a record may
-   be the end of one and the beginning of the next. So nothing is searched for. The rest of that connection is not
-   believed (`BoxStream.broken`), and the next one begins anew.
-2. There is doubt as soon as a field has a value that it cannot have, or the time goes back, or goes on by more than
-   LEAP_S. The first record of a connection only sets the time, and is not handed out.
-3. NaN is a value that the box does not know, in every field but time. Latitude and longitude 0, both, are what
-   receivers send before their first fix. Such a record is sound, and no position (`BoxLayout.locates`).
-4. The same time again is the same record again: it is not news.
-5. How late a record is, compared to the quickest of its connection, shows by its time (`Lateness`): a record that has
+1. The start of a record is known only at the beginning of a connection. TCP neither loses nor reorders bytes, so it
+   stays known, wherever the stream is cut. A doubt cannot be resolved: what looks like a record may be the end of one
+   and the beginning of the next. So nothing is searched for. The rest of that connection is invalid
+   (`BoxStream.broken`), and the next connection starts again.
+2. There is doubt if a field has an impossible value, if the time goes back, or if it goes on by more than LEAP_S. The
+   first record of a connection only sets the time, and is not returned.
+3. NaN means that the box does not know the value; every field except time may be NaN. Latitude and longitude 0, both,
+   are what receivers send before their first fix. Such a record is valid, but no position (`BoxLayout.locates`).
+4. A record with the same time as the one before is a repetition and is not returned.
+5. The delay of a record relative to the fastest one of its connection shows by its time (`Lateness`). A record that has
    waited in a buffer is old, though it has just arrived.
 """
 
@@ -26,26 +26,26 @@ from mavproxy_handover.wire.box_layout import BoxLayout, BoxRecord
 
 __all__ = ["LEAP_S", "BoxStream", "Lateness"]
 
-#: time goes on by no more than this (s) from one record to the next: a box that was silent for so long is connected to
-#: anew before (`link/box_line.py`)
+#: most time (s) between two records: a box that was silent for longer gets a new connection before that
+#: (`link/box_line.py`)
 LEAP_S: Final = 10.0
-#: and by no less, or it is not new: bytes that are no time at all are rarely so close together
+#: least time (s) between two new records: arbitrary bytes are rarely times so close together
 _LEAST_S: Final = 1e-4
-#: clocks of two computers go apart by no more than this (s in a second)
+#: most drift between the clocks of two computers (s in a second)
 _DRIFT: Final = 1e-3
 
 
 class BoxStream:
-    """The records of one connection, out of bytes cut anywhere. See the module's rules. It never raises."""
+    """The records of one connection, from bytes cut anywhere. See the module's rules. It never raises."""
 
     def __init__(self, layout: BoxLayout) -> None:
-        #: why nothing that comes is believed any more; "" while the stream is sound
+        #: why this connection is invalid; "" while it is valid
         self.broken = ""
-        #: sound records, news or not
+        #: valid records, repetitions included
         self.records = 0
-        #: those that were the one before once more
+        #: repetitions of the record before
         self.repeated = 0
-        #: the bytes of the newest whole record of the last `feed`, sound or not: its layout may be another one
+        #: bytes of the newest complete record of the last `feed`, valid or not: the box may use another layout
         self.last = b""
         self._layout = layout
         self._waiting = b""
@@ -53,11 +53,13 @@ class BoxStream:
 
     @property
     def waiting(self) -> int:
-        """Bytes of a record that has begun; always fewer than a record has."""
+        """Bytes of an incomplete record; always fewer than a record has."""
         return len(self._waiting)
 
     def feed(self, data: bytes) -> list[BoxRecord]:
-        """The new records that `data` completes, in order, but for the first; those before a break are among them."""
+        """The new records that `data` completes, in order, without the first one of the connection. Those before a
+        fault count.
+        """
         self.last = b""
         if self.broken:
             return []
@@ -86,7 +88,7 @@ class BoxStream:
         return found
 
     def _out_of_time(self, time_s: float) -> str:
-        """What is wrong with a time after the one before, in words; "" if nothing is."""
+        """What is wrong with this time after the one before, as text; "" if nothing is."""
         if self._time_s is None or time_s == self._time_s:
             return ""
         step_s = time_s - self._time_s
@@ -98,10 +100,10 @@ class BoxStream:
 
 
 class Lateness:
-    """How much longer a record was under way than the quickest of its connection, whose delay nobody knows.
+    """The delay of a record relative to the fastest one of its connection, whose own delay is unknown.
 
-    The two clocks need not agree, and may go apart slowly: what counts is the difference between them. It can only be
-    too large, by the delay of a record, so the least that was seen is nearest to the truth.
+    The two clocks need not agree, and may drift slowly: only the difference between them counts. The delay of a record
+    can only make it too large, so the smallest seen difference is nearest to the truth.
     """
 
     def __init__(self) -> None:
@@ -109,7 +111,7 @@ class Lateness:
         self._time_s = 0.0
 
     def of(self, time_s: float, now: float) -> float:
-        """How late (s, 0 and more) a record of this time is that arrives now."""
+        """Delay (s, 0 or more) of a record with this time that arrives now."""
         if self._least_s < math.inf:
             self._least_s += _DRIFT * max(0.0, time_s - self._time_s)
         self._time_s = time_s

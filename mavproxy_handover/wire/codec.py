@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Between the rules' messages and MAVLink messages.
+"""Translates between the rules' messages and MAVLink messages.
 
-`decode` is total: a frame that is no message of ours, or carries values that no message may carry, is None.
+`decode` accepts every frame. It returns None for a frame that is not one of our messages, or that has invalid values.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ _MOST_S = 0xFFFF
 
 @dataclass(frozen=True, slots=True)
 class AircraftState:
-    """What HANDOVER_REQUEST tells the partner of the aircraft, in MAVLink's units (degE7, mm, cdeg, m/s, %)."""
+    """State of the aircraft in HANDOVER_REQUEST, in MAVLink's units (degE7, mm, cdeg, m/s, %)."""
 
     lat: int = 0
     lon: int = 0
@@ -62,7 +62,7 @@ def name_of(message: Message) -> str:
 
 
 def values_of(message: TransferMessage) -> dict[str, Any]:
-    """What a journal says of a message of a transfer; None is left out there."""
+    """Values of a transfer's message for the journal, which leaves out None."""
     return {
         "name": name_of(message),
         "handover_id": message.key.handover_id,
@@ -164,7 +164,7 @@ def _flags(message: OnHandover | DroneConnected) -> int:
 
 
 def decode(m: Any) -> Message | None:
-    """The rules' message in a decoded MAVLink message, or None."""
+    """The rules' message in a decoded MAVLink message, or None if there is none."""
     try:
         return _decode(m)
     except ValueError:  # a value outside its enum
@@ -217,7 +217,7 @@ _PARSER = mavlink.MAVLink(None)
 
 
 def decode_bytes(raw: bytes) -> Any | None:
-    """The decoded MAVLink message of one whole frame whose CRC is already proven, or None."""
+    """Decode the MAVLink message of one complete frame whose CRC is checked; None if that fails."""
     try:
         return _PARSER.decode(bytearray(raw))
     except Exception:  # pymavlink raises its own error and, on odd lengths, struct.error
@@ -225,7 +225,7 @@ def decode_bytes(raw: bytes) -> Any | None:
 
 
 def pack(message: Any, own: mavlink.MAVLink) -> bytes:
-    """The frame of `message` as `own` sends it; counts the sequence number on, which pymavlink leaves to its caller."""
+    """Pack `message` as `own` sends it, and increment the sequence number, which pymavlink leaves to its caller."""
     data = bytes(message.pack(own))
     own.seq = (own.seq + 1) & 0xFF
     return data

@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Conversations with the autopilot, written down as they go: ask, wait for the answer, ask the next.
+"""Conversations with the autopilot as generators: ask, wait for the answer, ask the next question.
 
-What is to be asked is a generator, an `Asking`. It yields an `Ask`: messages to send, what counts as the answer, how
-long to wait and how often to ask again. It gets the answer back as the value of the yield, or `NoAnswer` is raised at
-that line. `Conversation` goes through one of them, and `Conversations` holds those that are going on, each by its name.
-No clock and no I/O here: they are handed messages and the time.
+A conversation is a generator, an `Asking`. It yields an `Ask`: messages to send, a test for the answer, a time-out and
+a number of attempts. The yield returns the answer or raises `NoAnswer`. `Conversation` runs one generator, and
+`Conversations` holds the running ones by name. No clock and no I/O here: messages and time are arguments.
 """
 
 from __future__ import annotations
@@ -39,7 +38,7 @@ Asking = Generator[Ask, Any, Any]
 
 
 class Conversation:
-    """Goes through one `Asking`. `send` puts a message on its way to the autopilot."""
+    """Runs one `Asking`. `send` sends a message to the autopilot."""
 
     def __init__(self, asking: Asking, send: Callable[[Any], None], now: float) -> None:
         self._asking = asking
@@ -48,11 +47,11 @@ class Conversation:
         self._tries = 0
         self._again_at = now
         self.finished = False
-        #: what the asking returned
+        #: return value of the generator
         self.result: Any = None
-        #: why it broke off, None if it did not
+        #: why it failed, None if it did not
         self.failure: str | None = None
-        #: what was raised then; None where it was ended from outside
+        #: the exception of the failure; None if it was ended from outside
         self.error: NoAnswer | None = None
         self._go_on(lambda: next(asking), now)
 
@@ -77,11 +76,11 @@ class Conversation:
 
     @property
     def copies(self) -> int:
-        """How often the question was sent that waits for its answer; 0: none does that was sent at all."""
+        """How often the current question was sent; 0 if no question waits for its answer."""
         return self._tries if self._ask is not None and self._ask.messages else 0
 
     def break_off(self, why: str) -> None:
-        """End the conversation from outside; it failed because of `why`."""
+        """End the conversation from outside, as failed because of `why`."""
         if not self.finished:
             self._ask, self.finished, self.failure = None, True, why
 
@@ -109,9 +108,9 @@ Done = Callable[[Conversation, float], None]
 
 
 class Conversations:
-    """Those that are going on, each by its name; what breaks in one ends that one.
+    """The running conversations by name. An exception ends only its own conversation.
 
-    `send` puts a message on its way to the autopilot, `fault` is told what broke.
+    `send` sends a message to the autopilot, `fault` gets the exceptions.
     """
 
     def __init__(self, send: Callable[[Any], None], fault: Callable[[str, str], None]) -> None:
@@ -126,11 +125,11 @@ class Conversations:
         return name in self._running
 
     def begin(self, name: str, asking: Asking, done: Done, now: float) -> None:
-        """Start a conversation; one of the same name that is still going on is dropped."""
+        """Start a conversation. It replaces a running one of the same name."""
         self._running[name] = (Conversation(asking, self._send, now), done)
 
     def drop(self, name: str) -> bool:
-        """Give one up; whether it was going on. Its `done` is not called."""
+        """Stop a conversation without calling its `done`. Returns True if it was running."""
         return self._running.pop(name, None) is not None
 
     def on_message(self, message: Any, now: float) -> None:
@@ -138,7 +137,7 @@ class Conversations:
         self._each(lambda talk: talk.on_message(message, now))
 
     def tick(self, now: float) -> None:
-        """Time has passed: asks again, and concludes what has come to an end."""
+        """Time has passed: repeat questions, and finish what has ended."""
         self._each(lambda talk: talk.tick(now))
         for name, (talk, done) in list(self._running.items()):
             if talk.finished and name in self._running and self._running[name][0] is talk:

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What is in a FILE_TRANSFER_PROTOCOL message: a head, and data that depend on the opcode.
+"""FILE_TRANSFER_PROTOCOL messages: a head, and data that depend on the opcode.
 
 Sources: mavlink.io, "File Transfer Protocol (FTP)"; ArduPilot's GCS_FTP.cpp, and its `crc_crc32`, which begins with 0
-and inverts nothing.
+and does not invert the result.
 """
 
 from __future__ import annotations

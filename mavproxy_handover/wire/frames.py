@@ -2,26 +2,25 @@
 
 """MAVLink frames as the gate sees them: header, verified bytes, a few payload bytes, no decoded fields.
 
-Decoding a whole message costs more than judging it, and what is passed on must be passed on byte for byte.
-So this module finds frames in a byte stream, checks them, and leaves them whole. Rules that live here:
+Decoding a whole message costs more than judging it, and the gate must forward frames byte for byte. So this module
+finds frames in a byte stream, checks them, and leaves them unchanged. Rules that live here:
 
-1. A frame counts only if its CRC fits the definition of its message in our dialect. A frame of an id that the
-   dialect does not have cannot be checked; it is skipped and counted. Its length is believed only if a magic
-   byte follows, because a stray magic byte in garbage has a length too, and would swallow the frame behind it.
-2. A frame with an incompatibility flag other than "signed" is not understood; it is skipped and counted.
-   Nor is a MAVLink 1 frame with more payload than its message has, which is skipped before the rest of it is
-   there: MAVLink 1 knows no newer fields, and a stray magic byte must not hold up the frames behind it.
-3. After garbage or a bad CRC the search goes on one byte behind the magic byte, so a damaged frame costs no
-   frame but itself.
-4. Any cut of the stream gives the same frames. What is kept between two calls is no longer than one frame.
-5. A frame that has begun is waited for no longer than PATIENCE_S: then its first byte is garbage, and the search goes
-   on in what came behind it. Else a stray magic byte with a length, or one damaged length byte, would hold back what
-   comes behind it until 280 bytes are there, which on a link that carries heartbeats takes longer than heartbeats may
-   stay away. A real frame comes faster: 280 bytes take 49 ms at 57600 baud. Its last byte counts when it is fed, so a
-   caller that was late to read loses nothing. Who gives no time (what arrives whole needs none) waits for ever.
-6. Nothing that arrives raises.
+1. A frame counts only if its CRC fits the definition of its message in our dialect. A frame with an unknown id cannot
+   be checked; it is skipped and counted. Its length counts only if a magic byte follows. A stray magic byte in garbage
+   has a length too, and would swallow the next frame.
+2. A frame with an incompatibility flag other than "signed" is not understood; it is skipped and counted. A MAVLink 1
+   frame with more payload than its message has is skipped before the rest of it has arrived. MAVLink 1 has no extension
+   fields, and a stray magic byte must not delay the next frames.
+3. After garbage or a bad CRC the search continues one byte after the magic byte. So a damaged frame costs only itself.
+4. Any cut of the stream gives the same frames. At most one frame is kept between two calls.
+5. The time-out for an incomplete frame is PATIENCE_S. Then its first byte is garbage, and the search continues in the
+   bytes after it. Otherwise a stray magic byte with a length, or one damaged length byte, would hold back 280 bytes. On
+   a link that carries only heartbeats that takes longer than the time-out of heartbeats. A real frame is faster: 280
+   bytes take 49 ms at 57600 baud. Its last byte counts when it is fed, so a late caller loses nothing. A caller that
+   gives no time (complete data need none) has no time-out.
+6. No data from outside raises.
 
-Signatures are not checked here (that needs a link's key); `Frame.signed` says that one is there.
+Signatures are not checked here (that needs a link's key); `Frame.signed` says that there is one.
 """
 
 from __future__ import annotations
@@ -60,11 +59,11 @@ CRC_BYTES: Final = 2
 SIGNATURE_BYTES: Final = 13
 FLAG_SIGNED: Final = 0x01
 
-#: The longest frame there can be: MAVLink 2, full payload, signed.
+#: The longest possible frame: MAVLink 2, full payload, signed.
 MAX_FRAME_BYTES: Final = HEADER_V2 + 255 + CRC_BYTES + SIGNATURE_BYTES
 
-#: How long a frame that has begun is waited for. Streams are looked at every 0.05 s while one waits
-#: (`schedule.TICK_S`), so noise makes nobody deaf for longer than 0.3 s.
+#: Time-out (s) of an incomplete frame. Streams with an incomplete frame are read every 0.05 s (`schedule.TICK_S`), so
+#: noise costs at most 0.3 s.
 PATIENCE_S: Final = 0.25
 
 _MAGIC: Final = re.compile(b"[\xfd\xfe]")
@@ -72,12 +71,12 @@ _STRUCT_ITEM: Final = re.compile(r"(\d*)([a-zA-Z])")
 
 
 class Frame(NamedTuple):
-    """One whole MAVLink frame.
+    """One complete MAVLink frame.
 
-    `payload` has the full length of the message's definition when the id is known: trailing zeros that
-    MAVLink 2 left out are there again, and fields newer than our dialect are not. Of an unknown id it is what
-    was received. `known` is False only in frames from `parse_one`: their CRC could not be checked.
-    A tuple, because making a frozen dataclass takes longer than checking the frame's CRC.
+    If the id is known, `payload` has the full length of the message's definition: trailing zeros that MAVLink 2 left
+    out are restored, and fields newer than our dialect are removed. For an unknown id it is the received payload.
+    `known` is False only in frames from `parse_one` whose CRC could not be checked. It is a tuple, because making a
+    frozen dataclass takes longer than checking the frame's CRC.
     """
 
     raw: bytes
@@ -93,13 +92,15 @@ class Frame(NamedTuple):
 
 @dataclass(slots=True)
 class FrameCounters:
-    """What a splitter has seen. Every byte fed is in a frame, a skipped frame, garbage, dropped, or waits."""
+    """Counters of a splitter. Every byte belongs to a frame, a skipped frame, garbage, dropped bytes, or
+    waiting bytes.
+    """
 
-    frames: int = 0  #: whole and checked
+    frames: int = 0  #: complete and checked
     bad_crc: int = 0
     bad_flags: int = 0  #: incompatibility flags that we do not understand
-    unknown_id: int = 0  #: whole by their length, unchecked, skipped
-    garbage_bytes: int = 0  #: bytes that belong to no frame
+    unknown_id: int = 0  #: complete by their length, unchecked, skipped
+    garbage_bytes: int = 0  #: bytes outside all frames
     overflow_bytes: int = 0  #: bytes beyond `max_buffer` of a single feed
 
 
@@ -113,7 +114,7 @@ class _Definition:
 
 
 def _fields(message: type) -> dict[str, slice]:
-    """Where a message's fields are in the payload, in wire order, from the format that pymavlink unpacks by."""
+    """Slices of a message's fields in the payload, in wire order, from the format that pymavlink unpacks."""
     items = _STRUCT_ITEM.findall(message.unpacker.format.lstrip("<"))  # type: ignore[attr-defined]
     fields = {}
     position = 0
@@ -131,7 +132,7 @@ def _definition(message: type) -> _Definition:
         crc_extra=bytes([message.crc_extra]),  # type: ignore[attr-defined]
         length=length,
         padding=bytes(length),
-        # MANUAL_CONTROL is the one message that calls its target system just "target".
+        # MANUAL_CONTROL is the only message that calls its target system just "target".
         target_system=offsets.get("target_system", offsets.get("target")),
         target_component=offsets.get("target_component"),
     )
@@ -142,8 +143,10 @@ _DEFINITIONS: Final[dict[int, _Definition]] = {msgid: _definition(cls) for msgid
 
 
 def checked_types(dialect: Any) -> frozenset[type]:
-    """The messages of a dialect module of pymavlink whose CRC it has checked as our definition would: with the same
-    extra byte. None if pymavlink is told to check no CRC (MAV_IGNORE_CRC)."""
+    """Messages of a pymavlink dialect module that pymavlink has checked with the same CRC extra byte as we do.
+
+    Empty if pymavlink is told to check no CRC (MAV_IGNORE_CRC).
+    """
     if getattr(dialect, "MAVLINK_IGNORE_CRC", False):
         return frozenset()
     ours, theirs = mavlink.mavlink_map, getattr(dialect, "mavlink_map", {})
@@ -153,40 +156,40 @@ def checked_types(dialect: Any) -> frozenset[type]:
 
 
 def target_places(msgid: int) -> tuple[int, int | None, int | None]:
-    """Length of a message's payload, and where target system and component are in it, if it has them.
+    """Length of a message's payload, and offsets of target system and component, if it has them.
 
-    KeyError if the dialect lacks the message.
+    Raises KeyError if the dialect lacks the message.
     """
     definition = _DEFINITIONS[msgid]
     return definition.length, definition.target_system, definition.target_component
 
 
 def field_offset(msgid: int, field: str) -> int:
-    """Where a field begins in the payload, in bytes. KeyError if the dialect lacks message or field."""
+    """Offset of a field in the payload. Raises KeyError if the dialect lacks message or field."""
     offset: int = _FIELDS[msgid][field].start
     return offset
 
 
 def field_bytes(frame: Frame, field: str) -> bytes:
-    """A field as it is in the payload; an array whole. KeyError if the dialect lacks message or field."""
+    """Bytes of a field in the payload; an array as a whole. Raises KeyError if the dialect lacks message or field."""
     return frame.payload[_FIELDS[frame.msgid][field]]
 
 
 def field_int(frame: Frame, field: str) -> int:
-    """A field that is a number without sign. KeyError if the dialect lacks message or field."""
+    """Value of an unsigned field. Raises KeyError if the dialect lacks message or field."""
     return int.from_bytes(field_bytes(frame, field), "little")
 
 
 def field_float(frame: Frame, field: str) -> float:
-    """A field that is a float of 32 bits. KeyError if the dialect lacks message or field."""
+    """Value of a 32-bit float field. Raises KeyError if the dialect lacks message or field."""
     (value,) = _FLOAT.unpack(field_bytes(frame, field))
     return float(value)
 
 
 def target(frame: Frame) -> tuple[int, int] | None:
-    """The system and component that a frame is aimed at (0 = all), or None if its message has no target.
+    """Target system and component of a frame (0 = all), or None if its message has no target.
 
-    A message with a target system and no target component is aimed at component 0.
+    A message with a target system and no target component has target component 0.
     """
     definition = _DEFINITIONS.get(frame.msgid)
     if definition is None or definition.target_system is None:
@@ -200,13 +203,13 @@ def target(frame: Frame) -> tuple[int, int] | None:
 
 _FLOAT: Final = struct.Struct("<f")
 
-#: Every byte with its bits in reverse. MAVLink's CRC (CRC-16/MCRF4XX) is the one of the standard library with the bits
-#: of each byte, and of itself, in reverse.
+#: Every byte with its bits in reverse order. MAVLink's CRC (CRC-16/MCRF4XX) is that of the standard library with
+#: reversed bits of each byte and of the result.
 _REVERSED: Final = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 
 
 def _crc_fits(raw: bytes, end: int, crc_extra: bytes) -> bool:
-    data = raw[1:end] + crc_extra + raw[end : end + CRC_BYTES]  # with its CRC behind it, any data has the CRC 0
+    data = raw[1:end] + crc_extra + raw[end : end + CRC_BYTES]  # any data followed by its CRC has the CRC 0
     return not crc_hqx(data.translate(_REVERSED), 0xFFFF)
 
 
@@ -229,13 +232,13 @@ def _message_id(data: bytes, start: int) -> int:
 
 
 def _too_long(data: bytes, start: int) -> bool:
-    """Whether the MAVLink 1 header that begins at `start` gives its message more payload than it has."""
+    """True if the MAVLink 1 header at `start` has more payload than its message."""
     definition = _DEFINITIONS.get(data[start + 5])
     return definition is not None and data[start + 1] > definition.length
 
 
 def _build(raw: bytes, definition: _Definition | None) -> Frame:
-    """The frame that `raw` holds. Its length and CRC have been checked."""
+    """Make the frame of `raw`, whose length and CRC are checked."""
     length = raw[1]
     if raw[0] == MAGIC_V2:
         payload = raw[HEADER_V2 : HEADER_V2 + length]
@@ -251,15 +254,15 @@ def _build(raw: bytes, definition: _Definition | None) -> Frame:
 
 
 def parse_one(raw: bytes | bytearray, proven: bool = False) -> Frame | None:
-    """The frame that `raw` holds from its first byte to its last, or None.
+    """Parse `raw` as exactly one frame.
 
-    None means: not a frame, not exactly one, a bad CRC, or flags we do not understand. A frame of an unknown
-    id is returned with `known` False, because its CRC cannot be checked. `proven`: somebody has checked it already.
+    Returns None if it is no frame, not exactly one, has a bad CRC, or flags that are not understood. A frame of an
+    unknown id is returned with `known` False, because its CRC cannot be checked. `proven`: the CRC is checked already.
     """
     if type(raw) is not bytes:
         raw = bytes(raw)
     size = len(raw)
-    if size >= HEADER_V2 + CRC_BYTES and raw[0] == MAGIC_V2:  # nearly every frame, so at one go
+    if size >= HEADER_V2 + CRC_BYTES and raw[0] == MAGIC_V2:  # nearly every frame, so in one step
         length, flags = raw[1], raw[2]
         end = HEADER_V2 + length
         signed = flags == FLAG_SIGNED
@@ -277,7 +280,7 @@ def parse_one(raw: bytes | bytearray, proven: bool = False) -> Frame | None:
             return None
         if length != definition.length:
             payload = (payload + definition.padding)[: definition.length]
-        # what Frame(...) does, without its function in between
+        # like Frame(...), without its function call
         return tuple.__new__(Frame, (raw, 2, msgid, sysid, compid, seq, signed, payload, True))
     if size < HEADER_V1 + CRC_BYTES or raw[0] != MAGIC_V1 or _frame_length(raw, 0) != size or _too_long(raw, 0):
         return None
@@ -288,9 +291,9 @@ def parse_one(raw: bytes | bytearray, proven: bool = False) -> Frame | None:
 
 
 class FrameSplitter:
-    """Finds the frames in one peer's byte stream. Use one splitter for each peer: streams do not mix.
+    """Finds the frames in one peer's byte stream. Use one splitter for each peer, because streams must not mix.
 
-    `max_buffer` (bytes) limits what one `feed` looks at; what is over is dropped and counted. `patience_s`: see rule 5.
+    `max_buffer` (bytes) limits the data of one `feed`; the rest is dropped and counted. `patience_s`: see rule 5.
     """
 
     def __init__(self, max_buffer: int = 65536, patience_s: float = PATIENCE_S) -> None:
@@ -300,7 +303,7 @@ class FrameSplitter:
         self._max_buffer = max_buffer
         self._patience_s = patience_s
         self._rest = b""
-        #: when the bytes of the rest came: (place of the first of some, time), in order
+        #: arrival times of the waiting bytes: (place of the first byte, time), in order
         self._arrived: list[tuple[int, float]] = []
 
     @property
@@ -311,7 +314,7 @@ class FrameSplitter:
     def feed(self, data: bytes, now: float | None = None) -> list[Frame]:
         """Take the next bytes of the stream; return the frames that they complete, in order.
 
-        `now` (seconds): while something is `waiting`, to be called without data as well. Give it always or never.
+        `now` (seconds): while something is `waiting`, call this without data too. Give it always or never.
         """
         counters = self.counters
         buffer = self._rest + data if self._rest else bytes(data)
@@ -372,14 +375,14 @@ class FrameSplitter:
         return frames
 
     def _is_old(self, start: int, now: float | None) -> bool:
-        """Whether the byte at `start`, in what was kept and what came now, came longer ago than a frame takes."""
+        """True if the byte at `start` (in kept and new data) arrived longer ago than a frame may take."""
         if now is None or start >= len(self._rest) or not self._arrived:
             return False
         _place, at = self._arrived[bisect_right(self._arrived, (start, inf)) - 1]
         return now - at >= self._patience_s
 
     def _keep(self, buffer: bytes, position: int, now: float | None) -> None:
-        """What lies from `position` on waits for the next bytes."""
+        """Keep the bytes from `position` on for the next call."""
         if position == len(buffer):
             self._rest = b""
             self._arrived = []

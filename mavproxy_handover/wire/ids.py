@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The numbers that several parts have to agree on, each written once: who is who within the vehicle, what travels in a
-TUNNEL, the file-transfer opcodes, and the commands and results that the companion itself deals in.
+"""Numbers that several parts share: components within the vehicle, TUNNEL payload types, opcodes, commands and results.
 
-Numbers of messages and enums that only one part needs come from the dialect, where they are used.
+Numbers of messages and enums that only one part needs are taken from the dialect there.
 """
 
 from __future__ import annotations
@@ -52,29 +51,29 @@ __all__ = [
 
 # ---- components ---------------------------------------------------------------------------------------------------
 
-#: in a target field: every system, or every component
+#: in a target field: all systems, or all components
 EVERYBODY: Final = 0
 AUTOPILOT_COMPID: Final[int] = mavlink.MAV_COMP_ID_AUTOPILOT1
 #: the companion computer within the vehicle's system
 COMPANION_COMPID: Final[int] = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
-#: what the messages of `handover.xml` come from: a program that does not know them passes over them without counting
-#: them, and would see holes in the companion's numbers where they were
+#: component that sends the messages of `handover.xml`. A program that does not know them does not count them, and would
+#: see gaps in the companion's numbers
 LANGUAGE_COMPID: Final[int] = mavlink.MAV_COMP_ID_PAIRING_MANAGER
-#: what link probes come from (see `link/timesync.py`)
+#: component that sends link probes (see `link/timesync.py`)
 PROBE_COMPID: Final[int] = mavlink.MAV_COMP_ID_UDP_BRIDGE
-#: what the companion asks the autopilot for rates as: MAVProxy prints every COMMAND_ACK that it receives, whoever
-#: asked, but for those to this component. What an operator types aboard is component 191's, and is printed as before
+#: component with which the companion asks the autopilot for rates. MAVProxy prints every COMMAND_ACK except those to
+#: this component. Commands typed on board come from component 191, and their answers are printed as before
 RATES_COMPID: Final[int] = mavlink.MAV_COMP_ID_MAVCAN
-#: what `handover doctor` asks as, of the vehicle's system or a station's
+#: component with which `handover doctor` asks, of the vehicle's system or a station's
 DOCTOR_COMPID: Final[int] = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER4
-#: what ground station programs use
+#: component of ground station programs
 STATION_COMPID: Final[int] = mavlink.MAV_COMP_ID_MISSIONPLANNER
 
-#: what ground station programs send as: 0 pymavlink and DroneKit, 1 node-mavlink, 190 QGroundControl, Mission Planner,
-#: MAVSDK and our own, 230 MAVProxy
+#: components that ground station programs send with: 0 pymavlink and DroneKit, 1 node-mavlink, 190 QGroundControl,
+#: Mission Planner, MAVSDK and our own, 230 MAVProxy
 STATION_COMPIDS: Final = frozenset((0, 1, STATION_COMPID, 230))
 
-#: messages that are younger than the installed dialect, by number
+#: messages that are newer than the installed dialect, by number
 AVAILABLE_MODES: Final = 435
 AVAILABLE_MODES_MONITOR: Final = 437
 
@@ -83,10 +82,10 @@ AVAILABLE_MODES_MONITOR: Final = 437
 #: ids of the messages of `handover.xml`
 OUR_MESSAGES: Final = range(47100, 47132)
 
-#: the flight mode in which ArduCopter flies a mission, and ArduPlane
+#: mission mode of ArduCopter, and of ArduPlane
 COPTER_AUTO: Final = 3
 PLANE_AUTO: Final = 10
-#: the MAV_TYPEs that ArduPlane gives itself
+#: MAV_TYPEs that ArduPlane uses for itself
 WINGED_TYPES: Final = frozenset(
     {
         mavlink.MAV_TYPE_FIXED_WING,
@@ -100,14 +99,14 @@ GUARD_STATUS_TUNNEL: Final = 47117
 #: the payload field of a TUNNEL
 TUNNEL_BYTES: Final = 128
 
-#: START, which the companion itself carries out on the ground
+#: START, which the companion executes itself on the ground
 MISSION_START: Final[int] = mavlink.MAV_CMD_MISSION_START
 #: the request of the operator-control standard
 OPERATOR_CONTROL: Final[int] = mavlink.MAV_CMD_REQUEST_OPERATOR_CONTROL
 #: the MAV_RESULT of the operator-control standard
 NOT_IN_CONTROL: Final[int] = mavlink.MAV_RESULT_NOT_IN_CONTROL
 
-#: HANDOVER_LIMIT by number, in the words of the configuration
+#: HANDOVER_LIMIT by number, with the names of the configuration
 LIMITS: Final[dict[int, str]] = {
     mavlink.HANDOVER_LIMIT_ENERGY: "energy",
     mavlink.HANDOVER_LIMIT_FENCE: "fence",

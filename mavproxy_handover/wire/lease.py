@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What companion and guard tell each other inside TUNNEL messages.
+"""Messages between companion and guard, inside TUNNEL messages.
 
-TUNNEL is known to every ArduPilot firmware, so the autopilot's signing protects it and firmware 4.5 delivers it to Lua.
-No field is wider than 32 bits: Lua on the flight controller has 32-bit integers. Layouts: docs/architecture.md.
+Every ArduPilot firmware knows TUNNEL, so the autopilot's signing protects it and firmware 4.5 delivers it to Lua. No
+field is wider than 32 bits: Lua on the flight controller has 32-bit integers. Layouts: docs/architecture.md.
 
-Version 2 added `guard_nonce`. Version 1 is still read: recordings hold it, and an older guard sends it.
+Version 2 added `guard_nonce`. Version 1 is still read, because recordings contain it and an older guard sends it.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ __all__ = [
     "unpack_lease",
 ]
 
-#: of both layouts
+#: version of both layouts
 LEASE_VERSION: Final = 2
 _LEASE = struct.Struct("<BBBBIIIHHI")
 _STATUS = struct.Struct("<BBBBIIIHBBI")
-#: version -> bytes; what a later version has more stands behind
+#: version -> bytes; a later version appends its fields
 _LEASE_BYTES: Final = {1: 20, 2: 24}
 _STATUS_BYTES: Final = {1: 20, 2: 24}
 _FLAG_TAGGED, _FLAG_TWO_GUARDS = 1, 2
@@ -44,10 +44,10 @@ _FLAG_SECOND = 64
 
 @dataclass(frozen=True, slots=True)
 class Lease:
-    """One lease. `commander` 0 = nobody; `nonce` is drawn when the companion starts, never 0.
+    """One lease. `commander`: 0 = no station. `nonce`: random number of this run of the companion, never 0.
 
-    `left_s`: how long the aircraft may still fly on alone, in the state ALONE. `guard_nonce`: of the guard that it is
-    for, 0 asks the guard for it. `two_guards`: two are heard, so neither may permit arming.
+    `left_s`: how long the aircraft may still fly without a commander, in the state ALONE. `guard_nonce`: nonce of the
+    guard that it is for; 0 asks the guard for it. `two_guards`: two guards are heard, so neither may permit arming.
     """
 
     state: LeaseState
@@ -63,13 +63,13 @@ class Lease:
 
 @dataclass(frozen=True, slots=True)
 class GuardStatus:
-    """What the guard says of itself; nonce, sequence and epoch are those of the last lease it accepted.
+    """The guard's status. Nonce, sequence and epoch are those of the last lease that it accepted.
 
-    `guard_nonce`: its own, which a lease must carry; 0 in version 1. `tagged`: a tag of its key follows.
+    `guard_nonce`: its own nonce, which a lease must carry; 0 in version 1. `tagged`: a tag with its key follows.
     `second`: another guard has started before it on the same card.
 
     `enforcing`: it is acting on a loss of authority now. A guard that is switched off has the state DISABLED.
-    `foreign`: the vehicle is of a type whose modes it does not know; it lets nobody arm.
+    `foreign`: it does not know the modes of this type of vehicle, and permits no arming.
     """
 
     state: GuardState
@@ -91,7 +91,7 @@ class GuardStatus:
 
 
 def pack_lease(lease: Lease, vehicle: int, key: bytes | None = None) -> mavlink.MAVLink_tunnel_message:
-    """The TUNNEL message that carries `lease` to the autopilot of system `vehicle`; with a `key` it has a tag."""
+    """The TUNNEL message with `lease` for the autopilot of system `vehicle`; with a `key` it has a tag."""
     body = _LEASE.pack(
         LEASE_VERSION,
         lease.state,
@@ -111,7 +111,10 @@ def pack_lease(lease: Lease, vehicle: int, key: bytes | None = None) -> mavlink.
 
 
 def unpack_lease(payload: bytes) -> Lease | None:
-    """The lease in a TUNNEL payload cut to its length, with a tag (not checked) or without, or None if it is none."""
+    """The lease in a TUNNEL payload of the given length, or None if it holds no lease.
+
+    It may have a tag, which is not checked.
+    """
     size = _LEASE_BYTES.get(payload[0]) if payload else None
     if size is None or len(payload) not in (size, size + TAG_BYTES):
         return None
@@ -124,12 +127,15 @@ def unpack_lease(payload: bytes) -> Lease | None:
 
 
 def guard_status_version(payload: bytes) -> int | None:
-    """The layout's version of what stands in a TUNNEL of the guard's type; None if it is empty."""
+    """Version of a TUNNEL payload of the guard's type; None if it is empty."""
     return payload[0] if payload else None
 
 
 def unpack_guard_status(payload: bytes) -> GuardStatus | None:
-    """The guard's status in a TUNNEL payload cut to its length, its tag not checked, or None if it is none."""
+    """The guard's status in a TUNNEL payload of the given length, or None if it holds none.
+
+    Its tag is not checked.
+    """
     size = _STATUS_BYTES.get(payload[0]) if payload else None
     if size is None or len(payload) not in (size, size + TAG_BYTES):
         return None

@@ -1,15 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The tag that proves a lease to come from somebody who knows the key.
+"""The tag that proves that the sender of a lease knows the key.
 
-For vehicles where others than the companion can write to its port of the autopilot. A Lua script has 10 000
-instructions a call and 32-bit integers, too little for SHA-256; HalfSipHash is made of 32-bit words and fits.
+For vehicles on which other programs than the companion can write to its port of the autopilot. A Lua script has 10 000
+instructions for each call and 32-bit integers, too little for SHA-256. HalfSipHash uses 32-bit words and fits.
 
 HalfSipHash-2-4, 64 bits of key and of tag, by Jean-Philippe Aumasson and Daniel J. Bernstein (github.com/veorq/SipHash,
-with the vectors that the tests use). It is a short-key MAC: 2^64 keys can be searched by somebody with means, so it is
-a lock for a cable and no replacement of MAVLink signing. The two nonces and the sequence of the lease keep replays out.
+with the vectors that the tests use). It is a MAC with a short key: an attacker with large means can search 2^64 keys.
+So it protects a cable and does not replace MAVLink signing. The two nonces and the sequence of the lease prevent
+replays.
 
-Layout: the tag follows the 24 bytes of the lease, whose flag bit 0 says so; it covers payload type (u16), target
+Layout: the tag follows the 24 bytes of the lease, whose flag bit 0 says so. It covers payload type (u16), target
 system, target component and those 24 bytes. The guard's status has a tag of the same kind (flag bit 5). Key: the first
 8 of the 32 bytes in a key file (`keys.load_key`).
 """
@@ -48,7 +49,7 @@ def half_siphash_2_4(key: bytes, message: bytes) -> bytes:
 
 
 def lease_tag(key: bytes, payload_type: int, target: tuple[int, int], body: bytes) -> bytes:
-    """The tag of a lease or a status to system and component `target`; `key` is that of a key file, 32 bytes."""
+    """The tag of a lease or a status to the target (system, component). `key`: 32 bytes of a key file."""
     return half_siphash_2_4(key[:HASH_KEY_BYTES], _COVERED.pack(payload_type, *target) + body)
 
 

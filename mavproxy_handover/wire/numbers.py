@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Another sequence number for a whole frame, without knowing its message.
+"""Changes the sequence number of a complete frame, without knowing its message.
 
-The number is under the frame's CRC. That is not computed again but corrected: CRCs are linear, so another number
-changes it by a value that depends on the bits that differ, and on how many bytes follow them up to the end of what the
-CRC is of. No CRC extra is needed, messages that the dialect lacks can be numbered too, and what was damaged before is
-damaged after it.
+The frame's CRC covers the number. It is not computed again but corrected. CRCs are linear, so another number changes
+the CRC by a known value. The value depends on the changed bits, and on how many bytes follow them in the CRC's range.
+So no CRC extra is needed, messages that the dialect lacks can be numbered too, and a damaged frame stays damaged.
 """
 
 from __future__ import annotations
@@ -27,16 +26,16 @@ from mavproxy_handover.wire.frames import (
 
 __all__ = ["is_signed", "number_place", "renumber"]
 
-#: where the number is
+#: offset of the number
 _PLACE_V1: Final = 2
 _PLACE_V2: Final = 4
-#: bytes between number and payload, and the CRC extra behind it
+#: bytes between number and payload, and the CRC extra at the end
 _FOLLOW_V1: Final = HEADER_V1 - _PLACE_V1 - 1 + 1
 _FOLLOW_V2: Final = HEADER_V2 - _PLACE_V2 - 1 + 1
 
 
 def _of_one_byte(value: int) -> int:
-    """By what a last byte that differs by `value` changes the CRC."""
+    """Change of the CRC if the last byte changes by `value`."""
     crc = x25crc()
     crc.crc = 0
     crc.accumulate(bytes([value]))
@@ -44,7 +43,7 @@ def _of_one_byte(value: int) -> int:
 
 
 def _changes() -> tuple[array[int], ...]:
-    """By what the CRC changes: for each number of bytes that follow, for each difference (old number xor new)."""
+    """Changes of the CRC: for each number of following bytes, for each change (old number xor new)."""
     step = [_of_one_byte(value) for value in range(256)]
     rows = [array("H", step)]
     for _ in range(255 + max(_FOLLOW_V1, _FOLLOW_V2)):  # one more byte follows
@@ -56,9 +55,9 @@ _CHANGES: Final = _changes()
 
 
 def number_place(raw: bytes) -> int:
-    """Where the sequence number is in `raw`; 0 if that is not one whole frame with flags that we understand.
+    """Offset of the sequence number in `raw`; 0 if that is not one complete frame with flags that we understand.
 
-    System and component are behind it.
+    System and component follow it.
     """
     size = len(raw)
     if size >= HEADER_V2 + CRC_BYTES and raw[0] == MAGIC_V2:
@@ -73,14 +72,14 @@ def number_place(raw: bytes) -> int:
 
 
 def is_signed(raw: bytes) -> bool:
-    """Whether a whole frame carries a signature."""
+    """True if a complete frame has a signature."""
     return raw[0] == MAGIC_V2 and raw[2] == FLAG_SIGNED
 
 
 def renumber(raw: bytes, place: int, number: int) -> bytes:
-    """The frame `raw` with the sequence number `number` (0 to 255) and the CRC to fit; `place`: its `number_place`.
+    """Return `raw` with the sequence number `number` (0 to 255) and the corrected CRC. `place`: its `number_place`.
 
-    A signature stays as it is, and holds no more if the number is another one.
+    A signature is not changed, so it is invalid if the number changes.
     """
     before = raw[place]
     if before == number:

@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Carrying a mission package over MISSION_PACKAGE, MISSION_CHUNK and MISSION_PACKAGE_ACK.
+"""Transfer of a mission package by MISSION_PACKAGE, MISSION_CHUNK and MISSION_PACKAGE_ACK.
 
-The receiver leads: it always says which offset it wants next, so a lost, doubled or reordered message costs time and
-nothing else, and a transfer that was cut goes on where it stopped. The sender keeps a few chunks in flight; when it
-hears nothing it makes its offer again, because the receiver may have started anew and know nothing of the package.
-The package is handed over only when its size fits and its contents parse to the promised digest (that check is the
-caller's, who knows what a package is).
+The receiver leads: it always says which offset it needs next. So a lost, doubled or reordered message costs only time,
+and an interrupted transfer goes on where it stopped. The sender keeps a few chunks in flight. If it hears nothing it
+repeats its offer, because the receiver may have restarted and lost the package. The package is complete only when its
+size fits and its contents parse to the announced digest. The caller checks that.
 """
 
 from __future__ import annotations
@@ -32,17 +31,17 @@ _REFUSED = mavlink.HANDOVER_PACKAGE_RESULT_REFUSED
 
 
 def package_id(digest: bytes) -> int:
-    """The short name of a package in chunk messages: the first four bytes of its digest."""
+    """Identifier of a package in chunk messages: the first four bytes of its digest."""
     return int.from_bytes(digest[:4], "little")
 
 
 def refusal(digest: bytes, text: str, target: tuple[int, int]) -> Any:
-    """The message that turns an offer away."""
+    """The message that refuses an offer."""
     return _ack(target, digest, 0, _REFUSED, text)
 
 
 def held_already(digest: bytes, target: tuple[int, int]) -> Any:
-    """The message to the sender of a package that is loaded while nothing can be written; nothing is remembered."""
+    """The message that says that a package is loaded already, while nothing can be written; nothing is remembered."""
     return _ack(target, digest, 0, _LOADED, "held already, nothing was written")
 
 
@@ -65,8 +64,9 @@ class PackageSender:
         until_loaded: bool = False,
         addresses: bytes = b"",
     ) -> None:
-        """`until_loaded`: RECEIVED is not the last word yet, the receiver is going to load the package. `addresses`:
-        the vehicle's, as `vehicle_address.py` packs them; each offer carries them, and no digest."""
+        """`until_loaded`: RECEIVED is not final, because the receiver is going to load the package. `addresses`: the
+        vehicle's, as `vehicle_address.py` packs them; each offer has them. The digest does not cover them.
+        """
         self._until_loaded = until_loaded
         self._data = data
         self._digest = digest
@@ -77,13 +77,13 @@ class PackageSender:
         self._retry_at = 0.0
         self._wanted: int | None = None
         self._acknowledged = 0
-        #: None while under way, then RECEIVED, LOADED or REFUSED
+        #: None while it runs, then RECEIVED, LOADED or REFUSED
         self.result: int | None = None
         self.text = ""
 
     @property
     def finished(self) -> bool:
-        """Nothing more to send."""
+        """True if there is nothing more to send."""
         return self.result is not None and not (self._until_loaded and self.result == _RECEIVED)
 
     @property
@@ -107,7 +107,7 @@ class PackageSender:
         return [offer]
 
     def on_ack(self, ack: Any, now: float) -> list[Any]:
-        """Take in a MISSION_PACKAGE_ACK of the receiver; returns what to send next."""
+        """Handle a MISSION_PACKAGE_ACK of the receiver; returns the messages to send."""
         if ack.package_id != self._id or self.finished:
             return []
         if ack.result in (_RECEIVED, _LOADED, _REFUSED):
@@ -138,7 +138,7 @@ class _Incoming:
     name: str
     size: int
     data: bytearray
-    #: offset up to which the sender's present window reaches; an answer is due there
+    #: offset at which the sender's current window ends; an answer is due there
     answer_at: int
 
 
@@ -150,18 +150,18 @@ def _said(done: tuple[bytes, int, str]) -> tuple[bytes, int, int, str]:
 class PackageReceiver:
     """Receives one package at a time; a new offer replaces an unfinished one.
 
-    What is whole is for the caller to read, which may take a while: until `conclude` its sender is told that there is
-    nothing more to send.
+    The caller parses a complete package, which may take time. Until `conclude` its sender is told that there is nothing
+    more to send.
     """
 
     def __init__(self) -> None:
         self._incoming: _Incoming | None = None
-        #: whole, and nothing is said of it yet
+        #: complete, and not concluded yet
         self._whole: _Incoming | None = None
         self._done: tuple[bytes, int, str] | None = None
 
     def on_offer(self, offer: Any, target: tuple[int, int]) -> list[Any]:
-        """Take in MISSION_PACKAGE; returns the answer."""
+        """Handle MISSION_PACKAGE; returns the answer."""
         digest = bytes(offer.mission_digest)
         known = self.last_word(digest, target)
         if known is not None:
@@ -178,7 +178,7 @@ class PackageReceiver:
         return [self._next(incoming, target)]
 
     def last_word(self, digest: bytes, target: tuple[int, int]) -> Any | None:
-        """What was said of this package when it was whole, to be said again; None if it must be sent (again)."""
+        """The final answer about this package again; None if it must be sent (again)."""
         if self._done is None or self._done[0] != digest or self._done[1] == _REFUSED:
             return None
         return _ack(target, *_said(self._done))
@@ -188,20 +188,20 @@ class PackageReceiver:
         return self._done[1] if self._done is not None and self._done[0] == digest else None
 
     def forget(self) -> None:
-        """Forget what was concluded: a package that is offered again has to be sent again."""
+        """Forget all results: a package that is offered again has to be sent again."""
         self._done = None
 
     def on_chunk(self, chunk: Any, target: tuple[int, int]) -> tuple[list[Any], tuple[bytes, bytes] | None]:
-        """Take in MISSION_CHUNK; returns answers, and (digest, data) once the package is whole."""
+        """Handle MISSION_CHUNK; returns answers, and (digest, data) once the package is complete."""
         incoming = self._incoming
         if incoming is None or chunk.package_id != package_id(incoming.digest):
             done = self._done
-            if done is not None and chunk.package_id == package_id(done[0]):  # our last word was lost
+            if done is not None and chunk.package_id == package_id(done[0]):  # our final answer was lost
                 return [_ack(target, *_said(done))], None
             return [], None
         have = len(incoming.data)
         piece = bytes(chunk.data)[: min(chunk.length, CHUNK_BYTES)]
-        if chunk.offset > have:  # something before it was lost: ask for that at once, but only once for a window
+        if chunk.offset > have:  # an earlier chunk was lost: ask for it at once, but only once for each window
             if have >= incoming.answer_at:
                 return [], None
             incoming.answer_at = have
@@ -217,11 +217,11 @@ class PackageReceiver:
         return [], None
 
     def refuse(self, digest: bytes, text: str, target: tuple[int, int]) -> Any:
-        """The message that turns an offer away; nothing is remembered, so it may come again."""
+        """The message that refuses an offer; nothing is remembered, so it may be offered again."""
         return refusal(digest, text, target)
 
     def conclude(self, digest: bytes, result: int, text: str, target: tuple[int, int]) -> Any:
-        """Remember what became of a whole package, and return the message that says so."""
+        """Remember the result of a complete package, and return the message that reports it."""
         self._whole = None
         self._done = (digest, result, text)
         return _ack(target, digest, 0, result, text)

@@ -1,47 +1,48 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""MAVLink 2 signatures: who really sent a frame, and that it is not an old one played again.
+"""MAVLink 2 signatures: they prove the sender of a frame, and that the frame is not replayed.
 
-A signature is 13 bytes behind the CRC: link id, 48-bit stamp (10 us since 2015-01-01), and the first 6 bytes of the
-SHA-256 of key and frame (https://mavlink.io/en/guide/message_signing.html). Each station has a key of its own, so a
-valid signature says which station it was. A *stream* is (system, component, link id). Rules that live here:
+A signature is 13 bytes after the CRC: link id, 48-bit stamp (10 us since 2015-01-01), and the first 6 bytes of the
+SHA-256 of key and frame (https://mavlink.io/en/guide/message_signing.html). Each station has its own key, so a valid
+signature identifies the station. A *stream* is (system, component, link id). Rules that live here:
 
 Signing
-1. Only the flag, the CRC and the signature change; ids, sequence number and payload stay. The CRC is not computed
-   again but corrected: CRCs are linear, so the flag changes it by a value that depends on the length alone. No CRC
-   extra is needed, unknown messages can be signed, and what was damaged before signing is damaged after it.
-2. MAVLink 1 cannot be signed: the answer is None, and the caller must not send the frame as if it were.
+1. Only the flag, the CRC and the signature change; ids, sequence number and payload stay. The CRC is not computed again
+   but corrected: CRCs are linear, so the flag changes it by a value that depends only on the length. So no CRC extra is
+   needed, unknown messages can be signed, and a damaged frame stays damaged.
+2. MAVLink 1 cannot be signed: the result is None, and the caller must not send the frame as if it were signed.
 3. Stamps of a key rise with every frame and keep pace with time: they follow the wall clock, run on evenly when it is
-   set back, and follow the newest stamp proven from the other end (MAVLink's rule). So an end whose clock is not set
-   yet is pulled along by the other one's first good frame, and neither is locked out.
+   set back, and follow the newest stamp proven by the other end (MAVLink's rule). If the clock of one end is not set
+   yet, the first valid frame of the other end corrects its stamps. So neither end is excluded.
 
 Checking
-4. The hash comes first. A frame that fails it is BAD and changes nothing, whatever its stamp says: ids are sent in
-   clear, so anybody could otherwise silence a station with one forged stamp from the far future.
-5. Each stamp of a stream is taken once. Whoever sends a stream over two links, or over a network that reorders, has
-   some of its frames overtaken by younger ones: one that was never heard is still taken for OVERTAKEN_S after a younger
-   one came. Everything else that is not newer than the stream's newest is REPLAYED. This memory is the key's, whatever
-   link a frame comes by, so what came by one cannot be played again on another.
-6. The first frame of a stream may be `first_packet_tolerance_s` behind the later of our clock and the newest stamp
-   proven under this key, else it is TOO_OLD. Nothing at or before the `floor` is ever accepted.
-7. The table of streams is bounded. A full one forgets its oldest stream if that is so far behind the newest stamp that
-   rule 6 refuses all of its frames anyway; the floor rises to it, so it stays refused. Else: TOO_MANY_STREAMS. Only
-   holders of the key can fill the table.
-8. A frame of a running stream that comes more than `max_age_s` later than the stream's frames usually do was held back
-   on its way, by a jammed link or by somebody: TOO_OLD. That is measured with the monotonic clock against the stream's
-   own stamps, so no clock needs to be right. If the stamp is within `max_age_s` of our wall clock it is fresh all the
-   same: the sender set its clock back.
-9. After a restart the floor is the newest stamp that was proven before it (`state`, `restore`): every frame captured
+4. The hash is checked first. A frame with a wrong hash is BAD and changes nothing, whatever its stamp says. Ids are
+   sent in clear, so any sender could otherwise silence a station with one forged stamp from the far future.
+5. Each stamp of a stream is accepted once. If a stream uses two links, or a network that reorders, newer frames
+   overtake older ones. So a frame that was never heard is still accepted for OVERTAKEN_S after a newer one came. Every
+   other frame that is not newer than the stream's newest is REPLAYED. This memory belongs to the key, so a frame of one
+   link cannot be replayed on another.
+6. The first frame of a stream is TOO_OLD if its stamp is more than `first_packet_tolerance_s` before a limit. The limit
+   is the later of our clock and the newest stamp proven under this key. Nothing at or before the `floor` is ever
+   accepted.
+7. The table of streams is bounded. A full table forgets its oldest stream if rule 6 refuses all frames of that stream
+   anyway; the floor rises to its stamp, so it stays refused. Otherwise: TOO_MANY_STREAMS. Only holders of the key can
+   fill the table.
+8. A frame of a running stream is TOO_OLD if it comes more than `max_age_s` later than the stream's frames usually do. A
+   jammed link or an attacker has held it back. That is measured with the monotonic clock against the stream's own
+   stamps, so no clock needs to be right. If the stamp is within `max_age_s` of our wall clock the frame is still fresh:
+   the sender set its clock back.
+9. After a restart the floor is the newest stamp that was proven before it (`state`, `restore`). Every frame captured
    before is refused, in known streams and unknown ones.
 
-What clocks can do to this. Our wall clock is used in rules 6 and 8 only and never remembered, and what was accepted
-once is refused by rules 5, 7 and 9 alone: no step of our clock, forward or back, makes a replay acceptable. A clock
-that is not set yet (no battery, no GPS fix) reads too early and bounds nothing; the stamps proven before still do. One
-that reads too late leaves running streams alone; new ones are TOO_OLD until it is right, or until the station has heard
-us and follows our stamps. A station whose clock was far ahead and then set right is pulled along too; a program that
-does not follow the other end's stamps needs a new key (`handover keys rotate`), which starts afresh.
+Effects of wrong clocks. Our wall clock is used only in rules 6 and 8 and never stored. Rules 5, 7 and 9 refuse every
+frame that was accepted before. So no step of our clock makes a replay acceptable. A clock that is not set yet (no
+battery, no GPS fix) reads too early and limits nothing; the stamps proven before still do. If our clock reads too late,
+running streams are not affected. New streams are TOO_OLD until the clock is right, or until the station has heard us
+and follows our stamps. A station whose clock was far ahead and then set right follows our stamps too. A program that
+does not follow the other end's stamps needs a new key (`handover keys rotate`), which starts from zero.
 
-Time is an argument: UTC and monotonic seconds. Nothing that arrives raises.
+Time is an argument: UTC and monotonic seconds. No data from outside raises.
 """
 
 from __future__ import annotations
@@ -75,25 +76,25 @@ __all__ = [
 ]
 
 KEY_BYTES: Final = 32
-MAX_TIMESTAMP: Final = (1 << 48) - 1  #: in the year 2104
+MAX_TIMESTAMP: Final = (1 << 48) - 1  #: reached in the year 2104
 UNITS_PER_S: Final = 100_000
 _EPOCH_S: Final = 1_420_070_400  # 2015-01-01 00:00 UTC
 
-#: How long a frame may be on its way after a younger one of its stream has come. Links of one station are not farther
-#: apart than that (`link.bundle.COPY_WINDOW_S`).
+#: Time (s) for which a frame is still accepted after a newer one of its stream has come. The delays of a station's
+#: links differ by less (`link.bundle.COPY_WINDOW_S`).
 OVERTAKEN_S: Final = 2.0
-#: that time in slices, and the present one
+#: slices of that time, plus the current one
 _SLICES: Final = 4
 _SLICE_S: Final = OVERTAKEN_S / _SLICES
-#: stamps in a slice, at most; a stream of more than 1000 frames a second has less time
+#: most stamps in a slice; a stream of more than 1000 frames a second has less time
 _SLICE_STAMPS: Final = 512
 
-#: How fast a stream's usual delay may grow without being a delay: clocks drift, and slewing ones by up to 0.05 %.
+#: Allowed growth of a stream's usual delay: clocks drift, and slewing ones by up to 0.05 %.
 _DRIFT_PER_S: Final = 0.001 * UNITS_PER_S
 
 
 def timestamp_of(utc_s: float) -> int:
-    """UTC seconds as a signature's stamp, held within its 48 bits: a clock before 2015 reads 0."""
+    """UTC seconds as a signature's stamp, limited to its 48 bits: a clock before 2015 gives 0."""
     return int(min(max(0.0, utc_s - _EPOCH_S) * UNITS_PER_S, MAX_TIMESTAMP))
 
 
@@ -103,7 +104,7 @@ def time_of(timestamp: int) -> float:
 
 
 def fingerprint(key: bytes) -> str:
-    """A name for a key that may be shown and written down: 16 hexadecimal digits that do not give the key away."""
+    """Identifier of a key that may be shown and stored: 16 hexadecimal digits that do not reveal the key."""
     return hashlib.sha256(b"handover key fingerprint" + key).hexdigest()[:16]
 
 
@@ -111,12 +112,10 @@ def fingerprint(key: bytes) -> str:
 
 
 def _flag_in_crc(length: int) -> int:
-    """By what the signed flag changes the CRC of a frame with `length` bytes of payload."""
+    """Change of the CRC by the signed flag in a frame with `length` bytes of payload."""
     crc = x25crc()
     crc.crc = 0
-    crc.accumulate(
-        bytes([FLAG_SIGNED]) + bytes(HEADER_V2 - 3 + length + 1)
-    )  # what follows the flag, CRC extra included
+    crc.accumulate(bytes([FLAG_SIGNED]) + bytes(HEADER_V2 - 3 + length + 1))  # bytes after the flag, CRC extra included
     return int(crc.crc)
 
 
@@ -124,7 +123,7 @@ _FLAG_IN_CRC: Final = tuple(_flag_in_crc(length) for length in range(256))
 
 
 def _bare_length(raw: bytes) -> int:
-    """Length without signature, if `raw` is one whole MAVLink 2 frame with flags that we understand; else 0."""
+    """Length without signature, if `raw` is one complete MAVLink 2 frame with flags that we understand; else 0."""
     if len(raw) < HEADER_V2 + CRC_BYTES or raw[0] != MAGIC_V2 or raw[2] & ~FLAG_SIGNED:
         return 0
     length = HEADER_V2 + raw[1] + CRC_BYTES
@@ -132,15 +131,15 @@ def _bare_length(raw: bytes) -> int:
 
 
 def _with_flag(bare: bytes, flag: int) -> bytes:
-    """A bare frame with its signed flag changed to `flag`, and the CRC to fit."""
+    """Return a bare frame with its signed flag set to `flag`, and the corrected CRC."""
     crc = int.from_bytes(bare[-CRC_BYTES:], "little") ^ _FLAG_IN_CRC[bare[1]]
     return b"%b%c%b%b" % (bare[:2], flag, bare[3:-CRC_BYTES], crc.to_bytes(CRC_BYTES, "little"))
 
 
 def sign(raw: bytes, key: bytes, link_id: int, timestamp: int) -> bytes | None:
-    """`raw`, an unsigned MAVLink 2 frame, as a signed one. `link_id`: 8 bits, `timestamp`: 48 bits.
+    """Sign `raw`, an unsigned MAVLink 2 frame. `link_id`: 8 bits, `timestamp`: 48 bits.
 
-    None: MAVLink 1, signed already (that takes `resign`), or not exactly one whole frame.
+    Returns None for MAVLink 1, a signed frame (use `resign`), or data that is not exactly one complete frame.
     """
     if len(raw) < 3 or raw[2]:
         return None
@@ -148,7 +147,7 @@ def sign(raw: bytes, key: bytes, link_id: int, timestamp: int) -> bytes | None:
 
 
 def resign(raw: bytes, key: bytes, link_id: int, timestamp: int) -> bytes | None:
-    """Like `sign`, and a signature that `raw` already carries is replaced. The caller has checked that one."""
+    """Sign `raw` like `sign`, and replace a signature that it has. The caller has checked that signature."""
     length = _bare_length(raw)
     if not length:
         return None
@@ -158,22 +157,22 @@ def resign(raw: bytes, key: bytes, link_id: int, timestamp: int) -> bytes | None
 
 
 def unsign(raw: bytes) -> bytes:
-    """`raw` without its signature, as logs should have it; what carries none comes back as it is."""
+    """Remove the signature of `raw`, for logs; an unsigned frame is returned unchanged."""
     length = _bare_length(raw)
     return _with_flag(raw[:length], 0) if length and raw[2] else raw
 
 
 class SigningClock:
-    """Where the stamps of one key come from (rule 3); one for everything that is signed with it, on all links."""
+    """Source of the stamps of one key (rule 3), for everything that is signed with it on all links."""
 
     def __init__(self) -> None:
-        #: the newest stamp given out
+        #: the newest stamp returned
         self.last = 0
         self._anchor = 0
         self._anchor_at: float | None = None
 
     def next(self, now_utc_s: float, now_s: float) -> int | None:
-        """A stamp above all that were given out before; None when 48 bits are used up."""
+        """A stamp above all earlier ones; None when 48 bits are used up."""
         running = self._running(now_s)
         wall = timestamp_of(now_utc_s)
         if wall > running or self._anchor_at is None:
@@ -186,7 +185,7 @@ class SigningClock:
         return stamp
 
     def follow(self, timestamp: int, now_s: float | None = None) -> None:
-        """The other end proved this stamp: go on from there. `now_s` None: it is not known when that was."""
+        """Continue from a stamp that the other end proved. `now_s` None: its time is unknown."""
         if timestamp > (self._anchor if now_s is None else self._running(now_s)):
             self._anchor = timestamp
             self._anchor_at = now_s
@@ -199,7 +198,7 @@ class SigningClock:
 
 
 class Signer:
-    """Signs what goes out on one link. Signers of the same key share a clock. Raises ValueError for no key."""
+    """Signs the frames of one link. Signers of the same key share a clock. Raises ValueError for an invalid key."""
 
     def __init__(self, key: bytes, link_id: int, clock: SigningClock | None = None) -> None:
         self._key = _checked(key)
@@ -207,7 +206,7 @@ class Signer:
         self.clock = clock or SigningClock()
 
     def sign(self, raw: bytes, now_utc_s: float, now_s: float) -> bytes | None:
-        """`raw` with our signature, and only ours. None: it cannot be signed (see `sign`)."""
+        """Sign `raw` with only our signature. Returns None if it cannot be signed (see `sign`)."""
         stamp = self.clock.next(now_utc_s, now_s)
         return None if stamp is None else resign(raw, self._key, self._link_id, stamp)
 
@@ -222,37 +221,37 @@ def _checked(key: bytes) -> bytes:
 
 
 class SignatureVerdict(Enum):
-    """What a signature says of its frame. Only OK lets it pass."""
+    """Verdict on a signature. Only OK lets the frame pass."""
 
     OK = "ok"
     UNSIGNED = "unsigned"  #: no signature, or MAVLink 1
-    BAD = "bad signature"  #: another key, or changed on its way
-    REPLAYED = "replayed"  #: heard before, or younger ones have been for a while
-    TOO_OLD = "too old"  #: held back, or captured before; or clocks differ
+    BAD = "bad signature"  #: made with another key, or changed on its way
+    REPLAYED = "replayed"  #: heard before, or newer ones were heard long enough ago
+    TOO_OLD = "too old"  #: held back, or captured earlier, or the clocks differ
     TOO_MANY_STREAMS = "too many streams"
 
 
 class _Stream:
-    """What was heard in a stream, as far as it could come again: the stamps of the last slices of time."""
+    """Stamps of a stream that could come again: those of the last slices of time."""
 
     __slots__ = ("_ends", "_slices", "edge", "last", "turn_at", "usual", "usual_at")
 
     def __init__(self, first: int, edge: int, usual: int, now_s: float) -> None:
         #: the newest stamp
         self.last = first
-        #: everything up to this is old, heard or not
+        #: every stamp up to this is old, heard or not
         self.edge = edge
-        #: monotonic time at arrival less stamp, of the frame that was least late so far, in stamp units
+        #: monotonic time at arrival minus stamp, of the frame with the least delay so far, in stamp units
         self.usual = usual
         self.usual_at = now_s
-        #: when the present slice ends
+        #: end of the current slice
         self.turn_at = now_s + _SLICE_S
         self._slices: deque[set[int]] = deque([{first}])
-        #: the newest stamp at the end of each slice that is over
+        #: newest stamp at the end of each past slice
         self._ends: deque[int] = deque()
 
     def take(self, stamp: int, now_s: float) -> bool:
-        """Whether this stamp is new; from now on it is not."""
+        """Returns True if this stamp is new, and remembers it."""
         present = self._slices[-1]
         if now_s >= self.turn_at or len(present) >= _SLICE_STAMPS:
             present = self._turn(now_s)
@@ -264,7 +263,7 @@ class _Stream:
         return True
 
     def _turn(self, now_s: float) -> set[int]:
-        """Begin the slice that `now_s` is in. What ended OVERTAKEN_S ago is the edge."""
+        """Begin the slice of `now_s`. Stamps of slices that ended OVERTAKEN_S ago become old."""
         late_s = now_s - self.turn_at
         passed = 1 if late_s < 0.0 else 1 + min(int(late_s / _SLICE_S), _SLICES)
         for _ in range(passed):
@@ -278,7 +277,7 @@ class _Stream:
 
 
 class Verifier:
-    """Checks the signatures of one key, over all links that its holder uses. Rules 4 to 9 above."""
+    """Checks the signatures of one key, on all links of its holder. Rules 4 to 9 above."""
 
     def __init__(
         self,
@@ -289,14 +288,14 @@ class Verifier:
         first_packet_tolerance_s: float = 60.0,
         clock: SigningClock | None = None,
     ) -> None:
-        """`clock`: that of the signers of the same key, which is to follow. `max_age_s` None: rule 8 is off.
+        """`clock`: clock of the signers of the same key, which follows proven stamps. `max_age_s` None: rule 8 is off.
 
-        `max_age_s` must be well above 10 s: stock MAVProxy brings its stamps up to date every 10 s only.
-        Raises ValueError for no key, for no streams.
+        `max_age_s` must be well above 10 s, because stock MAVProxy updates its stamps only every 10 s. Raises
+        ValueError for an invalid key or no streams.
         """
         if max_streams < 1:
             raise ValueError(f"max_streams = {max_streams}: must be 1 or more")
-        #: SHA-256 with the key already in it
+        #: SHA-256 that has processed the key
         self._keyed = hashlib.sha256(_checked(key))
         self._max_streams = max_streams
         self._max_age = None if max_age_s is None else int(max_age_s * UNITS_PER_S)
@@ -305,14 +304,14 @@ class Verifier:
         self._streams: dict[tuple[int, int, int], _Stream] = {}
         #: the newest stamp proven under this key since the start
         self.newest = 0
-        #: first frames of a stream must be above this; it is what is known from before the start
+        #: first frames of a stream must be above this stamp, which is known from before the start
         self.floor = 0
-        #: how far behind (seconds) the last frame was that was TOO_OLD: for the operator, who may have a clock to set
+        #: age (s) of the last frame that was TOO_OLD, for the operator, who may have to set a clock
         self.behind_s = 0.0
         self.fingerprint = fingerprint(key)
 
     def check(self, frame: Frame, now_utc_s: float, now_s: float) -> SignatureVerdict:
-        """The verdict on a frame whose CRC is proven. Times: UTC as far as known, and monotonic."""
+        """The verdict on a frame with a valid CRC. Times: UTC as far as known, and monotonic."""
         if not frame.signed:
             return SignatureVerdict.UNSIGNED
         raw = frame.raw
@@ -327,7 +326,8 @@ class Verifier:
         verdict = SignatureVerdict.OK
         if stream is None:
             verdict = self._first(name, stamp, delay, now_utc_s, now_s)
-        elif not stream.take(stamp, now_s):  # it is taken though it should be too old: nothing may make it fresh again
+        elif not stream.take(stamp, now_s):
+            # it is remembered even if it should be too old, so that it never counts as fresh again
             return SignatureVerdict.REPLAYED
         else:
             late = delay - stream.usual - int((now_s - stream.usual_at) * _DRIFT_PER_S)
@@ -346,13 +346,13 @@ class Verifier:
         return verdict
 
     def state(self) -> dict[str, int]:
-        """What must outlive a restart: fingerprint of the key -> stamp up to which everything is old by then."""
+        """State for a restart: fingerprint of the key -> stamp up to which everything is old by then."""
         return {self.fingerprint: max(self.newest, self.floor)}
 
     def restore(self, state: Mapping[str, int], floor: int = 0) -> None:
-        """Take up a `state` (rule 9), before the first frame. What it says of other keys is left alone.
+        """Restore a `state` (rule 9), before the first frame. Entries of other keys are ignored.
 
-        `floor`: refuse everything up to this stamp, for when the state is lost.
+        `floor`: refuse everything up to this stamp, if the state is lost.
         """
         self.floor = max(self.floor, state.get(self.fingerprint, 0), floor)
         if self._clock is not None:
@@ -378,11 +378,11 @@ class Verifier:
 
 
 class SignedPeer:
-    """The other end of a key: a station, or the autopilot. Checks what it sends and signs what it is sent.
+    """The other end of a key: a station, or the autopilot. Checks its frames and signs the frames to it.
 
-    During a rotation it has two keys. Both are accepted; what goes out is signed with the current one, unless all that
-    the peer has proven yet is the previous one. Once the current key was seen, nothing makes us sign with the previous
-    one again: who else has it may be the reason for the rotation.
+    During a rotation it has two keys. Both are accepted. Frames are signed with the current key, except while the peer
+    has proven only the previous one. Once the current key was seen, we never sign with the previous one again: a thief
+    of that key may be the reason for the rotation.
     """
 
     def __init__(
@@ -395,10 +395,10 @@ class SignedPeer:
         first_packet_tolerance_s: float = 60.0,
         keeps_sent: bool = False,
     ) -> None:
-        """The options are those of `Verifier`, and so are the errors.
+        """Options and errors are those of `Verifier`.
 
-        `keeps_sent`: our own stamps outlive a restart as well. An end that need not say anything to us, the autopilot,
-        would refuse all that is signed with older ones, and a clock that is not set yet would give us no newer ones.
+        `keeps_sent`: our own stamps outlive a restart as well. The autopilot need not send us anything. It would refuse
+        all that is signed with older stamps, and a clock that is not set yet would give us no newer ones.
         """
         self.clock = SigningClock()
         self._sent_name = f"{fingerprint(current)} sent" if keeps_sent else ""
@@ -413,11 +413,11 @@ class SignedPeer:
             )
             for key in self._keys
         ]
-        #: outside a rotation there is nothing to choose
+        #: outside a rotation there is only one key
         self._only = self._verifiers[0] if previous is None else None
         self._current_seen = False
         self._in_use = 0
-        #: who found a frame TOO_OLD last
+        #: verifier that found the last TOO_OLD frame
         self._behind = self._verifiers[0]
 
     @property
@@ -427,7 +427,7 @@ class SignedPeer:
 
     @property
     def uses_previous(self) -> bool:
-        """The peer still signs with the key before the rotation, and so do we."""
+        """True if the peer still signs with the key before the rotation, so we do too."""
         return self._in_use == 1
 
     def check(self, frame: Frame, now_utc_s: float, now_s: float) -> SignatureVerdict:
@@ -447,16 +447,16 @@ class SignedPeer:
         return verdict
 
     def sign(self, raw: bytes, link_id: int, now_utc_s: float, now_s: float) -> bytes | None:
-        """`raw` as this peer gets it on link `link_id`: our signature replaces any other. None: see `sign`."""
+        """Sign `raw` for this peer on link `link_id`; our signature replaces any other. None: see `sign`."""
         stamp = self.clock.next(now_utc_s, now_s)
         return None if stamp is None else self.seal(raw, link_id, stamp)
 
     def seal(self, raw: bytes, link_id: int, stamp: int) -> bytes | None:
-        """The same with a stamp of `clock` that was drawn before, for a frame that goes out on several links."""
+        """Sign `raw` with a stamp that was drawn from `clock` before, for a frame that goes out on several links."""
         return resign(raw, self._keys[self._in_use], link_id, stamp)
 
     def state(self) -> dict[str, int]:
-        """See `Verifier.state`; one entry for each key, and one for what we sent, if that is kept."""
+        """See `Verifier.state`: an entry for each key, and one for what we sent, if that is kept."""
         state = {name: stamp for verifier in self._verifiers for name, stamp in verifier.state().items()}
         if self._sent_name:
             state[self._sent_name] = self.clock.last

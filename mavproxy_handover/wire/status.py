@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the companion says on its own: heartbeat, lease, AUTHORITY_STATUS, CONTROL_STATUS. Built here, not sent."""
+"""Messages of the companion itself: heartbeat, lease, AUTHORITY_STATUS, CONTROL_STATUS. They are built here,
+not sent.
+"""
 
 from __future__ import annotations
 
@@ -27,12 +29,12 @@ __all__ = [
 
 LEASE_INTERVAL_S = 0.2
 _LEASE_TTL_MS = 3000
-#: it travels in 16 bits
+#: largest value of a field of 16 bits
 _MOST_S = 0xFFFF
-#: and this in 8
+#: largest value of a field of 8 bits
 _MOST_LEFT_S = 0xFF
-#: texts hold so many bytes: the name of a place, here and in HANDOVER_DECISION, the others of that, and a line
-#: of HANDOVER_BRIEFING and HANDOVER_REHEARSAL
+#: bytes of texts: a return site's name (here and in HANDOVER_DECISION), that message's figures and text, and a line of
+#: HANDOVER_BRIEFING and HANDOVER_REHEARSAL
 _PLACE_BYTES, _FIGURES_BYTES, _TEXT_BYTES, _LINE_BYTES = 20, 60, 160, 120
 _MOST_LINES = 0xFF
 _NO_ACTION = mavlink.HANDOVER_ACTION_NONE
@@ -55,12 +57,15 @@ class LeaseSequence:
         *,
         two_guards: bool = False,
     ) -> Any:
-        """The next lease, as the TUNNEL message to the autopilot. `alone_s`: what is left of a gap; `guard_nonce`: of
-        the guard that it is for, 0: not known; `two_guards`: two are heard.
+        """The next lease, as the TUNNEL message to the autopilot.
 
-        A second that has begun is a whole one, so that the guard is not the first to act at the end of the gap.
-        In a rehearsal the lease has the state by which the guard permits no arming and commands nothing: authority
-        that is being recovered. Without a commander it is LOST as ever, and so it is in a gap, which nobody flies.
+        `alone_s`: time left of a gap. `guard_nonce`: nonce of the guard that it is for, 0: not known. `two_guards`: two
+        guards are heard.
+
+        Seconds are rounded up, so that the guard is not the first to act at the end of the gap. In a rehearsal the
+        lease has the state in which the guard permits no arming and commands nothing: authority that is being
+        recovered. Without a commander it is LOST as always. In a gap it is LOST too, because no aircraft flies in a
+        rehearsal.
         """
         state = view.lease
         if view.rehearsal:
@@ -83,7 +88,7 @@ class LeaseSequence:
 
 
 def heartbeat(view: AuthorityView) -> Any:
-    """The companion's own heartbeat: an onboard computer, no ground station."""
+    """The companion's own heartbeat, as an onboard computer and not a ground station."""
     status = mavlink.MAV_STATE_EMERGENCY if view.phase is Phase.EMERGENCY else mavlink.MAV_STATE_ACTIVE
     return mavlink.MAVLink_heartbeat_message(
         mavlink.MAV_TYPE_ONBOARD_CONTROLLER, mavlink.MAV_AUTOPILOT_INVALID, 0, view.phase, status, 3
@@ -101,10 +106,12 @@ def authority_status(
     answer_left_s: float = inf,
     place: tuple[str, float, float] | None = None,
 ) -> Any:
-    """AUTHORITY_STATUS of this dialect. `route_changed`: the mission that is flown is not the package's any more;
-    `zone_ends_s`: how soon the commander's zone ends on the known way (s), inf: no end in sight; `answer_left_s`: what
-    is left for an operator who is asked, inf: nobody is; `place`: name, latitude and longitude (degrees) of where a
-    return goes now, None: nowhere yet."""
+    """AUTHORITY_STATUS of this dialect.
+
+    `route_changed`: the flown mission is not that of the package any more. `zone_ends_s`: time until the commander's
+    zone ends on the known route (s), inf: no end in sight. `answer_left_s`: time left for an operator to answer, inf:
+    no question is open. `place`: name, latitude and longitude (degrees) of the return site, None: there is none yet.
+    """
     name, lat_deg, lon_deg = place or ("", 0.0, 0.0)
     return mavlink.MAVLink_authority_status_message(
         view.phase,
@@ -129,7 +136,7 @@ def authority_status(
 
 
 def control_status(view: AuthorityView) -> Any:
-    """CONTROL_STATUS of the MAVLink standard: the companion speaks for the whole system."""
+    """CONTROL_STATUS of the MAVLink standard, sent by the companion for the whole system."""
     flags = mavlink.GCS_CONTROL_STATUS_FLAGS_SYSTEM_MANAGER
     if view.takeover_allowed:
         flags |= mavlink.GCS_CONTROL_STATUS_FLAGS_TAKEOVER_ALLOWED
@@ -137,12 +144,12 @@ def control_status(view: AuthorityView) -> Any:
 
 
 def _seconds(left_s: float) -> int:
-    """One more than that, in a byte; 0: none, or more than can be said."""
+    """Seconds rounded up, in a byte; 0: none, or more than fit."""
     return 0 if left_s >= _MOST_LEFT_S else 1 + int(max(0.0, left_s))
 
 
 def briefing(target: tuple[int, int], number: int, lines: Sequence[str]) -> list[Any]:
-    """HANDOVER_BRIEFING of this dialect, a message for each line; `number` tells one briefing from the next."""
+    """HANDOVER_BRIEFING of this dialect, one message for each line. `number` identifies the briefing."""
     return [
         mavlink.MAVLink_handover_briefing_message(*target, number, line, len(lines), _cut(text, _LINE_BYTES))
         for line, text in enumerate(lines, 1)
@@ -162,7 +169,7 @@ def rehearsal(
 
 
 def decision(told: Announce, number: int) -> Any:
-    """HANDOVER_DECISION of this dialect; `number` tells one word from the next."""
+    """HANDOVER_DECISION of this dialect. `number` identifies the decision."""
     return mavlink.MAVLink_handover_decision_message(
         number,
         _NO_ACTION if told.action is None else told.action,
@@ -174,5 +181,5 @@ def decision(told: Announce, number: int) -> Any:
 
 
 def _cut(text: str, most: int) -> bytes:
-    """The text in at most so many bytes, and no character in half."""
+    """The text in at most `most` bytes, without a partial character."""
     return text.encode("utf-8")[:most].decode("utf-8", "ignore").encode("utf-8")

@@ -1,17 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""A text as STATUSTEXT: what is longer than one message comes in pieces that belong together.
+"""Texts as STATUSTEXT messages. A text that is longer than one message is sent in pieces.
 
-Most programs put the pieces together by id and number, as they are (MAVProxy, MAVSDK, QGroundControl). So a text is cut
-where a piece is full, in the middle of a word too: put together it is the text again. A piece that is not full ends the
-text (MAVLink: "any null character in the text field is taken to mean this was the last chunk"). No character is cut in
-half: such a piece is filled up with blanks.
+Most programs join the pieces by id and number without changes (MAVProxy, MAVSDK, QGroundControl). So a text is cut
+where a piece is full, even within a word. A piece that is not full ends the text (MAVLink: "any null character in the
+text field is taken to mean this was the last chunk"). No character is cut: such a piece is filled up with blanks.
 
-A program that knows nothing of this system may show texts of the autopilot's component alone (MAVProxy does). It gets
-the companion's texts in the autopilot's name. Such a text begins with `MARK`, and its number is above those of
-ArduPilot, which counts its own texts from 1.
+A program without support for this system may show only texts of the autopilot's component (MAVProxy does). It gets the
+companion's texts in the autopilot's name. Such a text begins with `MARK`, and its number is above those of ArduPilot,
+which counts its own texts from 1.
 
-Source: mavlink.io, STATUSTEXT; MAVProxy's module link and QGroundControl put pieces together as described.
+Source: mavlink.io, STATUSTEXT; MAVProxy's module link and QGroundControl join pieces as described.
 """
 
 from __future__ import annotations
@@ -24,19 +23,21 @@ from mavproxy_handover.wire.frames import Frame, field_bytes, field_int
 
 __all__ = ["MARK", "MOST_IDS", "TEXT_BYTES", "is_marked", "marked_texts", "pieces", "status_texts"]
 
-#: the beginning of a text of the companion that comes in the autopilot's name
+#: prefix of a text of the companion that is sent in the autopilot's name
 MARK: Final = "Handover: "
-#: the number of such a text in pieces is above this
+#: the number of such a text in several pieces is above this
 _MARKED_IDS: Final = 0x8000
-#: texts that are counted before the numbers begin anew
+#: number of texts after which the ids repeat
 MOST_IDS: Final = 0x7FFF
 TEXT_BYTES: Final = 50
-#: their number is a byte
+#: most pieces: their number is a byte
 _MOST: Final = 256
 
 
 def pieces(text: str) -> list[bytes]:
-    """The text in pieces of `TEXT_BYTES`, UTF-8; the last is shorter, if need be empty. What fits into one is alone."""
+    """Cut the text into pieces of `TEXT_BYTES`, UTF-8. The last one is shorter or empty. A text that fits is
+    one piece.
+    """
     rest = text.encode("utf-8", "replace")
     if len(rest) <= TEXT_BYTES:
         return [rest]
@@ -49,7 +50,7 @@ def pieces(text: str) -> list[bytes]:
 
 
 def _whole_characters(rest: bytes) -> int:
-    """How many bytes of a piece hold no half character."""
+    """Number of bytes of a piece that contain only complete characters."""
     end = TEXT_BYTES
     while rest[end : end + 1] and rest[end] & 0xC0 == 0x80:
         end -= 1
@@ -57,12 +58,12 @@ def _whole_characters(rest: bytes) -> int:
 
 
 def status_texts(text: str, severity: int, text_id: int) -> list[Any]:
-    """The messages that say it. `text_id`, 1 to 65535: of those in pieces; one that is alone has none."""
+    """The messages with the text. `text_id`, 1 to 65535: id of a text in several pieces; a single piece has none."""
     return _messages(pieces(text), severity, text_id)
 
 
 def marked_texts(text: str, severity: int, text_id: int) -> list[Any]:
-    """The messages that say it in the autopilot's name. `text_id`, 1 to `MOST_IDS`."""
+    """The messages with the text in the autopilot's name. `text_id`, 1 to `MOST_IDS`."""
     return _messages(pieces(f"{MARK}{text}"), severity, _MARKED_IDS + text_id)
 
 
@@ -72,5 +73,5 @@ def _messages(parts: list[bytes], severity: int, text_id: int) -> list[Any]:
 
 
 def is_marked(frame: Frame) -> bool:
-    """Whether a STATUSTEXT of the autopilot's component is a text of the companion, or a piece of one."""
+    """True if a STATUSTEXT of the autopilot's component is a text of the companion, or a piece of one."""
     return field_int(frame, "id") > _MARKED_IDS or field_bytes(frame, "text").startswith(MARK.encode())
