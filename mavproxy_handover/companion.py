@@ -40,7 +40,7 @@ from mavproxy_handover.core.arbiter import Arbiter, Identity
 from mavproxy_handover.core.authority.start import MIDWAY
 from mavproxy_handover.core.common import events
 from mavproxy_handover.core.common.messages import TransferMessage
-from mavproxy_handover.core.common.model import AuthorityView, FlightAction, Flown, LeaseState, Phase, Reason
+from mavproxy_handover.core.common.model import AuthorityView, FlightAction, LeaseState, ModeClass, Phase, Reason
 from mavproxy_handover.core.common.never import assert_never
 from mavproxy_handover.core.common.snapshot import Snapshot
 from mavproxy_handover.event_queue import EventQueue
@@ -642,7 +642,7 @@ class Companion:
     def _come_home(self, action: FlightAction, now: float) -> None:
         """Order a return or a landing. What comes down in a mode that ends on the ground is left alone."""
         aircraft = self.autopilot.aircraft
-        if not (aircraft.lands and aircraft.flown in (Flown.RETURN, Flown.LAND)):
+        if not (aircraft.lands and aircraft.flown in (ModeClass.RETURN, ModeClass.LAND)):
             self.autopilot.orders.fly(action, now)
 
     def _shown_by(self, show: Callable[[str], None]) -> Callable[[str], None]:

@@ -31,7 +31,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.context import Context
 from mavproxy_handover.autopilot.teller import Teller
-from mavproxy_handover.core.common.model import Flown
+from mavproxy_handover.core.common.model import ModeClass
 from mavproxy_handover.core.safety.commands import (
     LIFTED_S,
     QUIET_S,
@@ -78,7 +78,7 @@ _VERTICAL: Final = {
     mavlink.SPEED_TYPE_CLIMB_SPEED: CLIMB_MPS,
     mavlink.SPEED_TYPE_DESCENT_SPEED: DESCENT_MPS,
 }
-_COMES_HOME: Final = (Flown.RETURN, Flown.LAND)
+_COMES_HOME: Final = (ModeClass.RETURN, ModeClass.LAND)
 #: a command is at the autopilot, and its mode here, by then (s)
 _ARRIVES_S: Final = 3.0
 #: commands of these are done by GUIDED alone
@@ -175,7 +175,7 @@ class CommandDesk:
             self._kept_radius_m = intent.aim.radius_m or self._kept_radius_m
         if intent.kind is Kind.SPEED:
             self._sped_at = now
-            if self._aircraft.flown is Flown.GUIDED and intent.speed_type in _LEVEL:
+            if self._aircraft.flown is ModeClass.GUIDED and intent.speed_type in _LEVEL:
                 self._kept_mps = intent.speed_mps
 
     def sped_lately(self, now: float) -> bool:
@@ -421,7 +421,7 @@ class CommandDesk:
         aim, speed_mps = self._kept_aim, intent.speed_mps
         if aim is None or speed_mps is None or not 0.0 < speed_mps < inf or intent.speed_type not in _LEVEL:
             return ()
-        return self._to(aim, speed_mps) if self._aircraft.flown is Flown.GUIDED else ()
+        return self._to(aim, speed_mps) if self._aircraft.flown is ModeClass.GUIDED else ()
 
     def _to(self, aim: Aim, told_mps: float | None = None) -> Sequence[Leg]:
         here = self._aircraft.where

@@ -25,8 +25,8 @@ from mavproxy_handover.autopilot.mission_protocol import RefusedError
 from mavproxy_handover.autopilot.read_back import WITHDRAWN, NotHeldError, ReadBack
 from mavproxy_handover.autopilot.return_site import ReturnSite
 from mavproxy_handover.core.authority.start import refused
-from mavproxy_handover.core.common.events import HandSeen, OrderRefused, StartFinished, StartRequested
-from mavproxy_handover.core.common.model import FlightAction, Hand
+from mavproxy_handover.core.common.events import ModeSourceSeen, OrderRefused, StartFinished, StartRequested
+from mavproxy_handover.core.common.model import FlightAction, ModeSource
 from mavproxy_handover.core.safety.commands import QUIET_S, Kind, Limit
 from mavproxy_handover.gate.intent import Intent
 from mavproxy_handover.gate.policy.switches import SWITCH_NUMBERS
@@ -320,7 +320,7 @@ class Orders:
                 f"{called(subject_of(frame))} failed: {talk.failure}" if talk.failure else "",
             )
 
-        self._authority.handle(HandSeen(Hand.COMMANDER, procedures.holds_by(pause)), now)
+        self._authority.handle(ModeSourceSeen(ModeSource.COMMANDER, procedures.holds_by(pause)), now)
         self._conversations.begin(_PAUSE, procedures.hold(pause), done, now)
 
     def _give_stop_up(self, why: str) -> None:
@@ -384,7 +384,7 @@ class Orders:
         procedures = self._procedures()
         flown = procedures.holds_by(pause)
         if flown is not None:  # whose mode this is shows by nothing else
-            self._authority.handle(HandSeen(Hand.COMPANION, flown), now)
+            self._authority.handle(ModeSourceSeen(ModeSource.COMPANION, flown), now)
         return procedures.hold(pause)
 
     def tick(self, now: float) -> None:

@@ -33,7 +33,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.mission_protocol import AutopilotError, RefusedError
 from mavproxy_handover.autopilot.procedures import Procedures, disobeys
-from mavproxy_handover.core.common.model import FlightAction, Flown, Kind
+from mavproxy_handover.core.common.model import FlightAction, Kind, ModeClass
 from mavproxy_handover.vehicle.kinds import PLANE, Vehicle
 from mavproxy_handover.vehicle.state import VehicleState
 from mavproxy_handover.wire.conversation import Asking, NoAnswer
@@ -46,9 +46,9 @@ _MANUAL: Final = 0
 _AUTOLAND: Final = 26
 _LOITER: Final = 12
 _FIRST: Final = 1
-_ENDS: Final = (Flown.RETURN, Flown.LAND)
+_ENDS: Final = (ModeClass.RETURN, ModeClass.LAND)
 #: what is stopped, and goes on
-_HELD: Final = (Flown.MISSION, Flown.GUIDED, Flown.STOP)
+_HELD: Final = (ModeClass.MISSION, ModeClass.GUIDED, ModeClass.STOP)
 _NEAR_GROUND: Final = (mavlink.MAV_LANDED_STATE_TAKEOFF, mavlink.MAV_LANDED_STATE_LANDING)
 
 
@@ -109,20 +109,20 @@ class Plane(Procedures):
         if pause and self.aircraft.telemetry.landed.state in _NEAR_GROUND:
             raise RefusedError("it takes off or lands: there is no stop so low")
         if pause:
-            if flown is not Flown.STOP:
+            if flown is not ModeClass.STOP:
                 self.aircraft.stop_from(flown)
             yield from self._mode(_LOITER)
-        elif flown is Flown.STOP:
+        elif flown is ModeClass.STOP:
             if self.aircraft.custom_mode != _LOITER:
                 raise RefusedError(f"it flies {mode}, by which a failsafe waits: nothing goes on with it")
-            yield from self._mode(PLANE.guided if self.holds_by(pause) is Flown.GUIDED else PLANE.auto)
+            yield from self._mode(PLANE.guided if self.holds_by(pause) is ModeClass.GUIDED else PLANE.auto)
         return PLANE.mode_name(self.aircraft.custom_mode)
 
-    def holds_by(self, pause: bool) -> Flown | None:
+    def holds_by(self, pause: bool) -> ModeClass | None:
         """What is flown once that is done."""
         if pause:
-            return Flown.STOP
-        return Flown.GUIDED if self.aircraft.stopped_in is Flown.GUIDED else Flown.MISSION
+            return ModeClass.STOP
+        return ModeClass.GUIDED if self.aircraft.stopped_in is ModeClass.GUIDED else ModeClass.MISSION
 
     # ---- the way home -------------------------------------------------------------------------------------------
 

@@ -20,7 +20,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.cruise import held_cruise, write_cruise
 from mavproxy_handover.autopilot.mission_protocol import AutopilotError, MissionProtocol, RefusedError
-from mavproxy_handover.core.common.model import FlightAction, Flown, Kind
+from mavproxy_handover.core.common.model import FlightAction, Kind, ModeClass
 from mavproxy_handover.mission.items import MissionItem, RallyPoint
 from mavproxy_handover.mission.plan import FencePart, Route
 from mavproxy_handover.vehicle.kinds import Vehicle
@@ -108,7 +108,7 @@ class Procedures(ABC):
     def hold(self, pause: bool) -> Asking:
         """Stop, or go on. Returns what it does."""
 
-    def holds_by(self, pause: bool) -> Flown | None:
+    def holds_by(self, pause: bool) -> ModeClass | None:
         """What is flown once that is done; None: it is done within the mode that is flown."""
         return None
 

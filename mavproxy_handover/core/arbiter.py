@@ -31,12 +31,13 @@ from math import inf
 from mavproxy_handover.core.authority.authority import Authority
 from mavproxy_handover.core.authority.candidates import Candidates
 from mavproxy_handover.core.authority.contacts import Contacts
+from mavproxy_handover.core.authority.coverage import Coverage
 from mavproxy_handover.core.authority.phases import PhaseCause
 from mavproxy_handover.core.authority.rehearsal import Rehearsal
 from mavproxy_handover.core.authority.requests import Requests
 from mavproxy_handover.core.authority.start import Start
 from mavproxy_handover.core.authority.transfer import Cause
-from mavproxy_handover.core.authority.transfer_manager import Conductor
+from mavproxy_handover.core.authority.transfer_manager import TransferManager
 from mavproxy_handover.core.common.causes import CAUSES
 from mavproxy_handover.core.common.causes import Cause as Wrong
 from mavproxy_handover.core.common.events import (
@@ -51,23 +52,16 @@ from mavproxy_handover.core.common.events import (
     Event,
     GapsJudged,
     GuardSeen,
-    HandSeen,
     HeightsJudged,
     LinkJudged,
     MissionJudged,
     MissionLoaded,
-    ModeSeen,
-    MotionSeen,
-    MotionUnseen,
     OperatorControlShown,
-    OrderRefused,
-    PlaceJudged,
     PositionSeen,
     Record,
     RehearsalAsked,
     RehearsalMoved,
     ReturnJudged,
-    SignsSeen,
     StartFinished,
     StartRequested,
     StationHeard,
@@ -89,11 +83,9 @@ from mavproxy_handover.core.common.model import (
     Reason,
     Station,
 )
-from mavproxy_handover.core.common.never import assert_never
 from mavproxy_handover.core.common.snapshot import Snapshot
-from mavproxy_handover.core.safety.conditions import Lookout
-from mavproxy_handover.core.safety.decision_executor import Execution
-from mavproxy_handover.core.safety.emergency import Emergency, News
+from mavproxy_handover.core.safety.emergency import News
+from mavproxy_handover.core.safety.safety import Safety
 from mavproxy_handover.core.safety.strategy import Fact, Situation
 
 __all__ = ["Arbiter", "Identity"]
@@ -123,13 +115,12 @@ class Arbiter:
         self._contacts = Contacts(identity.name, identity.stations, identity.nonce, self._limits)
         self._presence = self._contacts.presence
         self._candidates = Candidates(self._presence, self._limits)
-        self._conductor = Conductor(self._authority, self._flight, self._presence, self._candidates, self._limits)
+        self._conductor = TransferManager(self._authority, self._flight, self._presence, self._candidates, self._limits)
         self._requests = Requests(self._authority, self._presence, self._candidates, self._conductor)
         self._start = Start(self._authority, self._flight, self._candidates, self._conductor)
         self._rehearsal = Rehearsal(self._authority, self._flight, self._conductor, self._start, self._limits)
-        self._emergency = Emergency(self._limits)
-        self._lookout = Lookout(self._authority, self._flight, self._candidates, self._limits)
-        self._execution = Execution(self._authority, self._flight, self._candidates, self._lookout, self._emergency)
+        coverage = Coverage(self._authority, self._flight, self._candidates, self._limits)
+        self._safety = Safety(coverage, self._flight, self._limits)
         #: the epoch of the last event, None before the first one, and since when it has been so
         self._epoch: int | None = None
         self._epoch_since = -inf
@@ -141,23 +132,14 @@ class Arbiter:
         self.dropped: Counter[str] = Counter()
 
     def _restore(self, restored: Snapshot) -> None:
-        self._flight.rehearsing = restored.rehearsal and restored.phase is not Phase.ON_LOAD
+        in_flight = restored.phase is not Phase.ON_LOAD
+        if restored.rehearsal and in_flight:
+            self._flight.rehearsal_begun()
         self._authority.restore(restored)
-        if restored.phase is not Phase.ON_LOAD:
+        if in_flight:
             self._candidates.hold(Mission(restored.digest, restored.route, restored.route_at))
-            self._emergency.adopt(restored.out_of_coverage)
-            self._lookout.crossing.resume(restored.gap_since, certain=restored.proven)
-            self._emergency.resume_lasting(restored.lasting)
             self._interrupted = restored.phase is Phase.ON_HANDOVER
-            if restored.phase is Phase.EMERGENCY or (restored.stands and restored.held_for is None):
-                self._emergency.resume()
-            elif restored.held_for is not None:
-                self._emergency.resume_hold(restored.held_for)
-                self._execution.resume_hold(restored.held_for)
-                since, certain = restored.held_since, restored.proven
-                self._lookout.resume(restored.held_for, since, self._authority.owner, certain=certain)
-            if restored.stands and restored.held_for is None:
-                self._lookout.resume_standing(restored.held_since, certain=restored.proven)
+            self._safety.resume(restored)
 
     # ---- what others may look at ----------------------------------------------------------------------------------
 
@@ -173,9 +155,7 @@ class Arbiter:
 
     def snapshot(self) -> Snapshot:
         """What a run after this one needs to know."""
-        authority, mission = self._authority, self._candidates.mission
-        held_for, stands = self._execution.held_for, self._lookout.supervision.stands
-        held_at = self._lookout.held_at if stands or held_for is not None else -inf
+        authority, mission, safety = self._authority, self._candidates.mission, self._safety
         return Snapshot(
             authority.owner if authority.claimant is None else authority.claimant,
             authority.epoch,
@@ -185,14 +165,14 @@ class Arbiter:
             mission.digest,
             mission.route,
             authority.takeover_allowed,
-            self._emergency.out_of_coverage,
-            self._lookout.crossing.since,
+            safety.emergency.out_of_coverage,
+            safety.conditions.crossing.since,
             authority.claimant is None,
             self._flight.rehearsing,
-            None if held_at == -inf else held_at,
-            held_for,
-            stands,
-            self._emergency.lasting,
+            safety.held_since,
+            safety.executor.held_for,
+            safety.verification.stands,
+            safety.emergency.lasting,
         )
 
     def name(self, sysid: int | None) -> str:
@@ -202,7 +182,7 @@ class Arbiter:
     @property
     def causes(self) -> frozenset[Wrong]:
         """What is wrong now, by the table of causes, whatever is done about it."""
-        return self._emergency.causes
+        return self._safety.emergency.causes
 
     def guard(self, now: float) -> GuardState:
         """What the guard last said of itself; SILENT when that is too long ago."""
@@ -230,7 +210,7 @@ class Arbiter:
     @property
     def passed_at_m(self) -> float | None:
         """How far inside its commander's zone (m) a border is passed at which it was flown on; None: it was at none."""
-        return self._lookout.passed_at_m
+        return self._safety.conditions.passed_at_m
 
     @property
     def awaits_commander(self) -> bool:
@@ -287,7 +267,7 @@ class Arbiter:
 
     def alone_s(self, now: float) -> float:
         """How long the aircraft may still fly on without a commander, because its mission has it so; 0: not at all."""
-        return self._lookout.crossing.left_s(now) if self.view.lease is LeaseState.ALONE else 0.0
+        return self._safety.conditions.crossing.left_s(now) if self.view.lease is LeaseState.ALONE else 0.0
 
     def start_needs(self, station: int, now: float) -> tuple[str, ...]:
         """What START from this station still lacks, in words; empty when the aircraft may take off."""
@@ -324,37 +304,18 @@ class Arbiter:
                 self._conductor.foresight.seen(event, now, actions)
             case AutopilotState():
                 self._on_autopilot(event, now, actions)
-            case ModeSeen():
-                self._execution.mode_seen(event, now, actions)
-            case HandSeen():
-                self._execution.hand_seen(event, now, actions)
-            case OrderRefused():
-                self._lookout.supervision.refused(event.action)
-            case MotionSeen():
-                self._lookout.supervision.moved(event, now)
-            case MotionUnseen():
-                self._lookout.supervision.unseen()
             case GuardSeen():
                 self._on_guard(event, now, actions)
-            case SignsSeen():
-                self._lookout.told = event
-            case PlaceJudged():
-                self._lookout.place = event
-                self._execution.place_seen(now, actions)
-            case EnergyJudged():
-                self._flight.energy_short = event.shortfall
-            case GapsJudged():
-                self._flight.gaps_lack = event.lacking
-            case AircraftJudged():
-                self._flight.aircraft_lacks = event.lacking
-            case BoxJudged():
-                self._flight.box_lacks = event.lacking
-            case HeightsJudged():
-                self._flight.heights_lack = event.lacking
-            case ReturnJudged():
-                self._flight.return_lacks = event.lacking
-            case MissionJudged():
-                self._flight.mission_lacks = event.lacking
+            case (
+                EnergyJudged()
+                | GapsJudged()
+                | AircraftJudged()
+                | BoxJudged()
+                | HeightsJudged()
+                | ReturnJudged()
+                | MissionJudged()
+            ):
+                self._flight.judged(event)
             case MissionLoaded():
                 self._on_mission(event, actions)
             case StartRequested():
@@ -373,12 +334,12 @@ class Arbiter:
                     self._requests.on_request(event, now, actions)
             case OperatorControlShown():
                 if self._known(event.station):
-                    self._presence[event.station].shows_control = True
+                    self._presence[event.station].control_shown()
             case LinkJudged():
                 self._candidates.links.judged(event, self.name(event.station), now, actions)
                 self._conductor.seek(now, actions)
             case _:
-                assert_never(event)
+                self._safety.handle(event, now, actions)
         self._conductor.speak(now, actions)
         self._judge_safety(now, actions)
         self._rehearsal.look(now)
@@ -397,11 +358,9 @@ class Arbiter:
         others = (
             None if authority.recover_until == inf else authority.recover_until,
             self._flight.stale_at(),
-            self._emergency.due_at(),
-            self._execution.tells_at(),
-            self._lookout.due_at(),
             self._rehearsal.due_at(),
         )
+        times += self._safety.due_at()
         return min([*times, *(time for time in others if time is not None)], default=None)
 
     # ---- stations -------------------------------------------------------------------------------------------------
@@ -437,7 +396,7 @@ class Arbiter:
         if station not in self._presence:
             return
         if self._presence[station].station.standard:
-            self._presence[station].shows_control = True
+            self._presence[station].control_shown()
         match message:
             case Connect():
                 self._contacts.answer(station, message, self._authority, self.mission_digest, actions)
@@ -501,7 +460,7 @@ class Arbiter:
         if event.gap is None or event.gap.ahead:  # whatever is told from here on is told of an aircraft in no gap
             self._authority.fly_alone(False)
         self._conductor.seek(now, actions)
-        self._lookout.look_around(event.gap, now)
+        self._safety.position_seen(event.gap, now)
 
     def _on_autopilot(self, event: AutopilotState, now: float, actions: list[Action]) -> None:
         authority = self._authority
@@ -524,9 +483,7 @@ class Arbiter:
         self._authority.refresh(Reason.LANDED, actions)
 
     def _forget_flight(self) -> None:
-        self._emergency.landed()
-        self._lookout.landed()
-        self._lookout.supervision.over()
+        self._safety.landed()
         self._candidates.hold(replace(self._candidates.mission, at=0))
         for presence in self._presence.values():
             presence.hearing.forgive()
@@ -539,7 +496,7 @@ class Arbiter:
     def _end_rehearsal(self, why: str, reason: Reason, now: float, actions: list[Action]) -> None:
         """Nothing that was decided in it counts from here on: if it is a flight by now, all is judged anew."""
         self._conductor.move(Cause.CANCELLED, now, actions)
-        self._execution.rehearsal_over(actions)
+        self._safety.executor.rehearsal_over(actions)
         self._rehearsal.end()
         self._forget_flight()
         self._authority.refresh(reason, actions)
@@ -553,7 +510,7 @@ class Arbiter:
 
     def _on_mission(self, event: MissionLoaded, actions: list[Action]) -> None:
         self._candidates.hold(Mission(event.digest, event.route))
-        self._emergency.adopt(event.out_of_coverage)
+        self._safety.emergency.adopt(event.out_of_coverage)
         if event.digest:
             names = " ".join(self.name(station) for station in event.route)
             actions.append(Record("mission_loaded", f"mission loaded, commanders along the route: {names}"))
@@ -591,7 +548,7 @@ class Arbiter:
             return
         presence = self._presence[owner]
         # at once: the first lease that says ALONE says for how long
-        self._authority.fly_alone(self._lookout.lost(now) and not self._emergency.brings_down)
+        self._authority.fly_alone(self._safety.commander_lost(now))
         deaf = presence.alive(now)
         answers = presence.connected(now)
         why = self._candidates.hears_little if answers else "answers no more" if deaf else "is lost"
@@ -605,26 +562,22 @@ class Arbiter:
     def _judge_safety(self, now: float, actions: list[Action]) -> None:
         if self._flight.position_lost(now):
             actions.append(Record("position_stale", "no fresh position: no handover by zone", Reason.POSITION_STALE))
-        self._execution.settle(now, actions)
-        untold = self._execution.tells_at()
+        executor = self._safety.executor
+        executor.settle(now, actions)
+        untold = executor.tells_at()
         facts = self._judge(now, actions)
-        if untold is not None and untold == self._execution.tells_at():
-            self._execution.tell_return(now, actions)
-        if self._execution.look(facts, now, actions):  # the autopilot does not follow: the table has something graver
+        if untold is not None and untold == executor.tells_at():
+            executor.tell_return(now, actions)
+        if executor.look(facts, now, actions):  # the autopilot does not follow: the table has something graver
             self._judge(now, actions)
 
     def _judge(self, now: float, actions: list[Action]) -> Situation:
-        """Decide; returns what holds behind that."""
-        signs, facts = self._lookout.signs(now), self._lookout.facts(now)
-        certain = not self._authority.recovering and not self._lookout.resuming
-        supervision = self._lookout.supervision
-        stands, unshown = supervision.stands, supervision.unshown(self._lookout.helm, now)
-        news = self._emergency.judge(signs, facts, now, certain=certain, stands=stands, unshown=unshown)
-        self._authority.fly_alone(Fact.GAP in facts and not self._emergency.brings_down)
+        """Decide; returns the facts that hold after that."""
+        facts, news = self._safety.judge(now)
+        self._authority.fly_alone(Fact.GAP in facts and not self._safety.emergency.brings_down)
         if news is not None:
-            self._lookout.hold(news, now)
             self._on_news(news, now, actions)
-            return self._lookout.facts(now)
+            return self._safety.facts.now(now)
         if self._authority.lost:
             self._authority.refresh(Reason.COMMANDER_LOST, actions)
         return facts
@@ -636,7 +589,7 @@ class Arbiter:
             text = "the gap is crossed" if news.crossed else f"the cause of the {what} is gone"
             actions.append(Record(f"{what}_over", text))
         elif news.continues:
-            text = f"{CAUSES[decision.cause].words}: {self._lookout.crossing.words(now)}"
+            text = f"{CAUSES[decision.cause].words}: {self._safety.conditions.crossing.words(now)}"
             actions.append(Record("gap", text, news.reason, authority.owner))
         else:
             kind = "warning" if news.warning else "would" if self._flight.rehearsing else "emergency"
@@ -649,7 +602,7 @@ class Arbiter:
             authority.move_phase(PhaseCause.RECOVERED)
             authority.resume_transfer_phase()
         authority.refresh(news.reason, actions)
-        self._execution.carry_out(news, now, actions)
+        self._safety.executor.carry_out(news, now, actions)
 
     def _come_home(self, cause: Wrong, now: float, actions: list[Action]) -> None:
         """The aircraft is about to be brought home, or down."""

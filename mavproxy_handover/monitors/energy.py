@@ -19,7 +19,8 @@ from math import inf
 from typing import Any, Final
 
 from mavproxy_handover.core.common.events import EnergyJudged, Event
-from mavproxy_handover.core.safety.battery import SILENT_S, Batteries, Charge, PackMemory, PackReport
+from mavproxy_handover.core.common.snapshot import PackMemory
+from mavproxy_handover.core.safety.battery import SILENT_S, Batteries, Charge, PackReport
 from mavproxy_handover.core.safety.energy import EnergyFact, EnergyModel, Piece
 from mavproxy_handover.core.safety.energy_prior import EnergySettings
 from mavproxy_handover.core.safety.learning import Learner, Motion, thrust_direction

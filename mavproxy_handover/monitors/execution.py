@@ -11,8 +11,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
-from mavproxy_handover.core.common.events import Event, HandSeen, ModeSeen, MotionSeen, MotionUnseen
-from mavproxy_handover.core.common.model import Hand
+from mavproxy_handover.core.common.events import Event, ModeSeen, ModeSourceSeen, MotionSeen, MotionUnseen
+from mavproxy_handover.core.common.model import ModeSource
 from mavproxy_handover.mission.geodesy import distance_m
 from mavproxy_handover.vehicle import mode_requests
 from mavproxy_handover.vehicle.state import VehicleState
@@ -42,7 +42,7 @@ class ExecutionMonitor:
         found: list[Event] = []
         critical = state.telemetry.heartbeat.critical
         if critical and not self._critical:
-            found.append(HandSeen(Hand.FAILSAFE))
+            found.append(ModeSourceSeen(ModeSource.FAILSAFE))
         self._critical = critical
         name = state.vehicle.mode_name(state.custom_mode)
         found.append(ModeSeen(state.flown, name, state.comes_down, self._radio(state, now)))
@@ -68,7 +68,7 @@ class ExecutionMonitor:
     @staticmethod
     def guard(status: GuardStatus) -> list[Event]:
         """A word of the guard."""
-        return [HandSeen(Hand.GUARD)] if status.enforcing else []
+        return [ModeSourceSeen(ModeSource.GUARD)] if status.enforcing else []
 
     # ---- each second ----------------------------------------------------------------------------------------------
 

@@ -14,7 +14,7 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.common.events import Event, SignsSeen
+from mavproxy_handover.core.common.events import ConditionsSeen, Event
 from mavproxy_handover.core.safety.route import TrackFact
 from mavproxy_handover.schedule import attempt
 from mavproxy_handover.vehicle import mode_requests
@@ -64,7 +64,7 @@ class SignMonitor:
         self._route = route
         self._fault = fault
         #: what looks wrong, and what was found last
-        self._seen = self._told = SignsSeen()
+        self._seen = self._told = ConditionsSeen()
 
     def update(self, state: VehicleState, now: float) -> list[Event]:
         """Each second: what looks wrong, when that changes."""

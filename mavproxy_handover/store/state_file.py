@@ -26,8 +26,7 @@ from typing import Any
 
 from mavproxy_handover.core.common.causes import CAUSES, Cause, Ends
 from mavproxy_handover.core.common.model import Phase
-from mavproxy_handover.core.common.snapshot import Snapshot
-from mavproxy_handover.core.safety.battery import PackMemory
+from mavproxy_handover.core.common.snapshot import PackMemory, Snapshot
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.package import MissionPackage, from_bytes
 from mavproxy_handover.store.durable import sync_folder

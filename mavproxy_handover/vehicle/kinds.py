@@ -23,7 +23,7 @@ from typing import Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.common.model import Flown
+from mavproxy_handover.core.common.model import ModeClass
 from mavproxy_handover.gate.policy import modes as gate_modes
 from mavproxy_handover.gate.policy.modes import Modes
 from mavproxy_handover.wire.ids import COPTER_AUTO, PLANE_AUTO, WINGED_TYPES
@@ -36,7 +36,7 @@ class Mode:
     """A flight mode: its name in the firmware, and what it does."""
 
     name: str
-    flown: Flown
+    flown: ModeClass
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,7 +70,7 @@ class Vehicle:
     #: where the mission has come to its end, and that is a mode of its own; None: it is none
     by_mission: re.Pattern[str] | None = None
     #: MAV_CMD -> the mode that it leads to (None: any), where that differs from what the others do
-    commands: Mapping[int, Flown | None] = field(default_factory=dict)
+    commands: Mapping[int, ModeClass | None] = field(default_factory=dict)
     #: kind of speed that its missions are flown by: SPEED_TYPE
     speed_type: int = mavlink.SPEED_TYPE_GROUNDSPEED
     #: the parameter of that -> its units in one m/s; a firmware has one of them
@@ -90,13 +90,13 @@ class Vehicle:
         mode = self.modes.get(number)
         return f"mode {number}" if mode is None else mode.name
 
-    def flown(self, number: int) -> Flown:
+    def flown(self, number: int) -> ModeClass:
         """What the mode of this number does."""
         mode = self.modes.get(number)
-        return Flown.OTHER if mode is None else mode.flown
+        return ModeClass.OTHER if mode is None else mode.flown
 
 
-def _modes(rows: Mapping[Flown, Mapping[int, str]]) -> dict[int, Mode]:
+def _modes(rows: Mapping[ModeClass, Mapping[int, str]]) -> dict[int, Mode]:
     return {number: Mode(name, flown) for flown, names in rows.items() for number, name in names.items()}
 
 
@@ -119,17 +119,17 @@ COPTER: Final = Vehicle(
     modes=_modes(
         {
             # of FOLLOW and THROW nobody knows better than the pilot who chose them
-            Flown.HANDS: {
+            ModeClass.HANDS: {
                 0: "STABILIZE", 1: "ACRO", 2: "ALT_HOLD", 5: "LOITER", 11: "DRIFT", 13: "SPORT", 14: "FLIP",
                 15: "AUTOTUNE", 16: "POSHOLD", 18: "THROW", 22: "FLOWHOLD", 23: "FOLLOW", 24: "ZIGZAG", 25: "SYSTEMID",
                 26: "AUTOROTATE", 28: "TURTLE",
             },
-            Flown.MISSION: {COPTER_AUTO: "AUTO"},
-            Flown.GUIDED: {4: "GUIDED", 20: "GUIDED_NOGPS"},
-            Flown.STOP: {17: "BRAKE"},
-            Flown.RETURN: {6: "RTL", 21: "SMART_RTL", 27: "AUTO_RTL"},
-            Flown.LAND: {9: "LAND"},
-            Flown.OTHER: {7: "CIRCLE"},
+            ModeClass.MISSION: {COPTER_AUTO: "AUTO"},
+            ModeClass.GUIDED: {4: "GUIDED", 20: "GUIDED_NOGPS"},
+            ModeClass.STOP: {17: "BRAKE"},
+            ModeClass.RETURN: {6: "RTL", 21: "SMART_RTL", 27: "AUTO_RTL"},
+            ModeClass.LAND: {9: "LAND"},
+            ModeClass.OTHER: {7: "CIRCLE"},
         }
     ),
     judged_by=gate_modes.COPTER,
@@ -156,17 +156,17 @@ PLANE: Final = Vehicle(
     types=WINGED_TYPES,
     modes=_modes(
         {
-            Flown.HANDS: {
+            ModeClass.HANDS: {
                 0: "MANUAL", 2: "STABILIZE", 3: "TRAINING", 4: "ACRO", 5: "FBWA", 6: "FBWB", 7: "CRUISE", 8: "AUTOTUNE",
                 17: "QSTABILIZE", 18: "QHOVER", 19: "QLOITER", 22: "QAUTOTUNE", 23: "QACRO",
             },
-            Flown.MISSION: {PLANE_AUTO: "AUTO"},
-            Flown.GUIDED: {15: "GUIDED"},
+            ModeClass.MISSION: {PLANE_AUTO: "AUTO"},
+            ModeClass.GUIDED: {15: "GUIDED"},
             # CIRCLE is what the short radio failsafe chooses: it waits there for the long one
-            Flown.STOP: {1: "CIRCLE", 12: "LOITER"},
-            Flown.RETURN: {11: "RTL", 21: "QRTL"},
-            Flown.LAND: {20: "QLAND", 25: "LOITER_ALT_QLAND", 26: "AUTOLAND"},
-            Flown.OTHER: {13: "TAKEOFF", 14: "AVOID_ADSB", 16: "INITIALISING", 24: "THERMAL"},
+            ModeClass.STOP: {1: "CIRCLE", 12: "LOITER"},
+            ModeClass.RETURN: {11: "RTL", 21: "QRTL"},
+            ModeClass.LAND: {20: "QLAND", 25: "LOITER_ALT_QLAND", 26: "AUTOLAND"},
+            ModeClass.OTHER: {13: "TAKEOFF", 14: "AVOID_ADSB", 16: "INITIALISING", 24: "THERMAL"},
         }
     ),
     judged_by=gate_modes.PLANE,
@@ -188,8 +188,8 @@ PLANE: Final = Vehicle(
     # behind its last item, and at one that says so
     by_mission=re.compile(r"^Mission complete, changing mode|^Mission: \d+ RTL$"),
     commands={
-        mavlink.MAV_CMD_NAV_LOITER_UNLIM: Flown.STOP,
-        mavlink.MAV_CMD_DO_LAND_START: Flown.LAND,
+        mavlink.MAV_CMD_NAV_LOITER_UNLIM: ModeClass.STOP,
+        mavlink.MAV_CMD_DO_LAND_START: ModeClass.LAND,
         mavlink.MAV_CMD_DO_VTOL_TRANSITION: None,
     },
     speed_type=mavlink.SPEED_TYPE_AIRSPEED,

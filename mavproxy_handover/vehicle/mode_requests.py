@@ -11,8 +11,8 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.common.events import HandSeen
-from mavproxy_handover.core.common.model import Flown, Hand
+from mavproxy_handover.core.common.events import ModeSourceSeen
+from mavproxy_handover.core.common.model import ModeClass, ModeSource
 from mavproxy_handover.vehicle.kinds import COPTER, Vehicle
 from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.frames import Frame
@@ -25,18 +25,18 @@ _ANY: Final = None
 #: MAV_CMD_DO_RETURN_PATH_START, which older pymavlinks do not have
 _RETURN_PATH: Final = 188
 #: command -> the mode that it leads to; None: any. Where a firmware does otherwise, `Vehicle.commands` says so
-_COMMANDS: Final[Mapping[int, Flown | None]] = {
-    mavlink.MAV_CMD_MISSION_START: Flown.MISSION,
-    mavlink.MAV_CMD_DO_PAUSE_CONTINUE: Flown.MISSION,
-    mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH: Flown.RETURN,
-    mavlink.MAV_CMD_DO_LAND_START: Flown.RETURN,
-    _RETURN_PATH: Flown.RETURN,
-    mavlink.MAV_CMD_NAV_LAND: Flown.LAND,
-    mavlink.MAV_CMD_NAV_VTOL_LAND: Flown.LAND,
-    mavlink.MAV_CMD_NAV_LOITER_UNLIM: Flown.HANDS,
-    mavlink.MAV_CMD_NAV_TAKEOFF: Flown.GUIDED,
-    mavlink.MAV_CMD_NAV_VTOL_TAKEOFF: Flown.GUIDED,
-    mavlink.MAV_CMD_DO_REPOSITION: Flown.GUIDED,
+_COMMANDS: Final[Mapping[int, ModeClass | None]] = {
+    mavlink.MAV_CMD_MISSION_START: ModeClass.MISSION,
+    mavlink.MAV_CMD_DO_PAUSE_CONTINUE: ModeClass.MISSION,
+    mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH: ModeClass.RETURN,
+    mavlink.MAV_CMD_DO_LAND_START: ModeClass.RETURN,
+    _RETURN_PATH: ModeClass.RETURN,
+    mavlink.MAV_CMD_NAV_LAND: ModeClass.LAND,
+    mavlink.MAV_CMD_NAV_VTOL_LAND: ModeClass.LAND,
+    mavlink.MAV_CMD_NAV_LOITER_UNLIM: ModeClass.HANDS,
+    mavlink.MAV_CMD_NAV_TAKEOFF: ModeClass.GUIDED,
+    mavlink.MAV_CMD_NAV_VTOL_TAKEOFF: ModeClass.GUIDED,
+    mavlink.MAV_CMD_DO_REPOSITION: ModeClass.GUIDED,
     mavlink.MAV_CMD_DO_AUX_FUNCTION: _ANY,
     mavlink.MAV_CMD_DO_SET_STANDARD_MODE: _ANY,
     mavlink.MAV_CMD_SOLO_BTN_FLY_CLICK: _ANY,
@@ -50,27 +50,27 @@ _RADIO: Final[int] = mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
 _FENCE: Final[int] = mavlink.MAV_SYS_STATUS_GEOFENCE
 
 
-def of_text(text: str, vehicle: Vehicle = COPTER) -> HandSeen | None:
+def of_text(text: str, vehicle: Vehicle = COPTER) -> ModeSourceSeen | None:
     """What a STATUSTEXT of the autopilot tells: a failsafe acts, or is over and gives back the mode of before, or the
     mission has come to its end; None: nothing of the kind."""
     if text.startswith(_OF_GUARD):
         return None
     if vehicle.by_mission is not None and vehicle.by_mission.search(text):
-        return HandSeen(Hand.MISSION)
+        return ModeSourceSeen(ModeSource.MISSION)
     restored = vehicle.restored and vehicle.restored.search(text)
     if restored:
         flown = [mode.flown for mode in vehicle.modes.values() if mode.name == restored[1]]
-        return HandSeen(Hand.FAILSAFE, flown[0]) if flown else None
-    return HandSeen(Hand.FAILSAFE) if vehicle.by_itself.search(text) else None
+        return ModeSourceSeen(ModeSource.FAILSAFE, flown[0]) if flown else None
+    return ModeSourceSeen(ModeSource.FAILSAFE) if vehicle.by_itself.search(text) else None
 
 
-def _nowhere(_seq: int) -> Flown | None:
+def _nowhere(_seq: int) -> ModeClass | None:
     return None
 
 
 def of_command(
-    frame: Frame, vehicle: Vehicle = COPTER, leads_to: Callable[[int], Flown | None] = _nowhere
-) -> HandSeen | None:
+    frame: Frame, vehicle: Vehicle = COPTER, leads_to: Callable[[int], ModeClass | None] = _nowhere
+) -> ModeSourceSeen | None:
     """What a frame of the commander asks of the flight mode; None: nothing.
 
     `leads_to`: what is flown when the mission goes on with an item, None if that changes nothing (`plane_landing.py`).
@@ -83,23 +83,23 @@ def of_command(
     if frame.msgid == _SET_ITEM:
         return _of_item(leads_to(message.seq))
     if frame.msgid == _SET_MODE:
-        return HandSeen(Hand.COMMANDER, vehicle.flown(message.custom_mode))
+        return ModeSourceSeen(ModeSource.COMMANDER, vehicle.flown(message.custom_mode))
     if message.command == mavlink.MAV_CMD_DO_PAUSE_CONTINUE and message.param1 == 0.0:
-        return HandSeen(Hand.COMMANDER, Flown.STOP)
+        return ModeSourceSeen(ModeSource.COMMANDER, ModeClass.STOP)
     if message.command == mavlink.MAV_CMD_DO_SET_MISSION_CURRENT:
         item = message.param1
         return _of_item(leads_to(int(item)) if 0.0 <= item < 65536.0 else None)
     if message.command == mavlink.MAV_CMD_DO_SET_MODE:
         mode = message.param2
-        return HandSeen(Hand.COMMANDER, vehicle.flown(int(mode)) if 0.0 <= mode < 256.0 else _ANY)
+        return ModeSourceSeen(ModeSource.COMMANDER, vehicle.flown(int(mode)) if 0.0 <= mode < 256.0 else _ANY)
     commands = {**_COMMANDS, **vehicle.commands}
     if message.command not in commands:
         return None
-    return HandSeen(Hand.COMMANDER, commands[message.command])
+    return ModeSourceSeen(ModeSource.COMMANDER, commands[message.command])
 
 
-def _of_item(flown: Flown | None) -> HandSeen | None:
-    return None if flown is None else HandSeen(Hand.COMMANDER, flown)
+def _of_item(flown: ModeClass | None) -> ModeSourceSeen | None:
+    return None if flown is None else ModeSourceSeen(ModeSource.COMMANDER, flown)
 
 
 def radio_lives(status: Any) -> bool:

@@ -22,7 +22,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from mavproxy_handover.core.common.model import Flown
+from mavproxy_handover.core.common.model import ModeClass
 from mavproxy_handover.mission.items import COMMANDS, LANDINGS
 from mavproxy_handover.mission.plan import Route, ways_from_land_starts
 from mavproxy_handover.vehicle.kinds import PLANE, Vehicle
@@ -33,7 +33,7 @@ __all__ = ["WaysDown", "ways_down"]
 _WAIT_S: Final = 1.5
 #: so many items may be passed without being told of before it is a jump
 _MISSED: Final = 1
-_ENDS: Final = (Flown.RETURN, Flown.LAND)
+_ENDS: Final = (ModeClass.RETURN, ModeClass.LAND)
 
 
 def ways_down(route: Route) -> tuple[range, ...]:
@@ -47,17 +47,17 @@ class WaysDown:
 
     def __init__(self) -> None:
         #: what AUTO is now, where that is not the mission; None: what the mode is called is what is flown
-        self.flown: Flown | None = None
+        self.flown: ModeClass | None = None
         self._route: Route | None = None
         self._ways: tuple[range, ...] = ()
         self._vehicle: Vehicle | None = None
         self._mode: int | None = None
         #: what was flown before AUTO was entered, and since when that is to be told from the mission
-        self._before = Flown.OTHER
+        self._before = ModeClass.OTHER
         self._entered_at: float | None = None
         #: the item that is flown to, and the one at which AUTO was left, with what AUTO was then
         self._seq: int | None = None
-        self._left: tuple[int | None, Flown | None] = None, None
+        self._left: tuple[int | None, ModeClass | None] = None, None
 
     @property
     def may_be(self) -> bool:
@@ -70,14 +70,14 @@ class WaysDown:
         """It is in AUTO on a way down that is known, whoever has sent it there: the mission itself comes there too."""
         return self._vehicle is PLANE and self._mode == PLANE.auto and self._is_down(self._seq)
 
-    def leads_to(self, seq: int) -> Flown | None:
+    def leads_to(self, seq: int) -> ModeClass | None:
         """What will be flown where AUTO is told now to go on with this item; None: what is flown already."""
         if self._vehicle is not PLANE or self._mode != PLANE.auto or not self._ways:
             return None
         if not self._is_down(seq):
-            return None if self.flown is None else Flown.MISSION
+            return None if self.flown is None else ModeClass.MISSION
         comes = self.flown is None and not self._is_down(self._seq)
-        return Flown.LAND if comes else None
+        return ModeClass.LAND if comes else None
 
     def adopt(self, route: Route | None) -> None:
         """The autopilot holds this mission; None: nobody knows which one."""
@@ -88,7 +88,7 @@ class WaysDown:
 
     def lands(self) -> None:
         """It was told to land, and may be on a way down: whatever that was before, it is a landing now."""
-        self.flown, self._entered_at = Flown.LAND, None
+        self.flown, self._entered_at = ModeClass.LAND, None
 
     def mode(self, vehicle: Vehicle, mode: int, now: float) -> None:
         """The mode of a heartbeat."""
@@ -116,9 +116,9 @@ class WaysDown:
             self.flown = self._before
         elif entered:
             at, flown = self._left
-            self.flown = flown if at == seq else Flown.LAND
+            self.flown = flown if at == seq else ModeClass.LAND
         elif self.flown is None and before is not None and not self._is_down(before):
-            self.flown = None if self._follows(before, seq) else Flown.LAND
+            self.flown = None if self._follows(before, seq) else ModeClass.LAND
 
     def _is_down(self, seq: int | None) -> bool:
         return any(seq in way for way in self._ways)

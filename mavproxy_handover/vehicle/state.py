@@ -21,7 +21,7 @@ from typing import Any, Final, Generic, TypeVar
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.common.model import Flown, Kind
+from mavproxy_handover.core.common.model import Kind, ModeClass
 from mavproxy_handover.gate.policy.modes import UNKNOWN, Modes
 from mavproxy_handover.vehicle.kinds import COPTER, PLANE, Vehicle, vehicle_of
 from mavproxy_handover.vehicle.parameters import Parameters
@@ -160,7 +160,7 @@ class VehicleState:
         #: when it said last that it hovers as well as flies on wings
         self._hovers_too_at = -math.inf
         #: what it was stopped in, where that is done by a mode of its own
-        self.stopped_in: Flown | None = None
+        self.stopped_in: ModeClass | None = None
         #: when it said last that it is outside its fence
         self.breached_at = -math.inf
 
@@ -202,7 +202,7 @@ class VehicleState:
         """Whether the autopilot's own positions are the ones that count from now on."""
         self.trusts_own = trusted
 
-    def stop_from(self, flown: Flown) -> None:
+    def stop_from(self, flown: ModeClass) -> None:
         """It flies this, and is about to be stopped."""
         self.stopped_in = flown
 
@@ -300,7 +300,7 @@ class VehicleState:
         return None if parameter is None else abs(parameter.value)
 
     @property
-    def flown(self) -> Flown | None:
+    def flown(self) -> ModeClass | None:
         """What it flies; None: nobody knows what its modes are."""
         if self.foreign:
             return None
@@ -379,7 +379,7 @@ class VehicleState:
     @property
     def lands(self) -> bool:
         """The same, or its mode lands."""
-        return self.comes_down or self.flown is Flown.LAND
+        return self.comes_down or self.flown is ModeClass.LAND
 
     @property
     def always_armed(self) -> bool:

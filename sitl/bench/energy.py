@@ -15,7 +15,7 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.common.events import SignsSeen, Tick
+from mavproxy_handover.core.common.events import ConditionsSeen, Tick
 from mavproxy_handover.core.safety.energy import Piece, way_home
 from mavproxy_handover.core.safety.energy_prior import EnergySettings
 from mavproxy_handover.monitors.energy import EnergyMonitor
@@ -106,7 +106,7 @@ class Judge:
         """A sign that was not there, or was."""
         self._now += 1e-6
         self._off = not self._off
-        self._row.arbiter.handle(SignsSeen(off_route=self._off), self._now)
+        self._row.arbiter.handle(ConditionsSeen(off_route=self._off), self._now)
 
 
 def measure(plan: Plan, say: Callable[[str], None]) -> Iterator[Measurement]:

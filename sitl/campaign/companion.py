@@ -19,7 +19,7 @@ from mavproxy_handover.core.authority.start import refused
 from mavproxy_handover.core.common import events
 from mavproxy_handover.core.common.limits import Limits
 from mavproxy_handover.core.common.messages import Connect, ConnectAck, Message
-from mavproxy_handover.core.common.model import AuthorityView, FlightAction, Flown, Hand, Phase, Station
+from mavproxy_handover.core.common.model import AuthorityView, FlightAction, ModeClass, ModeSource, Phase, Station
 from mavproxy_handover.core.common.never import assert_never
 from mavproxy_handover.core.common.snapshot import Snapshot
 from mavproxy_handover.core.safety.commands import CommandRules, Outcome, Ruling
@@ -42,12 +42,12 @@ __all__ = ["DIGEST", "Companion", "Ties"]
 DIGEST: Final = bytes(range(32))
 #: what a mode does, and its name
 _MODES: Final = {
-    Mode.GROUND: (Flown.HANDS, "LOITER"),
-    Mode.AUTO: (Flown.MISSION, "AUTO"),
-    Mode.PAUSE: (Flown.MISSION, "AUTO"),
-    Mode.RTL: (Flown.RETURN, "RTL"),
-    Mode.LAND: (Flown.LAND, "LAND"),
-    Mode.PILOT: (Flown.HANDS, "LOITER"),
+    Mode.GROUND: (ModeClass.HANDS, "LOITER"),
+    Mode.AUTO: (ModeClass.MISSION, "AUTO"),
+    Mode.PAUSE: (ModeClass.MISSION, "AUTO"),
+    Mode.RTL: (ModeClass.RETURN, "RTL"),
+    Mode.LAND: (ModeClass.LAND, "LAND"),
+    Mode.PILOT: (ModeClass.HANDS, "LOITER"),
 }
 #: a station that has not been heard, or has not answered, for so long is no partner
 _LOST: Final = in_ticks(Limits().heartbeat_lost_s)
@@ -102,7 +102,7 @@ class Companion:
         self._route = RouteCheck(RouteLimits())
         self._nonce = 1
         self._kept: Snapshot | None = None
-        self._signs = events.SignsSeen()
+        self._signs = events.ConditionsSeen()
         #: causes that were there at once, by phase
         self.pairs: set[tuple[Phase, frozenset[str]]] = set()
         self._seen: tuple[Phase, frozenset[object]] | None = None
@@ -136,7 +136,7 @@ class Companion:
             self._watch = Watch(self.arbiter, self._stations[0].sysid, self._limits, restored=self._kept)
         except AssertionError as error:
             self._log.broken.append((now, f"a restart gives what it must not: {error}"))
-        self._signs = events.SignsSeen()
+        self._signs = events.ConditionsSeen()
         self._told.clear()
         self._flew, self._mode = False, Mode.GROUND
         self.desk = Desk(self._plan, self._aircraft, self._zones, CommandRules())
@@ -336,7 +336,7 @@ class Companion:
         # who flew at the heartbeat before is a part of what the rules make of it
         key = mode, self._flew
         if aircraft.mode is Mode.RTL and aircraft.by == BY_MISSION and self._mode is not Mode.RTL:
-            self.give(events.HandSeen(Hand.MISSION), now)
+            self.give(events.ModeSourceSeen(ModeSource.MISSION), now)
         self._flew, self._mode = aircraft.flying, aircraft.mode
         if always or self._told.get(events.ModeSeen) != key:
             self._told[events.ModeSeen] = key
@@ -373,7 +373,7 @@ class Companion:
             self._move(now, always=always)
         if self._aircraft.flying and self.fix:
             self._route.look(self._track(*self._aircraft.at(now)[:2]), in_seconds(now))
-        signs = events.SignsSeen(
+        signs = events.ConditionsSeen(
             self._aircraft.flying and self.places.short, self._route.deviation is not None, self._aircraft.breached
         )
         if signs != self._signs:

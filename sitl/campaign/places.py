@@ -25,9 +25,9 @@ from mavproxy_handover.core.safety.return_site import (
     SOONER_S,
     Choice,
     Coverage,
-    PlaceChooser,
     PlaceFact,
     Reach,
+    ReturnSiteChooser,
 )
 from mavproxy_handover.mission.fence import Fence
 from mavproxy_handover.mission.plan import FenceCircle
@@ -60,7 +60,7 @@ class Places:
         self._finder = PlaceFinder(zones, Fence((circle,)))
         self._circles = plan.zones
         self._places = plan.named_places
-        self._chooser = PlaceChooser()
+        self._chooser = ReturnSiteChooser()
         self._rates = _Rates(self._model)
         self._facts: dict[str, PlaceFact] = {}
         self.choice: Choice | None = None

@@ -25,7 +25,7 @@ from math import inf
 from gcs_module import core as gcs
 from mavproxy_handover.core.common import events
 from mavproxy_handover.core.common.messages import Message
-from mavproxy_handover.core.common.model import AuthorityView, FlightAction, Flown, Hand, LeaseState, Phase
+from mavproxy_handover.core.common.model import AuthorityView, FlightAction, LeaseState, ModeClass, ModeSource, Phase
 from mavproxy_handover.core.common.never import assert_never
 from mavproxy_handover.core.safety.commands import Ruling
 from sitl.campaign.aircraft import Aircraft, Mode
@@ -308,7 +308,7 @@ class World:
         if self.guard.works and self.cable:
             self.tell(events.GuardSeen(self.guard.state(now), ours=True), now)
             if self.guard.enforcing:
-                self.tell(events.HandSeen(Hand.GUARD), now)
+                self.tell(events.ModeSourceSeen(ModeSource.GUARD), now)
 
     def _station_beats(self, sysid: int, now: int) -> None:
         """Heartbeats of a station, up and over the ground, and of the companion down to it."""
@@ -479,7 +479,7 @@ class World:
         self.log.obeyed.append((now, sysid, True))
         if not self.failsafes.no_position:
             aircraft.resume("commander", now)
-        self.tell(events.HandSeen(Hand.COMMANDER, Flown.MISSION), now)
+        self.tell(events.ModeSourceSeen(ModeSource.COMMANDER, ModeClass.MISSION), now)
 
     def _begin_start(self, now: int) -> None:
         self.plan_at(now + _START_TAKES, self._take_off)
@@ -536,7 +536,7 @@ class World:
     def _failsafe(self, now: int) -> None:
         """One of the autopilot's failsafes acts, and it says so."""
         if self.cable:
-            self.tell(events.HandSeen(Hand.FAILSAFE), now)
+            self.tell(events.ModeSourceSeen(ModeSource.FAILSAFE), now)
 
     def passes(self, sysid: int) -> bool:
         """Whether the gate lets a command of this station through."""

@@ -17,7 +17,7 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.common.events import HandSeen
+from mavproxy_handover.core.common.events import ModeSourceSeen
 from mavproxy_handover.core.common.model import LeaseState
 from mavproxy_handover.vehicle import mode_requests
 from mavproxy_handover.wire.frames import Frame
@@ -53,7 +53,7 @@ class Recording:
     #: heartbeats of stations that went to the autopilot: the commander's
     station_beats: dict[int, list[float]] = field(default_factory=dict)
     #: commands to the autopilot that ask for a mode
-    hands: list[tuple[float, HandSeen]] = field(default_factory=list)
+    hands: list[tuple[float, ModeSourceSeen]] = field(default_factory=list)
     #: the guard's words are among the messages
     guarded: bool = False
     #: messages that could not be read, and bytes that were no part of one

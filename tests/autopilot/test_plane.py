@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.cruise import held_cruise, write_cruise
 from mavproxy_handover.autopilot.plane import Plane
-from mavproxy_handover.core.common.model import FlightAction, Flown
+from mavproxy_handover.core.common.model import FlightAction, ModeClass
 from mavproxy_handover.vehicle.kinds import PLANE
 from mavproxy_handover.vehicle.state import VehicleState
 from mavproxy_handover.wire.conversation import Asking, Conversation, NoAnswer
@@ -86,7 +86,7 @@ def test_start_is_auto_at_the_first_item_and_arming_behind_it(cockpit: Cockpit) 
     made = cockpit.does(cockpit.plane.start())
     assert (made.finished, made.failure) == (True, None)
     assert cockpit.told() == [(CURRENT, 1), (MODE, AUTO), (ARM, 1)]
-    assert (cockpit.aircraft.armed, cockpit.aircraft.flown) == (True, Flown.MISSION)
+    assert (cockpit.aircraft.armed, cockpit.aircraft.flown) == (True, ModeClass.MISSION)
 
 
 @pytest.mark.parametrize(("before", "after"), [(FBWA, FBWA), (AUTO, MANUAL)])
@@ -207,7 +207,7 @@ def test_arming_that_is_acknowledged_and_not_done_is_not_believed(cockpit: Cockp
 def test_it_stops_by_a_circle(cockpit: Cockpit, mode: int) -> None:
     cockpit.flies(mode)
     made = cockpit.does(cockpit.plane.hold(True))
-    assert (made.result, made.failure, cockpit.aircraft.flown) == ("LOITER", None, Flown.STOP)
+    assert (made.result, made.failure, cockpit.aircraft.flown) == ("LOITER", None, ModeClass.STOP)
     assert cockpit.told() == [(MODE, LOITER)]
 
 
@@ -222,7 +222,7 @@ def test_a_circle_of_the_radio_failsafe_is_not_ended(cockpit: Cockpit) -> None:
 def test_it_goes_on_by_auto(cockpit: Cockpit) -> None:
     cockpit.flies(LOITER)
     made = cockpit.does(cockpit.plane.hold(False))
-    assert (made.result, made.failure, cockpit.aircraft.flown) == ("AUTO", None, Flown.MISSION)
+    assert (made.result, made.failure, cockpit.aircraft.flown) == ("AUTO", None, ModeClass.MISSION)
 
 
 @pytest.mark.parametrize(("mode", "name"), [(AUTO, "AUTO"), (GUIDED, "GUIDED")])
@@ -273,7 +273,7 @@ def test_near_the_ground_there_is_no_circle(cockpit: Cockpit, landed: int) -> No
 
 
 def test_a_stop_shows_by_another_mode(cockpit: Cockpit) -> None:
-    assert (cockpit.plane.holds_by(True), cockpit.plane.holds_by(False)) == (Flown.STOP, Flown.MISSION)
+    assert (cockpit.plane.holds_by(True), cockpit.plane.holds_by(False)) == (ModeClass.STOP, ModeClass.MISSION)
 
 
 # ---- the way home -------------------------------------------------------------------------------------------------
@@ -320,7 +320,7 @@ def test_a_return_that_cannot_be_had_becomes_the_missions_landing(plane: Cockpit
     plane.autopilot.lacks, plane.autopilot.way_down = {RTL}, 6
     made = plane.does(plane.plane.bring_home(FlightAction.RETURN))
     assert (made.result, plane.told()) == ("landing sequence", [(MODE, RTL), (DOWN, 0)])
-    assert plane.aircraft.flown is Flown.LAND
+    assert plane.aircraft.flown is ModeClass.LAND
 
 
 def test_with_rotors_to_land_now_is_to_land_here(quadplane: Cockpit) -> None:
@@ -334,7 +334,7 @@ def test_without_rotors_to_land_now_is_the_missions_way_down(plane: Cockpit) -> 
     plane.flies(AUTO, item=2)
     plane.autopilot.way_down = 6
     made = plane.does(plane.plane.bring_home(FlightAction.LAND))
-    assert (made.result, plane.told(), plane.aircraft.flown) == ("landing sequence", [(DOWN, 0)], Flown.LAND)
+    assert (made.result, plane.told(), plane.aircraft.flown) == ("landing sequence", [(DOWN, 0)], ModeClass.LAND)
 
 
 @pytest.mark.parametrize("item", [6, 8])
@@ -343,29 +343,29 @@ def test_what_its_mission_has_led_to_its_landing_goes_on_with_it(plane: Cockpit,
     plane.aircraft.ways_down.adopt(route(*COMMANDS))
     for seq in range(4, item + 1):
         plane.flies(AUTO, item=seq)
-    assert plane.aircraft.flown is Flown.MISSION
+    assert plane.aircraft.flown is ModeClass.MISSION
     plane.autopilot.way_down = 6
     made = plane.does(plane.plane.bring_home(FlightAction.LAND))
-    assert (made.result, plane.told(), plane.aircraft.flown) == ("landing sequence", [], Flown.LAND)
+    assert (made.result, plane.told(), plane.aircraft.flown) == ("landing sequence", [], ModeClass.LAND)
 
 
 def test_of_a_mission_that_nobody_knows_the_way_down_is_believed(plane: Cockpit) -> None:
     plane.flies(GUIDED)
     plane.autopilot.way_down = 6
     made = plane.does(plane.plane.bring_home(FlightAction.LAND))
-    assert (made.result, plane.told(), plane.aircraft.flown) == ("landing sequence", [(DOWN, 0)], Flown.LAND)
+    assert (made.result, plane.told(), plane.aircraft.flown) == ("landing sequence", [(DOWN, 0)], ModeClass.LAND)
     plane.autopilot.mode = GUIDED
     plane.listen()
-    assert plane.aircraft.flown is Flown.GUIDED
+    assert plane.aircraft.flown is ModeClass.GUIDED
 
 
 def test_on_its_way_down_it_is_not_sent_to_the_beginning_of_it_again(plane: Cockpit) -> None:
     plane.aircraft.ways_down.adopt(route(*COMMANDS))
     plane.flies(RTL)
     plane.flies(AUTO, item=7)
-    assert plane.aircraft.flown is Flown.RETURN
+    assert plane.aircraft.flown is ModeClass.RETURN
     made = plane.does(plane.plane.bring_home(FlightAction.LAND))
-    assert (made.result, plane.told(), plane.aircraft.flown) == ("landing sequence", [], Flown.LAND)
+    assert (made.result, plane.told(), plane.aircraft.flown) == ("landing sequence", [], ModeClass.LAND)
     made = plane.does(plane.plane.bring_home(FlightAction.RETURN))
     assert (made.result, plane.told()) == ("landing sequence", [])
 

@@ -26,10 +26,10 @@ from mavproxy_handover.core.common.events import (
     ControlRequested,
     Event,
     Fly,
-    HandSeen,
     LinkJudged,
     MissionLoaded,
     ModeSeen,
+    ModeSourceSeen,
     MotionSeen,
     OrderRefused,
     PositionSeen,
@@ -40,7 +40,7 @@ from mavproxy_handover.core.common.events import (
     Tick,
 )
 from mavproxy_handover.core.common.limits import Limits
-from mavproxy_handover.core.common.model import FlightAction, Flown, Hand, Phase
+from mavproxy_handover.core.common.model import FlightAction, ModeClass, ModeSource, Phase
 from mavproxy_handover.core.common.snapshot import Snapshot
 from tests.core.bench import (
     DIGEST,
@@ -174,14 +174,19 @@ events = st.one_of(
 #: what the autopilot makes of orders
 deeds = st.one_of(
     events,
-    st.sampled_from([ModeSeen(flown, flown.name) for flown in (Flown.MISSION, Flown.RETURN, Flown.LAND, Flown.HANDS)]),
+    st.sampled_from(
+        [
+            ModeSeen(flown, flown.name)
+            for flown in (ModeClass.MISSION, ModeClass.RETURN, ModeClass.LAND, ModeClass.HANDS)
+        ]
+    ),
     st.builds(
         MotionSeen,
         st.sampled_from([0.0, 7.3]),
         st.sampled_from([-1.1, 0.0, 2.0]),
         st.sampled_from([None, 3.0, 400.0, 420.0, 900.0]),
     ),
-    st.builds(HandSeen, st.sampled_from([Hand.PILOT, Hand.COMMANDER, Hand.FAILSAFE])),
+    st.builds(ModeSourceSeen, st.sampled_from([ModeSource.PILOT, ModeSource.COMMANDER, ModeSource.FAILSAFE])),
     st.builds(OrderRefused, st.sampled_from(FlightAction)),
 )
 waits = st.sampled_from([0.0, 0.0, 0.01, 0.13, 0.37, 0.71, 1.09, 2.03])
@@ -211,7 +216,7 @@ TO_RELEASE: list[tuple[float, Event | Word]] = [
 #: in flight, with a mode, and the commander falls silent: it is brought home by the table
 COMES_HOME: list[tuple[float, Event | Word]] = [
     *IN_TRANSFER[:-3],
-    (0.0, ModeSeen(Flown.MISSION, "AUTO")),
+    (0.0, ModeSeen(ModeClass.MISSION, "AUTO")),
     (0.0, MotionSeen(7.3, 0.0, 400.0)),
     (1.8, AutopilotState(True, True)),
 ]
@@ -245,10 +250,10 @@ def test_ticks_between_the_deadlines_change_nothing(story: list[tuple[float, Eve
 @settings(max_examples=80, deadline=None)
 @given(st.lists(st.tuples(waits, deeds), max_size=25), st.sampled_from([0.05, 0.0937]))
 @example([(0.0, AutopilotState(True, True))], 0.05)  # it does not follow, is told again, and is given up
-@example([(0.1, ModeSeen(Flown.RETURN, "RTL"))], 0.05)  # it follows, and gets nowhere
-@example([(0.1, ModeSeen(Flown.RETURN, "RTL")), (1.0, MotionSeen(0.0, 2.0, 400.0))], 0.05)
-@example([(0.0, ModeSeen(Flown.LAND, "LAND")), (0.01, ModeSeen(Flown.RETURN, "RTL"))], 0.05)
-@example([(0.0, ModeSeen(Flown.HANDS, "LOITER")), (0.0, AutopilotState(True, False))], 0.05)  # lands in doubt
+@example([(0.1, ModeSeen(ModeClass.RETURN, "RTL"))], 0.05)  # it follows, and gets nowhere
+@example([(0.1, ModeSeen(ModeClass.RETURN, "RTL")), (1.0, MotionSeen(0.0, 2.0, 400.0))], 0.05)
+@example([(0.0, ModeSeen(ModeClass.LAND, "LAND")), (0.01, ModeSeen(ModeClass.RETURN, "RTL"))], 0.05)
+@example([(0.0, ModeSeen(ModeClass.HANDS, "LOITER")), (0.0, AutopilotState(True, False))], 0.05)  # lands in doubt
 def test_the_same_while_an_order_is_watched(story: list[tuple[float, Event | Word]], every_s: float) -> None:
     told_before = COMES_HOME + story
     assert told(told_before, SUPERVISED, every_s) == told(told_before, SUPERVISED, None)
@@ -268,7 +273,7 @@ def test_an_order_that_is_not_followed_is_given_up_by_the_deadlines_alone() -> N
         (pytest.approx(lost_at + 9.2), FlightAction.LAND),
         (pytest.approx(lost_at + 11.5), FlightAction.LAND),
     ]
-    stuck = orders((0.1, ModeSeen(Flown.RETURN, "RTL")))
+    stuck = orders((0.1, ModeSeen(ModeClass.RETURN, "RTL")))
     seen_at = 0.1 + 1.8 + 0.1
     assert stuck[1] == (pytest.approx(seen_at + 3.7), FlightAction.LAND)
 

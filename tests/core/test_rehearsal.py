@@ -11,6 +11,7 @@ from mavproxy_handover.core.common.events import (
     Action,
     Announce,
     BeginStart,
+    ConditionsSeen,
     ControlAnswer,
     ControlRequested,
     ControlResult,
@@ -20,12 +21,11 @@ from mavproxy_handover.core.common.events import (
     RehearsalAsked,
     RehearsalMoved,
     RehearsalRefused,
-    SignsSeen,
     StartRefused,
     StartRequested,
 )
 from mavproxy_handover.core.common.limits import Limits
-from mavproxy_handover.core.common.model import FlightAction, Flown, GapFact, LeaseState, Phase, Reason, ZoneFact
+from mavproxy_handover.core.common.model import FlightAction, GapFact, LeaseState, ModeClass, Phase, Reason, ZoneFact
 from tests.core.bench import (
     KEY,
     A,
@@ -337,9 +337,9 @@ class TestDecisions:
     def test_the_mode_of_what_is_carried_is_nobodys(self) -> None:
         """By hand with a radio on: in flight that is a pilot's, and nothing would be done."""
         bench = carried()
-        bench.mode = ModeSeen(Flown.HANDS, "STABILIZE", radio=True)
+        bench.mode = ModeSeen(ModeClass.HANDS, "STABILIZE", radio=True)
         bench.run(2.0)
-        bench.mode = ModeSeen(Flown.RETURN, "RTL", radio=True)
+        bench.mode = ModeSeen(ModeClass.RETURN, "RTL", radio=True)
         bench.run(2.0)
         bench.alive = set()
         bench.run(8.0)
@@ -381,7 +381,7 @@ class TestEnding:
     def test_what_would_be_done_is_not_told_behind_its_end(self) -> None:
         """A return is told with the next event: that may be the end."""
         bench = carried(Limits(hold_off_s={Cause.ENERGY: 0.0}))
-        bench.give(SignsSeen(energy=True))
+        bench.give(ConditionsSeen(energy=True))
         assert [record.text for record in bench.records("would")] == ["energy for the way back only: would return"]
         bench.give(RehearsalAsked(A, False))
         bench.run(10.0)

@@ -14,15 +14,15 @@ from mavproxy_handover.core.common.causes import Cause
 from mavproxy_handover.core.common.events import (
     Announce,
     AutopilotState,
+    ConditionsSeen,
     ControlAnswer,
     ControlResult,
     Fly,
-    HandSeen,
     MissionLoaded,
     ModeSeen,
+    ModeSourceSeen,
     Record,
     Send,
-    SignsSeen,
     StationHeard,
     StationMessage,
     Tick,
@@ -30,7 +30,7 @@ from mavproxy_handover.core.common.events import (
 )
 from mavproxy_handover.core.common.limits import Limits
 from mavproxy_handover.core.common.messages import Message
-from mavproxy_handover.core.common.model import AuthorityView, FlightAction, Flown, Hand, LeaseState
+from mavproxy_handover.core.common.model import AuthorityView, FlightAction, LeaseState, ModeClass, ModeSource
 from mavproxy_handover.core.common.snapshot import Snapshot
 from tests.core.bench import (
     DIGEST,
@@ -442,13 +442,13 @@ class TestUntilTheFlightIsOver:
         """It has turned back for its energy, which looks like enough by now."""
         bench = Bench(limits)
         bench.armed = bench.flying = True
-        bench.mode = ModeSeen(Flown.MISSION, "AUTO")
+        bench.mode = ModeSeen(ModeClass.MISSION, "AUTO")
         bench = bench.restart(0.0, LEFT)
         bench.run(3.0)
-        bench.give(SignsSeen(energy=True))
+        bench.give(ConditionsSeen(energy=True))
         bench.run(3.0)
-        bench.mode = ModeSeen(Flown.RETURN, "RTL")
-        bench.give(SignsSeen())
+        bench.mode = ModeSeen(ModeClass.RETURN, "RTL")
+        bench.give(ConditionsSeen())
         bench.run(3.0)
         return bench
 
@@ -469,7 +469,7 @@ class TestUntilTheFlightIsOver:
 
     def test_who_does_not_return_is_sent_back_at_once(self) -> None:
         bench = started(self.LEFT)
-        bench.mode = ModeSeen(Flown.MISSION, "AUTO")
+        bench.mode = ModeSeen(ModeClass.MISSION, "AUTO")
         bench.alive = {A}
         bench.run(1.0)
         assert bench.flights() == [self.BACK]
@@ -497,8 +497,8 @@ class TestUntilTheFlightIsOver:
 
     def test_what_the_commander_has_overruled_is_not_wrong_again(self) -> None:
         bench = self.turned_back()
-        bench.give(HandSeen(Hand.COMMANDER, Flown.MISSION))
-        bench.mode = ModeSeen(Flown.MISSION, "AUTO")
+        bench.give(ModeSourceSeen(ModeSource.COMMANDER, ModeClass.MISSION))
+        bench.mode = ModeSeen(ModeClass.MISSION, "AUTO")
         bench.run(3.0)
         assert bench.arbiter.snapshot().lasting == ()
         bench.restart()

@@ -32,8 +32,7 @@ from mavproxy_handover.core.arbiter import Arbiter, Identity
 from mavproxy_handover.core.common.causes import Cause
 from mavproxy_handover.core.common.events import Tick
 from mavproxy_handover.core.common.model import GuardState, Phase, Reason, Station
-from mavproxy_handover.core.common.snapshot import Snapshot
-from mavproxy_handover.core.safety.battery import PackMemory
+from mavproxy_handover.core.common.snapshot import PackMemory, Snapshot
 from mavproxy_handover.mission import package as packages
 from mavproxy_handover.store.memory import Condition, Slots
 from mavproxy_handover.store.replay import ReplayStore

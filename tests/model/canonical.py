@@ -32,6 +32,7 @@ from mavproxy_handover.core.authority.authority import Authority
 from mavproxy_handover.core.authority.candidates import Candidates
 from mavproxy_handover.core.authority.contacts import Contacts
 from mavproxy_handover.core.authority.control import Echo
+from mavproxy_handover.core.authority.coverage import Coverage
 from mavproxy_handover.core.authority.foresight import Foresight
 from mavproxy_handover.core.authority.hearing import Hearing
 from mavproxy_handover.core.authority.links import Links
@@ -41,17 +42,20 @@ from mavproxy_handover.core.authority.requests import Requests
 from mavproxy_handover.core.authority.results import Results, _Pending
 from mavproxy_handover.core.authority.start import Start
 from mavproxy_handover.core.authority.transfer import Transfer
-from mavproxy_handover.core.authority.transfer_manager import READ_S, Conductor
+from mavproxy_handover.core.authority.transfer_manager import READ_S, TransferManager
 from mavproxy_handover.core.authority.zones import ZoneTracker
 from mavproxy_handover.core.common.causes import Cause, CauseWatch
 from mavproxy_handover.core.common.flight import Flight
 from mavproxy_handover.core.common.limits import Limits
-from mavproxy_handover.core.safety.command_verification import Supervision
-from mavproxy_handover.core.safety.conditions import Lookout
-from mavproxy_handover.core.safety.decision_executor import Execution
+from mavproxy_handover.core.safety.command_verification import CommandVerification
+from mavproxy_handover.core.safety.conditions import Conditions
+from mavproxy_handover.core.safety.decision_executor import DecisionExecutor
+from mavproxy_handover.core.safety.decision_facts import DecisionFacts
 from mavproxy_handover.core.safety.emergency import Emergency
 from mavproxy_handover.core.safety.gap import Crossing
-from mavproxy_handover.core.safety.mode_source import DOUBT_S, EVIDENCE, Helm
+from mavproxy_handover.core.safety.hold_timer import HoldTimer
+from mavproxy_handover.core.safety.mode_source import DOUBT_S, EVIDENCE, ModeTracker
+from mavproxy_handover.core.safety.safety import Safety
 from mavproxy_handover.core.safety.sentence import Figures
 from mavproxy_handover.core.safety.strategy import Strategy
 
@@ -429,11 +433,16 @@ def _share(arbiter: Arbiter) -> None:
     rehearsal = arbiter._rehearsal
     rehearsal._authority, rehearsal._flight, rehearsal._conductor = authority, flight, conductor
     rehearsal._start = arbiter._start
-    lookout, execution = arbiter._lookout, arbiter._execution
-    for part in (lookout, execution._figures):
-        part._authority, part._flight, part._candidates = authority, flight, candidates
-    execution._authority, execution._flight = authority, flight
-    execution._lookout, execution._emergency = lookout, arbiter._emergency
+    coverage = Coverage(authority, flight, candidates, arbiter._limits)
+    safety = arbiter._safety
+    safety._authority, safety._flight = coverage, flight
+    parts = safety.conditions, safety.facts, safety.executor
+    for each in (*parts, safety.executor._figures):
+        each._authority, each._flight = coverage, flight
+    for each in (safety.facts, safety.executor):
+        each._conditions, each._hold_timer = safety.conditions, safety.hold_timer
+        each._mode, each._verification = safety.mode, safety.verification
+    safety.executor._emergency, safety.executor._facts = safety.emergency, safety.facts
 
 
 class Packer:
@@ -599,7 +608,7 @@ class Packer:
             _say_at=_Fixed(lambda: inf),
         )
         conductor = _Class(
-            Conductor,
+            TransferManager,
             _authority=_Shared(),
             _flight=_Shared(),
             _presence=_Shared(),
@@ -644,8 +653,8 @@ class Packer:
             _watch=_Object(watch),
             told=plain,
         )
-        helm = _Class(
-            Helm,
+        mode = _Class(
+            ModeTracker,
             _asked=_Heard(),
             _before=plain,
             _flying=plain,
@@ -658,8 +667,8 @@ class Packer:
             name=plain,
             radio=plain,
         )
-        supervision = _Class(
-            Supervision,
+        verification = _Class(
+            CommandVerification,
             _commanded_at=_Time(limits.obey_s),
             _interrupted=plain,
             _deaf=plain,
@@ -679,45 +688,64 @@ class Packer:
             stands=plain,
             unable=plain,
         )
-        figures = _Class(Figures, _authority=_Shared(), _candidates=_Shared(), _flight=_Shared())
-        execution = _Class(
-            Execution,
+        figures = _Class(Figures, _authority=_Shared(), _flight=_Shared())
+        executor = _Class(
+            DecisionExecutor,
             _again_at=_Fixed(lambda: -inf),
-            _hold_cause=plain,
-            _tells_at=_Time(0.0),
-            _told_place=plain,
             _authority=_Shared(),
+            _conditions=_Shared(),
             _emergency=_Shared(),
+            _facts=_Shared(),
             _figures=_Object(figures),
             _flight=_Shared(),
-            _lookout=_Shared(),
+            _hold_cause=plain,
+            _hold_timer=_Shared(),
+            _mode=_Shared(),
+            _tells_at=_Time(0.0),
+            _told_place=plain,
+            _verification=_Shared(),
         )
-        lookout = _Class(
-            Lookout,
+        conditions = _Class(
+            Conditions,
             _around=plain,
             _authority=_Shared(),
-            _candidates=_Shared(),
             _blind_since=_Time(1.0),
             _ended_for=plain,
             _flight=_Shared(),
-            _held_long=plain,
-            _in_gap=plain,
             _limits=the_limits,
-            _may_hold=plain,
             _passed_m=plain,
             crossing=_Object(_Class(Crossing, gap=plain, since=_Time(GAP_S))),
-            held_at=_Time(limits.hold_s),
-            helm=_Object(helm),
-            place=plain,
-            resuming=plain,
+            reported=plain,
             seen=plain,
-            supervision=_Object(supervision),
-            told=plain,
+        )
+        hold_timer = _Class(HoldTimer, _limits=the_limits, _used_up=plain, held_at=_Time(limits.hold_s), resuming=plain)
+        facts = _Class(
+            DecisionFacts,
+            _authority=_Shared(),
+            _conditions=_Shared(),
+            _flight=_Shared(),
+            _hold_timer=_Shared(),
+            _in_gap=plain,
+            _may_hold=plain,
+            _mode=_Shared(),
+            _verification=_Shared(),
+            place=plain,
+        )
+        safety = _Class(
+            Safety,
+            _authority=_Shared(),
+            _flight=_Shared(),
+            conditions=_Object(conditions),
+            emergency=_Object(emergency),
+            executor=_Object(executor),
+            facts=_Object(facts),
+            hold_timer=_Object(hold_timer),
+            mode=_Object(mode),
+            verification=_Object(verification),
         )
         self._arbiter = _Class(
             Arbiter,
-            _execution=_Object(execution),
-            _lookout=_Object(lookout),
+            _safety=_Object(safety),
             _parent=plain,
             _limits=the_limits,
             _flight=_Object(flight),
@@ -729,7 +757,6 @@ class Packer:
             _requests=_Object(requests),
             _start=_Object(start),
             _rehearsal=_Object(rehearsal),
-            _emergency=_Object(emergency),
             _interrupted=plain,
             dropped=_Fixed(Counter),
             _epoch=_Epoch("epoch", EPOCH),

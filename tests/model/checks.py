@@ -36,13 +36,13 @@ from dataclasses import dataclass, replace
 from mavproxy_handover.core.common.events import (
     Action,
     AutopilotState,
+    ConditionsSeen,
     ControlRequested,
     Event,
     Fly,
     LinkJudged,
     PositionSeen,
     Send,
-    SignsSeen,
     StationHeard,
     StationMessage,
     ViewChanged,
@@ -248,7 +248,7 @@ def _note(books: Books, view: AuthorityView, event: Event, standard: frozenset[i
         short = books.short if flying else None
         held, stood = books.held and flying, books.stood and flying
         books = replace(books, flying=flying, grounded=not event.armed, held=held, stood=stood, short=short)
-    if isinstance(event, SignsSeen):
+    if isinstance(event, ConditionsSeen):
         books = replace(books, short=0 if books.short is None else books.short)
     if isinstance(event, LinkJudged):
         books = replace(books, weak=books.weak - {event.station} | ({event.station} if event.weak else set()))

@@ -11,9 +11,9 @@ from gcs_module import core as gcs
 from mavproxy_handover.core.common.events import (
     AutopilotState,
     Cancel,
+    ConditionsSeen,
     ControlRequested,
     LinkJudged,
-    SignsSeen,
     StartFinished,
     StartRequested,
     StationMessage,
@@ -279,7 +279,7 @@ class Graph(World):
         elif kind is Fault.WEAK:
             self._links(draft, which, weak=True)
         elif kind is Fault.SHORT:
-            self._to_vehicle(draft, self.events(SignsSeen(energy=True)))
+            self._to_vehicle(draft, self.events(ConditionsSeen(energy=True)))
         else:
             self._lie(draft, which, LIES[word], to)
 

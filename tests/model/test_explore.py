@@ -18,12 +18,12 @@ from mavproxy_handover.core.arbiter import Arbiter
 from mavproxy_handover.core.authority.authority import Authority, presence, transfer, transfer_manager, zones
 from mavproxy_handover.core.authority.candidates import Candidates
 from mavproxy_handover.core.authority.transfer import Cause, End, Step
-from mavproxy_handover.core.authority.transfer_manager import Conductor
+from mavproxy_handover.core.authority.transfer_manager import TransferManager
 from mavproxy_handover.core.common.causes import Cause as Wrong
 from mavproxy_handover.core.common.messages import DisconnectHandover
 from mavproxy_handover.core.common.model import AuthorityView, Consent, LeaseState, Outcome, Reason, ZoneFact
 from mavproxy_handover.core.safety import strategy
-from mavproxy_handover.core.safety.conditions import Lookout
+from mavproxy_handover.core.safety.conditions import Conditions
 from mavproxy_handover.core.safety.gap import Crossing
 from tests.model.explorer import explore
 from tests.model.plans import BLANK, CRASHES, MESSAGES, QUICK
@@ -111,12 +111,12 @@ def release_by_the_partner(patch: pytest.MonkeyPatch) -> None:
 
 
 def forced_while_the_commander_lives(patch: pytest.MonkeyPatch) -> None:
-    original = Conductor.begin
+    original = TransferManager.begin
 
-    def ruthless(self: Conductor, partner: int, reason: Reason, now: float, actions: Any, **how: Any) -> None:
+    def ruthless(self: TransferManager, partner: int, reason: Reason, now: float, actions: Any, **how: Any) -> None:
         original(self, partner, reason, now, actions, **{**how, "forced": True})
 
-    patch.setattr(Conductor, "begin", ruthless)
+    patch.setattr(TransferManager, "begin", ruthless)
 
 
 def restart_grants_at_once(patch: pytest.MonkeyPatch) -> None:
@@ -142,14 +142,14 @@ def restart_raises_no_epoch(patch: pytest.MonkeyPatch) -> None:
 
 
 def any_epoch_will_do(patch: pytest.MonkeyPatch) -> None:
-    original = Conductor.on_message
+    original = TransferManager.on_message
 
-    def lenient(self: Conductor, station: int, message: Any, now: float, actions: Any) -> str | None:
+    def lenient(self: TransferManager, station: int, message: Any, now: float, actions: Any) -> str | None:
         if self._authority.transfer is not None:
             message = shown_with(message, self._authority.transfer.key)
         return original(self, station, message, now, actions)
 
-    patch.setattr(Conductor, "on_message", lenient)
+    patch.setattr(TransferManager, "on_message", lenient)
 
 
 def shown_with(message: Any, key: Any) -> Any:
@@ -180,7 +180,7 @@ def lost_too_soon(patch: pytest.MonkeyPatch) -> None:
 
 
 def lost_and_nobody_takes_it(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr(Conductor, "_seek_successor", lambda self, lost, now, actions: None)
+    patch.setattr(TransferManager, "_seek_successor", lambda self, lost, now, actions: None)
 
 
 def the_first_position_counts_as_entry(patch: pytest.MonkeyPatch) -> None:
@@ -260,16 +260,16 @@ def alone_in_no_gap(patch: pytest.MonkeyPatch) -> None:
 
 
 def new_time_with_each_loss(patch: pytest.MonkeyPatch) -> None:
-    def generous(self: Lookout, now: float) -> None:
+    def generous(self: Conditions, now: float) -> None:
         self.crossing.since = None
         self.crossing.begin(now)
 
-    patch.setattr(Lookout, "lost", generous)
+    patch.setattr(Conditions, "commander_lost", generous)
 
 
 def energy_is_nothing(patch: pytest.MonkeyPatch) -> None:
-    signs = Lookout.signs
-    patch.setattr(Lookout, "signs", lambda self, now: signs(self, now) - {Wrong.ENERGY})
+    look = Conditions.look
+    patch.setattr(Conditions, "look", lambda self, now: look(self, now) - {Wrong.ENERGY})
 
 
 def what_is_milder_comes_first(patch: pytest.MonkeyPatch) -> None:

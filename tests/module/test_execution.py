@@ -10,7 +10,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as stock
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.common.events import SignsSeen
+from mavproxy_handover.core.common.events import ConditionsSeen
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.monitors.signs import breach
 from mavproxy_handover.vehicle.mode_requests import of_text
@@ -346,7 +346,7 @@ def test_a_hold_that_the_autopilot_refuses_is_a_return_at_once(bench: Bench, del
     bench.autopilot.say_position = at_8_mps  # type: ignore[method-assign]
     bench.run(3.0)
     bench.autopilot.script[PAUSE] = mavlink.MAV_RESULT_FAILED
-    bench.companion.handle(SignsSeen(off_route=True, off_route_words="off route: 80 m"), bench.clock.now)
+    bench.companion.handle(ConditionsSeen(off_route=True, off_route_words="off route: 80 m"), bench.clock.now)
 
     def pauses() -> int:
         return [m.command for m in bench.autopilot.got("COMMAND_LONG")].count(PAUSE)

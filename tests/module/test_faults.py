@@ -14,8 +14,8 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.common.events import Fly, HandSeen
-from mavproxy_handover.core.common.model import FlightAction, Hand, Phase, Reason
+from mavproxy_handover.core.common.events import Fly, ModeSourceSeen
+from mavproxy_handover.core.common.model import FlightAction, ModeSource, Phase, Reason
 from mavproxy_handover.core.safety.battery import Batteries
 from mavproxy_handover.core.safety.learning import Learner
 from mavproxy_handover.gate.flush import FlushTracker
@@ -463,7 +463,7 @@ def test_a_mode_that_the_commander_chose_is_the_commander_s_though_the_journal_b
     monkeypatch.setattr(airborne.companion.narrator, "accepted", broken)
     airborne.a.command(MODE, 1, 5)
     airborne.run(0.3)
-    assert any(isinstance(event, HandSeen) and event.hand is Hand.COMMANDER for event in hands)
+    assert any(isinstance(event, ModeSourceSeen) and event.hand is ModeSource.COMMANDER for event in hands)
 
 
 # ---- odd things from MAVProxy -------------------------------------------------------------------------------------

@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.autopilot.return_questions import ReturnQuestions
 from mavproxy_handover.autopilot.return_site import ReturnSite
 from mavproxy_handover.core.common.model import Phase
-from mavproxy_handover.core.safety.return_site import PlaceChooser
+from mavproxy_handover.core.safety.return_site import ReturnSiteChooser
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.mission.return_paths import PlaceFinder
 from mavproxy_handover.monitors.return_site import views
@@ -64,7 +64,7 @@ PLANTS: dict[str, Callable[[pytest.MonkeyPatch], None]] = {
     "the way back": lambda patch: patch.setattr(views, "way_back", broken),
     "what is asked": lambda patch: patch.setattr(ReturnQuestions, "ask", broken),
     "a look": lambda patch: patch.setattr(ReturnSite, "_look", broken),
-    "the choice": lambda patch: patch.setattr(PlaceChooser, "choose", broken),
+    "the choice": lambda patch: patch.setattr(ReturnSiteChooser, "choose", broken),
 }
 
 

@@ -14,7 +14,7 @@ import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.common.events import Fly
-from mavproxy_handover.core.common.model import FlightAction, Flown, Hand, Kind, Phase, Reason
+from mavproxy_handover.core.common.model import FlightAction, Kind, ModeClass, ModeSource, Phase, Reason
 from mavproxy_handover.mission.package import MissionPackage, load
 from tests.module.conftest import Bench
 from tests.module.test_commands_in_flight import along_the_dike
@@ -115,7 +115,7 @@ def test_a_mission_item_that_leads_down_is_the_commanders_word(flight: Bench, me
 
 def test_the_rules_are_told_what_it_is_and_the_room_that_it_needs(flight: Bench) -> None:
     aircraft = flight.companion.autopilot.aircraft
-    assert (aircraft.kind, aircraft.foreign, aircraft.flown) == (Kind.QUADPLANE, "", Flown.MISSION)
+    assert (aircraft.kind, aircraft.foreign, aircraft.flown) == (Kind.QUADPLANE, "", ModeClass.MISSION)
     state = flight.companion.autopilot.messages.autopilot_state()
     assert (state.kind, state.circles_s) == (Kind.QUADPLANE, 20.0)
     aircraft.take(mavlink.MAVLink_param_value_message(b"WP_LOITER_RAD", 30.0, 9, 900, 0), flight.clock.now)
@@ -270,8 +270,8 @@ def test_of_whom_the_circle_is_is_known_where_a_pilot_could_steer(flight: Bench)
     flight.run(1.0)
     flight.a.command(PAUSE, STOP)
     flight.run(3.0)
-    helm = flight.companion.arbiter._execution._helm
-    assert (helm.radio, helm.flown, helm.chosen_by) == (True, Flown.STOP, Hand.COMMANDER)
+    helm = flight.companion.arbiter._safety.mode
+    assert (helm.radio, helm.flown, helm.chosen_by) == (True, ModeClass.STOP, ModeSource.COMMANDER)
 
 
 def test_a_partner_stops_nothing(flight: Bench) -> None:
@@ -358,17 +358,20 @@ def test_a_copters_stop_is_its_own(bench: Bench, delivery: MissionPackage) -> No
 def test_a_hold_of_the_companions_own_is_known_to_be_its_own(flight: Bench) -> None:
     flight.companion.autopilot.orders.fly(FlightAction.HOLD, flight.clock.now)
     flight.run(3.0)
-    helm = flight.companion.arbiter._execution._helm
-    assert (flight.autopilot.mode, helm.flown, helm.chosen_by) == (LOITER, Flown.STOP, Hand.COMPANION)
+    helm = flight.companion.arbiter._safety.mode
+    assert (flight.autopilot.mode, helm.flown, helm.chosen_by) == (LOITER, ModeClass.STOP, ModeSource.COMPANION)
 
 
 def test_a_hold_and_a_flight_on_that_the_rules_decide_are_known_to_be_the_companions_own(flight: Bench) -> None:
     """Each order has an event for the rules: the mode that follows is the companion's choice."""
-    helm = flight.companion.arbiter._execution._helm
-    for action, mode, flown in ((FlightAction.HOLD, LOITER, Flown.STOP), (FlightAction.CONTINUE, AUTO, Flown.MISSION)):
+    helm = flight.companion.arbiter._safety.mode
+    for action, mode, flown in (
+        (FlightAction.HOLD, LOITER, ModeClass.STOP),
+        (FlightAction.CONTINUE, AUTO, ModeClass.MISSION),
+    ):
         flight.decide(Fly(action, Reason.LINK_QUALITY))
         flight.run(3.0)
-        assert (flight.autopilot.mode, helm.flown, helm.chosen_by) == (mode, flown, Hand.COMPANION)
+        assert (flight.autopilot.mode, helm.flown, helm.chosen_by) == (mode, flown, ModeSource.COMPANION)
 
 
 def test_a_circle_around_the_place_is_at_the_place(flight: Bench) -> None:

@@ -18,11 +18,6 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
             "until the guard has spoken it is silent, and then it does not matter whose leases it answers"
         ),
     },
-    "authority.presence": {
-        "unfit: dropped from and/or: self.answer is None: not self.connected(now) or self.answer is None": (
-            "who is connected has answered: the answer and its time are set together; the type checker wants it said"
-        ),
-    },
     "authority.zones": {
         "update: comparison turned: fact.margin_m > known.margin_m": (
             "of two zones of one station with exactly the same distance to the border either is the best"
@@ -99,38 +94,37 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
             "where the run before left nothing, nothing is taken up"
         ),
     },
-    "safety.conditions": {
-        "__init__: truth turned: False in self._held_long = False": "the first look sets it, and nothing asks before",
-        "__init__: truth turned: False in self._may_hold = False": "the same",
-        "__init__: truth turned: False in self._in_gap = False": "the same",
+    "authority.coverage": {
         "_asked: truth turned: True in return (None, True, True)": "where nobody is partner no station is the partner",
         "_asked: truth turned: True in return (None, True, True) (number 2)": "the same",
-        "facts: dropped from and/or: authority.lost: "
-        "authority.lost and (authority.recovering or (transfer is not None and transfer.forced and ": (
-            "who may still come back is lost until then, and what is forced ends when who was lost is back"
-        ),
-        "facts: dropped from and/or: transfer.forced: transfer is not None and transfer.forced and hurried": (
-            "with the loss every transfer under way is forced"
-        ),
-        "facts: dropped from and/or: authority.owner is not None: "
-        "authority.owner is not None and self._candidates.zones.holds(authority.owner)": "no zone is nobody's",
-        "due_at: dropped from and/or: self.held_at == -inf: self.held_at == -inf or self._held_long": (
-            "what never comes is left out at the end"
-        ),
-        "due_at: dropped from and/or: self._blind_until < inf: "
-        "self._may_hold and (not self.resuming) and (self._blind_until < inf)": (
-            "what comes after all else is not the first, and the stations are asked before that"
-        ),
-        "due_at: comparison turned: self._blind_until < inf": "the same",
+        "successor_awaited: dropped from and/or: transfer.forced: transfer is not None and transfer.forced and "
+        "(not transfer.patient) and hurried": "with the loss every transfer under way is forced",
+    },
+    "safety.conditions": {
         "due_at: dropped: times.append(flight.position_lost_at())": (
             "the arbiter asks for that moment itself: no zone counts from then on"
         ),
-        "due_at: comparison turned: time > -inf": (
-            "of what was never heard, or is not held, no time is asked: that it is lost has been seen"
-        ),
-        "hold: dropped from and/or: not stands: news.mends or not stands": (
+    },
+    "safety.hold_timer": {
+        "__init__: truth turned: False in self._used_up = False": "the first look sets it, and nothing asks before",
+        "decided: dropped from and/or: not stands: news.mends or not stands": (
             "what stands by no order any more comes home, where it is not held, or was taken by a hand whose word ends "
             "that time itself"
+        ),
+        "due_at: dropped from and/or: self.held_at == -inf: self.held_at == -inf or self._used_up": (
+            "what never comes is left out at the end"
+        ),
+    },
+    "safety.decision_facts": {
+        "__init__: truth turned: False in self._may_hold = False": "the first look sets it, and nothing asks before",
+        "__init__: truth turned: False in self._in_gap = False": "the same",
+        "due_at: dropped from and/or: blind_until < inf: self._may_hold and (not self._hold_timer.resuming) and "
+        "(blind_until < inf)": ("what comes after all else is not the first, and the stations are asked before that"),
+        "due_at: comparison turned: blind_until < inf": "the same",
+    },
+    "safety.safety": {
+        "due_at: comparison turned: time > -inf": (
+            "of what was never heard, or is not held, no time is asked: that it is lost has been seen"
         ),
     },
     "safety.decision_executor": {
@@ -190,7 +184,7 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
         "settle: dropped: self._since, self._unheard = (-inf, False)": (
             "both are looked at only while a mode is in doubt, which sets them"
         ),
-        "settle: truth turned: False in self.chosen_by, self._since, self._unheard = (Hand.GUARD, -inf, False)": (
+        "settle: truth turned: False in self.chosen_by, self._since, self._unheard = (ModeSource.GUARD, -inf, False)": (
             "it is looked at only while a mode is in doubt, which sets it"
         ),
         "settle: truth turned: False in self._since, self._unheard = (-inf, False)": (
@@ -202,9 +196,6 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
         "__init__: truth turned: False in self._shown = False": "nothing shows before an order, which sets it",
         "__init__: number one more: 0.0 in self._first_speed = 0.0": "no stop begins before an order, which sets it",
         "__init__: truth turned: False in self._excused = False": "nothing is looked at before an order, which sets it",
-        "_begin: truth turned: False in self._since, self._shown, self._excused = (now, False, False) (number 2)": (
-            "the first look begins the time anew, excused before it or not"
-        ),
         "_goes_on: number one more: 0 in self._tries = 0": (
             "how often it was told to go on counts for nothing: that has no end, and is not given back by a pilot"
         ),

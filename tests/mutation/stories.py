@@ -171,7 +171,7 @@ def player(module: str = "", source: str | None = None) -> Player:
 
 def _world(found: SimpleNamespace) -> Any:
     """The bench with an aircraft that does what it is commanded, or does not."""
-    events, action, flown = found.events, found.model.FlightAction, found.model.Flown
+    events, action, flown = found.events, found.model.FlightAction, found.model.ModeClass
 
     class World(found.bench.Bench):  # type: ignore[misc, name-defined]
         obeys, speed_mps, left_m = True, 8.0, 600.0
@@ -215,7 +215,7 @@ def _begun(world: Any, found: SimpleNamespace, told: Story) -> Any:
     bench.kind = found.model.Kind[told.kind]
     if told.kind != "COPTER":
         bench.circles_s, bench.circle_m = 8.0, 80.0
-    bench.mode = found.events.ModeSeen(found.model.Flown.MISSION, "MISSION")
+    bench.mode = found.events.ModeSeen(found.model.ModeClass.MISSION, "MISSION")
     bench.moves()
     if told.begin == "mission":
         return bench.on_mission()
@@ -237,15 +237,15 @@ def _act(bench: Any, found: SimpleNamespace, step: str, choice: Any) -> None:
             if bench.facts is not None:
                 bench.position(*bench.facts)
         case "mode":
-            bench.flies(model.Flown[choice])
+            bench.flies(model.ModeClass[choice])
             bench.give(bench.mode)
         case "radio":
             bench.flies(bench.mode.flown, radio=choice)
         case "hand":
             hand, flown = choice
-            bench.give(events.HandSeen(model.Hand[hand], None if flown is None else model.Flown[flown]))
+            bench.give(events.ModeSourceSeen(model.ModeSource[hand], None if flown is None else model.ModeClass[flown]))
             if flown is not None:
-                bench.flies(model.Flown[flown])
+                bench.flies(model.ModeClass[flown])
         case "motion":
             bench.motion = None if choice is None else events.MotionSeen(*choice)
             bench.give(bench.motion or events.MotionUnseen())
@@ -258,7 +258,7 @@ def _act(bench: Any, found: SimpleNamespace, step: str, choice: Any) -> None:
         case "gap":
             bench.gap = None if choice is None else model.GapFact(choice[0], "A -> B", choice[1])
         case "signs":
-            bench.give(events.SignsSeen(**dict.fromkeys(choice, True)))
+            bench.give(events.ConditionsSeen(**dict.fromkeys(choice, True)))
         case "place":
             bench.give(events.PlaceJudged(*choice))
         case "link":

@@ -75,15 +75,15 @@ PLANTED = (
     ),
     Planted(
         "a transfer that is under way is waited for without end",
-        "safety/conditions.py",
+        "authority/coverage.py",
         "hurried = now < authority.hurry_until(self._limits.forced_timeout_s)",
         "hurried = True",
     ),
     Planted(
         "the energy has no say",
         "safety/conditions.py",
-        "        if self.told.energy:\n",
-        "        if self.told.energy and authority.lost:\n",
+        "        if self.reported.energy:\n",
+        "        if self.reported.energy and authority.lost:\n",
     ),
     Planted(
         "the time in a gap never ends",
@@ -106,8 +106,8 @@ PLANTED = (
     Planted(
         "out of coverage is no cause while somebody commands",
         "safety/conditions.py",
-        "        if self._candidates.zones.out_since is not None:\n",
-        "        if self._candidates.zones.out_since is not None and authority.lost:\n",
+        "        if authority.out_of_coverage:\n",
+        "        if authority.out_of_coverage and authority.lost:\n",
     ),
 )
 

@@ -34,7 +34,7 @@ PLANTED_BY_OTHERS = (
     # as coverage behind the border. The aircraft flies over it under a commander whose zone has ended.
     Planted(
         "who answers is taken for who takes the aircraft",
-        "safety/conditions.py",
+        "authority/coverage.py",
         "partner, _answers, quick = self._asked(now)",
         "partner, quick, _answers = self._asked(now)",
     ),

@@ -9,8 +9,8 @@ from dataclasses import replace
 import pytest
 
 from mavproxy_handover.core.common.causes import Cause
-from mavproxy_handover.core.common.events import Event, ModeSeen, SignsSeen
-from mavproxy_handover.core.common.model import Flown
+from mavproxy_handover.core.common.events import ConditionsSeen, Event, ModeSeen
+from mavproxy_handover.core.common.model import ModeClass
 from sitl.campaign.faults import Fault, Strike, Target
 from sitl.campaign.judge import judge
 from sitl.campaign.log import FlightLog
@@ -131,9 +131,9 @@ def test_what_is_flown_is_what_the_last_heartbeat_said_for_the_route_too() -> No
     give = world.companion.give
 
     def note(event: Event, now: int) -> None:
-        if isinstance(event, ModeSeen) and event.flown is Flown.LAND:
+        if isinstance(event, ModeSeen) and event.flown is ModeClass.LAND:
             heard.append((now, "lands"))
-        if isinstance(event, SignsSeen):
+        if isinstance(event, ConditionsSeen):
             heard.append((now, "off" if event.off_route else "on"))
         give(event, now)
 

@@ -18,8 +18,8 @@ from hypothesis import strategies as st
 
 from mavproxy_handover.core.common.causes import Cause
 from mavproxy_handover.core.common.model import Phase
-from mavproxy_handover.core.common.snapshot import Snapshot
-from mavproxy_handover.core.safety.battery import Batteries, PackMemory, PackReport
+from mavproxy_handover.core.common.snapshot import PackMemory, Snapshot
+from mavproxy_handover.core.safety.battery import Batteries, PackReport
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.store import state_file

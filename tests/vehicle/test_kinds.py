@@ -7,8 +7,8 @@ from __future__ import annotations
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.common.events import HandSeen
-from mavproxy_handover.core.common.model import Flown, Hand, Kind
+from mavproxy_handover.core.common.events import ModeSourceSeen
+from mavproxy_handover.core.common.model import Kind, ModeClass, ModeSource
 from mavproxy_handover.vehicle import mode_requests
 from mavproxy_handover.vehicle.kinds import COPTER, PLANE, VEHICLES, Vehicle
 from mavproxy_handover.vehicle.state import VehicleState
@@ -16,48 +16,48 @@ from mavproxy_handover.wire.frames import parse_one
 
 #: ArduPlane's mode.h
 PLANE_MODES = {
-    0: ("MANUAL", Flown.HANDS),
-    1: ("CIRCLE", Flown.STOP),
-    2: ("STABILIZE", Flown.HANDS),
-    3: ("TRAINING", Flown.HANDS),
-    4: ("ACRO", Flown.HANDS),
-    5: ("FBWA", Flown.HANDS),
-    6: ("FBWB", Flown.HANDS),
-    7: ("CRUISE", Flown.HANDS),
-    8: ("AUTOTUNE", Flown.HANDS),
-    9: ("mode 9", Flown.OTHER),
-    10: ("AUTO", Flown.MISSION),
-    11: ("RTL", Flown.RETURN),
-    12: ("LOITER", Flown.STOP),
-    13: ("TAKEOFF", Flown.OTHER),
-    14: ("AVOID_ADSB", Flown.OTHER),
-    15: ("GUIDED", Flown.GUIDED),
-    16: ("INITIALISING", Flown.OTHER),
-    17: ("QSTABILIZE", Flown.HANDS),
-    18: ("QHOVER", Flown.HANDS),
-    19: ("QLOITER", Flown.HANDS),
-    20: ("QLAND", Flown.LAND),
-    21: ("QRTL", Flown.RETURN),
-    22: ("QAUTOTUNE", Flown.HANDS),
-    23: ("QACRO", Flown.HANDS),
-    24: ("THERMAL", Flown.OTHER),
-    25: ("LOITER_ALT_QLAND", Flown.LAND),
-    26: ("AUTOLAND", Flown.LAND),
-    27: ("mode 27", Flown.OTHER),
+    0: ("MANUAL", ModeClass.HANDS),
+    1: ("CIRCLE", ModeClass.STOP),
+    2: ("STABILIZE", ModeClass.HANDS),
+    3: ("TRAINING", ModeClass.HANDS),
+    4: ("ACRO", ModeClass.HANDS),
+    5: ("FBWA", ModeClass.HANDS),
+    6: ("FBWB", ModeClass.HANDS),
+    7: ("CRUISE", ModeClass.HANDS),
+    8: ("AUTOTUNE", ModeClass.HANDS),
+    9: ("mode 9", ModeClass.OTHER),
+    10: ("AUTO", ModeClass.MISSION),
+    11: ("RTL", ModeClass.RETURN),
+    12: ("LOITER", ModeClass.STOP),
+    13: ("TAKEOFF", ModeClass.OTHER),
+    14: ("AVOID_ADSB", ModeClass.OTHER),
+    15: ("GUIDED", ModeClass.GUIDED),
+    16: ("INITIALISING", ModeClass.OTHER),
+    17: ("QSTABILIZE", ModeClass.HANDS),
+    18: ("QHOVER", ModeClass.HANDS),
+    19: ("QLOITER", ModeClass.HANDS),
+    20: ("QLAND", ModeClass.LAND),
+    21: ("QRTL", ModeClass.RETURN),
+    22: ("QAUTOTUNE", ModeClass.HANDS),
+    23: ("QACRO", ModeClass.HANDS),
+    24: ("THERMAL", ModeClass.OTHER),
+    25: ("LOITER_ALT_QLAND", ModeClass.LAND),
+    26: ("AUTOLAND", ModeClass.LAND),
+    27: ("mode 27", ModeClass.OTHER),
 }
 COPTER_FLOWN = {
-    3: Flown.MISSION,
-    4: Flown.GUIDED,
-    5: Flown.HANDS,
-    6: Flown.RETURN,
-    7: Flown.OTHER,
-    9: Flown.LAND,
-    10: Flown.OTHER,
-    17: Flown.STOP,
-    20: Flown.GUIDED,
-    21: Flown.RETURN,
-    27: Flown.RETURN,
-    28: Flown.HANDS,
+    3: ModeClass.MISSION,
+    4: ModeClass.GUIDED,
+    5: ModeClass.HANDS,
+    6: ModeClass.RETURN,
+    7: ModeClass.OTHER,
+    9: ModeClass.LAND,
+    10: ModeClass.OTHER,
+    17: ModeClass.STOP,
+    20: ModeClass.GUIDED,
+    21: ModeClass.RETURN,
+    27: ModeClass.RETURN,
+    28: ModeClass.HANDS,
 }
 
 
@@ -82,13 +82,13 @@ def test_the_names_are_those_of_the_dialect() -> None:
 
 @pytest.mark.parametrize("vehicle", VEHICLES, ids=[vehicle.name for vehicle in VEHICLES])
 def test_the_modes_by_role_do_what_their_role_says(vehicle: Vehicle) -> None:
-    assert vehicle.flown(vehicle.auto) is Flown.MISSION
-    assert vehicle.flown(vehicle.guided) is Flown.GUIDED
-    assert vehicle.flown(vehicle.back) is Flown.RETURN
-    assert vehicle.flown(vehicle.land) is Flown.LAND
-    assert vehicle.hold is None or vehicle.flown(vehicle.hold) is Flown.STOP
+    assert vehicle.flown(vehicle.auto) is ModeClass.MISSION
+    assert vehicle.flown(vehicle.guided) is ModeClass.GUIDED
+    assert vehicle.flown(vehicle.back) is ModeClass.RETURN
+    assert vehicle.flown(vehicle.land) is ModeClass.LAND
+    assert vehicle.hold is None or vehicle.flown(vehicle.hold) is ModeClass.STOP
     assert vehicle.back in vehicle.to_place
-    assert {vehicle.flown(mode) for mode in vehicle.to_place} == {Flown.RETURN}
+    assert {vehicle.flown(mode) for mode in vehicle.to_place} == {ModeClass.RETURN}
 
 
 # ---- what it says of itself ---------------------------------------------------------------------------------------
@@ -111,7 +111,7 @@ def twice(kind: int, vtol_state: int) -> VehicleState:
     aircraft = told(kind, vtol_state)
     for at in (2.0, 3.0):
         aircraft.take(mavlink.MAVLink_heartbeat_message(kind, 3, 128, 11, 4, 3), at)
-    assert (aircraft.foreign, aircraft.flown) == ("", Flown.RETURN)
+    assert (aircraft.foreign, aircraft.flown) == ("", ModeClass.RETURN)
     return aircraft
 
 
@@ -119,7 +119,7 @@ def called_otherwise() -> VehicleState:
     """It hovers, and Q_MAV_TYPE is set in the air."""
     aircraft = told(mavlink.MAV_TYPE_FIXED_WING, 3)
     aircraft.take(mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_QUADROTOR, 3, 128, 11, 4, 3), 2.0)
-    assert (aircraft.foreign, aircraft.flown) == ("", Flown.RETURN)
+    assert (aircraft.foreign, aircraft.flown) == ("", ModeClass.RETURN)
     return aircraft
 
 
@@ -217,36 +217,38 @@ def test_what_stands_on_its_wheels_does_not_need_for_ever_to_circle() -> None:
     ],
 )
 def test_arduplane_says_what_it_does_by_itself(text: str, acts: bool) -> None:
-    assert mode_requests.of_text(text, PLANE) == (HandSeen(Hand.FAILSAFE) if acts else None)
+    assert mode_requests.of_text(text, PLANE) == (ModeSourceSeen(ModeSource.FAILSAFE) if acts else None)
 
 
 @pytest.mark.parametrize(
     ("text", "hand"),
     [
-        ("Mission complete, changing mode to RTL", HandSeen(Hand.MISSION)),
-        ("Mission: 9 RTL", HandSeen(Hand.MISSION)),
+        ("Mission complete, changing mode to RTL", ModeSourceSeen(ModeSource.MISSION)),
+        ("Mission: 9 RTL", ModeSourceSeen(ModeSource.MISSION)),
         ("Mission: 9 RTLx", None),
         ("Mission: 9 WP", None),
         # CIRCLE or FBWA of a short radio failsafe is over
-        ("Flight mode AUTO restored", HandSeen(Hand.FAILSAFE, Flown.MISSION)),
-        ("Flight mode GUIDED restored", HandSeen(Hand.FAILSAFE, Flown.GUIDED)),
+        ("Flight mode AUTO restored", ModeSourceSeen(ModeSource.FAILSAFE, ModeClass.MISSION)),
+        ("Flight mode GUIDED restored", ModeSourceSeen(ModeSource.FAILSAFE, ModeClass.GUIDED)),
         ("Flight mode FLY_BY_WIRE_A restored", None),
     ],
 )
-def test_arduplane_says_how_its_mission_ends_and_what_a_failsafe_gives_back(text: str, hand: HandSeen | None) -> None:
+def test_arduplane_says_how_its_mission_ends_and_what_a_failsafe_gives_back(
+    text: str, hand: ModeSourceSeen | None
+) -> None:
     assert mode_requests.of_text(text, PLANE) == hand
 
 
 def test_a_copters_words_are_read_as_before() -> None:
-    assert mode_requests.of_text("GCS Failsafe") == HandSeen(Hand.FAILSAFE)
+    assert mode_requests.of_text("GCS Failsafe") == ModeSourceSeen(ModeSource.FAILSAFE)
     assert mode_requests.of_text("GCS Failsafe Cleared") is None
     assert mode_requests.of_text("Battery 1 is low 10.40V used 1200 mAh", COPTER) is None
 
 
-@pytest.mark.parametrize(("pauses", "flown"), [(0.0, Flown.STOP), (1.0, Flown.MISSION)])
-def test_a_commanders_stop_is_told_from_his_going_on(pauses: float, flown: Flown) -> None:
+@pytest.mark.parametrize(("pauses", "flown"), [(0.0, ModeClass.STOP), (1.0, ModeClass.MISSION)])
+def test_a_commanders_stop_is_told_from_his_going_on(pauses: float, flown: ModeClass) -> None:
     command = mavlink.MAVLink_command_long_message(1, 1, 193, 0, pauses, 0, 0, 0, 0, 0, 0)
     raw = bytes(command.pack(mavlink.MAVLink(None, srcSystem=251, srcComponent=190)))
     frame = parse_one(raw)
     assert frame is not None
-    assert mode_requests.of_command(frame) == HandSeen(Hand.COMMANDER, flown)
+    assert mode_requests.of_command(frame) == ModeSourceSeen(ModeSource.COMMANDER, flown)

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.common.events import HandSeen
-from mavproxy_handover.core.common.model import Flown, Hand
+from mavproxy_handover.core.common.events import ModeSourceSeen
+from mavproxy_handover.core.common.model import ModeClass, ModeSource
 from mavproxy_handover.vehicle import mode_requests
 from mavproxy_handover.vehicle.kinds import COPTER, PLANE, Vehicle
 from mavproxy_handover.wire.frames import Frame, parse_one
@@ -39,20 +39,22 @@ def command_int(command: int, *parameters: float) -> Any:
 @pytest.mark.parametrize(
     ("message", "vehicle", "flown"),
     [
-        (mavlink.MAVLink_set_mode_message(1, 1, COPTER_RTL), COPTER, Flown.RETURN),
-        (mavlink.MAVLink_set_mode_message(1, 1, GUIDED), COPTER, Flown.GUIDED),
-        (mavlink.MAVLink_set_mode_message(1, 1, PLANE_RTL), PLANE, Flown.RETURN),
-        (mavlink.MAVLink_set_mode_message(1, 1, 4_000_000_000), COPTER, Flown.OTHER),
-        (long(SET_MODE, 1, COPTER_RTL), COPTER, Flown.RETURN),
-        (command_int(SET_MODE, 1, COPTER_RTL), COPTER, Flown.RETURN),
-        (long(PAUSE, 0), COPTER, Flown.STOP),
-        (command_int(PAUSE, 0), COPTER, Flown.STOP),
-        (long(RTL), COPTER, Flown.RETURN),
-        (command_int(RTL), COPTER, Flown.RETURN),
+        (mavlink.MAVLink_set_mode_message(1, 1, COPTER_RTL), COPTER, ModeClass.RETURN),
+        (mavlink.MAVLink_set_mode_message(1, 1, GUIDED), COPTER, ModeClass.GUIDED),
+        (mavlink.MAVLink_set_mode_message(1, 1, PLANE_RTL), PLANE, ModeClass.RETURN),
+        (mavlink.MAVLink_set_mode_message(1, 1, 4_000_000_000), COPTER, ModeClass.OTHER),
+        (long(SET_MODE, 1, COPTER_RTL), COPTER, ModeClass.RETURN),
+        (command_int(SET_MODE, 1, COPTER_RTL), COPTER, ModeClass.RETURN),
+        (long(PAUSE, 0), COPTER, ModeClass.STOP),
+        (command_int(PAUSE, 0), COPTER, ModeClass.STOP),
+        (long(RTL), COPTER, ModeClass.RETURN),
+        (command_int(RTL), COPTER, ModeClass.RETURN),
     ],
 )
-def test_a_mode_is_the_commanders_in_whatever_message_it_comes(message: Any, vehicle: Vehicle, flown: Flown) -> None:
-    assert mode_requests.of_command(frame(message), vehicle) == HandSeen(Hand.COMMANDER, flown)
+def test_a_mode_is_the_commanders_in_whatever_message_it_comes(
+    message: Any, vehicle: Vehicle, flown: ModeClass
+) -> None:
+    assert mode_requests.of_command(frame(message), vehicle) == ModeSourceSeen(ModeSource.COMMANDER, flown)
 
 
 @pytest.mark.parametrize(
@@ -60,8 +62,8 @@ def test_a_mode_is_the_commanders_in_whatever_message_it_comes(message: Any, veh
 )
 def test_to_go_on_with_an_item_is_what_it_leads_to(message: Any) -> None:
     assert mode_requests.of_command(frame(message)) is None
-    land = mode_requests.of_command(frame(message), leads_to=lambda seq: Flown.LAND if seq == 5 else None)
-    assert land == HandSeen(Hand.COMMANDER, Flown.LAND)
+    land = mode_requests.of_command(frame(message), leads_to=lambda seq: ModeClass.LAND if seq == 5 else None)
+    assert land == ModeSourceSeen(ModeSource.COMMANDER, ModeClass.LAND)
 
 
 @pytest.mark.parametrize("vehicle", [COPTER, PLANE])

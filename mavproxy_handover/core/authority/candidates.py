@@ -104,15 +104,15 @@ class Candidates:
     def could_be_partner(self, station: int, owner: int | None, now: float, actions: list[Action]) -> bool:
         """Whether this station could be partner now. If not, says why, and to both operators what to do, once."""
         presence = self._presence[station]
-        why, told_why = self.unfit(station, now), presence.told_why
+        why = self.unfit(station, now)
         words = None if why is None else in_words(why)
         # it comes into range: in a few seconds it answers enough, or it is barred, and both operators hear of that
         comes = False
         if why is Reason.PARTNER_SILENT and presence.connected(now) and not presence.hearing.enough:
             comes = not presence.hearing.barred
             words = "it has answered too few questions" if comes else f"it {self.hears_little}"
-        presence.told_why = words
-        if why is not None and words != told_why:
+        news = presence.unfit_told(words)
+        if why is not None and news:
             name = presence.station.name
             actions.append(Record("partner_unfit", f"{name} cannot be partner: {words}", why, station))
             told = (station,) if owner is None else (owner, station)
@@ -154,8 +154,7 @@ class Candidates:
     def _tell_kept(self, owner: int, partner: int, actions: list[Action]) -> None:
         """Tell both operators, once, that no handover begins because of that."""
         presence, why = self._presence[owner], Reason.CONSENT_REFUSED
-        if presence.told_why != in_words(why):
-            presence.told_why = in_words(why)
+        if presence.unfit_told(in_words(why)):
             text = f"No handover: {ended(why, presence.station.name, self._name(partner))}"
             actions.append(Record("handover_refused", text, why, owner))
             actions.append(Advise((owner, partner), text))

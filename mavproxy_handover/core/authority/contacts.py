@@ -41,9 +41,8 @@ class Contacts:
         if not presence.alive(now):
             presence.hearing.begin(commanded=commanded)
             actions.append(Record("station_heard", f"{presence.station.name} is heard", station=station))
-            if not presence.station.standard:
-                presence.ask_at = now
-        presence.heard_at = now
+            presence.ask_at_once(now)
+        presence.heard(now)
 
     def answer(
         self, station: int, question: Connect, authority: Authority, digest: bytes, actions: list[Action]
@@ -66,10 +65,8 @@ class Contacts:
             doubled = presence.answer is not None and answer.nonce == presence.answer.nonce
             return "doubled answer to CONNECT" if doubled else "stale answer to CONNECT"
         was_connected = presence.connected(now)
-        presence.answered_at = now
-        presence.answer = answer
         was_barred = presence.hearing.barred
-        presence.hearing.answered(asked_at, now, at_once=grounded)
+        presence.answer_counts(answer, asked_at, now, at_once=grounded)
         if was_barred and not presence.hearing.barred:
             actions.append(Record("hears_again", f"{presence.station.name} hears the aircraft again", station=station))
         if not was_connected:
@@ -86,10 +83,8 @@ class Contacts:
             if now < presence.ask_at:
                 continue
             self._nonce = self._nonce % 0xFFFFFFFF + 1
-            presence.asked.append((self._nonce, now))
-            if presence.alive(now):
-                presence.hearing.asked(now)
-            presence.ask_at = now + min(interval_s, presence.pause_s(now, owner=station == authority.owner))
+            pause_s = min(interval_s, presence.pause_s(now, owner=station == authority.owner))
+            presence.ask(self._nonce, now, now + pause_s)
             commander = authority.view.commander
             question = Connect(
                 station, PROTOCOL_VERSION, self._nonce, authority.epoch, commander, self._vehicle, digest

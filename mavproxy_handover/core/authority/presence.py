@@ -65,6 +65,41 @@ class Presence:
         #: its program has shown in this run that it knows operator control
         self.shows_control = False
 
+    # ---- what happens -----------------------------------------------------------------------------------------------
+
+    def heard(self, now: float) -> None:
+        """The station is heard."""
+        self.heard_at = now
+
+    def ask_at_once(self, now: float) -> None:
+        """The next question is due now, if the station knows the question at all."""
+        if not self.station.standard:
+            self.ask_at = now
+
+    def ask(self, nonce: int, now: float, next_at: float) -> None:
+        """A question goes out. `next_at`: when the next one is due."""
+        self.asked.append((nonce, now))
+        if self.alive(now):
+            self.hearing.asked(now)
+        self.ask_at = next_at
+
+    def answer_counts(self, answer: ConnectAck, asked_at: float, now: float, *, at_once: bool) -> None:
+        """The station has answered the question of `asked_at`. `at_once`: as in `Hearing.answered`."""
+        self.answered_at, self.answer = now, answer
+        self.hearing.answered(asked_at, now, at_once=at_once)
+
+    def control_shown(self) -> None:
+        """Its program has shown that it knows operator control."""
+        self.shows_control = True
+
+    def unfit_told(self, words: str | None) -> bool:
+        """Note why it is no partner, in words; None: it could be one. Returns whether that is news."""
+        news = words is not None and words != self.told_why
+        self.told_why = words
+        return news
+
+    # ---- what is known ----------------------------------------------------------------------------------------------
+
     def alive(self, now: float) -> bool:
         """Heard within the heartbeat limit."""
         return now < self.lost_at()

@@ -23,7 +23,7 @@ from mavproxy_handover.core.authority.authority import Authority
 from mavproxy_handover.core.authority.phases import PhaseCause
 from mavproxy_handover.core.authority.start import Start
 from mavproxy_handover.core.authority.transfer import Cause
-from mavproxy_handover.core.authority.transfer_manager import Conductor
+from mavproxy_handover.core.authority.transfer_manager import TransferManager
 from mavproxy_handover.core.common.events import Action, Record, RehearsalAsked, RehearsalMoved, RehearsalRefused
 from mavproxy_handover.core.common.flight import Flight
 from mavproxy_handover.core.common.limits import Limits
@@ -38,7 +38,7 @@ class Rehearsal:
     __slots__ = ("_authority", "_conductor", "_flight", "_limits", "_nobody_since", "_start")
 
     def __init__(
-        self, authority: Authority, flight: Flight, conductor: Conductor, start: Start, limits: Limits
+        self, authority: Authority, flight: Flight, conductor: TransferManager, start: Start, limits: Limits
     ) -> None:
         self._authority = authority
         self._flight = flight
@@ -72,7 +72,7 @@ class Rehearsal:
 
     def _begin(self, station: int, now: float, actions: list[Action]) -> None:
         self._conductor.move(Cause.PREEMPTED, now, actions)  # as START does: another's request
-        self._flight.rehearsing = True
+        self._flight.rehearsal_begun()
         self._start.enter_mission("carried, in a rehearsal", now, actions, PhaseCause.REHEARSED)
         text = f"REHEARSAL: begun by {self._authority.name(station)}, nothing arms"
         actions.append(RehearsalMoved(True, text, Reason.OPERATOR))
@@ -90,7 +90,7 @@ class Rehearsal:
 
     def end(self) -> None:
         """It is over. The view follows with the next `Authority.refresh`."""
-        self._flight.rehearsing = False
+        self._flight.rehearsal_over()
         self._nobody_since = None
         self._authority.end_rehearsal()
 

@@ -11,7 +11,7 @@ from mavproxy_handover.core.authority.candidates import Candidates
 from mavproxy_handover.core.authority.control import ControlFacts, Effect, judge_control, waiting_s
 from mavproxy_handover.core.authority.presence import Presence
 from mavproxy_handover.core.authority.transfer import Cause
-from mavproxy_handover.core.authority.transfer_manager import Conductor
+from mavproxy_handover.core.authority.transfer_manager import TransferManager
 from mavproxy_handover.core.common.events import Action, ControlAnswer, ControlRequested, ControlResult, Record
 from mavproxy_handover.core.common.model import Reason
 from mavproxy_handover.core.common.never import assert_never
@@ -33,7 +33,7 @@ class Requests:
     __slots__ = ("_authority", "_candidates", "_conductor", "_presence")
 
     def __init__(
-        self, authority: Authority, presence: dict[int, Presence], candidates: Candidates, conductor: Conductor
+        self, authority: Authority, presence: dict[int, Presence], candidates: Candidates, conductor: TransferManager
     ) -> None:
         self._authority = authority
         self._presence = presence

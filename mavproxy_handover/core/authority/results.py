@@ -33,6 +33,12 @@ class _Pending:
         unasked = answer.nonce == 0
         return answer.epoch >= self.result.key.epoch and (unasked or self.result.outcome is Outcome.COMMITTED)
 
+    def repeated(self, now: float, limits: Limits) -> None:
+        """The station is told once more; the next pause is longer."""
+        self.attempt += 1
+        self.pause_s = min(self.pause_s * limits.retry_growth, limits.retry_max_s)
+        self.retry_at = now + self.pause_s
+
 
 class Results:
     """The last result, and who has not acknowledged it. Times are monotonic seconds."""
@@ -81,7 +87,5 @@ class Results:
                 text = f"{name} has not acknowledged how handover {pending.result.key.handover_id} ended"
                 actions.append(Record("result_unacknowledged", text, station=station))
             elif now >= pending.retry_at:
-                pending.attempt += 1
-                pending.pause_s = min(pending.pause_s * self._limits.retry_growth, self._limits.retry_max_s)
-                pending.retry_at = now + pending.pause_s
+                pending.repeated(now, self._limits)
                 actions.append(Send(station, pending.result, pending.attempt))

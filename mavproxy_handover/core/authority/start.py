@@ -14,7 +14,7 @@ from mavproxy_handover.core.authority.authority import Authority
 from mavproxy_handover.core.authority.candidates import Candidates
 from mavproxy_handover.core.authority.phases import PhaseCause
 from mavproxy_handover.core.authority.transfer import Cause
-from mavproxy_handover.core.authority.transfer_manager import Conductor
+from mavproxy_handover.core.authority.transfer_manager import TransferManager
 from mavproxy_handover.core.common.events import Action, BeginStart, Record, StartFinished, StartRefused
 from mavproxy_handover.core.common.flight import Flight
 from mavproxy_handover.core.common.model import Phase, Reason
@@ -110,7 +110,9 @@ class Start:
 
     __slots__ = ("_authority", "_candidates", "_conductor", "_flight")
 
-    def __init__(self, authority: Authority, flight: Flight, candidates: Candidates, conductor: Conductor) -> None:
+    def __init__(
+        self, authority: Authority, flight: Flight, candidates: Candidates, conductor: TransferManager
+    ) -> None:
         self._authority = authority
         self._flight = flight
         self._candidates = candidates

@@ -312,9 +312,10 @@ class Transfer:
         own = Reason.COMMANDER_LOST if self.forced else self.reason
         return (self.step, Cause.PREEMPTED) in MOVES and RANKS[reason] > RANKS[own]
 
-    def raise_to(self, reason: Reason, now: float) -> None:
-        """The same transfer, now for a graver reason. Whoever was asked is asked anew, at once."""
-        self.reason = reason
+    def raise_to(self, reason: Reason, now: float, *, crossing: int) -> None:
+        """The same transfer, now for a graver reason. The station that was asked is asked again at once. `crossing`: as
+        at the beginning."""
+        self.reason, self.crossing = reason, crossing
         self.retry_at = self.asked_at = now
 
     def slow(self, now: float) -> bool:
@@ -326,6 +327,30 @@ class Transfer:
         if self.step in (Step.CONSENT, Step.RELEASE) or now < self._entered_at + self._limits.answer_s:
             return False
         return self.step is not Step.REQUEST or self.key.to_station not in self.asking
+
+    def follows_another(self, read_until: float) -> None:
+        """The question before this one ended a moment ago: until then an answer may be meant for that one."""
+        self.read_until = read_until
+
+    def consent_given(self) -> None:
+        """The commander agrees by other means than its messages."""
+        self.consented = True
+
+    def stop_waiting_for_operators(self) -> None:
+        """No operator is waited for any more."""
+        self.asking = frozenset()
+
+    def take_fallen(self) -> tuple[tuple[int, Reason], ...]:
+        """The candidates that fell away since the last call, and why."""
+        fallen, self.fallen = self.fallen, ()
+        return fallen
+
+    def partner_asks_in_a_hurry(self, now: float) -> None:
+        """The partner's operator is asked, and other stations could take the aircraft: its operator gets no more time
+        than a partner has."""
+        # the same word may come once more, late, when the partner has consented
+        self.partner_asks = self.step is Step.REQUEST
+        self.hurry(now)  # its operator may have been given time before the others were there
 
     def hurry(self, now: float) -> None:
         """The partner's operator has no more time than a partner has."""

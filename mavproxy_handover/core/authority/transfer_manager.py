@@ -35,13 +35,13 @@ from mavproxy_handover.core.common.messages import (
 )
 from mavproxy_handover.core.common.model import AUTOMATIC, QUESTIONS, Outcome, Phase, Reason, StandingConsent, in_words
 
-__all__ = ["READ_S", "Conductor"]
+__all__ = ["READ_S", "TransferManager"]
 
 #: nobody has read sooner that a question has taken the place of another
 READ_S = 2.0
 
 
-class Conductor:
+class TransferManager:
     """Conducts the transfer under way, `Authority.transfer`. Times are monotonic seconds."""
 
     __slots__ = (
@@ -107,8 +107,8 @@ class Conductor:
 
     def _raise(self, transfer: Transfer, reason: Reason, now: float, actions: list[Action]) -> None:
         """The transfer under way is wanted for a graver reason now."""
-        transfer.raise_to(reason, now)
-        transfer.crossing = transfer.crossing or self.foresight.number_for(transfer.key.to_station, reason, now)
+        crossing = transfer.crossing or self.foresight.number_for(transfer.key.to_station, reason, now)
+        transfer.raise_to(reason, now, crossing=crossing)
         if self._hurries(transfer, now, actions):
             transfer.hurry(now)
         text = f"handover {transfer.key.handover_id} is now for {in_words(reason)}"
@@ -163,7 +163,7 @@ class Conductor:
             crossing=0 if forced else self.foresight.number_for(partner, reason, now),
         )
         if now - self._aborted_at < READ_S:
-            transfer.read_until = now + READ_S
+            transfer.follows_another(now + READ_S)
         self.results.forget((key.from_station, key.to_station))
         if not consented or reason not in (Reason.REQUESTED, Reason.GIVEN):  # it is not by the last request
             self.echo.forget()
@@ -196,9 +196,7 @@ class Conductor:
             return "the commander is lost"
         self._candidates.spoke(station)
         if cause is Cause.PARTNER_ASKS and self._hurries(transfer, now, actions):
-            # the same word may come once more, late, when the partner has consented
-            transfer.partner_asks = transfer.step is Step.REQUEST
-            transfer.hurry(now)  # its operator may have been given time before the others were there
+            transfer.partner_asks_in_a_hurry(now)
             return None
         relay = isinstance(message, (OnHandover, DroneConnected)) and message.relay
         self.move(cause, now, actions, station=key.to_station, relay=relay)
@@ -227,7 +225,7 @@ class Conductor:
     def consent(self, now: float, actions: list[Action]) -> None:
         """The commander agrees to the transfer under way by other means than its messages."""
         if self._authority.transfer is not None:
-            self._authority.transfer.consented = True
+            self._authority.transfer.consent_given()
             self.imply(now, actions)
 
     def move(
@@ -238,7 +236,7 @@ class Conductor:
         if transfer is None:
             return
         if cause is Cause.TIMEOUT and self._authority.phase is Phase.ON_LOAD:
-            transfer.asking = frozenset()  # nothing flies: without a commander no operator is waited for
+            transfer.stop_waiting_for_operators()  # nothing flies
         if (
             cause is Cause.TIMEOUT
             and transfer.step is Step.CONSENT
@@ -276,8 +274,7 @@ class Conductor:
 
     def _bury(self, transfer: Transfer, now: float, actions: list[Action]) -> None:
         """Candidates that fell away are not asked again at once."""
-        fallen, transfer.fallen = transfer.fallen, ()
-        for station, why in fallen:
+        for station, why in transfer.take_fallen():
             self._candidates.pause(station, transfer.reason, why, now)
             text = f"handover {transfer.key.handover_id} (forced): {self._authority.name(station)}: {in_words(why)}"
             actions.append(Record("candidate", text, why, station))

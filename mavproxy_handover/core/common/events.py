@@ -16,11 +16,11 @@ from mavproxy_handover.core.common.model import (
     AuthorityView,
     BorderFact,
     FlightAction,
-    Flown,
     GapFact,
     GuardState,
-    Hand,
     Kind,
+    ModeClass,
+    ModeSource,
     Reason,
     ZoneFact,
 )
@@ -43,7 +43,7 @@ __all__ = [
     "BoxJudged",
     "GapsJudged",
     "GuardSeen",
-    "HandSeen",
+    "ModeSourceSeen",
     "LinkJudged",
     "MissionJudged",
     "MissionLoaded",
@@ -61,7 +61,7 @@ __all__ = [
     "HeightsJudged",
     "ReturnJudged",
     "Send",
-    "SignsSeen",
+    "ConditionsSeen",
     "StartFinished",
     "StartRefused",
     "StartRequested",
@@ -137,18 +137,18 @@ class ModeSeen:
     `landing`: it is coming down to land, in whatever mode. `radio`: a pilot could steer, as far as the autopilot knows.
     """
 
-    flown: Flown | None
+    flown: ModeClass | None
     name: str = ""
     landing: bool = False
     radio: bool = False
 
 
 @dataclass(frozen=True, slots=True)
-class HandSeen:
+class ModeSourceSeen:
     """Somebody has, or may have, chosen the flight mode. `flown`: the one that was asked for; None: not known which."""
 
-    hand: Hand
-    flown: Flown | None = None
+    hand: ModeSource
+    flown: ModeClass | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -231,7 +231,7 @@ class ReturnJudged:
 
 
 @dataclass(frozen=True, slots=True)
-class SignsSeen:
+class ConditionsSeen:
     """What the edge has worked out that looks wrong, in flight: it counts until the next one.
 
     Of `core/common/causes.py` these are the energy, that is no more than the best place needs, the route and the fence;
@@ -361,7 +361,7 @@ Event = (
     | BordersSeen
     | AutopilotState
     | ModeSeen
-    | HandSeen
+    | ModeSourceSeen
     | OrderRefused
     | MotionSeen
     | MotionUnseen
@@ -372,7 +372,7 @@ Event = (
     | AircraftJudged
     | HeightsJudged
     | ReturnJudged
-    | SignsSeen
+    | ConditionsSeen
     | PlaceJudged
     | MissionJudged
     | MissionLoaded

@@ -10,11 +10,25 @@ from __future__ import annotations
 
 from math import inf
 
-from mavproxy_handover.core.common.events import AutopilotState, GuardSeen
+from mavproxy_handover.core.common.events import (
+    AircraftJudged,
+    AutopilotState,
+    BoxJudged,
+    EnergyJudged,
+    GapsJudged,
+    GuardSeen,
+    HeightsJudged,
+    MissionJudged,
+    ReturnJudged,
+)
 from mavproxy_handover.core.common.limits import Limits
 from mavproxy_handover.core.common.model import GuardState, Kind
+from mavproxy_handover.core.common.never import assert_never
 
-__all__ = ["Flight"]
+__all__ = ["Flight", "StartJudgement"]
+
+#: what START may lack, by the monitors
+StartJudgement = EnergyJudged | GapsJudged | AircraftJudged | BoxJudged | HeightsJudged | ReturnJudged | MissionJudged
 
 
 class Flight:
@@ -93,6 +107,34 @@ class Flight:
         self.aloft = event.armed and event.flying
         self.foreign = event.foreign
         self.kind, self.circles_s, self.circle_m = event.kind, event.circles_s, event.circle_m
+
+    def judged(self, event: StartJudgement) -> None:
+        """What START lacks, by a monitor. It counts until the next event of its kind."""
+        match event:
+            case EnergyJudged():
+                self.energy_short = event.shortfall
+            case GapsJudged():
+                self.gaps_lack = event.lacking
+            case AircraftJudged():
+                self.aircraft_lacks = event.lacking
+            case BoxJudged():
+                self.box_lacks = event.lacking
+            case HeightsJudged():
+                self.heights_lack = event.lacking
+            case ReturnJudged():
+                self.return_lacks = event.lacking
+            case MissionJudged():
+                self.mission_lacks = event.lacking
+            case _:
+                assert_never(event)
+
+    def rehearsal_begun(self) -> None:
+        """From now on the aircraft is carried along its route."""
+        self.rehearsing = True
+
+    def rehearsal_over(self) -> None:
+        """The aircraft is not carried any more."""
+        self.rehearsing = False
 
     def position_seen(self, now: float) -> None:
         """A fresh position."""

@@ -24,10 +24,10 @@ __all__ = [
     "BorderFact",
     "Consent",
     "FlightAction",
-    "Flown",
+    "ModeClass",
     "GapFact",
     "GuardState",
-    "Hand",
+    "ModeSource",
     "Kind",
     "LeaseState",
     "Mission",
@@ -99,7 +99,7 @@ class Kind(Enum):
         return self is not Kind.COPTER
 
 
-class Flown(Enum):
+class ModeClass(Enum):
     """What a flight mode does, whatever it is called."""
 
     HANDS = "by hand"
@@ -111,7 +111,7 @@ class Flown(Enum):
     OTHER = "something else"
 
 
-class Hand(Enum):
+class ModeSource(Enum):
     """Who chose the flight mode."""
 
     NOBODY = "nobody in flight"

@@ -19,9 +19,22 @@ from dataclasses import dataclass
 
 from mavproxy_handover.core.common.causes import Cause
 from mavproxy_handover.core.common.model import Phase
-from mavproxy_handover.core.safety.battery import PackMemory
 
-__all__ = ["Snapshot"]
+__all__ = ["PackMemory", "Snapshot"]
+
+
+@dataclass(frozen=True, slots=True)
+class PackMemory:
+    """What a run after this one needs to know of one battery in flight; None: not known.
+
+    `left_wh`: no more was left; `used_wh`: drawn in all; `most_wh`: no more than this can be drawn in all, by what the
+    voltage said at rest; `ohm`: the resistance that the take-off showed.
+    """
+
+    left_wh: float | None = None
+    used_wh: float | None = None
+    most_wh: float | None = None
+    ohm: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -32,6 +32,8 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import Final
 
+from mavproxy_handover.core.common.snapshot import PackMemory
+
 __all__ = [
     "DOUBT",
     "EMPTY_CELL_V",
@@ -39,7 +41,6 @@ __all__ = [
     "SILENT_S",
     "Batteries",
     "Charge",
-    "PackMemory",
     "PackReport",
     "rest_part",
 ]
@@ -116,20 +117,6 @@ class PackReport:
     def power_w(self) -> float | None:
         """What is drawn now."""
         return None if self.voltage_v is None or self.current_a is None else self.voltage_v * self.current_a
-
-
-@dataclass(frozen=True, slots=True)
-class PackMemory:
-    """What a run after this one needs to know of one battery in flight; None: not known.
-
-    `left_wh`: no more was left; `used_wh`: drawn in all; `most_wh`: no more than this can be drawn in all, by what the
-    voltage said at rest; `ohm`: the resistance that the take-off showed.
-    """
-
-    left_wh: float | None = None
-    used_wh: float | None = None
-    most_wh: float | None = None
-    ohm: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

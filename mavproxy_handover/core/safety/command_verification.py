@@ -56,8 +56,8 @@ from typing import Final
 
 from mavproxy_handover.core.common.events import MotionSeen
 from mavproxy_handover.core.common.limits import Limits
-from mavproxy_handover.core.common.model import FlightAction, Flown, Hand, Kind
-from mavproxy_handover.core.safety.mode_source import Helm
+from mavproxy_handover.core.common.model import FlightAction, Kind, ModeClass, ModeSource
+from mavproxy_handover.core.safety.mode_source import ModeTracker
 from mavproxy_handover.core.safety.strategy import Fact
 
 __all__ = [
@@ -69,7 +69,7 @@ __all__ = [
     "TRIES",
     "Follow",
     "Seen",
-    "Supervision",
+    "CommandVerification",
 ]
 
 #: commanded so often before it is given up
@@ -102,16 +102,16 @@ _STANDING: Final = (FlightAction.HOLD, FlightAction.CONTINUE)
 class Follow:
     """How an action shows: the modes of it (none: any), and the name of the motion ("": none is looked at)."""
 
-    modes: frozenset[Flown]
+    modes: frozenset[ModeClass]
     motion: str
 
 
 #: A landing is more than a return: what cannot return is landed by it.
-_COMES_BACK: Final = Follow(frozenset({Flown.RETURN, Flown.LAND}), "gets nearer to the place, or climbs")
-_COMES_DOWN: Final = Follow(frozenset({Flown.LAND}), "comes down")
+_COMES_BACK: Final = Follow(frozenset({ModeClass.RETURN, ModeClass.LAND}), "gets nearer to the place, or climbs")
+_COMES_DOWN: Final = Follow(frozenset({ModeClass.LAND}), "comes down")
 _CIRCLES: Final[Mapping[FlightAction, Follow]] = {
-    FlightAction.HOLD: Follow(frozenset({Flown.STOP}), ""),
-    FlightAction.CONTINUE: Follow(frozenset({Flown.MISSION, Flown.GUIDED}), ""),
+    FlightAction.HOLD: Follow(frozenset({ModeClass.STOP}), ""),
+    FlightAction.CONTINUE: Follow(frozenset({ModeClass.MISSION, ModeClass.GUIDED}), ""),
     FlightAction.RETURN: _COMES_BACK,
 }
 FOLLOW: Final[Mapping[Kind, Mapping[FlightAction, Follow]]] = {
@@ -123,7 +123,10 @@ FOLLOW: Final[Mapping[Kind, Mapping[FlightAction, Follow]]] = {
     },
     Kind.QUADPLANE: {**_CIRCLES, FlightAction.LAND: _COMES_DOWN},
     # its landing sequence is a part of a mission, or waits at the end of a return
-    Kind.PLANE: {**_CIRCLES, FlightAction.LAND: Follow(frozenset({Flown.LAND, Flown.MISSION, Flown.RETURN}), "")},
+    Kind.PLANE: {
+        **_CIRCLES,
+        FlightAction.LAND: Follow(frozenset({ModeClass.LAND, ModeClass.MISSION, ModeClass.RETURN}), ""),
+    },
 }
 
 
@@ -137,7 +140,7 @@ class Seen(Enum):
     WITHDRAWN = "not commanded any more"
 
 
-class Supervision:
+class CommandVerification:
     """The order in force. Times are monotonic seconds; not safe for threads."""
 
     __slots__ = (
@@ -216,6 +219,18 @@ class Supervision:
         if action is not self.order:
             self._begin(action, 1, now)
 
+    def resume_standing(self) -> None:
+        """The aircraft stood by an order of the run before."""
+        self.stands = True
+
+    def grounded(self) -> None:
+        """The aircraft is on the ground: it does not stand by an order."""
+        self.stands = False
+
+    def watch(self, kind: Kind) -> None:
+        """The kind of aircraft that is watched."""
+        self.kind = kind
+
     def refused(self, action: FlightAction) -> None:
         """The autopilot has answered that it does not do this. Another order than the one in force, or one that has
         shown, is not concerned."""
@@ -241,11 +256,11 @@ class Supervision:
         self.stands = False
         self.unable = frozenset()
 
-    def taken(self, hand: Hand) -> FlightAction | None:
+    def taken(self, hand: ModeSource) -> FlightAction | None:
         """Somebody else has chosen the mode; returns the order that this has ended, None if none."""
         order, self.order = self.order, None
         self.stands = False
-        if hand is Hand.COMMANDER:  # what it could not do then it may be able to do where he flies it
+        if hand is ModeSource.COMMANDER:  # what it could not do then it may be able to do where he flies it
             order, self._interrupted, self.unable = order or self._interrupted, None, frozenset()
         elif order is not None and order not in _STANDING:  # a hold that may be again is a decision of its own
             self._interrupted = order
@@ -268,21 +283,21 @@ class Supervision:
 
     # ---- what is seen ---------------------------------------------------------------------------------------------
 
-    def unshown(self, helm: Helm, now: float) -> FlightAction | None:
+    def unshown(self, mode: ModeTracker, now: float) -> FlightAction | None:
         """The return or the landing that was ordered so lately that the autopilot need not show it yet; None: there is
         none, or it is not known what is flown."""
         shows_as = _SHOWS_AS.get(self.order) if self.order is not None else None
-        if shows_as is None or helm.flown is None or helm.facts() & shows_as:
+        if shows_as is None or mode.flown is None or mode.facts() & shows_as:
             return None
         return self.order if now < self._commanded_at + self._limits.obey_s else None
 
-    def look(self, helm: Helm, facts: Set[Fact], breached: bool, now: float) -> Seen | None:
+    def look(self, mode: ModeTracker, facts: Set[Fact], breached: bool, now: float) -> Seen | None:
         """Compare what the autopilot does to the order; what is news about it.
 
         `breached`: the aircraft is outside the fence. AGAIN asks for the same command once more.
         """
         self.due_at = None
-        if Fact.FLYING not in facts or helm.flown is None:
+        if Fact.FLYING not in facts or mode.flown is None:
             return None
         if Fact.AUTOPILOT not in facts:
             self._deaf = True
@@ -292,7 +307,7 @@ class Supervision:
         if self._interrupted is not None:  # it has been given back
             order, self._interrupted = self._interrupted, None
             self._begin(order, self._tries + 1, now)
-            if not self._follows(helm):
+            if not self._follows(mode):
                 self.due_at = now + self._limits.obey_s
                 return Seen.AGAIN
         was_deaf, self._deaf = self._deaf, False
@@ -301,17 +316,17 @@ class Supervision:
         if was_deaf:
             self._since = now
         refused, self._refused = self._refused, False
-        if refused and not self._is_so(helm):
+        if refused and not self._is_so(mode):
             return self._denied(self.order, now)
-        if not self._follows(helm):
+        if not self._follows(mode):
             return self._astray(was_deaf, breached and bool(facts & _COMING_HOME), now)
-        return self._moves(self.order, helm, facts, breached, now)
+        return self._moves(self.order, mode, facts, breached, now)
 
-    def _is_so(self, helm: Helm) -> bool:
+    def _is_so(self, mode: ModeTracker) -> bool:
         """The order shows all the same."""
         assert self.order is not None
         if FOLLOW[self.kind][self.order].modes:
-            return self._follows(helm)
+            return self._follows(mode)
         return self._motion is not None and self._motion.speed_mps < RESTS_MPS
 
     def _denied(self, order: FlightAction, now: float) -> Seen | None:
@@ -329,10 +344,10 @@ class Supervision:
         self.due_at = now + self._limits.obey_s
         return Seen.AGAIN
 
-    def _follows(self, helm: Helm) -> bool:
+    def _follows(self, mode: ModeTracker) -> bool:
         assert self.order is not None
         modes = FOLLOW[self.kind][self.order].modes
-        return not modes or helm.flown in modes or (self.order is FlightAction.LAND and helm.landing)
+        return not modes or mode.flown in modes or (self.order is FlightAction.LAND and mode.landing)
 
     def _astray(self, was_deaf: bool, home: bool, now: float) -> Seen | None:
         """The mode is another one."""
@@ -347,7 +362,9 @@ class Supervision:
             return None
         return self._again(order, now) if self._tries < TRIES or order in _ENDLESS else self._give_up(order)
 
-    def _moves(self, order: FlightAction, helm: Helm, facts: Set[Fact], breached: bool, now: float) -> Seen | None:
+    def _moves(
+        self, order: FlightAction, mode: ModeTracker, facts: Set[Fact], breached: bool, now: float
+    ) -> Seen | None:
         """The mode is right: what of the motion?"""
         if not FOLLOW[self.kind][order].motion:
             return self._shows(order)

@@ -130,6 +130,19 @@ class _Asked:
     #: when the first of these was lifted
     lifted_at: float = inf
 
+    def lift(self, limit: Limit, now: float) -> None:
+        """The operator insists: this limit does not count for this command any more."""
+        self.lifted.add(limit)
+        self.lifted_at = min(self.lifted_at, now)
+
+    def answered(self, named: Limit | None, now: float) -> None:
+        """A copy was answered. `named`: the limit that the refusal names; None: it was let pass."""
+        self.named, self.at = named, now
+
+    def copied(self, now: float) -> None:
+        """A copy came and was not judged."""
+        self.at = now
+
 
 class CommandRules:
     """Rules on the commands of one vehicle's commander."""
@@ -175,14 +188,13 @@ class CommandRules:
         asked, after_s = self._asked_before(kind, wish, station, begun_at)
         insists = not repeats and after_s is not None and after_s >= quiet_s and heard_since <= asked.at
         if insists and asked.named is not None:
-            asked.lifted.add(asked.named)
-            asked.lifted_at = min(asked.lifted_at, now)
+            asked.lift(asked.named, now)
         by_hand = [limit for limit in strict if self.lifted(limit, now) or limit in asked.lifted]
         refused = next((limit for limit in strict if limit not in by_hand), None)
         if not strict:
             self._asked.pop((station, kind), None)
         else:
-            asked.named, asked.at = refused, now
+            asked.answered(refused, now)
             self._asked[station, kind] = asked
         if refused is not None:
             return Ruling(Outcome.REFUSED, (refused,), left[refused], after_s)
@@ -205,7 +217,7 @@ class CommandRules:
         """A copy that was not judged, because too many commands came at once: it begins the wait anew."""
         asked = self._asked.get((station, kind))
         if asked is not None and asked.wish == wish:
-            asked.at = now
+            asked.copied(now)
 
     # ---- what the operator lifts ----------------------------------------------------------------------------------
 

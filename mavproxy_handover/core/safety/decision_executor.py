@@ -18,77 +18,86 @@ from dataclasses import replace
 from math import inf
 from typing import Final
 
-from mavproxy_handover.core.authority.authority import Authority
-from mavproxy_handover.core.authority.candidates import Candidates
+from mavproxy_handover.core.common.authority_facts import AuthorityFacts
 from mavproxy_handover.core.common.causes import CAUSES, Cause
-from mavproxy_handover.core.common.events import Action, Announce, Fly, HandSeen, ModeSeen, Record
+from mavproxy_handover.core.common.events import Action, Announce, Fly, ModeSeen, ModeSourceSeen, Record
 from mavproxy_handover.core.common.flight import Flight
-from mavproxy_handover.core.common.model import FlightAction, Flown, Hand, Reason
-from mavproxy_handover.core.safety.command_verification import Seen, Supervision
-from mavproxy_handover.core.safety.conditions import Lookout
+from mavproxy_handover.core.common.model import FlightAction, ModeClass, ModeSource, Reason
+from mavproxy_handover.core.safety.command_verification import CommandVerification, Seen
+from mavproxy_handover.core.safety.conditions import Conditions
+from mavproxy_handover.core.safety.decision_facts import DecisionFacts
 from mavproxy_handover.core.safety.emergency import Emergency, News
-from mavproxy_handover.core.safety.mode_source import GIVES_BACK, Change, Helm
+from mavproxy_handover.core.safety.hold_timer import HoldTimer
+from mavproxy_handover.core.safety.mode_source import GIVES_BACK, Change, ModeTracker
 from mavproxy_handover.core.safety.sentence import Figures, over, sentence
 from mavproxy_handover.core.safety.strategy import OVERRULE, OVERRULED, Decision, Fact, Situation
 
-__all__ = ["Execution"]
+__all__ = ["DecisionExecutor"]
 
 #: whose choice of a mode ends an order; the guard's is the same order
-_TAKES: Final = {Change.PILOT: Hand.PILOT, Change.COMMANDER: Hand.COMMANDER, Change.FAILSAFE: Hand.FAILSAFE}
+_TAKES: Final = {
+    Change.PILOT: ModeSource.PILOT,
+    Change.COMMANDER: ModeSource.COMMANDER,
+    Change.FAILSAFE: ModeSource.FAILSAFE,
+}
 #: the mode of an order, which needs no order where it is flown
-_SAME: Final = {FlightAction.RETURN: (Flown.RETURN,), FlightAction.LAND: (Flown.LAND,)}
-_COMES_HOME: Final = (Flown.RETURN, Flown.LAND)
+_SAME: Final = {FlightAction.RETURN: (ModeClass.RETURN,), FlightAction.LAND: (ModeClass.LAND,)}
+_COMES_HOME: Final = (ModeClass.RETURN, ModeClass.LAND)
 #: what has wings does this in a mode of its own; a copter within the one that it flies
-_CIRCLED: Final = {FlightAction.HOLD: Flown.STOP, FlightAction.CONTINUE: Flown.MISSION}
+_CIRCLED: Final = {FlightAction.HOLD: ModeClass.STOP, FlightAction.CONTINUE: ModeClass.MISSION}
 #: what is commanded, or left out in its place
 _COMMANDED: Final = (FlightAction.HOLD, FlightAction.CONTINUE, FlightAction.RETURN, FlightAction.LAND)
 #: what is commanded again and again is told so often (s)
 _AGAIN_TOLD_S: Final = 10.0
 
 
-class Execution:
+class DecisionExecutor:
     """Of one vehicle. Times are monotonic seconds; not safe for threads."""
 
     __slots__ = (
         "_again_at",
         "_authority",
+        "_conditions",
         "_emergency",
+        "_facts",
         "_figures",
         "_flight",
         "_hold_cause",
-        "_lookout",
+        "_hold_timer",
+        "_mode",
         "_tells_at",
         "_told_place",
+        "_verification",
     )
 
     def __init__(
         self,
-        authority: Authority,
+        authority: AuthorityFacts,
         flight: Flight,
-        candidates: Candidates,
-        lookout: Lookout,
         emergency: Emergency,
+        conditions: Conditions,
+        facts: DecisionFacts,
+        hold_timer: HoldTimer,
+        mode: ModeTracker,
+        verification: CommandVerification,
     ) -> None:
         self._authority = authority
         self._flight = flight
-        self._lookout = lookout
         self._emergency = emergency
-        self._figures = Figures(authority, flight, candidates)
-        #: for what it is held, whatever keeps that from being commanded; nobody has taken it since
+        self._conditions = conditions
+        self._facts = facts
+        self._hold_timer = hold_timer
+        self._mode = mode
+        self._verification = verification
+        self._figures = Figures(authority, flight)
+        #: the cause that the aircraft is held for, whether or not that is commanded; None after another hand has the
+        #: aircraft
         self._hold_cause: Cause | None = None
         #: when it was told last that something is commanded again
         self._again_at = -inf
-        #: since when a return is to be told, with the next event; None: none is. And where the last one was told to go
+        #: since when a return is to be told, with the next event; None: none is. And the place that was told last
         self._tells_at: float | None = None
         self._told_place = ""
-
-    @property
-    def _helm(self) -> Helm:
-        return self._lookout.helm
-
-    @property
-    def _supervision(self) -> Supervision:
-        return self._lookout.supervision
 
     @property
     def held_for(self) -> Cause | None:
@@ -99,14 +108,14 @@ class Execution:
         told = self._emergency.told
         if told is None or not (told.action is FlightAction.HOLD or self._only_waits(self._emergency.decision)):
             return None
-        return self._hold_cause if self._lookout.resuming or self._supervision.order is FlightAction.HOLD else None
+        return self._hold_cause if self._hold_timer.resuming or self._verification.order is FlightAction.HOLD else None
 
     def _only_waits(self, decision: Decision | None) -> bool:
         """Whether a hold goes on that is no more than a warning now: nobody can be commanded, or it is in doubt whether
         somebody else has chosen the mode."""
         if decision is None or decision.action is not FlightAction.WARN:
             return False
-        doubt = decision.held_back is Fact.PILOT and self._helm.chosen_by is Hand.DOUBT
+        doubt = decision.held_back is Fact.PILOT and self._mode.chosen_by is ModeSource.DOUBT
         return doubt or decision.held_back in (Fact.FLYING, Fact.AUTOPILOT)
 
     def resume_hold(self, cause: Cause) -> None:
@@ -116,49 +125,49 @@ class Execution:
     @property
     def _others_fly(self) -> bool:
         """A pilot, or a failsafe of the autopilot: to go on is theirs to say."""
-        return not self._helm.facts().isdisjoint(OVERRULE)
+        return not self._mode.facts().isdisjoint(OVERRULE)
 
     # ---- who flies ------------------------------------------------------------------------------------------------
 
     def mode_seen(self, event: ModeSeen, now: float, actions: list[Action]) -> None:
         """The autopilot has said its mode."""
         unheard = not self._flight.autopilot_alive(now)
-        self._changed(self._helm.seen(event, self._flight.aloft, now, unheard=unheard), now, actions)
+        self._changed(self._mode.seen(event, self._flight.aloft, now, unheard=unheard), now, actions)
 
-    def hand_seen(self, event: HandSeen, now: float, actions: list[Action]) -> None:
+    def mode_source_seen(self, event: ModeSourceSeen, now: float, actions: list[Action]) -> None:
         """Somebody has, or may have, chosen the mode."""
-        self._changed(self._helm.heard(event, now), now, actions)
-        if event.hand is not Hand.COMMANDER:
+        self._changed(self._mode.heard(event, now), now, actions)
+        if event.hand is not ModeSource.COMMANDER:
             return
         self._hold_cause = None
-        ended = self._supervision.commanded()
+        ended = self._verification.commanded()
         if ended is FlightAction.HOLD:
             self._overrule(now)
         if ended is not None:
-            self._lookout.others_word()
-            if event.flown in GIVES_BACK and event.flown is self._helm.flown and not self._helm.piloted:
-                self._supervision.sent_on(now)
+            self._hold_timer.overridden()
+            if event.flown in GIVES_BACK and event.flown is self._mode.flown and not self._mode.piloted:
+                self._verification.sent_on(now)
 
     def settle(self, now: float, actions: list[Action]) -> None:
         """Time has passed: what was in doubt is not any more."""
-        self._changed(self._helm.settle(now), now, actions)
+        self._changed(self._mode.settle(now), now, actions)
 
     def _changed(self, change: Change | None, now: float, actions: list[Action]) -> None:
         if change is None:
             return
-        who = {Change.COMMANDER: self._authority.name(self._authority.owner)}.get(change)
-        text = f"{self._helm.name}: {change.value}" if who is None else f"{self._helm.name}: chosen by {who}"
+        who = {Change.COMMANDER: self._authority.owner_name}.get(change)
+        text = f"{self._mode.name}: {change.value}" if who is None else f"{self._mode.name}: chosen by {who}"
         actions.append(Record("helm", text))
         ended = None
         if change in _TAKES:
-            ended, self._hold_cause = self._supervision.taken(_TAKES[change]), None
-            self._lookout.others_word()
+            ended, self._hold_cause = self._verification.taken(_TAKES[change]), None
+            self._hold_timer.overridden()
         told = self._emergency.told
         if change is Change.PILOT:
             behind = "" if ended is None else f"; {ended.name} is not commanded any more"
-            self._tell(f"PILOT: a pilot has taken over, {self._helm.name}{behind}", FlightAction.WARN, told, actions)
+            self._tell(f"PILOT: a pilot has taken over, {self._mode.name}{behind}", FlightAction.WARN, told, actions)
         elif change is Change.GIVEN_BACK:
-            self._tell(f"PILOT: the pilot has given it back, {self._helm.name}", FlightAction.WARN, told, actions)
+            self._tell(f"PILOT: the pilot has given it back, {self._mode.name}", FlightAction.WARN, told, actions)
         elif ended is not None:
             text = f"{text}; {ended.name} is not commanded any more"
             self._tell(text, FlightAction.WARN, told, actions)
@@ -167,8 +176,9 @@ class Execution:
             self._overrule(now)
 
     def _overrule(self, now: float) -> None:
-        self._emergency.overrule(self._lookout.facts(now))
-        self._lookout.overruled()
+        self._emergency.overrule(self._facts.now(now))
+        if not self._hold_timer.resuming:
+            self._conditions.overruled()
 
     # ---- what was decided -----------------------------------------------------------------------------------------
 
@@ -187,24 +197,24 @@ class Execution:
             self._hold_cause = None if decision is None else decision.cause
         elif not self._only_waits(decision):
             self._hold_cause = None
-        stands = self._supervision.stands and self._helm.flown not in _COMES_HOME
+        stands = self._verification.stands and self._mode.flown not in _COMES_HOME
         if (news.resumes or (news.mends and stands)) and self._others_fly:
-            self._supervision.over()
+            self._verification.over()
         elif news.resumes or (news.mends and stands):
-            self._supervision.go_on(now)
+            self._verification.go_on(now)
             self._fly(FlightAction.CONTINUE, news.reason, now, actions)
         elif decision is not None and not news.warning and not news.continues:
-            self._supervision.ordered(decision.action, now)
-            self._helm.ordered()
+            self._verification.ordered(decision.action, now)
+            self._mode.ordered()
             if not self._flown_already(decision.action):
                 self._fly(decision.action, news.reason, now, actions)
         elif decision is None or decision.held_back is None:  # what another hand holds back may have to be done yet
-            self._supervision.over()
+            self._verification.over()
 
     def _tell_decision(self, decision: Decision, now: float, actions: list[Action], *, crosses: bool = False) -> None:
-        figures, place = self._figures.of(decision.cause, self._lookout.told, now), self._lookout.place
+        figures, place = self._figures.of(decision.cause, self._conditions.reported, now), self._facts.place
         if crosses:
-            figures += f"; {self._lookout.crossing.words(now)}"
+            figures += f"; {self._conditions.crossing.words(now)}"
         self._told_place = "" if place is None else place.name
         self._say(sentence(decision, figures, place), actions)
 
@@ -223,7 +233,7 @@ class Execution:
 
     def place_seen(self, now: float, actions: list[Action]) -> None:
         """Where a return goes has been judged: who was told another place is told that."""
-        told, place = self._emergency.told, self._lookout.place
+        told, place = self._emergency.told, self._facts.place
         returns = told is not None and told.action is FlightAction.RETURN and self._tells_at is None
         if returns and told is not None and place is not None and place.name != self._told_place:
             self._tell_decision(told, now, actions)
@@ -243,34 +253,34 @@ class Execution:
 
     def _flown_already(self, action: FlightAction) -> bool:
         """Whoever has chosen it, guard, failsafe or a run before this one: to command it again would change nothing."""
-        return self._helm.flown in _SAME.get(action, ())
+        return self._mode.flown in _SAME.get(action, ())
 
     def _fly(self, action: FlightAction, reason: Reason, now: float, actions: list[Action]) -> None:
         if action in _SAME:
-            self._helm.heard(HandSeen(Hand.COMPANION), now)
+            self._mode.heard(ModeSourceSeen(ModeSource.COMPANION), now)
         elif self._flight.kind.winged and action in _CIRCLED:
-            self._helm.heard(HandSeen(Hand.COMPANION, _CIRCLED[action]), now)
+            self._mode.heard(ModeSourceSeen(ModeSource.COMPANION, _CIRCLED[action]), now)
         actions.append(Fly(action, reason))
 
     def look(self, facts: Situation, now: float, actions: list[Action]) -> bool:
         """Compare what the autopilot does to what it was commanded; whether it is to be decided anew."""
-        supervision, decision = self._supervision, self._emergency.told
-        supervision.kind = self._flight.kind
-        order, breached = supervision.order, self._lookout.told.fence
-        seen = supervision.look(self._helm, facts, breached, now)
+        verification, decision = self._verification, self._emergency.told
+        verification.watch(self._flight.kind)
+        order, breached = verification.order, self._conditions.reported.fence
+        seen = verification.look(self._mode, facts, breached, now)
         if seen is None:
             return False
-        order = order or supervision.order
+        order = order or verification.order
         assert order is not None
         if seen is Seen.OBEYED:
-            actions.append(Record("order", f"{order.name}: {seen.value}, {self._helm.name}"))
+            actions.append(Record("order", f"{order.name}: {seen.value}, {self._mode.name}"))
         elif seen is Seen.AGAIN:
             if now >= self._again_at + _AGAIN_TOLD_S:
                 self._again_at = now
-                self._tell(f"{order.name} again: the autopilot flies {self._helm.name}", order, decision, actions)
+                self._tell(f"{order.name} again: the autopilot flies {self._mode.name}", order, decision, actions)
             self._fly(order, Reason.NONE if decision is None else CAUSES[decision.cause].reason, now, actions)
         else:
-            text = f"{order.name}: {seen.value}, flies {self._helm.name}"
+            text = f"{order.name}: {seen.value}, flies {self._mode.name}"
             self._tell(text, FlightAction.WARN, decision, actions)
             return True
         return False

@@ -132,7 +132,7 @@ class Emergency:
     def adopt(self, out_of_coverage: str | None) -> None:
         """The mission brings its own policy; None: it has none, and the one in force stays."""
         if out_of_coverage is not None:
-            self._strategy.policies[Cause.OUT_OF_COVERAGE] = out_of_coverage
+            self._strategy.adopt(Cause.OUT_OF_COVERAGE, out_of_coverage)
 
     def resume(self) -> None:
         """A restart in an emergency, or behind one: its cause is judged anew, and it is over when none is found."""

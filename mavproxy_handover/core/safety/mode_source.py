@@ -40,18 +40,18 @@ from enum import Enum
 from math import inf
 from typing import Final
 
-from mavproxy_handover.core.common.events import HandSeen, ModeSeen
-from mavproxy_handover.core.common.model import Flown, Hand
+from mavproxy_handover.core.common.events import ModeSeen, ModeSourceSeen
+from mavproxy_handover.core.common.model import ModeClass, ModeSource
 from mavproxy_handover.core.safety.strategy import Fact
 
-__all__ = ["DOUBT_S", "EVIDENCE", "GIVES_BACK", "Change", "Helm", "Trace"]
+__all__ = ["DOUBT_S", "EVIDENCE", "GIVES_BACK", "Change", "ModeTracker", "Trace"]
 
 #: so long (s) behind a change of the mode a word may explain it: the guard speaks twice a second
 DOUBT_S: Final = 1.0
 
-_ENDS: Final = frozenset({Flown.RETURN, Flown.LAND})
+_ENDS: Final = frozenset({ModeClass.RETURN, ModeClass.LAND})
 #: what a failsafe has chosen and nobody else leaves; its stop waits for what comes behind it
-_OF_FAILSAFES: Final = _ENDS | {Flown.HANDS}
+_OF_FAILSAFES: Final = _ENDS | {ModeClass.HANDS}
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,21 +59,21 @@ class Trace:
     """What somebody who was heard of may have done: for so long (s), and which modes, where none was named."""
 
     within_s: float
-    modes: frozenset[Flown]
+    modes: frozenset[ModeClass]
 
 
 #: Who may have chosen a mode; of two who were heard of at once the first. The companion's orders are repeated, and RTL
 #: that cannot be had becomes LAND within one of them; a command of the commander is carried out or it is not.
-EVIDENCE: Final[Mapping[Hand, Trace]] = {
-    Hand.COMPANION: Trace(15.0, _ENDS),
-    Hand.COMMANDER: Trace(5.0, frozenset(Flown)),
-    Hand.GUARD: Trace(5.0, _ENDS),
-    Hand.FAILSAFE: Trace(5.0, _ENDS | {Flown.STOP}),
-    Hand.MISSION: Trace(5.0, frozenset({Flown.RETURN})),
+EVIDENCE: Final[Mapping[ModeSource, Trace]] = {
+    ModeSource.COMPANION: Trace(15.0, _ENDS),
+    ModeSource.COMMANDER: Trace(5.0, frozenset(ModeClass)),
+    ModeSource.GUARD: Trace(5.0, _ENDS),
+    ModeSource.FAILSAFE: Trace(5.0, _ENDS | {ModeClass.STOP}),
+    ModeSource.MISSION: Trace(5.0, frozenset({ModeClass.RETURN})),
 }
 
 #: What a pilot chooses after he has flown by hand, and that gives the aircraft back.
-GIVES_BACK: Final = frozenset({Flown.MISSION, Flown.GUIDED})
+GIVES_BACK: Final = frozenset({ModeClass.MISSION, ModeClass.GUIDED})
 
 
 class Change(Enum):
@@ -91,16 +91,16 @@ class Change(Enum):
 
 
 _CHANGES: Final = {
-    Hand.PILOT: Change.PILOT,
-    Hand.COMMANDER: Change.COMMANDER,
-    Hand.FAILSAFE: Change.FAILSAFE,
-    Hand.MISSION: Change.MISSION,
-    Hand.GUARD: Change.GUARD,
-    Hand.STRANGER: Change.STRANGER,
+    ModeSource.PILOT: Change.PILOT,
+    ModeSource.COMMANDER: Change.COMMANDER,
+    ModeSource.FAILSAFE: Change.FAILSAFE,
+    ModeSource.MISSION: Change.MISSION,
+    ModeSource.GUARD: Change.GUARD,
+    ModeSource.STRANGER: Change.STRANGER,
 }
 
 
-class Helm:
+class ModeTracker:
     """Who flies one aircraft. Times are monotonic seconds; not safe for threads."""
 
     __slots__ = (
@@ -119,16 +119,16 @@ class Helm:
 
     def __init__(self) -> None:
         #: None before the autopilot has said it, and for what is no ArduCopter
-        self.flown: Flown | None = None
+        self.flown: ModeClass | None = None
         #: the mode's own name, for people
         self.name = ""
         #: it is coming down to land, whatever the mode is called
         self.landing = False
         #: a pilot could steer
         self.radio = False
-        self.chosen_by = Hand.NOBODY
+        self.chosen_by = ModeSource.NOBODY
         #: who flew what before the mode changed
-        self._before: tuple[Hand, Flown | None] = Hand.NOBODY, None
+        self._before: tuple[ModeSource, ModeClass | None] = ModeSource.NOBODY, None
         self._flying = False
         #: the mode that is in doubt was chosen while the autopilot was not heard
         self._unheard = False
@@ -137,14 +137,14 @@ class Helm:
         #: the companion has given an order since the commander's last command
         self._overtaken = False
         #: who was heard of, when, and the mode that was asked for, None if that is not known
-        self._asked: dict[Hand, tuple[float, Flown | None]] = {}
+        self._asked: dict[ModeSource, tuple[float, ModeClass | None]] = {}
 
     # ---- what is heard --------------------------------------------------------------------------------------------
 
-    def heard(self, event: HandSeen, now: float) -> Change | None:
+    def heard(self, event: ModeSourceSeen, now: float) -> Change | None:
         """Somebody has, or may have, chosen the mode."""
         self._asked[event.hand] = now, event.flown
-        if event.hand is Hand.COMMANDER:
+        if event.hand is ModeSource.COMMANDER:
             self._overtaken = False
         return self.settle(now)
 
@@ -159,37 +159,37 @@ class Helm:
         self.name, self.landing, self.radio = event.name, event.landing, event.radio
         was_flying, self._flying = self._flying, flying
         if not flying or not was_flying or before is None:
-            self.chosen_by, self._since = Hand.NOBODY, -inf
+            self.chosen_by, self._since = ModeSource.NOBODY, -inf
         elif event.flown is not before:
             self._before = self.chosen_by, before
-            self.chosen_by, self._since, self._unheard = Hand.DOUBT, now, unheard
+            self.chosen_by, self._since, self._unheard = ModeSource.DOUBT, now, unheard
         return self.settle(now)
 
     def settle(self, now: float) -> Change | None:
         """Who chose the mode that changed, if that is known by now; None if it was known before, or is not yet."""
-        if self.chosen_by is not Hand.DOUBT:
+        if self.chosen_by is not ModeSource.DOUBT:
             return None
         hand = self._by_evidence()
         if hand is None:
             if now < self._since + DOUBT_S:
                 return None
             if self._unheard and self.flown in _ENDS:
-                self.chosen_by, self._since, self._unheard = Hand.GUARD, -inf, False
+                self.chosen_by, self._since, self._unheard = ModeSource.GUARD, -inf, False
                 return Change.UNHEARD
             hand = self._by_nobody()
         before, flown = self._before
-        by_hand = flown is Flown.HANDS and before in (Hand.PILOT, Hand.NOBODY, Hand.DOUBT)
+        by_hand = flown is ModeClass.HANDS and before in (ModeSource.PILOT, ModeSource.NOBODY, ModeSource.DOUBT)
         by_hand |= self._unheard
         self._since, self._unheard = -inf, False
-        if hand is Hand.PILOT and by_hand and self.flown in GIVES_BACK:
-            self.chosen_by = Hand.NOBODY
+        if hand is ModeSource.PILOT and by_hand and self.flown in GIVES_BACK:
+            self.chosen_by = ModeSource.NOBODY
             return Change.GIVEN_BACK
         self.chosen_by = hand
-        if hand is Hand.COMMANDER and self._overtaken:
+        if hand is ModeSource.COMMANDER and self._overtaken:
             return Change.OVERTAKEN
         return _CHANGES.get(hand)
 
-    def _by_evidence(self) -> Hand | None:
+    def _by_evidence(self) -> ModeSource | None:
         latest, found = -inf, None
         for hand, trace in EVIDENCE.items():
             at, flown = self._asked.get(hand, (-inf, None))
@@ -198,37 +198,37 @@ class Helm:
                 latest, found = at, hand
         return found
 
-    def _by_nobody(self) -> Hand:
+    def _by_nobody(self) -> ModeSource:
         if self.radio:
-            return Hand.PILOT
-        spoken_at, flown = self._asked.get(Hand.FAILSAFE, (-inf, None))
-        spoke = flown is None and spoken_at >= self._since - EVIDENCE[Hand.FAILSAFE].within_s
-        acts = self.flown in _ENDS or (spoke and self.flown is Flown.HANDS)
-        return Hand.FAILSAFE if acts else Hand.STRANGER
+            return ModeSource.PILOT
+        spoken_at, flown = self._asked.get(ModeSource.FAILSAFE, (-inf, None))
+        spoke = flown is None and spoken_at >= self._since - EVIDENCE[ModeSource.FAILSAFE].within_s
+        acts = self.flown in _ENDS or (spoke and self.flown is ModeClass.HANDS)
+        return ModeSource.FAILSAFE if acts else ModeSource.STRANGER
 
     # ---- what it comes to -----------------------------------------------------------------------------------------
 
     @property
     def piloted(self) -> bool:
         """A pilot has the aircraft, or may have."""
-        if self.chosen_by is Hand.DOUBT:
+        if self.chosen_by is ModeSource.DOUBT:
             return True
-        by_hand = self.chosen_by is Hand.NOBODY and self.flown is Flown.HANDS
-        return self.radio and (by_hand or self.chosen_by is Hand.PILOT)
+        by_hand = self.chosen_by is ModeSource.NOBODY and self.flown is ModeClass.HANDS
+        return self.radio and (by_hand or self.chosen_by is ModeSource.PILOT)
 
     def facts(self) -> set[Fact]:
         """What of it a decision rests on."""
         found = set()
         if self.piloted:
             found.add(Fact.PILOT)
-        if self.chosen_by is Hand.FAILSAFE and self.flown in _OF_FAILSAFES:
+        if self.chosen_by is ModeSource.FAILSAFE and self.flown in _OF_FAILSAFES:
             found.add(Fact.FAILSAFE)
-        if self.landing or self.flown is Flown.LAND:
+        if self.landing or self.flown is ModeClass.LAND:
             found.add(Fact.LANDING)
-        elif self.flown is Flown.RETURN:
+        elif self.flown is ModeClass.RETURN:
             found.add(Fact.RETURNING)
         return found
 
     def due_at(self) -> float | None:
         """When it is no more in doubt who chose the mode; None while it is not."""
-        return self._since + DOUBT_S if self.chosen_by is Hand.DOUBT else None
+        return self._since + DOUBT_S if self.chosen_by is ModeSource.DOUBT else None

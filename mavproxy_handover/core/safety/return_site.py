@@ -17,11 +17,11 @@ count, and `best` is the place that stands highest, the soonest of those that st
 So what is reachable, inside the fence and covered is never passed over for what is not. What is not known of energy
 counts as reachable: all places are alike in that, and to land where it is is no better.
 
-`PlaceChooser` keeps the choice, and changes it when a fact changes, not when a number trembles. Each yes or no that
-measured numbers stand behind has to be wrong for a while to count as wrong, and right for longer to count as right
-again; what flickers stays what it was, or wrong. A place that stands as high has to be clearly sooner. A station that
-falls away counts at once, for it was silent for seconds already, and is one again after a while. Nothing goes over to a
-place for the sake of what it was a moment ago: another place has to be better by the facts of this moment, too.
+`ReturnSiteChooser` keeps the choice, and changes it when a fact changes, not when a number trembles. A yes or no that
+rests on measured numbers has to be wrong for a while to count as wrong, and right for longer to count as right again. A
+fact that flickers stays as it was, or wrong. A place of equal rank has to be clearly sooner. A station that falls away
+counts as lost at once, because it was silent for seconds already. It counts again after a while. The choice moves to
+another place only if that place is better by the facts of this moment, too.
 
 What returns already has no use for a place that is only sooner: its choice changes for one that stands higher, and
 near its end not at all.
@@ -35,7 +35,7 @@ from enum import IntEnum
 from math import inf, isfinite
 from typing import Final, NamedTuple
 
-__all__ = ["Choice", "Coverage", "PlaceChooser", "PlaceFact", "Reach", "Standing", "best", "standing"]
+__all__ = ["Choice", "Coverage", "ReturnSiteChooser", "PlaceFact", "Reach", "Standing", "best", "standing"]
 
 #: a yes that is a no for so long (s) is a no, and a no that is a yes for so long a yes again
 WORSE_S: Final = 2.5
@@ -228,7 +228,7 @@ class _Record:
         )
 
 
-class PlaceChooser:
+class ReturnSiteChooser:
     """The choice in force. Times are monotonic seconds; not safe for threads."""
 
     __slots__ = ("_looked_at", "_name", "_records", "_since", "_usable")

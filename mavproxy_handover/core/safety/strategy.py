@@ -210,6 +210,10 @@ class Strategy:
         #: causes that the commander has overruled, each with what it asked for
         self.overruled: frozenset[tuple[Cause, FlightAction]] = frozenset()
 
+    def adopt(self, cause: Cause, policy: str) -> None:
+        """The mission brings its own policy for a cause."""
+        self.policies[cause] = policy
+
     def overrule(self, causes: Set[Cause], facts: Situation) -> None:
         """The commander has the aircraft fly otherwise than ordered, with these causes and facts.
 

@@ -16,7 +16,7 @@ from collections.abc import Set
 from typing import Final
 
 from mavproxy_handover.core.safety.energy import EnergyFact
-from mavproxy_handover.core.safety.return_site import Choice, PlaceChooser
+from mavproxy_handover.core.safety.return_site import Choice, ReturnSiteChooser
 from mavproxy_handover.mission.geodesy import distance_m
 from mavproxy_handover.mission.items import RallyPoint
 from mavproxy_handover.monitors.return_site.candidates import Candidates
@@ -40,7 +40,7 @@ class SiteChoice:
         self._candidates = candidates
         self._views = views
         self._margin = margin
-        self._chooser = PlaceChooser()
+        self._chooser = ReturnSiteChooser()
         #: where a return goes now; None while there are no places
         self.now: Choice | None = None
         self._settled_at = math.inf

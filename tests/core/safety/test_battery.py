@@ -15,7 +15,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mavproxy_handover.core.safety.battery import Batteries, PackMemory, PackReport, rest_part
+from mavproxy_handover.core.common.snapshot import PackMemory
+from mavproxy_handover.core.safety.battery import Batteries, PackReport, rest_part
 
 FULL = PackReport(used_wh=0.0, used_mah=0.0, remaining=1.0, voltage_v=12.6, current_a=0.0)
 #: in flight, a fifth drawn

@@ -8,9 +8,9 @@ import pytest
 
 from mavproxy_handover.core.common.events import ModeSeen, MotionSeen
 from mavproxy_handover.core.common.limits import Limits
-from mavproxy_handover.core.common.model import FlightAction, Flown, Hand
-from mavproxy_handover.core.safety.command_verification import Seen, Supervision
-from mavproxy_handover.core.safety.mode_source import Helm
+from mavproxy_handover.core.common.model import FlightAction, ModeClass, ModeSource
+from mavproxy_handover.core.safety.command_verification import CommandVerification, Seen
+from mavproxy_handover.core.safety.mode_source import ModeTracker
 from mavproxy_handover.core.safety.strategy import Fact
 
 HOLD, CONTINUE, RETURN, LAND = FlightAction.HOLD, FlightAction.CONTINUE, FlightAction.RETURN, FlightAction.LAND
@@ -22,9 +22,11 @@ FAR_M = 1000.0
 class Watched:
     """A supervision with its helm, looked at when the test says; times count from the order."""
 
-    def __init__(self, flown: Flown | None = Flown.MISSION, speed_mps: float = 8.0, *, motion: bool = True) -> None:
-        self.supervision = Supervision(Limits(obey_s=6.0, stuck_s=30.0))
-        self.helm = Helm()
+    def __init__(
+        self, flown: ModeClass | None = ModeClass.MISSION, speed_mps: float = 8.0, *, motion: bool = True
+    ) -> None:
+        self.supervision = CommandVerification(Limits(obey_s=6.0, stuck_s=30.0))
+        self.helm = ModeTracker()
         self.now = 500.0
         self.facts = ALOFT
         self.breached = False
@@ -33,7 +35,7 @@ class Watched:
         if motion:
             self.moves(speed_mps)
 
-    def flies(self, flown: Flown, *, landing: bool = False) -> None:
+    def flies(self, flown: ModeClass, *, landing: bool = False) -> None:
         self.helm.flown, self.helm.landing = flown, landing
 
     def moves(self, speed_mps: float, climb_mps: float = 0.0, left_m: float | None = FAR_M) -> None:
@@ -50,7 +52,7 @@ class Watched:
 
 def returning(left_m: float | None = FAR_M, climb_mps: float = 0.0) -> Watched:
     """In RTL, as ordered; seen just now."""
-    watched = Watched(Flown.RETURN).order(RETURN)
+    watched = Watched(ModeClass.RETURN).order(RETURN)
     watched.moves(8.0, climb_mps, left_m)
     assert watched.look() is OBEYED
     return watched
@@ -132,13 +134,13 @@ def test_a_return_that_was_never_flown_has_not_ended_the_hold() -> None:
     watched.order(RETURN)
     assert watched.look(1.0) is None
     assert watched.supervision.stands
-    watched.flies(Flown.RETURN)
+    watched.flies(ModeClass.RETURN)
     assert watched.look(1.0) is OBEYED
     assert not watched.supervision.stands
 
 
 def test_whoever_takes_it_ends_the_hold_and_its_end() -> None:
-    for hand in (Hand.PILOT, Hand.COMMANDER, Hand.FAILSAFE):
+    for hand in (ModeSource.PILOT, ModeSource.COMMANDER, ModeSource.FAILSAFE):
         watched = going_on()
         assert watched.supervision.taken(hand) is CONTINUE
         assert not watched.supervision.stands
@@ -174,19 +176,19 @@ def test_on_the_ground_without_a_mode_or_under_another_hand_nothing_is_counted()
 @pytest.mark.parametrize(
     ("order", "flown", "landing", "follows"),
     [
-        (RETURN, Flown.RETURN, False, True),
-        (RETURN, Flown.LAND, True, True),
-        (RETURN, Flown.MISSION, False, False),
-        (RETURN, Flown.MISSION, True, False),  # a mission that lands is no return
-        (RETURN, Flown.GUIDED, False, False),
-        (LAND, Flown.LAND, True, True),
-        (LAND, Flown.RETURN, False, False),
-        (LAND, Flown.RETURN, True, True),  # the end of a return
-        (LAND, Flown.MISSION, True, True),
-        (LAND, Flown.STOP, False, False),
+        (RETURN, ModeClass.RETURN, False, True),
+        (RETURN, ModeClass.LAND, True, True),
+        (RETURN, ModeClass.MISSION, False, False),
+        (RETURN, ModeClass.MISSION, True, False),  # a mission that lands is no return
+        (RETURN, ModeClass.GUIDED, False, False),
+        (LAND, ModeClass.LAND, True, True),
+        (LAND, ModeClass.RETURN, False, False),
+        (LAND, ModeClass.RETURN, True, True),  # the end of a return
+        (LAND, ModeClass.MISSION, True, True),
+        (LAND, ModeClass.STOP, False, False),
     ],
 )
-def test_which_mode_is_which_order(order: FlightAction, flown: Flown, landing: bool, follows: bool) -> None:
+def test_which_mode_is_which_order(order: FlightAction, flown: ModeClass, landing: bool, follows: bool) -> None:
     watched = Watched().order(order)
     watched.flies(flown, landing=landing)
     assert watched.look() is (OBEYED if follows else None)
@@ -226,16 +228,16 @@ def test_a_landing_is_commanded_again_for_ever() -> None:
 
 def test_what_was_seen_and_is_left_is_commanded_at_once_and_has_both_tries_again() -> None:
     watched = returning()
-    watched.flies(Flown.GUIDED)
+    watched.flies(ModeClass.GUIDED)
     assert watched.look(0.1) is AGAIN
     assert [watched.look(s) for s in (5.9, 0.1, 5.9, 0.1)] == [None, AGAIN, None, UNABLE]
 
 
 def test_what_was_seen_again_is_watched_again() -> None:
     watched = returning()
-    watched.flies(Flown.GUIDED)
+    watched.flies(ModeClass.GUIDED)
     watched.look(0.1)
-    watched.flies(Flown.RETURN)
+    watched.flies(ModeClass.RETURN)
     assert watched.look(1.0) is OBEYED
     assert [watched.look(s) for s in (0.1, 29.8)] == [None, None], "the first look finds it nearer than ever"
     assert watched.look(0.2) is UNABLE
@@ -252,7 +254,7 @@ def test_an_autopilot_that_was_not_heard_is_commanded_when_it_is() -> None:
 
 def test_outside_the_fence_what_comes_home_already_is_not_commanded_again() -> None:
     for coming, seen in ((Fact.RETURNING, None), (Fact.LANDING, None), (None, AGAIN)):
-        watched = Watched(Flown.OTHER).order(LAND)
+        watched = Watched(ModeClass.OTHER).order(LAND)
         watched.breached = True
         watched.facts = ALOFT | ({coming} if coming else set())
         assert watched.look(6.0) is seen
@@ -377,7 +379,7 @@ def test_nothing_gets_nearer_before_the_order_shows() -> None:
 
 
 def test_a_landing_that_is_carried_nearer_does_not_come_down() -> None:
-    watched = Watched(Flown.LAND).order(LAND)
+    watched = Watched(ModeClass.LAND).order(LAND)
     watched.facts = ALOFT | {Fact.LANDING}
     assert watched.look() is OBEYED
     assert stuck(watched, (0.0, 900.0), (0.0, 800.0)) == [None, UNABLE]
@@ -385,7 +387,7 @@ def test_a_landing_that_is_carried_nearer_does_not_come_down() -> None:
 
 def test_while_the_autopilot_is_not_heard_nothing_is_counted() -> None:
     """The first look behind a silence of its line rests on what it said before."""
-    for order, flown in ((RETURN, Flown.RETURN), (LAND, Flown.LAND), (HOLD, Flown.MISSION)):
+    for order, flown in ((RETURN, ModeClass.RETURN), (LAND, ModeClass.LAND), (HOLD, ModeClass.MISSION)):
         watched = Watched(flown).order(order)
         watched.look()
         watched.facts = ALOFT - {Fact.AUTOPILOT}
@@ -413,7 +415,7 @@ def test_a_look_is_due_when_a_time_is_over() -> None:
     assert due_s(watched) == 4.0
     assert watched.look(4.0) is AGAIN
     assert due_s(watched) == 6.0
-    watched.flies(Flown.RETURN)
+    watched.flies(ModeClass.RETURN)
     assert watched.look(1.0) is OBEYED
     assert due_s(watched) == 30.0
     watched.look(10.0)
@@ -444,7 +446,7 @@ def test_no_look_is_due_where_nothing_is_counted() -> None:
     watched = returning(climb_mps=2.0)
     watched.look(1.0)
     assert due_s(watched) is None
-    watched = Watched(Flown.LAND).order(LAND)
+    watched = Watched(ModeClass.LAND).order(LAND)
     watched.facts = ALOFT | {Fact.LANDING}
     watched.look()
     assert stuck(watched, (0.0, 3.0), (0.0, 3.0), (0.0, 3.0)) == [None, UNABLE, None]
@@ -466,7 +468,7 @@ def test_that_it_lands_is_enough_for_a_return_and_a_landing_has_to_come_down() -
     watched.facts = ALOFT | {Fact.LANDING}
     assert stuck(watched, *[(0.0, FAR_M)] * 4) == [None] * 4
     for climb_mps, last in ((-0.3, UNABLE), (-0.31, None), (0.5, UNABLE)):
-        watched = Watched(Flown.LAND).order(LAND)
+        watched = Watched(ModeClass.LAND).order(LAND)
         watched.facts = ALOFT | {Fact.LANDING}
         assert watched.look() is OBEYED
         assert stuck(watched, *[(climb_mps, 3.0)] * 2)[-1] is last
@@ -485,7 +487,7 @@ def test_a_motion_that_is_not_seen_any_more_is_none() -> None:
 
 
 def test_without_a_motion_nothing_is_concluded_of_a_return() -> None:
-    watched = Watched(Flown.RETURN, motion=False).order(RETURN)
+    watched = Watched(ModeClass.RETURN, motion=False).order(RETURN)
     assert watched.look() is OBEYED
     assert watched.look(100.0) is None
 
@@ -500,7 +502,7 @@ def test_the_second_order_knows_nothing_of_the_nearest_of_the_first() -> None:
 
 
 def test_what_cannot_be_done_is_told_once() -> None:
-    watched = Watched(Flown.LAND).order(LAND)
+    watched = Watched(ModeClass.LAND).order(LAND)
     watched.facts = ALOFT | {Fact.LANDING}
     watched.look()
     assert stuck(watched, *[(0.0, 3.0)] * 6).count(UNABLE) == 1
@@ -512,17 +514,17 @@ def test_what_cannot_be_done_is_told_once() -> None:
 @pytest.mark.parametrize(
     ("hand", "order", "again"),
     [
-        (Hand.PILOT, RETURN, True),
-        (Hand.PILOT, LAND, True),
-        (Hand.PILOT, HOLD, False),  # a decision of its own
-        (Hand.COMMANDER, RETURN, False),
-        (Hand.FAILSAFE, RETURN, True),
-        (Hand.FAILSAFE, LAND, True),
-        (Hand.FAILSAFE, HOLD, False),
+        (ModeSource.PILOT, RETURN, True),
+        (ModeSource.PILOT, LAND, True),
+        (ModeSource.PILOT, HOLD, False),  # a decision of its own
+        (ModeSource.COMMANDER, RETURN, False),
+        (ModeSource.FAILSAFE, RETURN, True),
+        (ModeSource.FAILSAFE, LAND, True),
+        (ModeSource.FAILSAFE, HOLD, False),
     ],
 )
 def test_what_a_pilot_or_a_failsafe_has_interrupted_is_commanded_again_when_neither_has_it(
-    hand: Hand, order: FlightAction, again: bool
+    hand: ModeSource, order: FlightAction, again: bool
 ) -> None:
     watched = Watched().order(order)
     assert watched.supervision.taken(hand) is order
@@ -536,8 +538,8 @@ def test_what_a_pilot_or_a_failsafe_has_interrupted_is_commanded_again_when_neit
 
 def test_a_pilot_who_takes_it_twice_has_interrupted_the_same() -> None:
     watched = Watched().order(RETURN)
-    watched.supervision.taken(Hand.PILOT)
-    assert watched.supervision.taken(Hand.PILOT) is None
+    watched.supervision.taken(ModeSource.PILOT)
+    assert watched.supervision.taken(ModeSource.PILOT) is None
     assert watched.look(1.0) is AGAIN
     assert watched.supervision.due_at == watched.now + 6.0
     assert watched.look(1.0) is None
@@ -545,16 +547,16 @@ def test_a_pilot_who_takes_it_twice_has_interrupted_the_same() -> None:
 
 def test_a_commander_who_takes_it_from_a_pilot_ends_what_he_had_interrupted() -> None:
     watched = Watched().order(RETURN)
-    watched.supervision.taken(Hand.PILOT)
-    assert watched.supervision.taken(Hand.COMMANDER) is RETURN
+    watched.supervision.taken(ModeSource.PILOT)
+    assert watched.supervision.taken(ModeSource.COMMANDER) is RETURN
     assert watched.look(60.0) is None
 
 
-@pytest.mark.parametrize("flown", [Flown.RETURN, Flown.LAND])
-def test_what_is_done_already_when_it_is_given_back_is_not_commanded_again(flown: Flown) -> None:
+@pytest.mark.parametrize("flown", [ModeClass.RETURN, ModeClass.LAND])
+def test_what_is_done_already_when_it_is_given_back_is_not_commanded_again(flown: ModeClass) -> None:
     """The fault: a landing that had been begun meanwhile became a return again. Found by a campaign."""
     watched = Watched().order(RETURN)
-    watched.supervision.taken(Hand.PILOT)
+    watched.supervision.taken(ModeSource.PILOT)
     watched.flies(flown)
     assert watched.look(1.0) is OBEYED
     assert watched.supervision.order is RETURN
@@ -562,16 +564,16 @@ def test_what_is_done_already_when_it_is_given_back_is_not_commanded_again(flown
 
 def test_what_was_commanded_again_for_him_has_one_try_less() -> None:
     watched = Watched().order(RETURN)
-    watched.supervision.taken(Hand.PILOT)
+    watched.supervision.taken(ModeSource.PILOT)
     watched.look(1.0)
     assert [watched.look(s) for s in (5.9, 0.1)] == [None, UNABLE]
 
 
 def test_a_new_order_is_not_followed_by_the_interrupted_one() -> None:
     watched = Watched().order(RETURN)
-    watched.supervision.taken(Hand.PILOT)
+    watched.supervision.taken(ModeSource.PILOT)
     watched.order(LAND)
-    watched.flies(Flown.LAND)
+    watched.flies(ModeClass.LAND)
     assert watched.look(0.1) is OBEYED
     assert watched.supervision.order is LAND
 
@@ -581,15 +583,15 @@ def test_when_it_is_over_everything_can_be_tried_again_and_nothing_is_awaited() 
     watched.look(6.0)
     watched.look(6.0)
     assert watched.supervision.unable == {RETURN}
-    watched.supervision.taken(Hand.PILOT)
+    watched.supervision.taken(ModeSource.PILOT)
     watched.order(LAND)
-    watched.supervision.taken(Hand.PILOT)
+    watched.supervision.taken(ModeSource.PILOT)
     watched.supervision.over()
     assert (watched.supervision.unable, watched.supervision.order) == (frozenset(), None)
     assert watched.look(60.0) is None
 
 
 def test_the_helm_of_these_tests_is_what_the_autopilot_says() -> None:
-    helm = Helm()
-    helm.seen(ModeSeen(Flown.RETURN, "RTL", landing=True), True, 1.0)
-    assert (helm.flown, helm.landing) == (Flown.RETURN, True)
+    helm = ModeTracker()
+    helm.seen(ModeSeen(ModeClass.RETURN, "RTL", landing=True), True, 1.0)
+    assert (helm.flown, helm.landing) == (ModeClass.RETURN, True)

@@ -9,7 +9,7 @@ from dataclasses import replace
 import pytest
 
 from mavproxy_handover.core.common.causes import Cause
-from mavproxy_handover.core.common.events import Fly, GuardSeen, LinkJudged, PlaceJudged, SignsSeen, StationHeard
+from mavproxy_handover.core.common.events import ConditionsSeen, Fly, GuardSeen, LinkJudged, PlaceJudged, StationHeard
 from mavproxy_handover.core.common.limits import Limits
 from mavproxy_handover.core.common.model import FlightAction, GuardState, Reason, ZoneFact
 from tests.core.bench import (
@@ -241,7 +241,7 @@ class TestHold:
         bench.alive = set()
         bench.run(8.0)
         assert bench.flights() == []
-        bench.give(SignsSeen(off_route=True))
+        bench.give(ConditionsSeen(off_route=True))
         bench.run(1.0)
         assert bench.flights() == [Fly(FlightAction.RETURN, Reason.OFF_ROUTE)]
 
@@ -527,21 +527,21 @@ class TestWhatTheEdgeSees:
     def test_energy_for_the_way_back_only_turns_back_and_stays_so(self) -> None:
         bench = mission()
         seen_at = bench.now
-        bench.give(SignsSeen(energy=True))
+        bench.give(ConditionsSeen(energy=True))
         bench.run(10.0)
         assert [(at, action) for at, action in bench.log if isinstance(action, Fly)] == [
             (seen_at + 2.0, Fly(FlightAction.RETURN, Reason.ENERGY))
         ]
-        bench.give(SignsSeen())
+        bench.give(ConditionsSeen())
         bench.run(60.0)
         assert bench.arbiter.view.phase is Phase.EMERGENCY
         assert len(bench.flights()) == 1
 
     def test_a_sag_that_is_over_at_once_is_none(self) -> None:
         bench = mission()
-        bench.give(SignsSeen(energy=True))
+        bench.give(ConditionsSeen(energy=True))
         bench.run(1.0)
-        bench.give(SignsSeen())
+        bench.give(ConditionsSeen())
         bench.run(10.0)
         assert bench.flights() == []
 
@@ -550,14 +550,14 @@ class TestWhatTheEdgeSees:
         bench.give(PlaceJudged("home", False))
         bench.run(5.0)
         assert bench.flights() == [], "that by itself is no reason to do anything"
-        bench.give(SignsSeen(energy=True))
+        bench.give(ConditionsSeen(energy=True))
         bench.run(2.0)
         assert bench.flights() == [Fly(FlightAction.LAND, Reason.ENERGY)]
 
     def test_a_place_that_falls_out_of_reach_on_the_way_there_is_not_flown_to_any_more(self) -> None:
         bench = mission()
         bench.give(PlaceJudged("rally 1", True))
-        bench.give(SignsSeen(energy=True))
+        bench.give(ConditionsSeen(energy=True))
         bench.run(2.0)
         bench.give(PlaceJudged("rally 1", False))
         bench.run(1.0)
@@ -565,15 +565,15 @@ class TestWhatTheEdgeSees:
 
     def test_off_its_route_is_told(self) -> None:
         bench = mission()
-        bench.give(SignsSeen(off_route=True))
+        bench.give(ConditionsSeen(off_route=True))
         assert [record.text for record in bench.records("warning")] == ["off route: warn"]
-        bench.give(SignsSeen())
+        bench.give(ConditionsSeen())
         assert len(bench.records("warning_over")) == 1
 
     def test_on_the_ground_it_is_nothing(self) -> None:
         bench = Bench().on_ground()
         bench.log.clear()
-        bench.give(SignsSeen(energy=True, off_route=True))
+        bench.give(ConditionsSeen(energy=True, off_route=True))
         bench.run(5.0)
         assert bench.records("emergency") == []
 

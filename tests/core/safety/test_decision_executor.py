@@ -13,18 +13,18 @@ from mavproxy_handover.core.common.causes import Cause
 from mavproxy_handover.core.common.events import (
     Action,
     Announce,
+    ConditionsSeen,
     Event,
     Fly,
-    HandSeen,
     LinkJudged,
     ModeSeen,
+    ModeSourceSeen,
     MotionSeen,
     OrderRefused,
     PlaceJudged,
-    SignsSeen,
 )
 from mavproxy_handover.core.common.limits import Limits
-from mavproxy_handover.core.common.model import FlightAction, Flown, Hand, Reason
+from mavproxy_handover.core.common.model import FlightAction, ModeClass, ModeSource, Reason
 from tests.core.bench import (
     A,
     B,
@@ -42,9 +42,9 @@ from tests.core.safety.test_conditions import GO_ON, ends, mission
 LOST = Reason.COMMANDER_LOST
 HOME, DOWN = Fly(FlightAction.RETURN, LOST), Fly(FlightAction.LAND, LOST)
 HOLD, BACK = Fly(FlightAction.HOLD, Reason.COVERAGE_ENDS), Fly(FlightAction.RETURN, Reason.COVERAGE_ENDS)
-AUTO, RTL = ModeSeen(Flown.MISSION, "AUTO"), ModeSeen(Flown.RETURN, "RTL")
-LAND, LOITER = ModeSeen(Flown.LAND, "LAND", landing=True), ModeSeen(Flown.HANDS, "LOITER")
-BRAKE = ModeSeen(Flown.STOP, "BRAKE")
+AUTO, RTL = ModeSeen(ModeClass.MISSION, "AUTO"), ModeSeen(ModeClass.RETURN, "RTL")
+LAND, LOITER = ModeSeen(ModeClass.LAND, "LAND", landing=True), ModeSeen(ModeClass.HANDS, "LOITER")
+BRAKE = ModeSeen(ModeClass.STOP, "BRAKE")
 #: on the way back at 8 m/s
 HOMEWARD = MotionSeen(8.0, 0.0, 600.0)
 
@@ -180,7 +180,7 @@ class TestReturn:
     def test_what_is_commanded_again_and_again_is_told_every_ten_seconds(self) -> None:
         policies = {Cause.OFF_ROUTE: "land"}
         bench = aloft(Limits(policies=policies, obey_s=5.0))
-        bench.give(SignsSeen(off_route=True))
+        bench.give(ConditionsSeen(off_route=True))
         first = bench.now
         bench.run(36.0)
         again = [at for at, action in bench.log if isinstance(action, Announce) and " again" in action.text]
@@ -243,7 +243,7 @@ class TestReturn:
 
     def test_beside_a_warning_it_is_over_with_its_cause(self) -> None:
         bench = aloft()
-        bench.give(SignsSeen(off_route=True))
+        bench.give(ConditionsSeen(off_route=True))
         bench.run(1.0)
         lost(bench, None).alive = {A}
         bench.run(30.0)
@@ -345,15 +345,15 @@ class TestHold:
     def test_if_the_commander_has_it_fly_on_that_is_the_commanders_word(self) -> None:
         bench = self.held()
         bench.run(2.0)
-        bench.give(HandSeen(Hand.COMMANDER, Flown.MISSION))
+        bench.give(ModeSourceSeen(ModeSource.COMMANDER, ModeClass.MISSION))
         bench.run(20.0)
         assert bench.flights() == [HOLD]
 
-    @pytest.mark.parametrize("hand", [Hand.GUARD, Hand.FAILSAFE, Hand.COMPANION])
-    def test_what_others_may_have_chosen_is_no_word_to_fly_on(self, hand: Hand) -> None:
+    @pytest.mark.parametrize("hand", [ModeSource.GUARD, ModeSource.FAILSAFE, ModeSource.COMPANION])
+    def test_what_others_may_have_chosen_is_no_word_to_fly_on(self, hand: ModeSource) -> None:
         bench = self.held()
         bench.run(2.0)
-        bench.give(HandSeen(hand))
+        bench.give(ModeSourceSeen(hand))
         bench.run(10.0)
         assert bench.flights() == [HOLD, BACK]
 
@@ -382,13 +382,13 @@ class TestHold:
 
     def test_whoever_ends_a_return_that_held_it_back_has_not_overruled_it(self) -> None:
         bench = aloft()
-        bench.give(HandSeen(Hand.GUARD))
+        bench.give(ModeSourceSeen(ModeSource.GUARD))
         bench.mode = RTL
         bench.run(3.0)
         bench.position(ends(4.0), outside(A + 1))
         bench.run(2.0)
         assert bench.flights() == []
-        bench.give(HandSeen(Hand.COMMANDER, Flown.MISSION))
+        bench.give(ModeSourceSeen(ModeSource.COMMANDER, ModeClass.MISSION))
         bench.mode = AUTO
         bench.run(2.0)
         assert bench.flights() == [HOLD]
@@ -483,7 +483,7 @@ class TestPilot:
         bench.run(10.0)
         bench.mode = with_radio(LOITER)
         bench.run(2.0)
-        bench.give(SignsSeen(energy=True))
+        bench.give(ConditionsSeen(energy=True))
         bench.run(60.0)
         assert bench.flights() == [HOME]
         assert said(bench)[1] == (
@@ -503,7 +503,7 @@ class TestPilot:
         bench = aloft(mode=with_radio(AUTO))
         bench.mode = with_radio(LOITER)
         bench.run(3.0)
-        bench.give(SignsSeen(energy=True, energy_words="3.1 of 12.0 Wh"))
+        bench.give(ConditionsSeen(energy=True, energy_words="3.1 of 12.0 Wh"))
         bench.run(10.0)
         assert bench.flights() == []
         assert said(bench)[-1] == "WARN: 3.1 of 12.0 Wh; a pilot has the aircraft"
@@ -547,7 +547,7 @@ class TestOtherHands:
         campaign."""
         bench = lost(aloft(mode=with_radio(AUTO)), with_radio(RTL))
         nearer(bench, 5.0, 8.0)
-        bench.give(HandSeen(Hand.FAILSAFE))
+        bench.give(ModeSourceSeen(ModeSource.FAILSAFE))
         bench.mode = with_radio(LAND)
         bench.run(10.0)
         bench.mode = with_radio(LOITER)
@@ -560,20 +560,20 @@ class TestOtherHands:
     def test_and_when_a_stranger_ends_that(self) -> None:
         bench = lost(aloft())
         nearer(bench, 5.0, 8.0)
-        bench.give(HandSeen(Hand.FAILSAFE))
+        bench.give(ModeSourceSeen(ModeSource.FAILSAFE))
         bench.mode = LAND
         bench.run(10.0)
-        bench.mode = ModeSeen(Flown.GUIDED, "GUIDED")
+        bench.mode = ModeSeen(ModeClass.GUIDED, "GUIDED")
         bench.run(3.0)
         assert bench.flights() == [HOME, HOME]
 
     def test_the_commanders_word_stands_until_something_new_is_decided(self) -> None:
         bench = aloft()
-        bench.give(SignsSeen(energy=True))
+        bench.give(ConditionsSeen(energy=True))
         bench.run(3.0)
         bench.mode = RTL
         bench.run(2.0)
-        bench.give(HandSeen(Hand.COMMANDER, Flown.MISSION))
+        bench.give(ModeSourceSeen(ModeSource.COMMANDER, ModeClass.MISSION))
         bench.mode = AUTO
         bench.run(60.0)
         assert bench.flights() == [Fly(FlightAction.RETURN, Reason.ENERGY)]
@@ -586,25 +586,25 @@ class TestOtherHands:
     def test_a_mode_of_somebody_unknown_is_commanded_away(self) -> None:
         bench = lost(aloft())
         nearer(bench, 5.0, 8.0)
-        bench.mode = ModeSeen(Flown.GUIDED, "GUIDED")
+        bench.mode = ModeSeen(ModeClass.GUIDED, "GUIDED")
         bench.run(2.5)
         assert bench.flights() == [HOME, HOME]
         assert [record.text for record in bench.records("helm")] == ["GUIDED: nobody is known to have chosen the mode"]
 
-    @pytest.mark.parametrize("hand", [Hand.GUARD, Hand.FAILSAFE])
-    def test_a_return_that_is_under_way_already_is_not_commanded_again(self, hand: Hand) -> None:
+    @pytest.mark.parametrize("hand", [ModeSource.GUARD, ModeSource.FAILSAFE])
+    def test_a_return_that_is_under_way_already_is_not_commanded_again(self, hand: ModeSource) -> None:
         bench = aloft()
-        bench.give(HandSeen(hand))
+        bench.give(ModeSourceSeen(hand))
         bench.mode, bench.motion = RTL, HOMEWARD
         bench.run(2.0)
         bench.alive = set()
         bench.run(10.0)
         assert bench.flights() == []
-        assert bench.records("emergency" if hand is Hand.GUARD else "warning") != []
+        assert bench.records("emergency" if hand is ModeSource.GUARD else "warning") != []
 
     def test_one_that_the_guard_has_begun_is_watched_like_one_of_our_own(self) -> None:
         bench = aloft()
-        bench.give(HandSeen(Hand.GUARD))
+        bench.give(ModeSourceSeen(ModeSource.GUARD))
         bench.mode, bench.motion = RTL, HOMEWARD
         bench.run(2.0)
         bench.alive = set()
@@ -615,7 +615,7 @@ class TestOtherHands:
     def test_a_failsafe_that_lands_instead_is_left_alone(self) -> None:
         bench = lost(aloft())
         nearer(bench, 5.0, 8.0)
-        bench.give(HandSeen(Hand.FAILSAFE))
+        bench.give(ModeSourceSeen(ModeSource.FAILSAFE))
         bench.mode = LAND
         bench.run(60.0)
         assert bench.flights() == [HOME]
@@ -635,12 +635,12 @@ class TestLink:
         bench.autopilot = False
         bench.run(10.0)
         bench.autopilot = True
-        bench.mode, bench.motion = ModeSeen(Flown.RETURN, "RTL", radio=mode.radio), HOMEWARD
+        bench.mode, bench.motion = ModeSeen(ModeClass.RETURN, "RTL", radio=mode.radio), HOMEWARD
         bench.run(3.0)
         assert [record.text for record in bench.records("helm")] == ["RTL: chosen while the autopilot was not heard"]
         assert bench.flights() == []
         bench.give(PlaceJudged("home", False))
-        bench.give(SignsSeen(energy=True))
+        bench.give(ConditionsSeen(energy=True))
         bench.run(3.0)
         assert bench.flights() == [Fly(FlightAction.LAND, Reason.ENERGY)]
 
@@ -671,12 +671,12 @@ class TestLink:
 class TestFence:
     def breached(self, policy: str) -> Bench:
         bench = aloft(Limits(policies={Cause.FENCE: policy}))
-        bench.give(SignsSeen(fence=True, fence_words="outside the fence: its border"))
+        bench.give(ConditionsSeen(fence=True, fence_words="outside the fence: its border"))
         return bench
 
     def test_what_the_autopilots_fence_brings_home_is_left_to_it(self) -> None:
         bench = self.breached("return")
-        bench.give(HandSeen(Hand.FAILSAFE))
+        bench.give(ModeSourceSeen(ModeSource.FAILSAFE))
         bench.mode, bench.motion = RTL, MotionSeen(0.0, 0.0, 600.0)
         bench.run(120.0)
         assert bench.flights() == []
@@ -693,10 +693,10 @@ class TestFence:
         """A change of the mode would give the fence ten seconds in which it does nothing."""
         bench = lost(aloft())
         nearer(bench, 2.0, 8.0)
-        bench.give(SignsSeen(fence=True))
+        bench.give(ConditionsSeen(fence=True))
         nearer(bench, 60.0, -1.0)
         assert bench.flights() == [HOME]
-        bench.give(SignsSeen())
+        bench.give(ConditionsSeen())
         nearer(bench, 33.0, -1.0)
         assert bench.flights() == [HOME, DOWN]
 
@@ -705,8 +705,11 @@ class TestSentences:
     @pytest.mark.parametrize(
         ("event", "text"),
         [
-            (SignsSeen(off_route=True, off_route_words="42 m beside the route"), "WARN: 42 m beside the route"),
-            (SignsSeen(fence=True, fence_words="outside the fence: its border"), "WARN: outside the fence: its border"),
+            (ConditionsSeen(off_route=True, off_route_words="42 m beside the route"), "WARN: 42 m beside the route"),
+            (
+                ConditionsSeen(fence=True, fence_words="outside the fence: its border"),
+                "WARN: outside the fence: its border",
+            ),
             (
                 LinkJudged(A, weak=False, attacked=True, text="bad"),
                 "WARN: repeated authentication failures in the name of GCSA",
@@ -714,7 +717,7 @@ class TestSentences:
         ],
         ids=["route", "fence", "attack"],
     )
-    def test_each_has_its_figures(self, event: SignsSeen | LinkJudged, text: str) -> None:
+    def test_each_has_its_figures(self, event: ConditionsSeen | LinkJudged, text: str) -> None:
         bench = aloft()
         bench.give(event)
         bench.run(2.0)
@@ -839,7 +842,7 @@ class TestACommandBeforeTheOrder:
     def loses_its_commander(mode: ModeSeen) -> Bench:
         """In `mode`, of the commander's own choice; then its links fall silent."""
         bench = aloft()
-        bench.give(HandSeen(Hand.COMMANDER, mode.flown))
+        bench.give(ModeSourceSeen(ModeSource.COMMANDER, mode.flown))
         bench.mode, bench.motion = mode, HOMEWARD
         bench.run(30.0)
         bench.alive = set()
@@ -849,7 +852,7 @@ class TestACommandBeforeTheOrder:
 
     def test_ends_no_return(self) -> None:
         bench = self.loses_its_commander(RTL)
-        bench.give(HandSeen(Hand.COMMANDER, Flown.MISSION))
+        bench.give(ModeSourceSeen(ModeSource.COMMANDER, ModeClass.MISSION))
         bench.run(0.5)  # the return is decided, and RTL is flown as far as is known
         assert any("RETURN" in text for text in said(bench))
         bench.mode = AUTO
@@ -863,33 +866,33 @@ class TestACommandBeforeTheOrder:
     def test_ends_no_return_that_was_sent(self) -> None:
         """The heartbeat between the command and the order comes after both."""
         bench = self.loses_its_commander(LOITER)
-        bench.give(HandSeen(Hand.COMMANDER, Flown.MISSION))
+        bench.give(ModeSourceSeen(ModeSource.COMMANDER, ModeClass.MISSION))
         bench.run(0.5)
         assert bench.flights() == [HOME]
         bench.give(AUTO)
         bench.run(0.1)
-        assert bench.arbiter._lookout.supervision.order is FlightAction.RETURN
+        assert bench.arbiter._safety.verification.order is FlightAction.RETURN
         assert not any("not commanded any more" in text for text in said(bench))
 
     def test_ends_no_hold(self) -> None:
         bench = aloft()
-        bench.give(HandSeen(Hand.COMMANDER, Flown.GUIDED))
+        bench.give(ModeSourceSeen(ModeSource.COMMANDER, ModeClass.GUIDED))
         standing(bench)
-        bench.mode = ModeSeen(Flown.GUIDED, "GUIDED")
+        bench.mode = ModeSeen(ModeClass.GUIDED, "GUIDED")
         bench.run(2.0)
         assert bench.flights() == [HOLD]
-        assert bench.arbiter._lookout.supervision.order is FlightAction.HOLD
+        assert bench.arbiter._safety.verification.order is FlightAction.HOLD
         assert not any("not commanded any more" in text for text in said(bench))
 
     def test_a_command_after_the_order_ends_it(self) -> None:
         """As before: it is the word of a commander who knows of the order."""
         bench = aloft()
-        bench.give(SignsSeen(energy=True))
+        bench.give(ConditionsSeen(energy=True))
         bench.run(3.0)
         bench.mode, bench.motion = RTL, HOMEWARD
         bench.run(5.0)
         assert [fly.action for fly in bench.flights()] == [FlightAction.RETURN]
-        bench.give(HandSeen(Hand.COMMANDER, Flown.MISSION))
+        bench.give(ModeSourceSeen(ModeSource.COMMANDER, ModeClass.MISSION))
         bench.mode = AUTO
         bench.run(10.0)
         assert [fly.action for fly in bench.flights()] == [FlightAction.RETURN]
@@ -898,7 +901,7 @@ class TestACommandBeforeTheOrder:
 def test_who_is_told_to_stand_by_the_commander_is_not_told_to_go_on_again() -> None:
     bench = standing(aloft())
     taken_by_b(bench)
-    bench.give(HandSeen(Hand.COMMANDER, Flown.STOP))
+    bench.give(ModeSourceSeen(ModeSource.COMMANDER, ModeClass.STOP))
     bench.run(60.0)
     assert bench.flights() == [HOLD, GO_ON]
 
@@ -907,7 +910,7 @@ def test_whom_the_commander_sends_on_goes_on_though_his_command_changes_nothing(
     """AUTO within AUTO ends no pause of ArduCopter: nobody held it any more, and it stood for ever."""
     bench = standing(aloft())
     bench.run(3.0)
-    bench.give(HandSeen(Hand.COMMANDER, Flown.MISSION))
+    bench.give(ModeSourceSeen(ModeSource.COMMANDER, ModeClass.MISSION))
     bench.run(5.5)
     assert bench.flights() == [HOLD]
     assert bench.arbiter.snapshot().stands  # so the next run would have it go on as well
@@ -922,7 +925,7 @@ def test_a_hold_that_the_commander_overruled_is_not_followed_by_a_return() -> No
     """It came when the time of that hold was over, when the border was crossed, and when no position came for 2 s."""
     bench = standing(aloft(Limits(hold_s=20.0)))
     bench.run(5.0)
-    bench.give(HandSeen(Hand.COMMANDER, Flown.MISSION))
+    bench.give(ModeSourceSeen(ModeSource.COMMANDER, ModeClass.MISSION))
     bench.motion = MotionSeen(8.0, 0.0, 300.0)
     bench.run(60.0)
     assert bench.flights() == [HOLD]
@@ -936,11 +939,11 @@ def test_a_hold_that_the_commander_overruled_is_not_followed_by_a_return() -> No
 def test_what_the_autopilot_did_not_follow_counts_no_more_behind_the_commanders_word() -> None:
     """The next cause landed it where it was, though it was elsewhere and could return."""
     bench = aloft()
-    supervision = bench.arbiter._lookout.supervision
+    supervision = bench.arbiter._safety.verification
     supervision.ordered(FlightAction.RETURN, bench.now)
     supervision.unable = frozenset({FlightAction.RETURN})
-    bench.give(HandSeen(Hand.COMMANDER, Flown.GUIDED))
-    bench.give(ModeSeen(Flown.GUIDED, "GUIDED", False, False))
+    bench.give(ModeSourceSeen(ModeSource.COMMANDER, ModeClass.GUIDED))
+    bench.give(ModeSeen(ModeClass.GUIDED, "GUIDED", False, False))
     assert supervision.unable == frozenset()
 
 
@@ -948,12 +951,12 @@ def test_what_a_pilot_held_back_the_commander_can_overrule_at_once() -> None:
     """He was obeyed at the second time of asking: the return that a failsafe held back came at his first word."""
     bench = aloft()
     bench.mode = RTL
-    bench.give(HandSeen(Hand.FAILSAFE))
+    bench.give(ModeSourceSeen(ModeSource.FAILSAFE))
     bench.run(2.0)
-    bench.give(SignsSeen(energy=True))
+    bench.give(ConditionsSeen(energy=True))
     bench.run(10.0)
     assert bench.flights() == []
-    bench.give(HandSeen(Hand.COMMANDER, Flown.MISSION))
+    bench.give(ModeSourceSeen(ModeSource.COMMANDER, ModeClass.MISSION))
     bench.mode = AUTO
     bench.run(10.0)
     assert bench.flights() == []

@@ -10,19 +10,19 @@ import pytest
 
 from mavproxy_handover.core.common.causes import Cause
 from mavproxy_handover.core.common.events import (
+    ConditionsSeen,
     Fly,
     GapsJudged,
     HeightsJudged,
     LinkJudged,
     ModeSeen,
     ReturnJudged,
-    SignsSeen,
     StartRefused,
     StartRequested,
     ViewChanged,
 )
 from mavproxy_handover.core.common.limits import Limits
-from mavproxy_handover.core.common.model import FlightAction, Flown, GapFact, LeaseState, Reason, ZoneFact
+from mavproxy_handover.core.common.model import FlightAction, GapFact, LeaseState, ModeClass, Reason, ZoneFact
 from mavproxy_handover.core.common.snapshot import Snapshot
 from mavproxy_handover.core.safety.gap import Crossing
 from tests.core.bench import (
@@ -119,13 +119,13 @@ class TestIntoIt:
     def test_nor_where_it_is_brought_home_and_another_hand_holds_that_back(self) -> None:
         """A return that has to wait for who flies is one all the same. Found by a campaign."""
         bench = crossing()
-        bench.give(ModeSeen(Flown.MISSION, "AUTO", radio=True))
-        bench.give(SignsSeen(energy=True))
+        bench.give(ModeSeen(ModeClass.MISSION, "AUTO", radio=True))
+        bench.give(ConditionsSeen(energy=True))
         bench.run(3.0)
         assert bench.arbiter.view.phase is Phase.EMERGENCY
         bench.alive.clear()
         bench.run(6.0)
-        bench.give(ModeSeen(Flown.HANDS, "LOITER", radio=True))
+        bench.give(ModeSeen(ModeClass.HANDS, "LOITER", radio=True))
         bench.run(1.0)
         assert bench.arbiter.view.phase is Phase.EMERGENCY
         assert LeaseState.ALONE not in {change.view.lease for change in bench.views()}
@@ -218,7 +218,7 @@ class TestAlone:
 
     def test_energy_goes_before_it_and_then_it_is_no_authority(self) -> None:
         bench = lost_in_the_gap()
-        bench.give(SignsSeen(energy=True))
+        bench.give(ConditionsSeen(energy=True))
         bench.run(3.0)
         assert bench.flights() == [Fly(FlightAction.RETURN, Reason.ENERGY)]
         assert bench.arbiter.view.lease is LeaseState.LOST
@@ -314,7 +314,7 @@ class TestAlone:
 
 
 def may_cross(bench: Bench) -> bool:
-    return bench.arbiter._lookout.may_cross(bench.now)
+    return bench.arbiter._safety.conditions.may_cross(bench.now)
 
 
 class TestContact:

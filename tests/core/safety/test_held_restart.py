@@ -11,17 +11,17 @@ import pytest
 
 from mavproxy_handover.core.common.causes import Cause
 from mavproxy_handover.core.common.events import (
+    ConditionsSeen,
     Fly,
-    HandSeen,
     LinkJudged,
     ModeSeen,
+    ModeSourceSeen,
     MotionSeen,
     Record,
-    SignsSeen,
     StationHeard,
 )
 from mavproxy_handover.core.common.limits import Limits
-from mavproxy_handover.core.common.model import FlightAction, Flown, Hand, LeaseState, Reason, ZoneFact
+from mavproxy_handover.core.common.model import FlightAction, LeaseState, ModeClass, ModeSource, Reason, ZoneFact
 from mavproxy_handover.core.common.snapshot import Snapshot
 from tests.core.bench import (
     DIGEST,
@@ -134,8 +134,8 @@ def test_whose_commander_is_not_heard_again_comes_home() -> None:
 
 def test_what_its_commander_flies_is_not_held_again() -> None:
     bench = held()
-    bench.give(ModeSeen(Flown.MISSION, "AUTO", False, False))
-    bench.give(HandSeen(Hand.COMMANDER, Flown.GUIDED))
+    bench.give(ModeSeen(ModeClass.MISSION, "AUTO", False, False))
+    bench.give(ModeSourceSeen(ModeSource.COMMANDER, ModeClass.GUIDED))
     assert bench.arbiter.snapshot().held_since is None
     bench.restart()
     bench.run(5.0)
@@ -287,7 +287,7 @@ def test_and_one_for_another_cause_while_it_is_to_go_on_by_the_commanders_word()
     bench = standing(aloft(Limits(policies={Cause.LINKS_WEAK: "hold"}, hold_s=60.0)))
     bench.give(LinkJudged(A, weak=True, attacked=False, text="a third is lost"))
     bench.run(5.0)
-    bench.give(HandSeen(Hand.COMMANDER, Flown.MISSION))
+    bench.give(ModeSourceSeen(ModeSource.COMMANDER, ModeClass.MISSION))
     bench.run(7.0)
     assert bench.flights()[-1] == Fly(FlightAction.HOLD, Reason.LINK_QUALITY)
     since = bench.arbiter.snapshot().held_since
@@ -305,7 +305,7 @@ def test_and_one_behind_a_return_that_was_flown_and_that_a_stranger_has_ended() 
     assert bench.flights()[-1] == HOMEWARD
     bench.mode, bench.motion = RTL, MotionSeen(8.0, 0.0, 300.0)
     bench.run(2.0)
-    bench.mode = ModeSeen(Flown.GUIDED, "GUIDED")
+    bench.mode = ModeSeen(ModeClass.GUIDED, "GUIDED")
     bench.run(3.0)
     bench.alive = {A}
     bench.run(bench.limits.obey_s)
@@ -327,14 +327,14 @@ def moves(bench: Bench) -> None:
 
 def test_a_pilot_who_took_it_during_a_restart_is_not_told_to_go_on() -> None:
     """His transmitter lives; the commit that would have ended the hold came under his hands."""
-    bench = aloft(Limits(hold_s=60.0), ModeSeen(Flown.MISSION, "AUTO", radio=True))
+    bench = aloft(Limits(hold_s=60.0), ModeSeen(ModeClass.MISSION, "AUTO", radio=True))
     bench.position(ends(4.0, A, B), outside(B))
     bench.motion, bench.facts = MotionSeen(0.0, 0.0, 300.0), (inside(A), outside(B))
     bench.run(8.0)
     assert bench.flights() == [HOLD]
     bench.restart()
     bench.log.clear()
-    bench.mode, bench.motion = ModeSeen(Flown.HANDS, "LOITER", radio=True), MotionSeen(4.0, 0.0, 300.0)
+    bench.mode, bench.motion = ModeSeen(ModeClass.HANDS, "LOITER", radio=True), MotionSeen(4.0, 0.0, 300.0)
     bench.run(5.0)
     bench.facts = (inside(A), inside(B))
     taken_by_b(bench)
@@ -375,7 +375,7 @@ def test_and_behind_two() -> None:
 
 def test_whose_return_is_flown_by_then_flies_it() -> None:
     bench = ordered_home()
-    bench.mode, bench.motion = ModeSeen(Flown.RETURN, "RTL", False, False), MotionSeen(8.0, 0.0, 300.0)
+    bench.mode, bench.motion = ModeSeen(ModeClass.RETURN, "RTL", False, False), MotionSeen(8.0, 0.0, 300.0)
     bench.run(1.0)
     assert not bench.arbiter.snapshot().stands
     bench.restart()
@@ -386,8 +386,8 @@ def test_whose_return_is_flown_by_then_flies_it() -> None:
 @pytest.mark.parametrize(
     ("mode", "motion"),
     [
-        (ModeSeen(Flown.RETURN, "RTL", False, False), MotionSeen(8.0, 0.0, 300.0)),
-        (ModeSeen(Flown.LAND, "LAND", False, True), MotionSeen(0.0, -0.5, 300.0)),
+        (ModeSeen(ModeClass.RETURN, "RTL", False, False), MotionSeen(8.0, 0.0, 300.0)),
+        (ModeSeen(ModeClass.LAND, "LAND", False, True), MotionSeen(0.0, -0.5, 300.0)),
     ],
     ids=["return", "land"],
 )
@@ -405,7 +405,7 @@ def test_who_is_ordered_home_before_there_is_a_position_is_held_for_nothing_in_t
     bench.restart()
     bench.run(1.0)
     assert bench.arbiter.snapshot().held_for is Cause.COVERAGE_ENDS
-    bench.give(SignsSeen(energy=True))
+    bench.give(ConditionsSeen(energy=True))
     bench.run(3.0)
     assert bench.flights() == [HOLD, Fly(FlightAction.RETURN, Reason.ENERGY)]
     snapshot = bench.arbiter.snapshot()
@@ -416,12 +416,12 @@ def test_who_is_ordered_home_before_there_is_a_position_is_held_for_nothing_in_t
 
 
 def test_nor_whom_a_pilot_has_by_then() -> None:
-    bench = aloft(Limits(hold_s=60.0), ModeSeen(Flown.MISSION, "AUTO", radio=True))
+    bench = aloft(Limits(hold_s=60.0), ModeSeen(ModeClass.MISSION, "AUTO", radio=True))
     bench.position(ends(4.0, A, B), outside(B))
     bench.motion, bench.facts = MotionSeen(0.0, 0.0, 300.0), None
     bench.run(2.0)
     assert bench.flights() == [HOLD]
-    bench.mode = ModeSeen(Flown.HANDS, "LOITER", radio=True)
+    bench.mode = ModeSeen(ModeClass.HANDS, "LOITER", radio=True)
     bench.restart()
     bench.run(2.0)
     snapshot = bench.arbiter.snapshot()
@@ -462,7 +462,7 @@ def test_what_is_held_no_more_behind_a_restart_is_told_until_it_goes_on() -> Non
     bench = Bench(Limits(policies={Cause.LINKS_WEAK: "hold"}))
     bench.alive = {A}
     bench.armed = bench.flying = True
-    bench.mode, bench.motion = ModeSeen(Flown.MISSION, "AUTO", False, False), MotionSeen(0.0, 0.0, 300.0)
+    bench.mode, bench.motion = ModeSeen(ModeClass.MISSION, "AUTO", False, False), MotionSeen(0.0, 0.0, 300.0)
     bench.facts = (inside(A), outside(B))
     bench.restart(0.0, replace(HELD, held_since=99.0, held_for=Cause.LINKS_WEAK, stands=True))
     bench.run(60.0)
@@ -474,7 +474,7 @@ def test_what_is_held_no_more_behind_a_restart_is_told_until_it_goes_on() -> Non
 def test_what_its_commander_has_stopped_stands_by_that_word_behind_a_restart_too() -> None:
     bench = standing(aloft())
     taken_by_b(bench)
-    bench.give(HandSeen(Hand.COMMANDER, Flown.STOP))
+    bench.give(ModeSourceSeen(ModeSource.COMMANDER, ModeClass.STOP))
     bench.log.clear()
     bench.restart()
     bench.run(20.0)
@@ -513,13 +513,13 @@ def test_what_its_commander_has_sent_on_meanwhile_is_not() -> None:
     bench = held()
     bench.autopilot, bench.facts = False, None
     bench.run(8.0)
-    bench.give(HandSeen(Hand.COMMANDER, Flown.MISSION))
+    bench.give(ModeSourceSeen(ModeSource.COMMANDER, ModeClass.MISSION))
     assert bench.arbiter.snapshot().held_for is None
 
 
 def test_nor_what_he_sends_on_behind_the_restart_in_the_run_behind_that() -> None:
     bench = held().restart()
-    bench.give(HandSeen(Hand.COMMANDER, Flown.MISSION))
+    bench.give(ModeSourceSeen(ModeSource.COMMANDER, ModeClass.MISSION))
     snapshot = bench.arbiter.snapshot()
     assert (snapshot.held_for, snapshot.held_since) == (None, None)
     bench.restart()
@@ -547,7 +547,7 @@ def test_what_the_guard_brings_home_is_not_held_any_more() -> None:
     assert bench.arbiter.snapshot().held_for is None
     bench.restart()
     bench.run(3.0)
-    bench.give(HandSeen(Hand.COMMANDER, Flown.MISSION))
+    bench.give(ModeSourceSeen(ModeSource.COMMANDER, ModeClass.MISSION))
     bench.mode = AUTO
     bench.run(8.0)
     assert bench.flights() == []
@@ -560,8 +560,8 @@ def test_a_border_passed_before_there_was_a_position_is_passed() -> None:
     bench.restart()
     bench.facts = None
     bench.run(1.2)
-    bench.give(HandSeen(Hand.COMMANDER, Flown.GUIDED))
-    bench.mode = ModeSeen(Flown.GUIDED, "GUIDED")
+    bench.give(ModeSourceSeen(ModeSource.COMMANDER, ModeClass.GUIDED))
+    bench.mode = ModeSeen(ModeClass.GUIDED, "GUIDED")
     bench.run(0.6)
     ordered = bench.flights()
     bench.motion, bench.facts = MotionSeen(1.5, 0.0, 300.0), (inside(A, margin_m=25.0), outside(B))
@@ -591,7 +591,7 @@ def test_what_was_held_is_known_before_the_first_heartbeat_and_while_a_mode_is_i
     bench.alive, bench.autopilot, bench.facts = {A}, True, (inside(A), outside(B))
     bench.run(6.0)
     assert bench.flights() == [HOLD]
-    bench.mode = ModeSeen(Flown.STOP, "BRAKE", radio=True)
+    bench.mode = ModeSeen(ModeClass.STOP, "BRAKE", radio=True)
     bench.run(0.5)
     assert bench.arbiter.snapshot().held_for is Cause.COVERAGE_ENDS
 
@@ -601,8 +601,8 @@ def test_a_hold_that_is_over_while_a_mode_is_in_doubt_is_none_in_the_next_run() 
     bench.mode, bench.motion, bench.facts = replace(AUTO, radio=True), MotionSeen(0.0, 0.0, 300.0), None
     bench.restart(snapshot=replace(HELD, held_for=Cause.LINKS_WEAK, stands=True))
     bench.run(1.0)
-    bench.mode = ModeSeen(Flown.STOP, "BRAKE", radio=True)
+    bench.mode = ModeSeen(ModeClass.STOP, "BRAKE", radio=True)
     bench.run(0.5)
     assert bench.arbiter.snapshot().held_for is Cause.LINKS_WEAK
-    bench.give(SignsSeen(off_route=True))
+    bench.give(ConditionsSeen(off_route=True))
     assert bench.arbiter.snapshot().held_for is None

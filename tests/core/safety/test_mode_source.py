@@ -6,72 +6,80 @@ from __future__ import annotations
 
 import pytest
 
-from mavproxy_handover.core.common.events import HandSeen, ModeSeen
-from mavproxy_handover.core.common.model import Flown, Hand
-from mavproxy_handover.core.safety.mode_source import Change, Helm
+from mavproxy_handover.core.common.events import ModeSeen, ModeSourceSeen
+from mavproxy_handover.core.common.model import ModeClass, ModeSource
+from mavproxy_handover.core.safety.mode_source import Change, ModeTracker
 from mavproxy_handover.core.safety.strategy import Fact
 
-HANDS, AUTO, GUIDED, STOP = Flown.HANDS, Flown.MISSION, Flown.GUIDED, Flown.STOP
-RTL, LAND, OTHER = Flown.RETURN, Flown.LAND, Flown.OTHER
+HANDS, AUTO, GUIDED, STOP = ModeClass.HANDS, ModeClass.MISSION, ModeClass.GUIDED, ModeClass.STOP
+RTL, LAND, OTHER = ModeClass.RETURN, ModeClass.LAND, ModeClass.OTHER
 #: time of the change
 AT = 100.0
 
 
-def flying(flown: Flown = AUTO, *, radio: bool = False) -> Helm:
+def flying(flown: ModeClass = AUTO, *, radio: bool = False) -> ModeTracker:
     """In the air in this mode since take-off."""
-    helm = Helm()
+    helm = ModeTracker()
     helm.seen(ModeSeen(flown, radio=radio), False, 0.0)
     helm.seen(ModeSeen(flown, radio=radio), True, 1.0)
     return helm
 
 
-def change(helm: Helm, flown: Flown, *, radio: bool = False, at: float = AT) -> Change | None:
+def change(helm: ModeTracker, flown: ModeClass, *, radio: bool = False, at: float = AT) -> Change | None:
     return helm.seen(ModeSeen(flown, radio=radio), True, at)
 
 
 #: who was heard of, with which mode (None: not known) -> the modes that he is believed to have chosen
 EXPLAINS = {
-    (Hand.COMPANION, None): {RTL, LAND},
-    (Hand.COMMANDER, None): {HANDS, AUTO, GUIDED, STOP, RTL, LAND, OTHER},
-    (Hand.COMMANDER, RTL): {RTL},
-    (Hand.COMMANDER, HANDS): {HANDS},
-    (Hand.GUARD, None): {RTL, LAND},
-    (Hand.FAILSAFE, None): {RTL, LAND, STOP},
-    (Hand.FAILSAFE, AUTO): {AUTO},
-    (Hand.MISSION, None): {RTL},
+    (ModeSource.COMPANION, None): {RTL, LAND},
+    (ModeSource.COMMANDER, None): {HANDS, AUTO, GUIDED, STOP, RTL, LAND, OTHER},
+    (ModeSource.COMMANDER, RTL): {RTL},
+    (ModeSource.COMMANDER, HANDS): {HANDS},
+    (ModeSource.GUARD, None): {RTL, LAND},
+    (ModeSource.FAILSAFE, None): {RTL, LAND, STOP},
+    (ModeSource.FAILSAFE, AUTO): {AUTO},
+    (ModeSource.MISSION, None): {RTL},
 }
 
 
 @pytest.mark.parametrize("radio", [True, False], ids=["radio", "no radio"])
 @pytest.mark.parametrize("flown", [HANDS, GUIDED, STOP, RTL, LAND, OTHER], ids=lambda flown: flown.name)
 @pytest.mark.parametrize("heard", EXPLAINS, ids=lambda heard: heard[0].name)
-def test_who_was_heard_of_has_chosen_what_he_can(heard: tuple[Hand, Flown | None], flown: Flown, radio: bool) -> None:
+def test_who_was_heard_of_has_chosen_what_he_can(
+    heard: tuple[ModeSource, ModeClass | None], flown: ModeClass, radio: bool
+) -> None:
     helm = flying(radio=radio)
-    helm.heard(HandSeen(*heard), AT - 4.9)
+    helm.heard(ModeSourceSeen(*heard), AT - 4.9)
     change(helm, flown, radio=radio)
     helm.settle(AT + 1.0)
-    by_itself = flown in (RTL, LAND) or (flown is HANDS and heard == (Hand.FAILSAFE, None))
-    unknown = Hand.PILOT if radio else Hand.FAILSAFE if by_itself else Hand.STRANGER
+    by_itself = flown in (RTL, LAND) or (flown is HANDS and heard == (ModeSource.FAILSAFE, None))
+    unknown = ModeSource.PILOT if radio else ModeSource.FAILSAFE if by_itself else ModeSource.STRANGER
     assert helm.chosen_by is (heard[0] if flown in EXPLAINS[heard] else unknown)
 
 
 @pytest.mark.parametrize(
     ("hand", "within_s"),
-    [(Hand.COMPANION, 15.0), (Hand.COMMANDER, 5.0), (Hand.GUARD, 5.0), (Hand.FAILSAFE, 5.0), (Hand.MISSION, 5.0)],
+    [
+        (ModeSource.COMPANION, 15.0),
+        (ModeSource.COMMANDER, 5.0),
+        (ModeSource.GUARD, 5.0),
+        (ModeSource.FAILSAFE, 5.0),
+        (ModeSource.MISSION, 5.0),
+    ],
 )
-def test_what_was_long_ago_explains_nothing(hand: Hand, within_s: float) -> None:
-    for earlier, found in ((within_s, hand), (within_s + 0.1, Hand.PILOT)):
+def test_what_was_long_ago_explains_nothing(hand: ModeSource, within_s: float) -> None:
+    for earlier, found in ((within_s, hand), (within_s + 0.1, ModeSource.PILOT)):
         helm = flying(radio=True)
-        helm.heard(HandSeen(hand), AT - earlier)
+        helm.heard(ModeSourceSeen(hand), AT - earlier)
         change(helm, RTL, radio=True)
         helm.settle(AT + 1.0)
         assert helm.chosen_by is found
 
 
-@pytest.mark.parametrize(("earlier_s", "found"), [(5.0, Hand.FAILSAFE), (5.1, Hand.STRANGER)])
-def test_a_failsafe_of_long_ago_does_not_hover_by_hand(earlier_s: float, found: Hand) -> None:
+@pytest.mark.parametrize(("earlier_s", "found"), [(5.0, ModeSource.FAILSAFE), (5.1, ModeSource.STRANGER)])
+def test_a_failsafe_of_long_ago_does_not_hover_by_hand(earlier_s: float, found: ModeSource) -> None:
     helm = flying()
-    helm.heard(HandSeen(Hand.FAILSAFE), AT - earlier_s)
+    helm.heard(ModeSourceSeen(ModeSource.FAILSAFE), AT - earlier_s)
     change(helm, HANDS)
     helm.settle(AT + 1.0)
     assert helm.chosen_by is found
@@ -82,7 +90,7 @@ def test_a_word_may_come_behind_its_deed_and_until_then_nobody_is_fought() -> No
     assert change(helm, RTL, radio=True) is None
     assert helm.facts() == {Fact.PILOT, Fact.RETURNING}
     assert helm.due_at() == AT + 1.0
-    assert helm.heard(HandSeen(Hand.FAILSAFE), AT + 0.9) is Change.FAILSAFE
+    assert helm.heard(ModeSourceSeen(ModeSource.FAILSAFE), AT + 0.9) is Change.FAILSAFE
     assert helm.facts() == {Fact.FAILSAFE, Fact.RETURNING}
     assert helm.due_at() is None
 
@@ -93,37 +101,37 @@ def test_a_word_that_comes_later_changes_nothing() -> None:
     assert helm.settle(AT + 0.99) is None
     assert helm.settle(AT + 1.0) is Change.PILOT
     assert helm.settle(AT + 1.1) is None
-    assert helm.heard(HandSeen(Hand.COMMANDER), AT + 1.2) is None
+    assert helm.heard(ModeSourceSeen(ModeSource.COMMANDER), AT + 1.2) is None
     assert helm.facts() == {Fact.PILOT}
 
 
 #: the mode, chosen by -> facts, with a live radio and without
 FACTS = {
-    (HANDS, Hand.NOBODY): ({Fact.PILOT}, set()),
-    (AUTO, Hand.NOBODY): (set(), set()),
-    (RTL, Hand.NOBODY): ({Fact.RETURNING}, {Fact.RETURNING}),
-    (LAND, Hand.NOBODY): ({Fact.LANDING}, {Fact.LANDING}),
-    (HANDS, Hand.PILOT): ({Fact.PILOT}, set()),
-    (AUTO, Hand.PILOT): ({Fact.PILOT}, set()),
-    (RTL, Hand.PILOT): ({Fact.PILOT, Fact.RETURNING}, {Fact.RETURNING}),
-    (LAND, Hand.PILOT): ({Fact.PILOT, Fact.LANDING}, {Fact.LANDING}),
-    (HANDS, Hand.COMMANDER): (set(), set()),
-    (RTL, Hand.COMMANDER): ({Fact.RETURNING}, {Fact.RETURNING}),
-    (RTL, Hand.COMPANION): ({Fact.RETURNING}, {Fact.RETURNING}),
-    (LAND, Hand.COMPANION): ({Fact.LANDING}, {Fact.LANDING}),
-    (RTL, Hand.GUARD): ({Fact.RETURNING}, {Fact.RETURNING}),
-    (RTL, Hand.FAILSAFE): ({Fact.FAILSAFE, Fact.RETURNING}, {Fact.FAILSAFE, Fact.RETURNING}),
-    (LAND, Hand.FAILSAFE): ({Fact.FAILSAFE, Fact.LANDING}, {Fact.FAILSAFE, Fact.LANDING}),
-    (HANDS, Hand.FAILSAFE): ({Fact.FAILSAFE}, {Fact.FAILSAFE}),
-    (STOP, Hand.FAILSAFE): (set(), set()),
-    (AUTO, Hand.FAILSAFE): (set(), set()),
-    (RTL, Hand.MISSION): ({Fact.RETURNING}, {Fact.RETURNING}),
-    (GUIDED, Hand.STRANGER): (set(), set()),
+    (HANDS, ModeSource.NOBODY): ({Fact.PILOT}, set()),
+    (AUTO, ModeSource.NOBODY): (set(), set()),
+    (RTL, ModeSource.NOBODY): ({Fact.RETURNING}, {Fact.RETURNING}),
+    (LAND, ModeSource.NOBODY): ({Fact.LANDING}, {Fact.LANDING}),
+    (HANDS, ModeSource.PILOT): ({Fact.PILOT}, set()),
+    (AUTO, ModeSource.PILOT): ({Fact.PILOT}, set()),
+    (RTL, ModeSource.PILOT): ({Fact.PILOT, Fact.RETURNING}, {Fact.RETURNING}),
+    (LAND, ModeSource.PILOT): ({Fact.PILOT, Fact.LANDING}, {Fact.LANDING}),
+    (HANDS, ModeSource.COMMANDER): (set(), set()),
+    (RTL, ModeSource.COMMANDER): ({Fact.RETURNING}, {Fact.RETURNING}),
+    (RTL, ModeSource.COMPANION): ({Fact.RETURNING}, {Fact.RETURNING}),
+    (LAND, ModeSource.COMPANION): ({Fact.LANDING}, {Fact.LANDING}),
+    (RTL, ModeSource.GUARD): ({Fact.RETURNING}, {Fact.RETURNING}),
+    (RTL, ModeSource.FAILSAFE): ({Fact.FAILSAFE, Fact.RETURNING}, {Fact.FAILSAFE, Fact.RETURNING}),
+    (LAND, ModeSource.FAILSAFE): ({Fact.FAILSAFE, Fact.LANDING}, {Fact.FAILSAFE, Fact.LANDING}),
+    (HANDS, ModeSource.FAILSAFE): ({Fact.FAILSAFE}, {Fact.FAILSAFE}),
+    (STOP, ModeSource.FAILSAFE): (set(), set()),
+    (AUTO, ModeSource.FAILSAFE): (set(), set()),
+    (RTL, ModeSource.MISSION): ({Fact.RETURNING}, {Fact.RETURNING}),
+    (GUIDED, ModeSource.STRANGER): (set(), set()),
 }
 
 
 @pytest.mark.parametrize(("flown", "hand"), FACTS, ids=lambda value: value.name)
-def test_what_it_comes_to(flown: Flown, hand: Hand) -> None:
+def test_what_it_comes_to(flown: ModeClass, hand: ModeSource) -> None:
     for radio, facts in zip((True, False), FACTS[flown, hand], strict=True):
         helm = flying(flown, radio=radio)
         helm.chosen_by = hand
@@ -133,9 +141,9 @@ def test_what_it_comes_to(flown: Flown, hand: Hand) -> None:
 def test_what_a_failsafe_gives_back_is_no_pilots() -> None:
     """ArduPlane's short radio failsafe circles, and goes on with the mode of before."""
     helm = flying(radio=True)
-    helm.heard(HandSeen(Hand.FAILSAFE), AT)
+    helm.heard(ModeSourceSeen(ModeSource.FAILSAFE), AT)
     assert change(helm, STOP, at=AT) is Change.FAILSAFE
-    helm.heard(HandSeen(Hand.FAILSAFE, AUTO), AT + 3.0)
+    helm.heard(ModeSourceSeen(ModeSource.FAILSAFE, AUTO), AT + 3.0)
     assert change(helm, AUTO, radio=True, at=AT + 3.1) is Change.FAILSAFE
     assert helm.facts() == set()
 
@@ -158,7 +166,7 @@ def test_a_pilot_whose_radio_is_gone_flies_no_more_and_does_when_it_is_back() ->
         assert helm.facts() == facts
 
 
-def by_pilot(helm: Helm, *modes: Flown) -> list[Change | None]:
+def by_pilot(helm: ModeTracker, *modes: ModeClass) -> list[Change | None]:
     """The pilot turns his switch; each time it is known who it was."""
     found = []
     for number, flown in enumerate(modes):
@@ -169,7 +177,7 @@ def by_pilot(helm: Helm, *modes: Flown) -> list[Change | None]:
 
 
 @pytest.mark.parametrize("back", [AUTO, GUIDED], ids=lambda flown: flown.name)
-def test_he_gives_it_back_by_auto_or_guided_after_he_has_flown_by_hand(back: Flown) -> None:
+def test_he_gives_it_back_by_auto_or_guided_after_he_has_flown_by_hand(back: ModeClass) -> None:
     helm = flying(RTL, radio=True)
     assert by_pilot(helm, HANDS, back) == [Change.PILOT, Change.GIVEN_BACK]
     assert helm.facts() == set()
@@ -185,31 +193,31 @@ def test_whatever_is_chosen_on_the_ground_is_the_beginning_of_the_flight() -> No
     helm = flying(RTL, radio=True)
     by_pilot(helm, HANDS)
     helm.seen(ModeSeen(AUTO, radio=True), False, 200.0)
-    assert (helm.chosen_by, helm.facts()) == (Hand.NOBODY, set())
+    assert (helm.chosen_by, helm.facts()) == (ModeSource.NOBODY, set())
     helm.seen(ModeSeen(GUIDED, radio=True), True, 201.0)
-    assert helm.chosen_by is Hand.NOBODY
+    assert helm.chosen_by is ModeSource.NOBODY
 
 
 def test_what_a_run_before_this_one_commanded_is_nobodys() -> None:
-    helm = Helm()
+    helm = ModeTracker()
     helm.seen(ModeSeen(RTL, radio=True), True, AT)
-    assert (helm.chosen_by, helm.facts()) == (Hand.NOBODY, {Fact.RETURNING})
+    assert (helm.chosen_by, helm.facts()) == (ModeSource.NOBODY, {Fact.RETURNING})
 
 
 def test_what_is_no_arducopter_has_no_mode_that_is_known() -> None:
-    helm = Helm()
+    helm = ModeTracker()
     for at in (AT, AT + 1.0, AT + 2.0):
         helm.seen(ModeSeen(None, radio=True), True, at)
-    assert (helm.chosen_by, helm.facts()) == (Hand.NOBODY, set())
+    assert (helm.chosen_by, helm.facts()) == (ModeSource.NOBODY, set())
 
 
 def test_before_anything_was_heard_nobody_flies() -> None:
-    helm = Helm()
+    helm = ModeTracker()
     assert (helm.facts(), helm.piloted, helm.radio, helm.due_at()) == (set(), False, False, None)
 
 
 @pytest.mark.parametrize("back", [AUTO, GUIDED])
-def test_a_moment_by_hand_gives_it_back_as_well(back: Flown) -> None:
+def test_a_moment_by_hand_gives_it_back_as_well(back: ModeClass) -> None:
     """Flight 1012580: his switch had left LOITER again before it was known whose that was, and AUTO counted as his for
     the rest of the flight: nothing was done any more."""
     helm = flying(radio=True)
@@ -239,20 +247,20 @@ def test_to_return_or_to_land_gives_nothing_back() -> None:
     for flown in (RTL, LAND, STOP, OTHER):
         helm = flying(AUTO, radio=True)
         assert by_pilot(helm, HANDS, flown) == [Change.PILOT, Change.PILOT]
-        assert helm.chosen_by is Hand.PILOT
+        assert helm.chosen_by is ModeSource.PILOT
 
 
 def test_auto_by_the_commander_gives_back_nothing_of_the_pilots_and_ends_his_flight() -> None:
     helm = flying(AUTO, radio=True)
     by_pilot(helm, HANDS)
-    helm.heard(HandSeen(Hand.COMMANDER, AUTO), AT + 9.0)
+    helm.heard(ModeSourceSeen(ModeSource.COMMANDER, AUTO), AT + 9.0)
     assert change(helm, AUTO, radio=True, at=AT + 10.0) is Change.COMMANDER
     assert helm.facts() == set()
 
 
 def test_hands_that_the_commander_chose_are_not_the_pilots_to_give_back() -> None:
     helm = flying(AUTO, radio=True)
-    helm.heard(HandSeen(Hand.COMMANDER, HANDS), AT - 1.0)
+    helm.heard(ModeSourceSeen(ModeSource.COMMANDER, HANDS), AT - 1.0)
     assert change(helm, HANDS, radio=True) is Change.COMMANDER
     change(helm, AUTO, radio=True, at=AT + 10.0)
     assert helm.settle(AT + 11.0) is Change.PILOT
@@ -261,29 +269,37 @@ def test_hands_that_the_commander_chose_are_not_the_pilots_to_give_back() -> Non
 @pytest.mark.parametrize(
     ("heard", "found"),
     [
-        ([(Hand.COMMANDER, 4.0), (Hand.COMPANION, 3.0)], Hand.COMPANION),
-        ([(Hand.COMMANDER, 3.0), (Hand.COMPANION, 4.0)], Hand.COMMANDER),
-        ([(Hand.FAILSAFE, 3.0), (Hand.GUARD, 4.0)], Hand.FAILSAFE),
-        ([(Hand.FAILSAFE, 4.0), (Hand.GUARD, 3.0)], Hand.GUARD),
-        ([(Hand.FAILSAFE, 3.0), (Hand.GUARD, 3.0), (Hand.COMMANDER, 3.0), (Hand.COMPANION, 3.0)], Hand.COMPANION),
-        ([(Hand.FAILSAFE, 3.0), (Hand.GUARD, 3.0)], Hand.GUARD),
+        ([(ModeSource.COMMANDER, 4.0), (ModeSource.COMPANION, 3.0)], ModeSource.COMPANION),
+        ([(ModeSource.COMMANDER, 3.0), (ModeSource.COMPANION, 4.0)], ModeSource.COMMANDER),
+        ([(ModeSource.FAILSAFE, 3.0), (ModeSource.GUARD, 4.0)], ModeSource.FAILSAFE),
+        ([(ModeSource.FAILSAFE, 4.0), (ModeSource.GUARD, 3.0)], ModeSource.GUARD),
+        (
+            [
+                (ModeSource.FAILSAFE, 3.0),
+                (ModeSource.GUARD, 3.0),
+                (ModeSource.COMMANDER, 3.0),
+                (ModeSource.COMPANION, 3.0),
+            ],
+            ModeSource.COMPANION,
+        ),
+        ([(ModeSource.FAILSAFE, 3.0), (ModeSource.GUARD, 3.0)], ModeSource.GUARD),
     ],
 )
 def test_of_those_who_may_have_it_was_who_was_heard_of_last_and_at_once_the_first_of_the_table(
-    heard: list[tuple[Hand, float]], found: Hand
+    heard: list[tuple[ModeSource, float]], found: ModeSource
 ) -> None:
     helm = flying(radio=True)
     for hand, ago_s in heard:
-        helm.heard(HandSeen(hand), AT - ago_s)
+        helm.heard(ModeSourceSeen(hand), AT - ago_s)
     change(helm, RTL, radio=True)
     assert helm.chosen_by is found
 
 
 def test_a_mode_that_becomes_known_in_the_air_was_chosen_by_nobody() -> None:
-    helm = Helm()
+    helm = ModeTracker()
     helm.seen(ModeSeen(None, radio=True), True, 1.0)
     assert change(helm, RTL, radio=True) is None
-    assert (helm.chosen_by, helm.facts()) == (Hand.NOBODY, {Fact.RETURNING})
+    assert (helm.chosen_by, helm.facts()) == (ModeSource.NOBODY, {Fact.RETURNING})
 
 
 # ---- the autopilot was not heard when it changed --------------------------------------------------------------------
@@ -291,35 +307,37 @@ def test_a_mode_that_becomes_known_in_the_air_was_chosen_by_nobody() -> None:
 
 @pytest.mark.parametrize("radio", [True, False], ids=["radio", "no radio"])
 @pytest.mark.parametrize("flown", [RTL, LAND])
-def test_a_return_that_began_while_the_autopilot_was_not_heard_is_the_guards(flown: Flown, radio: bool) -> None:
+def test_a_return_that_began_while_the_autopilot_was_not_heard_is_the_guards(flown: ModeClass, radio: bool) -> None:
     """The fault: with a radio it was a pilot's, and else a failsafe's, so nothing graver was commanded any more."""
     helm = flying(radio=radio)
     assert helm.seen(ModeSeen(flown, radio=radio), True, AT, unheard=True) is None
     assert helm.settle(AT + 1.0) is Change.UNHEARD
-    assert helm.chosen_by is Hand.GUARD
+    assert helm.chosen_by is ModeSource.GUARD
     assert not helm.facts() & {Fact.PILOT, Fact.FAILSAFE}
 
 
-@pytest.mark.parametrize(("hand", "change"), [(Hand.COMMANDER, Change.COMMANDER), (Hand.FAILSAFE, Change.FAILSAFE)])
-def test_unless_somebody_was_heard_of(hand: Hand, change: Change) -> None:
+@pytest.mark.parametrize(
+    ("hand", "change"), [(ModeSource.COMMANDER, Change.COMMANDER), (ModeSource.FAILSAFE, Change.FAILSAFE)]
+)
+def test_unless_somebody_was_heard_of(hand: ModeSource, change: Change) -> None:
     helm = flying(radio=True)
-    helm.heard(HandSeen(hand), AT - 2.0)
+    helm.heard(ModeSourceSeen(hand), AT - 2.0)
     assert helm.seen(ModeSeen(RTL, radio=True), True, AT, unheard=True) is change
 
 
 @pytest.mark.parametrize("flown", [AUTO, GUIDED])
-def test_what_a_pilot_may_have_given_back_then_is_nobodys(flown: Flown) -> None:
+def test_what_a_pilot_may_have_given_back_then_is_nobodys(flown: ModeClass) -> None:
     """The fault: a pilot who had flown by hand meanwhile was believed to have it still, in AUTO."""
     helm = flying(RTL, radio=True)
     helm.seen(ModeSeen(flown, radio=True), True, AT, unheard=True)
     assert helm.settle(AT + 1.0) is Change.GIVEN_BACK
-    assert helm.chosen_by is Hand.NOBODY
+    assert helm.chosen_by is ModeSource.NOBODY
     assert not helm.piloted
 
 
 @pytest.mark.parametrize("flown", [HANDS, STOP, OTHER])
-def test_what_else_was_chosen_then_is_a_pilots_or_a_strangers(flown: Flown) -> None:
-    for radio, hand in ((True, Hand.PILOT), (False, Hand.STRANGER)):
+def test_what_else_was_chosen_then_is_a_pilots_or_a_strangers(flown: ModeClass) -> None:
+    for radio, hand in ((True, ModeSource.PILOT), (False, ModeSource.STRANGER)):
         helm = flying(radio=radio)
         helm.seen(ModeSeen(flown, radio=radio), True, AT, unheard=True)
         helm.settle(AT + 1.0)
@@ -332,4 +350,4 @@ def test_the_next_change_is_judged_by_itself() -> None:
     helm.settle(AT + 1.0)
     change(helm, LAND, radio=True, at=AT + 20.0)
     helm.settle(AT + 21.0)
-    assert helm.chosen_by is Hand.PILOT
+    assert helm.chosen_by is ModeSource.PILOT

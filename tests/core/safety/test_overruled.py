@@ -15,9 +15,17 @@ from dataclasses import replace
 import pytest
 
 from mavproxy_handover.core.common.causes import Cause
-from mavproxy_handover.core.common.events import Fly, HandSeen, LinkJudged, ModeSeen, MotionSeen, PlaceJudged, SignsSeen
+from mavproxy_handover.core.common.events import (
+    ConditionsSeen,
+    Fly,
+    LinkJudged,
+    ModeSeen,
+    ModeSourceSeen,
+    MotionSeen,
+    PlaceJudged,
+)
 from mavproxy_handover.core.common.limits import Limits
-from mavproxy_handover.core.common.model import FlightAction, Flown, Hand, Kind, Reason
+from mavproxy_handover.core.common.model import FlightAction, Kind, ModeClass, ModeSource, Reason
 from mavproxy_handover.core.safety.strategy import Fact, decide
 from tests.core.bench import A, B, Bench, inside, outside
 from tests.core.safety.test_conditions import ends
@@ -38,7 +46,7 @@ BACK = Fly(FlightAction.RETURN, Reason.ENERGY)
 DOWN = Fly(FlightAction.LAND, Reason.ENERGY)
 OUT = Fly(FlightAction.RETURN, Reason.OUT_OF_COVERAGE)
 WEAK = Fly(FlightAction.HOLD, Reason.LINK_QUALITY)
-GUIDED = ModeSeen(Flown.GUIDED, "GUIDED")
+GUIDED = ModeSeen(ModeClass.GUIDED, "GUIDED")
 PLACE = PlaceJudged("home", True, "900 m")
 
 
@@ -46,7 +54,7 @@ def overruled(limits: Limits | None = None) -> Bench:
     """It has turned back for its energy, and its commander has it fly its mission on."""
     bench = aloft(limits)
     bench.give(PLACE)
-    bench.give(SignsSeen(energy=True))
+    bench.give(ConditionsSeen(energy=True))
     bench.run(3.0)
     bench.mode, bench.motion = RTL, HOMEWARD
     bench.run(3.0)
@@ -58,7 +66,7 @@ def overruled(limits: Limits | None = None) -> Bench:
 
 
 def flies_on(bench: Bench) -> None:
-    bench.give(HandSeen(Hand.COMMANDER, Flown.MISSION))
+    bench.give(ModeSourceSeen(ModeSource.COMMANDER, ModeClass.MISSION))
     bench.mode = AUTO
     bench.run(3.0)
 
@@ -104,7 +112,7 @@ def test_what_is_graver_of_the_same_cause_is_commanded() -> None:
 def test_a_landing_that_was_overruled_is_not_ordered_again_as_a_return() -> None:
     bench = aloft()
     bench.give(PlaceJudged("home", False))
-    bench.give(SignsSeen(energy=True))
+    bench.give(ConditionsSeen(energy=True))
     bench.run(3.0)
     bench.mode, bench.motion = LAND, MotionSeen(0.0, -1.0)
     bench.run(2.0)
@@ -118,14 +126,14 @@ def test_a_landing_that_was_overruled_is_not_ordered_again_as_a_return() -> None
 def test_a_cause_that_was_over_and_is_back_counts_anew() -> None:
     limits = Limits(policies={Cause.FENCE: "return"})
     bench = aloft(limits)
-    bench.give(SignsSeen(fence=True))
+    bench.give(ConditionsSeen(fence=True))
     bench.run(2.0)
     bench.mode, bench.motion = RTL, HOMEWARD
     bench.run(2.0)
     flies_on(bench)
-    bench.give(SignsSeen())
+    bench.give(ConditionsSeen())
     bench.run(5.0)
-    bench.give(SignsSeen(fence=True))
+    bench.give(ConditionsSeen(fence=True))
     bench.run(2.0)
     fence = Fly(FlightAction.RETURN, Reason.FENCE)
     assert bench.flights() == [fence, fence]
@@ -143,7 +151,7 @@ def test_who_flies_out_of_a_hold_is_held_for_another_cause(hold_s: float, later_
     bench.motion = replace(HOMEWARD, speed_mps=0.0)
     bench.facts = (inside(A), outside(B))
     bench.run(3.0)
-    bench.give(HandSeen(Hand.COMMANDER, Flown.MISSION))
+    bench.give(ModeSourceSeen(ModeSource.COMMANDER, ModeClass.MISSION))
     bench.motion = HOMEWARD
     bench.run(later_s)
     assert bench.flights() == [HOLD]
@@ -164,7 +172,7 @@ def test_what_a_pilot_could_steer_is_not_sent_on_for_the_commander() -> None:
     assert bench.flights() == [HOLD]
     bench.mode = with_radio(GUIDED)
     bench.run(2.0)
-    bench.give(HandSeen(Hand.COMMANDER, Flown.GUIDED))
+    bench.give(ModeSourceSeen(ModeSource.COMMANDER, ModeClass.GUIDED))
     bench.mode = GUIDED
     bench.run(20.0)
     assert bench.flights() == [HOLD]
@@ -173,7 +181,7 @@ def test_what_a_pilot_could_steer_is_not_sent_on_for_the_commander() -> None:
 def test_what_was_wrong_beside_it_was_known_to_whoever_overruled_it() -> None:
     bench = aloft(Limits(policies={Cause.FENCE: "return"}))
     bench.give(PLACE)
-    bench.give(SignsSeen(energy=True, fence=True))
+    bench.give(ConditionsSeen(energy=True, fence=True))
     bench.run(5.0)
     assert [flight.action for flight in bench.flights()] == [FlightAction.RETURN] * len(bench.flights())
     ordered = len(bench.flights())
@@ -188,10 +196,10 @@ def turned_back_by_a_failsafe() -> Bench:
     """It has been turned back for its energy, and a failsafe of the autopilot has taken that over."""
     bench = aloft()
     bench.give(PLACE)
-    bench.give(SignsSeen(energy=True))
+    bench.give(ConditionsSeen(energy=True))
     bench.run(2.5)
     assert bench.flights() == [BACK]
-    bench.give(HandSeen(Hand.FAILSAFE))
+    bench.give(ModeSourceSeen(ModeSource.FAILSAFE))
     bench.mode, bench.motion = RTL, HOMEWARD
     bench.run(3.0)
     bench.log.clear()
@@ -214,13 +222,13 @@ def test_and_what_a_pilot_had_interrupted() -> None:
     """The fault: it was commanded again, against the commander's word."""
     bench = aloft(mode=with_radio(AUTO))
     bench.give(PLACE)
-    bench.give(SignsSeen(energy=True))
+    bench.give(ConditionsSeen(energy=True))
     bench.run(3.0)
     bench.mode, bench.motion = with_radio(RTL), HOMEWARD
     bench.run(3.0)
     bench.mode = with_radio(LOITER)
     bench.run(3.0)
-    bench.give(HandSeen(Hand.COMMANDER, Flown.MISSION))
+    bench.give(ModeSourceSeen(ModeSource.COMMANDER, ModeClass.MISSION))
     bench.mode = with_radio(AUTO)
     bench.run(60.0)
     assert bench.flights() == [BACK]
@@ -232,11 +240,11 @@ def test_and_what_a_pilot_had_interrupted() -> None:
 def test_and_what_the_autopilot_did_not_follow() -> None:
     bench = aloft(Limits(policies={Cause.FENCE: "return"}))
     bench.give(PLACE)
-    bench.give(SignsSeen(fence=True))
+    bench.give(ConditionsSeen(fence=True))
     bench.run(16.0)
     assert DOWN.action in {flight.action for flight in bench.flights()}
     bench.log.clear()
-    bench.give(HandSeen(Hand.COMMANDER, Flown.GUIDED))
+    bench.give(ModeSourceSeen(ModeSource.COMMANDER, ModeClass.GUIDED))
     bench.mode = GUIDED
     bench.run(30.0)
     assert bench.flights() == []
@@ -252,7 +260,7 @@ def passes_a_border(limits: Limits | None = None) -> Bench:
     bench.motion = replace(HOMEWARD, speed_mps=0.0)
     bench.facts = (inside(A), outside(B))  # it stands: no end is in sight
     bench.run(3.0)
-    bench.give(HandSeen(Hand.COMMANDER, Flown.GUIDED))
+    bench.give(ModeSourceSeen(ModeSource.COMMANDER, ModeClass.GUIDED))
     bench.mode = GUIDED
     bench.run(30.0)  # and stands there, by his word
     assert bench.flights() == [HOLD]
@@ -343,7 +351,7 @@ def test_nor_does_a_border_that_is_only_warned_of() -> None:
     assert bench.flights() == [WEAK]
     bench.position(ends(4.0), outside(B))
     bench.run(1.0)
-    bench.give(HandSeen(Hand.COMMANDER, Flown.MISSION))
+    bench.give(ModeSourceSeen(ModeSource.COMMANDER, ModeClass.MISSION))
     bench.run(3.0)
     assert said(bench)[-1].startswith("WARN: coverage ends ahead")
     bench.give(LinkJudged(A, weak=False, attacked=False, text=""))
@@ -356,7 +364,7 @@ def test_a_border_that_is_only_warned_of_and_comes_after_the_word_stays_ahead() 
     bench = aloft(Limits(policies={Cause.LINKS_WEAK: "hold", Cause.COVERAGE_ENDS: "warn"}, hold_s=600.0))
     bench.give(LinkJudged(A, weak=True, attacked=False, text="a third is lost"))
     bench.run(15.0)
-    bench.give(HandSeen(Hand.COMMANDER, Flown.MISSION))
+    bench.give(ModeSourceSeen(ModeSource.COMMANDER, ModeClass.MISSION))
     bench.run(3.0)
     bench.position(ends(4.0), outside(B))
     bench.position(*AWAY)
@@ -371,7 +379,7 @@ def test_a_border_that_comes_after_the_word_is_none_that_he_knew() -> None:
     bench.give(LinkJudged(A, weak=True, attacked=False, text="a third is lost"))
     bench.run(15.0)
     assert bench.flights() == [WEAK]
-    bench.give(HandSeen(Hand.COMMANDER, Flown.MISSION))
+    bench.give(ModeSourceSeen(ModeSource.COMMANDER, ModeClass.MISSION))
     bench.run(3.0)
     bench.position(ends(4.0), outside(B))
     bench.mode, bench.motion = RTL, HOMEWARD
@@ -387,7 +395,7 @@ def test_what_gets_graver_behind_the_word_lasts_wherever_it_flies() -> None:
     bench.position(ends(4.0), outside(B))
     bench.mode, bench.motion, bench.facts = RTL, HOMEWARD, (inside(A), outside(B))
     bench.run(2.0)
-    bench.give(HandSeen(Hand.COMMANDER, Flown.MISSION))
+    bench.give(ModeSourceSeen(ModeSource.COMMANDER, ModeClass.MISSION))
     bench.mode = AUTO
     bench.run(3.0)
     bench.give(replace(PLACE, reachable=False))
@@ -427,7 +435,7 @@ def test_what_a_pilot_interrupts_is_over_with_its_cause_and_not_where_he_flies_i
     bench.mode, bench.facts = with_radio(RTL), AWAY
     bench.run(5.0)
     assert not any("OVER" in text for text in said(bench))
-    bench.mode = ModeSeen(Flown.STOP, "BRAKE")
+    bench.mode = ModeSeen(ModeClass.STOP, "BRAKE")
     bench.log.clear()
     bench.run(10.0)
     assert bench.flights()
@@ -446,7 +454,7 @@ def test_a_warning_is_told_beside_what_a_pilot_holds_back() -> None:
 def test_what_was_wrong_and_known_does_not_end_a_hold_that_only_waits_for_the_autopilot() -> None:
     """The fault: beside a plain warning a hold that was held back counted as over: CONTINUE, and the hold time anew."""
     bench = aloft(Limits(policies={Cause.ENERGY: "warn"}, hold_s=60.0))
-    bench.give(SignsSeen(energy=True))
+    bench.give(ConditionsSeen(energy=True))
     bench.run(3.0)
     bench.position(ends(4.0), outside(B))
     held_at = bench.now

@@ -15,9 +15,9 @@ import pytest
 from mavproxy_handover.core.safety.return_site import (
     Choice,
     Coverage,
-    PlaceChooser,
     PlaceFact,
     Reach,
+    ReturnSiteChooser,
     Standing,
     best,
     standing,
@@ -106,7 +106,7 @@ def test_a_way_through_the_fence_is_worse_than_no_coverage_and_better_than_no_en
 
 def test_without_places_there_is_no_choice() -> None:
     assert best((), ALL) is None
-    assert PlaceChooser().choose((), ALL, 0.0) is None
+    assert ReturnSiteChooser().choose((), ALL, 0.0) is None
 
 
 def every_place(name: str) -> list[PlaceFact]:
@@ -145,7 +145,7 @@ def test_what_is_reachable_fenced_and_covered_is_never_passed_over_for_what_is_n
 
 
 def words(place: PlaceFact, usable: Iterable[int] = ALL) -> str:
-    choice = PlaceChooser().choose((place,), frozenset(usable), 0.0)
+    choice = ReturnSiteChooser().choose((place,), frozenset(usable), 0.0)
     assert choice is not None
     return choice.words(NAMES.__getitem__)
 
@@ -184,7 +184,7 @@ class Flight:
     """A chooser, asked each second."""
 
     def __init__(self, usable: Iterable[int] = ALL) -> None:
-        self.chooser = PlaceChooser()
+        self.chooser = ReturnSiteChooser()
         self.usable = frozenset(usable)
         self.now = 100.0
         self.names: list[str] = []
@@ -214,7 +214,7 @@ def test_a_station_that_falls_away_counts_at_once_and_has_to_stay_to_count_again
 
 
 def test_until_when_a_choice_stays_if_the_facts_do() -> None:
-    chooser, places = PlaceChooser(), [HOME, NEAR]
+    chooser, places = ReturnSiteChooser(), [HOME, NEAR]
     chooser.choose(places, {A, B}, 0.0)
     assert chooser.stays_until(0.0) == inf
     chooser.choose(places, {A}, 1.0)
@@ -234,7 +234,7 @@ def test_until_when_a_choice_stays_if_the_facts_do() -> None:
 
 
 def test_of_two_stations_that_come_back_the_choice_stays_until_the_first_counts() -> None:
-    chooser, places = PlaceChooser(), [HOME, NEAR]
+    chooser, places = ReturnSiteChooser(), [HOME, NEAR]
     for now, usable in ((0.0, {A, B}), (1.0, set()), (2.0, {A}), (5.0, {A, B})):
         chooser.choose(places, usable, now)
     assert chooser.stays_until(6.0) == 22.0
@@ -367,7 +367,7 @@ def test_without_places_the_choice_is_forgotten() -> None:
 
 
 def test_unless_it_is_said_nothing_returns_and_nothing_is_fixed() -> None:
-    chooser = PlaceChooser()
+    chooser = ReturnSiteChooser()
     for place, name in ((replace(NEAR, time_s=500.0), "home"), (NEAR, "rally 1")):
         choice = chooser.choose((HOME, place), ALL, 100.0)
         assert choice is not None
@@ -464,7 +464,7 @@ def test_noise_on_every_input_makes_no_choice_flap(kind: str, seed: int) -> None
 
 def test_where_the_mission_is_about_to_return_the_soonest_of_equals_is_enough() -> None:
     """As it was reckoned before the flight; what stands lower is not gone over to for that, nor is a return sent on."""
-    chooser, there = PlaceChooser(), replace(NEAR, time_s=30.0)
+    chooser, there = ReturnSiteChooser(), replace(NEAR, time_s=30.0)
     for sooner, name in ((29.0, "home"), (30.0, "rally 1"), (31.0, "rally 1")):
         chooser.adopt("rally 1")
         here = replace(HOME, time_s=sooner)

@@ -8,8 +8,10 @@ from math import inf
 
 import pytest
 
+from mavproxy_handover.core.authority.coverage import Coverage
 from mavproxy_handover.core.common.causes import CAUSES, Cause
-from mavproxy_handover.core.common.events import Announce, PlaceJudged, SignsSeen
+from mavproxy_handover.core.common.events import Announce, ConditionsSeen, PlaceJudged
+from mavproxy_handover.core.common.limits import Limits
 from mavproxy_handover.core.common.model import FlightAction, GuardState, Reason
 from mavproxy_handover.core.safety.sentence import Figures, over, sentence
 from mavproxy_handover.core.safety.strategy import Decision, Fact
@@ -111,6 +113,12 @@ class Known:
         return self.autopilot
 
 
+def figures_of(rules: Known) -> Figures:
+    """The figures of a vehicle of which this is known."""
+    coverage = Coverage(rules, rules, rules, Limits())  # type: ignore[arg-type]
+    return Figures(coverage, rules)  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize(
     ("cause", "known", "words"),
     [
@@ -145,12 +153,12 @@ def test_what_is_wrong_has_its_figures_and_its_name_where_there_are_none(
     rules = Known()
     for name, value in known.items():
         setattr(rules, name, value)
-    told = SignsSeen(energy_words="short by 3 Wh", fence_words="12 m outside", off_route_words="41 m left")
-    figures = Figures(rules, rules, rules)  # type: ignore[arg-type]
+    told = ConditionsSeen(energy_words="short by 3 Wh", fence_words="12 m outside", off_route_words="41 m left")
+    figures = figures_of(rules)
     assert figures.of(cause, told, 100.0) == words
 
 
 @pytest.mark.parametrize("cause", [Cause.ENERGY, Cause.FENCE, Cause.OFF_ROUTE])
 def test_where_the_edge_says_nothing_the_name_has_to_do(cause: Cause) -> None:
     rules = Known()
-    assert Figures(rules, rules, rules).of(cause, SignsSeen(), 100.0) == CAUSES[cause].words  # type: ignore[arg-type]
+    assert figures_of(rules).of(cause, ConditionsSeen(), 100.0) == CAUSES[cause].words

@@ -13,9 +13,9 @@ from __future__ import annotations
 import pytest
 
 from mavproxy_handover.core.common.causes import Cause
-from mavproxy_handover.core.common.events import Fly, HandSeen, ModeSeen, MotionSeen, OrderRefused, SignsSeen
+from mavproxy_handover.core.common.events import ConditionsSeen, Fly, ModeSeen, ModeSourceSeen, MotionSeen, OrderRefused
 from mavproxy_handover.core.common.limits import Limits
-from mavproxy_handover.core.common.model import FlightAction, Flown, Hand, Kind, Phase, Reason
+from mavproxy_handover.core.common.model import FlightAction, Kind, ModeClass, ModeSource, Phase, Reason
 from tests.core.bench import A, B, Bench, Consent, DroneConnected, OnHandover, TransferKey, inside, outside
 from tests.core.safety.test_conditions import ends
 from tests.core.safety.test_decision_executor import HOLD, HOMEWARD, LAND, RTL, aloft
@@ -52,7 +52,7 @@ def short_of_energy(*others: int) -> Bench:
     bench.run(3.0)
     bench.alive = {*others}
     bench.run(2.5)
-    bench.give(SignsSeen(energy=True))
+    bench.give(ConditionsSeen(energy=True))
     while RETURN not in actions(bench):
         bench.run(0.1)
     assert bench.arbiter.view.commander == A
@@ -94,7 +94,7 @@ def test_nor_when_a_forced_transfer_has_just_committed() -> None:
 def test_a_landing_that_never_shows_is_replaced_when_its_time_is_over() -> None:
     """The autopilot did not get it, and its cause is gone: what is wrong still asks for a return."""
     bench = returned(ordered(short_of_energy(), FlightAction.LAND))
-    bench.mode = ModeSeen(Flown.GUIDED, "GUIDED")
+    bench.mode = ModeSeen(ModeClass.GUIDED, "GUIDED")
     bench.run(OBEY_S - 0.5)
     assert actions(bench) == [RETURN, FlightAction.LAND]
     bench.run(1.0)
@@ -118,7 +118,7 @@ def held(kind: Kind) -> Bench:
     bench.position(ends(4.0, A, B), outside(B))
     assert bench.flights() == [HOLD]
     if kind.winged:
-        bench.mode = ModeSeen(Flown.STOP, "LOITER")
+        bench.mode = ModeSeen(ModeClass.STOP, "LOITER")
     else:
         bench.motion = MotionSeen(0.0, 0.0, 300.0)
     bench.facts = (inside(A), inside(B))
@@ -170,10 +170,10 @@ def test_a_return_that_is_refused_needs_no_more_time() -> None:
 
 def test_the_commanders_word_ends_it_at_once() -> None:
     bench = returned(ordered(short_of_energy(), FlightAction.LAND))
-    bench.give(HandSeen(Hand.COMMANDER, Flown.GUIDED))
-    bench.mode = ModeSeen(Flown.GUIDED, "GUIDED")
+    bench.give(ModeSourceSeen(ModeSource.COMMANDER, ModeClass.GUIDED))
+    bench.mode = ModeSeen(ModeClass.GUIDED, "GUIDED")
     bench.run(2.0)
-    assert bench.arbiter._lookout.supervision.order is None
+    assert bench.arbiter._safety.verification.order is None
     bench.run(60.0)
     assert actions(bench) == [RETURN, FlightAction.LAND]
 

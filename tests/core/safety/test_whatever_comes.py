@@ -20,32 +20,36 @@ from mavproxy_handover.core.common.causes import CAUSES, Cause
 from mavproxy_handover.core.common.events import (
     Action,
     Announce,
+    ConditionsSeen,
     Fly,
     GuardSeen,
-    HandSeen,
     LinkJudged,
     ModeSeen,
+    ModeSourceSeen,
     MotionSeen,
     OrderRefused,
     PlaceJudged,
-    SignsSeen,
 )
 from mavproxy_handover.core.common.limits import Limits
 from mavproxy_handover.core.common.messages import TransferKey
 from mavproxy_handover.core.common.model import (
     Consent,
     FlightAction,
-    Flown,
     GapFact,
     GuardState,
-    Hand,
+    ModeClass,
+    ModeSource,
     Reason,
     ZoneFact,
 )
-from mavproxy_handover.core.safety.return_site import Choice, PlaceChooser, PlaceFact
+from mavproxy_handover.core.safety.return_site import Choice, PlaceFact, ReturnSiteChooser
 from tests.core.bench import A, B, Bench, C, OkHandover, OnHandover, far, inside, outside
 
-AUTO, RTL, LAND = ModeSeen(Flown.MISSION, "AUTO"), ModeSeen(Flown.RETURN, "RTL"), ModeSeen(Flown.LAND, "LAND", True)
+AUTO, RTL, LAND = (
+    ModeSeen(ModeClass.MISSION, "AUTO"),
+    ModeSeen(ModeClass.RETURN, "RTL"),
+    ModeSeen(ModeClass.LAND, "LAND", True),
+)
 TICK_S = 0.5
 
 
@@ -132,7 +136,7 @@ def _beyond(bench: Obedient, chance: random.Random) -> None:
 
 def _energy(bench: Obedient, chance: random.Random) -> None:
     """What is left is what the best place needs, to a watt-hour."""
-    bench.give(SignsSeen(energy=chance.gauss(0.0, 1.0) < 0.0))
+    bench.give(ConditionsSeen(energy=chance.gauss(0.0, 1.0) < 0.0))
 
 
 def _links(bench: Obedient, chance: random.Random) -> None:
@@ -220,7 +224,7 @@ class Placed(Obedient):
 
     def __init__(self, limits: Limits | None = None) -> None:
         super().__init__(limits)
-        self.chooser = PlaceChooser()
+        self.chooser = ReturnSiteChooser()
         self.places: tuple[PlaceFact, ...] = ()
         self.choice: Choice | None = None
         self.chosen_for: list[tuple[FlightAction, Choice, frozenset[int]]] = []
@@ -326,15 +330,15 @@ def test_a_good_place_is_never_passed_over_from_the_facts_to_the_command(
 # ---- never nothing --------------------------------------------------------------------------------------------------
 
 MILD = (
-    SignsSeen(off_route=True),
-    SignsSeen(fence=True),
-    SignsSeen(),
+    ConditionsSeen(off_route=True),
+    ConditionsSeen(fence=True),
+    ConditionsSeen(),
     LinkJudged(A, weak=True, attacked=False, text="loss"),
     LinkJudged(A, weak=False, attacked=True, text="bad signatures"),
     LinkJudged(A, weak=False, attacked=False, text=""),
     PlaceJudged("home", True),
     PlaceJudged("home", False),
-    HandSeen(Hand.COMMANDER, Flown.MISSION),
+    ModeSourceSeen(ModeSource.COMMANDER, ModeClass.MISSION),
     OrderRefused(FlightAction.HOLD),
     OrderRefused(FlightAction.RETURN),
     OrderRefused(FlightAction.LAND),
@@ -376,7 +380,9 @@ MOMENTS = st.lists(
 @settings(max_examples=25, deadline=None)
 @given(moments=MOMENTS, last=st.sampled_from(WHERE), gap=st.booleans())
 def test_when_every_station_is_lost_outside_a_gap_it_comes_home_or_down(
-    moments: list[tuple[SignsSeen | LinkJudged | PlaceJudged | HandSeen, tuple[ZoneFact, ...], str | None, float]],
+    moments: list[
+        tuple[ConditionsSeen | LinkJudged | PlaceJudged | ModeSourceSeen, tuple[ZoneFact, ...], str | None, float]
+    ],
     last: tuple[ZoneFact, ...],
     gap: bool,
 ) -> None:
@@ -410,14 +416,14 @@ def test_when_every_station_is_lost_outside_a_gap_it_comes_home_or_down(
     ),
 )
 def test_nothing_mild_ends_what_is_grave(
-    grave: str, moments: list[tuple[SignsSeen | LinkJudged | PlaceJudged, tuple[ZoneFact, ...], float]]
+    grave: str, moments: list[tuple[ConditionsSeen | LinkJudged | PlaceJudged, tuple[ZoneFact, ...], float]]
 ) -> None:
     """While its cause lasts a return is followed by nothing but a landing, and a landing by nothing."""
     bench = aloft(Limits(policies={Cause.GUARD_LOST: "land"}) if grave.startswith("guard") else None)
     if grave == "commander lost":
         bench.alive = set()
     elif grave == "energy":
-        bench.give(SignsSeen(energy=True))
+        bench.give(ConditionsSeen(energy=True))
     else:
         bench.guard = None
     for _ in range(14):
@@ -428,7 +434,7 @@ def test_nothing_mild_ends_what_is_grave(
     for event, where, seconds in moments:
         bench.moves()
         bench.facts = where
-        bench.give(replace(event, energy=grave == "energy") if isinstance(event, SignsSeen) else event)
+        bench.give(replace(event, energy=grave == "energy") if isinstance(event, ConditionsSeen) else event)
         for _ in range(round(seconds / TICK_S)):
             bench.moves()
             bench.run(TICK_S)

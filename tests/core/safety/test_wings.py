@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import pytest
 
-from mavproxy_handover.core.common.events import Fly, HandSeen, ModeSeen, MotionSeen
-from mavproxy_handover.core.common.model import FlightAction, Flown, Hand, Kind, Reason, ZoneFact
+from mavproxy_handover.core.common.events import Fly, ModeSeen, ModeSourceSeen, MotionSeen
+from mavproxy_handover.core.common.model import FlightAction, Kind, ModeClass, ModeSource, Reason, ZoneFact
 from mavproxy_handover.core.safety.command_verification import FOLLOW, Seen
 from tests.core.bench import A, B, Bench, inside, outside
 from tests.core.safety.test_command_verification import CONTINUE, HOLD, LAND, RETURN, Watched
@@ -17,14 +17,18 @@ from tests.core.safety.test_conditions import ends, mission
 from tests.core.safety.test_decision_executor import said, taken_by_b
 
 OBEYED, AGAIN, UNABLE = Seen.OBEYED, Seen.AGAIN, Seen.UNABLE
-AUTO, LOITER, RTL = ModeSeen(Flown.MISSION, "AUTO"), ModeSeen(Flown.STOP, "LOITER"), ModeSeen(Flown.RETURN, "RTL")
+AUTO, LOITER, RTL = (
+    ModeSeen(ModeClass.MISSION, "AUTO"),
+    ModeSeen(ModeClass.STOP, "LOITER"),
+    ModeSeen(ModeClass.RETURN, "RTL"),
+)
 CIRCLE = Fly(FlightAction.HOLD, Reason.COVERAGE_ENDS)
 GO_ON = Fly(FlightAction.CONTINUE, Reason.NONE)
 HOME = Fly(FlightAction.RETURN, Reason.COVERAGE_ENDS)
 WINGED = (Kind.PLANE, Kind.QUADPLANE)
 
 
-def winged(kind: Kind = Kind.QUADPLANE, flown: Flown = Flown.MISSION, speed_mps: float = 20.0) -> Watched:
+def winged(kind: Kind = Kind.QUADPLANE, flown: ModeClass = ModeClass.MISSION, speed_mps: float = 20.0) -> Watched:
     watched = Watched(flown, speed_mps)
     watched.supervision.kind = kind
     return watched
@@ -52,7 +56,7 @@ def test_each_kind_says_of_each_order_how_it_shows() -> None:
 def test_to_hold_shows_by_the_mode_however_fast_it_flies(kind: Kind) -> None:
     watched = winged(kind).order(HOLD)
     assert watched.look() is None
-    watched.flies(Flown.STOP)
+    watched.flies(ModeClass.STOP)
     assert watched.look(1.0) is OBEYED
     assert watched.look(600.0) is None
     assert watched.supervision.stands
@@ -67,11 +71,11 @@ def test_what_does_not_circle_is_told_once_more_and_then_cannot_hold(kind: Kind)
     assert watched.supervision.unable == {HOLD}
 
 
-@pytest.mark.parametrize("back", [Flown.MISSION, Flown.GUIDED])
+@pytest.mark.parametrize("back", [ModeClass.MISSION, ModeClass.GUIDED])
 @pytest.mark.parametrize("kind", WINGED)
-def test_to_go_on_shows_by_the_mode_and_is_commanded_without_end(kind: Kind, back: Flown) -> None:
+def test_to_go_on_shows_by_the_mode_and_is_commanded_without_end(kind: Kind, back: ModeClass) -> None:
     watched = winged(kind).order(HOLD)
-    watched.flies(Flown.STOP)
+    watched.flies(ModeClass.STOP)
     assert watched.look(1.0) is OBEYED
     watched.supervision.go_on(watched.now)
     assert watched.look(5.9) is None
@@ -84,7 +88,7 @@ def test_to_go_on_shows_by_the_mode_and_is_commanded_without_end(kind: Kind, bac
 
 @pytest.mark.parametrize("kind", WINGED)
 def test_it_circles_at_the_place_of_its_return_and_that_is_no_hanging(kind: Kind) -> None:
-    watched = winged(kind, Flown.RETURN).order(RETURN)
+    watched = winged(kind, ModeClass.RETURN).order(RETURN)
     watched.moves(20.0, 0.0, 250.0)
     assert watched.look() is OBEYED
     for _ in range(10):
@@ -94,7 +98,7 @@ def test_it_circles_at_the_place_of_its_return_and_that_is_no_hanging(kind: Kind
 
 @pytest.mark.parametrize("kind", WINGED)
 def test_what_gets_no_nearer_farther_away_hangs(kind: Kind) -> None:
-    watched = winged(kind, Flown.RETURN).order(RETURN)
+    watched = winged(kind, ModeClass.RETURN).order(RETURN)
     watched.moves(20.0, 0.0, 251.0)
     assert watched.look() is OBEYED
     watched.moves(20.0, 0.0, 251.0)
@@ -103,22 +107,22 @@ def test_what_gets_no_nearer_farther_away_hangs(kind: Kind) -> None:
 
 
 def test_what_hovers_lands_like_a_copter() -> None:
-    watched = winged(Kind.QUADPLANE, Flown.RETURN).order(LAND)
+    watched = winged(Kind.QUADPLANE, ModeClass.RETURN).order(LAND)
     assert watched.look(6.0) is AGAIN
-    watched.flies(Flown.LAND)
+    watched.flies(ModeClass.LAND)
     watched.moves(1.0, -0.5)
     assert watched.look(1.0) is OBEYED
 
 
-@pytest.mark.parametrize("flown", [Flown.LAND, Flown.MISSION, Flown.RETURN])
-def test_what_cannot_hover_flies_its_landing_sequence_in_whatever_mode_has_it(flown: Flown) -> None:
+@pytest.mark.parametrize("flown", [ModeClass.LAND, ModeClass.MISSION, ModeClass.RETURN])
+def test_what_cannot_hover_flies_its_landing_sequence_in_whatever_mode_has_it(flown: ModeClass) -> None:
     watched = winged(Kind.PLANE, flown).order(LAND)
     assert watched.look() is OBEYED
     assert watched.look(300.0) is None
 
 
 def test_what_cannot_hover_and_circles_does_not_land() -> None:
-    watched = winged(Kind.PLANE, Flown.STOP).order(LAND)
+    watched = winged(Kind.PLANE, ModeClass.STOP).order(LAND)
     assert watched.look(5.9) is None
     assert watched.look(0.1) is AGAIN
 
@@ -205,7 +209,7 @@ def test_what_its_commander_has_circle_is_not_told_to_go_on() -> None:
     bench.position(ends(8.0), outside(B))
     bench.mode = LOITER
     bench.run(3.0)
-    bench.give(HandSeen(Hand.COMMANDER, Flown.STOP))
+    bench.give(ModeSourceSeen(ModeSource.COMMANDER, ModeClass.STOP))
     assert not bench.arbiter.snapshot().stands
     bench.run(20.0)
     assert bench.flights() == [CIRCLE]
