@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from mavproxy_handover.autopilot.authority import Authority
-from mavproxy_handover.autopilot.command_desk import CommandDesk
+from mavproxy_handover.autopilot.command_check import CommandDesk
 from mavproxy_handover.autopilot.context import Context
 from mavproxy_handover.autopilot.copter import Copter
 from mavproxy_handover.autopilot.flown_mission import FlownMission, MissionMonitors, MissionUsers

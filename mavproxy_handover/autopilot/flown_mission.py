@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from mavproxy_handover.autopilot.command_desk import CommandDesk
+from mavproxy_handover.autopilot.command_check import CommandDesk
 from mavproxy_handover.autopilot.context import Context
 from mavproxy_handover.autopilot.delivery import DeliveryPoint
 from mavproxy_handover.autopilot.preflight import Preflight

@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.command_desk import CommandDesk
+from mavproxy_handover.autopilot.command_check import CommandDesk
 from mavproxy_handover.autopilot.context import Context
 from mavproxy_handover.autopilot.guard import Guard
 from mavproxy_handover.autopilot.mission_on_board import MissionOnBoard

@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.command_desk import CommandDesk
+from mavproxy_handover.autopilot.command_check import CommandDesk
 from mavproxy_handover.core.safety.commands import Limit
 from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.wire.ids import LIMITS

@@ -9,7 +9,7 @@ companion sends the speed of the return again.
 
 from __future__ import annotations
 
-from mavproxy_handover.autopilot.command_desk import CommandDesk
+from mavproxy_handover.autopilot.command_check import CommandDesk
 from mavproxy_handover.autopilot.context import Context
 from mavproxy_handover.autopilot.flown_mission import FlownMission
 from mavproxy_handover.autopilot.orders import Orders

@@ -31,7 +31,7 @@ from typing import Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.command_desk import CommandDesk
+from mavproxy_handover.autopilot.command_check import CommandDesk
 from mavproxy_handover.autopilot.context import Context
 from mavproxy_handover.autopilot.flown_mission import FlownMission
 from mavproxy_handover.autopilot.mission_protocol import same_fence
