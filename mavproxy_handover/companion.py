@@ -60,7 +60,7 @@ from mavproxy_handover.gate.words import thesis_command
 from mavproxy_handover.link.quality import LinkEvent
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.monitors.position.source import Box
-from mavproxy_handover.narrator import Narrator
+from mavproxy_handover.event_log import Narrator
 from mavproxy_handover.restart import Restart
 from mavproxy_handover.schedule import Schedule, attempt
 from mavproxy_handover.stations.announcer import Announcer

@@ -20,7 +20,7 @@ from mavproxy_handover.core.arbiter import Arbiter
 from mavproxy_handover.core.common.model import Phase
 from mavproxy_handover.core.common.snapshot import Snapshot
 from mavproxy_handover.mission.package import MissionPackage
-from mavproxy_handover.narrator import Narrator
+from mavproxy_handover.event_log import Narrator
 from mavproxy_handover.store.state_store import StateStore
 
 __all__ = ["Restart"]

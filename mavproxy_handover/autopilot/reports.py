@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from mavproxy_handover.gate.mission_server import Turn
-from mavproxy_handover.narrator import Narrator
+from mavproxy_handover.event_log import Narrator
 from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.stations.voice import Voice
 

@@ -25,7 +25,7 @@ from mavproxy_handover.core.common.events import ControlRequested, Event, Notify
 from mavproxy_handover.gate.judge import StationIdentity
 from mavproxy_handover.gate.refusals import OncePerCause
 from mavproxy_handover.gate.tongues import Tongue
-from mavproxy_handover.narrator import Narrator
+from mavproxy_handover.event_log import Narrator
 from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.stations.voice import Voice
 from mavproxy_handover.wire.conversation import command_long

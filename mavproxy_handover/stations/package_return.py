@@ -26,7 +26,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.common.model import Reason
 from mavproxy_handover.mission.package import MissionPackage
-from mavproxy_handover.narrator import Narrator
+from mavproxy_handover.event_log import Narrator
 from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.vehicle_address import pack_addresses
 from mavproxy_handover.wire.package_transfer import PackageSender

@@ -31,7 +31,7 @@ from mavproxy_handover.core.common.events import (
 from mavproxy_handover.core.common.model import AuthorityView, FlightAction, in_words
 from mavproxy_handover.gate.refusals import RefusalLimiter
 from mavproxy_handover.mission.geodesy import distance_m
-from mavproxy_handover.narrator import Narrator
+from mavproxy_handover.event_log import Narrator
 from mavproxy_handover.stations.announcer import Announcer
 from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.stations.rehearsal_book import Foreseen, LinkSeen, RehearsalBook

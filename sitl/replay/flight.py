@@ -42,7 +42,7 @@ from mavproxy_handover.core.common.never import assert_never
 from mavproxy_handover.core.common.snapshot import Snapshot
 from mavproxy_handover.event_queue import EventQueue
 from mavproxy_handover.mission.package import MissionPackage
-from mavproxy_handover.narrator import Narrator
+from mavproxy_handover.event_log import Narrator
 from mavproxy_handover.schedule import TICK_S
 from mavproxy_handover.stations.voice import Voice
 from mavproxy_handover.store.journal import Journal

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import pytest
 
-from mavproxy_handover import narrator
+from mavproxy_handover import event_log
 from mavproxy_handover.core.common.model import Phase
 from mavproxy_handover.store import journal
 from tests.module.conftest import Bench, Clock
@@ -18,7 +18,7 @@ YEAR_S = 365 * 86400.0
 @pytest.fixture
 def wall(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> Clock:
     """The clock of the bench, asked by those, too, who ask for the time of day themselves."""
-    for module in (journal, narrator):
+    for module in (journal, event_log):
         monkeypatch.setattr(module, "time", clock)
     return clock
 

@@ -43,7 +43,7 @@ def test_what_flying_loads_is_what_counts() -> None:
         ("sitl/campaign/judge.py", True),
         ("sitl/campaign/page.py", False),
         ("gcs_module/menu.py", False),
-        ("mavproxy_handover/narrator.py", False),
+        ("mavproxy_handover/event_log.py", False),
     ],
 )
 def test_a_changed_module_is_another_digest_if_flights_depend_on_it(file: str, counts: bool, tmp_path: Path) -> None:
