@@ -29,7 +29,7 @@ from mavproxy_handover.autopilot.reports import Reports
 from mavproxy_handover.autopilot.return_site import ReturnSite
 from mavproxy_handover.autopilot.rounds import RoundMonitors, RoundParts, Rounds
 from mavproxy_handover.autopilot.speed_keeper import SpeedKeeper
-from mavproxy_handover.autopilot.staging import Staging
+from mavproxy_handover.autopilot.flight_uploads import Staging
 from mavproxy_handover.autopilot.streams import Streams
 from mavproxy_handover.autopilot.telemetry import Telemetry
 from mavproxy_handover.autopilot.teller import Teller

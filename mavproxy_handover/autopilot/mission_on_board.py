@@ -17,7 +17,7 @@ from mavproxy_handover.autopilot.package_loading import PackageLoader
 from mavproxy_handover.autopilot.package_standing import PackageStanding
 from mavproxy_handover.autopilot.prepared import Along, Prepared, way_of
 from mavproxy_handover.autopilot.read_back import ReadBack
-from mavproxy_handover.autopilot.staging import Staging
+from mavproxy_handover.autopilot.flight_uploads import Staging
 from mavproxy_handover.core.common.model import Phase
 from mavproxy_handover.gate.list_changes import ListChange
 from mavproxy_handover.mission.package import MissionPackage
