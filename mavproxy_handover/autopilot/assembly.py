@@ -32,7 +32,7 @@ from mavproxy_handover.autopilot.speed_keeper import SpeedKeeper
 from mavproxy_handover.autopilot.flight_uploads import Staging
 from mavproxy_handover.autopilot.streams import Streams
 from mavproxy_handover.autopilot.telemetry import Telemetry
-from mavproxy_handover.autopilot.teller import Teller
+from mavproxy_handover.autopilot.output_dispatcher import Teller
 from mavproxy_handover.autopilot.zone_check import ZoneCheck
 from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.config.running import Running

@@ -30,8 +30,8 @@ from typing import Final
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.context import Context
-from mavproxy_handover.autopilot.teller import Teller
-from mavproxy_handover.core.common.model import ModeClass
+from mavproxy_handover.autopilot.output_dispatcher import Teller
+from mavproxy_handover.core.common.model import Flown
 from mavproxy_handover.core.safety.commands import (
     LIFTED_S,
     QUIET_S,

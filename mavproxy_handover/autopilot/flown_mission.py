@@ -18,7 +18,7 @@ from mavproxy_handover.autopilot.preflight import Preflight
 from mavproxy_handover.autopilot.prepared import Along, Prepared, Rerouted
 from mavproxy_handover.autopilot.read_back import ReadBack
 from mavproxy_handover.autopilot.return_site import ReturnSite
-from mavproxy_handover.autopilot.teller import Teller
+from mavproxy_handover.autopilot.output_dispatcher import Teller
 from mavproxy_handover.core.common.events import MissionLoaded
 from mavproxy_handover.mission.ahead import Ahead
 from mavproxy_handover.mission.energy import released_at

@@ -20,7 +20,7 @@ from mavproxy_handover.autopilot.preflight import Preflight
 from mavproxy_handover.autopilot.return_site import ReturnSite
 from mavproxy_handover.autopilot.speed_keeper import SpeedKeeper
 from mavproxy_handover.autopilot.streams import Streams
-from mavproxy_handover.autopilot.teller import Teller
+from mavproxy_handover.autopilot.output_dispatcher import Teller
 from mavproxy_handover.core.common.events import AutopilotState
 from mavproxy_handover.monitors.energy import EnergyMonitor
 from mavproxy_handover.monitors.execution import ExecutionMonitor

@@ -18,7 +18,7 @@ from mavproxy_handover.autopilot.preflight import Preflight
 from mavproxy_handover.autopilot.return_site import ReturnSite
 from mavproxy_handover.autopilot.streams import Streams
 from mavproxy_handover.autopilot.telemetry import Telemetry
-from mavproxy_handover.autopilot.teller import MonitorOutput, Teller
+from mavproxy_handover.autopilot.output_dispatcher import MonitorOutput, Teller
 from mavproxy_handover.core.common.model import AuthorityView
 from mavproxy_handover.monitors.borders import BorderMonitor
 from mavproxy_handover.monitors.energy import EnergyMonitor

@@ -8,7 +8,7 @@ from typing import Final
 
 from mavproxy_handover.autopilot.context import Context
 from mavproxy_handover.autopilot.flown_mission import MissionMonitors
-from mavproxy_handover.autopilot.teller import Teller
+from mavproxy_handover.autopilot.output_dispatcher import Teller
 from mavproxy_handover.core.common.events import PositionSeen
 from mavproxy_handover.core.common.model import ZoneFact
 from mavproxy_handover.monitors.position.source import PositionMonitor
