@@ -20,7 +20,7 @@ from mavproxy_handover.autopilot.mission_on_board import MissionOnBoard, Mission
 from mavproxy_handover.autopilot.orders import Orders
 from mavproxy_handover.autopilot.package_loading import MissionSurroundings, PackageLoader
 from mavproxy_handover.autopilot.package_reader import PackageReader
-from mavproxy_handover.autopilot.package_standing import PackageStanding
+from mavproxy_handover.autopilot.mission_readiness import PackageStanding
 from mavproxy_handover.autopilot.plane import Plane
 from mavproxy_handover.autopilot.preflight import Preflight
 from mavproxy_handover.autopilot.procedures import Procedures

@@ -31,7 +31,7 @@ from mavproxy_handover.autopilot.command_check import CommandDesk
 from mavproxy_handover.autopilot.context import Context
 from mavproxy_handover.autopilot.flown_mission import FlownMission
 from mavproxy_handover.autopilot.mission_protocol import fence_items, same_fence
-from mavproxy_handover.autopilot.package_standing import PackageStanding
+from mavproxy_handover.autopilot.mission_readiness import PackageStanding
 from mavproxy_handover.autopilot.prepared import Along, Prepared, way_of
 from mavproxy_handover.autopilot.procedures import HeldPlan
 from mavproxy_handover.core.safety.commands import QUIET_S, Limit

@@ -14,7 +14,7 @@ from mavproxy_handover.autopilot.flown_mission import FlownMission
 from mavproxy_handover.autopilot.ground_uploads import GroundUploads
 from mavproxy_handover.autopilot.orders import Orders
 from mavproxy_handover.autopilot.package_loading import PackageLoader
-from mavproxy_handover.autopilot.package_standing import PackageStanding
+from mavproxy_handover.autopilot.mission_readiness import PackageStanding
 from mavproxy_handover.autopilot.prepared import Along, Prepared, way_of
 from mavproxy_handover.autopilot.read_back import ReadBack
 from mavproxy_handover.autopilot.flight_uploads import Staging

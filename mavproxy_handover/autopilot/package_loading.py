@@ -20,7 +20,7 @@ from mavproxy_handover.autopilot.context import Context
 from mavproxy_handover.autopilot.flown_mission import FlownMission
 from mavproxy_handover.autopilot.ground_uploads import GroundUploads
 from mavproxy_handover.autopilot.package_reader import PackageReader
-from mavproxy_handover.autopilot.package_standing import ON_BOARD_RETRY_S, PackageStanding
+from mavproxy_handover.autopilot.mission_readiness import ON_BOARD_RETRY_S, PackageStanding
 from mavproxy_handover.autopilot.prepared import Along, Prepared, prepare
 from mavproxy_handover.autopilot.procedures import Plan
 from mavproxy_handover.core.common.events import MissionLoaded
