@@ -45,7 +45,7 @@ from mavproxy_handover.monitors.position.source import Box, PositionMonitor
 from mavproxy_handover.monitors.preflight.plan_fit import PlanFitMonitor
 from mavproxy_handover.monitors.reboots import RebootMonitor
 from mavproxy_handover.monitors.route import RouteMonitor
-from mavproxy_handover.monitors.signs import SignMonitor
+from mavproxy_handover.monitors.conditions import SignMonitor
 from mavproxy_handover.monitors.waypoints import WaypointMonitor
 from mavproxy_handover.monitors.zones import ZoneMonitor
 from mavproxy_handover.vehicle.kinds import COPTER, PLANE, Vehicle

@@ -24,7 +24,7 @@ from mavproxy_handover.monitors.borders import BorderMonitor
 from mavproxy_handover.monitors.energy import EnergyMonitor
 from mavproxy_handover.monitors.execution import ExecutionMonitor
 from mavproxy_handover.monitors.position.source import PositionMonitor
-from mavproxy_handover.monitors.signs import SignMonitor
+from mavproxy_handover.monitors.conditions import SignMonitor
 from mavproxy_handover.schedule import attempt
 from mavproxy_handover.vehicle.state import VehicleState
 

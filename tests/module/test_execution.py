@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.common.events import ConditionsSeen
 from mavproxy_handover.mission.package import MissionPackage
-from mavproxy_handover.monitors.signs import breach
+from mavproxy_handover.monitors.conditions import breach
 from mavproxy_handover.vehicle.mode_requests import of_text
 from tests.module.conftest import Bench
 from tests.module.test_route import beside, take_off

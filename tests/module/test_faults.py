@@ -110,7 +110,7 @@ IN_FLIGHT: dict[str, tuple[Callable[[Bench, pytest.MonkeyPatch], None], str]] = 
     ),
     "the route": (lambda b, patch: patch.setattr(RouteMonitor, "deviation", property(broken)), "sign of the route"),
     "the fence": (
-        lambda b, patch: patch.setattr("mavproxy_handover.monitors.signs.breach", broken),
+        lambda b, patch: patch.setattr("mavproxy_handover.monitors.conditions.breach", broken),
         "sign of the fence",
     ),
     "what the autopilot says to the places": (
