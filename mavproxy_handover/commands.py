@@ -95,7 +95,7 @@ class VehicleCommands:
             where = companion.config.position
             self._show(f"position  by the {where.source}; {box}; layout {where.layout.name}")
         self._show(f"energy    {companion.autopilot.energy.fact.words()}")
-        place = companion.autopilot.places.words()
+        place = companion.autopilot.return_site.words()
         if place:
             self._show(f"place     {place}")
         route = companion.autopilot.route.words(now)
@@ -103,7 +103,7 @@ class VehicleCommands:
             self._show(f"route     {route}")
         if companion.decision:
             self._show(f"decision  {companion.decision}")
-        for limit, left_s in companion.autopilot.desk.rules.lifted_s(now).items():
+        for limit, left_s in companion.autopilot.command_check.rules.lifted_s(now).items():
             self._show(f"lifted    {limit.value}, {left_s:.0f} s yet")
         if not companion.autopilot.aircraft.armed:
             needs = arbiter.start_needs(view.commander or companion.config.parent, now)
@@ -161,7 +161,7 @@ class VehicleCommands:
             self._show(line)
 
     def _override(self, limit: str) -> None:
-        self._companion.autopilot.desk.lift(Limit(limit), CONSOLE, time.monotonic())
+        self._companion.autopilot.command_check.lift(Limit(limit), CONSOLE, time.monotonic())
 
     def _cancel(self) -> None:
         companion = self._companion

@@ -43,6 +43,7 @@ from mavproxy_handover.core.common.messages import TransferMessage
 from mavproxy_handover.core.common.model import AuthorityView, FlightAction, LeaseState, ModeClass, Phase, Reason
 from mavproxy_handover.core.common.never import assert_never
 from mavproxy_handover.core.common.snapshot import Snapshot
+from mavproxy_handover.event_log import EventLog
 from mavproxy_handover.event_queue import EventQueue
 from mavproxy_handover.gate.filters import CompanionMatters
 from mavproxy_handover.gate.gate import Gate
@@ -60,7 +61,6 @@ from mavproxy_handover.gate.words import thesis_command
 from mavproxy_handover.link.quality import LinkEvent
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.monitors.position.source import Box
-from mavproxy_handover.event_log import Narrator
 from mavproxy_handover.restart import Restart
 from mavproxy_handover.schedule import Schedule, attempt
 from mavproxy_handover.stations.announcer import Announcer
@@ -157,14 +157,14 @@ class Companion:
         self._passed = passed = PassedFrames(
             config.sysid, ports, config.observers, in_force, edge.write_autopilot, self.fault
         )
-        self.narrator = Narrator(
+        self.event_log = EventLog(
             config.name, self.journal, self._strangers, self.arbiter, self._shown_by(edge.show), lambda: self.view.phase
         )
         self._announcer = Announcer(self._voice)
         self._unheard = Unheard(self._voice)
-        self._control = OperatorControl(self._voice, self.narrator, self.handle)
+        self._control = OperatorControl(self._voice, self.event_log, self.handle)
         authority = Authority(self.arbiter, self.handle, in_force.commands)
-        reports = Reports(self.narrator, self._voice, self.fault)
+        reports = Reports(self.event_log, self._voice, self.fault)
         mission = MissionSurroundings(self._keep, self._close_mission_files, lambda: passed.list_open)
         try:
             self.autopilot = assemble(running, authority, reports, mission, edge.clocks, edge.nonce, edge.box)
@@ -174,21 +174,21 @@ class Companion:
             self._strangers.close()
             raise
         around = Surroundings(lambda: self.view, self._place, self._where, self._foreseen)
-        told_by = self._voice, self.narrator, self._announcer
+        told_by = self._voice, self.event_log, self._announcer
         self.rehearsal = RehearsalDesk(config.sysid, self.arbiter, self.handle, *told_by, around)
-        self._package_return = PackageReturn(ports, self.arbiter.unfit, self.narrator)
+        self._package_return = PackageReturn(ports, self.arbiter.unfit, self.event_log)
         self._briefing = Briefing(self.arbiter, self.autopilot, ports, self.fault)
         matters = CompanionMatters(
-            self.autopilot.desk.target,
+            self.autopilot.command_check.target,
             self.autopilot.orders.takes_over,
-            self.autopilot.places.list.file.access,
+            self.autopilot.return_site.list.file.access,
             lambda: self.autopilot.aircraft.judged_by,
         )
         told = GateReports(self.fault, self._station_told, self._say)
         self.gate = Gate(config.sysid, ports, in_force, passed, edge.write_autopilot, told, matters)
         self.gate.distrust()
         self.gate.change(self.arbiter.view, edge.clocks.monotonic())
-        self._overrides = Overrides(self.autopilot.desk, lambda: self.view.commander, config.sysid)
+        self._overrides = Overrides(self.autopilot.command_check, lambda: self.view.commander, config.sysid)
         jobs = [
             ("send_lease", self._send_lease, status.LEASE_INTERVAL_S),
             ("send_authority_status", self._send_authority_status, 0.5),
@@ -197,7 +197,7 @@ class Companion:
             ("package_return", self._return_packages, 0.25),
         ]
         self._schedule = Schedule(jobs, self.fault)
-        package = self._restart.resume(self.arbiter, self.narrator)
+        package = self._restart.resume(self.arbiter, self.event_log)
         if package is not None:
             self.autopilot.mission.restore(package, edge.clocks.monotonic())
             self._lay_out(package)
@@ -224,7 +224,7 @@ class Companion:
 
     def _not_kept(self, text: str) -> None:
         """Memory or disk does not take the state: that is no fault of ours, and no flight ends by it."""
-        self.narrator.kept_elsewhere(text)
+        self.event_log.kept_elsewhere(text)
         self._voice.say_to_all(text)
 
     def _keep(self, package: MissionPackage) -> None:
@@ -238,7 +238,7 @@ class Companion:
 
     def _close_mission_files(self) -> None:
         for station, closing in self._passed.close_mission_files():
-            self.narrator.closed(station, closing)
+            self.event_log.closed(station, closing)
 
     def _place(self) -> str:
         """The zones that hold the aircraft, by name."""
@@ -274,7 +274,7 @@ class Companion:
         while port.rejected:
             frame, signature = port.rejected.popleft()
             what = classify(frame).what  # words for people, of somebody who is not known to be the station
-            self.narrator.rejected(port.name, (frame.msgid, signature), what, signature.value, now)
+            self.event_log.rejected(port.name, (frame.msgid, signature), what, signature.value, now)
         # after a stall: nothing is judged by authority that has run out. Nearly always the first comparison is all
         if now >= self._due_at and self._arbiter_is_due(now):
             if self.autopilot.aircraft.uncompared:  # a position that came before counts before, too
@@ -295,7 +295,7 @@ class Companion:
     def on_links(self, port: StationPort, changes: list[LinkEvent], now: float) -> None:
         """What the measuring of a station's links has brought to light."""
         for change in changes:
-            self.narrator.link(port.name, change)
+            self.event_log.link(port.name, change)
             self.handle(events.LinkJudged(port.sysid, port.weak, port.attacked, change.text), now)
 
     def _follow_up(self, port: StationPort, frame: Frame, verdict: Verdict, now: float) -> None:
@@ -314,7 +314,7 @@ class Companion:
                 kind, answered = (frame.msgid, verdict.reason), verdict.fate is Fate.REFUSE
                 proven = port.proves(frame)
                 named, why = partial(self.gate.unsaid, frame), verdict.reason.value
-                self.narrator.refused(
+                self.event_log.refused(
                     port.name, kind, verdict.what, named, why, answered, proven, now, thesis_command(frame)
                 )
                 self.rehearsal.turned_away(port.name, verdict.what, verdict.reason.value)
@@ -329,7 +329,7 @@ class Companion:
             self.autopilot.mission.list_changed(port, change, self.view.phase is Phase.ON_LOAD, now)
 
     def _journal_accepted(self, port: StationPort, frame: Frame, what: str) -> None:
-        self._attempt("journal", lambda: self.narrator.accepted(port.name, what, thesis_command(frame)))
+        self._attempt("journal", lambda: self.event_log.accepted(port.name, what, thesis_command(frame)))
 
     def _chosen(self, frame: Frame, now: float) -> None:
         """The commander's command goes to the autopilot: perhaps it asks for another mode."""
@@ -339,12 +339,12 @@ class Companion:
             self.handle(hand, now)
 
     def _station_told(self, news: News, now: float) -> None:
-        self.narrator.stream(self.ports[news.station].name, news, now)
+        self.event_log.stream(self.ports[news.station].name, news, now)
 
     def _say(self, station: int, text: str, now: float) -> None:
         """Why something is refused, to the station that asked."""
         port = self.ports[station]
-        self.narrator.told(port.name, text, now)
+        self.event_log.told(port.name, text, now)
         self._voice.say(port, text)
 
     def _consume(self, port: StationPort, frame: Frame, verdict: Verdict, now: float) -> None:
@@ -360,7 +360,7 @@ class Companion:
         if message is None:
             return
         if verdict.access in _RALLY:
-            self.autopilot.places.list.take(port, message, now)
+            self.autopilot.return_site.list.take(port, message, now)
             return
         if verdict.access is Access.CONTROL:
             self._control.take(port, frame, message, self.view.handover_id, now)
@@ -371,7 +371,7 @@ class Companion:
         """The commander's START, or what else arms or takes off on the ground: that needs no less."""
         orders, midway = self.autopilot.orders, begins_midway(classify(frame))
         if not midway:
-            self.autopilot.desk.start(port, wish_of(frame), repeats(frame), now)
+            self.autopilot.command_check.start(port, wish_of(frame), repeats(frame), now)
         if commanded(frame) == MISSION_START:
             orders.start_asked(port, frame, verdict.what, now)
             return
@@ -403,7 +403,7 @@ class Companion:
         self.autopilot.orders.refuse_take_off(port, frame, needs, now)
         kind, proven = (frame.msgid, verdict.reason), port.proves(frame)
         named, why = partial(self.gate.unsaid, frame), "; ".join(needs)
-        self.narrator.refused(port.name, kind, verdict.what, named, why, True, proven, now)
+        self.event_log.refused(port.name, kind, verdict.what, named, why, True, proven, now)
 
     def _warn(self) -> None:
         """Whoever starts the flight hears what does not fit on board, once."""
@@ -422,10 +422,10 @@ class Companion:
     def _in_flight(self, port: StationPort, frame: Frame, verdict: Verdict, now: float) -> None:
         """A command of the commander that the situation judges, or a part of an upload."""
         if uploads(frame, self.autopilot.aircraft.judged_by):
-            self.autopilot.mission.staging.on_frame(port, frame, now)
+            self.autopilot.mission.flight_uploads.on_frame(port, frame, now)
             return
         intent = intent_of(frame, self.autopilot.aircraft.judged_by)
-        if intent is None or self.autopilot.desk.judge(port, intent, now).passes:
+        if intent is None or self.autopilot.command_check.judge(port, intent, now).passes:
             if self.autopilot.orders.takes_over(frame):
                 self._journal_accepted(port, frame, verdict.what)
                 self.autopilot.orders.pause_asked(port, frame, now)
@@ -438,7 +438,7 @@ class Companion:
         refused = self.gate.turn_down(port, frame, verdict, now)
         kind, proven = (frame.msgid, refused.reason), port.proves(frame)
         named, why = partial(self.gate.unsaid, frame), refused.reason.value
-        self.narrator.refused(port.name, kind, refused.what, named, why, True, proven, now, thesis_command(frame))
+        self.event_log.refused(port.name, kind, refused.what, named, why, True, proven, now, thesis_command(frame))
         self.rehearsal.turned_away(port.name, refused.what, refused.reason.value)
 
     def _on_transfer(self, port: StationPort, frame: Frame, message: Any, now: float) -> None:
@@ -460,10 +460,10 @@ class Companion:
             return
         decoded = codec.decode(message)
         if decoded is None or getattr(message, "vehicle", 0) != self.config.sysid:
-            self.narrator.senseless(kind, port.name, now)
+            self.event_log.senseless(kind, port.name, now)
             return
         if isinstance(decoded, TransferMessage):
-            self._attempt("journal", self.narrator.message, "in", port.sysid, decoded, now)
+            self._attempt("journal", self.event_log.message, "in", port.sysid, decoded, now)
         self.handle(events.StationMessage(port.sysid, decoded), now)
 
     # ---- from the autopilot ---------------------------------------------------------------------------------------
@@ -481,7 +481,7 @@ class Companion:
             if frame.msgid == _CONTROL_STATUS:
                 self.autopilot.messages.second_manager(frame)
         if not self.gate.down(frame, now):
-            self.narrator.in_our_name((frame.sysid, frame.compid), classify(frame).what)
+            self.event_log.in_our_name((frame.sysid, frame.compid), classify(frame).what)
         elif (frame.msgid, frame.sysid, frame.compid) == (_HEARTBEAT, self.config.sysid, AUTOPILOT_COMPID):
             self._beat_stations(now, _BEAT_S)
 
@@ -554,7 +554,7 @@ class Companion:
             route_changed=changed,
             zone_ends_s=self.arbiter.zone_ends_s,
             answer_left_s=self.arbiter.answer_left_s(now),
-            place=self.autopilot.places.where,
+            place=self.autopilot.return_site.where,
         )
         self._voice.to_stations(told)
 
@@ -564,8 +564,8 @@ class Companion:
         self._attempt("heartbeat", self._beat_stations, now, _BEAT_ALONE_S)
         self._attempt("control status", lambda: self._voice.to_stations(status.control_status(self.view)))
         self._attempt("word of a decision", self._announcer.tick, now)
-        self._attempt("clock", self.narrator.clock, now)
-        self._attempt("journal", self.narrator.sum_up, now)
+        self._attempt("clock", self.event_log.clock, now)
+        self._attempt("journal", self.event_log.sum_up, now)
         self._attempt("state", lambda: self._restart.each_second(self._snapshot()))
         grounded = self._asked("whether it is on the ground", lambda: self.arbiter.grounded(now), False, now)
         self._attempt("each second", self.autopilot.rounds.each_second, self.view, grounded, now)
@@ -621,14 +621,14 @@ class Companion:
         self._queue.clear()
         nobody = AuthorityView(self.view.phase, None, None, self.view.epoch, LeaseState.LOST, self.view.armed)
         self._attempt("flush", self._put_in_force, nobody, now)
-        self._attempt("journal", self.narrator.failed_closed, text)
+        self._attempt("journal", self.event_log.failed_closed, text)
         self._attempt("end of START", self.autopilot.orders.give_start_up, "internal fault", now)
         if self.autopilot.aircraft.flying:
             action = self._way_home()
             self._attempt("way home", self._come_home, action, now)
             told = events.Announce(f"{action.name}: {_FAILED}", action, Reason.FAULT)
             self._attempt("word of it", self._announce, told, now)
-        self._attempt("console", self.narrator.authority_ends, text)
+        self._attempt("console", self.event_log.authority_ends, text)
 
     def _way_home(self) -> FlightAction:
         """LAND if it comes down or was ordered to land, else RETURN; RETURN too if looking for that breaks."""
@@ -659,7 +659,7 @@ class Companion:
         self.faults[where] += 1
         if self.faults[where] <= 10:
             with suppress(Exception):  # the journal may be what is broken: it is counted all the same
-                self.narrator.fault(where, text)
+                self.event_log.fault(where, text)
 
     def _tell_faults(self, now: float) -> None:
         for station, told in self._faults_told.items():
@@ -683,7 +683,7 @@ class Companion:
             case events.ViewChanged():
                 self._on_view(action, now)
             case events.Record():
-                self.narrator.record(action, now)
+                self.event_log.record(action, now)
                 if action.reason is Reason.LANDED:
                     self.autopilot.orders.flight_over(now)
                 self.rehearsal.record(action, now)
@@ -719,7 +719,7 @@ class Companion:
         self.autopilot.orders.order(action.action, now)
 
     def _announce(self, told: events.Announce, now: float) -> None:
-        self._attempt("journal", self.narrator.decision, told)
+        self._attempt("journal", self.event_log.decision, told)
         self._announcer.tell(told, now)
         self._briefing.decided(told.text, now, over=told.action is None)
         self.rehearsal.told(told, now)
@@ -727,7 +727,7 @@ class Companion:
     def _send(self, action: events.Send, now: float) -> None:
         port = self.ports[action.station]
         if isinstance(action.message, TransferMessage):
-            self._attempt("journal", self.narrator.message, "out", port.sysid, action.message, now, action.attempt)
+            self._attempt("journal", self.event_log.message, "out", port.sysid, action.message, now, action.attempt)
         state = self.autopilot.aircraft.state()
         port.send(codec.encode(action.message, port.target, self.config.sysid, state), everywhere=True)
         self._briefing.asked(action.station, action.message)
@@ -750,7 +750,7 @@ class Companion:
             self.autopilot.authority_moved(before, now)
             self.autopilot.orders.give_start_up("its commander commands no more", now)
             self._attempt("word of it", self._tell_commander, before, view)
-        self._attempt("journal", self.narrator.view, view, action.reason)
+        self._attempt("journal", self.event_log.view, view, action.reason)
         self._send_lease(now)
         self._send_authority_status(now)
         self._voice.to_stations(status.control_status(view))
@@ -765,7 +765,7 @@ class Companion:
 
     def _put_in_force(self, view: AuthorityView, now: float) -> None:
         for station, closing in self.gate.change(view, now):
-            self.narrator.closed(station, closing)
+            self.event_log.closed(station, closing)
 
     def settle(self, within_s: float) -> bool:
         """Wait, so long at most, until journal and state are on the disk; whether they are. Not for the main loop."""
@@ -776,6 +776,6 @@ class Companion:
         for port in self.ports.values():
             self._attempt("closing links", port.close)
         self._attempt("closing the state", self._restart.close)
-        self.narrator.unloaded()
+        self.event_log.unloaded()
         self.journal.close()
         self._strangers.close()

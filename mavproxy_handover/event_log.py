@@ -36,7 +36,7 @@ from mavproxy_handover.store.journal import Journal
 from mavproxy_handover.store.sampling import Sampler
 from mavproxy_handover.wire import codec
 
-__all__ = ["Narrator"]
+__all__ = ["EventLog"]
 
 _DISPLAY_MODE = {phase: phase.name.replace("_", "") for phase in Phase}
 _CLOCK_STEP_S = 1.0
@@ -65,7 +65,7 @@ def _rounded(value: float | None) -> float | None:
     return None if value is None else round(value, 2)
 
 
-class Narrator:
+class EventLog:
     """Tells the flight of one vehicle. `show` takes a console line, `phase` is the phase that is in force; `strangers`:
     the journal of what came from unknown senders."""
 

@@ -138,9 +138,9 @@ class HandoverModule(mp_module.MPModule):
             mpstate.command_map, "handover", flies=self._flies, show=self._show, clock=time.monotonic
         )
         self._unload_question.take()
-        self.companion.narrator.loaded(VERSION, str(config.path))
+        self.companion.event_log.loaded(VERSION, str(config.path))
         for note in running.notes:
-            self.companion.narrator.running_by(note)
+            self.companion.event_log.running_by(note)
         self._close_side_doors(tell=False)
         self._supervised()
         stations = ", ".join(
@@ -155,11 +155,11 @@ class HandoverModule(mp_module.MPModule):
             self._guard_against_replay(config, peers)
         open_doors = ", ".join(port.name for port in ports.values() if port.peer is None)
         if open_doors:
-            self.companion.narrator.unsigned_allowed(open_doors)
+            self.companion.event_log.unsigned_allowed(open_doors)
             self._show(f"handover: WARNING: {open_doors} without a key: any program on the link counts as the station")
         not_kept = "" if running.recorded else keep(running)
         if not_kept:
-            self.companion.narrator.running_by(not_kept)
+            self.companion.event_log.running_by(not_kept)
         self._running = replace(running, recorded=not not_kept)
         # what is here now stays: Python need not look through all of it for garbage in the middle of a flight, 30 ms
         # on a desk in one go, and whoever makes us parse a lot decides when
@@ -174,7 +174,7 @@ class HandoverModule(mp_module.MPModule):
         for name, peer in peers.items():
             replay.attach(name, peer)
         if note:
-            self.companion.narrator.replay_state(note)
+            self.companion.event_log.replay_state(note)
             self._show(f"handover: {note}")
 
     def _supervised(self) -> None:
@@ -184,7 +184,7 @@ class HandoverModule(mp_module.MPModule):
         self._lifeline.at_the_end = partial(self._guarded, "journal", self.companion.journal.close)
         told = self._lifeline.told
         if told.why:
-            self.companion.narrator.started_again(told.why)
+            self.companion.event_log.started_again(told.why)
         if not told.leases:
             self.companion.fail_closed(_TOO_OFTEN, time.monotonic())
 

@@ -19,8 +19,8 @@ from dataclasses import replace
 from mavproxy_handover.core.arbiter import Arbiter
 from mavproxy_handover.core.common.model import Phase
 from mavproxy_handover.core.common.snapshot import Snapshot
+from mavproxy_handover.event_log import EventLog
 from mavproxy_handover.mission.package import MissionPackage
-from mavproxy_handover.event_log import Narrator
 from mavproxy_handover.store.state_store import StateStore
 
 __all__ = ["Restart"]
@@ -79,16 +79,16 @@ class Restart:
         if self._store is not None:
             self._store.keep(package)
 
-    def resume(self, arbiter: Arbiter, narrator: Narrator) -> MissionPackage | None:
+    def resume(self, arbiter: Arbiter, event_log: EventLog) -> MissionPackage | None:
         """Go on where the run before this one ended, or say that this cannot be done.
 
         Returns the mission package that the autopilot still holds.
         """
         restored = self.restored
         if self._store is not None and self._store.note:
-            narrator.kept_elsewhere(self._store.note)
+            event_log.kept_elsewhere(self._store.note)
         if self._trouble:
-            narrator.state_lost(self._trouble)
+            event_log.state_lost(self._trouble)
         if restored is None:
             self._saved = arbiter.snapshot()  # what a run begins with need not be kept
             return None
@@ -99,10 +99,10 @@ class Restart:
         if restored.phase is Phase.ON_LOAD:
             return None
         where = "a rehearsal" if restored.rehearsal else "flight"
-        narrator.restarted(arbiter.name(restored.owner), arbiter.view.epoch, where, proven=restored.proven)
+        event_log.restarted(arbiter.name(restored.owner), arbiter.view.epoch, where, proven=restored.proven)
         package = self._store.load_package(restored.digest) if restored.digest else None
         if restored.digest and package is None:
-            narrator.package_lost()
+            event_log.package_lost()
         return package
 
     def kept_by(self) -> MissionPackage | None:

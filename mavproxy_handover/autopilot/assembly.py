@@ -8,19 +8,21 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from mavproxy_handover.autopilot.authority import Authority
-from mavproxy_handover.autopilot.command_check import CommandDesk
+from mavproxy_handover.autopilot.command_check import CommandCheck
 from mavproxy_handover.autopilot.context import Context
 from mavproxy_handover.autopilot.copter import Copter
+from mavproxy_handover.autopilot.flight_uploads import FlightUploads
 from mavproxy_handover.autopilot.flown_mission import FlownMission, MissionMonitors, MissionUsers
 from mavproxy_handover.autopilot.ground_uploads import GroundUploads
 from mavproxy_handover.autopilot.guard import Guard
 from mavproxy_handover.autopilot.guard_link import GuardLink
 from mavproxy_handover.autopilot.messages import AutopilotMessages, MessageMonitors, MessageUsers
 from mavproxy_handover.autopilot.mission_on_board import MissionOnBoard, MissionSources
+from mavproxy_handover.autopilot.mission_readiness import MissionReadiness
 from mavproxy_handover.autopilot.orders import Orders
+from mavproxy_handover.autopilot.output_dispatcher import OutputDispatcher
 from mavproxy_handover.autopilot.package_loading import MissionSurroundings, PackageLoader
 from mavproxy_handover.autopilot.package_reader import PackageReader
-from mavproxy_handover.autopilot.mission_readiness import PackageStanding
 from mavproxy_handover.autopilot.plane import Plane
 from mavproxy_handover.autopilot.preflight import Preflight
 from mavproxy_handover.autopilot.procedures import Procedures
@@ -29,15 +31,14 @@ from mavproxy_handover.autopilot.reports import Reports
 from mavproxy_handover.autopilot.return_site import ReturnSite
 from mavproxy_handover.autopilot.rounds import RoundMonitors, RoundParts, Rounds
 from mavproxy_handover.autopilot.speed_keeper import SpeedKeeper
-from mavproxy_handover.autopilot.flight_uploads import Staging
 from mavproxy_handover.autopilot.streams import Streams
 from mavproxy_handover.autopilot.telemetry import Telemetry
-from mavproxy_handover.autopilot.output_dispatcher import Teller
 from mavproxy_handover.autopilot.zone_check import ZoneCheck
 from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.config.running import Running
 from mavproxy_handover.core.common.model import AuthorityView
 from mavproxy_handover.monitors.borders import BorderMonitor
+from mavproxy_handover.monitors.conditions import ConditionMonitor
 from mavproxy_handover.monitors.energy import EnergyMonitor
 from mavproxy_handover.monitors.execution import ExecutionMonitor
 from mavproxy_handover.monitors.gaps import GapMonitor
@@ -45,7 +46,6 @@ from mavproxy_handover.monitors.position.source import Box, PositionMonitor
 from mavproxy_handover.monitors.preflight.plan_fit import PlanFitMonitor
 from mavproxy_handover.monitors.reboots import RebootMonitor
 from mavproxy_handover.monitors.route import RouteMonitor
-from mavproxy_handover.monitors.conditions import SignMonitor
 from mavproxy_handover.monitors.waypoints import WaypointMonitor
 from mavproxy_handover.monitors.zones import ZoneMonitor
 from mavproxy_handover.vehicle.kinds import COPTER, PLANE, Vehicle
@@ -70,10 +70,10 @@ class Autopilot:
     preflight: Preflight
     read_back: ReadBack
     #: where a return goes
-    places: ReturnSite
+    return_site: ReturnSite
     orders: Orders
     #: the check of the commander's commands in flight
-    desk: CommandDesk
+    command_check: CommandCheck
     mission: MissionOnBoard
     streams: Streams
     zones: ZoneCheck
@@ -82,7 +82,7 @@ class Autopilot:
 
     def authority_moved(self, before: AuthorityView, now: float) -> None:
         """Another station has authority, or no station; `before`: the view until now."""
-        self.desk.authority_moved()
+        self.command_check.authority_moved()
         self.mission.authority_moved(now)
         if before.commander is not None:
             self.streams.renew()
@@ -103,12 +103,12 @@ def assemble(
     state = VehicleState()
     conversations = Conversations(reports.voice.to_autopilot, reports.fault)
     context = Context(state, conversations, _procedures(config.sysid, state), authority, reports)
-    teller = Teller(authority.handle, reports)
+    dispatcher = OutputDispatcher(authority.handle, reports)
 
     leases = LeaseSequence(nonce, key)
     guard_link = GuardLink(config.sysid, key, leases)
     guard = Guard(config.sysid, state, leases, guard_link, reports, clocks.monotonic)
-    preflight = Preflight(config.sysid, state, config.limits, conversations, reports.narrator.preflight, config.energy)
+    preflight = Preflight(config.sysid, state, config.limits, conversations, reports.event_log.preflight, config.energy)
     streams = Streams(context.procedures, reports.voice.ask_rates)
     telemetry = Telemetry(state, authority.arbiter.zones, reports, clocks.utc, config.limits.position_stale_s)
     read_back = ReadBack(conversations, context.procedures)
@@ -124,35 +124,41 @@ def assemble(
         PlanFitMonitor(),
         energy,
     )
-    places = ReturnSite(config.sysid, context, lambda: energy.fact)
-    orders = Orders(context, read_back, places)
-    execution = ExecutionMonitor(lambda: places.goes_to)
-    signs = SignMonitor(
-        lambda: places.energy_words if places.short else None, lambda: monitors.route.deviation, reports.fault
+    return_site = ReturnSite(config.sysid, context, lambda: energy.fact)
+    orders = Orders(context, read_back, return_site)
+    execution = ExecutionMonitor(lambda: return_site.goes_to)
+    conditions = ConditionMonitor(
+        lambda: return_site.energy_words if return_site.short else None, lambda: monitors.route.deviation, reports.fault
     )
-    desk = CommandDesk(config.commands, context, energy, places.candidates, teller, config.limits.position_stale_s)
+    command_check = CommandCheck(
+        config.commands, context, energy, return_site.candidates, dispatcher, config.limits.position_stale_s
+    )
 
-    flown = FlownMission(context, teller, monitors, MissionUsers(preflight, places, desk, read_back), around.keep)
-    standing = PackageStanding(running.mission, authority.handle, reports)
-    uploads = GroundUploads(context, desk, flown, standing, around.list_open)
-    loader = PackageLoader(context, PackageReader(config), flown, standing, uploads, around.close_files)
-    staging = Staging(context, desk, flown)
-    mission = MissionOnBoard(context, flown, MissionSources(loader, uploads, staging, standing, read_back), orders)
+    flown = FlownMission(
+        context, dispatcher, monitors, MissionUsers(preflight, return_site, command_check, read_back), around.keep
+    )
+    readiness = MissionReadiness(running.mission, authority.handle, reports)
+    uploads = GroundUploads(context, command_check, flown, readiness, around.list_open)
+    loader = PackageLoader(context, PackageReader(config), flown, readiness, uploads, around.close_files)
+    flight_uploads = FlightUploads(context, command_check, flown)
+    mission = MissionOnBoard(
+        context, flown, MissionSources(loader, uploads, flight_uploads, readiness, read_back), orders
+    )
 
-    speeds = SpeedKeeper(context, flown, orders, places, desk)
+    speeds = SpeedKeeper(context, flown, orders, return_site, command_check)
     messages = AutopilotMessages(
         config.sysid,
         context,
-        teller,
+        dispatcher,
         MessageMonitors(execution, energy, monitors.waypoints, RebootMonitor()),
-        MessageUsers(guard, preflight, streams, orders, places, desk, speeds),
+        MessageUsers(guard, preflight, streams, orders, return_site, command_check, speeds),
         mission,
     )
     rounds = Rounds(
         context,
-        teller,
-        RoundMonitors(positions, energy, monitors.borders, execution, signs),
-        RoundParts(guard, preflight, streams, telemetry, orders, places, mission),
+        dispatcher,
+        RoundMonitors(positions, energy, monitors.borders, execution, conditions),
+        RoundParts(guard, preflight, streams, telemetry, orders, return_site, mission),
     )
     return Autopilot(
         state,
@@ -163,12 +169,12 @@ def assemble(
         monitors.route,
         preflight,
         read_back,
-        places,
+        return_site,
         orders,
-        desk,
+        command_check,
         mission,
         streams,
-        ZoneCheck(context, monitors, positions, teller),
+        ZoneCheck(context, monitors, positions, dispatcher),
         messages,
         rounds,
     )

@@ -123,12 +123,12 @@ class Briefing:
         return f"{self._autopilot.route.words(now) or f'to waypoint {aircraft.waypoint}'}; {place}"
 
     def _battery(self) -> str:
-        fact, need = self._autopilot.energy.fact, self._autopilot.desk.way_on_wh()
+        fact, need = self._autopilot.energy.fact, self._autopilot.command_check.way_on_wh()
         if fact.model is None or fact.left_wh is None:
             return f"what is left is not known{f': {fact.missing}' if fact.missing else ''}"
         whole = fact.model.battery_wh
         on = "the way on is not known" if need is None else f"the way on needs {need / whole:.0%} with the reserve"
-        place = self._autopilot.places.words()
+        place = self._autopilot.return_site.words()
         return f"{fact.left_wh / whole:.0%} left; {on}{f'; return to {place}' if place else ''}"
 
     def _wind(self) -> str:

@@ -30,7 +30,7 @@ from typing import Final
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.context import Context
-from mavproxy_handover.autopilot.output_dispatcher import Teller
+from mavproxy_handover.autopilot.output_dispatcher import OutputDispatcher
 from mavproxy_handover.core.common.model import Flown
 from mavproxy_handover.core.safety.commands import (
     LIFTED_S,
@@ -55,7 +55,7 @@ from mavproxy_handover.monitors.return_site.candidates import Candidates
 from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.vehicle.return_limits import fence_limits
 
-__all__ = ["MOST", "PER_S", "CommandDesk"]
+__all__ = ["MOST", "PER_S", "CommandCheck"]
 
 MOST: Final = 10
 PER_S: Final = 5.0
@@ -117,7 +117,7 @@ class _Copy:
     begun_at: float | None = None
 
 
-class CommandDesk:
+class CommandCheck:
     """Judges for one vehicle. Times are monotonic seconds."""
 
     def __init__(
@@ -125,8 +125,8 @@ class CommandDesk:
         policies: Mapping[Limit, str],
         context: Context,
         energy: EnergyMonitor,
-        places: Candidates,
-        teller: Teller,
+        candidates: Candidates,
+        dispatcher: OutputDispatcher,
         stale_s: float,
     ) -> None:
         self.rules = CommandRules(policies)
@@ -136,10 +136,10 @@ class CommandDesk:
         self.ahead: Ahead | None = None
         self._aircraft = context.state
         self._energy = energy
-        self._places = places
+        self._candidates = candidates
         self._authority = context.authority
         self._reports = context.reports
-        self._teller = teller
+        self._dispatcher = dispatcher
         #: an older position (s) is not known any more
         self._stale_s = stale_s
         #: of the circle that GUIDED flies until it is left (m); 0: it has been told none
@@ -207,7 +207,7 @@ class CommandDesk:
         """It is refused, and nothing lifts that."""
         ruling = Ruling(Outcome.REFUSED, (), why)
         if self._entries.allow(port.sysid, (word, why), now):
-            self._reports.narrator.command_refused(port.name, word, ruling)
+            self._reports.event_log.command_refused(port.name, word, ruling)
             if self._words.allow(port.sysid, (word, why), now):
                 self._reports.voice.say(port, f"{word} refused: {why}")
         return ruling
@@ -255,8 +255,8 @@ class CommandDesk:
         since = port.heard_since(now)
         ruling = self._start_rules.rule(Kind.START, wish, left, port.sysid, now, heard_since=since, repeats=repeats)
         if ruling.outcome is Outcome.LIFTED:
-            self._teller.tell(self._energy.lift(now, now), now)
-            self._reports.narrator.command_passed(port.name, "START", ruling)
+            self._dispatcher.dispatch(self._energy.lift(now, now), now)
+            self._reports.event_log.command_passed(port.name, "START", ruling)
         warned = self._energy.warned
         if warned and self._words.allow(port.sysid, ("START", (Limit.ENERGY,), Kind.START), now):
             self._reports.voice.say(port, f"START, warning: energy: {warned}")
@@ -267,8 +267,8 @@ class CommandDesk:
         """The operator of whoever commands, or of the vehicle itself, lifts a limit; `by`: who, for people."""
         self.rules.lift(limit, now)
         if limit is Limit.ENERGY:
-            self._teller.tell(self._energy.lift(now + LIFTED_S, now), now)
-        self._reports.narrator.override(limit.value, by, LIFTED_S)
+            self._dispatcher.dispatch(self._energy.lift(now + LIFTED_S, now), now)
+        self._reports.event_log.override(limit.value, by, LIFTED_S)
 
     def authority_moved(self) -> None:
         """Somebody else commands, or nobody."""
@@ -355,7 +355,7 @@ class CommandDesk:
     def _energy_short(self, legs: Sequence[Leg], ahead: Ahead) -> str:
         """What is in reach with the reserve comes before what is covered (`core/safety/return_site.py`): so a way is
         too long where not even the place that costs least from its end is in reach, of those inside the fence."""
-        fact, places = self._energy.fact, self._places.inside_fence()
+        fact, places = self._energy.fact, self._candidates.inside_fence()
         if fact.left_wh is None and FAULT in (fact.missing, *fact.trouble):
             return f"{Limit.ENERGY.value} {_CANNOT}"
         # on the ground START asks for it; in the air it was granted
@@ -368,7 +368,7 @@ class CommandDesk:
     def way_on_wh(self) -> float | None:
         """What the rest of the mission needs from here, to the place that costs least from its end, with the reserve
         (Wh); None: not known, or no mission is flown."""
-        fact, places, ahead, here = self._energy.fact, self._places.inside_fence(), self.ahead, self._aircraft.where
+        fact, places, ahead, here = self._energy.fact, self._candidates.inside_fence(), self.ahead, self._aircraft.where
         if fact.model is None or places is None or ahead is None or here is None:
             return None
         if not self._aircraft.flies_mission:
@@ -381,7 +381,7 @@ class CommandDesk:
     def _need_wh(self, legs: Sequence[Leg], places: Sequence[Place], model: EnergyModel, ahead: Ahead) -> float:
         """Of a way, and the return from its end: a plane comes down by the landing sequences of that plan."""
         down = with_ways_down(places, ahead.route, ahead.speed_mps)
-        way = pieces_along(legs, down, model, self._places.return_mps, released_at(ahead.route))
+        way = pieces_along(legs, down, model, self._candidates.return_mps, released_at(ahead.route))
         return model.need_wh(way)
 
     def _usable(self, now: float) -> frozenset[int]:
@@ -468,11 +468,11 @@ class CommandDesk:
         entries = self._stream_entries if kind is Kind.TARGET else self._entries
         if not entries.allow(port.sysid, (kind, ruling.outcome, ruling.limits), now):
             return
-        narrator, voice = self._reports.narrator, self._reports.voice
+        event_log, voice = self._reports.event_log, self._reports.voice
         if ruling.passes:
-            narrator.command_passed(port.name, word, ruling)
+            event_log.command_passed(port.name, word, ruling)
         else:
-            narrator.command_refused(port.name, word, ruling)
+            event_log.command_refused(port.name, word, ruling)
         by_hand = ruling.copy_after_s is not None and ruling.copy_after_s >= _BY_HAND_S
         cause = word, ruling.limits, kind, by_hand
         if ruling.outcome is Outcome.LIFTED or not self._words.allow(port.sysid, cause, now):

@@ -31,7 +31,7 @@ from typing import Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.command_check import CommandDesk
+from mavproxy_handover.autopilot.command_check import CommandCheck
 from mavproxy_handover.autopilot.context import Context
 from mavproxy_handover.autopilot.flown_mission import FlownMission
 from mavproxy_handover.autopilot.mission_protocol import same_fence
@@ -55,7 +55,7 @@ from mavproxy_handover.wire.conversation import Conversation
 from mavproxy_handover.wire.frames import Frame
 from mavproxy_handover.worker import Worker
 
-__all__ = ["Staging"]
+__all__ = ["FlightUploads"]
 
 _MISSION: Final[int] = mavlink.MAV_MISSION_TYPE_MISSION
 _FENCE: Final[int] = mavlink.MAV_MISSION_TYPE_FENCE
@@ -76,11 +76,11 @@ def _mission_flaw(item: MissionItem) -> Flaw | None:
     return flaw(item)
 
 
-class Staging:
+class FlightUploads:
     """The uploads of one vehicle's commander in flight."""
 
-    def __init__(self, context: Context, desk: CommandDesk, flown: FlownMission) -> None:
-        self._desk = desk
+    def __init__(self, context: Context, command_check: CommandCheck, flown: FlownMission) -> None:
+        self._command_check = command_check
         self._state = context.state
         self._procedures = context.procedures
         self._conversations = context.conversations
@@ -122,7 +122,11 @@ class Staging:
         read back, so that the rest of the companion goes by it again; if that fails, nobody knows it, as before."""
 
         def done(talk: Conversation, now: float) -> None:
-            package, here, commander = self._flown.package, self._desk.here(now), self._authority.arbiter.view.commander
+            package, here, commander = (
+                self._flown.package,
+                self._command_check.here(now),
+                self._authority.arbiter.view.commander,
+            )
             if talk.failure is not None or len(talk.result) <= 1:
                 return
             if package is None or here is None or commander is None:
@@ -134,8 +138,8 @@ class Staging:
             self._conversations.begin(_READ, self._procedures().held_mission(), done, now)
 
     def _was_found(self, result: Rerouted | Exception, now: float) -> None:
-        if isinstance(result, Rerouted) and self._desk.ahead is None and _WRITE not in self._conversations:
-            self._reports.narrator.found_in_flight(len(result.ahead.route.items), result.commanders)
+        if isinstance(result, Rerouted) and self._command_check.ahead is None and _WRITE not in self._conversations:
+            self._reports.event_log.found_in_flight(len(result.ahead.route.items), result.commanders)
             self._flown.reroute(result, now)
 
     def authority_moved(self, now: float) -> None:
@@ -149,7 +153,7 @@ class Staging:
 
     def _offer(self, kind: int) -> None:
         """What a part of a list is laid into."""
-        ahead = self._desk.ahead
+        ahead = self._command_check.ahead
         if kind == _MISSION:
             self._servers[kind].offered = None if ahead is None else ahead.route.upload_items()
 
@@ -170,14 +174,14 @@ class Staging:
         self._carry_out(kind, port, Turn(turn.answers, words=words), now)
 
     def _judge_fence(self, port: StationPort, upload: Upload, now: float) -> None:
-        ahead = self._desk.ahead
+        ahead = self._command_check.ahead
         held = ahead is not None and upload.items and same_fence(upload.items, ahead.route.fence)
         result = mavlink.MAV_MISSION_ACCEPTED if held else _DENIED
         words = "" if held else "the geofence is not changed in flight"
         self._conclude(port, _FENCE, result, words, now)
 
     def _read(self, port: StationPort, upload: Upload, now: float) -> None:
-        package, here = self._flown.package, self._desk.here(now)
+        package, here = self._flown.package, self._command_check.here(now)
         if not upload.items:
             self._conclude(port, _MISSION, _DENIED, "in flight it is replaced, not cleared", now)
         elif package is None or here is None:
@@ -204,7 +208,7 @@ class Staging:
         if lacks:
             self._conclude(port, _MISSION, _DENIED, lacks, now)
             return
-        ruling = self._desk.route(port, result.ahead, (upload.sender, upload.items), upload.begun_at, now)
+        ruling = self._command_check.route(port, result.ahead, (upload.sender, upload.items), upload.begun_at, now)
         if not ruling.passes:
             self._conclude(port, _MISSION, _DENIED, "", now)
             return
@@ -219,7 +223,7 @@ class Staging:
                 words = f"{talk.failure}: what the autopilot holds is not known, send it again"
                 self._conclude(port, _MISSION, mavlink.MAV_MISSION_ERROR, words, now)
                 return
-            self._reports.narrator.rerouted(port.name, len(items) - 1, read.commanders)
+            self._reports.event_log.rerouted(port.name, len(items) - 1, read.commanders)
             self._flown.reroute(read, now)
             self._conclude(port, _MISSION, mavlink.MAV_MISSION_ACCEPTED, "", now)
             if read.facts.low:

@@ -11,14 +11,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from mavproxy_handover.autopilot.command_check import CommandDesk
+from mavproxy_handover.autopilot.command_check import CommandCheck
 from mavproxy_handover.autopilot.context import Context
 from mavproxy_handover.autopilot.delivery import DeliveryPoint
+from mavproxy_handover.autopilot.output_dispatcher import OutputDispatcher
 from mavproxy_handover.autopilot.preflight import Preflight
 from mavproxy_handover.autopilot.prepared import Along, Prepared, Rerouted
 from mavproxy_handover.autopilot.read_back import ReadBack
 from mavproxy_handover.autopilot.return_site import ReturnSite
-from mavproxy_handover.autopilot.output_dispatcher import Teller
 from mavproxy_handover.core.common.events import MissionLoaded
 from mavproxy_handover.mission.ahead import Ahead
 from mavproxy_handover.mission.energy import released_at
@@ -56,8 +56,8 @@ class MissionUsers:
     """The other parts that need to know the mission."""
 
     preflight: Preflight
-    places: ReturnSite
-    desk: CommandDesk
+    return_site: ReturnSite
+    command_check: CommandCheck
     read_back: ReadBack
 
 
@@ -67,14 +67,14 @@ class FlownMission:
     def __init__(
         self,
         context: Context,
-        teller: Teller,
+        dispatcher: OutputDispatcher,
         monitors: MissionMonitors,
         users: MissionUsers,
         keep: Callable[[MissionPackage], None],
     ) -> None:
         self._state = context.state
         self._authority = context.authority
-        self._teller = teller
+        self._dispatcher = dispatcher
         self._monitors = monitors
         self._users = users
         self._keep = keep
@@ -121,24 +121,24 @@ class FlownMission:
         monitors.zones.adopt(prepared.finder, package.route)
         self.delivery.adopt(package)
         energy = monitors.energy.adopt(package.energy, prepared.way, now, wings=package.kind.winged)
-        self._teller.tell(energy, now)
+        self._dispatcher.dispatch(energy, now)
         self.changed_aloft, self._uploaded = False, uploaded
         self._flies(package.route, now)
-        users.desk.ahead = Ahead(package.route, package.zone_finder(), package.cruise_speed_mps)
+        users.command_check.ahead = Ahead(package.route, package.zone_finder(), package.cruise_speed_mps)
         self.lies_along(prepared.along)
         monitors.waypoints.adopt(package.belonging, now)
         facts = plan_facts(package.route, package.cruise_speed_mps)
         monitors.plan_fit.planned(facts)
         users.preflight.planned(facts, monitors.gaps.longest_s, package.energy)
         self.judge(now)
-        users.places.adopt(package, now, keeps_rally=uploaded)
+        users.return_site.adopt(package, now, keeps_rally=uploaded)
 
     def drop(self, now: float) -> None:
         """The mission that the autopilot holds is not known any more. The package stays: its zones still count."""
         monitors, users = self._monitors, self._users
         self.changed_aloft, self._uploaded = False, False
         self._flies(None, now)
-        users.desk.ahead = None
+        users.command_check.ahead = None
         self.lies_along(Along())
         monitors.waypoints.adopt(None, now)
         monitors.plan_fit.planned(None)
@@ -147,15 +147,15 @@ class FlownMission:
 
     def first_point(self, package: MissionPackage) -> RallyPoint:
         """The point that the rally list holds after a package was loaded."""
-        return self._users.places.candidates.first_point(package)
+        return self._users.return_site.candidates.first_point(package)
 
     def lies_along(self, along: Along) -> None:
         """This lies along the route of the package."""
         self.foreseen = along.handovers
         self._monitors.gaps.adopt(along.stretches)
         self._monitors.borders.adopt(along.way)
-        if self._users.desk.ahead is not None:
-            self._users.desk.ahead.gaps = along.stretches
+        if self._users.command_check.ahead is not None:
+            self._users.command_check.ahead.gaps = along.stretches
 
     def reroute(self, rerouted: Rerouted | None, now: float) -> None:
         """The autopilot holds the mission that its commander has sent in flight; None: which one is not known."""
@@ -168,11 +168,11 @@ class FlownMission:
         self.delivery.adopt(None)
         monitors.borders.adopt(None if rerouted is None else rerouted.way)
         self._flies(None if rerouted is None else rerouted.ahead.route, now)
-        users.desk.ahead = None if rerouted is None else rerouted.ahead
+        users.command_check.ahead = None if rerouted is None else rerouted.ahead
         if rerouted is None:
             return
         monitors.zones.reroute(rerouted.ahead.route)
-        users.places.reroute(rerouted.ahead.route)
+        users.return_site.reroute(rerouted.ahead.route)
         monitors.plan_fit.planned(rerouted.facts)
         users.preflight.planned(rerouted.facts)
         self.judge(now)
@@ -190,8 +190,8 @@ class FlownMission:
     def judge(self, now: float) -> None:
         """Tell the rules what START lacks for gaps, heights, the kind of aircraft, and a return that lands."""
         self._judged_by = self._state.parameters.changes
-        self._teller.tell(self._monitors.gaps.update(self._state, now), now)
-        self._teller.tell(self._monitors.plan_fit.update(self._state, now), now)
+        self._dispatcher.dispatch(self._monitors.gaps.update(self._state, now), now)
+        self._dispatcher.dispatch(self._monitors.plan_fit.update(self._state, now), now)
 
     @property
     def unjudged(self) -> bool:

@@ -7,7 +7,7 @@
 2. It needs a package: zones, stations, terrain and policies are the package's. That is the last package that was
    loaded, or else the one on board.
 3. The rules are those of a plan in a file (`plan.on_ground`), and of an upload in flight: no way into the ground, no
-   way out of the geofence, no way out of coverage. The operator lifts the last two as in flight (`CommandDesk.plan`).
+   way out of the geofence, no way out of coverage. The operator lifts the last two as in flight (`CommandCheck.plan`).
    Energy, heights above the sea, the kind of aircraft and consent are what START needs, and START judges them anew.
 4. A mission that passes is the mission. The digest of the package stays, so the stations of the package stay fit. They
    are told in words, and AUTHORITY_STATUS says that the route is another one.
@@ -27,11 +27,11 @@ from typing import Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.command_check import CommandDesk
+from mavproxy_handover.autopilot.command_check import CommandCheck
 from mavproxy_handover.autopilot.context import Context
 from mavproxy_handover.autopilot.flown_mission import FlownMission
 from mavproxy_handover.autopilot.mission_protocol import fence_items, same_fence
-from mavproxy_handover.autopilot.mission_readiness import PackageStanding
+from mavproxy_handover.autopilot.mission_readiness import MissionReadiness
 from mavproxy_handover.autopilot.prepared import Along, Prepared, way_of
 from mavproxy_handover.autopilot.procedures import HeldPlan
 from mavproxy_handover.core.safety.commands import QUIET_S, Limit
@@ -88,25 +88,25 @@ class _Judged:
 class GroundUploads:
     """The uploads of one vehicle's stations on the ground.
 
-    A mission is judged by the package that was loaded last, or else by the package on board (`standing`). `list_open`:
+    A mission is judged by the package that was loaded last, or else by the package on board (`readiness`). `list_open`:
     whether a station is writing the mission or the geofence.
     """
 
     def __init__(
         self,
         context: Context,
-        desk: CommandDesk,
+        command_check: CommandCheck,
         flown: FlownMission,
-        standing: PackageStanding,
+        readiness: MissionReadiness,
         list_open: Callable[[], bool],
     ) -> None:
-        self._desk = desk
+        self._command_check = command_check
         self._procedures = context.procedures
         self._conversations = context.conversations
         self._authority = context.authority
         self._reports = context.reports
         self._flown = flown
-        self._standing = standing
+        self._readiness = readiness
         self._list_open = list_open
         self._worker = Worker()
         #: what is to be judged; None: nothing is
@@ -117,7 +117,7 @@ class GroundUploads:
     @property
     def _package(self) -> MissionPackage | None:
         """The package whose zones count; None: there is none."""
-        return self._flown.latest or self._standing.on_board
+        return self._flown.latest or self._readiness.on_board
 
     def changed(self, port: StationPort, change: ListChange, now: float) -> None:
         """A station's message that changes a list goes to the autopilot."""
@@ -174,11 +174,11 @@ class GroundUploads:
     def _judge(self, written: _Written, package: MissionPackage, held: HeldPlan, now: float) -> None:
         if len(held.items) <= 1:
             self._written = None
-            self._standing.cleared(_name(written), now)
+            self._readiness.cleared(_name(written), now)
             return
         if held.items[0].lat_deg == held.items[0].lon_deg == 0.0:
             self._due_at = now + _NO_HOME_S
-            self._standing.waits(_name(written), written.what, now)
+            self._readiness.waits(_name(written), written.what, now)
             return
         port = written.port
         commander = port.sysid if port is not None and self._authority.commands(port.sysid) else package.parent.sysid
@@ -202,7 +202,7 @@ class GroundUploads:
             self._reject(written, "the aircraft was armed before it was judged", now)
             return
         wish = held.items[1:], held.fence
-        ruling = self._desk.plan(written.port, result.left, wish, written.begun_at, now)
+        ruling = self._command_check.plan(written.port, result.left, wish, written.begun_at, now)
         if not ruling.passes:
             self._reject(written, ruling.words, now, how_to_lift(ruling.limits[0], QUIET_S))
             return
@@ -210,14 +210,14 @@ class GroundUploads:
         prepared = result.prepared
         self._flown.loaded(prepared, now, uploaded=not result.own)
         count = len(held.items) - 1
-        self._reports.narrator.mission_judged(_name(written), count, prepared.commanders, own=result.own)
-        self._standing.judged(_name(written), written.what, count, prepared.package.name, own=result.own, now=now)
+        self._reports.event_log.mission_judged(_name(written), count, prepared.commanders, own=result.own)
+        self._readiness.judged(_name(written), written.what, count, prepared.package.name, own=result.own, now=now)
 
     def _reject(self, written: _Written, why: str, now: float, lifted: str = "") -> None:
         self._written = None
         known = self._package is not None
-        self._reports.narrator.mission_rejected(_name(written), written.what, why)
-        self._standing.rejected(_name(written), written.what, why, lifted, known=known, now=now)
+        self._reports.event_log.mission_rejected(_name(written), written.what, why)
+        self._readiness.rejected(_name(written), written.what, why, lifted, known=known, now=now)
 
 
 def _name(written: _Written) -> str:

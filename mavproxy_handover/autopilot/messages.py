@@ -11,16 +11,16 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.command_check import CommandDesk
+from mavproxy_handover.autopilot.command_check import CommandCheck
 from mavproxy_handover.autopilot.context import Context
 from mavproxy_handover.autopilot.guard import Guard
 from mavproxy_handover.autopilot.mission_on_board import MissionOnBoard
 from mavproxy_handover.autopilot.orders import Orders
+from mavproxy_handover.autopilot.output_dispatcher import OutputDispatcher
 from mavproxy_handover.autopilot.preflight import Preflight
 from mavproxy_handover.autopilot.return_site import ReturnSite
 from mavproxy_handover.autopilot.speed_keeper import SpeedKeeper
 from mavproxy_handover.autopilot.streams import Streams
-from mavproxy_handover.autopilot.output_dispatcher import Teller
 from mavproxy_handover.core.common.events import AutopilotState
 from mavproxy_handover.monitors.energy import EnergyMonitor
 from mavproxy_handover.monitors.execution import ExecutionMonitor
@@ -56,8 +56,8 @@ class MessageUsers:
     preflight: Preflight
     streams: Streams
     orders: Orders
-    places: ReturnSite
-    desk: CommandDesk
+    return_site: ReturnSite
+    command_check: CommandCheck
     speeds: SpeedKeeper
 
 
@@ -65,14 +65,19 @@ class AutopilotMessages:
     """Of one vehicle. Times are monotonic seconds."""
 
     def __init__(
-        self, sysid: int, context: Context, teller: Teller, monitors: MessageMonitors, users: MessageUsers,
+        self,
+        sysid: int,
+        context: Context,
+        dispatcher: OutputDispatcher,
+        monitors: MessageMonitors,
+        users: MessageUsers,
         mission: MissionOnBoard,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._sysid = sysid
         self._context = context
         self._state = context.state
         self._reports = context.reports
-        self._teller = teller
+        self._dispatcher = dispatcher
         self._monitors = monitors
         self._users = users
         self._mission = mission
@@ -83,8 +88,8 @@ class AutopilotMessages:
             "GLOBAL_POSITION_INT": self._on_position,
             "TUNNEL": self._on_tunnel,
             "STATUSTEXT": self._on_text,
-            "PARAM_VALUE": users.places.take,
-            "HOME_POSITION": users.places.take,
+            "PARAM_VALUE": users.return_site.take,
+            "HOME_POSITION": users.return_site.take,
             "BATTERY_STATUS": self._on_energy,
             "WIND": self._on_energy,
             "MISSION_ITEM_REACHED": self._on_reached,
@@ -92,7 +97,7 @@ class AutopilotMessages:
 
     def take(self, message: Any, now: float) -> None:
         """A message of the autopilot itself."""
-        state, narrator, users = self._state, self._reports.narrator, self._users
+        state, event_log, users = self._state, self._reports.event_log, self._users
         if self._monitors.reboots.seen(message, state.flying, now):
             self._tell_restart(now)
         waypoint, mode, known = state.waypoint, state.custom_mode, state.telemetry.heartbeat.at > -math.inf
@@ -103,16 +108,16 @@ class AutopilotMessages:
             conversations.on_message(message, now)
             self._mission.check_read_back(now)
         if state.custom_mode != mode:
-            narrator.mode(state.vehicle.mode_name(state.custom_mode))
+            event_log.mode(state.vehicle.mode_name(state.custom_mode))
             if known:
                 users.orders.mode_changed()
-                users.desk.mode_changed()
+                users.command_check.mode_changed()
         if known and state.flies_mission is not on_mission:
             users.speeds.mission_flown(now)
         if known and state.custom_mode != mode:
             users.speeds.mode_changed(now)
         if state.waypoint != waypoint:
-            narrator.waypoint(state.waypoint)
+            event_log.waypoint(state.waypoint)
             self._monitors.waypoints.flies_on()
         use = self._uses.get(message.get_type())
         if use is not None:
@@ -124,19 +129,19 @@ class AutopilotMessages:
         manager = bool(frame.payload[0] & mavlink.GCS_CONTROL_STATUS_FLAGS_SYSTEM_MANAGER)
         if manager and not self._second_manager_told:
             self._second_manager_told = True
-            self._reports.narrator.second_manager(frame.compid)
+            self._reports.event_log.second_manager(frame.compid)
 
     def _tell_restart(self, now: float) -> None:
         """The autopilot has restarted. In flight, operators must know it: the autopilot may say that it is disarmed."""
-        self._users.places.autopilot_restarted(now)
+        self._users.return_site.autopilot_restarted(now)
         if self._monitors.reboots.in_flight(now):
-            self._reports.narrator.autopilot_restarted(_RESTARTED)
+            self._reports.event_log.autopilot_restarted(_RESTARTED)
             self._reports.voice.say_to_all(_RESTARTED, mavlink.MAV_SEVERITY_CRITICAL)
         else:
-            self._reports.narrator.autopilot_restarted("the autopilot has started again")
+            self._reports.event_log.autopilot_restarted("the autopilot has started again")
 
     def _on_state(self, message: Any, now: float) -> None:
-        attempt(self._reports.fault, "places of a return", self._users.places.take, message, now)
+        attempt(self._reports.fault, "places of a return", self._users.return_site.take, message, now)
         # without a recent heartbeat, arming and mode may have changed
         if now - self._state.telemetry.heartbeat.at < _HEARTBEAT_S:
             # the mode comes first: what is flown already is not ordered again
@@ -144,7 +149,7 @@ class AutopilotMessages:
             self._context.authority.handle(self.autopilot_state(), now)
 
     def _tell_execution(self, now: float) -> None:
-        self._teller.tell(self._monitors.execution.heard(self._state, now), now)
+        self._dispatcher.dispatch(self._monitors.execution.heard(self._state, now), now)
 
     def autopilot_state(self) -> AutopilotState:
         """The event for the rules: armed, flying, the kind of aircraft, and the room that it needs to hold."""
@@ -155,7 +160,7 @@ class AutopilotMessages:
 
     def _on_text(self, message: Any, now: float) -> None:
         self._users.preflight.text(message.text)
-        self._teller.tell(self._monitors.execution.text(self._state, message.text), now)
+        self._dispatcher.dispatch(self._monitors.execution.text(self._state, message.text), now)
 
     def _on_position(self, _message: Any, now: float) -> None:
         if self._state.telemetry.own_position.at == now:  # else the message held no position
@@ -163,9 +168,9 @@ class AutopilotMessages:
 
     def _on_tunnel(self, message: Any, now: float) -> None:
         found, status = self._users.guard.take(message, now)
-        self._teller.tell(found, now)
+        self._dispatcher.dispatch(found, now)
         if status is not None:
-            self._teller.tell(self._monitors.execution.guard(status), now)
+            self._dispatcher.dispatch(self._monitors.execution.guard(status), now)
 
     def _on_energy(self, message: Any, now: float) -> None:
         state = self._state  # before the first heartbeat, arming is not known
@@ -175,7 +180,7 @@ class AutopilotMessages:
     def _on_reached(self, message: Any, _now: float) -> None:
         owner = self._monitors.waypoints.reached(self._state, message.seq)
         delivery = self._mission.flown.delivery.reached(message.seq)
-        self._reports.narrator.reached(message.seq, owner, delivery)
+        self._reports.event_log.reached(message.seq, owner, delivery)
         if delivery is not None:
             text = f"delivery point reached, waypoint {delivery}"
             self._reports.voice.say_to_all(text, mavlink.MAV_SEVERITY_NOTICE)

@@ -10,14 +10,14 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from mavproxy_handover.autopilot.context import Context
+from mavproxy_handover.autopilot.flight_uploads import FlightUploads
 from mavproxy_handover.autopilot.flown_mission import FlownMission
 from mavproxy_handover.autopilot.ground_uploads import GroundUploads
+from mavproxy_handover.autopilot.mission_readiness import MissionReadiness
 from mavproxy_handover.autopilot.orders import Orders
 from mavproxy_handover.autopilot.package_loading import PackageLoader
-from mavproxy_handover.autopilot.mission_readiness import PackageStanding
 from mavproxy_handover.autopilot.prepared import Along, Prepared, way_of
 from mavproxy_handover.autopilot.read_back import ReadBack
-from mavproxy_handover.autopilot.flight_uploads import Staging
 from mavproxy_handover.core.common.model import Phase
 from mavproxy_handover.gate.list_changes import ListChange
 from mavproxy_handover.mission.package import MissionPackage
@@ -39,8 +39,8 @@ class MissionSources:
 
     loader: PackageLoader
     uploads: GroundUploads
-    staging: Staging
-    standing: PackageStanding
+    flight_uploads: FlightUploads
+    readiness: MissionReadiness
     read_back: ReadBack
 
 
@@ -50,7 +50,7 @@ class MissionOnBoard:
     def __init__(self, context: Context, flown: FlownMission, sources: MissionSources, orders: Orders) -> None:
         self._context = context
         self.flown = flown
-        self.staging = sources.staging
+        self.flight_uploads = sources.flight_uploads
         self._sources = sources
         self._orders = orders
         #: work that waits until a restart in flight is over, and when it is due
@@ -61,7 +61,7 @@ class MissionOnBoard:
     def kept(self) -> tuple[bool, bytes]:
         """Whether the autopilot holds a mission that a station wrote on the ground, and the digest of the package by
         which that mission is judged; empty: there is none."""
-        package, kept = self.flown.latest, self._sources.standing.kept
+        package, kept = self.flown.latest, self._sources.readiness.kept
         return kept, package.digest if kept and package is not None else b""
 
     # ---- after a restart of the companion -------------------------------------------------------------------------
@@ -85,7 +85,7 @@ class MissionOnBoard:
         def done(talk: Conversation, now: float) -> None:
             if talk.result:
                 self.flown.reroute(None, now)
-                self._later, self._later_at = self.staging.found, now + _RESTART_S
+                self._later, self._later_at = self.flight_uploads.found, now + _RESTART_S
 
         asking = self._context.procedures().holds_another(package.route.upload_items())
         self._context.conversations.begin(_HELD, asking, done, now)
@@ -95,7 +95,7 @@ class MissionOnBoard:
 
         `package`: its zones count; None: those of the package on board.
         """
-        self._sources.standing.kept = True
+        self._sources.readiness.kept = True
         if package is not None and self.flown.latest is None:
             self.flown.remember(package)
         if self._context.authority.arbiter.view.phase is Phase.ON_LOAD:
@@ -139,7 +139,7 @@ class MissionOnBoard:
 
     def authority_moved(self, now: float) -> None:
         """Another station has authority, or no station."""
-        self.staging.authority_moved(now)
+        self.flight_uploads.authority_moved(now)
 
     # ---- time -----------------------------------------------------------------------------------------------------
 
@@ -151,7 +151,7 @@ class MissionOnBoard:
             attempt(fault, "the plan", self.flown.judge, now)
         attempt(fault, "mission packages", sources.loader.tick, now)
         attempt(fault, "mission read back", sources.read_back.tick, now)
-        attempt(fault, "uploads in flight", self.staging.tick, now)
+        attempt(fault, "uploads in flight", self.flight_uploads.tick, now)
         attempt(fault, "uploads on the ground", sources.uploads.tick, now)
 
     def load_on_board(self, grounded: bool, now: float) -> None:
@@ -159,7 +159,7 @@ class MissionOnBoard:
         sources = self._sources
         if self.flown.changed_aloft and grounded:
             sources.loader.flight_over(now)
-            if sources.standing.kept:
+            if sources.readiness.kept:
                 sources.uploads.found(now)
         if grounded and self._context.state.position.value is not None:
             sources.loader.load_on_board(now)

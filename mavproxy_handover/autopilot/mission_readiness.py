@@ -24,7 +24,7 @@ from mavproxy_handover.gate.list_changes import MISSION, ListChange
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.stations.port import StationPort
 
-__all__ = ["ON_BOARD_RETRY_S", "PackageStanding"]
+__all__ = ["ON_BOARD_RETRY_S", "MissionReadiness"]
 
 #: between two attempts to load the package on board, and after a station has changed the mission (s)
 ON_BOARD_RETRY_S: Final = 10.0
@@ -38,7 +38,7 @@ _NO_PACKAGE: Final = "START needs a mission package: 'handover share'"
 _VEHICLE: Final = "the vehicle's own package"
 
 
-class PackageStanding:
+class MissionReadiness:
     """Of one vehicle. `on_board`: the package that its configuration names; None: it names none."""
 
     def __init__(
@@ -60,7 +60,7 @@ class PackageStanding:
         """A station's message changes a list of the autopilot. `was_loaded`: a mission counted until now."""
         cleared = change.clears and change.what == MISSION
         if was_loaded or not self.kept:
-            self._reports.narrator.list_changed(port.name, change.what, counted=was_loaded)
+            self._reports.event_log.list_changed(port.name, change.what, counted=was_loaded)
         self.kept = True
         lacks = self._cleared_words(port.name) if cleared else f"the {change.what} of {port.name} is being judged"
         self._lack(lacks, now)

@@ -125,9 +125,9 @@ class _Asker:
 class Orders:
     """Carries out START, STOP and the way home, one of each at a time."""
 
-    def __init__(self, context: Context, read_back: ReadBack, places: ReturnSite) -> None:
+    def __init__(self, context: Context, read_back: ReadBack, return_site: ReturnSite) -> None:
         self._read_back = read_back
-        self._places = places
+        self._return_site = return_site
         self._state = context.state
         self._procedures = context.procedures
         self._conversations = context.conversations
@@ -171,7 +171,7 @@ class Orders:
             result = mavlink.MAV_RESULT_IN_PROGRESS if mine else mavlink.MAV_RESULT_TEMPORARILY_REJECTED
             self._reports.voice.acknowledge(port, asker.sender, MISSION_START, result)
             return
-        self._reports.narrator.start_asked(port.name, what, now)
+        self._reports.event_log.start_asked(port.name, what, now)
         self._asked[port.sysid] = asker
         self._authority.handle(StartRequested(port.sysid), now)
 
@@ -198,7 +198,7 @@ class Orders:
             yield from self._read_back.asking()
             yield from procedures.start()
 
-        self._reports.narrator.start_begun(asker.port.name, procedures.vehicle.starts_by)
+        self._reports.event_log.start_begun(asker.port.name, procedures.vehicle.starts_by)
         self._conversations.begin(_START, steps(), done, now)
 
     def refuse_start(self, station: int, needs: tuple[str, ...], now: float) -> None:
@@ -341,7 +341,7 @@ class Orders:
             return
 
         def done(talk: Conversation, _now: float) -> None:
-            self._reports.narrator.speed(speed_mps, talk.failure)
+            self._reports.event_log.speed(speed_mps, talk.failure)
 
         self._conversations.begin(_SPEED, self._procedures().set_speed(speed_mps), done, now)
 
@@ -390,7 +390,7 @@ class Orders:
     def tick(self, now: float) -> None:
         """Begin a return again if its place was changed in the rally list: the autopilot reads the list when a return
         begins. To be called often."""
-        if self._places.bounces(now, returning=self.returning):
+        if self._return_site.bounces(now, returning=self.returning):
             self._begin_again(now)
 
     def _begin_again(self, now: float) -> None:
@@ -406,7 +406,7 @@ class Orders:
             vehicle = self._procedures().vehicle
             to_place = {vehicle.mode_name(mode) for mode in vehicle.to_place}
             self.returning = action is FlightAction.RETURN and talk.result in to_place
-            self._reports.narrator.flown(action, talk.result, talk.failure)
+            self._reports.event_log.flown(action, talk.result, talk.failure)
             if isinstance(talk.error, RefusedError):
                 self._authority.handle(OrderRefused(action), now)
 
@@ -422,7 +422,7 @@ class Orders:
 
     def _place(self, now: float) -> Callable[[], bool]:
         try:
-            return self._places.before_return(now, returning=self.returning)
+            return self._return_site.before_return(now, returning=self.returning)
         except Exception:
             self._reports.fault("place of a return", traceback.format_exc(limit=-3))
             return lambda: True

@@ -12,33 +12,33 @@ from mavproxy_handover.core.safety.route import RouteNews
 from mavproxy_handover.monitors.energy import EnergyNews, EnergyWarned
 from mavproxy_handover.monitors.position.source import BoxNews
 
-__all__ = ["MonitorOutput", "Teller"]
+__all__ = ["MonitorOutput", "OutputDispatcher"]
 
 MonitorOutput = Event | RouteNews | BoxNews | EnergyNews | EnergyWarned
 
 
-class Teller:
+class OutputDispatcher:
     """Hands on what monitors find: events to `handle`, news to the journal and to the stations."""
 
     def __init__(self, handle: Callable[[Event, float], None], reports: Reports) -> None:
         self._handle = handle
         self._reports = reports
 
-    def tell(self, outputs: Iterable[MonitorOutput], now: float) -> None:
+    def dispatch(self, outputs: Iterable[MonitorOutput], now: float) -> None:
         """In their order."""
         for output in outputs:
             match output:
                 case RouteNews():
-                    self._reports.narrator.route(output)
+                    self._reports.event_log.route(output)
                 case BoxNews():
-                    self._reports.narrator.position_source(output.text, output.source, output.standing)
+                    self._reports.event_log.position_source(output.text, output.source, output.standing)
                     if output.severity is not None:
                         self._reports.voice.say_to_all(output.text, output.severity)
                 case EnergyNews():
-                    self._reports.narrator.energy(output.fact, aloud=output.aloud)
+                    self._reports.event_log.energy(output.fact, aloud=output.aloud)
                     if output.for_stations:
                         self._reports.voice.say_to_all(output.for_stations)
                 case EnergyWarned():
-                    self._reports.narrator.energy_warning(output.shortfall)
+                    self._reports.event_log.energy_warning(output.shortfall)
                 case _:
                     self._handle(output, now)

@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.command_check import CommandDesk
+from mavproxy_handover.autopilot.command_check import CommandCheck
 from mavproxy_handover.core.safety.commands import Limit
 from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.wire.ids import LIMITS
@@ -27,8 +27,8 @@ CONSOLE: Final = "the vehicle's console"
 class Overrides:
     """Takes them for one vehicle; `commander`: the system id of the station whose word counts, None: nobody's."""
 
-    def __init__(self, desk: CommandDesk, commander: Callable[[], int | None], vehicle: int) -> None:
-        self._desk = desk
+    def __init__(self, command_check: CommandCheck, commander: Callable[[], int | None], vehicle: int) -> None:
+        self._command_check = command_check
         self._commander = commander
         self._vehicle = vehicle
         #: station and limit -> nonce of the last one that was carried out
@@ -41,8 +41,8 @@ class Overrides:
         commands = port.sysid == self._commander()
         if limit is not None and commands and self._last.get((port.sysid, limit)) != message.nonce:
             self._last[port.sysid, limit] = message.nonce
-            self._desk.lift(limit, port.name, now)
-        left_s = self._desk.rules.lifted_s(now).get(limit, 0.0) if limit is not None and commands else 0.0
+            self._command_check.lift(limit, port.name, now)
+        left_s = self._command_check.rules.lifted_s(now).get(limit, 0.0) if limit is not None and commands else 0.0
         return mavlink.MAVLink_handover_override_message(
             *port.target, self._vehicle, message.limit, message.nonce, round(left_s)
         )

@@ -19,8 +19,8 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.autopilot.context import Context
 from mavproxy_handover.autopilot.flown_mission import FlownMission
 from mavproxy_handover.autopilot.ground_uploads import GroundUploads
+from mavproxy_handover.autopilot.mission_readiness import ON_BOARD_RETRY_S, MissionReadiness
 from mavproxy_handover.autopilot.package_reader import PackageReader
-from mavproxy_handover.autopilot.mission_readiness import ON_BOARD_RETRY_S, PackageStanding
 from mavproxy_handover.autopilot.prepared import Along, Prepared, prepare
 from mavproxy_handover.autopilot.procedures import Plan
 from mavproxy_handover.core.common.events import MissionLoaded
@@ -66,7 +66,7 @@ class PackageLoader:
         context: Context,
         reader: PackageReader,
         flown: FlownMission,
-        standing: PackageStanding,
+        readiness: MissionReadiness,
         uploads: GroundUploads,
         close_files: Callable[[], None],
     ) -> None:
@@ -76,7 +76,7 @@ class PackageLoader:
         self._authority = context.authority
         self._reports = context.reports
         self._flown = flown
-        self._standing = standing
+        self._readiness = readiness
         self._uploads = uploads
         self._close_files = close_files
         self._worker = Worker()
@@ -111,7 +111,7 @@ class PackageLoader:
                 port.send(self._reader.refused(digest, "too late: it commands no more, or START was given", target))
             else:
                 port.send(self._reader.received(digest, target))
-                self._reports.narrator.package_received(result.package.name, port.name)
+                self._reports.event_log.package_received(result.package.name, port.name)
                 self._load(result, port, now)
 
         if not self._worker.submit(lambda: self._reader.read(data, digest, addresses), read):
@@ -133,21 +133,21 @@ class PackageLoader:
         why = f"{port.name} changed the {change.what} meanwhile"
         attempt(self._reports.fault, "end of a load", self._break_off, why, now)
         self.drop(now)
-        self._standing.changed(port, change, loaded, now)
+        self._readiness.changed(port, change, loaded, now)
 
     def flight_over(self, now: float) -> None:
         """On the ground again, and the mission was changed in flight: the package does not count any more."""
         loaded = bool(self._authority.arbiter.mission_digest)
         self.drop(now)
         if loaded:
-            self._standing.flight_over(now)
+            self._readiness.flight_over(now)
 
     def changed_past(self, how: str, now: float) -> None:
         """The autopilot holds another mission or geofence than it did, and no station's message has changed it."""
         self._on_board_at = now + ON_BOARD_RETRY_S
         self.drop(now)
-        self._reports.narrator.changed_past(how)
-        self._standing.changed_past(how, now)
+        self._reports.event_log.changed_past(how)
+        self._readiness.changed_past(how, now)
 
     def drop(self, now: float) -> None:
         """What the autopilot holds is not known any more."""
@@ -169,10 +169,10 @@ class PackageLoader:
     def load_on_board(self, now: float) -> None:
         """Load the package on board, if there is one and the autopilot holds no mission; again later if that failed.
 
-        A mission that a station wrote to the autopilot on the ground stays (`package_standing.py`).
+        A mission that a station wrote to the autopilot on the ground stays (`mission_readiness.py`).
         """
-        package = self._standing.on_board
-        waits = self._standing.kept or now < self._on_board_at
+        package = self._readiness.on_board
+        waits = self._readiness.kept or now < self._on_board_at
         if package is None or waits or self._authority.arbiter.mission_digest or _LOAD in self._conversations:
             return
         self._on_board_at = now + ON_BOARD_RETRY_S
@@ -180,7 +180,7 @@ class PackageLoader:
         def prepared(result: Prepared | Exception, now: float) -> None:
             if not isinstance(result, Prepared):
                 self._failed(package, self._why(result), None, now)
-            elif not self._standing.kept and self._authority.arbiter.grounded(now):  # it took a while to prepare
+            elif not self._readiness.kept and self._authority.arbiter.grounded(now):  # it took a while to prepare
                 self._load(result, None, now)
 
         self._worker.submit(lambda: prepare(package), prepared)
@@ -227,8 +227,8 @@ class PackageLoader:
             self._flown.remember(package)
             if port is not None:
                 port.send(reader.loaded(prepared, port.target))
-            self._standing.loaded(package.name, port, now)
-            self._reports.narrator.mission_written(package, talk.result.fence, talk.result.cruise_mps)
+            self._readiness.loaded(package.name, port, now)
+            self._reports.event_log.mission_written(package, talk.result.fence, talk.result.cruise_mps)
             self._flown.loaded(prepared, now)
 
         asking = self._procedures().load(_plan(package, self._flown.first_point(package)))
@@ -238,8 +238,8 @@ class PackageLoader:
         """Tell the sender, the other operators and the journal that a package was not loaded."""
         if port is not None:
             port.send(self._reader.refused(package.digest, why, port.target))
-        self._reports.narrator.mission_failed(why, _ON_BOARD if port is None else port.name)
-        self._standing.failed(package.name, why, None if port is None else port.name, now)
+        self._reports.event_log.mission_failed(why, _ON_BOARD if port is None else port.name)
+        self._readiness.failed(package.name, why, None if port is None else port.name, now)
 
 
 def _plan(package: MissionPackage, place: RallyPoint) -> Plan:

@@ -7,8 +7,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from mavproxy_handover.event_log import EventLog
 from mavproxy_handover.gate.mission_server import Turn
-from mavproxy_handover.event_log import Narrator
 from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.stations.voice import Voice
 
@@ -19,7 +19,7 @@ __all__ = ["Reports"]
 class Reports:
     """Of one vehicle. `fault` is told what broke, and where."""
 
-    narrator: Narrator
+    event_log: EventLog
     voice: Voice
     fault: Callable[[str, str], None]
 
@@ -27,5 +27,5 @@ class Reports:
         """What a program hears of its upload of `what`, in the autopilot's name, and people of what is not taken."""
         for answer in turn.answers:
             self.voice.as_autopilot(port, answer)
-        if turn.words and self.narrator.upload_refused(port.name, what, turn.words, now):
+        if turn.words and self.event_log.upload_refused(port.name, what, turn.words, now):
             self.voice.say(port, f"{what} not taken: {turn.words}")

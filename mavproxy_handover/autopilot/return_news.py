@@ -54,7 +54,7 @@ class ReturnNews:
             return
         self._told = name
         text = f"a return goes to {self.words(choice, listed=listed)}"
-        self._reports.narrator.place(text, name, choice.reachable)
+        self._reports.event_log.place(text, name, choice.reachable)
         if self._state.armed and name != self._stations_told:
             self._stations_told = name
             self._reports.voice.say_to_all(f"A{text[1:]}", mavlink.MAV_SEVERITY_NOTICE)
@@ -69,7 +69,7 @@ class ReturnNews:
 
     def not_written(self, why: str) -> None:
         """A write of the list came to nothing."""
-        self._reports.narrator.place_failed(why)
+        self._reports.event_log.place_failed(why)
 
     def elsewhere(self, name: str) -> None:
         """This place is not in the list; the stations read it in flight, once."""
@@ -83,7 +83,7 @@ class ReturnNews:
 
     def overwritten(self, now: float) -> None:
         """Another program has written the list."""
-        self._reports.narrator.rally_overwritten()
+        self._reports.event_log.rally_overwritten()
         if self._state.armed and now - self._overwritten_told_at >= _OVERWRITTEN_S:
             self._overwritten_told_at = now
             self._reports.voice.say_to_all("Rally list changed by another program. Restoring the return site")

@@ -151,7 +151,7 @@ class ReturnSite:
 
     def _replaced(self, points: tuple[RallyPoint, ...], station: str, now: float) -> None:
         self.candidates.replace_rally(points)
-        self._reports.narrator.rally_list(len(points), station, now)
+        self._reports.event_log.rally_list(len(points), station, now)
 
     def autopilot_restarted(self, now: float) -> None:
         """The autopilot has started again, or was silent so long that it may have.
@@ -293,7 +293,7 @@ class ReturnSite:
             return False
         if not self._may_bounce(now):
             return False
-        self._reports.narrator.bounced(self.choice.place.name)
+        self._reports.event_log.bounced(self.choice.place.name)
         return True
 
     def _may_bounce(self, now: float) -> bool:

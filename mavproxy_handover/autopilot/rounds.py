@@ -14,17 +14,17 @@ from mavproxy_handover.autopilot.context import Context
 from mavproxy_handover.autopilot.guard import Guard
 from mavproxy_handover.autopilot.mission_on_board import MissionOnBoard
 from mavproxy_handover.autopilot.orders import Orders
+from mavproxy_handover.autopilot.output_dispatcher import MonitorOutput, OutputDispatcher
 from mavproxy_handover.autopilot.preflight import Preflight
 from mavproxy_handover.autopilot.return_site import ReturnSite
 from mavproxy_handover.autopilot.streams import Streams
 from mavproxy_handover.autopilot.telemetry import Telemetry
-from mavproxy_handover.autopilot.output_dispatcher import MonitorOutput, Teller
 from mavproxy_handover.core.common.model import AuthorityView
 from mavproxy_handover.monitors.borders import BorderMonitor
+from mavproxy_handover.monitors.conditions import ConditionMonitor
 from mavproxy_handover.monitors.energy import EnergyMonitor
 from mavproxy_handover.monitors.execution import ExecutionMonitor
 from mavproxy_handover.monitors.position.source import PositionMonitor
-from mavproxy_handover.monitors.conditions import SignMonitor
 from mavproxy_handover.schedule import attempt
 from mavproxy_handover.vehicle.state import VehicleState
 
@@ -39,7 +39,7 @@ class RoundMonitors:
     energy: EnergyMonitor
     borders: BorderMonitor
     execution: ExecutionMonitor
-    signs: SignMonitor
+    conditions: ConditionMonitor
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,17 +51,19 @@ class RoundParts:
     streams: Streams
     telemetry: Telemetry
     orders: Orders
-    places: ReturnSite
+    return_site: ReturnSite
     mission: MissionOnBoard
 
 
 class Rounds:
     """Of one vehicle. Times are monotonic seconds."""
 
-    def __init__(self, context: Context, teller: Teller, monitors: RoundMonitors, parts: RoundParts) -> None:
+    def __init__(
+        self, context: Context, dispatcher: OutputDispatcher, monitors: RoundMonitors, parts: RoundParts
+    ) -> None:
         self._context = context
         self._state = context.state
-        self._teller = teller
+        self._dispatcher = dispatcher
         self._monitors = monitors
         self._parts = parts
 
@@ -70,7 +72,7 @@ class Rounds:
         parts = self._parts
         self._attempt("conversations", self._context.conversations.tick, now)
         parts.mission.tick(now)
-        self._attempt("places of a return", parts.places.tick, now)
+        self._attempt("places of a return", parts.return_site.tick, now)
         self._attempt("way home", parts.orders.tick, now)
         self._attempt("position box", self._look, self._monitors.positions.read, now)
 
@@ -88,11 +90,11 @@ class Rounds:
         self._attempt("the way ahead", self._look, monitors.borders.update, now)
         self._attempt("places of a return", self._judge_places, now)
         self._attempt("motion", self._look, monitors.execution.update, now)
-        self._attempt("signs", self._look, monitors.signs.update, now)
+        self._attempt("conditions", self._look, monitors.conditions.update, now)
 
     def _look(self, update: Callable[[VehicleState, float], Sequence[MonitorOutput]], now: float) -> None:
         """Tell what a monitor finds in the state."""
-        self._teller.tell(update(self._state, now), now)
+        self._dispatcher.dispatch(update(self._state, now), now)
 
     def _attempt(self, where: str, job: Callable[..., None], *arguments: object) -> None:
         attempt(self._context.reports.fault, where, job, *arguments)
@@ -105,7 +107,7 @@ class Rounds:
         self._parts.preflight.each_second(asked, rules.guard(now), firmware, now, guard.problem(now))
 
     def _watch_energy(self, grounded: bool, now: float) -> None:
-        self._teller.tell(self._monitors.energy.update(self._state, now, grounded=grounded), now)
+        self._dispatcher.dispatch(self._monitors.energy.update(self._state, now, grounded=grounded), now)
 
     def _judge_places(self, now: float) -> None:
-        self._parts.places.each_second(now, returning=self._parts.orders.returning)
+        self._parts.return_site.each_second(now, returning=self._parts.orders.returning)

@@ -9,7 +9,7 @@ companion sends the speed of the return again.
 
 from __future__ import annotations
 
-from mavproxy_handover.autopilot.command_check import CommandDesk
+from mavproxy_handover.autopilot.command_check import CommandCheck
 from mavproxy_handover.autopilot.context import Context
 from mavproxy_handover.autopilot.flown_mission import FlownMission
 from mavproxy_handover.autopilot.orders import Orders
@@ -23,13 +23,18 @@ class SpeedKeeper:
     """Of one vehicle. Times are monotonic seconds."""
 
     def __init__(
-        self, context: Context, flown: FlownMission, orders: Orders, places: ReturnSite, desk: CommandDesk
+        self,
+        context: Context,
+        flown: FlownMission,
+        orders: Orders,
+        return_site: ReturnSite,
+        command_check: CommandCheck,
     ) -> None:
         self._state = context.state
         self._flown = flown
         self._orders = orders
-        self._places = places
-        self._desk = desk
+        self._return_site = return_site
+        self._command_check = command_check
 
     def mission_flown(self, now: float) -> None:
         """The aircraft begins to fly its mission, or ends."""
@@ -41,5 +46,5 @@ class SpeedKeeper:
     def mode_changed(self, now: float) -> None:
         """The aircraft flies another mode; to be called after `mission_flown`, which ends a change of speed that is
         under way."""
-        if self._state.to_place and not self._state.kind.winged and self._desk.sped_lately(now):
-            self._orders.resume_speed(self._places.candidates.return_mps, now)
+        if self._state.to_place and not self._state.kind.winged and self._command_check.sped_lately(now):
+            self._orders.resume_speed(self._return_site.candidates.return_mps, now)

@@ -41,12 +41,12 @@ class Telemetry:
         if where is None or now - aircraft.position.at > self._stale_s:
             return
         zones = self._zones()
-        reports.narrator.zones(zones)
-        reports.narrator.position(where, zones, view.commander, aircraft.waypoint)
+        reports.event_log.zones(zones)
+        reports.event_log.position(where, zones, view.commander, aircraft.waypoint)
         for station in (view.commander, view.partner):
             port = reports.voice.ports.get(station or 0)
             if port is not None and station == view.commander:
-                reports.narrator.telemetry(port.name)
+                reports.event_log.telemetry(port.name)
             if port is not None:
                 told = aircraft.record(port.target, int(self._utc() * 1e6), zones)
                 attempt(reports.fault, f"sending to {port.name}", port.send, told)

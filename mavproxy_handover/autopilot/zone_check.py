@@ -8,7 +8,7 @@ from typing import Final
 
 from mavproxy_handover.autopilot.context import Context
 from mavproxy_handover.autopilot.flown_mission import MissionMonitors
-from mavproxy_handover.autopilot.output_dispatcher import Teller
+from mavproxy_handover.autopilot.output_dispatcher import OutputDispatcher
 from mavproxy_handover.core.common.events import PositionSeen
 from mavproxy_handover.core.common.model import ZoneFact
 from mavproxy_handover.monitors.position.source import PositionMonitor
@@ -23,13 +23,15 @@ _OLD_S: Final = 0.2
 class ZoneCheck:
     """Of one vehicle. Times are monotonic seconds."""
 
-    def __init__(self, context: Context, monitors: MissionMonitors, positions: PositionMonitor, teller: Teller) -> None:
+    def __init__(
+        self, context: Context, monitors: MissionMonitors, positions: PositionMonitor, dispatcher: OutputDispatcher
+    ) -> None:
         self._state = context.state
         self._fault = context.reports.fault
         self._handle = context.authority.handle
         self._monitors = monitors
         self._positions = positions
-        self._teller = teller
+        self._dispatcher = dispatcher
 
     def facts(self) -> tuple[ZoneFact, ...]:
         """Facts about every zone at the last position; empty before a package and a position are known."""
@@ -47,4 +49,4 @@ class ZoneCheck:
         attempt(self._fault, "route", self._check_route, now)
 
     def _check_route(self, now: float) -> None:
-        self._teller.tell(self._monitors.route.update(self._state, now), now)
+        self._dispatcher.dispatch(self._monitors.route.update(self._state, now), now)

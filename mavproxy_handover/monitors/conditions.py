@@ -20,7 +20,7 @@ from mavproxy_handover.schedule import attempt
 from mavproxy_handover.vehicle import mode_requests
 from mavproxy_handover.vehicle.state import VehicleState
 
-__all__ = ["SignMonitor", "breach"]
+__all__ = ["ConditionMonitor", "breach"]
 
 #: what comes once a second, or oftener, has stopped
 _STOPPED_S: Final = 3.0
@@ -50,7 +50,7 @@ def breach(state: VehicleState, now: float) -> str:
     return "outside the fence" if known else ""
 
 
-class SignMonitor:
+class ConditionMonitor:
     """Of one aircraft. `energy`: what is left and needed, in words, None while some place of a return is in reach;
     `route`: where the aircraft is while it is off its route; `fault` is told what broke, and where."""
 

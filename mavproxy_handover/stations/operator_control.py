@@ -22,10 +22,10 @@ from typing import Any, Final
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.common.events import ControlRequested, Event, NotifyOwner, OperatorControlShown
+from mavproxy_handover.event_log import EventLog
 from mavproxy_handover.gate.judge import StationIdentity
 from mavproxy_handover.gate.refusals import OncePerCause
 from mavproxy_handover.gate.tongues import Tongue
-from mavproxy_handover.event_log import Narrator
 from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.stations.voice import Voice
 from mavproxy_handover.wire.conversation import command_long
@@ -77,9 +77,9 @@ def notification(owner: tuple[int, int], requester: int, timeout_s: float) -> An
 class OperatorControl:
     """The programs that asked last, and the stations that are asked. `handle` gives a request to the arbiter."""
 
-    def __init__(self, voice: Voice, narrator: Narrator, handle: Callable[[Event, float], None]) -> None:
+    def __init__(self, voice: Voice, event_log: EventLog, handle: Callable[[Event, float], None]) -> None:
         self._voice = voice
-        self._narrator = narrator
+        self._event_log = event_log
         self._handle = handle
         self._denied = OncePerCause()
         #: of each station, system and component that asked last, and the component that was asked
@@ -102,7 +102,7 @@ class OperatorControl:
         request = read_request(message, port.identity)
         self._askers[port.sysid] = (frame.sysid, frame.compid, message.target_component)
         if isinstance(request, str):
-            self._narrator.request_not_understood(port.name, request, now)
+            self._event_log.request_not_understood(port.name, request, now)
             self.answer(port, mavlink.MAV_RESULT_DENIED, request, now)
             return
         if _of_today(message, port.identity):
@@ -126,4 +126,4 @@ class OperatorControl:
         again, self._question = question == self._question, question
         port.send(notification(port.target, action.requester, action.timeout_s), everywhere=True)
         if not again:
-            self._narrator.owner_asked(port.name, name)
+            self._event_log.owner_asked(port.name, name)

@@ -25,8 +25,8 @@ from typing import Any, Final
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.common.model import Reason
+from mavproxy_handover.event_log import EventLog
 from mavproxy_handover.mission.package import MissionPackage
-from mavproxy_handover.event_log import Narrator
 from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.vehicle_address import pack_addresses
 from mavproxy_handover.wire.package_transfer import PackageSender
@@ -46,12 +46,12 @@ class PackageReturn:
     """Of one vehicle. Times are monotonic seconds; not safe for threads."""
 
     def __init__(
-        self, ports: Mapping[int, StationPort], unfit: Callable[[int, float], Reason | None], narrator: Narrator
+        self, ports: Mapping[int, StationPort], unfit: Callable[[int, float], Reason | None], event_log: EventLog
     ) -> None:
         """`unfit`: why a station could not be partner now, None if it could."""
         self._ports = ports
         self._unfit = unfit
-        self._narrator = narrator
+        self._event_log = event_log
         self._worker = Worker()
         #: the package that is flown, and its bytes once they are packed
         self._package: MissionPackage | None = None
@@ -81,7 +81,7 @@ class PackageReturn:
         why = Reason.MISSION_MISSING if self._to is None else self._unfit(self._to, now)
         if self._to is not None and why is not Reason.MISSION_MISSING:  # it has the package, or is not there any more
             if why is None:
-                self._narrator.package_returned(self._ports[self._to].name, "the station has it")
+                self._event_log.package_returned(self._ports[self._to].name, "the station has it")
             self._stop()
         if self._to is None:
             self._begin(package, self._data, now)
@@ -95,7 +95,7 @@ class PackageReturn:
         self._answered_at = now
         self._waiting = self._sender.on_ack(message, now) or self._waiting
         if self._sender.result == _REFUSED:
-            self._narrator.package_returned(port.name, f"refused: {self._sender.text}")
+            self._event_log.package_returned(port.name, f"refused: {self._sender.text}")
             self._paused[port.sysid] = now + AGAIN_S
             self._stop()
 
@@ -113,14 +113,14 @@ class PackageReturn:
             self._to, self._answered_at, self._waiting = sysid, now, []
             addresses = pack_addresses(package.addresses, sysid)
             self._sender = PackageSender(data, package.digest, package.name, port.target, addresses=addresses)
-            self._narrator.package_returned(port.name, "sent")
+            self._event_log.package_returned(port.name, "sent")
             return
 
     def _go_on(self, station: int, now: float) -> None:
         assert self._sender is not None
         port = self._ports[station]
         if now - self._answered_at >= NO_ANSWER_S:
-            self._narrator.package_returned(port.name, "no answer")
+            self._event_log.package_returned(port.name, "no answer")
             self._paused[station] = now + AGAIN_S
             self._stop()
             return

@@ -29,9 +29,9 @@ from mavproxy_handover.core.common.events import (
     RehearsalRefused,
 )
 from mavproxy_handover.core.common.model import AuthorityView, FlightAction, in_words
+from mavproxy_handover.event_log import EventLog
 from mavproxy_handover.gate.refusals import RefusalLimiter
 from mavproxy_handover.mission.geodesy import distance_m
-from mavproxy_handover.event_log import Narrator
 from mavproxy_handover.stations.announcer import Announcer
 from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.stations.rehearsal_book import Foreseen, LinkSeen, RehearsalBook
@@ -72,7 +72,7 @@ class RehearsalDesk:
         arbiter: Arbiter,
         handle: Callable[[Event, float], None],
         voice: Voice,
-        narrator: Narrator,
+        event_log: EventLog,
         announcer: Announcer,
         around: Surroundings,
     ) -> None:
@@ -81,7 +81,7 @@ class RehearsalDesk:
         self._arbiter = arbiter
         self._handle = handle
         self._voice = voice
-        self._narrator = narrator
+        self._event_log = event_log
         self._announcer = announcer
         self._around = around
         #: of the one under way, or the last one; None: there was none
@@ -131,21 +131,21 @@ class RehearsalDesk:
 
     def moved(self, moved: RehearsalMoved, now: float) -> None:
         """One has begun, or is over: everybody is told."""
-        self._narrator.rehearsal(moved)
+        self._event_log.rehearsal(moved)
         self._announcer.rehearsal(moved)
         if moved.on:
             self._open(now, restarted=False)
         elif self.book is not None and not self.book.over:
             self._look(now)
             self.book.end(now, moved.text.partition(": ")[2])
-            self._narrator.rehearsal_report(self.book.lines(now), self.book.entry(now))
+            self._event_log.rehearsal_report(self.book.lines(now), self.book.entry(now))
 
     def refused(self, refused: RehearsalRefused, now: float) -> None:
         """It does not begin, or end, by that station's word."""
         self._refused.add((refused.station, refused.begin))
         text = f"{_TYPED[refused.begin]} refused: {'; '.join(refused.needs)}"
         port = self._voice.ports[refused.station]
-        self._narrator.told(port.name, text, now)
+        self._event_log.told(port.name, text, now)
         self._voice.say(port, text)
 
     def _open(self, now: float, *, restarted: bool) -> None:
@@ -195,7 +195,7 @@ class RehearsalDesk:
             self._look(now)
         if now >= self._keep_at and self.book is not None:
             self._keep_at = now + _KEEP_S
-            self._narrator.rehearsal_report((), self.book.entry(now))
+            self._event_log.rehearsal_report((), self.book.entry(now))
 
     def _look(self, now: float) -> None:
         assert self.book is not None

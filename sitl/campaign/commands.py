@@ -3,7 +3,7 @@
 """What commanders' operators want of the aircraft, good or bad, and what becomes of it.
 
 The rules and the geometry are the real ones (`core/safety/commands.py`, `mission/ahead.py`); `Desk` is the edge around
-them, as `autopilot/command_desk.py` is on the aircraft: what the way ahead would leave of energy, fence and coverage.
+them, as `autopilot/command_check.py` is on the aircraft: what the way ahead would leave of energy, fence and coverage.
 An operator sends the aircraft on along its mission again after it was stopped or turned back, whatever for. Refused, he
 leaves it at that, sends the same again in time, or lifts the limit that he was told.
 

@@ -3,7 +3,7 @@
 """One replay: a recorded flight, let pass through the real edge of the autopilot and the real rules.
 
 The recorded messages go at their times into the same parts that fly (`autopilot/assembly.py`). The events go into the
-same `Arbiter`, and the same `Narrator` writes its decisions. Nothing is sent anywhere. Rules that live here:
+same `Arbiter`, and the same `EventLog` writes its decisions. Nothing is sent anywhere. Rules that live here:
 
 * The aircraft does what it did. From an order on that was not given then the rules judge an aircraft that does not
   obey; and a mode that was ordered then, and is not now, looks like a pilot's choice.
@@ -40,9 +40,9 @@ from mavproxy_handover.core.common.messages import Message
 from mavproxy_handover.core.common.model import GuardState, Phase
 from mavproxy_handover.core.common.never import assert_never
 from mavproxy_handover.core.common.snapshot import Snapshot
+from mavproxy_handover.event_log import EventLog
 from mavproxy_handover.event_queue import EventQueue
 from mavproxy_handover.mission.package import MissionPackage
-from mavproxy_handover.event_log import Narrator
 from mavproxy_handover.schedule import TICK_S
 from mavproxy_handover.stations.voice import Voice
 from mavproxy_handover.store.journal import Journal
@@ -90,7 +90,7 @@ class Replay:
 
 
 class _Book:
-    """Takes the narrator's entries with the time of the replay; it has a journal's face as far as that goes."""
+    """Takes the event_log's entries with the time of the replay; it has a journal's face as far as that goes."""
 
     def __init__(self, clock: Callable[[], float], replay: Replay) -> None:
         self._clock, self._replay = clock, replay
@@ -157,14 +157,14 @@ class _Flight:
         self._view = self._arbiter.view
         clock = Clocks(lambda: self._now, lambda: self._now)
         book = cast("Journal", _Book(lambda: self._now, self.replay))
-        narrator = Narrator(config.name, book, book, self._arbiter, lambda _line: None, lambda: self._view.phase)
+        event_log = EventLog(config.name, book, book, self._arbiter, lambda _line: None, lambda: self._view.phase)
         voice = Voice(config.sysid, self._asked, {}, self._fault)
-        self._narrator = narrator
+        self._event_log = event_log
         self._queue: EventQueue[float] = EventQueue(self._decide, self._begin_order)
         self._autopilot = assemble(
             Running(config, b""),
             Authority(self._arbiter, self._handle, lambda station: self._view.commander == station),
-            Reports(narrator, voice, self._fault),
+            Reports(event_log, voice, self._fault),
             MissionSurroundings(lambda _package: None, lambda: None, lambda: False),
             clock,
             nonce,
@@ -209,11 +209,11 @@ class _Flight:
             case events.ViewChanged():
                 self._in_force(action, now)
             case events.Record():
-                self._narrator.record(action, now)
+                self._event_log.record(action, now)
             case events.Advise():  # for people; the recording has the reason
                 pass
             case events.Announce():
-                self._narrator.decision(action)
+                self._event_log.decision(action)
             case events.Fly():
                 self._autopilot.orders.order(action.action, now)
             case events.BeginStart() | events.StartRefused():  # the recording says what came of it

@@ -559,7 +559,7 @@ def test_the_way_on_is_not_known_where_no_place_is_inside_the_fence(
     """The fault: without a place it was the way without any return."""
     flown.autopilot.mode = AUTO
     flown.run(1.5)
-    desk = flown.companion.autopilot.desk
+    desk = flown.companion.autopilot.command_check
     whole = desk.ahead.route
     ends_aloft = replace(whole, items=whole.items[:-1])
     for inside, route, known in ((True, whole, True), (True, ends_aloft, True), (False, whole, True)):
@@ -839,7 +839,7 @@ def test_a_fault_in_one_limit_does_not_hide_another(flown: Bench, monkeypatch: p
 
 
 def test_a_command_is_refused_if_the_rules_themselves_break(flown: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(flown.companion.autopilot.desk.rules, "rule", lambda *_anything, **_more: 1 / 0)
+    monkeypatch.setattr(flown.companion.autopilot.command_check.rules, "rule", lambda *_anything, **_more: 1 / 0)
     for _copy in range(2):
         fly_to(flown, (52.6785, 5.9240))
         flown.run(10.5)
@@ -851,7 +851,7 @@ def test_a_command_is_refused_if_the_rules_themselves_break(flown: Bench, monkey
 def test_a_command_is_refused_if_the_energy_was_never_known_because_of_a_fault(
     flown: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    energy = flown.companion.autopilot.desk._energy
+    energy = flown.companion.autopilot.command_check._energy
     monkeypatch.setattr(energy.estimate, "observe", lambda *_anything, **_more: 1 / 0)
     energy.estimate.fact = EnergyFact(-math.inf, missing="not looked at yet")
     flown.run(1.5)
@@ -871,7 +871,7 @@ def test_what_a_limit_is_only_warned_of_passes_though_it_cannot_be_judged(
 
 
 def test_of_commands_that_cannot_be_judged_a_return_is_none(flown: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(flown.companion.autopilot.desk, "_rule", lambda *_anything, **_more: 1 / 0)
+    monkeypatch.setattr(flown.companion.autopilot.command_check, "_rule", lambda *_anything, **_more: 1 / 0)
     flown.a.command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH)
     flown.run(0.3)
     assert flown.autopilot.commands() == [mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH]

@@ -353,7 +353,7 @@ def test_what_is_left_of_what_is_odd_is_no_news(flying: Bench) -> None:
     autopilot = flying.companion.autopilot
     for trouble in (("one",), ("one", "two"), ("two",), (), ("two",)):
         news = autopilot.energy._told.news(replace(autopilot.energy.fact, trouble=trouble), True, flying.clock.now)
-        autopilot.messages._teller.tell(news, flying.clock.now)
+        autopilot.messages._dispatcher.dispatch(news, flying.clock.now)
     flying.run(0.1)
     texts = flying.a.texts()
     assert (texts.count("energy: "), texts.endswith("energy: oneenergy: one, two")) == (2, True)

@@ -47,7 +47,7 @@ def flying(bench: Bench, delivery: MissionPackage) -> Bench:
 
 def test_a_return_that_is_followed_by_a_landing_is_told_and_never_ordered(flying: Bench) -> None:
     """The last look before a return finds that no place is in reach. So the return is followed by a landing."""
-    places = flying.companion.autopilot.places
+    places = flying.companion.autopilot.return_site
     look = places.before_return
 
     def finds_nothing(now: float, *, returning: bool) -> Callable[[], bool]:
@@ -123,7 +123,7 @@ def test_a_way_home_that_ends_a_start_is_commanded_and_the_start_is_over(ready: 
 def handled(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """The texts of links that are judged and of decisions that are told from now on, in order."""
     seen: list[str] = []
-    handle, decision = bench.companion.arbiter.handle, bench.companion.narrator.decision
+    handle, decision = bench.companion.arbiter.handle, bench.companion.event_log.decision
 
     def handles(event: Event, now: float) -> list[Action]:
         if isinstance(event, LinkJudged):
@@ -136,7 +136,7 @@ def handled(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> list[str]:
         decision(told)
 
     monkeypatch.setattr(bench.companion.arbiter, "handle", handles)
-    monkeypatch.setattr(bench.companion.narrator, "decision", decides)
+    monkeypatch.setattr(bench.companion.event_log, "decision", decides)
     return seen
 
 

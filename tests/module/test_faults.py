@@ -98,7 +98,7 @@ IN_FLIGHT: dict[str, tuple[Callable[[Bench, pytest.MonkeyPatch], None], str]] = 
     "what was learned": (lambda b, patch: patch.setattr(Learner, "model", broken), "energy"),
     "what is left in the batteries": (lambda b, patch: patch.setattr(Batteries, "charge", broken), "energy"),
     "the console": (lambda b, patch: patch.setattr(b.mpstate.console, "writeln", broken), "console"),
-    "the journal of decisions": (lambda b, patch: patch.setattr(b.companion.narrator, "decision", broken), "journal"),
+    "the journal of decisions": (lambda b, patch: patch.setattr(b.companion.event_log, "decision", broken), "journal"),
     "keeping the state": (lambda b, patch: patch.setattr(b.companion._restart, "each_second", broken), "state"),
     "repeating what was decided": (
         lambda b, patch: patch.setattr(b.companion._announcer, "tick", broken),
@@ -114,7 +114,7 @@ IN_FLIGHT: dict[str, tuple[Callable[[Bench, pytest.MonkeyPatch], None], str]] = 
         "sign of the fence",
     ),
     "what the autopilot says to the places": (
-        lambda b, patch: patch.setattr(b.companion.autopilot.places, "take", broken),
+        lambda b, patch: patch.setattr(b.companion.autopilot.return_site, "take", broken),
         "places of a return",
     ),
 }
@@ -381,7 +381,7 @@ def test_telling_one_station_of_a_fault_may_break_too(flight: Bench, monkeypatch
 def test_a_fault_is_told_to_whoever_hears_it_later(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     """And again at the next take-off, if more of it came since."""
     bench.load()
-    monkeypatch.setattr(bench.companion.narrator, "clock", broken)
+    monkeypatch.setattr(bench.companion.event_log, "clock", broken)
     words = "internal fault of the companion: clock"
     bench.a.alive = bench.b.alive = False
     bench.run(5.0)
@@ -460,7 +460,7 @@ def test_a_mode_that_the_commander_chose_is_the_commander_s_though_the_journal_b
         handle(event, now)
 
     monkeypatch.setattr(airborne.companion, "handle", watched)
-    monkeypatch.setattr(airborne.companion.narrator, "accepted", broken)
+    monkeypatch.setattr(airborne.companion.event_log, "accepted", broken)
     airborne.a.command(MODE, 1, 5)
     airborne.run(0.3)
     assert any(isinstance(event, ModeSourceSeen) and event.hand is ModeSource.COMMANDER for event in hands)
@@ -554,7 +554,7 @@ def test_what_breaks_while_it_fails_closed_does_not_stop_that(
     companion = airborne.companion
     with monkeypatch.context() as patch:
         patch.setattr(companion.arbiter, "handle", broken)
-        patch.setattr(companion.narrator, "failed_closed", broken)
+        patch.setattr(companion.event_log, "failed_closed", broken)
         if also == "the journal":  # so a fault cannot be written down either
             patch.setattr(companion.journal, "write", broken)
         elif also == "the console":

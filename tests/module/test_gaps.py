@@ -11,8 +11,8 @@ from mavproxy_handover.core.common.model import LeaseState, Phase
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage
 from tests.module.conftest import Bench
+from tests.module.test_flight_uploads import Program, waypoint
 from tests.module.test_restart import lose_power, restart
-from tests.module.test_staging import Program, waypoint
 from tests.module.vehicle import AUTO, RTL
 from tests.packages import MISSIONS
 

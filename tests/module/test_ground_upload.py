@@ -17,10 +17,10 @@ from mavproxy_handover.mission.plan import FenceCircle
 from mavproxy_handover.mission.route_simulation import legs_of
 from tests.module.conftest import Bench
 from tests.module.test_commands_in_flight import override
+from tests.module.test_flight_uploads import ACCEPTED, HOME_LAT, HOME_LON, Program, waypoint
 from tests.module.test_ground_writes import needs, told
 from tests.module.test_mission_upload import LOADED
 from tests.module.test_restart import restart
-from tests.module.test_staging import ACCEPTED, HOME_LAT, HOME_LON, Program, waypoint
 from tests.module.vehicle import AUTO
 from tests.packages import ROUND
 
@@ -107,8 +107,8 @@ def test_arming_goes_by_the_uploaded_mission(on_board: Bench) -> None:
 def test_the_companion_flies_by_the_uploaded_mission(loaded: Bench) -> None:
     assert Program(loaded, SAFE).send() == ACCEPTED
     loaded.run(3.0)
-    assert loaded.companion.autopilot.desk.ahead is not None
-    assert len(loaded.companion.autopilot.desk.ahead.route.items) == 4
+    assert loaded.companion.autopilot.command_check.ahead is not None
+    assert len(loaded.companion.autopilot.command_check.ahead.route.items) == 4
     assert loaded.companion.arbiter.snapshot().route == (251,)
 
 
@@ -154,7 +154,7 @@ def test_a_geofence_uploaded_on_the_ground_counts_for_the_mission(loaded: Bench,
     assert Program(loaded, fence_items([FenceCircle(True, 52.679, 5.93, 3000.0)]), kind=1).send() == ACCEPTED
     loaded.run(3.0)
     assert loaded.companion.arbiter.mission_digest == delivery.digest
-    (fence,) = loaded.companion.autopilot.desk.ahead.route.fence
+    (fence,) = loaded.companion.autopilot.command_check.ahead.route.fence
     assert fence.radius_m == 3000.0
     assert told(loaded.b) == [
         "The geofence of GCSA on the autopilot was read back and judged. START flies the mission within it (11 items). "
@@ -175,7 +175,7 @@ def test_a_mission_with_a_jump_is_walked_as_it_is_flown(loaded: Bench, delivery:
     assert Program(loaded, JUMPING).send() == ACCEPTED
     loaded.run(3.0)
     assert loaded.companion.arbiter.mission_digest == delivery.digest
-    route = loaded.companion.autopilot.desk.ahead.route
+    route = loaded.companion.autopilot.command_check.ahead.route
     assert [leg.seq for leg in legs_of(route) if leg.length_m > 1.0] == [2, 3, 2, 3, 5]
     assert needs(loaded) == ""
 
@@ -378,8 +378,8 @@ def test_a_restart_in_flight_knows_the_uploaded_mission(kept_state: Bench) -> No
     restart(kept_state)
     kept_state.until(lambda: kept_state.companion.view.commander == 251)
     kept_state.run(15.0)
-    assert kept_state.companion.autopilot.desk.ahead is not None
-    assert len(kept_state.companion.autopilot.desk.ahead.route.items) == 4
+    assert kept_state.companion.autopilot.command_check.ahead is not None
+    assert len(kept_state.companion.autopilot.command_check.ahead.route.items) == 4
     kept_state.autopilot.armed = kept_state.autopilot.airborne = False
     kept_state.autopilot.mode = 0
     kept_state.run(15.0)

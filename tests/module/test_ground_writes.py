@@ -15,9 +15,9 @@ from mavproxy_handover.wire.file_transfer import Head
 from mavproxy_handover.wire.file_transfer import message as file_message
 from tests.module.conftest import Bench
 from tests.module.test_commands_in_flight import take_off
+from tests.module.test_flight_uploads import ACCEPTED, INSIDE, Program
 from tests.module.test_mission_upload import LOADED, REFUSED, send
 from tests.module.test_rehearsal import END, ask, begin
-from tests.module.test_staging import ACCEPTED, INSIDE, Program
 from tests.packages import ROUND
 
 VEHICLE = (1, 1)
@@ -167,7 +167,13 @@ def test_whatever_changes_mission_or_geofence_drops_the_package(loaded: Bench, w
 
 
 @pytest.mark.parametrize(
-    "part", ["narrator.accepted", "autopilot.orders.give_start_up", "autopilot.desk.start", "gate._passed.flusher.saw"]
+    "part",
+    [
+        "event_log.accepted",
+        "autopilot.orders.give_start_up",
+        "autopilot.command_check.start",
+        "gate._passed.flusher.saw",
+    ],
 )
 def test_an_upload_drops_the_package_though_something_else_breaks(
     loaded: Bench, part: str, monkeypatch: pytest.MonkeyPatch

@@ -186,8 +186,8 @@ def test_the_partners_operator_is_briefed_with_the_question_and_nobody_else(flig
 
 
 def test_what_breaks_in_a_briefing_costs_one_line(flight: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(type(flight.companion.autopilot.places), "words", lambda _self: 1 / 0)
-    monkeypatch.setattr(type(flight.companion.autopilot.desk), "way_on_wh", lambda _self: 1 / 0)
+    monkeypatch.setattr(type(flight.companion.autopilot.return_site), "words", lambda _self: 1 / 0)
+    monkeypatch.setattr(type(flight.companion.autopilot.command_check), "way_on_wh", lambda _self: 1 / 0)
     flight.autopilot.waypoint = 2
     flight.run(3.0)
     texts = [m.text for m in flight.b.got("HANDOVER_BRIEFING")[:6]]

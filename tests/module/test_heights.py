@@ -20,7 +20,7 @@ from mavproxy_handover.mission.items import MissionItem
 from mavproxy_handover.mission.package import MissionPackage
 from tests.module.conftest import Bench
 from tests.module.test_commands_in_flight import take_off
-from tests.module.test_staging import HOME_LAT, HOME_LON, INSIDE, Program, held
+from tests.module.test_flight_uploads import HOME_LAT, HOME_LON, INSIDE, Program, held
 
 START = mavlink.MAV_CMD_MISSION_START
 ACCEPTED, DENIED, INVALID = 0, 14, 5

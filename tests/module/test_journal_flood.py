@@ -63,7 +63,7 @@ def test_an_hour_of_unsigned_frames_takes_little_room_and_the_evidence_stays(sig
     companion = signed.companion
     port, frames = companion.ports[251], one_of_each(251)
     companion.journal._max_bytes = MIB
-    companion.narrator.start_begun("GCSA", "GUIDED, arm, AUTO")
+    companion.event_log.start_begun("GCSA", "GUIDED, arm, AUTO")
     sent = 0
     for second in range(HOUR_S):
         now = signed.clock.now + second
@@ -72,7 +72,7 @@ def test_an_hour_of_unsigned_frames_takes_little_room_and_the_evidence_stays(sig
             sent += 1
             if len(port.rejected) == 30:
                 companion.on_station(port, [], now)
-        companion.narrator.sum_up(now)
+        companion.event_log.sum_up(now)
     entries = whole(signed)
     assert events(entries)["start_sequence"] == 1
     refused = [entry for entry in entries if entry["event"] == "refused"]
@@ -82,7 +82,7 @@ def test_an_hour_of_unsigned_frames_takes_little_room_and_the_evidence_stays(sig
     assert 58 <= len(told) <= 61
     text = f"{told[0]['count']} more entries of GCSA left out: refused frames that somebody sent in its name"
     assert (told[0]["station"], told[0]["text"]) == ("GCSA", text)
-    companion.narrator.sum_up(float("inf"))
+    companion.event_log.sum_up(float("inf"))
     left_out = sum(entry["count"] for entry in whole(signed) if entry["event"] == "left_out")
     assert left_out + len(refused) + sum(entry.get("also", 0) for entry in refused) == sent
 
@@ -108,7 +108,7 @@ def test_what_strangers_make_us_write_is_apart_and_bounded(signed: SignedBench) 
 
 def test_a_program_that_uploads_without_end_is_told_each_second(signed: SignedBench) -> None:
     signed.connect()
-    narrator, now = signed.companion.narrator, signed.clock.now
+    narrator, now = signed.companion.event_log, signed.clock.now
     told = [narrator.upload_refused("GCSA", "mission", "too long", now + tenth / 10) for tenth in range(300)]
     assert sum(told) == 30
     entries = signed.journal("upload_refused")
@@ -157,7 +157,7 @@ def test_nor_does_anything_else_that_a_station_says_fill_the_journal(bench: Benc
         companion.on_station(companion.ports[251], [frame] * 5, now + step / 1000)
     grown = events(bench.journal()) - before
     assert grown.total() <= 5000 + 30 + 100, grown
-    companion.narrator.sum_up(now + 3.0)
+    companion.event_log.sum_up(now + 3.0)
     assert sum(entry["count"] for entry in bench.journal("left_out")) > 9000
 
 

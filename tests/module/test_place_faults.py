@@ -56,7 +56,7 @@ def flying(ready: Bench) -> Bench:
 
 
 def watch(bench: Bench) -> Any:
-    return bench.companion.autopilot.places
+    return bench.companion.autopilot.return_site
 
 
 PLANTS: dict[str, Callable[[pytest.MonkeyPatch], None]] = {

@@ -339,7 +339,7 @@ def test_a_return_never_waits_longer_than_a_moment_for_its_place(flying: Bench) 
 def test_what_is_decided_while_the_place_is_looked_at_is_not_undone(flying: Bench) -> None:
     """The last look before a return finds that no place is in reach any more."""
     fly_to(flying, BETWEEN, 40.0)
-    places = flying.companion.autopilot.places
+    places = flying.companion.autopilot.return_site
     look = places.before_return
 
     def finds_nothing(now: float, *, returning: bool) -> Callable[[], bool]:
@@ -500,7 +500,7 @@ def test_the_way_is_judged_at_the_speed_at_which_the_autopilot_returns(
     bench.autopilot.parameters |= parameters  # by whoever: it says so to everybody
     bench.autopilot.tells += parameters
     fly_to(bench, (52.6790, 5.9270), 12.0)
-    places = bench.companion.autopilot.places
+    places = bench.companion.autopilot.return_site
     assert places.candidates.return_mps == made_mps
     assert places.choice.place.name == "home"
     # up and down 15 m, 5 s above the place
@@ -515,7 +515,7 @@ def test_where_no_place_is_inside_the_fence_the_best_of_all_tells_of_the_energy(
     out = {"inside": False, "way_inside": False}
     monkeypatch.setattr(PlaceFinder, "look", lambda *way: replace(look(*way), **out))
     fly_to(flying, IN_B, 5.0)
-    assert flying.companion.autopilot.places.short is False
+    assert flying.companion.autopilot.return_site.short is False
     flying.autopilot.battery = 0.2
     flying.until(lambda: flying.autopilot.mode == LAND, 30.0)
     assert flying.journal("emergency")[-1]["text"] == "energy for the way back only: land"
@@ -526,7 +526,7 @@ def test_where_no_place_is_in_reach_it_lands(flying: Bench) -> None:
     flying.autopilot.battery = 0.002
     flying.until(lambda: flying.autopilot.mode == LAND, 30.0)
     assert flying.journal("emergency")[-1]["text"] == "energy for the way back only: land"
-    assert "OUT OF REACH" in flying.companion.autopilot.places.words()
+    assert "OUT OF REACH" in flying.companion.autopilot.return_site.words()
 
 
 # ---- restarts and faults ------------------------------------------------------------------------------------------
@@ -551,7 +551,7 @@ def test_a_place_that_is_none_of_the_missions_is_kept_after_a_restart(flying: Be
     flying.load()
     flying.run(20.0)
     assert listed(flying) == [(526790500, 59311000)]
-    assert "place found in the list" in flying.companion.autopilot.places.words()
+    assert "place found in the list" in flying.companion.autopilot.return_site.words()
 
 
 def test_after_a_reboot_of_the_autopilot_it_is_read_again(ready: Bench) -> None:

@@ -18,7 +18,7 @@ from mavproxy_handover.core.common.model import FlightAction, Kind, ModeClass, M
 from mavproxy_handover.mission.package import MissionPackage, load
 from tests.module.conftest import Bench
 from tests.module.test_commands_in_flight import along_the_dike
-from tests.module.test_staging import Program
+from tests.module.test_flight_uploads import Program
 from tests.module.vehicle import PlaneAutopilot
 from tests.packages import ROUND
 from tests.vehicle.test_plane_landing import COMMANDS, route
@@ -194,7 +194,7 @@ def test_that_is_the_autopilots(
 
 def test_a_place_is_judged_at_the_height_at_which_its_way_ends(ready: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     """ArduPlane glides down to the place in the list: a ridge before it is met far below the height of now."""
-    places, looked = ready.companion.autopilot.places, []
+    places, looked = ready.companion.autopilot.return_site, []
     finder = places.candidates.finder
     look = finder.look
     monkeypatch.setattr(type(finder), "look", lambda _self, *way: looked.append(way[2]) or look(*way))
@@ -214,7 +214,7 @@ def test_a_plane_is_judged_by_the_landing_sequence_of_the_mission_that_is_flown(
     """The fault: by a landing of rotors. The one that dike ships with is 4.6 km from home, the new one 1.5 km away."""
     bench.config.write_text(bench.config.read_text() + '[commands]\nenergy = "off"\nfence = "off"\ncoverage = "off"\n')
     flight = along_the_dike(bench)
-    watch = flight.companion.autopilot.places
+    watch = flight.companion.autopilot.return_site
 
     def home_m() -> float:
         place = watch.candidates.places[0]
@@ -226,7 +226,7 @@ def test_a_plane_is_judged_by_the_landing_sequence_of_the_mission_that_is_flown(
 
     assert home_m() == pytest.approx(4630.0, abs=60.0)
     long_s = home_s()
-    items = list(flight.companion.autopilot.desk.ahead.route.upload_items())
+    items = list(flight.companion.autopilot.command_check.ahead.route.upload_items())
     (start,) = (number for number, item in enumerate(items) if item.command == mavlink.MAV_CMD_DO_LAND_START)
     items[start : start + 2] = [replace(items[start], lat_deg=52.6765, lon_deg=5.42)]
     items = [replace(item, seq=number) for number, item in enumerate(items)]
@@ -239,7 +239,7 @@ def test_a_plane_is_judged_by_the_landing_sequence_of_the_mission_that_is_flown(
 def test_on_its_way_down_a_plane_is_never_sent_back_for_its_energy(bench: Bench) -> None:
     """It would break its landing off, to fly the same landing once more."""
     flight = along_the_dike(bench)
-    watch = flight.companion.autopilot.places
+    watch = flight.companion.autopilot.return_site
     flight.autopilot.battery = 0.2
     flight.autopilot.waypoint = 9
     flight.run(6.0)

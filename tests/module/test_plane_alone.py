@@ -13,7 +13,7 @@ from mavproxy_handover.core.common.model import Phase
 from mavproxy_handover.mission.items import MissionItem
 from mavproxy_handover.mission.package import load
 from tests.module.conftest import Bench
-from tests.module.test_staging import Program, held
+from tests.module.test_flight_uploads import Program, held
 from tests.module.vehicle import Autopilot, PlaneAutopilot
 from tests.packages import MISSIONS
 

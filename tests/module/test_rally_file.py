@@ -161,7 +161,7 @@ def test_a_list_with_a_flaw_is_not_taken_and_people_are_told(ready: Bench) -> No
 def test_a_list_that_could_not_be_put_in_place_is_not_acknowledged(
     ready: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(ready.companion.autopilot.places.list, "_replaced", lambda *_list: 1 / 0)
+    monkeypatch.setattr(ready.companion.autopilot.return_site.list, "_replaced", lambda *_list: 1 / 0)
     assert request(ready.a, ready, CREATE, NAME.encode()) == ACK
     assert request(ready.a, ready, WRITE, listed(NEW), sequence=1) == ACK
     ready.a.received.clear()

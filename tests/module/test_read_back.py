@@ -14,10 +14,10 @@ from mavproxy_handover.gate.mission_items import item_message, item_of
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.mission.plan import FenceCircle
 from tests.module.conftest import Bench
+from tests.module.test_flight_uploads import ACCEPTED, Program
 from tests.module.test_ground_upload import SAFE
 from tests.module.test_ground_writes import needs, told
 from tests.module.test_mission_upload import LOADED
-from tests.module.test_staging import ACCEPTED, Program
 from tests.module.vehicle import AUTO
 from tests.packages import ROUND
 

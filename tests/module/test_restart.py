@@ -333,7 +333,7 @@ class TestInATransfer:
     def until_message(flight: Bench, direction: str, name: str) -> None:
         """Stop the world when this message has been sent or taken in, and what it has led to at once is done."""
         companion = flight.companion
-        original = companion.narrator.message
+        original = companion.event_log.message
 
         seen = []
 
@@ -342,7 +342,7 @@ class TestInATransfer:
             if (way, codec.name_of(message)) == (direction, name):
                 seen.append(name)
 
-        companion.narrator.message = watching
+        companion.event_log.message = watching
         flight.autopilot.position = IN_BOTH
         flight.until(lambda: seen)
         assert companion.view.commander == 251, "too late: it has committed in the same round"

@@ -124,8 +124,8 @@ def test_the_companion_goes_by_the_new_mission(flown: Bench, delivery: MissionPa
     flown.run(1.0)
     assert flown.a.got("AUTHORITY_STATUS")[-1].route_changed == 1
     assert flown.a.got("AUTHORITY_STATUS")[0].route_changed == 0
-    assert flown.companion.autopilot.desk.ahead.route.items[0].seq == 1
-    assert len(flown.companion.autopilot.desk.ahead.route.items) == 3
+    assert flown.companion.autopilot.command_check.ahead.route.items[0].seq == 1
+    assert len(flown.companion.autopilot.command_check.ahead.route.items) == 3
 
 
 def test_the_delivery_point_of_the_package_is_none_of_a_mission_that_is_sent_in_flight(flown: Bench) -> None:
@@ -269,7 +269,7 @@ def test_a_mission_that_comes_back_changed_is_an_error_and_then_unknown(flown: B
     flown.autopilot.spoil = spoil
     assert Program(flown, INSIDE).send() == ERROR
     assert "what the autopilot holds is not known" in flown.a.texts()
-    assert flown.companion.autopilot.desk.ahead is None
+    assert flown.companion.autopilot.command_check.ahead is None
     assert flown.companion.arbiter.mission_digest != b"", "handovers go on"
     flown.autopilot.spoil = lambda item: item
     assert Program(flown, INSIDE).send() == ACCEPTED
@@ -298,7 +298,7 @@ def test_an_upload_ends_with_the_authority_of_its_sender(flown: Bench) -> None:
     flown.run(0.2)
     program.turn()
     assert mavlink.MAV_MISSION_OPERATION_CANCELLED in program.acks
-    assert flown.companion.autopilot.mission.staging._servers[0].sender is None
+    assert flown.companion.autopilot.mission.flight_uploads._servers[0].sender is None
     assert [m for m in flown.autopilot.got("MISSION_COUNT") if m.mission_type == 0] == []
 
 
@@ -331,7 +331,7 @@ def test_after_a_restart_in_flight_the_mission_is_read_back(flown: Bench, change
     flown.until(lambda: flown.companion.view.commander == 251)
     flown.run(2.0)
     assert flown.companion.autopilot.mission.flown.changed is changed
-    assert (flown.companion.autopilot.desk.ahead is None) is changed
+    assert (flown.companion.autopilot.command_check.ahead is None) is changed
 
 
 # ---- the geofence ----------------------------------------------------------------------------------------------------
