@@ -31,6 +31,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.context import Context
 from mavproxy_handover.autopilot.output_dispatcher import OutputDispatcher
+from mavproxy_handover.core.common.model import ModeClass
 from mavproxy_handover.core.safety.commands import (
     LIFTED_S,
     QUIET_S,
