@@ -191,7 +191,7 @@ class TestWhatWasSaid:
         core = flown.cores[B]
         assert core.ahead is not None
         key = replace(flown.cores[A].ahead.key)  # type: ignore[union-attr]
-        said = core._beforehand.said
+        said = core._early_consent.said
         transfer = gcs.TransferKey(A, B, 9, 1)
         assert said(transfer, Reason.ZONE, key.crossing, as_partner=True) is Consent.GRANTED
         for reason in set(Reason) - {Reason.ZONE, Reason.ZONE_ENDS}:

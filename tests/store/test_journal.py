@@ -121,7 +121,7 @@ def test_notes_that_nobody_flushes_do_not_pile_up(path: Path) -> None:
         journal.note("note", number=number)
     assert entries(path) == []
     journal.note("note", number=255)
-    assert journal._behind.settle(WAIT_S)
+    assert journal._writer.settle(WAIT_S)
     assert [entry["number"] for entry in entries(path)] == list(range(256))
 
 
