@@ -8,14 +8,14 @@ import time
 from collections import Counter
 from collections.abc import Callable
 
-from mavproxy_handover.autopilot.overrides import CONSOLE
-from mavproxy_handover.companion import Companion
+from mavproxy_handover.companion.companion import Companion
 from mavproxy_handover.core.common import events
 from mavproxy_handover.core.common.model import GuardState
 from mavproxy_handover.core.safety.commands import Limit
 from mavproxy_handover.link.devices import Device
+from mavproxy_handover.operator.missing_heartbeats import without_heartbeat
+from mavproxy_handover.operator.overrides import CONSOLE
 from mavproxy_handover.stations.port import StationPort
-from mavproxy_handover.stations.unheard import without_heartbeat
 
 __all__ = ["VehicleCommands"]
 

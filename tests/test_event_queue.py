@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mavproxy_handover.companion.event_queue import EventQueue
 from mavproxy_handover.core.common.events import Cancel, Event
-from mavproxy_handover.event_queue import EventQueue
 
 
 class Handler:

@@ -6,7 +6,7 @@ A program that does not know it takes it for no answer at all: it waits, asks ag
 those that have shown to know it, and everybody else gets DENIED. Rules:
 
 1. It is shown by a message of our own dialect, or by a request of operator control that is certainly in the layout of
-   2026 (`stations/operator_control.py`): who has an older one may not know the result.
+   2026 (`operator/operator_control.py`): who has an older one may not know the result.
 2. It is shown by a sender (system and component) for itself: a program behind a station's own may be of another kind.
 3. It is kept no longer than the station is heard. After `ANEW_S` of silence another program may sit there, under the
    same ids, so who comes back has to show it anew; ours does within a second, by its answer to CONNECT. A DENIED too

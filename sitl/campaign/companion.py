@@ -14,6 +14,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
+from mavproxy_handover.companion.event_queue import EventQueue
 from mavproxy_handover.core.arbiter import Arbiter, Identity
 from mavproxy_handover.core.authority.start import refused
 from mavproxy_handover.core.common import events
@@ -24,7 +25,6 @@ from mavproxy_handover.core.common.never import assert_never
 from mavproxy_handover.core.common.snapshot import Snapshot
 from mavproxy_handover.core.safety.commands import CommandRules, Outcome, Ruling
 from mavproxy_handover.core.safety.route import RouteCheck, RouteLimits, TrackFact
-from mavproxy_handover.event_queue import EventQueue
 from mavproxy_handover.mission.zones import Circle as ZoneCircle
 from mavproxy_handover.mission.zones import Zone, ZoneFinder
 from sitl.campaign.aircraft import BY_MISSION, Aircraft, Mode

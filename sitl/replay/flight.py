@@ -32,6 +32,7 @@ from mavproxy_handover.autopilot.package_loading import MissionSurroundings
 from mavproxy_handover.autopilot.prepared import Prepared, prepare
 from mavproxy_handover.autopilot.reports import Reports
 from mavproxy_handover.clocks import Clocks
+from mavproxy_handover.companion.event_queue import EventQueue
 from mavproxy_handover.config.running import Running
 from mavproxy_handover.config.vehicle import VehicleConfig
 from mavproxy_handover.core.arbiter import Arbiter, Identity
@@ -41,7 +42,6 @@ from mavproxy_handover.core.common.model import GuardState, Phase
 from mavproxy_handover.core.common.never import assert_never
 from mavproxy_handover.core.common.snapshot import Snapshot
 from mavproxy_handover.event_log import EventLog
-from mavproxy_handover.event_queue import EventQueue
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.schedule import TICK_S
 from mavproxy_handover.stations.voice import Voice

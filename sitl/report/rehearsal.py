@@ -2,7 +2,7 @@
 
 """What a vehicle's journal says of rehearsals on the ground, as tables for the report.
 
-The journal has the book of a rehearsal each minute and at its end (`stations/rehearsal_book.py`): the last one of each
+The journal has the book of a rehearsal each minute and at its end (`operator/rehearsal_stats.py`): the last one of each
 counts. A companion that was started again begins a book of its own, so one rehearsal may have several.
 """
 

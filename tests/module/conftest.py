@@ -16,7 +16,7 @@ import pytest
 from gcs_module import module as gcs_module
 from mavproxy_handover import commands as vehicle_commands
 from mavproxy_handover import module as vehicle_module
-from mavproxy_handover.companion import Companion
+from mavproxy_handover.companion.companion import Companion
 from mavproxy_handover.core.common.events import Action, Event, Tick
 from mavproxy_handover.main_loop import readable
 from mavproxy_handover.mission import package as mission_package

@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.core.common.model import Reason
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage, from_bytes
-from mavproxy_handover.stations.package_return import PackageReturn
+from mavproxy_handover.operator.package_return import PackageReturn
 from mavproxy_handover.vehicle_address import parse_address
 from mavproxy_handover.wire.package_transfer import PackageReceiver
 from tests.packages import ROUND

@@ -122,7 +122,7 @@ def test_no_monitor_imports_another() -> None:
 
 
 #: by these a part would speak or act itself
-VOICES = ("mavproxy_handover.event_log", "mavproxy_handover.stations", "mavproxy_handover.event_queue")
+VOICES = ("mavproxy_handover.event_log", "mavproxy_handover.stations", "mavproxy_handover.companion.event_queue")
 
 
 def test_monitors_return_what_they_find_and_tell_nobody() -> None:

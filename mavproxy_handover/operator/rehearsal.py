@@ -32,9 +32,9 @@ from mavproxy_handover.core.common.model import AuthorityView, FlightAction, in_
 from mavproxy_handover.event_log import EventLog
 from mavproxy_handover.gate.refusals import RefusalLimiter
 from mavproxy_handover.mission.geodesy import distance_m
-from mavproxy_handover.stations.announcer import Announcer
+from mavproxy_handover.operator.announcer import Announcer
+from mavproxy_handover.operator.rehearsal_stats import Foreseen, LinkSeen, RehearsalBook
 from mavproxy_handover.stations.port import StationPort
-from mavproxy_handover.stations.rehearsal_book import Foreseen, LinkSeen, RehearsalBook
 from mavproxy_handover.stations.voice import Voice
 from mavproxy_handover.wire import status
 

@@ -28,13 +28,13 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.assembly import assemble
 from mavproxy_handover.autopilot.authority import Authority
-from mavproxy_handover.autopilot.briefing import Briefing
 from mavproxy_handover.autopilot.orders import UNDOING, commanded, disarms
-from mavproxy_handover.autopilot.overrides import Overrides
 from mavproxy_handover.autopilot.package_loading import MissionSurroundings
 from mavproxy_handover.autopilot.read_back import WITHDRAWN
 from mavproxy_handover.autopilot.reports import Reports
 from mavproxy_handover.clocks import Clocks
+from mavproxy_handover.companion.event_queue import EventQueue
+from mavproxy_handover.companion.restart import Restart
 from mavproxy_handover.config.running import Running
 from mavproxy_handover.core.arbiter import Arbiter, Identity
 from mavproxy_handover.core.authority.start import MIDWAY
@@ -44,7 +44,6 @@ from mavproxy_handover.core.common.model import AuthorityView, FlightAction, Lea
 from mavproxy_handover.core.common.never import assert_never
 from mavproxy_handover.core.common.snapshot import Snapshot
 from mavproxy_handover.event_log import EventLog
-from mavproxy_handover.event_queue import EventQueue
 from mavproxy_handover.gate.filters import CompanionMatters
 from mavproxy_handover.gate.gate import Gate
 from mavproxy_handover.gate.in_force import AuthorityInForce
@@ -61,15 +60,16 @@ from mavproxy_handover.gate.words import thesis_command
 from mavproxy_handover.link.quality import LinkEvent
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.monitors.position.source import Box
-from mavproxy_handover.restart import Restart
+from mavproxy_handover.operator.announcer import Announcer
+from mavproxy_handover.operator.briefing import Briefing
+from mavproxy_handover.operator.missing_heartbeats import Unheard
+from mavproxy_handover.operator.operator_control import OperatorControl
+from mavproxy_handover.operator.overrides import Overrides
+from mavproxy_handover.operator.package_return import PackageReturn
+from mavproxy_handover.operator.rehearsal import RehearsalDesk, Surroundings
+from mavproxy_handover.operator.rehearsal_stats import Foreseen
 from mavproxy_handover.schedule import Schedule, attempt
-from mavproxy_handover.stations.announcer import Announcer
-from mavproxy_handover.stations.operator_control import OperatorControl
-from mavproxy_handover.stations.package_return import PackageReturn
 from mavproxy_handover.stations.port import StationPort
-from mavproxy_handover.stations.rehearsal import RehearsalDesk, Surroundings
-from mavproxy_handover.stations.rehearsal_book import Foreseen
-from mavproxy_handover.stations.unheard import Unheard
 from mavproxy_handover.stations.voice import Voice
 from mavproxy_handover.store.journal import Journal, strangers_path
 from mavproxy_handover.store.state_store import StateStore
