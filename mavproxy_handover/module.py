@@ -36,7 +36,8 @@ from MAVProxy.modules.lib import mp_module, mp_util
 from mavproxy_handover.autopilot.link import AutopilotLink
 from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.commands import VehicleCommands
-from mavproxy_handover.companion.companion import Companion, Edge
+from mavproxy_handover.companion.companion import Companion
+from mavproxy_handover.companion.edge import Edge
 from mavproxy_handover.config.files import VehicleConfig, find_vehicle_config, path_argument
 from mavproxy_handover.config.running import Running, forget, keep, load_running
 from mavproxy_handover.hosting import SharedLog, guarded, refusal, why

@@ -17,7 +17,7 @@ from typing import Final
 from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.stations.voice import Voice
 
-__all__ = ["Unheard", "without_heartbeat"]
+__all__ = ["MissingHeartbeats", "without_heartbeat"]
 
 #: frames that came within this time (s) are frames of now
 _FRAMES_S: Final = 2.5
@@ -33,7 +33,7 @@ def without_heartbeat(port: StationPort, now: float) -> bool:
     return now - port.frames_at <= _FRAMES_S and now - port.heartbeat_at > _MISSING_S
 
 
-class Unheard:
+class MissingHeartbeats:
     """Of one vehicle's stations. Times are monotonic seconds."""
 
     def __init__(self, voice: Voice) -> None:

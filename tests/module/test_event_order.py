@@ -152,7 +152,7 @@ def test_events_that_an_action_appends_come_after_all_actions_in_the_order_of_ap
     ready: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     seen = handled(ready, monkeypatch)
-    announce = ready.companion._announcer.tell
+    announce = ready.companion._parts.news.announcer.tell
 
     def tell(action: Announce, now: float) -> None:
         announce(action, now)
@@ -160,7 +160,7 @@ def test_events_that_an_action_appends_come_after_all_actions_in_the_order_of_ap
             ready.companion.handle(judged("appended first"), now)
             ready.companion.handle(judged("appended second"), now)
 
-    monkeypatch.setattr(ready.companion._announcer, "tell", tell)
+    monkeypatch.setattr(ready.companion._parts.news.announcer, "tell", tell)
     ready.decide(told("first"), told("second"))
     assert seen == ["first", "second", "appended first", "appended second"]
 
@@ -175,7 +175,7 @@ def test_an_action_that_breaks_costs_neither_the_next_one_nor_an_event_that_wait
             ready.companion.handle(judged("appended"), now)
             raise RuntimeError("a bug")
 
-    monkeypatch.setattr(ready.companion._announcer, "tell", tell)
+    monkeypatch.setattr(ready.companion._parts.news.announcer, "tell", tell)
     ready.decide(told("first"), told("second"))
     assert seen == ["first", "second", "appended"]
     assert ready.companion.faults == {"action Announce": 1}
@@ -199,7 +199,7 @@ def test_after_an_internal_fault_no_event_that_waits_is_handled(flying: Bench, m
         return result
 
     companion.arbiter.handle = breaks
-    monkeypatch.setattr(companion._announcer, "tell", tell)
+    monkeypatch.setattr(companion._parts.news.announcer, "tell", tell)
     flying.decide(told("first"), told("second"))
     assert seen[:3] == ["first", "second", "breaks"]
     assert "waits" not in seen
@@ -221,7 +221,9 @@ def test_an_event_that_is_handled_inside_another_one_is_noticed(
     ready: Bench, monkeypatch: pytest.MonkeyPatch, nested_events: list[str]
 ) -> None:
     """The check that all tests of this folder end with can fail."""
-    monkeypatch.setattr(ready.companion._announcer, "tell", lambda _told, now: ready.companion._take(Tick(), now))
+    monkeypatch.setattr(
+        ready.companion._parts.news.announcer, "tell", lambda _told, now: ready.companion._take(Tick(), now)
+    )
     ready.decide(told("first"))
     assert nested_events == ["Tick inside Tick"]
     nested_events.clear()

@@ -99,9 +99,9 @@ IN_FLIGHT: dict[str, tuple[Callable[[Bench, pytest.MonkeyPatch], None], str]] = 
     "what is left in the batteries": (lambda b, patch: patch.setattr(Batteries, "charge", broken), "energy"),
     "the console": (lambda b, patch: patch.setattr(b.mpstate.console, "writeln", broken), "console"),
     "the journal of decisions": (lambda b, patch: patch.setattr(b.companion.event_log, "decision", broken), "journal"),
-    "keeping the state": (lambda b, patch: patch.setattr(b.companion._restart, "each_second", broken), "state"),
+    "keeping the state": (lambda b, patch: patch.setattr(b.companion._base.restart, "each_second", broken), "state"),
     "repeating what was decided": (
-        lambda b, patch: patch.setattr(b.companion._announcer, "tick", broken),
+        lambda b, patch: patch.setattr(b.companion._parts.news.announcer, "tick", broken),
         "word of a decision",
     ),
     "the borders ahead": (
@@ -177,7 +177,7 @@ def test_an_action_that_breaks_does_not_take_those_behind_it_along(
 ) -> None:
     """Sending on a change of view breaks: who commands, and what is journalled of it, must not depend on that."""
     bench.load()
-    monkeypatch.setattr(bench.companion, "_send_authority_status", broken)
+    monkeypatch.setattr(bench.companion._parts.beacons, "send_authority_status", broken)
     bench.until(lambda: bench.companion.view.commander == 251)
     assert bench.companion.faults["action ViewChanged"] == 2  # disarmed, then the grant
     bench.run(2.0)
@@ -236,7 +236,7 @@ def test_a_view_that_cannot_be_put_in_force_fails_closed(
         if part == "snapshot":
             patch.setattr(companion.arbiter, "snapshot", broken)
         elif part == "the state":
-            patch.setattr(companion._restart, "save", broken)
+            patch.setattr(companion._base.restart, "save", broken)
         else:
             patch.setattr(companion.gate, "change", once_broken(companion.gate.change))
         airborne.a.alive = False
@@ -350,7 +350,7 @@ def test_a_return_is_ordered_although_who_asked_for_start_cannot_be_told(
     bench.run(0.3)
     assert bench.companion.autopilot.orders.starting
     monkeypatch.setattr(bench.companion.ports[251], "write", broken)
-    bench.companion._perform(Fly(FlightAction.RETURN, Reason.ENERGY), bench.clock.now)
+    bench.companion._parts.actions.perform(Fly(FlightAction.RETURN, Reason.ENERGY), bench.clock.now)
     bench.run(1.0)
     assert bench.autopilot.mode == RTL_MODE
 
@@ -371,7 +371,7 @@ def test_telling_one_station_of_a_fault_may_break_too(flight: Bench, monkeypatch
     companion = flight.companion
     companion.faults["clock"] = 1
     monkeypatch.setattr(companion.ports[251], "write", broken)
-    companion._tell_faults(flight.clock.now)
+    companion._parts.faults.each_second(flight.clock.now)
     monkeypatch.undo()
     flight.run(1.5)
     assert flight.b.texts().count("internal fault of the companion: clock") == 1
@@ -453,13 +453,13 @@ def test_a_mode_that_the_commander_chose_is_the_commander_s_though_the_journal_b
 ) -> None:
     """The fault: a fault in the journal hid who had chosen the mode, and it counted as another source's."""
     hands: list[Any] = []
-    handle = airborne.companion.handle
+    handle = airborne.companion.arbiter.handle
 
-    def watched(event: Any, now: float) -> None:
+    def watched(event: Any, now: float) -> Any:
         hands.append(event)
-        handle(event, now)
+        return handle(event, now)
 
-    monkeypatch.setattr(airborne.companion, "handle", watched)
+    monkeypatch.setattr(airborne.companion.arbiter, "handle", watched)
     monkeypatch.setattr(airborne.companion.event_log, "accepted", broken)
     airborne.a.command(MODE, 1, 5)
     airborne.run(0.3)

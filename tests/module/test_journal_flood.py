@@ -94,8 +94,8 @@ def test_what_strangers_make_us_write_is_apart_and_bounded(signed: SignedBench) 
     own, strangers = companion.journal.path, signed.folder / "companion-strangers.jsonl"
     companion.settle(10.0)
     before = own.read_bytes()
-    assert companion._strangers._max_bytes == 8 * MIB
-    companion._strangers._max_bytes = 20_000
+    assert companion._base.strangers._max_bytes == 8 * MIB
+    companion._base.strangers._max_bytes = 20_000
     for second in range(600):
         port.rejected.append((frames[second % len(frames)], SignatureVerdict.BAD))
         companion.on_station(port, [], signed.clock.now + second)

@@ -154,7 +154,7 @@ class TestNothingArms:
         assert len(carried.autopilot.got("RC_CHANNELS_OVERRIDE")) == before
 
     def test_an_order_that_came_all_the_same_is_not_flown(self, carried: Bench) -> None:
-        carried.companion._perform(Fly(FlightAction.RETURN, Reason.FENCE), carried.clock.now)
+        carried.companion._parts.actions.perform(Fly(FlightAction.RETURN, Reason.FENCE), carried.clock.now)
         carried.run(1.0)
         assert orders(carried) == []
         assert carried.companion.faults.pop("order in a rehearsal") == 1

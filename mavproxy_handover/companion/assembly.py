@@ -1,0 +1,195 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""All parts of a companion, constructed in the order in which they need each other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+from mavproxy_handover.autopilot.assembly import Autopilot, assemble
+from mavproxy_handover.autopilot.authority import Authority
+from mavproxy_handover.autopilot.package_loading import MissionSurroundings
+from mavproxy_handover.autopilot.reports import Reports
+from mavproxy_handover.companion.actions import ActionParts, Actions
+from mavproxy_handover.companion.beacons import Beacons
+from mavproxy_handover.companion.decision_news import DecisionNews
+from mavproxy_handover.companion.edge import Edge
+from mavproxy_handover.companion.fail_closed import FailClosed
+from mavproxy_handover.companion.faults import FaultLog, FaultNews
+from mavproxy_handover.companion.periodic import EachSecond
+from mavproxy_handover.companion.restart import Restart
+from mavproxy_handover.companion.state_saver import PackageSaver, StateSaver
+from mavproxy_handover.config.running import Running
+from mavproxy_handover.core.arbiter import Arbiter, Identity
+from mavproxy_handover.core.common.events import Event
+from mavproxy_handover.event_log import EventLog
+from mavproxy_handover.gate.filters import CompanionMatters
+from mavproxy_handover.gate.gate import Gate
+from mavproxy_handover.gate.in_force import AuthorityInForce
+from mavproxy_handover.gate.latent import News
+from mavproxy_handover.gate.passed import PassedFrames
+from mavproxy_handover.gate.replies import GateReports
+from mavproxy_handover.operator.announcer import Announcer
+from mavproxy_handover.operator.assembly import OperatorParts, assemble_operator
+from mavproxy_handover.operator.missing_heartbeats import MissingHeartbeats
+from mavproxy_handover.schedule import attempt
+from mavproxy_handover.stations.port import StationPort
+from mavproxy_handover.stations.voice import Voice
+from mavproxy_handover.store.journal import Journal, strangers_path
+from mavproxy_handover.store.state_store import StateStore
+
+__all__ = ["Base", "Hub", "Parts", "base_of", "parts_of"]
+
+#: the size of the journal of frames that no station has signed, twice
+_STRANGERS_BYTES: Final = 8 * 1024 * 1024
+
+
+@dataclass(frozen=True, slots=True)
+class Base:
+    """What the other parts stand on."""
+
+    journal: Journal
+    #: the journal of frames that no station has signed
+    strangers: Journal
+    faults: FaultLog
+    in_force: AuthorityInForce
+    passed: PassedFrames
+    voice: Voice
+    restart: Restart
+    arbiter: Arbiter
+    event_log: EventLog
+    packages: PackageSaver
+
+    def close(self) -> None:
+        """Close state and journals."""
+        attempt(self.faults.report, "closing the state", self.restart.close)
+        self.journal.close()
+        self.strangers.close()
+
+
+@dataclass(frozen=True, slots=True)
+class Hub:
+    """What the companion itself does for its parts."""
+
+    #: gives an event to the rules
+    handle: Callable[[Event, float], None]
+    #: ends authority, with what broke
+    fail_closed: Callable[[str, float], None]
+    #: sends a lease to the guard
+    send_lease: Callable[[float], None]
+    #: whether the aircraft is neither armed nor about to be, by the rules
+    grounded: Callable[[float], bool]
+
+
+@dataclass(frozen=True, slots=True)
+class Parts:
+    """The parts that the companion works with."""
+
+    autopilot: Autopilot
+    gate: Gate
+    operator: OperatorParts
+    news: DecisionNews
+    beacons: Beacons
+    closing: FailClosed
+    actions: Actions
+    faults: FaultNews
+    each_second: EachSecond
+
+
+def base_of(running: Running, ports: Mapping[int, StationPort], edge: Edge) -> Base:
+    """Open the journals and construct what the other parts stand on.
+
+    Raises OSError: the journal cannot be written, and it is no restart.
+    """
+    config, strict = running.config, not running.restart
+    journal = Journal(config.journal, config.name, strict=strict)
+    strangers = Journal(strangers_path(config.journal), config.name, _STRANGERS_BYTES, strict=strict)
+    faults = FaultLog(journal)
+    in_force = AuthorityInForce()
+    passed = PassedFrames(config.sysid, ports, config.observers, in_force, edge.write_autopilot, faults.report)
+
+    def write_autopilot(data: bytes) -> None:
+        edge.write_autopilot(data)
+        passed.companion_sent(data, edge.clocks.monotonic())
+
+    def not_kept(text: str) -> None:
+        """Memory or disk does not take the state. That is no internal fault, and no flight ends by it."""
+        event_log.kept_elsewhere(text)
+        voice.say_to_all(text)
+
+    voice = Voice(config.sysid, write_autopilot, ports, faults.report)
+    keeper = None if config.state is None else StateStore(config.state, config.name)
+    restart = Restart(keeper, faults.report, not_kept)
+    identity = Identity(config.name, tuple(entry.station for entry in config.stations), config.parent, edge.nonce)
+    arbiter = Arbiter(identity, config.limits, restart.restored)
+    event_log = EventLog(
+        config.name,
+        journal,
+        strangers,
+        arbiter,
+        lambda line: attempt(faults.report, "console", edge.show, line),
+        lambda: in_force.view.phase,
+    )
+    return Base(
+        journal, strangers, faults, in_force, passed, voice, restart, arbiter, event_log, PackageSaver(restart, journal)
+    )
+
+
+def parts_of(running: Running, base: Base, edge: Edge, hub: Hub) -> Parts:
+    """Construct the parts. Raises what their construction raises, and closes state and journals before."""
+    config, now = running.config, edge.clocks.monotonic()
+    voice, event_log, arbiter, fault = base.voice, base.event_log, base.arbiter, base.faults.report
+
+    def close_mission_files() -> None:
+        for station, closing in base.passed.close_mission_files():
+            event_log.closed(station, closing)
+
+    authority = Authority(arbiter, hub.handle, base.in_force.commands)
+    reports = Reports(event_log, voice, fault)
+    mission = MissionSurroundings(base.packages.save, close_mission_files, lambda: base.passed.list_open)
+    try:
+        autopilot = assemble(running, authority, reports, mission, edge.clocks, edge.nonce, edge.box)
+    except Exception:
+        base.close()
+        raise
+    matters = CompanionMatters(
+        autopilot.command_check.target,
+        autopilot.orders.takes_over,
+        autopilot.return_site.list.file.access,
+        lambda: autopilot.aircraft.judged_by,
+    )
+    gate = Gate(
+        config.sysid, voice.ports, base.in_force, base.passed, edge.write_autopilot, _gate_reports(base), matters
+    )
+    gate.distrust()
+    gate.change(arbiter.view, now)
+    announcer = Announcer(voice)
+    operator = assemble_operator(config.sysid, authority, base.in_force, gate, autopilot, reports, announcer)
+    news = DecisionNews(event_log, announcer, operator.briefing, operator.rehearsal, fault)
+    saver = StateSaver(base.restart, arbiter, autopilot, fault)
+    beacons = Beacons(base.in_force, arbiter, autopilot, voice, now)
+    faults = FaultNews(base.faults, voice)
+    closing = FailClosed(gate, autopilot, event_log, news, fault)
+    parts = ActionParts(
+        arbiter, autopilot, voice, news, operator.control, operator.warnings, saver, beacons, faults, closing
+    )
+    actions = Actions(config.sysid, parts, hub.fail_closed, hub.send_lease, fault)
+    heartbeats = MissingHeartbeats(voice)
+    each_second = EachSecond(autopilot, beacons, news, saver, faults, heartbeats, hub.grounded)
+    return Parts(autopilot, gate, operator, news, beacons, closing, actions, faults, each_second)
+
+
+def _gate_reports(base: Base) -> GateReports:
+    voice, event_log = base.voice, base.event_log
+
+    def stream(news: News, now: float) -> None:
+        event_log.stream(voice.ports[news.station].name, news, now)
+
+    def say(station: int, text: str, now: float) -> None:
+        port = voice.ports[station]
+        event_log.told(port.name, text, now)
+        voice.say(port, text)
+
+    return GateReports(base.faults.report, stream, say)

@@ -1,0 +1,28 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What the companion is given by the program that it runs in."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from mavproxy_handover.clocks import Clocks
+from mavproxy_handover.monitors.position.source import Box
+
+__all__ = ["Edge"]
+
+
+@dataclass(frozen=True, slots=True)
+class Edge:
+    """Of one run."""
+
+    #: writes a whole frame to the autopilot
+    write_autopilot: Callable[[bytes], None]
+    #: shows a line on the console
+    show: Callable[[str], None]
+    clocks: Clocks
+    #: identifies this run; never 0
+    nonce: int
+    #: the position box, if there is one
+    box: Box | None = None

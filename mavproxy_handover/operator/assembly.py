@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""All parts that deal with the operators at the stations, constructed in the order in which they need each other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mavproxy_handover.autopilot.assembly import Autopilot
+from mavproxy_handover.autopilot.authority import Authority
+from mavproxy_handover.autopilot.reports import Reports
+from mavproxy_handover.gate.gate import Gate
+from mavproxy_handover.gate.in_force import AuthorityInForce
+from mavproxy_handover.operator.accepted import AcceptedCommands
+from mavproxy_handover.operator.announcer import Announcer
+from mavproxy_handover.operator.briefing import Briefing
+from mavproxy_handover.operator.flight_commands import FlightCommands
+from mavproxy_handover.operator.operator_control import OperatorControl
+from mavproxy_handover.operator.overrides import Overrides
+from mavproxy_handover.operator.package_return import PackageReturn
+from mavproxy_handover.operator.preflight_warnings import PreflightWarnings
+from mavproxy_handover.operator.rehearsal import RehearsalDesk, Surroundings
+from mavproxy_handover.operator.rehearsal_stats import Foreseen
+from mavproxy_handover.operator.services import OperatorServices, Services
+from mavproxy_handover.operator.transfer_messages import TransferMessages, TransferServices
+
+__all__ = ["OperatorParts", "assemble_operator"]
+
+
+@dataclass(frozen=True, slots=True)
+class OperatorParts:
+    """The parts that the companion works with."""
+
+    services: OperatorServices
+    rehearsal: RehearsalDesk
+    control: OperatorControl
+    warnings: PreflightWarnings
+    briefing: Briefing
+    package_return: PackageReturn
+
+
+def assemble_operator(
+    vehicle: int,
+    authority: Authority,
+    in_force: AuthorityInForce,
+    gate: Gate,
+    autopilot: Autopilot,
+    reports: Reports,
+    announcer: Announcer,
+) -> OperatorParts:
+    """Construct the parts for vehicle `vehicle` (system id)."""
+    arbiter, handle = authority.arbiter, authority.handle
+    event_log, voice, fault = reports.event_log, reports.voice, reports.fault
+
+    def zones() -> str:
+        """The names of the zones that hold the aircraft."""
+        held = sorted(fact.station for fact in autopilot.zones.facts() if fact.margin_m > 0.0)
+        return "+".join(arbiter.name(station) for station in held) or "no zone"
+
+    def where() -> tuple[float, float] | None:
+        here = autopilot.aircraft.where
+        return None if here is None else here[:2]
+
+    def foreseen() -> tuple[Foreseen, ...]:
+        """The handovers that the check of the mission expects."""
+        name = arbiter.name
+        return tuple(
+            Foreseen(name(h.from_station), name(h.to_station), (h.lat_deg, h.lon_deg), h.seq, h.overlap_s)
+            for h in autopilot.mission.flown.foreseen
+        )
+
+    around = Surroundings(lambda: in_force.view, zones, where, foreseen)
+    rehearsal = RehearsalDesk(vehicle, arbiter, handle, voice, event_log, announcer, around)
+    warnings = PreflightWarnings(in_force, autopilot.preflight, voice)
+    accepted = AcceptedCommands(in_force, autopilot, event_log, handle, fault)
+    commands = FlightCommands(gate, arbiter, autopilot, accepted, warnings, rehearsal, event_log, handle)
+    control = OperatorControl(voice, event_log, handle)
+    package_return = PackageReturn(voice.ports, arbiter.unfit, event_log)
+    overrides = Overrides(autopilot.command_check, lambda: in_force.view.commander, vehicle)
+    messages = TransferMessages(
+        vehicle, TransferServices(autopilot, package_return, rehearsal, overrides, event_log), handle, fault
+    )
+    services = Services(commands, autopilot.return_site.list, control, messages)
+    return OperatorParts(
+        OperatorServices(gate, services, accepted, rehearsal, event_log),
+        rehearsal,
+        control,
+        warnings,
+        Briefing(arbiter, autopilot, voice.ports, fault),
+        package_return,
+    )
