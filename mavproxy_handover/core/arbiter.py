@@ -7,7 +7,7 @@ It takes every event to the part of the rules that it belongs to, and decides wh
 * `authority.py`: owner, epoch, phase, and the view made of them; the phase moves by the table of `phases.py`.
 * `contacts.py`, `presence.py`: which stations are there, both ways, with the same mission package.
 * `candidates.py`, `zones.py`, `links.py`: which of them could take the aircraft, and which should.
-* `conductor.py`, `transfer.py`, `results.py`: how authority moves; `requests.py`, `control.py`: by the standard.
+* `transfer_manager.py`, `transfer.py`, `results.py`: how authority moves; `requests.py`, `control.py`: by the standard.
 * `flight.py`: what the aircraft said; `start.py`: how a flight begins; `rehearsal.py`: how one is rehearsed on the
   ground; `safety.py`: what is done when something goes wrong.
 
@@ -115,10 +115,12 @@ class Arbiter:
         self._contacts = Contacts(identity.name, identity.stations, identity.nonce, self._limits)
         self._presence = self._contacts.presence
         self._candidates = Candidates(self._presence, self._limits)
-        self._conductor = TransferManager(self._authority, self._flight, self._presence, self._candidates, self._limits)
-        self._requests = Requests(self._authority, self._presence, self._candidates, self._conductor)
-        self._start = Start(self._authority, self._flight, self._candidates, self._conductor)
-        self._rehearsal = Rehearsal(self._authority, self._flight, self._conductor, self._start, self._limits)
+        self._transfer_manager = TransferManager(
+            self._authority, self._flight, self._presence, self._candidates, self._limits
+        )
+        self._requests = Requests(self._authority, self._presence, self._candidates, self._transfer_manager)
+        self._start = Start(self._authority, self._flight, self._candidates, self._transfer_manager)
+        self._rehearsal = Rehearsal(self._authority, self._flight, self._transfer_manager, self._start, self._limits)
         coverage = Coverage(self._authority, self._flight, self._candidates, self._limits)
         self._safety = Safety(coverage, self._flight, self._limits)
         #: the epoch of the last event, None before the first one, and since when it has been so
@@ -228,11 +230,11 @@ class Arbiter:
     @property
     def ahead(self) -> CrossingKey | None:
         """The border ahead of which both stations are told; None: none is foreseen."""
-        return self._conductor.foresight.key
+        return self._transfer_manager.foresight.key
 
     def ahead_s(self, now: float) -> float:
         """How soon it is reached (s); inf: none is foreseen."""
-        return self._conductor.foresight.left_s(now)
+        return self._transfer_manager.foresight.left_s(now)
 
     def connected(self, station: int, now: float) -> bool:
         """Whether messages to and from the station get through."""
@@ -301,7 +303,7 @@ class Arbiter:
             case PositionSeen():
                 self._on_position(event, now, actions)
             case BordersSeen():
-                self._conductor.foresight.seen(event, now, actions)
+                self._transfer_manager.foresight.seen(event, now, actions)
             case AutopilotState():
                 self._on_autopilot(event, now, actions)
             case GuardSeen():
@@ -328,7 +330,7 @@ class Arbiter:
             case StartFinished():
                 self._start.finished(event, now, actions)
             case Cancel():
-                self._conductor.cancel(event.station, now, actions)
+                self._transfer_manager.cancel(event.station, now, actions)
             case ControlRequested():
                 if self._known(event.station):
                     self._requests.on_request(event, now, actions)
@@ -337,10 +339,10 @@ class Arbiter:
                     self._presence[event.station].control_shown()
             case LinkJudged():
                 self._candidates.links.judged(event, self.name(event.station), now, actions)
-                self._conductor.seek(now, actions)
+                self._transfer_manager.seek(now, actions)
             case _:
                 self._safety.handle(event, now, actions)
-        self._conductor.speak(now, actions)
+        self._transfer_manager.speak(now, actions)
         self._judge_safety(now, actions)
         self._rehearsal.look(now)
         self._contacts.ask(self._authority, self.mission_digest, now, actions)
@@ -352,7 +354,7 @@ class Arbiter:
         """When `Tick` is due at the latest (monotonic s); None if nothing is pending."""
         authority = self._authority
         times = [presence.ask_at for presence in self._presence.values()]
-        times += self._conductor.deadlines()
+        times += self._transfer_manager.deadlines()
         if authority.owner is not None and not authority.lost:
             times.append(self._owner_lost_at(authority.owner))
         others = (
@@ -382,7 +384,7 @@ class Arbiter:
     def _return(self, station: int, now: float, actions: list[Action]) -> None:
         """It is there: if it is the commander that was lost, and hears enough, it commands again."""
         if self._authority.waits_for(station) and not self._presence[station].hearing.barred:
-            self._conductor.move(Cause.COMMANDER_RETURNED, now, actions)
+            self._transfer_manager.move(Cause.COMMANDER_RETURNED, now, actions)
             self._authority.take_back(station, actions)
 
     def _owner_lost_at(self, owner: int) -> float:
@@ -404,16 +406,16 @@ class Arbiter:
             case ConnectAck():
                 dropped = self._on_connect_ack(station, message, now, actions)
             case OkAhead():
-                dropped = self._conductor.foresight.heard(station, message, actions)
+                dropped = self._transfer_manager.foresight.heard(station, message, actions)
             case HandoverAhead():
                 dropped = "not the sender's to say"
             case _:
-                dropped = self._conductor.on_message(station, message, now, actions)
+                dropped = self._transfer_manager.on_message(station, message, now, actions)
         if dropped is not None:
             self.dropped[dropped] += 1
 
     def _on_connect_ack(self, station: int, answer: ConnectAck, now: float, actions: list[Action]) -> str | None:
-        self._conductor.results.acknowledged(station, answer)
+        self._transfer_manager.results.acknowledged(station, answer)
         if answer.nonce == 0:  # unasked: it shows that a result is known, and no more
             return None
         grounded, hearing = self._authority.grounded(now), self._presence[station].hearing
@@ -456,10 +458,10 @@ class Arbiter:
             actions.append(Record("zone_left", f"zone of {self.name(station)} left", station=station))
         for station in self._asked():
             if station in change.left:
-                self._conductor.move(Cause.LEFT_REGION, now, actions, station=station)
+                self._transfer_manager.move(Cause.LEFT_REGION, now, actions, station=station)
         if event.gap is None or event.gap.ahead:  # whatever is told from here on is told of an aircraft in no gap
             self._authority.fly_alone(False)
-        self._conductor.seek(now, actions)
+        self._transfer_manager.seek(now, actions)
         self._safety.position_seen(event.gap, now)
 
     def _on_autopilot(self, event: AutopilotState, now: float, actions: list[Action]) -> None:
@@ -476,7 +478,7 @@ class Arbiter:
         self._grant_parent(now, actions)
 
     def _land(self, now: float, actions: list[Action]) -> None:
-        self._conductor.move(Cause.CANCELLED, now, actions)
+        self._transfer_manager.move(Cause.CANCELLED, now, actions)
         self._authority.land()
         self._forget_flight()
         actions.append(Record("landed", "disarmed: the flight is over", Reason.LANDED))
@@ -495,7 +497,7 @@ class Arbiter:
 
     def _end_rehearsal(self, why: str, reason: Reason, now: float, actions: list[Action]) -> None:
         """Nothing that was decided in it counts from here on: if it is a flight by now, all is judged anew."""
-        self._conductor.move(Cause.CANCELLED, now, actions)
+        self._transfer_manager.move(Cause.CANCELLED, now, actions)
         self._safety.executor.rehearsal_over(actions)
         self._rehearsal.end()
         self._forget_flight()
@@ -527,15 +529,15 @@ class Arbiter:
         # the partner first: from here on nothing commits to a station that is lost itself
         for station in self._asked():
             if not self._presence[station].alive(now) or self._presence[station].hearing.barred:
-                self._conductor.move(Cause.PARTNER_LOST, now, actions, station=station)
+                self._transfer_manager.move(Cause.PARTNER_LOST, now, actions, station=station)
         if authority.owner is not None and not authority.lost and now >= self._owner_lost_at(authority.owner):
             self._lose_owner(authority.owner, now, actions)
         transfer = authority.transfer
         if transfer is not None and now >= transfer.timeout_at:
-            self._conductor.move(Cause.TIMEOUT, now, actions)
+            self._transfer_manager.move(Cause.TIMEOUT, now, actions)
         if authority.recover_until is not None and now >= authority.recover_until and authority.owner is not None:
             authority.wait_no_longer(authority.owner, now, actions)
-            self._conductor.seek(now, actions)
+            self._transfer_manager.seek(now, actions)
         self._look_at_rehearsal(now, actions)
 
     def _tell_deaf(self, station: int, actions: list[Action]) -> None:
@@ -543,7 +545,7 @@ class Arbiter:
         actions.append(Record("deaf", text, station=station))
 
     def _lose_owner(self, owner: int, now: float, actions: list[Action]) -> None:
-        self._conductor.move(Cause.COMMANDER_LOST, now, actions)
+        self._transfer_manager.move(Cause.COMMANDER_LOST, now, actions)
         if self._authority.owner != owner:  # the partner had confirmed and the commander consented: committed
             return
         presence = self._presence[owner]
@@ -557,7 +559,7 @@ class Arbiter:
         self._authority.lose(owner, now, actions, why=why)
         # what was agreed or denied under it, or left unanswered by it, must not keep a ready partner waiting
         self._candidates.forget_pauses()
-        self._conductor.seek(now, actions)
+        self._transfer_manager.seek(now, actions)
 
     def _judge_safety(self, now: float, actions: list[Action]) -> None:
         if self._flight.position_lost(now):
@@ -607,7 +609,7 @@ class Arbiter:
     def _come_home(self, cause: Wrong, now: float, actions: list[Action]) -> None:
         """The aircraft is about to be brought home, or down."""
         if cause is Wrong.OUT_OF_COVERAGE:  # a transfer from a lost commander goes on
-            self._conductor.move(Cause.OUT_OF_COVERAGE, now, actions)
+            self._transfer_manager.move(Cause.OUT_OF_COVERAGE, now, actions)
         self._authority.start_over()
         if self._authority.phase is Phase.ON_LOAD:
             self._start.enter_mission("airborne", now, actions)

@@ -61,10 +61,10 @@ class TestInTime:
 
     def test_both_are_told_each_second_and_the_first_border_has_the_number_one(self) -> None:
         flown = network(early={}).run(40.0)
-        key = flown.arbiter._conductor.foresight.key
+        key = flown.arbiter._transfer_manager.foresight.key
         assert key is not None
         assert key.crossing == 1
-        foresight, told = flown.arbiter._conductor.foresight, []
+        foresight, told = flown.arbiter._transfer_manager.foresight, []
         for tenth in range(1, 31):
             foresight._ahead = replace(foresight._ahead, seen_at=40.0 + tenth / 10)  # type: ignore[type-var]
             actions: list[object] = []
@@ -75,7 +75,7 @@ class TestInTime:
     @pytest.mark.parametrize(("ago_s", "told"), [(2.4, 2), (2.5, 0), (3.4, 0)])
     def test_a_border_that_is_on_the_way_no_more_is_told_for_a_moment(self, ago_s: float, told: int) -> None:
         flown = network(early={}).run(40.0)
-        foresight = flown.arbiter._conductor.foresight
+        foresight = flown.arbiter._transfer_manager.foresight
         assert foresight._ahead is not None
         foresight._ahead = replace(foresight._ahead, seen_at=50.0 - ago_s)
         actions: list[object] = []
@@ -162,7 +162,7 @@ class TestWhatWasSaid:
 
     def test_a_way_that_is_left_is_not_told_any_more_and_is_the_same_when_it_is_taken_up_again(self) -> None:
         flown = network(early={A: 0.0, B: 0.0}).run(40.0)
-        foresight = flown.arbiter._conductor.foresight
+        foresight = flown.arbiter._transfer_manager.foresight
         key = foresight.key
         actions: list[object] = []
         for second in range(30):
@@ -206,7 +206,7 @@ class TestWhatWasSaid:
 class TestWhoeverSaysIt:
     def test_an_answer_counts_from_its_two_stations_and_for_the_border_that_is_told(self) -> None:
         flown = network(visits=SHORT | {C: [(0, 200)]}, early={}).run(45.0)
-        foresight = flown.arbiter._conductor.foresight
+        foresight = flown.arbiter._transfer_manager.foresight
         key = foresight.key
         assert key is not None
         assert foresight.heard(C, OkAhead(key), []) == "not the sender's to say"
@@ -292,7 +292,7 @@ def test_over_good_links_every_early_yes_is_in_time() -> None:
 class TestWhichBorder:
     def foreseen(self, **options: object) -> tuple[Network, Foresight]:
         flown = network(early={}, **options).run(20.0)
-        return flown, flown.arbiter._conductor.foresight
+        return flown, flown.arbiter._transfer_manager.foresight
 
     def test_it_is_told_when_an_operator_has_just_all_his_time(self) -> None:
         for in_s, told in ((30.01, False), (30.0, True)):
@@ -328,7 +328,7 @@ class TestWhichBorder:
     def test_no_other_border_takes_its_place_while_its_transfer_is_under_way(self) -> None:
         visits = {A: [(0, 300)], B: [(60, 300)], C: [(70, 300)]}
         flown = network(visits=visits, operators={B: None}, early={}).run(61.0)
-        foresight = flown.arbiter._conductor.foresight
+        foresight = flown.arbiter._transfer_manager.foresight
         key = foresight.key
         assert flown.arbiter.view.crossing == 1
         foresight._ahead = replace(foresight._ahead, reached=False, at=0.0)  # type: ignore[type-var]

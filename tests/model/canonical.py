@@ -412,26 +412,26 @@ class _Echo(_Object):
 
 def _share(arbiter: Arbiter) -> None:
     """The parts of an arbiter refer to each other: what `_Shared` left out."""
-    flight, authority, candidates, conductor = (
+    flight, authority, candidates, transfer_manager = (
         arbiter._flight,
         arbiter._authority,
         arbiter._candidates,
-        arbiter._conductor,
+        arbiter._transfer_manager,
     )
     presence = arbiter._presence = arbiter._contacts.presence
     authority._flight = flight
     candidates._presence = presence
-    for part in (conductor, arbiter._requests):
+    for part in (transfer_manager, arbiter._requests):
         part._authority, part._presence, part._candidates = authority, presence, candidates
-    conductor._flight = flight
-    foresight = conductor.foresight
+    transfer_manager._flight = flight
+    foresight = transfer_manager.foresight
     foresight._authority, foresight._flight, foresight._presence = authority, flight, presence
     foresight._candidates = candidates
-    arbiter._requests._conductor = conductor
+    arbiter._requests._transfer_manager = transfer_manager
     arbiter._start._authority, arbiter._start._flight, arbiter._start._candidates = authority, flight, candidates
-    arbiter._start._conductor = conductor
+    arbiter._start._transfer_manager = transfer_manager
     rehearsal = arbiter._rehearsal
-    rehearsal._authority, rehearsal._flight, rehearsal._conductor = authority, flight, conductor
+    rehearsal._authority, rehearsal._flight, rehearsal._transfer_manager = authority, flight, transfer_manager
     rehearsal._start = arbiter._start
     coverage = Coverage(authority, flight, candidates, arbiter._limits)
     safety = arbiter._safety
@@ -607,7 +607,7 @@ class Packer:
             _said=_Never(dict),
             _say_at=_Fixed(lambda: inf),
         )
-        conductor = _Class(
+        transfer_manager = _Class(
             TransferManager,
             _authority=_Shared(),
             _flight=_Shared(),
@@ -620,13 +620,15 @@ class Packer:
             foresight=_Object(foresight),
         )
         requests = _Class(
-            Requests, _authority=_Shared(), _presence=_Shared(), _candidates=_Shared(), _conductor=_Shared()
+            Requests, _authority=_Shared(), _presence=_Shared(), _candidates=_Shared(), _transfer_manager=_Shared()
         )
-        start = _Class(Start, _authority=_Shared(), _flight=_Shared(), _candidates=_Shared(), _conductor=_Shared())
+        start = _Class(
+            Start, _authority=_Shared(), _flight=_Shared(), _candidates=_Shared(), _transfer_manager=_Shared()
+        )
         rehearsal = _Class(
             Rehearsal,
             _authority=_Shared(),
-            _conductor=_Shared(),
+            _transfer_manager=_Shared(),
             _flight=_Shared(),
             _limits=the_limits,
             _nobody_since=_Never(lambda: None),
@@ -753,7 +755,7 @@ class Packer:
             _contacts=_Object(contacts),
             _presence=_Shared(),
             _candidates=_Object(candidates),
-            _conductor=_Object(conductor),
+            _transfer_manager=_Object(transfer_manager),
             _requests=_Object(requests),
             _start=_Object(start),
             _rehearsal=_Object(rehearsal),

@@ -35,14 +35,14 @@ __all__ = ["Rehearsal"]
 class Rehearsal:
     """Whether one is under way. Times are monotonic seconds."""
 
-    __slots__ = ("_authority", "_conductor", "_flight", "_limits", "_nobody_since", "_start")
+    __slots__ = ("_authority", "_flight", "_limits", "_nobody_since", "_start", "_transfer_manager")
 
     def __init__(
-        self, authority: Authority, flight: Flight, conductor: TransferManager, start: Start, limits: Limits
+        self, authority: Authority, flight: Flight, transfer_manager: TransferManager, start: Start, limits: Limits
     ) -> None:
         self._authority = authority
         self._flight = flight
-        self._conductor = conductor
+        self._transfer_manager = transfer_manager
         self._start = start
         self._limits = limits
         #: since when nobody has commanded in it; None: somebody does, or there is none
@@ -71,7 +71,7 @@ class Rehearsal:
         return not event.begin and not needs and self._flight.rehearsing
 
     def _begin(self, station: int, now: float, actions: list[Action]) -> None:
-        self._conductor.move(Cause.PREEMPTED, now, actions)  # as START does: another's request
+        self._transfer_manager.move(Cause.PREEMPTED, now, actions)  # as START does: another's request
         self._flight.rehearsal_begun()
         self._start.enter_mission("carried, in a rehearsal", now, actions, PhaseCause.REHEARSED)
         text = f"REHEARSAL: begun by {self._authority.name(station)}, nothing arms"

@@ -30,19 +30,23 @@ _REASONS: Final = {
 class Requests:
     """Answers requests of operator control, and carries them out."""
 
-    __slots__ = ("_authority", "_candidates", "_conductor", "_presence")
+    __slots__ = ("_authority", "_candidates", "_presence", "_transfer_manager")
 
     def __init__(
-        self, authority: Authority, presence: dict[int, Presence], candidates: Candidates, conductor: TransferManager
+        self,
+        authority: Authority,
+        presence: dict[int, Presence],
+        candidates: Candidates,
+        transfer_manager: TransferManager,
     ) -> None:
         self._authority = authority
         self._presence = presence
         self._candidates = candidates
-        self._conductor = conductor
+        self._transfer_manager = transfer_manager
 
     def on_request(self, request: ControlRequested, now: float, actions: list[Action]) -> None:
         """A request of a known station, at monotonic time `now` (s)."""
-        authority, echo = self._authority, self._conductor.echo
+        authority, echo = self._authority, self._transfer_manager.echo
         if request.station != authority.view.commander and echo.repeats(request, now):
             actions.append(ControlAnswer(request.station, ControlResult.ACCEPTED))
             return
@@ -73,26 +77,28 @@ class Requests:
             unfit=self._candidates.unfit(station, now) if known else None,
             in_zone=zones.holds(station) or not zones.known,
             paused_s=self._candidates.paused_s(station, Reason.REQUESTED, now),
-            position_known=self._conductor.position_known(now),
-            just_changed=self._conductor.just_changed(now),
+            position_known=self._transfer_manager.position_known(now),
+            just_changed=self._transfer_manager.just_changed(now),
             name=authority.name(station),
         )
 
     def _take_effect(self, effect: Effect, request: ControlRequested, now: float, actions: list[Action]) -> None:
-        authority, conductor = self._authority, self._conductor
+        authority, transfer_manager = self._authority, self._transfer_manager
         match effect:
             case Effect.NOTHING:
                 pass
             case Effect.SET_TAKEOVER:
                 authority.allow_takeover(request.takeover, actions)
             case Effect.CONSENT:
-                conductor.consent(now, actions)
+                transfer_manager.consent(now, actions)
             case Effect.DENY:
                 authority.allow_takeover(False, actions)
-                conductor.move(Cause.DENIED, now, actions)
-                conductor.move(Cause.CANCELLED, now, actions)  # it had agreed: until the commit it may think again
+                transfer_manager.move(Cause.DENIED, now, actions)
+                transfer_manager.move(
+                    Cause.CANCELLED, now, actions
+                )  # it had agreed: until the commit it may think again
             case Effect.TRANSFER | Effect.TRANSFER_CONSENTED | Effect.FORCE | Effect.GIVE:
-                conductor.begin(
+                transfer_manager.begin(
                     request.for_station,
                     _REASONS[effect],
                     now,
@@ -114,8 +120,8 @@ class Requests:
         """The commander gives the aircraft to whoever can take it."""
         self._authority.allow_takeover(True, actions)
         if self._authority.transfer is not None:
-            self._conductor.consent(now, actions)
+            self._transfer_manager.consent(now, actions)
             return
         usable = self._candidates.usable(self._authority.owner, Reason.GIVEN, now, actions)
         if usable:
-            self._conductor.begin(self._candidates.best(usable), Reason.GIVEN, now, actions, consented=True)
+            self._transfer_manager.begin(self._candidates.best(usable), Reason.GIVEN, now, actions, consented=True)

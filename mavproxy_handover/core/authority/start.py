@@ -108,15 +108,15 @@ def refused(what: str, needs: tuple[str, ...]) -> str:
 class Start:
     """START on its way, from the station's command to the edge's word that the aircraft is armed and in AUTO."""
 
-    __slots__ = ("_authority", "_candidates", "_conductor", "_flight")
+    __slots__ = ("_authority", "_candidates", "_flight", "_transfer_manager")
 
     def __init__(
-        self, authority: Authority, flight: Flight, candidates: Candidates, conductor: TransferManager
+        self, authority: Authority, flight: Flight, candidates: Candidates, transfer_manager: TransferManager
     ) -> None:
         self._authority = authority
         self._flight = flight
         self._candidates = candidates
-        self._conductor = conductor
+        self._transfer_manager = transfer_manager
 
     def needs(self, station: int, now: float, *, by_hand: bool = False, carried: bool = False) -> tuple[str, ...]:
         """What START from this station still lacks, in words; empty when the aircraft may take off.
@@ -159,14 +159,16 @@ class Start:
             actions.append(Record("start_refused", refused("START", needs), Reason.NOT_READY, station))
             actions.append(StartRefused(station, needs))
             return
-        self._conductor.move(Cause.PREEMPTED, now, actions)  # another's request: the commander flies, it does not give
+        self._transfer_manager.move(
+            Cause.PREEMPTED, now, actions
+        )  # another's request: the commander flies, it does not give
         self._authority.start_begun()
         actions.append(Record("start", f"START from {self._authority.name(station)}", station=station))
         actions.append(BeginStart(station))
 
     def by_hand(self, now: float, actions: list[Action]) -> None:
         """A part of START goes to the autopilot as a command of its own."""
-        self._conductor.move(Cause.PREEMPTED, now, actions)
+        self._transfer_manager.move(Cause.PREEMPTED, now, actions)
 
     def finished(self, event: StartFinished, now: float, actions: list[Action]) -> None:
         """The edge went through the START sequence; what was given up meanwhile is over already."""
@@ -184,7 +186,7 @@ class Start:
     ) -> None:
         """The aircraft flies, or is about to; or it is carried."""
         authority = self._authority
-        self._conductor.take_off(now, actions)
+        self._transfer_manager.take_off(now, actions)
         authority.move_phase(cause)
         authority.resume_transfer_phase()
         self._candidates.zones.forget_entries()
