@@ -1,21 +1,31 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The sole judge of authority.
+"""The sole judge of authority, and the only object that knows both authority and safety.
 
-It takes every event to the part of the rules that it belongs to, and decides where they meet:
+It owns the parts of `authority/` and one `Safety` (`safety/safety.py`). It takes every event to the part that the event
+belongs to, and decides where authority and safety meet:
 
-* `authority.py`: owner, epoch, phase, and the view made of them; the phase moves by the table of `phases.py`.
-* `contacts.py`, `presence.py`: which stations are there, both ways, with the same mission package.
-* `candidates.py`, `zones.py`, `links.py`: which of them could take the aircraft, and which should.
-* `transfer_manager.py`, `transfer.py`, `results.py`: how authority moves; `requests.py`, `control.py`: by the standard.
-* `flight.py`: what the aircraft said; `start.py`: how a flight begins; `rehearsal.py`: how one is rehearsed on the
-  ground; `safety.py`: what is done when something goes wrong.
+* Safety reads authority through `common/authority_facts.py`, which `authority/coverage.py` implements.
+* A decision of safety moves the phase, ends a START under way, and may end a transfer (`_on_news`, `_come_home`).
+* A gap that the mission declares lets the aircraft fly on without a commander (`Authority.fly_alone`).
+
+The parts of authority:
+
+* `authority/authority.py`: owner, epoch, phase, and the view of them; the phase moves by the table of
+  `authority/phases.py`.
+* `authority/contacts.py`, `authority/presence.py`: which stations are there, both ways, with the same mission package.
+* `authority/candidates.py`, `authority/zones.py`, `authority/links.py`: which stations could take the aircraft, and
+  which one should.
+* `authority/transfer_manager.py`, `authority/transfer.py`, `authority/results.py`: how authority moves;
+  `authority/requests.py`, `authority/control.py`: requests by the MAVLink standard.
+* `authority/start.py`: how a flight begins; `authority/rehearsal.py`: how one is rehearsed on the ground.
+* `common/flight.py`: what the aircraft said.
 
 Rules that live here
 --------------------
-* A silent owner's frames have no authority, and only itself can take it up again (with a new epoch), or a committed
-  transfer.
-* The parent becomes the owner on the ground, disarmed, once it has answered CONNECT. In flight nobody is ever granted
+* The frames of an owner that is not heard have no authority. Only this owner can take authority up again, with a new
+  epoch, or a transfer that commits.
+* The parent becomes the owner on the ground, disarmed, after it has answered CONNECT. In flight no station gets
   authority by connecting.
 
 The caller passes every event with the present monotonic time, carries out the actions in order, and calls again with
@@ -93,7 +103,7 @@ __all__ = ["Arbiter", "Identity"]
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """Who this vehicle is. `nonce` is drawn at start by the edge; it makes questions of this run recognisable."""
+    """The vehicle and its stations. `nonce` is drawn by the caller at start: it marks the questions of this run."""
 
     name: str
     stations: tuple[Station, ...]
@@ -105,7 +115,7 @@ class Arbiter:
     """Authority over one vehicle. Pure: no clock, no I/O; not safe for threads."""
 
     def __init__(self, identity: Identity, limits: Limits | None = None, restored: Snapshot | None = None) -> None:
-        """`restored`: what a run before this one left behind; nobody commands until its owner answers."""
+        """`restored`: the state of the run before; no station commands until its owner answers."""
         if identity.parent not in {station.sysid for station in identity.stations}:
             raise ValueError(f"parent {identity.parent} is not among the stations")
         self._parent = identity.parent
@@ -126,7 +136,7 @@ class Arbiter:
         #: the epoch of the last event, None before the first one, and since when it has been so
         self._epoch: int | None = None
         self._epoch_since = -inf
-        #: the run before ended in a transfer: its zone has still to be served
+        #: the run before ended in a transfer, so the zone that called for it still counts as entered
         self._interrupted = False
         if restored is not None:
             self._restore(restored)
@@ -199,41 +209,47 @@ class Arbiter:
         return self.zones()[0]
 
     def zones(self) -> tuple[int, int]:
-        """The same, and another station in whose zone it is too, 0 = none: with two it is in the handover zone."""
+        """Two stations in whose zones the aircraft is, the commander's first; 0 = none.
+
+        With two stations the aircraft is in an overlap.
+        """
         first, second, *_ = (*self._candidates.zones.inside(self._authority.owner), 0, 0)
         return first, second
 
     @property
     def zone_ends_s(self) -> float:
-        """How soon the known way leaves the commander's zone (s); inf: no end in sight, or it is not in it."""
+        """Seconds until the known way leaves the commander's zone; inf: no end in sight, or outside of it."""
         owner, zones = self._authority.owner, self._candidates.zones
         return zones.ends_s(owner) if owner is not None and zones.holds(owner) else inf
 
     @property
     def passed_at_m(self) -> float | None:
-        """How far inside its commander's zone (m) a border is passed at which it was flown on; None: it was at none."""
+        """Distance (m) inside the commander's zone at which a border counts as passed; None: there is none.
+
+        It is the border at which the commander ordered the aircraft on.
+        """
         return self._safety.conditions.passed_at_m
 
     @property
     def awaits_commander(self) -> bool:
-        """The commander has to answer in the transfer under way: it is there, and has not agreed beforehand."""
+        """Whether the commander has to answer in the transfer under way: it can answer, and has not agreed before."""
         transfer = self._authority.transfer
         if transfer is None or transfer.consented:
             return False
         return not self._presence[transfer.key.from_station].station.standard
 
     def answer_left_s(self, now: float) -> float:
-        """What is left (s) for an operator who is asked in the transfer under way; inf: nobody is."""
+        """Seconds left for an operator who is asked in the transfer under way; inf: no operator is asked."""
         transfer = self._authority.transfer
         return transfer.timeout_at - now if transfer is not None and transfer.operator_asked else inf
 
     @property
     def ahead(self) -> CrossingKey | None:
-        """The border ahead of which both stations are told; None: none is foreseen."""
+        """The border ahead that both stations are told of; None: none is foreseen."""
         return self._transfer_manager.foresight.key
 
     def ahead_s(self, now: float) -> float:
-        """How soon it is reached (s); inf: none is foreseen."""
+        """Seconds until that border is reached; inf: none is foreseen."""
         return self._transfer_manager.foresight.left_s(now)
 
     def connected(self, station: int, now: float) -> bool:
@@ -258,9 +274,9 @@ class Arbiter:
         return self._candidates.unfit(station, now)
 
     def usable(self, now: float) -> frozenset[int]:
-        """Stations that have the aircraft or could take it: the commander while it is heard, and who could be partner.
+        """Stations that have the aircraft or could take it: the commander while it is heard, and possible partners.
 
-        Where the aircraft is plays no part: that is for whoever asks.
+        The position of the aircraft plays no part: the caller looks at that.
         """
         authority = self._authority
         fit = {station for station in self._presence if self.unfit(station, now) is None}
@@ -268,7 +284,10 @@ class Arbiter:
         return frozenset(fit - owner if authority.lost else fit | owner)
 
     def alone_s(self, now: float) -> float:
-        """How long the aircraft may still fly on without a commander, because its mission has it so; 0: not at all."""
+        """Seconds for which the aircraft may still fly on without a commander; 0: not at all.
+
+        Only a gap that the mission declares allows it.
+        """
         return self._safety.conditions.crossing.left_s(now) if self.view.lease is LeaseState.ALONE else 0.0
 
     def start_needs(self, station: int, now: float) -> tuple[str, ...]:
@@ -382,7 +401,7 @@ class Arbiter:
             self._return(station, now, actions)
 
     def _return(self, station: int, now: float, actions: list[Action]) -> None:
-        """It is there: if it is the commander that was lost, and hears enough, it commands again."""
+        """A station is there. If it is the commander that was lost, and hears enough, it commands again."""
         if self._authority.waits_for(station) and not self._presence[station].hearing.barred:
             self._transfer_manager.move(Cause.COMMANDER_RETURNED, now, actions)
             self._authority.take_back(station, actions)
@@ -431,7 +450,7 @@ class Arbiter:
 
     def _grant_parent(self, now: float, actions: list[Action]) -> None:
         authority, parent = self._authority, self._parent
-        # it need not hold the mission package yet: it may be about to bring it
+        # the parent may bring the mission package later
         fit = self.unfit(parent, now) in (None, *NO_MATTER_ON_GROUND)
         gone = authority.lost and not authority.recovering
         free = authority.owner is None or (gone and authority.owner != parent)
@@ -439,7 +458,10 @@ class Arbiter:
             authority.grant(parent, Reason.PARENT_CONNECTED, actions)
 
     def _asked(self) -> tuple[int, ...]:
-        """Who is asked in the transfer under way, the partner last: when it falls away, the next one stands fast."""
+        """Stations that are asked in the transfer under way, the partner last.
+
+        If the partner is taken out first, the next station becomes the partner and could be taken out with it.
+        """
         transfer = self._authority.transfer
         return () if transfer is None else (*transfer.others, transfer.key.to_station)
 
@@ -450,7 +472,7 @@ class Arbiter:
         zones = self._candidates.zones
         first = not zones.known
         change = zones.update(event.zones, now)
-        if first and not self._interrupted:  # there the aircraft has been all along
+        if first and not self._interrupted:  # the aircraft was in these zones before
             zones.forget_entries()
         for station in change.entered:
             actions.append(Record("zone_entered", f"zone of {self.name(station)} entered", station=station))
@@ -459,7 +481,7 @@ class Arbiter:
         for station in self._asked():
             if station in change.left:
                 self._transfer_manager.move(Cause.LEFT_REGION, now, actions, station=station)
-        if event.gap is None or event.gap.ahead:  # whatever is told from here on is told of an aircraft in no gap
+        if event.gap is None or event.gap.ahead:  # from here on the aircraft counts as in no gap
             self._authority.fly_alone(False)
         self._transfer_manager.seek(now, actions)
         self._safety.position_seen(event.gap, now)
@@ -496,7 +518,7 @@ class Arbiter:
             self._end_rehearsal(*over, now, actions)
 
     def _end_rehearsal(self, why: str, reason: Reason, now: float, actions: list[Action]) -> None:
-        """Nothing that was decided in it counts from here on: if it is a flight by now, all is judged anew."""
+        """End the rehearsal. Its decisions no longer count: if this is a flight by now, everything is judged again."""
         self._transfer_manager.move(Cause.CANCELLED, now, actions)
         self._safety.executor.rehearsal_over(actions)
         self._rehearsal.end()
@@ -526,7 +548,7 @@ class Arbiter:
         for station, presence in self._presence.items():
             if presence.judge(now):
                 self._tell_deaf(station, actions)
-        # the partner first: from here on nothing commits to a station that is lost itself
+        # the partner first: after this no transfer commits to a lost station
         for station in self._asked():
             if not self._presence[station].alive(now) or self._presence[station].hearing.barred:
                 self._transfer_manager.move(Cause.PARTNER_LOST, now, actions, station=station)
@@ -549,15 +571,15 @@ class Arbiter:
         if self._authority.owner != owner:  # the partner had confirmed and the commander consented: committed
             return
         presence = self._presence[owner]
-        # at once: the first lease that says ALONE says for how long
+        # now, because the first lease with ALONE says how long it may last
         self._authority.fly_alone(self._safety.commander_lost(now))
         deaf = presence.alive(now)
         answers = presence.connected(now)
         why = self._candidates.hears_little if answers else "answers no more" if deaf else "is lost"
-        if not presence.station.standard:  # its heartbeat is all that there is
+        if not presence.station.standard:  # a standard station is judged by its heartbeat only
             presence.hearing.lost(now, deaf=deaf)
         self._authority.lose(owner, now, actions, why=why)
-        # what was agreed or denied under it, or left unanswered by it, must not keep a ready partner waiting
+        # a denial or a missing answer under the lost commander must not delay a ready partner
         self._candidates.forget_pauses()
         self._transfer_manager.seek(now, actions)
 
@@ -600,7 +622,7 @@ class Arbiter:
             actions.append(Record(kind, text, news.reason, authority.owner))
         if decision is not None and decision.action >= FlightAction.RETURN:
             self._come_home(decision.cause, now, actions)
-        else:  # what is left to warn of is no emergency
+        else:  # a warning is no emergency
             authority.move_phase(PhaseCause.RECOVERED)
             authority.resume_transfer_phase()
         authority.refresh(news.reason, actions)

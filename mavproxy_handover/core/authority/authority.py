@@ -1,23 +1,26 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Who commands: owner, epoch, phase, and the view that is made of them.
+"""Owner of authority, epoch, phase, and the view that is made of them.
 
 Rules that live here
 --------------------
-* One owner. `commander` is the owner while it is heard, nobody after that.
-* Whenever authority goes to a station, owner and epoch change in one step. It goes by a grant on the ground, by a
-  commit, or back to the owner itself; and it ends by the owner's loss or release. Each is one method here, and whether
-  it may happen is not asked: that is the caller's to know.
-* After a restart the owner of before is lost until it is heard; the epoch has risen already, so its return raises it no
-  more.
-* Unless what the run before left is not proven to be its last word. Then the stations' memory decides. Nobody says a
-  later epoch than the old one until somebody has authority, so that each first answer to CONNECT is what its station
-  remembers of the time before. The owner has it back when it answers that it believes in itself, in that epoch or one
-  after it, and everybody who can answer has, or the time to come back is over. Whoever remembers anybody else in that
-  epoch, or anything else of one after it, ends its claim: then nobody has authority. No word gives anything to anybody
-  but the owner, and its own outdoes nobody else's. It goes on in an epoch above all that may have been missed.
-* A run that began without a state file may be behind what stations remember of earlier ones, and what is behind they do
-  not believe. So it learns from their memory: from each station once, and then nobody can be ahead of it again.
+* There is one owner. The owner is the commander while it is heard. Without a heard owner there is no commander.
+* If authority goes to a station, owner and epoch change in one step. Authority goes by a grant on the ground, by a
+  commit, or back to the owner. It ends when the owner is lost or releases it. Each is one method here. The caller
+  decides whether it may happen.
+* After a restart the owner of the run before is lost until it is heard. The epoch has risen already, so the owner's
+  return does not raise it again.
+* If the state of the run before is not proven to be the last one, the stations' memory decides:
+  - Until a station has authority, the vehicle says no later epoch than the old one. So the first answer of each station
+    to CONNECT is its memory of the time before.
+  - The owner gets authority back when it answers that it is the commander, in that epoch or a later one. But first
+    every station that can answer has to answer, or the time to come back has to be over.
+  - A station that remembers another commander in that epoch, or something else of a later epoch, ends the owner's
+    claim. Then no station has authority.
+  - An answer gives authority only to the owner, and the owner's answer does not outweigh another station's.
+  - The owner goes on in an epoch above all epochs that may have been missed.
+* A run without a state file may have a lower epoch than the stations remember, and they would not believe it. So it
+  learns the epoch from each station once. After that no station can be ahead of it.
 * Every change ends in `refresh`, which makes the view and announces it if it differs.
 """
 
@@ -67,15 +70,17 @@ class Authority:
     def __init__(self, stations: Collection[Station], flight: Flight) -> None:
         self.names = {station.sysid: station.name for station in stations}
         self._flight = flight
-        #: stations that may remember more than this run knows: they have not answered yet. A standard one never does
+        #: stations that may remember more than this run knows, because they have not answered yet; standard ones never
+        #: do
         self._may_be_ahead = {station.sysid for station in stations if not station.standard}
         self.owner: int | None = None
-        #: who had authority by a state that is not proven; it has to show that it still has. And whether it did
+        #: the owner by a state that is not proven: it has to show that it still has authority; and whether it has shown
+        #: it
         self.claimant: int | None = None
         self._shown = False
         #: the owner is not heard
         self.lost = False
-        #: without a commander the aircraft flies on: it crosses a gap that its mission declares
+        #: the aircraft flies on without a commander, through a gap that its mission declares
         self.alone = False
         self._lost_at = -inf
         self.epoch = 0
@@ -85,7 +90,7 @@ class Authority:
         self.handover_id = 0
         #: a request for control is granted without asking the commander
         self.takeover_allowed = False
-        #: the owner gave up control on the ground: nobody gets it without asking
+        #: the owner gave up control on the ground: a station gets it only if it asks
         self.released = False
         #: START was accepted, and the edge is carrying it out
         self.starting = False
@@ -99,7 +104,7 @@ class Authority:
         if restored.proven:
             self._may_be_ahead.clear()
         self.handover_id = restored.handover_id
-        if restored.phase is not Phase.ON_LOAD:  # on the ground everything begins anew, but for the numbers
+        if restored.phase is not Phase.ON_LOAD:  # on the ground only the numbers are kept
             self.takeover_allowed = restored.takeover_allowed
             self.phase = Phase.ON_MISSION if restored.phase is Phase.ON_HANDOVER else restored.phase
             if restored.owner in self.names:
@@ -121,7 +126,7 @@ class Authority:
         return self.recover_until is not None
 
     def waits_for(self, station: int) -> bool:
-        """The station has authority as soon as it is heard: it is the owner, and nothing more is to be shown."""
+        """Whether the station has authority as soon as it is heard: an owner without anything more to show."""
         return self.lost and station == self.owner and self.claimant is None
 
     @property
@@ -130,7 +135,7 @@ class Authority:
         return self.phase is Phase.ON_LOAD and not self._flight.armed and not self.starting
 
     def grounded(self, now: float) -> bool:
-        """On the ground to stay: the same, and the autopilot has said so just now."""
+        """Whether the aircraft stays on the ground: it waits for START, and the autopilot has just said disarmed."""
         return self.waiting_for_start and self._flight.disarmed(now)
 
     # ---- how it changes -------------------------------------------------------------------------------------------
@@ -141,7 +146,7 @@ class Authority:
             self.recover_until = until
 
     def grant(self, station: int, reason: Reason, actions: list[Action]) -> None:
-        """A station gets authority on the ground, where nobody has it."""
+        """A station gets authority on the ground, where no station has it."""
         self.owner, self.lost, self.released, self.claimant = station, False, False, None
         self.takeover_allowed = False
         self.epoch += 1
@@ -168,7 +173,7 @@ class Authority:
         self.move_phase(PhaseCause.TRANSFER_BEGUN)
 
     def end_transfer(self) -> None:
-        """It is over. The view follows with the next `refresh`."""
+        """The transfer is over. The view follows with the next `refresh`."""
         self.transfer = None
         self.move_phase(PhaseCause.TRANSFER_ENDED)
 
@@ -187,7 +192,7 @@ class Authority:
         return self._lost_at + forced_timeout_s
 
     def lose(self, owner: int, now: float, actions: list[Action], *, why: str = "is lost") -> None:
-        """The owner is not heard any more, or hears too little; `why`: what is said of it."""
+        """The owner is not heard any more, or hears too little; `why`: in words."""
         self.lost, self._lost_at = True, now
         text = f"{self.name(owner)} {why}: no station commands"
         actions.append(Record("authority_lost", text, Reason.COMMANDER_LOST, owner))
@@ -205,28 +210,28 @@ class Authority:
         self.refresh(Reason.COMMANDER_RETURNED, actions)
 
     def wait_no_longer(self, owner: int, now: float, actions: list[Action]) -> None:
-        """The time in which the owner may come back after the restart is over."""
+        """The time for the owner to come back after the restart is over."""
         if self._shown:
             self._believe(owner, actions)
             return
         self.recover_until, self._lost_at = None, now
-        if self.claimant is not None:  # nobody is a successor of who may not have had it; it may still show that it had
+        if self.claimant is not None:  # its authority is not proven, so it has no successor; it may still prove it
             self.owner, self.lost = None, False
         text = f"{self.name(owner)} has not come back after the restart: no station commands"
         actions.append(Record("authority_lost", text, Reason.COMMANDER_LOST, owner))
         self.refresh(Reason.COMMANDER_LOST, actions)
 
     def learn(self, station: int, answer: ConnectAck, actions: list[Action]) -> None:
-        """What a station remembers of epoch and commander, by its answer to CONNECT."""
+        """A station's memory of epoch and commander, by its answer to CONNECT."""
         if self.claimant is None:
             self._learn_epoch(station, answer, actions)
         elif station in self._may_be_ahead:
             self._hear_of_claim(self.claimant, station, answer, actions)
 
     def _hear_of_claim(self, claimant: int, station: int, answer: ConnectAck, actions: list[Action]) -> None:
-        """A station's first answer, while somebody has to show that it still has authority."""
+        """A station's first answer, while the claimant has to show that it still has authority."""
         self._may_be_ahead.discard(station)
-        if answer.epoch >= self.epoch + _UNSEEN:  # no disk can have missed as much: that is no memory of this flight
+        if answer.epoch >= self.epoch + _UNSEEN:  # no disk misses so many: this is no memory of this flight
             text = f"{self.name(station)} says epoch {answer.epoch}: no memory of this flight, not believed"
             actions.append(Record("epoch_not_believed", text, Reason.RESTARTED, station))
             return
@@ -245,16 +250,17 @@ class Authority:
             self._believe(claimant, actions)
 
     def _believe(self, claimant: int, actions: list[Action]) -> None:
-        """It has shown that it has authority since before the restart, and nobody knows better."""
+        """The claimant has shown that it has authority, and no station contradicts."""
         self.owner, self.claimant = claimant, None
         self.recover_until = None
         self.epoch += _UNSEEN - 1
         self.take_back(claimant, actions)
 
     def _learn_epoch(self, station: int, answer: ConnectAck, actions: list[Action]) -> None:
-        """A station remembers a later epoch, or another commander of this one: nothing said here would be news to it.
+        """Learn the epoch of a station that remembers a later one, or another commander in this one.
 
-        While somebody has authority, only a station's first answer counts: none can move the epoch at will.
+        Such a station would not believe the present epoch. While a station has authority, only the first answer of each
+        station counts, so no station can move the epoch at will.
         """
         owned, first = self.owner is not None, station in self._may_be_ahead
         if owned and (not first or self.transfer is not None):  # a transfer ends in the epoch that it began in
@@ -277,7 +283,7 @@ class Authority:
         self.starting = True
 
     def start_over(self) -> None:
-        """It did, or gave up, or what was accepted does not count any more."""
+        """START is over: it succeeded, was given up, or does not count any more."""
         self.starting = False
 
     def land(self) -> None:
@@ -285,15 +291,15 @@ class Authority:
         self._ground(PhaseCause.DISARMED)
 
     def end_rehearsal(self) -> None:
-        """The aircraft is not carried any more. The view follows with the next `refresh`."""
+        """The aircraft is no longer carried in a rehearsal. The view follows with the next `refresh`."""
         self._ground(PhaseCause.REHEARSAL_OVER)
 
     def _ground(self, cause: PhaseCause) -> None:
         self.move_phase(cause)
         self.takeover_allowed = self.alone = False
-        if self._flight.armed is not False:  # a rehearsal has ended: whoever has to show something has to go on
+        if self._flight.armed is not False:  # a rehearsal has ended: the claimant still has to show its authority
             return
-        if self.claimant is not None:  # on the ground nobody needs to show anything: the parent is there
+        if self.claimant is not None:  # on the ground no claim is needed: the parent is there
             self.owner = self.claimant = self.recover_until = None
             self.lost = False
 
@@ -302,15 +308,15 @@ class Authority:
         self.phase = PHASES.get((self.phase, cause), self.phase)
 
     def resume_transfer_phase(self) -> None:
-        """A transfer may have begun where it is no phase: on the ground, or while the aircraft was brought home."""
+        """Show a transfer as phase that began on the ground or during an emergency, where it is no phase."""
         if self.transfer is not None:
             self.move_phase(PhaseCause.TRANSFER_BEGUN)
 
     def refresh(self, reason: Reason, actions: list[Action]) -> None:
-        """Make the view of what holds now, and announce it if it differs."""
+        """Make the present view, and announce it if it differs."""
         commander = None if self.lost else self.owner
         if commander is None:
-            # what is brought home crosses no gap, not even while the order for that has to wait
+            # an aircraft that is brought home crosses no gap, not even while that order has to wait
             crosses = self.alone and self.lost and self.phase is not Phase.EMERGENCY
             alone = LeaseState.ALONE if crosses else LeaseState.LOST
             lease = LeaseState.RECOVERING if self.recovering else alone

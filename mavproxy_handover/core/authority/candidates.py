@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Which station could take the aircraft, and which one should.
+"""Stations that could take the aircraft, and the one that should.
 
-It could if its zone holds the aircraft, it is there both ways with the same mission package (`presence.py`), and no
-attempt at it has just failed. Which of those should is for zones (`zones.py`) and links (`links.py`) to say.
+A station could take the aircraft if its zone holds it, if it is there both ways with the same mission package
+(`presence.py`), and if no attempt at it has just failed. Zones (`zones.py`) and links (`links.py`) say which one
+should.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from mavproxy_handover.core.common.model import NO_MISSION, RANKS, Mission, Reas
 
 __all__ = ["Candidates"]
 
-#: a transfer that ended because somebody did not want it
+#: reasons of a transfer that ended because a person or the configuration did not want it
 _OPERATORS_WORD = (Reason.COMMANDER_DENIED, Reason.PARTNER_REFUSED, Reason.CANCELLED, Reason.CONSENT_REFUSED)
 
 
@@ -70,7 +71,7 @@ class Candidates:
         return now - self._presence[station].heard_at
 
     def deaf_words(self, station: int, now: float) -> str:
-        """That the station is heard and hears nothing, or too little, in words; "" if that is not so."""
+        """Words for a station that is heard and hears nothing, or too little; "" if it is not so."""
         presence = self._presence[station]
         if not presence.alive(now):
             return ""
@@ -94,7 +95,7 @@ class Candidates:
         if self.zones.known and not self.zones.holds(station):
             return Reason.LEFT_REGION
         why = presence.unfit(self.mission.digest, now)
-        return None if why is Reason.PARTNER_SILENT else why  # it has just spoken
+        return None if why is Reason.PARTNER_SILENT else why  # the station has just spoken
 
     def _fit(self, owner: int | None, now: float, actions: list[Action]) -> Sequence[int]:
         """Stations whose zone holds the aircraft and that could take it; says once why another could not."""
@@ -102,11 +103,12 @@ class Candidates:
         return [station for station in others if self.could_be_partner(station, owner, now, actions)]
 
     def could_be_partner(self, station: int, owner: int | None, now: float, actions: list[Action]) -> bool:
-        """Whether this station could be partner now. If not, says why, and to both operators what to do, once."""
+        """Whether this station could be partner now. If not, tells both operators once why, and what to do."""
         presence = self._presence[station]
         why = self.unfit(station, now)
         words = None if why is None else in_words(why)
-        # it comes into range: in a few seconds it answers enough, or it is barred, and both operators hear of that
+        # a station that comes into range: in a few seconds it answers enough, or it is barred and both operators hear
+        # it
         comes = False
         if why is Reason.PARTNER_SILENT and presence.connected(now) and not presence.hearing.enough:
             comes = not presence.hearing.barred
@@ -170,8 +172,8 @@ class Candidates:
     def best(self, stations: Sequence[int]) -> int:
         """Of these, at least one, the next one on the route, then the one whose zone keeps the aircraft longest.
 
-        One that has let a transfer fail since authority last moved comes behind those that have not: stations that
-        answer and then do not take the aircraft keep none away that would.
+        A station that has let a transfer fail since authority last moved comes after the others. So a station that
+        answers and then does not take the aircraft does not keep it from the next one.
         """
         untried = [station for station in stations if station not in self._failed]
         if not untried:
@@ -184,15 +186,15 @@ class Candidates:
         self._retry_after[station, RANKS[reason]] = now + pause_s
         if why in (Reason.PARTNER_SILENT, Reason.PARTNER_UNANSWERED):
             self._failed.add(station)
-            if not self._presence[station].station.standard:  # that has no words
+            if not self._presence[station].station.standard:  # a standard station sends no messages of a transfer
                 self._mute.add(station)
 
     def spoke(self, station: int) -> None:
-        """It has said a word in a transfer."""
+        """The station has spoken in a transfer."""
         self._mute.discard(station)
 
     def mute(self, station: int) -> bool:
-        """Whether it has let a transfer fail by its silence, and has not said anything since."""
+        """Whether the station has let a transfer fail by its silence, and has not spoken in one since."""
         return station in self._mute
 
     def paused_s(self, station: int, reason: Reason, now: float) -> float:
@@ -211,7 +213,7 @@ class Candidates:
         self._mute.clear()
 
     def moved(self, station: int, now: float, *, flying: bool) -> None:
-        """This station commands now."""
+        """Authority has moved to this station."""
         self._presence[station].hearing.trust(now)
         self.zones.moved(now)
         self.forget_pauses()

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the vehicle's file must say about consent before handovers can happen.
+"""Consent in the vehicle's file: the lines that handovers need.
 
 A station without our module may have a program that cannot ask its operator. Then the vehicle's file must answer for it
 (`consent` in its `[[station]]`). START, `handover check` and `handover doctor` use the same rule.

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The vehicle asks every station again and again whether it is there (CONNECT), and answers the same question.
+"""Questions to every station whether it is there (CONNECT), and answers to the same question.
 
-After a restart in flight it asks as often as it repeats a message of a transfer: an answer brings back the commander of
-before, and to wait for the next question after one that was lost would take seconds. The vehicle asks a commander whose
-answer is overdue as often, and every station that answers fewer than half of its questions. It asks a station that has
-missed any of them half as often (`hearing.py`). With one question a second, a link that loses a third of everything
+After a restart in flight the vehicle asks as often as it repeats a message of a transfer: an answer brings back the
+commander of the run before, and a lost question must not cost seconds. It asks as often if the answer of the commander
+is overdue, and if a station answers fewer than half of its questions. It asks a station that has missed any question
+half as often (`hearing.py`). With one question a second, a link that loses a third of everything
 leaves ten seconds without an answer several times in an hour.
 
-What comes of it is in the station's `Presence`. Questions are numbered by nonces of this run: an answer to any other is
+The results are in the station's `Presence`. Questions are numbered by nonces of this run: an answer to any other is
 no proof, and is dropped.
 """
 
@@ -36,7 +36,7 @@ class Contacts:
         self.presence = {station.sysid: Presence(station, limits) for station in stations}
 
     def heard(self, station: int, now: float, actions: list[Action], *, commanded: bool = False) -> None:
-        """A station is heard; one that was not there is asked at once. `commanded`: it waits for its command."""
+        """A station is heard; a station that was away is asked at once. `commanded`: it waits to command again."""
         presence = self.presence[station]
         if not presence.alive(now):
             presence.hearing.begin(commanded=commanded)
@@ -74,7 +74,7 @@ class Contacts:
         return None
 
     def ask(self, authority: Authority, digest: bytes, now: float, actions: list[Action]) -> None:
-        """The questions that are due."""
+        """Send the questions that are due."""
         limits = self._limits
         interval_s = limits.connect_interval_s
         if authority.recovering:

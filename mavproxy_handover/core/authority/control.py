@@ -4,24 +4,24 @@
 
 `judge_control` is pure and total: the request and what holds now in, an answer and an effect out.
 
-* A request by the commander says whether takeover is allowed from now on; while somebody waits for its consent,
-  allowing it is the consent, and a request without that is the refusal. It does not say to what: when the transfer
-  that the commander was asked about has just ended, it is neither, and takeover is not allowed by it. A request by the
-  commander for another station gives the aircraft to that one.
-* A request by anyone else starts a transfer to it: at once if takeover is allowed, otherwise the commander is asked
-  and the answer is "pending". Nobody can ask for a third station.
-* On the ground it need not hold the vehicle's mission package: it may be about to bring another.
-* Nobody in command: on the ground the request is granted; in flight it starts a forced transfer from the commander that
-  was lost, if the aircraft is in the asking station's zone. While the commander of before a restart may still come
-  back, nobody gets its place.
-* What an operator wishes has its rank among the reasons for a transfer (`model.RANKS`): a gift of the commander takes
-  the place of a request under way, a request that of nothing. A request that came to nothing waits before the next.
-* A release on the ground leaves nobody in command. In flight, and from START on, the aircraft is never left without a
-  commander: it is offered to a station whose zone holds it, and until one has taken it the commander stays, with
-  takeover allowed. Where somebody waits for its consent, the release is that.
-* Only the commander can release. CONTROL_STATUS, not the answer, tells who commands.
-* A request that comes again right after it has taken effect is its repetition (the answer was lost on the way): it is
-  answered again and changes nothing (`Echo`).
+* A request by the commander says whether takeover is allowed from now on. While a transfer waits for the commander's
+  consent, a request that allows takeover is the consent. One that does not allow it is the refusal. The request does
+  not name the transfer. If the transfer in question has just ended, the request is neither, and allows no takeover.
+* A request by the commander for another station gives the aircraft to that station.
+* A request by another station starts a transfer to it: at once if takeover is allowed. Otherwise the commander is
+  asked, and the answer is "pending". A station cannot ask for a third station.
+* On the ground a station need not hold the vehicle's mission package: it may bring another one.
+* Without a commander on the ground, a request is granted. In flight it starts a forced transfer from the lost
+  commander, if the aircraft is in the asking station's zone. While the commander of the run before may still come back
+  after a restart, no station gets its place.
+* An operator's wish has a rank among the reasons for a transfer (`RANKS` in `common/model.py`). A gift of the commander
+  replaces a request under way; a request replaces nothing. A failed request has a pause before the next.
+* A release on the ground leaves no station in command. In flight, and from START on, the aircraft always keeps a
+  commander: the release offers it to a station whose zone holds it. Until that station has taken it, the commander
+  stays, with takeover allowed. If a transfer waits for the commander's consent, the release is the consent.
+* Only the commander can release. CONTROL_STATUS, not the answer, tells which station commands.
+* A request that comes again right after it took effect is a repetition, because the answer was lost. It is answered
+  again and changes nothing (`Echo`).
 """
 
 from __future__ import annotations
@@ -49,15 +49,15 @@ def waiting_s(wanted_s: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class ControlFacts:
-    """What holds when a request comes.
+    """State of the vehicle at a request.
 
-    `commander`: who commands, None if nobody. `lost`: there is one, and it is not heard. `recovering`: it has not been
-    heard since the restart, and that was just now. `grounded`: disarmed, the autopilot has just said so, and no
-    START is under way. `waiting_for`: the partner of the transfer under way, None without one; where several are asked
-    and the station that is to have control is one of them, that. `yields`: that transfer gives way to a gift. `unfit`:
-    why the station that is to have control could not be a partner, None if it could. `in_zone`: its zone holds the
-    aircraft, or no zones are known. `paused_s`: how long its requests have to wait. `position_known`: and fresh.
-    `just_changed`: a transfer has ended, or another has taken its place, so lately that the commander may mean that.
+    `commander`: None if there is none. `lost`: there is an owner, and it is not heard. `recovering`: the owner has not
+    been heard since a restart just now. `grounded`: disarmed, the autopilot has just said so, and no START is under
+    way. `waiting_for`: the partner of the transfer under way, None without one; of several stations that are asked, the
+    one that is to have control. `yields`: that transfer gives way to a gift. `unfit`: why the station that is to have
+    control could not be a partner, None if it could. `in_zone`: its zone holds the aircraft, or no zones are known.
+    `paused_s`: how long its requests have to wait. `position_known`: known and fresh. `just_changed`: a transfer has
+    ended, or another has taken its place, so lately that the commander may mean that one.
     """
 
     commander: int | None
@@ -78,7 +78,7 @@ class ControlFacts:
 
 
 class Effect(Enum):
-    """What an answered request does."""
+    """Effect of an answered request."""
 
     NOTHING = "nothing"
     SET_TAKEOVER = "takeover allowed or not"

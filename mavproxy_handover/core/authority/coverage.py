@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What authority tells the safety rules: who commands, and how far coverage goes.
+"""Facts of authority for the safety rules: the owner, and how far coverage goes.
 
 Which coverage counts
 ---------------------
@@ -8,9 +8,9 @@ Coverage counts only where a station could take the aircraft: in the zone of the
 may be asked now, here or where the owner's zone ends. A station that dies is noticed only seconds later. By then the
 aircraft would have left that station's zone. So a partner that is asked already has `answer_s`:
 
-* A partner that does not answer for so long does not count here, until it answers.
-* A partner that has not taken the aircraft after so long does not count after the border. The reason plays no part:
-  its operator thinks, or a message is on its way. The transfer goes on meanwhile.
+* A partner that has not answered by then does not count here, until it answers.
+* A partner that has not taken the aircraft by then does not count after the border. The reason plays no part: its
+  operator thinks, or a message is on its way. The transfer goes on meanwhile.
 
 Coverage ends ahead `hold_lead_s` before the aircraft leaves it. An aircraft with wings circles where it is held, so it
 needs room ahead (`circles_s`) and on both sides (`circle_m`).
@@ -131,8 +131,10 @@ class Coverage:
         return not self._candidates.ready(beyond, owner, Reason.ZONE_ENDS, now)
 
     def _asked(self, now: float) -> tuple[int | None, bool, bool]:
-        """The partner of the transfer under way, None without one; whether it answers, as far as is known; and whether
-        it may still have the aircraft in time. A partner that did not answer last time has to answer first."""
+        """The partner of the transfer under way, whether it answers, and whether it may take the aircraft in time.
+
+        None, True, True without a transfer. A partner that did not answer in the last transfer has to answer first.
+        """
         transfer = self._authority.transfer
         if transfer is None:
             return None, True, True

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What both operators are told of a station that cannot be partner, and of a handover that did not happen: why, and
-what to do about it."""
+"""Advice to both operators: why a station cannot be partner, why a handover did not happen, and what to do."""
 
 from __future__ import annotations
 

@@ -1,18 +1,22 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The next change of authority on the mission's way: who will be asked there is asked beforehand.
+"""The next change of authority on the mission's way: both stations may answer before the border.
 
 Theory of operation
 -------------------
-An operator who is asked at the border of a zone may answer when the zones' overlap is behind the aircraft. Where the
-way of the mission is known, so is the border at which authority should move, by the rules of `zones.py`. So both
-stations are told of it each second, from `operator_timeout_s` before it on (HANDOVER_AHEAD), and both may answer at
-once (OK_AHEAD).
+An operator who is asked at the border of a zone may answer after the aircraft has left the overlap. If the way of the
+mission is known, the border at which authority should move is known too, by the rules of `zones.py`. So both stations
+are told of it each second (HANDOVER_AHEAD), beginning `operator_timeout_s` before it. Both may answer at once
+(OK_AHEAD).
 
-Nothing moves by these answers. At the border the transfer goes through all its steps; what a station's operator has
-said beforehand it says there without asking again, if the vehicle asks for that very border: its number travels with
-the questions of the transfer. The number is never given twice within an epoch. It is over with the commander, with an
-emergency, with another route or mission, where the partner's zone is left, and when another border comes up.
+These answers move nothing. At the border the transfer goes through all its steps. A station then repeats the answer
+that its operator gave before, if the vehicle asks for that border: its number travels with the questions of the
+transfer. A number is never used twice within an epoch. A foreseen border ends
+
+* with the commander, and with an emergency;
+* with another route or mission;
+* if the aircraft leaves the partner's zone;
+* if another border comes up.
 """
 
 from __future__ import annotations
@@ -33,14 +37,14 @@ from mavproxy_handover.core.common.model import BorderFact, Consent, Phase, Reas
 
 __all__ = ["FORESEEN", "Foresight"]
 
-#: why a transfer is begun that can be foreseen
+#: reasons of transfers that can be foreseen
 FORESEEN: Final = frozenset({Reason.ZONE, Reason.ZONE_ENDS})
 #: how often the stations are told (s)
 _AGAIN_S: Final = 1.0
-#: an aircraft that does not fly on its mission's way any more has left it, or waits; so long (s) a border is told all
-#: the same, and so long it is the same border when the way is taken up again
+#: an aircraft that does not fly on its mission's way has left it, or waits. The border is still told for the first time
+#: (s). It is still the same border if the way is taken up again within the second (s)
 _FLOWN_S, _SAME_S = 2.5, 60.0
-#: so long (s) behind a border the zone there is entered: it is, some metres inside
+#: time (s) after a border until the zone there counts as entered, some metres inside
 _PASSED_S: Final = 5.0
 _IN_WORDS: Final = {
     Consent.GRANTED: "agrees to it beforehand",
@@ -51,7 +55,7 @@ _IN_WORDS: Final = {
 
 @dataclass(frozen=True, slots=True)
 class _Ahead:
-    """A border ahead. `border`, `route`, `digest`: which one, on which way of which mission; `at`: when it is reached,
+    """A border ahead. `border`, `route`, `digest`: its number, way and mission; `at`: when it is reached,
     `seen_at`: when it was on the way last (monotonic s); `reached`: the partner's zone holds the aircraft."""
 
     key: CrossingKey
@@ -91,10 +95,10 @@ class Foresight:
         self._presence = presence
         self._candidates = candidates
         self._limits = limits
-        #: of the last border that was told
+        #: number of the last border that was told
         self._number = 0
         self._ahead: _Ahead | None = None
-        #: what the two stations have answered, and when they are told next
+        #: answers of the two stations, and when they are told next
         self._said: dict[int, Consent] = {}
         self._say_at = inf
 
@@ -104,7 +108,7 @@ class Foresight:
         return None if self._ahead is None else self._ahead.key
 
     def left_s(self, now: float) -> float:
-        """How soon it is reached; inf: there is none."""
+        """Seconds until that border is reached; inf: there is none."""
         return inf if self._ahead is None else self._ahead.at - now
 
     def number_for(self, partner: int, reason: Reason, now: float) -> int:
@@ -127,7 +131,7 @@ class Foresight:
         partner, border, in_s = found
         owner, digest, ahead = self._authority.owner, self._candidates.mission.digest, self._ahead
         assert owner is not None
-        if in_s <= self._limits.operator_timeout_s:  # ahead of the border there is time to mend it
+        if in_s <= self._limits.operator_timeout_s:  # before the border there is time to mend it
             self._candidates.could_be_partner(partner, owner, now, actions)
         if ahead is not None and (ahead.border, ahead.key.to_station) == (border, partner):
             self._ahead = replace(ahead, at=now + in_s, seen_at=now)
@@ -143,8 +147,11 @@ class Foresight:
         actions.append(Record("foreseen", text, Reason.ZONE, partner))
 
     def _still(self, partner: int, now: float) -> bool:
-        """The border that the stations know of is not done with: it has only just been passed, or the zone behind it
-        holds the aircraft and its station is the one to be asked at the next one, too."""
+        """Whether the border that the stations know of still counts.
+
+        The aircraft has only just passed it. Or the zone there holds the aircraft, and the next border has the same
+        partner.
+        """
         ahead = self._ahead
         if ahead is None:
             return False
@@ -170,7 +177,7 @@ class Foresight:
         for border in borders:
             if owner in border.holding:
                 partners, soon_s = border.holding - holding - {owner}, 0.0
-            else:  # who holds the aircraft by then has it before the end; else whoever takes it up there
+            else:  # first a station whose zone holds the aircraft before that; else one whose zone begins there
                 partners, soon_s = border.holding & holding - {owner}, self._limits.exit_soon_s
                 if not partners:
                     partners, soon_s = border.holding - {owner}, 0.0
@@ -183,7 +190,7 @@ class Foresight:
         return None
 
     def _able(self, stations: frozenset[int]) -> Iterator[tuple[bool, int]]:
-        """Those that can be told, the next one on the route first."""
+        """The stations that can be told, the next one on the route first."""
         following = self._candidates.mission.following
         for station in stations:
             presence = self._presence.get(station)
@@ -229,7 +236,7 @@ class Foresight:
         if ahead is None or now < self._say_at:
             return
         self._say_at = now + _AGAIN_S
-        if self._authority.transfer is not None or ahead.reached:  # they are asked, or were
+        if self._authority.transfer is not None or ahead.reached:  # the stations are asked, or were
             return
         if now >= ahead.seen_at + _FLOWN_S:
             return

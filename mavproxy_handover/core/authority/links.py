@@ -55,7 +55,7 @@ class Links:
         return station in self._weak
 
     def attacked(self, station: int) -> bool:
-        """Whether somebody else speaks in its name."""
+        """Whether another sender uses its name."""
         return station in self._attacked
 
     def worse(self, commander: int, stations: Iterable[int]) -> list[int]:

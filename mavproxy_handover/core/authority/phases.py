@@ -12,7 +12,7 @@ next) or on the ground.
 A rehearsal (`rehearsal.py`) goes through the same phases with an aircraft that is carried: it begins on the ground, and
 leads back there from whatever phase it has come to.
 
-PHASES is the whole of it; what is missing changes nothing.
+PHASES is complete; a pair that is missing changes nothing.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ __all__ = ["PHASES", "PhaseCause"]
 
 
 class PhaseCause(Enum):
-    """What can move the phase."""
+    """Causes that can move the phase."""
 
     STARTED = "started"
     TRANSFER_BEGUN = "transfer begun"

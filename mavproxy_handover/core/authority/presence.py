@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the vehicle knows of each station: is it there, both ways, and do the two agree.
+"""State of each station: whether it is there, both ways, and agrees with the vehicle.
 
 A heartbeat proves only that the station reaches the vehicle. An answer to CONNECT proves the way there as well, and
 says which protocol, mission package and epoch the station has. A partner must be proven in both (make before break).
@@ -52,7 +52,7 @@ class Presence:
         self.heard_at = -inf
         self.answered_at = -inf
         self.answer: ConnectAck | None = None
-        #: when to ask CONNECT next; never where nobody there understands it
+        #: when to ask CONNECT next; never for a station that does not know it
         self.ask_at = inf if station.standard else -inf
         #: nonces of the questions that may still be answered, and when they were asked, oldest first: the way there and
         #: back may take longer than the pause between two questions, the shortest pause that there is (`contacts.py`)
@@ -109,7 +109,7 @@ class Presence:
         return self.heard_at + self._limits.heartbeat_lost_s
 
     def deaf_at(self, since: float) -> float:
-        """When it counts as deaf if it does not answer, or since when it is; `since`: it has commanded from then on."""
+        """Time at which it counts as deaf without an answer, or since when it is. `since`: it commands from then on."""
         if self.station.standard:
             return inf
         mute_at = max(self.answered_at + self._limits.deaf_lost_s, since + self._limits.connect_lost_s)
@@ -158,7 +158,7 @@ class Presence:
         return self.shows_control or not self.station.standard
 
     def unfit(self, mission_digest: bytes, now: float) -> Reason | None:
-        """Why it cannot be a partner now, or None if it can."""
+        """Reason why it cannot be a partner now; None if it can."""
         if self.station.consent is StandingConsent.REFUSE:
             return Reason.CONSENT_REFUSED
         if self.station.standard:

@@ -1,20 +1,23 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""A rehearsal on the ground: the disarmed aircraft is carried through the zones; all but the flying is as in flight.
+"""Rehearsal on the ground: people carry the disarmed aircraft through the zones, and authority moves as in flight.
 
 Theory of operation
 -------------------
-While it lasts the aircraft counts as flying (`Flight.rehearsing`), so positions, links and stations that fall silent
-bring about what they would in flight: transfers, refusals, phases, decisions. What comes of a decision is told and
-never commanded (`safety/execution.py`), and START is refused (`start.py`).
+During a rehearsal the aircraft counts as flying (`Flight.rehearsing`). Positions, links and stations that fall silent
+have the same effects as in flight: transfers, refusals, phases, decisions. Decisions are told and never commanded
+(`safety/decision_executor.py`), and START is refused (`start.py`).
 
-It begins by the commander's word where START could be, but for the energy, and with it the gaps, which nobody needs who
-walks. So never armed, never in flight, never without a heartbeat of the autopilot that says so.
+A rehearsal begins by the commander's request, under the conditions of START except energy and gaps: the carried
+aircraft needs no energy. So the aircraft is disarmed, on the ground, and the autopilot's heartbeat says so.
 
-It ends by the word of whoever commands then; when nobody has commanded for `Limits.rehearsal_lost_s`; and at once when
-the autopilot says that it is armed: from that moment on it is a flight, and nothing of what was decided before counts.
-It outlives a restart as a flight does (`snapshot.py`). It gives nobody authority, neither where it begins nor where it
-ends.
+A rehearsal ends
+
+* by the request of the commander of that moment;
+* after `Limits.rehearsal_lost_s` without a commander;
+* at once, if the autopilot says that it is armed. From then on it is a flight, and earlier decisions do not count.
+
+It outlives a restart as a flight does (`common/snapshot.py`). Neither its beginning nor its end gives authority.
 """
 
 from __future__ import annotations
@@ -33,7 +36,7 @@ __all__ = ["Rehearsal"]
 
 
 class Rehearsal:
-    """Whether one is under way. Times are monotonic seconds."""
+    """State of the rehearsal. Times are monotonic seconds."""
 
     __slots__ = ("_authority", "_flight", "_limits", "_nobody_since", "_start", "_transfer_manager")
 
@@ -45,15 +48,16 @@ class Rehearsal:
         self._transfer_manager = transfer_manager
         self._start = start
         self._limits = limits
-        #: since when nobody has commanded in it; None: somebody does, or there is none
+        #: since when there has been no commander in it; None: there is a commander, or no rehearsal
         self._nobody_since: float | None = None
 
     def needs(self, station: int, now: float) -> tuple[str, ...]:
-        """What a rehearsal by this station's word still lacks, in words; empty when it may begin."""
+        """Needs of a rehearsal by this station's request that are not met, in words; empty: it may begin."""
         return self._start.needs(station, now, carried=True)
 
     def asked(self, event: RehearsalAsked, now: float, actions: list[Action]) -> bool:
-        """A station's word. What it asks for already is changes nothing; returns whether a rehearsal is to end."""
+        """Take a station's request; returns whether a rehearsal is to end. A request for the present state changes
+        nothing."""
         name = self._authority.name(event.station)
         if event.begin and not self._flight.rehearsing:
             needs = self.needs(event.station, now)
@@ -71,14 +75,14 @@ class Rehearsal:
         return not event.begin and not needs and self._flight.rehearsing
 
     def _begin(self, station: int, now: float, actions: list[Action]) -> None:
-        self._transfer_manager.move(Cause.PREEMPTED, now, actions)  # as START does: another's request
+        self._transfer_manager.move(Cause.PREEMPTED, now, actions)  # as START does: a request of another station
         self._flight.rehearsal_begun()
         self._start.enter_mission("carried, in a rehearsal", now, actions, PhaseCause.REHEARSED)
         text = f"REHEARSAL: begun by {self._authority.name(station)}, nothing arms"
         actions.append(RehearsalMoved(True, text, Reason.OPERATOR))
 
     def over(self, now: float) -> tuple[str, Reason] | None:
-        """Why it is over whatever stations say, and the reason for that; None: it is not, or there is none."""
+        """Words and reason why the rehearsal is over without a request; None: it is not over, or there is none."""
         if not self._flight.rehearsing:
             return None
         if self._flight.armed:
@@ -89,18 +93,18 @@ class Rehearsal:
         return None
 
     def end(self) -> None:
-        """It is over. The view follows with the next `Authority.refresh`."""
+        """End the rehearsal. The view follows with the next `Authority.refresh`."""
         self._flight.rehearsal_over()
         self._nobody_since = None
         self._authority.end_rehearsal()
 
     def look(self, now: float) -> None:
-        """Something has happened: does anybody command?"""
+        """Note whether there is a commander. Called after each event."""
         if not self._flight.rehearsing or self._authority.view.commander is not None:
             self._nobody_since = None
         elif self._nobody_since is None:
             self._nobody_since = now
 
     def due_at(self) -> float | None:
-        """When it is over because nobody commands; None while somebody does, or there is none."""
+        """Time at which it is over without a commander; None while there is one, or no rehearsal."""
         return None if self._nobody_since is None else self._nobody_since + self._limits.rehearsal_lost_s

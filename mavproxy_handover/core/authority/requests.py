@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What a request of operator control does. How it is judged is in `control.py`."""
+"""Effects of requests of operator control. `control.py` judges them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from mavproxy_handover.core.common.never import assert_never
 
 __all__ = ["Requests"]
 
-#: why the transfer is begun that a request leads to
+#: effect of a request -> reason of the transfer that it begins
 _REASONS: Final = {
     Effect.TRANSFER: Reason.REQUESTED,
     Effect.TRANSFER_CONSENTED: Reason.REQUESTED,
@@ -117,7 +117,7 @@ class Requests:
                 assert_never(effect)
 
     def _offer(self, now: float, actions: list[Action]) -> None:
-        """The commander gives the aircraft to whoever can take it."""
+        """The commander gives the aircraft to any station that can take it."""
         self._authority.allow_takeover(True, actions)
         if self._authority.transfer is not None:
             self._transfer_manager.consent(now, actions)

@@ -79,7 +79,7 @@ class Results:
         return [min(pending.retry_at, pending.give_up_at) for pending in self._pending.values()]
 
     def repeat(self, now: float, name_of: dict[int, str], actions: list[Action]) -> None:
-        """Tell again whom it is due to tell; whoever has been told for long enough is given up."""
+        """Repeat the result where it is due; give up a station that was told for long enough."""
         for station, pending in list(self._pending.items()):
             if now >= pending.give_up_at:
                 del self._pending[station]

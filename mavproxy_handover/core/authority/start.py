@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""How a flight begins: by START, or by whatever else brought the aircraft into the air.
+"""Beginning of a flight: by START, or by another way into the air.
 
-`start_needs` is pure and total: what holds now in, what START still lacks out.
+`start_needs` is a pure and total function: from the state of the vehicle to the needs of START that are not met.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from mavproxy_handover.core.common.model import Phase, Reason
 
 __all__ = ["MIDWAY", "Start", "StartFacts", "refused", "start_needs"]
 
-#: what a command lacks that would begin the mission elsewhere than START
+#: the refusal of a command that would begin the mission without START
 MIDWAY: Final = ("on the ground a flight begins with START",)
 
 
 @dataclass(frozen=True, slots=True)
 class StartFacts:
-    """What holds when a station asks for START. `station`: its name; `in_zone`: its zone holds the aircraft.
+    """State of the vehicle at a START. `station`: name of the station; `in_zone`: its zone holds the aircraft.
 
     `foreign`: what the autopilot says that it is, in words, if that is nothing that is flown here. `energy_short`: what
     the loaded mission lacks in energy, in words; `gaps_lack`: what its gaps do; `return_lacks`: why a return would not
@@ -101,7 +101,7 @@ def start_needs(facts: StartFacts) -> tuple[str, ...]:
 
 
 def refused(what: str, needs: tuple[str, ...]) -> str:
-    """START, or a command that is a part of it, is refused for all of this: some of it has commas of its own."""
+    """The words of a refusal of START, or of a command that is a part of it."""
     return f"{what} refused: {'; '.join(needs)}"
 
 
@@ -159,9 +159,7 @@ class Start:
             actions.append(Record("start_refused", refused("START", needs), Reason.NOT_READY, station))
             actions.append(StartRefused(station, needs))
             return
-        self._transfer_manager.move(
-            Cause.PREEMPTED, now, actions
-        )  # another's request: the commander flies, it does not give
+        self._transfer_manager.move(Cause.PREEMPTED, now, actions)  # a request of another station: the commander flies
         self._authority.start_begun()
         actions.append(Record("start", f"START from {self._authority.name(station)}", station=station))
         actions.append(BeginStart(station))

@@ -3,8 +3,8 @@
 """The steps of a transfer in words, for the companion's console, as the thesis shows them (figures 6.3 and 6.14).
 
 A step is told once in a transfer, however often its message is sent. A station's message is told only if it counts: it
-names the transfer under way, and the station may say it (`transfer.cause_of`). A lost commander says nothing that
-counts.
+names the transfer under way, and the station may say it (`cause_of` in `transfer.py`). Messages of a lost commander do
+not count.
 """
 
 from __future__ import annotations

@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""One attempt to move authority, as the vehicle sees it.
+"""One attempt to move authority, from the vehicle's side.
 
 Theory of operation
 -------------------
-The vehicle drives. It sends what the present step needs, again and again with the same id and a growing pause, until
-it hears what moves it on; stations only answer, and answer a repeated question again. So every retransmission in the
-system is here, and a station needs no clock for a transfer.
+The vehicle drives the transfer. It repeats the message of the present step, with the same id and a growing pause, until
+an answer moves it on. Stations only answer, and answer a repeated question again. So every retransmission in the system
+is here, and a station needs no clock for a transfer.
 
-What a partner tells the commander (steps 2 and 5) it also tells the vehicle. That copy is what the vehicle passes on:
-at once when the partner says that it has no ground link, otherwise as its retransmission. A dead ground link
-costs nothing but the longer way.
+A partner tells the vehicle everything that it tells the commander (steps 2 and 5). The vehicle passes that copy on: at
+once if the partner says that it has no ground link, otherwise as its retransmission. So a dead ground link costs only
+time.
 
     step            the vehicle waits for                 and meanwhile sends
     REQUEST         partner: ON_HANDOVER                  HANDOVER_REQUEST to the partner
@@ -19,28 +19,43 @@ costs nothing but the longer way.
     CONNECT_FREED   the same; the commander has released  CONNECT_HANDOVER to the partner
     RELEASE         commander: DISCONNECT_HANDOVER        DRONE_CONNECTED, passed on to the commander
 
-An ending names its outcome. ABORTED: the commander stays, nothing has changed. COMMITTED: commander and epoch change in
-one step, which the arbiter makes. A transfer commits only after the partner's DRONE_CONNECTED and the commander's
-consent; a release that comes before the partner's word waits in CONNECT_FREED.
+An end names its outcome. ABORTED: the commander stays, and nothing has changed. COMMITTED: commander and epoch change
+in one step, by the arbiter. A transfer commits only after the partner's DRONE_CONNECTED and the commander's consent. A
+release that comes before the partner's message waits in CONNECT_FREED.
 
-When the commander is lost on the way, or was lost before, the transfer is forced: nobody is left to ask, so consent and
-release are taken as given and only the partner's two words count. It ends at once if the commander returns.
+If the commander is lost on the way, or was lost before, the transfer is forced. There is no commander to ask, so
+consent and release count as given, and only the partner's two messages are needed. It ends at once if the commander
+returns.
 
-A forced transfer is in a hurry: until it ends nobody commands, and the aircraft turns home when it has lasted too long.
-So every station that could take the aircraft is asked at once (`others`), and CONNECT_HANDOVER goes to the first that
-is ready: that one is the partner from then on, the others stay in reserve. A partner that falls away, or lets CONNECT
-wait while another is ready, makes way for the next. Where only operators are left to wait for when the time is up,
-the question stays open and the hurry ends (`patient`): the aircraft turns home meanwhile. When every station that is
-asked has said that its operator is asked, that is so at once: a yes moves authority then, and nothing else.
+During a forced transfer no station commands, and the aircraft turns home if it takes too long. So every station that
+could take the aircraft is asked at once (`others`). CONNECT_HANDOVER goes to the first one that is ready. That one is
+the partner from then on, and the others stay in reserve. If the partner falls away, or lets CONNECT wait while another
+is ready, the next one becomes the partner. If the time is up and only operators have still to answer, the question
+stays open and the hurry ends (`patient`): the aircraft turns home meanwhile. If every station that is asked has said
+that its operator is asked, the hurry ends at once. Then only a yes moves authority.
 
-Why a transfer was begun is its rank (`model.RANKS`). A transfer for a graver reason takes its place as long as the
-partner has not been told to set itself up (`yields_to`); if it is to the same partner, this one is raised instead.
+The reason of a transfer is its rank (`RANKS` in `common/model.py`). A transfer for a graver reason takes its place
+until the partner has been told to set itself up (`yields_to`). If both are to the same partner, this one is raised
+instead.
 
-A commander may have consented beforehand (it gave the aircraft away itself, or allowed takeover): it is not asked, and
-has released with that. A station without a module of ours (`Station.standard`) has no words for some steps. What
-follows from that is `Transfer.implied`: the causes that come by themselves in a step.
+A commander may have consented before (it gave the aircraft away itself, or allowed takeover). Then it is not asked, and
+has also released. A station without our module (`Station.standard`) has no messages for some steps. `Transfer.implied`
+has the causes that come by themselves in a step because of that.
 
-Everything that can happen in a step is in MOVES. What is not there changes nothing, whatever it is.
+What MOVES says, and what it does not say
+-----------------------------------------
+MOVES has every change of the step and every end of a transfer that is not forced. A pair that is not there changes
+nothing. A forced transfer with several candidates has more state than its step (`others`, `ready`, `asking`,
+`patient`). So three methods of `Transfer` go around MOVES for it:
+
+* `_of_other`: a cause of a station in reserve changes only these fields and the time limit, never step, partner or end.
+  There is one exception, in `move`: in step REQUEST a station in reserve that is ready becomes the partner. The cause
+  PARTNER_READY then goes through MOVES.
+* `_next`: the partner of a forced transfer falls away, and another station is in reserve. That one becomes the partner,
+  in step CONNECT if it is ready, else in REQUEST. Without a station in reserve MOVES applies.
+* `_run_out`: the time of a forced transfer is up. The next candidate becomes the partner (`_next`), or the transfer
+  goes on waiting for operators, or it is aborted. TIMEOUT and UNANSWERED of MOVES apply to transfers that are not
+  forced.
 """
 
 from __future__ import annotations
@@ -76,7 +91,7 @@ class Step(Enum):
 
 
 class Cause(Enum):
-    """What can move a transfer."""
+    """Causes that can move a transfer."""
 
     PARTNER_READY = "partner ready"
     PARTNER_ASKS = "partner's operator asked"
@@ -159,9 +174,9 @@ MOVES: dict[tuple[Step, Cause], Step | End] = {
 
 
 def cause_of(message: Message, sender: int) -> Cause | None:
-    """What a station's message means to a transfer whose key it carries; None if it may not say that.
+    """Cause that a station's message is to the transfer whose key it carries; None: this station may not say that.
 
-    Steps 2 and 5 are the partner's to say, 3 and 6 the commander's.
+    Steps 2 and 5 come from the partner, 3 and 6 from the commander.
     """
     if isinstance(message, OnHandover) and sender == message.key.to_station:
         return {
@@ -182,7 +197,7 @@ def cause_of(message: Message, sender: int) -> Cause | None:
     return None
 
 
-#: what takes one candidate out of a forced transfer
+#: causes that take one candidate out of a forced transfer
 _FALLS_AWAY = {
     Cause.PARTNER_REFUSED: Reason.PARTNER_REFUSED,
     Cause.PARTNER_LOST: Reason.PARTNER_SILENT,
@@ -233,25 +248,26 @@ class Transfer:
         operator_timeout_s: float | None = None,
         crossing: int = 0,
     ) -> None:
-        """`consented`: the commander has agreed beforehand. `forced_until`: there is no commander to ask, and until
-        then it may take. `crossing`: the border for which it is, if that was foreseen (`foresight.py`), else 0."""
+        """`consented`: the commander has agreed before. `forced_until`: there is no commander to ask, and the time
+        limit
+        of the transfer. `crossing`: its border, if that was foreseen (`foresight.py`), else 0."""
         forced = forced_until is not None
         self._limits = limits
         self._operator_timeout_s = limits.operator_timeout_s if operator_timeout_s is None else operator_timeout_s
         self.consented = consented or forced
         self.forced = forced
-        #: a forced transfer has so long, whatever step it is in; inf where there is no hurry
+        #: the time limit of a forced transfer, whatever its step; inf if there is no hurry
         self.forced_until = inf if forced_until is None else forced_until
-        #: forced, and no longer in a hurry: it waits for operators
+        #: forced, and no longer in a hurry: the transfer waits for operators
         self.patient = False
-        #: of a forced one: the stations that are asked besides the partner; of all these those that are ready, and
-        #: those whose operators are being asked
+        #: in a forced transfer: the stations that are asked besides the partner; of all these the ones that are ready,
+        #: and the ones whose operators are being asked
         self.others: tuple[int, ...] = ()
         self.ready: frozenset[int] = frozenset()
         self.asking: frozenset[int] = frozenset()
-        #: candidates that fell away, and why, for the caller to take
+        #: candidates that fell away, and why, until the caller takes them
         self.fallen: tuple[tuple[int, Reason], ...] = ()
-        #: a question that came before this one is over so lately that until then an answer may be meant for that
+        #: until then an answer may be meant for the question before this one
         self.read_until = -inf
         self.key = key
         self.reason = reason
@@ -273,7 +289,7 @@ class Transfer:
 
     def _limit(self, now: float) -> None:
         limit_s = self._limits.release_timeout_s if self.step is Step.RELEASE else self._limits.step_timeout_s
-        if self._reserve():  # somebody else is waiting
+        if self._reserve():  # another station is waiting
             limit_s = min(limit_s, self._limits.reserve_timeout_s)
         elif self.forced and self.step is Step.REQUEST:
             self.timeout_at = self._asked_until if self.patient else self.forced_until
@@ -281,14 +297,14 @@ class Transfer:
         self.timeout_at = min(now + limit_s, self.forced_until)
 
     def _reserve(self) -> frozenset[int]:
-        """Who is ready besides the partner."""
+        """Stations in reserve that are ready."""
         return self.ready.intersection(self.others)
 
     # ---- who is asked ---------------------------------------------------------------------------------------------
 
     @property
     def partners(self) -> tuple[int, ...]:
-        """The partner, and whoever else is asked."""
+        """The partner, and the other stations that are asked."""
         return (self.key.to_station, *self.others)
 
     def concerns(self, key: TransferKey) -> bool:
@@ -299,7 +315,7 @@ class Transfer:
         return replace(self.key, to_station=station)
 
     def invite(self, station: int, now: float, *, ready: bool) -> None:
-        """Ask one more station; `ready`: it has no words for that, and can only be taken as ready."""
+        """Ask one more station. `ready`: a standard station has no message for that, so it counts as ready."""
         self.others += (station,)
         if ready:
             self.ready |= {station}
@@ -319,11 +335,11 @@ class Transfer:
         self.retry_at = self.asked_at = now
 
     def slow(self, now: float) -> bool:
-        """It has had the time that a transfer takes, and has not moved authority yet."""
+        """Whether the transfer takes longer than usual, and has not moved authority yet."""
         return now >= self.asked_at + self._limits.answer_s
 
     def unanswered(self, now: float) -> bool:
-        """The partner has not said for as long what it is asked, and no operator of its is why."""
+        """Whether the partner has not answered for that time, though its operator is not being asked."""
         if self.step in (Step.CONSENT, Step.RELEASE) or now < self._entered_at + self._limits.answer_s:
             return False
         return self.step is not Step.REQUEST or self.key.to_station not in self.asking
@@ -346,8 +362,10 @@ class Transfer:
         return fallen
 
     def partner_asks_in_a_hurry(self, now: float) -> None:
-        """The partner's operator is asked, and other stations could take the aircraft: its operator gets no more time
-        than a partner has."""
+        """The partner's operator is asked, and other stations could take the aircraft.
+
+        So the operator gets no more time than a partner has.
+        """
         # the same word may come once more, late, when the partner has consented
         self.partner_asks = self.step is Step.REQUEST
         self.hurry(now)  # its operator may have been given time before the others were there
@@ -362,8 +380,8 @@ class Transfer:
     def move(self, cause: Cause, now: float, *, station: int | None = None, relay: bool = False) -> End | bool:
         """Apply `cause`. Returns the end it leads to, True if the step or the partner changed, False if neither did.
 
-        `station`: whose word or loss it is, where that is not the partner. `relay`: the partner has no ground link, so
-        what it said is to be passed on at once.
+        `station`: the station that the cause concerns, if not the partner. `relay`: the partner has no ground link, so
+        the vehicle passes its message on at once.
         """
         if cause is Cause.PARTNER_ASKS:
             self._note_asking(self.key.to_station if station is None else station, now)
@@ -388,7 +406,7 @@ class Transfer:
             self.reason, self.crossing = Reason.COMMANDER_LOST, 0
             self.forced_until = now + self._limits.forced_timeout_s
             self._limit(now)
-            if self.step is Step.REQUEST:  # the question is another one now
+            if self.step is Step.REQUEST:  # the stations are asked another question now
                 self.retry_at, self.asking = now, frozenset()
         if isinstance(target, End):
             return target
@@ -401,7 +419,7 @@ class Transfer:
         return changed
 
     def _of_other(self, cause: Cause, station: int, now: float) -> None:
-        """A word about a station in reserve."""
+        """A cause that concerns a station in reserve."""
         if cause is Cause.PARTNER_READY:
             self.ready |= {station}
             self.timeout_at = min(self.timeout_at, now + self._limits.reserve_timeout_s)
@@ -409,7 +427,7 @@ class Transfer:
             self._fall(station, _FALLS_AWAY[cause])
 
     def _note_asking(self, station: int, now: float) -> None:
-        """Its operator is being asked; saying so again wins no time."""
+        """The operator of a station is being asked; a repetition of this gives no more time."""
         if station not in self.asking:
             self.asking |= {station}
             self._asked_until = now + self._operator_timeout_s
@@ -419,12 +437,12 @@ class Transfer:
                 self._be_patient(now)
 
     def _be_patient(self, now: float) -> None:
-        """Operators are all that is waited for: there is no hurry any more."""
+        """Only operators have still to answer: there is no hurry any more."""
         self.patient, self.forced_until = True, inf
         self._limit(now)
 
     def _prefer(self, station: int) -> None:
-        """This one of the others is the partner; the partner so far goes into reserve."""
+        """A station in reserve becomes the partner; the partner so far goes into reserve."""
         others = tuple(other for other in self.others if other != station)
         self.others = (self.key.to_station, *others)
         self.key = self._key_of(station)
@@ -437,7 +455,7 @@ class Transfer:
         self.others = tuple(other for other in self.others if other != station)
 
     def _next(self, now: float) -> bool:
-        """The partner fell away: another one is, the first that is ready if there is one."""
+        """The partner fell away: the first station in reserve that is ready, else the first one, takes its place."""
         station = next((other for other in self.others if other in self.ready), self.others[0])
         self.others = tuple(other for other in self.others if other != station)
         self.key = self._key_of(station)
@@ -447,7 +465,7 @@ class Transfer:
     def _run_out(self, now: float) -> End | bool:
         """A forced transfer's time is up, of the step or of the whole."""
         if self._reserve() or (self.others and now < self.forced_until):
-            if now >= self.forced_until:  # the aircraft is on its way home; whoever is ready may take it all the same
+            if now >= self.forced_until:  # the aircraft turns home; a station that is ready may still take it
                 self.forced_until = now + self._limits.forced_timeout_s
             self._fall(self.key.to_station, self._no_answer())
             return self._next(now)
@@ -464,12 +482,12 @@ class Transfer:
         return _aborted(self._no_answer())
 
     def _no_answer(self) -> Reason:
-        """Why the partner of a forced transfer has not taken the aircraft: its operator or its program."""
+        """Reason why the partner of a forced transfer has not taken the aircraft: its operator or its program."""
         asking = self.step is Step.REQUEST and self.key.to_station in self.asking
         return Reason.PARTNER_UNANSWERED if asking else Reason.PARTNER_SILENT
 
     def implied(self, *, partner_standard: bool, commander_standard: bool) -> Cause | None:
-        """The cause that comes by itself in the present step, None if somebody's word is awaited."""
+        """Cause that comes by itself in the present step; None if a message is awaited."""
         if self.step is Step.REQUEST:
             return Cause.PARTNER_READY if partner_standard else None
         if self.step is Step.CONSENT:
@@ -479,10 +497,10 @@ class Transfer:
         return Cause.CONNECTED if partner_standard else None
 
     def ask_operator(self, now: float) -> None:
-        """An operator is being asked: wait as long as that takes."""
+        """An operator is being asked: the step may take as long as that."""
         if not self.operator_asked:
             self.operator_asked = True
-            if not self.forced:  # where there is a hurry that comes first, see `_run_out`
+            if not self.forced:  # a forced transfer keeps its time limit, see `_run_out`
                 self.timeout_at = now + self._operator_timeout_s
 
     # ---- what it says ---------------------------------------------------------------------------------------------

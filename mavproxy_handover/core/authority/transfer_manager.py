@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""How a transfer is conducted: begun, moved on by what stations say and do not say, ended.
+"""Transfers of authority: when one begins, what moves it on, and what its end changes.
 
-What may happen in which step is in `transfer.py`; here is what follows from it. A commit changes owner and epoch in one
-step; an abort changes nothing. What carries another epoch or transfer number is dropped, and who asks about the
-transfer that is just over is told its result again.
+`transfer.py` says what may happen in which step; this module carries out the results. A commit changes owner and epoch
+in one step; an abort changes nothing. A message with another epoch or transfer number is dropped. A station that asks
+about the transfer that is just over is told its result again.
 
-One transfer at a time. A graver reason than that of the transfer under way takes its place (`Transfer.yields_to`), so
-that nobody's question holds up what the aircraft needs.
+There is one transfer at a time. A transfer for a graver reason takes its place (`Transfer.yields_to`), so that a
+question to an operator does not delay what the aircraft needs.
 """
 
 from __future__ import annotations
@@ -37,12 +37,12 @@ from mavproxy_handover.core.common.model import AUTOMATIC, QUESTIONS, Outcome, P
 
 __all__ = ["READ_S", "TransferManager"]
 
-#: nobody has read sooner that a question has taken the place of another
+#: time that an operator needs to read that a question has taken the place of another (s)
 READ_S = 2.0
 
 
 class TransferManager:
-    """Conducts the transfer under way, `Authority.transfer`. Times are monotonic seconds."""
+    """Manages the transfer under way, `Authority.transfer`. Times are monotonic seconds."""
 
     __slots__ = (
         "_aborted_at",
@@ -69,7 +69,7 @@ class TransferManager:
         self._presence = presence
         self._candidates = candidates
         self._limits = limits
-        #: when a transfer last came to nothing, but by the commander's word
+        #: when a transfer was last aborted, except by the commander's denial
         self._aborted_at = -inf
         self.results = Results(limits)
         self.foresight = Foresight(authority, flight, presence, candidates, limits)
@@ -84,7 +84,7 @@ class TransferManager:
         authority, flight = self._authority, self._flight
         if authority.owner is None or not flight.flying:
             return
-        if not flight.position_known(now):  # who holds the aircraft is not known any more
+        if not flight.position_known(now):  # the zones that hold the aircraft are not known any more
             return
         if authority.lost:
             self._seek_successor(authority.owner, now, actions)
@@ -106,7 +106,7 @@ class TransferManager:
         self.begin(partner, reason, now, actions, consented=self._authority.takeover_allowed)
 
     def _raise(self, transfer: Transfer, reason: Reason, now: float, actions: list[Action]) -> None:
-        """The transfer under way is wanted for a graver reason now."""
+        """Raise the transfer under way to a graver reason."""
         crossing = transfer.crossing or self.foresight.number_for(transfer.key.to_station, reason, now)
         transfer.raise_to(reason, now, crossing=crossing)
         if self._hurries(transfer, now, actions):
@@ -118,7 +118,7 @@ class TransferManager:
 
     def _seek_successor(self, lost: int, now: float, actions: list[Action]) -> None:
         """The commander is lost in flight: stations whose zones hold the aircraft may take it, without asking."""
-        if self._authority.recovering:  # after a restart its heartbeat may be on the way
+        if self._authority.recovering:  # after a restart its heartbeat may still come
             return
         usable = self._candidates.usable(lost, Reason.COMMANDER_LOST, now, actions)
         if usable and self._authority.transfer is None:
@@ -145,7 +145,7 @@ class TransferManager:
     ) -> None:
         """Begin a transfer from the owner; one under way that yields to it is over.
 
-        `consented`: the owner has agreed. `forced`: it is lost, there is nobody to ask.
+        `consented`: the owner has agreed. `forced`: the owner is lost, so it is not asked.
         """
         authority = self._authority
         assert authority.owner is not None
@@ -175,12 +175,12 @@ class TransferManager:
         self.imply(now, actions)
 
     def _forced_until(self, now: float) -> float:
-        """How long a forced transfer may take: one loss has one hurry, however many attempts are made in it."""
+        """Time limit of a forced transfer: all attempts after one loss share one limit."""
         hurry_until = self._authority.hurry_until(self._limits.forced_timeout_s)
         return hurry_until if now < hurry_until else now + self._limits.forced_timeout_s
 
     def on_message(self, station: int, message: TransferMessage, now: float, actions: list[Action]) -> str | None:
-        """A station's word in a transfer; returns why it was dropped, None if it counts."""
+        """Take a station's message of a transfer; returns why it was dropped, None if it counts."""
         key = message.key
         transfer = self._authority.transfer
         if transfer is None or not transfer.concerns(key):
@@ -192,7 +192,7 @@ class TransferManager:
         cause = cause_of(message, station)
         if cause is None:
             return "not the sender's to say"
-        if self._authority.lost and station == key.from_station:  # a forced transfer asks it nothing
+        if self._authority.lost and station == key.from_station:  # a forced transfer does not ask the commander
             return "the commander is lost"
         self._candidates.spoke(station)
         if cause is Cause.PARTNER_ASKS and self._hurries(transfer, now, actions):
@@ -203,20 +203,20 @@ class TransferManager:
         return None
 
     def _hurries(self, transfer: Transfer, now: float, actions: list[Action]) -> bool:
-        """Whether it waits for no partner's operator longer than for a partner: the zone ends, and others are there."""
+        """Whether the transfer gives the partner's operator no extra time: the zone ends, and others are there."""
         if transfer.forced or transfer.reason is not Reason.ZONE_ENDS:
             return False
         reasons = self._candidates.reasons(transfer.key.from_station, now, actions)
         return any(why is transfer.reason for station, why in reasons.items() if station != transfer.key.to_station)
 
     def cancel(self, station: int, now: float, actions: list[Action]) -> None:
-        """One of its two stations calls the transfer off; a forced one goes on with whoever else is asked."""
+        """One of its two stations cancels the transfer; a forced one goes on with the other stations."""
         transfer = self._authority.transfer
         if transfer is not None and station in (transfer.key.from_station, transfer.key.to_station):
             self.move(Cause.PARTNER_REFUSED if transfer.others else Cause.CANCELLED, now, actions)
 
     def just_changed(self, now: float) -> bool:
-        """Whether the commander's word without a name may be meant for a transfer that is over."""
+        """Whether an answer of the commander that names no transfer may be meant for one that is over."""
         transfer = self._authority.transfer
         if transfer is None:
             return now - self._aborted_at < READ_S
@@ -231,7 +231,7 @@ class TransferManager:
     def move(
         self, cause: Cause, now: float, actions: list[Action], *, station: int | None = None, relay: bool = False
     ) -> None:
-        """Something happened to the transfer under way, if there is one. `station`, `relay`: as in `Transfer.move`."""
+        """Apply a cause to the transfer under way, if there is one. `station`, `relay`: as in `Transfer.move`."""
         transfer = self._authority.transfer
         if transfer is None:
             return
@@ -260,27 +260,28 @@ class TransferManager:
             self.imply(now, actions)
 
     def _permitted(self, transfer: Transfer, end: End, now: float) -> End:
-        """The end that the steps lead to, unless the partner could not take the aircraft after all."""
+        """The end that the steps lead to; an abort if the partner cannot take the aircraft now."""
         partner = transfer.key.to_station
         why = None if end.outcome is Outcome.ABORTED else self._candidates.unable(partner, now, self._flight.flying)
         return end if why is None else End(Outcome.ABORTED, why)
 
     def take_off(self, now: float, actions: list[Action]) -> None:
-        """What was begun on the ground goes on only with stations that could take the aircraft in the air."""
+        """The aircraft takes off: a transfer from the ground goes on only with stations that could take it in the
+        air."""
         transfer = self._authority.transfer
         for station in () if transfer is None else (*transfer.others, transfer.key.to_station):
             if self._candidates.unable(station, now, True) is not None:
                 self.move(Cause.LEFT_REGION, now, actions, station=station)
 
     def _bury(self, transfer: Transfer, now: float, actions: list[Action]) -> None:
-        """Candidates that fell away are not asked again at once."""
+        """Pause the candidates that fell away, so that they are not asked again at once."""
         for station, why in transfer.take_fallen():
             self._candidates.pause(station, transfer.reason, why, now)
             text = f"handover {transfer.key.handover_id} (forced): {self._authority.name(station)}: {in_words(why)}"
             actions.append(Record("candidate", text, why, station))
 
     def imply(self, now: float, actions: list[Action]) -> None:
-        """What comes by itself in the step that the transfer is in now."""
+        """Apply the causes that come by themselves in the present step."""
         transfer = self._authority.transfer
         if transfer is None:
             return
@@ -291,14 +292,14 @@ class TransferManager:
         if cause is None and transfer.step is Step.CONSENT:
             cause = self._standing(key.from_station, transfer.reason)
         if cause is not None:
-            self.move(cause, now, actions, relay=True)  # nobody else passes on what nobody has said
+            self.move(cause, now, actions, relay=True)  # no station has sent a message that could be passed on
         elif transfer.step is Step.CONSENT and self._standard(key.from_station):
             transfer.ask_operator(now)
 
     def _standing(self, commander: int, reason: Reason) -> Cause | None:
-        """What the configuration answers for a commander that cannot be asked; None: its operator is asked.
+        """The configuration's answer for a commander that cannot be asked; None: its operator is asked.
 
-        What another operator asks for is never answered by `automatic`.
+        `automatic` never answers the request of another operator.
         """
         consent = self._presence[commander].station.consent
         if consent is StandingConsent.AUTOMATIC and QUESTIONS[reason] in AUTOMATIC:
@@ -316,7 +317,7 @@ class TransferManager:
             authority.commit(key.to_station)
             self._candidates.moved(key.to_station, now, flying=authority.phase is not Phase.ON_LOAD)
         else:
-            if end.reason is not Reason.COMMANDER_DENIED:  # that answer has come
+            if end.reason is not Reason.COMMANDER_DENIED:  # after a denial no answer is on its way
                 self._aborted_at = now
             for station in transfer.partners:
                 self._candidates.pause(station, transfer.reason, end.reason, now)
@@ -330,7 +331,7 @@ class TransferManager:
         )
         event = "transfer_committed" if committed else "transfer_aborted"
         actions.append(Record(event, text, reason, key.to_station, now - transfer.started_at))
-        if not committed and end.reason in PEOPLES_WORD:  # stations with our module learn it from the result
+        if not committed and end.reason in PEOPLES_WORD:  # the result tells it to stations with our module
             names = authority.name(key.from_station), authority.name(key.to_station)
             standard = tuple(each for each in (key.from_station, *transfer.partners) if self._standard(each))
             if standard:
@@ -343,7 +344,7 @@ class TransferManager:
     # ---- what is said ---------------------------------------------------------------------------------------------
 
     def speak(self, now: float, actions: list[Action]) -> None:
-        """The messages that are due: of the transfer under way, of the one that is over, and of the one ahead."""
+        """Send the messages that are due: of the present transfer, the last one, and the one ahead."""
         transfer = self._authority.transfer
         if transfer is not None:
             actions += [self._put(station, message, transfer, now) for station, message in transfer.due(now)]
@@ -351,7 +352,7 @@ class TransferManager:
         self.foresight.speak(now, actions)
 
     def _put(self, station: int, message: Message, transfer: Transfer, now: float) -> Action:
-        """To a station of the standard alone the question of consent is its command; nothing else is ever due to it."""
+        """The action for a message. A standard station only ever gets the question of consent, as its command."""
         if self._standard(station):
             return NotifyOwner(station, transfer.key.to_station, waiting_s(transfer.timeout_at - now))
         return Send(station, message, transfer.attempt)
@@ -360,7 +361,7 @@ class TransferManager:
         return self._presence[station].station.standard
 
     def deadlines(self) -> list[float]:
-        """When there is something to do."""
+        """Times at which something is due."""
         times = [*self.results.deadlines(), *self.foresight.deadlines()]
         transfer = self._authority.transfer
         if transfer is not None:

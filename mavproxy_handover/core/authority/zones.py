@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Which zones hold the aircraft, and whether authority should move for their sake.
+"""Zones that hold the aircraft, and reasons to move authority because of them.
 
 Rules
 -----
@@ -8,13 +8,14 @@ Rules
   not flicker.
 * Authority moves to a station when its zone is entered while another commands (the thesis's rule), or when the
   commander's zone has ended or is about to end along the track while another zone still holds the aircraft longer.
-* A zone alone is no reason to move from good links to weak ones: the links would call authority back at once. Nor are
-  good links one to go where the zone ends within `link_steady_s`: that would call it back.
-* After a change of authority only a zone entered since then counts as entered, and nothing moves during the dwell
-  time unless the commander's zone has ended: no ping-pong inside one handover region.
-* A zone whose station awaits the aircraft at a waypoint (`ZoneFact.awaits`) counts as entered when that is reached.
-  Until then it calls nobody; but it covers the aircraft, also where the commander is lost or its zone ends.
-* Where several stations would do: the next one on the route, then the one that keeps the aircraft longest.
+* A zone is no reason to move from good links to weak ones: the links would call authority back at once. Good links are
+  no reason to move to a zone that ends within `link_steady_s`: that end would call authority back.
+* After a change of authority only zones entered since then count as entered. During the dwell time authority does not
+  move unless the commander's zone has ended. So it does not go back and forth inside one overlap.
+* A zone whose station awaits the aircraft at a waypoint (`ZoneFact.awaits`) counts as entered when the waypoint is
+  reached. Until then it calls for no transfer. But it covers the aircraft, also if the commander is lost or its zone
+  ends.
+* Of several stations the next one on the route is chosen, then the one whose zone keeps the aircraft longest.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ __all__ = ["ZoneChange", "ZoneTracker"]
 
 @dataclass(frozen=True, slots=True)
 class ZoneChange:
-    """What the last position changed: station sysids in the order of the facts, before them those without a fact."""
+    """Changes by the last position: system ids in the order of the facts, stations without a fact first."""
 
     entered: tuple[int, ...]
     left: tuple[int, ...]
@@ -113,9 +114,9 @@ class ZoneTracker:
         self._fresh.clear()
 
     def time_left_s(self, station: int) -> float:
-        """How long the zone will hold the aircraft on its present track; 0 outside, inf when no end is in sight.
+        """Seconds that the zone holds the aircraft on its present track; 0 outside, inf without an end in sight.
 
-        Across the border, where the zone still counts as holding it, no time is left, though no end is in sight either.
+        Across the border, where the zone still counts as holding the aircraft, no time is left.
         """
         if station not in self._inside or self._facts[station].margin_m < 0.0:
             return 0.0
@@ -166,8 +167,10 @@ class ZoneTracker:
         return found
 
     def best(self, stations: Sequence[int], route_next: int | None) -> int:
-        """Of these, at least one and all held, the station `route_next` that the planned route needs next, then the one
-        whose zone keeps the aircraft longest."""
+        """The best of these stations: `route_next`, else the one whose zone keeps the aircraft longest.
+
+        `stations`: at least one, and the zones of all hold the aircraft. `route_next`: the next one on the route.
+        """
         return min(stations, key=lambda station: (station != route_next, -self.time_left_s(station), station))
 
     @property

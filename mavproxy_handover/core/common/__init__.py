@@ -1,3 +1,3 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The words that authority and safety share: types, limits, causes, events, messages, and what the aircraft said."""
+"""Types that authority and safety share: model, limits, causes, events, messages, state of the aircraft."""

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the safety rules ask of authority.
+"""Facts of authority that the safety rules use.
 
 The safety rules import nothing of `core/authority/`. They get an object of this shape from the arbiter:
 `authority/coverage.py` in flight, a small fake in unit tests. Every answer is a fact. The object decides nothing and
@@ -19,7 +19,7 @@ __all__ = ["AuthorityFacts", "CoverageFacts"]
 
 @dataclass(frozen=True, slots=True)
 class CoverageFacts:
-    """What a position shows of coverage that counts: only zones of stations that could take the aircraft count.
+    """Coverage at a position. Only zones of stations that could take the aircraft count.
 
     `no_station`: the aircraft is inside zones, and no station of theirs could take it.
     `links_weak`: the owner's links are weak, and no other station has better ones.
@@ -32,7 +32,7 @@ class CoverageFacts:
 
 
 class AuthorityFacts(Protocol):
-    """Who has authority, and what coverage looks like. Times are monotonic seconds."""
+    """Owner of authority, and coverage. Times are monotonic seconds."""
 
     @property
     def owner(self) -> int | None:

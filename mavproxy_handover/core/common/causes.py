@@ -1,18 +1,20 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What can be wrong: the causes of safety decisions, as a table, and when one counts.
+"""Causes of safety decisions: the table of them, and the rule when one begins and ends.
 
 Theory of operation
 -------------------
-A sign says that something looks wrong at this moment; it is a fact, made elsewhere and with a hysteresis of its own
-where a measured number stands behind it. A cause is a sign that has stayed. `CauseWatch` turns signs into causes:
+A condition says that something looks wrong at this moment. It is a fact, found in `safety/conditions.py` and by the
+monitors; a condition that rests on a measured number has a hysteresis there. A cause is a condition that has lasted.
+`CauseWatch` turns conditions into causes:
 
-* A cause begins when its sign has been there for its hold-off. While the sign is away the time so far runs back at a
-  quarter of the pace (PX4's `updateStartDelay` does the same): what flickers gets through, what happens once does not.
-* A cause ends by its rule: when its sign has been away for `clear_s`, or with the flight.
+* A cause begins when its condition has lasted for its hold-off. While the condition is away, the time so far runs back
+  at a quarter of the pace, as in PX4's `updateStartDelay`. So a condition that flickers becomes a cause, and a single
+  short one does not.
+* A cause ends by its rule: when its condition has been away for `clear_s`, or with the flight.
 * A cause whose policy is "off" never begins.
 
-CAUSES is all there is to say of a cause but what is done about it, which is `strategy.py`.
+CAUSES has everything about a cause except the action, which is in `safety/strategy.py`.
 """
 
 from __future__ import annotations
@@ -28,7 +30,7 @@ __all__ = ["CAUSES", "POLICIES", "Cause", "CauseRow", "CauseWatch", "Ends"]
 
 
 class Cause(Enum):
-    """What is wrong, in the words of the configuration. In this order where two ask for the same action."""
+    """A fault, in the words of the configuration. Of two with the same action the first in this order is named."""
 
     ENERGY = "energy"
     COMMANDER_LOST = "commander_lost"
@@ -57,10 +59,10 @@ POLICIES: Final = ("off", "warn", "hold", "return", "land")
 
 @dataclass(frozen=True, slots=True)
 class CauseRow:
-    """What the table says of a cause.
+    """One row of the table of causes.
 
-    Its number for others, and what it is, for people; how long its sign has to stay, and to be away (s); when it is
-    over; which policies it can have, the one that it has without a word in the configuration first.
+    `reason`: its number on the wire; `words`: for people. `hold_off_s`: how long its condition has to last; `clear_s`:
+    how long its condition has to be away. `policies`: those that it can have, the default first.
     """
 
     reason: Reason
@@ -79,17 +81,17 @@ def _row(reason: Reason, words: str, hold_off_s: float, clear_s: float, ends: En
 
 
 CAUSES: Final[Mapping[Cause, CauseRow]] = {
-    # less energy does not become more: who has turned back for it does not turn round again
+    # energy does not come back: an aircraft that has turned back for it does not turn round again
     Cause.ENERGY: _row(
         Reason.ENERGY, "energy for the way back only", 2.0, 0.0, _FLIGHT, "return land warn off"),
-    # it has been silent for heartbeat_lost_s already
+    # the commander has been silent for heartbeat_lost_s already
     Cause.COMMANDER_LOST: _row(
         Reason.COMMANDER_LOST, "commander lost", 0.0, 0.0, _SIGN, "return land warn"),
     Cause.OUT_OF_COVERAGE: _row(
         Reason.OUT_OF_COVERAGE, "out of coverage", 1.0, 0.0, _SIGN, "return land warn"),
     Cause.NO_STATION: _row(
         Reason.NO_STATION, "no station here could take the aircraft", 2.0, 1.0, _SIGN, "return hold land warn off"),
-    # the border is ahead: every second of a hold-off is flown towards it
+    # during a hold-off the aircraft would fly on towards the border
     Cause.COVERAGE_ENDS: _row(
         Reason.COVERAGE_ENDS, "coverage ends ahead", 0.0, 0.0, _SIGN, "hold return warn off"),
     Cause.AUTHENTICATION: _row(
@@ -105,18 +107,18 @@ CAUSES: Final[Mapping[Cause, CauseRow]] = {
         Reason.OFF_ROUTE, "off route", 0.0, 0.0, _SIGN, "warn hold return land off"),
     Cause.POSITION_STALE: _row(
         Reason.POSITION_STALE, "no fresh position", 1.0, 1.0, _SIGN, "warn land off"),
-    # nothing can be commanded: it is for people to know, and for the autopilot's own failsafe
+    # nothing can be commanded: people are told, and the autopilot has its own failsafe
     Cause.AUTOPILOT_LOST: _row(
         Reason.AUTOPILOT_LOST, "autopilot not heard", 0.0, 1.0, _SIGN, "warn off"),
 }  # fmt: skip
 
 
 class CauseWatch:
-    """Which causes there are now. Times are monotonic seconds; not safe for threads."""
+    """The causes of this moment. Times are monotonic seconds; not safe for threads."""
 
     __slots__ = ("_begins_at", "_clear_s", "_ends_at", "_gone", "_hold_off_s", "_off", "active")
 
-    #: how much slower a hold-off runs back than it runs
+    #: a hold-off runs back this much slower than it runs
     BACK: Final = 4.0
 
     def __init__(
@@ -125,38 +127,38 @@ class CauseWatch:
         hold_off_s: Mapping[Cause, float] | None = None,
         clear_s: Mapping[Cause, float] | None = None,
     ) -> None:
-        """`off`: causes that are not looked at. `hold_off_s`, `clear_s`: where they are not the table's."""
+        """`off`: causes that never begin. `hold_off_s`, `clear_s`: values that differ from the table."""
         self._off = frozenset(off)
         self._hold_off_s = {cause: row.hold_off_s for cause, row in CAUSES.items()} | dict(hold_off_s or {})
         self._clear_s = {cause: row.clear_s for cause, row in CAUSES.items()} | dict(clear_s or {})
-        #: of signs that are no causes yet: when each is one if it stays
+        #: conditions that are no causes yet: when each becomes one if it lasts
         self._begins_at: dict[Cause, float] = {}
-        #: of those that went away before: when, and how long they had stayed (s)
+        #: conditions that went away before that: when, and how long they had lasted (s)
         self._gone: dict[Cause, tuple[float, float]] = {}
-        #: of causes whose sign is away: when they are over
+        #: causes whose condition is away: when each is over
         self._ends_at: dict[Cause, float] = {}
         #: the causes there are
         self.active: frozenset[Cause] = frozenset()
 
-    def look(self, signs: Set[Cause], now: float) -> frozenset[Cause]:
-        """The signs of this moment; returns the causes. Between two looks counts what the earlier one saw."""
-        signs = signs - self._off
-        for cause in [cause for cause in self._begins_at if cause not in signs]:
+    def look(self, conditions: Set[Cause], now: float) -> frozenset[Cause]:
+        """Take the conditions of this moment; returns the causes. Between two calls the earlier conditions hold."""
+        conditions = conditions - self._off
+        for cause in [cause for cause in self._begins_at if cause not in conditions]:
             stayed_s = self._hold_off_s[cause] - (self._begins_at.pop(cause) - now)
             self._gone[cause] = (now, stayed_s)
-        for cause in signs - self.active - self._begins_at.keys():
+        for cause in conditions - self.active - self._begins_at.keys():
             gone_at, stayed_s = self._gone.pop(cause, (now, 0.0))
             stayed_s = max(0.0, stayed_s - (now - gone_at) / self.BACK)
             self._begins_at[cause] = now + max(0.0, self._hold_off_s[cause] - stayed_s)
         begun = {cause for cause, at in self._begins_at.items() if now >= at}
-        self.active = frozenset(begun | {cause for cause in self.active if self._goes_on(cause, signs, now)})
+        self.active = frozenset(begun | {cause for cause in self.active if self._goes_on(cause, conditions, now)})
         for cause in begun:
             del self._begins_at[cause]
         return self.active
 
-    def _goes_on(self, cause: Cause, signs: Set[Cause], now: float) -> bool:
-        """Whether what was a cause at the last look is one still."""
-        if cause in signs or CAUSES[cause].ends is Ends.WITH_THE_FLIGHT:
+    def _goes_on(self, cause: Cause, conditions: Set[Cause], now: float) -> bool:
+        """Whether a cause of the last call is still one."""
+        if cause in conditions or CAUSES[cause].ends is Ends.WITH_THE_FLIGHT:
             self._ends_at.pop(cause, None)
             return True
         if now < self._ends_at.setdefault(cause, now + self._clear_s[cause]):
@@ -165,7 +167,7 @@ class CauseWatch:
         return False
 
     def resume(self, causes: Set[Cause]) -> None:
-        """The run before had these, and there is no sign that has to stay for it: they go on."""
+        """Continue the causes of the run before, without a hold-off."""
         self.active |= causes - self._off
 
     def landed(self) -> None:
@@ -173,5 +175,5 @@ class CauseWatch:
         self.active = frozenset(cause for cause in self.active if CAUSES[cause].ends is not Ends.WITH_THE_FLIGHT)
 
     def due_at(self) -> float | None:
-        """When a cause begins or ends next if the signs stay as they are; None if none does."""
+        """When a cause begins or ends next if the conditions stay as they are; None if none does."""
         return min([*self._begins_at.values(), *self._ends_at.values()], default=None)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What can happen to the arbiter, and what it asks its edge to do.
+"""Events that the arbiter takes, and actions that it asks for.
 
-The edge turns bytes and ticks into events, hands them to `Arbiter.handle`, and carries the actions out in the order
-they come. Neither side knows more of the other.
+The caller turns bytes and ticks into events, passes them to `Arbiter.handle`, and carries the actions out in their
+order. Neither side knows more of the other.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class Tick:
-    """Time has passed: whatever was due is done."""
+    """Time has passed: the arbiter does what is due."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +98,7 @@ class StationMessage:
 
 @dataclass(frozen=True, slots=True)
 class PositionSeen:
-    """A fresh position of the aircraft, as facts about every zone; `gap`: it is in a gap that the mission declares."""
+    """A fresh position of the aircraft, as facts about every zone. `gap`: the declared gap that the aircraft is in."""
 
     zones: tuple[ZoneFact, ...]
     gap: GapFact | None = None
@@ -106,8 +106,11 @@ class PositionSeen:
 
 @dataclass(frozen=True, slots=True)
 class BordersSeen:
-    """The borders of zones on the mission's way ahead, the nearest first; none where that way is not flown, or not
-    known. `route`: counts the missions that the autopilot has held."""
+    """The zone borders on the mission's way ahead, the nearest first.
+
+    Empty if the aircraft does not fly that way, or the way is not known. `route`: counts the missions that the
+    autopilot has held.
+    """
 
     borders: tuple[BorderFact, ...]
     route: int = 0
@@ -117,9 +120,9 @@ class BordersSeen:
 class AutopilotState:
     """A heartbeat of the autopilot. `flying`: off the ground as far as the autopilot knows.
 
-    `foreign`: what it says that it is, in words, if that is nothing that is flown here; else `kind` counts.
-    What has wings holds by circling: to stay inside it has to be told `circles_s` (s) before it would fly over a
-    border, and where none is nearer than `circle_m` (m). Both are 0 for what stands still.
+    `foreign`: an aircraft that is not supported, in words; "": `kind` counts.
+    An aircraft with wings holds by circling. To stay inside a zone it needs the order `circles_s` (s) before it would
+    fly over a border, at a place that is `circle_m` (m) away from every border. Both are 0 for a copter.
     """
 
     armed: bool
@@ -132,9 +135,10 @@ class AutopilotState:
 
 @dataclass(frozen=True, slots=True)
 class ModeSeen:
-    """The autopilot's flight mode: what it does, None for what is not flown here, and its name.
+    """The autopilot's flight mode: its class, None for an unsupported aircraft, and its name.
 
-    `landing`: it is coming down to land, in whatever mode. `radio`: a pilot could steer, as far as the autopilot knows.
+    `landing`: the aircraft is coming down to land, in any mode. `radio`: a pilot could steer, as far as the autopilot
+    knows.
     """
 
     flown: ModeClass | None
@@ -145,7 +149,7 @@ class ModeSeen:
 
 @dataclass(frozen=True, slots=True)
 class ModeSourceSeen:
-    """Somebody has, or may have, chosen the flight mode. `flown`: the one that was asked for; None: not known which."""
+    """A source has, or may have, chosen the flight mode. `flown`: the class of that mode; None: not known."""
 
     hand: ModeSource
     flown: ModeClass | None = None
@@ -153,15 +157,17 @@ class ModeSourceSeen:
 
 @dataclass(frozen=True, slots=True)
 class OrderRefused:
-    """The autopilot has answered that it does not do what the companion has commanded."""
+    """The autopilot has refused an order of the companion."""
 
     action: FlightAction
 
 
 @dataclass(frozen=True, slots=True)
 class MotionSeen:
-    """How the aircraft moves: speed over ground and climb (m/s), and how far it is to where the autopilot flies to (m),
-    None where that is not known."""
+    """Motion of the aircraft: speed over ground and climb (m/s), and the distance left to its destination (m).
+
+    `left_m` None: not known.
+    """
 
     speed_mps: float
     climb_mps: float
@@ -170,7 +176,7 @@ class MotionSeen:
 
 @dataclass(frozen=True, slots=True)
 class MotionUnseen:
-    """The autopilot says how the aircraft moves no more."""
+    """The autopilot no longer reports the motion of the aircraft."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,9 +192,9 @@ class GuardSeen:
 
 @dataclass(frozen=True, slots=True)
 class EnergyJudged:
-    """What the loaded mission lacks in energy, in words; "": nothing, or nobody asks.
+    """A lack of energy for the loaded mission, in words; "": none, or energy is not checked.
 
-    It counts until the next one: on the ground it is judged each second, and when a mission is loaded.
+    It counts until the next one. On the ground it is judged each second, and when a mission is loaded.
     """
 
     shortfall: str
@@ -196,46 +202,48 @@ class EnergyJudged:
 
 @dataclass(frozen=True, slots=True)
 class GapsJudged:
-    """What the gaps of the loaded mission lack, in words; "": nothing, or it has none. It counts until the next one."""
+    """A fault of the gaps of the loaded mission, in words; "": none, or no gaps. It counts until the next one."""
 
     lacking: str
 
 
 @dataclass(frozen=True, slots=True)
 class AircraftJudged:
-    """Why the loaded mission is none for this aircraft, in words; "": it is. It counts until the next one."""
+    """A reason why this aircraft cannot fly the loaded mission, in words; "": none. It counts until the next one."""
 
     lacking: str
 
 
 @dataclass(frozen=True, slots=True)
 class BoxJudged:
-    """Why START is refused for the position box, in words; "" if it is not: it counts until the next one."""
+    """A reason of the position box to refuse START, in words; "": none. It counts until the next one."""
 
     lacking: str
 
 
 @dataclass(frozen=True, slots=True)
 class HeightsJudged:
-    """Why the loaded mission would not be flown at the heights that were checked, in words; "": it would. It counts
-    until the next one."""
+    """A reason why the mission would not be flown at the checked heights, in words; "": none.
+
+    It counts until the next one.
+    """
 
     lacking: str
 
 
 @dataclass(frozen=True, slots=True)
 class ReturnJudged:
-    """Why a return would not end on the ground, in words; "": it would. It counts until the next one."""
+    """A reason why a return would not end on the ground, in words; "": none. It counts until the next one."""
 
     lacking: str
 
 
 @dataclass(frozen=True, slots=True)
 class ConditionsSeen:
-    """What the edge has worked out that looks wrong, in flight: it counts until the next one.
+    """Conditions that the monitors find in flight. They count until the next event of this kind.
 
-    Of `core/common/causes.py` these are the energy, that is no more than the best place needs, the route and the fence;
-    the words have the figures.
+    They are three of `common/causes.py`: energy (no more than the return site needs), route and fence. The words have
+    the figures.
     """
 
     energy: bool = False
@@ -248,7 +256,7 @@ class ConditionsSeen:
 
 @dataclass(frozen=True, slots=True)
 class PlaceJudged:
-    """Where a return goes now, by name, and whether it gets there with the energy left: it counts until the next one.
+    """The return site of now, by name, and whether the energy left reaches it. It counts until the next one.
 
     `words`: figures for people, as in "1.9 km, needs 21 % of 38 %, covered by GCSA".
     """
@@ -273,7 +281,7 @@ class MissionLoaded:
 
 @dataclass(frozen=True, slots=True)
 class MissionJudged:
-    """Why START flies no mission while none is loaded, in words; "" if there is no more to say."""
+    """The reason why no mission is loaded, in words; "": none is known."""
 
     lacking: str
 
@@ -302,7 +310,7 @@ class TakeOffPassed:
 
 @dataclass(frozen=True, slots=True)
 class StartFinished:
-    """The edge went through the START sequence; `text` says what stopped it."""
+    """The START sequence is over; `text` says what stopped it."""
 
     ok: bool
     text: str = ""
@@ -310,7 +318,7 @@ class StartFinished:
 
 @dataclass(frozen=True, slots=True)
 class Cancel:
-    """An operator asked to call the transfer off."""
+    """An operator cancels the transfer."""
 
     station: int
 
@@ -333,15 +341,17 @@ class ControlRequested:
 
 @dataclass(frozen=True, slots=True)
 class OperatorControlShown:
-    """The program of a station has shown that it knows operator control: by a well-formed request of its own, or by
-    accepting one that asked its operator."""
+    """The program of a station has shown that it knows operator control.
+
+    It has sent a well-formed request, or has accepted a request that asks its operator.
+    """
 
     station: int
 
 
 @dataclass(frozen=True, slots=True)
 class LinkJudged:
-    """What was measured on a station's links went over a limit, or came back.
+    """A measurement on a station's links went over a limit, or came back.
 
     `weak`: every link of the station is over a limit of loss, round trip or silence. `attacked`: frames with bad
     signatures arrive at a rate that is no accident. `text`: the measurement, for people.
@@ -403,7 +413,7 @@ class Send:
 class ViewChanged:
     """Authority, phase or epoch changed: the gate judges by this view from here on, and all are told.
 
-    What a former commander left open at the autopilot is closed with it.
+    The caller also closes transactions that a former commander left open at the autopilot.
     """
 
     view: AuthorityView
@@ -412,7 +422,7 @@ class ViewChanged:
 
 @dataclass(frozen=True, slots=True)
 class Fly:
-    """Command the autopilot, see that it obeys, and go one action further if it does not."""
+    """Command the autopilot to do this."""
 
     action: FlightAction
     reason: Reason
@@ -434,7 +444,7 @@ class Announce:
 
 @dataclass(frozen=True, slots=True)
 class Advise:
-    """Tell the operators of these stations something that they can mend, in one text."""
+    """Tell the operators of these stations of a fault that they can mend, in one text."""
 
     stations: tuple[int, ...]
     text: str
@@ -457,7 +467,7 @@ class StartRefused:
 
 @dataclass(frozen=True, slots=True)
 class RehearsalMoved:
-    """A rehearsal has begun, or is over: everybody is told, in these words. The view says so already."""
+    """A rehearsal has begun, or is over: tell every station, in these words. The view says so already."""
 
     on: bool
     text: str

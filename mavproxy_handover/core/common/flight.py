@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What autopilot, position and guard last said, and whether that still counts.
+"""The last word of autopilot, position and guard, and whether it still counts.
 
-An aircraft that is carried in a rehearsal counts as flying to all that goes by `flying`; whether it really is off the
-ground is `aloft`.
+In a rehearsal the aircraft is carried, and counts as flying (`flying`). Whether it is off the ground is `aloft`.
 """
 
 from __future__ import annotations
@@ -68,10 +67,10 @@ class Flight:
         self.aloft = False
         #: it is carried along its route
         self.rehearsing = False
-        #: what the aircraft is, in words, if it is nothing that is flown here
+        #: an aircraft that is not supported, in words; "": `kind` counts
         self.foreign = ""
         self.kind = Kind.COPTER
-        #: so long before a border (s), and so far from any (m), it has to be told to circle
+        #: the order to circle has to come this time before a border (s), and this far from every border (m)
         self.circles_s = self.circle_m = 0.0
         #: what the loaded mission lacks in energy, in words
         self.energy_short = ""
@@ -142,8 +141,7 @@ class Flight:
         self._stale_told = False
 
     def guard_said(self, event: GuardSeen, now: float) -> None:
-        """A status message of the guard; SILENT: one that is not proven to be the guard's, of which only `misfit`
-        counts."""
+        """A status message of the guard. SILENT: not proven to be the guard's, so only `misfit` counts."""
         self._guard_misfit, self._guard_misfit_at = event.misfit, now
         if event.state is GuardState.SILENT:
             return

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Every number that the rules use, with its unit in its name. `config.py` gives their ranges."""
+"""Every number that the rules use, with its unit in its name. `config/vehicle.py` has their ranges."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ class Limits:
 
     #: a station whose heartbeat has been missing this long is lost
     heartbeat_lost_s: float = 5.0
-    #: after a restart in flight the commander of before is waited for no longer; the guard, which goes home after
-    #: HNDO_LOST_T without a commander, must have time left for a forced transfer behind it
+    #: how long the commander of before may take to come back after a restart in flight; the guard returns after
+    #: HNDO_LOST_T without a commander, and a forced transfer has to fit into the time that is left
     recovery_s: float = 2.5
     #: how often the vehicle asks each station whether it is there
     connect_interval_s: float = 1.0
     #: an answer to that older than this proves nothing
     connect_lost_s: float = 5.0
-    #: a commander that is heard and has not answered for so long hears nothing of the aircraft: it is lost
+    #: a commander that is heard and does not answer for this time hears nothing of the aircraft: it is lost
     deaf_lost_s: float = 10.0
-    #: and so is one that has answered less than this share of the questions of that time; see `hearing.py`
+    #: a commander that answers less than this share of the questions is lost too; see `authority/hearing.py`
     deaf_share: float = 0.15
-    #: it counts again when it has answered this share or more for so long
+    #: a station counts again when it has answered this share or more for this time
     deaf_back_share: float = 0.3
     deaf_back_s: float = 12.0
     #: first retransmission of a transfer message, growth from one to the next, and the longest wait
@@ -42,9 +42,9 @@ class Limits:
     operator_timeout_s: float = 30.0
     #: commander consented, partner confirmed, release missing this long: the vehicle commits
     release_timeout_s: float = 2.0
-    #: no commander: a forced transfer that takes longer is given up
+    #: a forced transfer (there is no commander) that takes longer is given up
     forced_timeout_s: float = 2.0
-    #: and a partner that lets it wait this long makes way for another one that is ready
+    #: a partner of a forced transfer that takes longer is replaced by another one that is ready
     reserve_timeout_s: float = 0.8
     #: pause before a transfer that failed is tried again, and after an operator's denial
     retry_pause_s: float = 2.0
@@ -63,20 +63,20 @@ class Limits:
     link_steady_s: float = 30.0
     #: the last coverage that counts ends this soon along the track: the aircraft is to stop
     hold_lead_s: float = 5.0
-    #: a transfer that has not moved authority for so long is no reason to fly over that border, and a partner that has
-    #: not answered for so long is none that could take the aircraft
+    #: a transfer that takes longer is no reason to fly over that border; a partner that takes longer to answer does not
+    #: count as a station that could take the aircraft
     answer_s: float = 1.0
-    #: so long it is held there
+    #: the longest hold there
     hold_s: float = 60.0
-    #: a mode that was commanded and does not show for so long is commanded again
+    #: a mode that was commanded and does not show after this time is commanded again
     obey_s: float = 6.0
-    #: a return that gets no nearer, or a landing that does not come down, for so long is none
+    #: a return that gets no nearer, or a landing that does not come down, fails after this time
     stuck_s: float = 30.0
-    #: what is done about each cause, and how long its sign has to stay and to be away, where that is not the table's
+    #: the policy of each cause, and how long its condition has to last and to be away, if not the values of the table
     policies: Mapping[Cause, str] = field(default_factory=dict)
     hold_off_s: Mapping[Cause, float] = field(default_factory=dict)
     clear_s: Mapping[Cause, float] = field(default_factory=dict)
-    #: nobody has commanded for so long in a rehearsal on the ground: it is over
+    #: a rehearsal on the ground ends after this time without a commander
     rehearsal_lost_s: float = 300.0
     #: older position, autopilot heartbeat and guard status count as lost
     position_stale_s: float = 2.0

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The messages of `handover.xml` as the rules see them; `wire/codec.py` turns them into bytes and back.
+"""The messages of `wire/handover.xml` as the rules see them; `wire/codec.py` turns them into bytes and back.
 
 Every transfer message carries the commander (`from_station`), the partner (`to_station`), the number of the transfer
-and the epoch in which it runs. Who sent a message is told by the event that brings it, not by the message.
+and the epoch in which it runs. The event that brings a message names its sender.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ EPOCH_MAX = 0x7FFF_FFFF
 
 @dataclass(frozen=True, slots=True)
 class Connect:
-    """Are you there, and do we agree? Answered by `ConnectAck` with the same nonce."""
+    """Question whether the station is there and agrees. The answer is `ConnectAck` with the same nonce."""
 
     station: int
     protocol_version: int
@@ -65,7 +65,7 @@ class ConnectAck:
 
 @dataclass(frozen=True, slots=True)
 class TransferKey:
-    """What names one transfer. A message whose key is not the present one changes nothing."""
+    """Key of one transfer. A message with another key than the present one changes nothing."""
 
     from_station: int
     to_station: int
@@ -81,7 +81,7 @@ class TransferKey:
 
 @dataclass(frozen=True, slots=True)
 class CrossingKey:
-    """What names a border ahead where authority will be asked to move: its number counts within the epoch."""
+    """Key of a border ahead at which a transfer is expected: its number counts within the epoch."""
 
     from_station: int
     to_station: int

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The words of the system as types: phases, lease states, reasons, zones, missions, and the view the gate judges by.
+"""The terms of the system as types: phases, lease states, reasons, zones, missions, and the view for the gate.
 
 Values that travel (phases, lease states, consents, reasons) have the numbers of `wire/handover.xml`;
-`tests/test_dialect.py` compares the two, so neither can drift.
+`tests/test_dialect.py` compares the two.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ PROTOCOL_VERSION = 1
 
 
 class Phase(IntEnum):
-    """What the vehicle is doing (the three states of the thesis, section 4.3, and the emergency)."""
+    """Phase of the flight: the three states of the thesis (section 4.3), and the emergency."""
 
     ON_LOAD = 0  #: on the ground: waiting for parent, mission package and START
     ON_MISSION = 1  #: flying under one commander
@@ -55,17 +55,17 @@ class Phase(IntEnum):
 
 
 class LeaseState(IntEnum):
-    """What the companion tells the guard about authority."""
+    """State of authority, as the companion tells it to the guard."""
 
     HELD = 1  #: a commander holds authority
     TRANSFER = 2  #: held, and a transfer is under way
-    LOST = 3  #: nobody holds authority
+    LOST = 3  #: no station holds authority
     RECOVERING = 4  #: the companion restarted and has not yet heard the commander of its state file
-    ALONE = 5  #: nobody does, and the aircraft flies on: it crosses a gap that the mission declares
+    ALONE = 5  #: no station holds authority, and the aircraft flies on through a gap that the mission declares
 
 
 class GuardState(IntEnum):
-    """What the guard says of itself (`HANDOVER_GUARD`)."""
+    """State of the guard, by its own message (`HANDOVER_GUARD`)."""
 
     DISABLED = 0
     WAITING = 1
@@ -76,52 +76,52 @@ class GuardState(IntEnum):
 
 
 class FlightAction(IntEnum):
-    """What may be done about what is wrong, mildest first."""
+    """Actions against a fault, the mildest first."""
 
     WARN = 0
-    TRANSFER = 1  #: authority is on its way to a station: the aircraft flies on while that is waited for
+    TRANSFER = 1  #: a station is about to get authority: the aircraft flies on and waits for it
     HOLD = 2  #: stop inside usable coverage and wait
     CONTINUE = 3  #: fly on through a gap that the mission declares
-    RETURN = 4  #: to the chosen place
+    RETURN = 4  #: to the return site
     LAND = 5  #: here and now
 
 
 class Kind(Enum):
-    """What kind of aircraft it is, as far as that changes what can be asked of it."""
+    """Kind of aircraft, as far as it changes what the aircraft can do."""
 
-    COPTER = "copter"  #: ArduCopter: stands still where it is told to
-    PLANE = "plane"  #: ArduPlane on its wings alone: never stands still, and lands where it can roll out
+    COPTER = "copter"  #: ArduCopter: can stand still in the air
+    PLANE = "plane"  #: ArduPlane without hover motors: never stands still, and needs room to land
     QUADPLANE = "quadplane"  #: ArduPlane that hovers as well: flies like a plane, takes off and lands like a copter
 
     @property
     def winged(self) -> bool:
-        """It flies on wings: it holds by circling."""
+        """Whether it flies on wings, and so holds by circling."""
         return self is not Kind.COPTER
 
 
 class ModeClass(Enum):
-    """What a flight mode does, whatever it is called."""
+    """Class of a flight mode: what the mode does, whatever its name."""
 
     HANDS = "by hand"
     MISSION = "the mission"
     GUIDED = "to a place that is named"
     STOP = "stands still, or circles where it is"
-    RETURN = "to the place of a return"
+    RETURN = "to the return site"
     LAND = "down to the ground"
     OTHER = "something else"
 
 
 class ModeSource(Enum):
-    """Who chose the flight mode."""
+    """Source of a flight mode: the person or program that chose it."""
 
-    NOBODY = "nobody in flight"
+    NOBODY = "no source in flight"
     COMPANION = "the companion"
     COMMANDER = "the commander"
     GUARD = "the guard"
     FAILSAFE = "a failsafe of the autopilot"
     MISSION = "the mission, at its end"
     PILOT = "the pilot"
-    STRANGER = "somebody unknown"
+    STRANGER = "an unknown source"
     DOUBT = "in doubt"
 
 
@@ -162,7 +162,7 @@ class Reason(IntEnum):
     GUARD_LOST = 16
     LANDED = 17  #: disarmed: the flight is over
     STARTED = 18
-    FAULT = 19  #: an internal fault; nobody is granted anything
+    FAULT = 19  #: an internal fault; no station is granted anything
     MISSION_DIFFERS = 20  #: the partner holds another mission package
     VERSION_DIFFERS = 21
     NOT_READY = 22  #: START refused: something on the list of needs is missing
@@ -213,15 +213,15 @@ QUESTIONS: Final = {
 }
 
 
-#: Those of them that need no operator, unless a station's configuration says otherwise: what another operator wants, or
-#: gives away, is for people to answer.
+#: Those of them that need no operator, unless a station's configuration says otherwise. A request or a gift of another
+#: operator is for an operator to answer.
 AUTOMATIC: Final = ("zone", "link", "forced")
-#: What needs no operator where `consent` asks the operator about everything: a forced handover asks nobody.
+#: What needs no operator even if `consent` asks the operator about everything: a forced handover asks no station.
 UNASKED: Final = ("forced",)
 
 
-#: Why a station is no partner in flight, and may command on the ground all the same: it may be about to bring another
-#: mission, and nothing is handed over.
+#: Reasons against a partner in flight that do not prevent command on the ground: the station may bring another mission
+#: later, and nothing is handed over.
 NO_MATTER_ON_GROUND: Final = (Reason.MISSION_DIFFERS, Reason.MISSION_MISSING, Reason.CONSENT_REFUSED)
 
 #: Reasons whose name does not say to people what it means.
@@ -240,13 +240,13 @@ def in_words(reason: Reason) -> str:
 
 
 def journal_in_words(reason: str) -> str:
-    """The same of a reason as the journal has it, "commander_lost"; one that this version does not know, as it is."""
+    """The words for a reason of the journal, "commander_lost". An unknown reason stays as it is."""
     known = Reason.__members__.get(reason.upper())
     return reason.replace("_", " ") if known is None else in_words(known)
 
 
 class StandingConsent(Enum):
-    """What the vehicle's file answers for a station that cannot be asked."""
+    """Answer of the vehicle's file for a station that cannot be asked."""
 
     AUTOMATIC = "automatic"  #: planned handovers from it and to it need no answer
     REFUSE = "refuse"  #: it is never partner, and no planned handover takes the aircraft from it
@@ -270,9 +270,9 @@ class Station:
 class AuthorityView:
     """All that the gate needs to judge a frame. Immutable: swapped whole at every change of authority.
 
-    `commander` is the sysid whose commands pass, None when nobody's do. `partner` is set during a transfer.
-    `armed`: the autopilot has not said that it is disarmed; what is locked while armed stays locked until it has, and
-    in a rehearsal.
+    `commander`: system id of the station whose commands pass; None: no commands pass. `partner` is set during a
+    transfer. `armed`: the autopilot has not said that it is disarmed, or a rehearsal is under way. Everything that is
+    locked while armed stays locked that long.
     """
 
     phase: Phase = Phase.ON_LOAD
@@ -284,9 +284,9 @@ class AuthorityView:
     handover_id: int = 0
     #: a request for control is granted without asking the commander
     takeover_allowed: bool = False
-    #: why the transfer under way was begun; NONE without one
+    #: the reason of the transfer under way; NONE without one
     why: Reason = Reason.NONE
-    #: and for which border, if that was foreseen (`core/authority/foresight.py`), else 0
+    #: the border that it was begun for, if that was foreseen (`core/authority/foresight.py`), else 0
     crossing: int = 0
     #: the aircraft is carried along its route (`core/authority/rehearsal.py`): nothing arms, and nothing is commanded
     rehearsal: bool = False
@@ -311,17 +311,17 @@ class ZoneFact:
     ends_s: float | None = None
     #: system ids of the stations whose zones hold the place where it leaves then
     beyond: frozenset[int] = frozenset()
-    #: a waypoint of the station has still to be reached before its zone is a reason to move authority to it; the zone
-    #: covers the aircraft all the same
+    #: the aircraft has to reach a waypoint of the station before the zone is a reason to move authority there; the zone
+    #: still covers the aircraft
     awaits: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class BorderFact:
-    """A place ahead on the mission's way where zones begin or end: a fact, not geometry (`mission/borders_ahead.py`).
+    """A place ahead on the mission's way where zones begin or end: a fact, not geometry (`mission/crossings.py`).
 
     `number`: which one on that way; `in_s`: how soon it is reached; `holding`: the stations whose zones hold the way
-    behind it.
+    after it.
     """
 
     number: int
@@ -333,8 +333,8 @@ class BorderFact:
 class GapFact:
     """The aircraft is where its mission declares a gap in coverage: a fact, not geometry (`mission/gaps.py`).
 
-    `limit_s`: the gap may take so long. `words`: from where to where, for people. `ahead`: it is on the way into it,
-    a few seconds before the last zone ends.
+    `limit_s`: the longest time for the gap (s). `words`: from where to where, for people. `ahead`: the aircraft is on
+    the way into it, a few seconds before the last zone ends.
     """
 
     limit_s: float

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The end of a `match` that deals with everything: the type checker refuses a kind that somebody forgot."""
+"""The end of a `match` that handles every kind: the type checker refuses a kind that is missing."""
 
 from __future__ import annotations
 

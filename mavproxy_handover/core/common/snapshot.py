@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What outlives a restart of the companion: of authority, of what is wrong, and of the batteries.
+"""State that outlives a restart of the companion: authority, causes, holds and batteries.
 
-A restart must not give authority to anyone who had none. So the snapshot names the one station that had it, and the
-arbiter that starts from it commands nobody until that station is heard again; then the epoch is one higher, which
-makes every frame of the time before stale. No snapshot, or one that cannot be trusted, means that nobody has authority.
+A restart must not give authority to a station that had none. So the snapshot names the one station that had it. After
+the restart no station commands until that one is heard again. Then the epoch is one higher, which makes every earlier
+frame stale. Without a snapshot, or with one that cannot be trusted, no station has authority.
 
-A snapshot may be older than the last change of authority: after a loss of power there is what the disk got in time.
-Such a one is not `proven`, and the station that it names has to show that it still has authority (`authority.py`).
+After a loss of power the disk may have an older snapshot than the last change of authority. Such a snapshot is not
+`proven`, and its station has to show that it still has authority (`authority/authority.py`).
 
-Nor must a restart make less of what is wrong: what lasts as long as the flight is wrong in the next run too, and the
-batteries hold no more than they did (`battery.py`).
+A restart must not make a fault smaller either: a cause that lasts as long as the flight continues in the next run, and
+the batteries hold no more than before (`safety/battery.py`).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ __all__ = ["PackMemory", "Snapshot"]
 
 @dataclass(frozen=True, slots=True)
 class PackMemory:
-    """What a run after this one needs to know of one battery in flight; None: not known.
+    """State of one battery in flight that the next run needs; None: not known.
 
     `left_wh`: no more was left; `used_wh`: drawn in all; `most_wh`: no more than this can be drawn in all, by what the
     voltage said at rest; `ohm`: the resistance that the take-off showed.
@@ -39,7 +39,7 @@ class PackMemory:
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """State at the last change of authority. `owner` None: nobody had authority.
+    """State at the last change of authority. `owner` None: no station had authority.
 
     `out_of_coverage`: the policy in force, which the mission may have brought; None: that of the configuration.
     """
@@ -67,9 +67,9 @@ class Snapshot:
     stands: bool = False
     #: what is wrong until the flight is over, and the commander has not overruled
     lasting: tuple[Cause, ...] = ()
-    #: what is known of the batteries in flight; the arbiter has no part in it
+    #: state of the batteries in flight; the arbiter does not use it
     packs: tuple[PackMemory, ...] = ()
-    #: a station wrote the mission that the autopilot holds, and nothing replaces it; by the digest of which package it
-    #: is judged, empty: none is known. The arbiter has no part in it
+    #: a station wrote the mission that the autopilot holds, and no package replaces it; the digest of the package that
+    #: it is judged by, empty: none is known. The arbiter does not use it
     kept: bool = False
     kept_by: bytes = b""

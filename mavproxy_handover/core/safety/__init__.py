@@ -1,3 +1,3 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the aircraft does when something is wrong: pure rules, each a table."""
+"""Safety decisions, and what the aircraft does about a fault: pure rules, each a table or a small object."""
