@@ -266,8 +266,7 @@ class TransferManager:
         return end if why is None else End(Outcome.ABORTED, why)
 
     def take_off(self, now: float, actions: list[Action]) -> None:
-        """The aircraft takes off: a transfer from the ground goes on only with stations that could take it in the
-        air."""
+        """At take-off keep only the candidates that could take the aircraft in the air."""
         transfer = self._authority.transfer
         for station in () if transfer is None else (*transfer.others, transfer.key.to_station):
             if self._candidates.unable(station, now, True) is not None:

@@ -1,49 +1,49 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Whether the autopilot does what was commanded: seen by its mode and by its motion, commanded again, given up.
+"""Verification of orders: whether mode and motion show that the autopilot follows, when to repeat, when to give up.
 
 Theory of operation
 -------------------
-A command that is acknowledged is not a deed. `FOLLOW` says for each action by which mode it shows, by which motion, and
-how long each may take (the limits have the seconds):
+An acknowledged command is not yet carried out. `FOLLOW` says for each action which mode and which motion show it. The
+limits say how long each may take:
 
-* HOLD shows by rest alone: ArduCopter pauses within its mode. Rest takes as long as the speed at the command needs.
-* RETURN shows by the mode, then by getting nearer to where RTL flies to, or climbing, which it does first (there it
-  flies to a place above itself; one that is suddenly far away is another one). What has not got nearer for `stuck_s`,
-  by NEARER_M at least, is blown backwards, or flies somewhere else. At the place (AT_PLACE_M) nothing more is expected:
-  it waits, or comes down.
-* LAND shows by the mode, then by coming down.
-* CONTINUE, which ends a hold, shows by motion alone: what stands still within its mode looks like what flies in it.
+* HOLD shows only by rest: ArduCopter pauses within its mode. The time for it follows from the speed at the command.
+* RETURN shows by the mode, then by a smaller distance to the destination of RTL, or by a climb, which comes first.
+  During the climb the destination is above the aircraft; a destination that is suddenly far away is another one. An
+  aircraft that has not got nearer by NEARER_M within `stuck_s` is blown backwards, or flies somewhere else. At the
+  destination (AT_PLACE_M) no more motion is expected: the aircraft waits, or comes down.
+* LAND shows by the mode, then by a descent.
+* CONTINUE, which ends a hold, shows only by motion: the mode of a paused mission is the mode of a flown one.
 
-That is how a copter shows. What has wings never rests: it holds by circling, in a mode for that, and goes on by leaving
-it. Where it flies back to it circles, some way from the place, and what cannot hover lands by a landing sequence: of
-that nothing but the mode can be asked. So there is a table of `FOLLOW` for each kind.
+This is the table for copters. An aircraft with wings never rests. It holds by circling, in a mode for that, and goes on
+by leaving that mode. After a return it circles some way from the return site. A plane without hover motors lands by a
+landing sequence. Only the mode can show that. So each kind of aircraft has its own table in `FOLLOW`.
 
-What keeps a return or a landing from showing that it gets on, a climb, a breached fence, a place that nobody knows,
-keeps its time from running: that begins with the first look behind it. So nothing here depends on how often it is
-looked at, and `due_at` says when it has to be, if nothing is said until then.
+A climb, a breached fence or an unknown destination can hide the progress of a return or a landing. The time does not
+run while one of them lasts. It starts with the first look after that. So the result does not depend on how often `look`
+is called. `due_at` says when the next call is needed if no event comes.
 
-What does not show in time is commanded again, TRIES times; then the action is one that the autopilot does not follow
-(`unable`). The strategy learns that as a fact: it cannot hold, no place can be reached. So it is the table of
-`strategy.py` that goes on to the next graver action, and nothing here. Under LAND there is nothing: it is repeated
-while another mode shows, and told once where it does not come down in the right one, which to command again is no help.
-An order that is decided anew, for another cause, is the same order: causes that take turns give it no more time.
+An order that does not show in time is commanded again, TRIES times. After that the autopilot is `unable` to do the
+action. `strategy.py` gets this as a fact (the aircraft cannot hold, no return site can be reached) and goes on to the
+next graver action. After LAND there is no graver action. LAND is repeated while another mode shows. If the mode is
+right and the aircraft does not come down, that is told once, because a repetition would not help. The same order for
+another cause is the same order: causes that take turns give it no more time.
 
-What the autopilot refuses, by a negative answer, is not waited for: a HOLD or a RETURN is `unable` at once, a LAND is
-commanded again after REFUSED_AGAIN_S. It counts only for the order in force, once, and not where that order shows all
-the same: the aircraft is at rest, or in its mode.
+If the autopilot refuses an order, HOLD and RETURN are `unable` at once, and LAND is commanded again after
+REFUSED_AGAIN_S. A refusal counts only for the order in force, once. It does not count if the order still shows: the
+aircraft is at rest, or in the mode.
 
-What was held is held until something else shows (`stands`): a return that was ordered behind the hold, and never flown,
-has not ended it. Where that is over, the aircraft is to go on, and for what stands still there is nothing graver to
-come: CONTINUE, like LAND, is repeated.
+A held aircraft counts as held until something else shows (`stands`). A return after the hold that was ordered and never
+flown has not ended it. When the cause is over, the aircraft is to go on. A standing aircraft has no graver action, so
+CONTINUE is repeated like LAND.
 
-Who has taken the aircraft keeps it. A pilot, a failsafe and the commander's own word end the order (`withdrawn`): the
-commander's word stands until something new is decided; what a pilot or a failsafe has interrupted is commanded again
-while its cause is there, once neither of them has it. A mode that a stranger has chosen is commanded away. While the
-autopilot is not heard nothing is counted, and when it is heard again, the order in force is commanded again at once.
+A pilot, a failsafe and a command of the commander end the order (WITHDRAWN). The commander's command holds until a new
+decision. An order that a pilot or a failsafe has interrupted is commanded again after they have given the aircraft
+back, while its cause lasts. A mode of an unknown source is commanded away. While the autopilot is not heard, no time
+runs. When it is heard again, the order in force is commanded again at once.
 
-While the fence is breached nothing is commanded again and nothing given up of what returns or lands already: a change
-of the mode gives ArduCopter's fence ten seconds of "manual recovery", in which a further breach is never acted on.
+While the fence is breached, a return or a landing under way is not commanded again and not given up. A change of the
+mode gives ArduCopter's fence ten seconds of "manual recovery", in which it does not act on a further breach.
 """
 
 from __future__ import annotations
@@ -72,10 +72,10 @@ __all__ = [
     "CommandVerification",
 ]
 
-#: commanded so often before it is given up
+#: number of commands before an order is given up
 TRIES: Final = 2
-#: what counts as nearer (m), as at the place (m; what has wings circles there), as a climb and a descent (m/s), and as
-#: rest (m/s)
+#: limits that count as nearer (m), as at the return site (m; an aircraft with wings circles there), as a climb or a
+#: descent (m/s), and as rest (m/s)
 NEARER_M: Final = 5.0
 AT_PLACE_M: Final = 15.0
 CIRCLES_THERE_M: Final = 250.0
@@ -84,29 +84,29 @@ RESTS_MPS: Final = 1.0
 #: a stop loses at least so much speed each second (m/s2), once the command has arrived (s)
 BRAKES_MPS2: Final = 1.25
 ARRIVES_S: Final = 2.0
-#: a landing that is refused is commanded again after so long (s)
+#: time after which a refused landing is commanded again (s)
 REFUSED_AGAIN_S: Final = 1.0
-#: more than it can be blown away from one report to the next (m): it flies to another place now
+#: more than wind can move the aircraft between two reports (m): it has another destination now
 OTHER_PLACE_M: Final = 50.0
 
 _COMING_HOME: Final = frozenset({Fact.RETURNING, Fact.LANDING})
-#: the aircraft is on its way by these, or by more
+#: facts that show that the aircraft follows, or does more
 _SHOWS_AS: Final = {FlightAction.RETURN: _COMING_HOME, FlightAction.LAND: frozenset({Fact.LANDING})}
-#: nothing graver is to come behind these
+#: orders without a graver one after them
 _ENDLESS: Final = (FlightAction.CONTINUE, FlightAction.LAND)
-#: the aircraft stands still by these, or is to move again
+#: orders to stand still, or to move again
 _STANDING: Final = (FlightAction.HOLD, FlightAction.CONTINUE)
 
 
 @dataclass(frozen=True, slots=True)
 class Follow:
-    """How an action shows: the modes of it (none: any), and the name of the motion ("": none is looked at)."""
+    """Evidence of an action: its modes (empty: any), and the name of its motion ("": none is checked)."""
 
     modes: frozenset[ModeClass]
     motion: str
 
 
-#: A landing is more than a return: what cannot return is landed by it.
+#: A landing is more than a return: an aircraft that cannot return lands.
 _COMES_BACK: Final = Follow(frozenset({ModeClass.RETURN, ModeClass.LAND}), "gets nearer to the place, or climbs")
 _COMES_DOWN: Final = Follow(frozenset({ModeClass.LAND}), "comes down")
 _CIRCLES: Final[Mapping[FlightAction, Follow]] = {
@@ -122,7 +122,7 @@ FOLLOW: Final[Mapping[Kind, Mapping[FlightAction, Follow]]] = {
         FlightAction.LAND: _COMES_DOWN,
     },
     Kind.QUADPLANE: {**_CIRCLES, FlightAction.LAND: _COMES_DOWN},
-    # its landing sequence is a part of a mission, or waits at the end of a return
+    # the landing sequence is a part of a mission, or comes at the end of a return
     Kind.PLANE: {
         **_CIRCLES,
         FlightAction.LAND: Follow(frozenset({ModeClass.LAND, ModeClass.MISSION, ModeClass.RETURN}), ""),
@@ -131,7 +131,7 @@ FOLLOW: Final[Mapping[Kind, Mapping[FlightAction, Follow]]] = {
 
 
 class Seen(Enum):
-    """What has come of an order."""
+    """Result of an order."""
 
     OBEYED = "the autopilot follows"
     AGAIN = "commanded again"
@@ -166,41 +166,41 @@ class CommandVerification:
 
     def __init__(self, limits: Limits) -> None:
         self._limits = limits
-        #: of the aircraft that is watched
+        #: kind of the aircraft
         self.kind = Kind.COPTER
-        #: what the autopilot is to do; None: nothing is commanded
+        #: the order in force; None: none
         self.order: FlightAction | None = None
-        #: what it has been commanded in vain, while something is wrong
+        #: orders that the autopilot did not follow since the first cause
         self.unable: frozenset[FlightAction] = frozenset()
-        #: it was held, and nothing has shown since that it is not any more
+        #: the aircraft was held, and nothing shows since that it moves
         self.stands = False
-        #: since when what is awaited now has been awaited
+        #: since when the present step has been awaited
         self._since = -inf
         #: when the order was given to the autopilot last
         self._commanded_at = -inf
         self._tries = 0
         #: the order has shown by mode, or by rest
         self._shown = False
-        #: the autopilot has answered that it does not do it, and that was not looked at yet
+        #: the autopilot has refused the order, and `look` has not handled that yet
         self._refused = False
         #: the return or the landing that a pilot or a failsafe has interrupted
         self._interrupted: FlightAction | None = None
         #: the autopilot is not heard
         self._deaf = False
-        #: at the last look there was a reason why it gets no nearer
+        #: at the last look there was a reason why the aircraft gets no nearer
         self._excused = False
-        #: the least distance to the place (m) since the order showed, and the last one
+        #: the least distance to the destination (m) since the order showed, and the last one
         self._nearest_m = self._last_m = inf
         #: speed (m/s) when the order was given
         self._first_speed = 0.0
         self._motion: MotionSeen | None = None
-        #: when the next look is due that nothing else calls for; None: none is
+        #: when `look` has to be called at the latest; None: no time runs
         self.due_at: float | None = None
 
     # ---- what happens ---------------------------------------------------------------------------------------------
 
     def moved(self, motion: MotionSeen, now: float) -> None:
-        """How the aircraft moves."""
+        """The motion of the aircraft."""
         self._motion = motion
         if self.order is FlightAction.RETURN and self._shown and motion.left_m is not None:
             if motion.left_m <= self._nearest_m - NEARER_M or motion.left_m > self._last_m + OTHER_PLACE_M:
@@ -208,11 +208,11 @@ class CommandVerification:
             self._last_m = motion.left_m
 
     def unseen(self) -> None:
-        """It is not known any more how the aircraft moves: of what needs a motion nothing is concluded."""
+        """The motion is not known any more: checks that need it conclude nothing."""
         self._motion = None
 
     def ordered(self, action: FlightAction, now: float) -> None:
-        """The autopilot is commanded this from now on, or still: HOLD, RETURN or LAND."""
+        """HOLD, RETURN or LAND is the order in force from now on, or stays it."""
         self._interrupted = None
         self.stands |= action is FlightAction.HOLD
         self._commanded_at = now
@@ -232,12 +232,11 @@ class CommandVerification:
         self.kind = kind
 
     def refused(self, action: FlightAction) -> None:
-        """The autopilot has answered that it does not do this. Another order than the one in force, or one that has
-        shown, is not concerned."""
+        """The autopilot has refused this. It counts only for the order in force, and only before that shows."""
         self._refused |= action is self.order and not self._shown
 
     def go_on(self, now: float) -> None:
-        """It is commanded to go on: what stands still by its order is watched until it does."""
+        """Order the aircraft on: if it stands by an order, watch until it moves."""
         stands = self.stands
         self.over()
         if stands:
@@ -251,24 +250,26 @@ class CommandVerification:
         self._first_speed = 0.0 if self._motion is None else self._motion.speed_mps
 
     def over(self) -> None:
-        """Nothing is wrong any more, or the flight is over: the next order begins anew."""
+        """There is no cause any more, or the flight is over: forget everything about orders."""
         self.order = self._interrupted = None
         self.stands = False
         self.unable = frozenset()
 
     def taken(self, hand: ModeSource) -> FlightAction | None:
-        """Somebody else has chosen the mode; returns the order that this has ended, None if none."""
+        """Another source has chosen the mode; returns the order that this has ended, None if none."""
         order, self.order = self.order, None
         self.stands = False
-        if hand is ModeSource.COMMANDER:  # what it could not do then it may be able to do where he flies it
+        if hand is ModeSource.COMMANDER:  # the aircraft may be able to follow where the commander takes it
             order, self._interrupted, self.unable = order or self._interrupted, None, frozenset()
-        elif order is not None and order not in _STANDING:  # a hold that may be again is a decision of its own
+        elif order is not None and order not in _STANDING:  # a hold is decided again if it is needed
             self._interrupted = order
         return order
 
     def commanded(self) -> FlightAction | None:
-        """The commander has said how it flies: whether it stands or moves now, it does so by that word. Returns the
-        order that this has ended, None if none."""
+        """The commander has commanded how the aircraft flies; from now on it stands or moves by that command.
+
+        Returns the order that this has ended, None if none.
+        """
         self.stands = False
         if self.order not in _STANDING:
             return None
@@ -276,23 +277,27 @@ class CommandVerification:
         return order
 
     def sent_on(self, now: float) -> None:
-        """The commander has what stood by an order fly on: watched until it does, as a mode that it is in already ends
-        no pause of ArduCopter."""
+        """The commander orders the held aircraft on: watch until it moves.
+
+        ArduCopter does not end its pause if the commanded mode is the present one.
+        """
         self.stands = True
         self._begin(FlightAction.CONTINUE, 1, now)
 
     # ---- what is seen ---------------------------------------------------------------------------------------------
 
     def unshown(self, mode: ModeTracker, now: float) -> FlightAction | None:
-        """The return or the landing that was ordered so lately that the autopilot need not show it yet; None: there is
-        none, or it is not known what is flown."""
+        """The return or landing that was just ordered, so that it need not show yet.
+
+        None: there is none, or the mode is not known.
+        """
         shows_as = _SHOWS_AS.get(self.order) if self.order is not None else None
         if shows_as is None or mode.flown is None or mode.facts() & shows_as:
             return None
         return self.order if now < self._commanded_at + self._limits.obey_s else None
 
     def look(self, mode: ModeTracker, facts: Set[Fact], breached: bool, now: float) -> Seen | None:
-        """Compare what the autopilot does to the order; what is news about it.
+        """Compare the aircraft to the order; returns what is new about it.
 
         `breached`: the aircraft is outside the fence. AGAIN asks for the same command once more.
         """
@@ -304,7 +309,7 @@ class CommandVerification:
             return None
         if Fact.PILOT in facts or Fact.FAILSAFE in facts:
             return None
-        if self._interrupted is not None:  # it has been given back
+        if self._interrupted is not None:  # the aircraft has been given back
             order, self._interrupted = self._interrupted, None
             self._begin(order, self._tries + 1, now)
             if not self._follows(mode):
@@ -323,14 +328,14 @@ class CommandVerification:
         return self._moves(self.order, mode, facts, breached, now)
 
     def _is_so(self, mode: ModeTracker) -> bool:
-        """The order shows all the same."""
+        """Whether the refused order still shows."""
         assert self.order is not None
         if FOLLOW[self.kind][self.order].modes:
             return self._follows(mode)
         return self._motion is not None and self._motion.speed_mps < RESTS_MPS
 
     def _denied(self, order: FlightAction, now: float) -> Seen | None:
-        """The autopilot has refused it, and it is not so."""
+        """The autopilot has refused the order, and the order does not show."""
         if order not in _ENDLESS:
             self.unable |= {order}
             self.order = None
@@ -350,12 +355,12 @@ class CommandVerification:
         return not modes or mode.flown in modes or (self.order is FlightAction.LAND and mode.landing)
 
     def _astray(self, was_deaf: bool, home: bool, now: float) -> Seen | None:
-        """The mode is another one."""
+        """The mode is not one of the order."""
         order = self.order
         assert order is not None
         if home:
             return None
-        if self._shown or was_deaf:  # it was left, or nothing arrived
+        if self._shown or was_deaf:  # the mode was left, or no command arrived
             self._tries = 0
             return self._again(order, now)
         if self._has_time(self._limits.obey_s, now):
@@ -365,7 +370,7 @@ class CommandVerification:
     def _moves(
         self, order: FlightAction, mode: ModeTracker, facts: Set[Fact], breached: bool, now: float
     ) -> Seen | None:
-        """The mode is right: what of the motion?"""
+        """The mode is right: check the motion."""
         if not FOLLOW[self.kind][order].motion:
             return self._shows(order)
         if order is FlightAction.HOLD:
@@ -387,7 +392,7 @@ class CommandVerification:
         return None if has_time else self._give_up(order)
 
     def _shows(self, order: FlightAction) -> Seen | None:
-        """The mode is all that there is to be seen."""
+        """The mode is the only evidence."""
         first, self._shown = not self._shown, True
         if order is not FlightAction.HOLD:
             self.stands = False
@@ -405,23 +410,23 @@ class CommandVerification:
 
     @property
     def _stops_s(self) -> float:
-        """So long it takes at most to come to rest from the speed that it had when the order was given."""
+        """The longest time to come to rest from the speed at the order."""
         return ARRIVES_S + self._first_speed / BRAKES_MPS2
 
     def _goes_on(self, home: bool, now: float) -> Seen | None:
-        # what still moves may not have come to rest yet
+        # an aircraft that moves may not have come to rest yet
         if self._has_time(max(self._limits.obey_s, self._stops_s), now):
             return None
         motion = self._motion
         moves = motion is None or motion.speed_mps >= RESTS_MPS or abs(motion.climb_mps) > CLIMBS_MPS
         if not moves and not home:
-            self._tries = 0  # nothing graver is to come
+            self._tries = 0  # there is no graver order
             return self._again(FlightAction.CONTINUE, now)
         self.order, self.stands = None, False
         return None if home else Seen.OBEYED
 
     def _has_time(self, limit_s: float, now: float) -> bool:
-        """What is awaited may still come; until then."""
+        """Whether there is time left; sets `due_at` to its end."""
         ends_at = self._since + limit_s
         if now >= ends_at:
             return False
@@ -429,10 +434,10 @@ class CommandVerification:
         return True
 
     def _needs_no_progress(self, order: FlightAction, motion: MotionSeen, facts: Set[Fact]) -> bool:
-        """Whether it does what was commanded without getting nearer to the place."""
-        if Fact.LANDING in facts:  # a gust may hold it up: that it lands is enough for a return
+        """Whether the aircraft follows the order without getting nearer to its destination."""
+        if Fact.LANDING in facts:  # a gust may hold the aircraft up: landing is enough for a return
             return order is FlightAction.RETURN or motion.climb_mps < -CLIMBS_MPS
-        # it climbs, or it is not known where to, or it is there
+        # a climb, an unknown destination, or at the destination
         there_m = CIRCLES_THERE_M if self.kind.winged else AT_PLACE_M
         return motion.climb_mps > CLIMBS_MPS or motion.left_m is None or motion.left_m <= there_m
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What looks wrong at this moment: the conditions that `common/causes.py` turns into causes.
+"""Conditions: the faults that show at this moment. `common/causes.py` turns them into causes.
 
 The rules see a condition themselves (authority, stations, autopilot, guard, position), or the monitors report it
 (energy, route, fence).
@@ -17,8 +17,8 @@ Other rules
 -----------
 * A gap that the mission declares is a fact (`gap.py`). The aircraft flies on into it, and coverage does not end ahead
   any more after it. Weak links are no condition while the aircraft crosses a gap.
-* In a rehearsal the aircraft is carried, disarmed. Nobody stands still for a hold, so coverage ends ahead only as long
-  as a position shows it.
+* In a rehearsal the aircraft is carried, disarmed, and does not stop for a hold. So coverage ends ahead only while a
+  position shows it.
 * An aircraft needs a position to stand still. A position that is late by less than the hold-off of its cause ends no
   hold. If the autopilot is not heard, no position can be late.
 """
@@ -45,7 +45,7 @@ PASSED_M: Final = 50.0
 
 
 class Conditions:
-    """What looks wrong on one aircraft. Times are monotonic seconds; not safe for threads."""
+    """The conditions of one aircraft. Times are monotonic seconds; not safe for threads."""
 
     __slots__ = (
         "_around",
@@ -136,8 +136,7 @@ class Conditions:
 
     @property
     def passed_at_m(self) -> float | None:
-        """How far inside the commander's zone (m) the aircraft has passed the border at which it was ordered on; None:
-        it was at none."""
+        """Distance (m) inside the commander's zone at which that border counts as passed; None: there is none."""
         return None if self._passed_m is None else self._passed_m + 2.0 * self._flight.circle_m + PASSED_M
 
     def _has_passed(self, owner: int) -> bool:

@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What was decided, on its way to becoming true: told, commanded, watched, and left to whoever takes the aircraft.
+"""Executes decisions: tells each one, commands it, watches it, and leaves the aircraft to a person who takes it.
 
-`helm.py` knows who flies, `supervision.py` whether the autopilot follows; here both meet the decision in force. Every
-decision is told in one sentence, and so is what becomes of it: another hand on the aircraft, a command that has to be
-repeated, one that the autopilot does not follow.
+`mode_source.py` knows the source of the flight mode, and `command_verification.py` whether the autopilot follows. Both
+meet the decision in force here. Every decision is told in one sentence. The results are told too: another source has
+taken the aircraft, an order is repeated, the autopilot does not follow.
 
-A return is told a moment after it is ordered, and told anew where it goes elsewhere: its place is looked at once more
-when it is ordered, and what has made it necessary, a station that is lost, may just have made another place the best.
+A return is told a moment after the order, and again if its return site changes. The return site is judged once more at
+the order. The cause of the return, a lost station, may just have made another one the best.
 
-In a rehearsal all of it is told, as what would be done, and nothing is commanded: so there is nothing to watch either.
+In a rehearsal every decision is told as what would be done. Nothing is commanded, so there is nothing to watch.
 """
 
 from __future__ import annotations
@@ -34,25 +34,25 @@ from mavproxy_handover.core.safety.strategy import OVERRULE, OVERRULED, Decision
 
 __all__ = ["DecisionExecutor"]
 
-#: whose choice of a mode ends an order; the guard's is the same order
+#: mode changes that end an order; the guard does the same as the order
 _TAKES: Final = {
     Change.PILOT: ModeSource.PILOT,
     Change.COMMANDER: ModeSource.COMMANDER,
     Change.FAILSAFE: ModeSource.FAILSAFE,
 }
-#: the mode of an order, which needs no order where it is flown
+#: the modes of an order: in one of them no command is needed
 _SAME: Final = {FlightAction.RETURN: (ModeClass.RETURN,), FlightAction.LAND: (ModeClass.LAND,)}
 _COMES_HOME: Final = (ModeClass.RETURN, ModeClass.LAND)
-#: what has wings does this in a mode of its own; a copter within the one that it flies
+#: orders that an aircraft with wings flies in a mode of their own, and a copter within its present mode
 _CIRCLED: Final = {FlightAction.HOLD: ModeClass.STOP, FlightAction.CONTINUE: ModeClass.MISSION}
-#: what is commanded, or left out in its place
+#: actions that are commanded
 _COMMANDED: Final = (FlightAction.HOLD, FlightAction.CONTINUE, FlightAction.RETURN, FlightAction.LAND)
-#: what is commanded again and again is told so often (s)
+#: pause between two messages that an order is repeated (s)
 _AGAIN_TOLD_S: Final = 10.0
 
 
 class DecisionExecutor:
-    """Of one vehicle. Times are monotonic seconds; not safe for threads."""
+    """Executor of one vehicle. Times are monotonic seconds; not safe for threads."""
 
     __slots__ = (
         "_again_at",
@@ -101,9 +101,9 @@ class DecisionExecutor:
 
     @property
     def held_for(self) -> Cause | None:
-        """For what the aircraft stands still by the order in force; None: it does not.
+        """Cause for which the aircraft stands still by the order in force; None: it does not.
 
-        That stays in force while the autopilot is not heard, though no more than a warning is told then.
+        The order stays in force while the autopilot is not heard, though only a warning is told then.
         """
         told = self._emergency.told
         if told is None or not (told.action is FlightAction.HOLD or self._only_waits(self._emergency.decision)):
@@ -111,31 +111,34 @@ class DecisionExecutor:
         return self._hold_cause if self._hold_timer.resuming or self._verification.order is FlightAction.HOLD else None
 
     def _only_waits(self, decision: Decision | None) -> bool:
-        """Whether a hold goes on that is no more than a warning now: nobody can be commanded, or it is in doubt whether
-        somebody else has chosen the mode."""
+        """Whether a hold goes on though the decision is a warning.
+
+        The autopilot cannot be commanded now, or the source of the mode is in doubt.
+        """
         if decision is None or decision.action is not FlightAction.WARN:
             return False
         doubt = decision.held_back is Fact.PILOT and self._mode.chosen_by is ModeSource.DOUBT
         return doubt or decision.held_back in (Fact.FLYING, Fact.AUTOPILOT)
 
     def resume_hold(self, cause: Cause) -> None:
-        """It was held for that when the run before ended."""
+        """The run before held the aircraft for this cause."""
         self._hold_cause = cause
 
     @property
     def _others_fly(self) -> bool:
-        """A pilot, or a failsafe of the autopilot: to go on is theirs to say."""
+        """Whether a pilot or a failsafe flies: then the companion does not order the aircraft on."""
         return not self._mode.facts().isdisjoint(OVERRULE)
 
-    # ---- who flies ------------------------------------------------------------------------------------------------
+    # ---- the source of the mode
+    # ------------------------------------------------------------------------------------------------
 
     def mode_seen(self, event: ModeSeen, now: float, actions: list[Action]) -> None:
-        """The autopilot has said its mode."""
+        """The autopilot reports its mode."""
         unheard = not self._flight.autopilot_alive(now)
         self._changed(self._mode.seen(event, self._flight.aloft, now, unheard=unheard), now, actions)
 
     def mode_source_seen(self, event: ModeSourceSeen, now: float, actions: list[Action]) -> None:
-        """Somebody has, or may have, chosen the mode."""
+        """A source has, or may have, chosen the mode."""
         self._changed(self._mode.heard(event, now), now, actions)
         if event.hand is not ModeSource.COMMANDER:
             return
@@ -149,7 +152,7 @@ class DecisionExecutor:
                 self._verification.sent_on(now)
 
     def settle(self, now: float, actions: list[Action]) -> None:
-        """Time has passed: what was in doubt is not any more."""
+        """Time has passed: a doubt may be over."""
         self._changed(self._mode.settle(now), now, actions)
 
     def _changed(self, change: Change | None, now: float, actions: list[Action]) -> None:
@@ -183,7 +186,7 @@ class DecisionExecutor:
     # ---- what was decided -----------------------------------------------------------------------------------------
 
     def carry_out(self, news: News, now: float, actions: list[Action]) -> None:
-        """A decision is news: it is told, commanded where it is not flown already, and watched from now on."""
+        """A decision is news: tell it, command it unless it is flown already, and watch it."""
         decision = news.decision
         returns = decision is not None and decision.action is FlightAction.RETURN
         self._tells_at = now if returns else None
@@ -208,7 +211,7 @@ class DecisionExecutor:
             self._mode.ordered()
             if not self._flown_already(decision.action):
                 self._fly(decision.action, news.reason, now, actions)
-        elif decision is None or decision.held_back is None:  # what another hand holds back may have to be done yet
+        elif decision is None or decision.held_back is None:  # an order that is held back may still be needed
             self._verification.over()
 
     def _tell_decision(self, decision: Decision, now: float, actions: list[Action], *, crosses: bool = False) -> None:
@@ -219,27 +222,27 @@ class DecisionExecutor:
         self._say(sentence(decision, figures, place), actions)
 
     def _say(self, told: Announce, actions: list[Action]) -> None:
-        """A sentence to everybody; in a rehearsal it says that it is one, and what would be commanded."""
+        """Tell every station; in a rehearsal with the word REHEARSAL, and what would be commanded."""
         if self._flight.rehearsing:
             would = "would " if told.action in _COMMANDED else ""
             told = replace(told, text=f"REHEARSAL: {would}{told.text}")
         actions.append(told)
 
     def rehearsal_over(self, actions: list[Action]) -> None:
-        """What would be done is in force no more."""
+        """The rehearsal is over: nothing of it is in force."""
         self._tells_at = None
         if self._emergency.told is not None:
             actions.append(Announce("OVER: the rehearsal", None, Reason.NONE))
 
     def place_seen(self, now: float, actions: list[Action]) -> None:
-        """Where a return goes has been judged: who was told another place is told that."""
+        """The return site has been judged: tell it if another one was told."""
         told, place = self._emergency.told, self._facts.place
         returns = told is not None and told.action is FlightAction.RETURN and self._tells_at is None
         if returns and told is not None and place is not None and place.name != self._told_place:
             self._tell_decision(told, now, actions)
 
     def tell_return(self, now: float, actions: list[Action]) -> None:
-        """Whatever came behind the order of a return: it is told now, unless it is none any more."""
+        """The first event after the order of a return: tell the return, unless it is over."""
         tells_at, told = self._tells_at, self._emergency.told
         if tells_at is None:
             return
@@ -248,11 +251,12 @@ class DecisionExecutor:
             self._tell_decision(told, now, actions)
 
     def tells_at(self) -> float | None:
-        """When there is a return to be told; None: there is none."""
+        """When a return is due to be told; None: none is."""
         return self._tells_at
 
     def _flown_already(self, action: FlightAction) -> bool:
-        """Whoever has chosen it, guard, failsafe or a run before this one: to command it again would change nothing."""
+        """Whether the mode of this order is flown already, from any source: to command it again would change
+        nothing."""
         return self._mode.flown in _SAME.get(action, ())
 
     def _fly(self, action: FlightAction, reason: Reason, now: float, actions: list[Action]) -> None:
@@ -263,7 +267,7 @@ class DecisionExecutor:
         actions.append(Fly(action, reason))
 
     def look(self, facts: Situation, now: float, actions: list[Action]) -> bool:
-        """Compare what the autopilot does to what it was commanded; whether it is to be decided anew."""
+        """Compare the aircraft to the order in force; returns whether a new decision is needed."""
         verification, decision = self._verification, self._emergency.told
         verification.watch(self._flight.kind)
         order, breached = verification.order, self._conditions.reported.fence

@@ -1,15 +1,19 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What of the safety decisions is news: each is told and carried out once.
+"""News among the safety decisions: each decision is told and carried out once.
 
-`causes.py` says what is wrong, `strategy.py` what is done about it, at every moment anew. News is another cause, a
-graver action (what was a warning on the ground takes off), the end of what held the aircraft back, and the end of it
-all. What waits for a station that is about to take the aircraft (TRANSFER) is none: authority tells of that itself. Who
-was held stays held meanwhile: the next commander decides whether it flies on. While a return or a landing was just
-ordered and the autopilot does not show it yet, nothing milder is news: the aircraft may be flying it already.
+`common/causes.py` and `strategy.py` give causes and a decision at every moment. News is
 
-Nothing here weakens the autopilot's own failsafes or the RC pilot: a decision is a command that the autopilot may
-refuse, and the guard stands behind it.
+* another cause;
+* a graver action, also because the aircraft has taken off with a warning;
+* the end of a hold, and the end of all causes.
+
+To wait for a station that is about to take the aircraft (TRANSFER) is no news: authority tells of that itself. A held
+aircraft stays held meanwhile, and the next commander decides whether it flies on. After the order of a return or a
+landing nothing milder is news until the autopilot shows it: the aircraft may already fly it.
+
+This does not weaken the autopilot's failsafes or the RC pilot. A decision is a command that the autopilot may refuse,
+and the guard is independent of it.
 """
 
 from __future__ import annotations
@@ -24,17 +28,17 @@ from mavproxy_handover.core.safety.strategy import Decision, Fact, Situation, St
 
 __all__ = ["Emergency", "News"]
 
-#: what is done only as long as it is asked for
+#: actions that end as soon as no cause asks for them
 _WHILE_ASKED = (FlightAction.HOLD, FlightAction.CONTINUE)
-#: what is news and no emergency: nothing is commanded for it
+#: news that is no emergency
 _NO_EMERGENCY = (FlightAction.WARN, FlightAction.CONTINUE)
 
 
 @dataclass(frozen=True, slots=True)
 class News:
-    """The decision from now on, None if nothing is wrong any more, and the one before it, None if nothing was.
+    """The decision from now on, and the one before it; None: there is no cause.
 
-    `grave`: something was commanded since something has been wrong.
+    `grave`: an order was given since the first cause.
     """
 
     decision: Decision | None
@@ -43,27 +47,27 @@ class News:
 
     @property
     def reason(self) -> Reason:
-        """Its cause; NONE if nothing is wrong any more."""
+        """Reason of its cause; NONE without a cause."""
         return Reason.NONE if self.decision is None else CAUSES[self.decision.cause].reason
 
     @property
     def warning(self) -> bool:
-        """Nothing is commanded for it."""
+        """Whether nothing is commanded for it."""
         return self.decision is None or self.decision.action is FlightAction.WARN
 
     @property
     def holds(self) -> bool:
-        """The aircraft is to stand still from now on."""
+        """Whether the aircraft is to stand still from now on."""
         return self.decision is not None and self.decision.action is FlightAction.HOLD
 
     @property
     def resumes(self) -> bool:
-        """The aircraft was held, and is not any more."""
+        """Whether the hold of the aircraft ends."""
         return self.before is not None and self.before.action is FlightAction.HOLD and self.mends
 
     @property
     def mends(self) -> bool:
-        """Nothing calls for a hold, or more, any more. What another hand holds back is not the companion's to end."""
+        """Whether no cause asks for a hold or more. It is false while another source holds an order back."""
         decision = self.decision
         if decision is None or self.continues:
             return True
@@ -71,12 +75,12 @@ class News:
 
     @property
     def continues(self) -> bool:
-        """The aircraft flies on through a gap that its mission declares. That is no emergency."""
+        """Whether the aircraft flies on through a gap that its mission declares. That is no emergency."""
         return self.decision is not None and self.decision.action is FlightAction.CONTINUE
 
     @property
     def crossed(self) -> bool:
-        """It did, and nothing is wrong any more."""
+        """Whether the aircraft has crossed the gap, and there is no cause any more."""
         return self.decision is None and self.before is not None and self.before.action is FlightAction.CONTINUE
 
 
@@ -85,7 +89,7 @@ def _holds(told: Decision) -> bool:
 
 
 class Emergency:
-    """What was told last of what is wrong. Times are monotonic seconds; not safe for threads."""
+    """The decision that was told last. Times are monotonic seconds; not safe for threads."""
 
     __slots__ = ("_grave", "_left", "_resumed", "_strategy", "_watch", "told")
 
@@ -93,34 +97,36 @@ class Emergency:
         off = {cause for cause, policy in limits.policies.items() if policy == "off"}
         self._watch = CauseWatch(off, limits.hold_off_s, limits.clear_s)
         self._strategy = Strategy(limits.policies)
-        #: None while nothing is wrong
+        #: None without a cause
         self.told: Decision | None = None
-        #: the run before left an emergency behind, and its cause has not been found yet
+        #: the run before ended in an emergency, and its cause has not been found yet
         self._resumed = False
-        #: what the run before left behind that lasts as long as the flight, until the aircraft is known to fly
+        #: causes of the run before that last as long as the flight, until the aircraft is known to fly
         self._left: frozenset[Cause] = frozenset()
-        #: something was commanded since something has been wrong
+        #: an order was given since the first cause
         self._grave = False
 
     @property
     def decision(self) -> Decision | None:
-        """What is done at this moment; it may be less than what was told, as long as that is held back."""
+        """The decision of this moment. It may be milder than the one that was told, while that is held back."""
         return self._strategy.decision
 
     @property
     def brings_down(self) -> bool:
-        """That ends the mission: a return, or a landing."""
+        """Whether the decision ends the mission: a return, or a landing."""
         return self.decision is not None and self.decision.action >= FlightAction.RETURN
 
     @property
     def causes(self) -> frozenset[Cause]:
-        """What is wrong as of the last look."""
+        """The causes of the last call of `judge`."""
         return self._watch.active
 
     @property
     def lasting(self) -> tuple[Cause, ...]:
-        """What is wrong until the flight is over. What the commander has overruled is not of it: he knows, and in the
-        next run it is judged anew."""
+        """The causes that last until the flight is over, except those that the commander has overruled.
+
+        The next run judges an overruled cause again.
+        """
         found = (self.causes | self._left) - {cause for cause, _action in self._strategy.overruled}
         return tuple(cause for cause in Cause if cause in found and CAUSES[cause].ends is Ends.WITH_THE_FLIGHT)
 
@@ -135,27 +141,26 @@ class Emergency:
             self._strategy.adopt(Cause.OUT_OF_COVERAGE, out_of_coverage)
 
     def resume(self) -> None:
-        """A restart in an emergency, or behind one: its cause is judged anew, and it is over when none is found."""
+        """A restart during or after an emergency. It is over if no cause is found."""
         self._resumed = self._grave = True
 
     def resume_lasting(self, causes: Collection[Cause]) -> None:
-        """A restart with these wrong until the flight is over: they go on as soon as there is a flight."""
+        """A restart with these causes that last as long as the flight: they continue as soon as the aircraft flies."""
         self._left = frozenset(causes)
 
     def resume_hold(self, cause: Cause) -> None:
-        """A restart while the aircraft is held: if that is to go on it is commanded anew, else it is over."""
+        """A restart while the aircraft is held: the hold is commanded again, or is over."""
         self.told = Decision(FlightAction.HOLD, cause)
         self._resumed = self._grave = True
 
     def overrule(self, facts: Situation) -> None:
-        """The commander has the aircraft fly otherwise than ordered: of what is wrong by now nothing more comes, until
-        it gets graver."""
+        """The commander overrules the order: the present causes give no order until one asks for a graver one."""
         self._strategy.overrule(self._watch.active, facts)
         if self.told is not None:
             self.told = Decision(FlightAction.WARN, self.told.cause)
 
     def landed(self) -> None:
-        """The flight is over. The cause may go on: on the ground that is no news, in the next flight it is acted on."""
+        """The flight is over. A cause may go on: it is no news on the ground, and counts in the next flight."""
         self._left = frozenset()
         self._watch.landed()
         self._strategy.landed()
@@ -163,7 +168,7 @@ class Emergency:
             self.told = Decision(FlightAction.WARN, self.told.cause)
 
     def due_at(self) -> float | None:
-        """When to judge at the latest; None where no moment matters."""
+        """When `judge` is due at the latest; None: no time runs."""
         return self._watch.due_at()
 
     def judge(
@@ -176,9 +181,11 @@ class Emergency:
         stands: bool = False,
         unshown: FlightAction | None = None,
     ) -> News | None:
-        """The decision if it is news. `certain` False: that nothing is wrong is not known yet. `stands`: it was held,
-        and whatever was ordered since has not moved it. `unshown`: was ordered so lately that the autopilot need not
-        show it yet; nothing milder is news."""
+        """The decision if it is news.
+
+        `certain` False: it is not known yet that there is no cause. `stands`: the aircraft was held, and no later order
+        has moved it. `unshown`: an order that need not show yet; nothing milder is news.
+        """
         if self._left and Fact.FLYING in facts:
             self._watch.resume(self._left)
             self._left = frozenset()
@@ -202,12 +209,12 @@ class Emergency:
         return News(decision, told, grave)
 
     def _goes_on(self, other: Cause) -> bool:
-        """What was told is of another cause than this one, and not over."""
+        """Whether the told decision has another cause than this one, and that goes on."""
         told = self.told
         return told is not None and told.cause is not other and told.cause in self._watch.active
 
     def _known(self, decision: Decision) -> bool:
-        """Whether it is what was told, or milder while the cause of that goes on."""
+        """Whether it is the told decision, or a milder one while the cause of that goes on."""
         told = self.told
         if told is None or told.cause not in self._watch.active:
             return False

@@ -1,35 +1,47 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Who flies: what the autopilot's mode says, and who chose it.
+"""Source of the flight mode: the person or program that chose it, and what follows for decisions.
 
 Theory of operation
 -------------------
-ArduPilot tells its mode and not who chose it. So whoever may have is noted beforehand: the companion's own orders, the
-commander's commands that pass, the guard when it says that it acts, and the autopilot's own words: of a failsafe
-(STATUSTEXT, the state CRITICAL), of one that is over and gives back the mode of before, and, with wings, of a mission
-that ends with a return, which is a mode of its own there. A mode that changes in flight is his of `EVIDENCE` who was
-heard of last, shortly before or up to DOUBT_S behind it: a word may come after its deed. Until then it is in doubt, and
-nobody is fought.
-A mode shows up to a second after the command for it. An order that the companion gives in that second is newer than
-the commander's command: such a mode is `OVERTAKEN`, and ends no order.
-What nobody is known to have chosen is
+ArduPilot reports its mode, and not the source that chose it. So the rules note every source that may have chosen one:
 
-* the guard's, if it returns or lands and was chosen while the autopilot was not heard: then the autopilot hears nothing
-  of the companion either, and the guard sends it home;
-* else the pilot's while the radio lives: the autopilot hears a receiver, is not in its radio failsafe, and has one;
-* else a failsafe's, if it returns or lands, or has said of late that it acts: one of the estimator's hovers by hand;
-* else a stranger's, of whom nobody knows anything: it counts for nothing, as at the guard.
+* the companion's own orders, and the commander's commands that pass;
+* the guard, when it says that it acts;
+* the autopilot's own reports: a failsafe (STATUSTEXT, the state CRITICAL), the end of a failsafe that restores the mode
+  of before, and the end of a mission with a return, which is a mode of its own for aircraft with wings.
 
-What cannot be told apart, and how it is read: a failsafe whose words were lost, and a pilot (either way nothing is
-commanded); a pilot's switch soon after a command to the same mode, and that command (the mode is what both wanted); RC
-overrides of the commander that turn the mode switch, and a pilot's (while they last nothing is commanded, and the
-autopilot's radio failsafe follows when they end); a second computer on board, and nobody at all.
+A mode change is attributed to the latest plausible source of `EVIDENCE`: a report shortly before the change, or up to
+DOUBT_S after it. Until then the source is in doubt, and nothing is commanded against it.
+A mode shows up to a second after the command for it. An order of the companion in that second is newer than the
+commander's command: such a mode is `OVERTAKEN`, and ends no order.
+A mode change without evidence is attributed as follows:
 
-A pilot has the aircraft while it flies by hand, or in a mode that he chose, and his radio lives. He gives it back by
-choosing AUTO or GUIDED after he has flown by hand since take-off, be it for one moment on the way of a switch, or while
-the autopilot was not heard, for all that is known; by landing; and by what a commander's accepted command or the
-companion's own order makes of the mode. No cause ends it, a new one neither. On the ground nobody flies: whatever is
-chosen there is the flight's beginning, unless it is flown by hand.
+* To the guard, if the mode returns or lands and was chosen while the autopilot was not heard. Then the autopilot does
+  not hear the companion either, and the guard sends it home.
+* Else to the pilot while the radio works: there is a receiver, the autopilot hears it, and is not in radio failsafe.
+* Else to a failsafe, if the mode returns or lands, or if the autopilot has just said that a failsafe acts. The
+  estimator's failsafe hovers by hand.
+* Else to an unknown source, which has no effect. The guard does the same.
+
+Some cases look alike, and are read like this:
+
+* A failsafe whose report was lost, and a pilot: nothing is commanded in both cases.
+* A pilot's switch soon after a command to the same mode, and that command: both wanted that mode.
+* RC overrides of the commander that turn the mode switch, and a pilot. While they last, nothing is commanded. When they
+  end, the autopilot's radio failsafe follows.
+* A second computer on board, and no source at all.
+
+A pilot has the aircraft while it flies by hand, or in a mode that the pilot chose, and the radio works. The pilot gives
+it back
+
+* by choosing AUTO or GUIDED after flying by hand since take-off. One moment by hand during a switch is enough. A time
+  in which the autopilot was not heard counts as flying by hand, because it is not known;
+* by landing;
+* if an accepted command of the commander, or an order of the companion, changes the mode.
+
+No cause takes the aircraft from a pilot, and neither does a new cause. On the ground no source counts: a mode that is
+chosen there is the beginning of the flight, unless it is flown by hand.
 """
 
 from __future__ import annotations
@@ -46,24 +58,25 @@ from mavproxy_handover.core.safety.strategy import Fact
 
 __all__ = ["DOUBT_S", "EVIDENCE", "GIVES_BACK", "Change", "ModeTracker", "Trace"]
 
-#: so long (s) behind a change of the mode a word may explain it: the guard speaks twice a second
+#: time after a mode change in which a report may explain it (s): the guard reports twice a second
 DOUBT_S: Final = 1.0
 
 _ENDS: Final = frozenset({ModeClass.RETURN, ModeClass.LAND})
-#: what a failsafe has chosen and nobody else leaves; its stop waits for what comes behind it
+#: modes of a failsafe in which nothing is commanded; its stop is followed by another mode
 _OF_FAILSAFES: Final = _ENDS | {ModeClass.HANDS}
 
 
 @dataclass(frozen=True, slots=True)
 class Trace:
-    """What somebody who was heard of may have done: for so long (s), and which modes, where none was named."""
+    """Reach of a report: how long it may explain a mode change (s), and which modes, if it names none."""
 
     within_s: float
     modes: frozenset[ModeClass]
 
 
-#: Who may have chosen a mode; of two who were heard of at once the first. The companion's orders are repeated, and RTL
-#: that cannot be had becomes LAND within one of them; a command of the commander is carried out or it is not.
+#: Sources that may have chosen a mode; of two at the same time the first counts. The companion repeats its orders, and
+#: ArduPilot replaces an impossible RTL by LAND within one of them. A command of the commander is carried out or
+#: refused.
 EVIDENCE: Final[Mapping[ModeSource, Trace]] = {
     ModeSource.COMPANION: Trace(15.0, _ENDS),
     ModeSource.COMMANDER: Trace(5.0, frozenset(ModeClass)),
@@ -72,12 +85,12 @@ EVIDENCE: Final[Mapping[ModeSource, Trace]] = {
     ModeSource.MISSION: Trace(5.0, frozenset({ModeClass.RETURN})),
 }
 
-#: What a pilot chooses after he has flown by hand, and that gives the aircraft back.
+#: Modes that give the aircraft back if a pilot chooses them after flying by hand.
 GIVES_BACK: Final = frozenset({ModeClass.MISSION, ModeClass.GUIDED})
 
 
 class Change(Enum):
-    """What became of a mode that changed."""
+    """Attribution of a mode change."""
 
     PILOT = "a pilot has taken over"
     GIVEN_BACK = "the pilot has given it back"
@@ -101,7 +114,7 @@ _CHANGES: Final = {
 
 
 class ModeTracker:
-    """Who flies one aircraft. Times are monotonic seconds; not safe for threads."""
+    """Tracks the mode of one aircraft and its source. Times are monotonic seconds; not safe for threads."""
 
     __slots__ = (
         "_asked",
@@ -118,43 +131,45 @@ class ModeTracker:
     )
 
     def __init__(self) -> None:
-        #: None before the autopilot has said it, and for what is no ArduCopter
+        #: class of the mode; None: not reported yet, or not supported
         self.flown: ModeClass | None = None
         #: the mode's own name, for people
         self.name = ""
-        #: it is coming down to land, whatever the mode is called
+        #: the aircraft is coming down to land, in any mode
         self.landing = False
         #: a pilot could steer
         self.radio = False
         self.chosen_by = ModeSource.NOBODY
-        #: who flew what before the mode changed
+        #: source and class of the mode before the change
         self._before: tuple[ModeSource, ModeClass | None] = ModeSource.NOBODY, None
         self._flying = False
-        #: the mode that is in doubt was chosen while the autopilot was not heard
+        #: the mode in doubt was chosen while the autopilot was not heard
         self._unheard = False
-        #: when the mode changed, while it is in doubt who chose it; -inf when it is not
+        #: when the mode changed, while its source is in doubt; -inf: no doubt
         self._since = -inf
         #: the companion has given an order since the commander's last command
         self._overtaken = False
-        #: who was heard of, when, and the mode that was asked for, None if that is not known
+        #: source -> time of its last report, and the class of the mode that it asked for, None: not known
         self._asked: dict[ModeSource, tuple[float, ModeClass | None]] = {}
 
     # ---- what is heard --------------------------------------------------------------------------------------------
 
     def heard(self, event: ModeSourceSeen, now: float) -> Change | None:
-        """Somebody has, or may have, chosen the mode."""
+        """A source has, or may have, chosen the mode."""
         self._asked[event.hand] = now, event.flown
         if event.hand is ModeSource.COMMANDER:
             self._overtaken = False
         return self.settle(now)
 
     def ordered(self) -> None:
-        """The companion orders something: what the commander asked for before is not his answer to that."""
+        """The companion gives an order: an earlier command of the commander does not answer it."""
         self._overtaken = True
 
     def seen(self, event: ModeSeen, flying: bool, now: float, *, unheard: bool = False) -> Change | None:
-        """The autopilot has said its mode; returns what has become known by it. `unheard`: it was not heard for a time
-        before."""
+        """The autopilot reports its mode; returns a change that is attributed by now.
+
+        `unheard`: the autopilot was not heard for a time before.
+        """
         before, self.flown = self.flown, event.flown
         self.name, self.landing, self.radio = event.name, event.landing, event.radio
         was_flying, self._flying = self._flying, flying
@@ -166,7 +181,7 @@ class ModeTracker:
         return self.settle(now)
 
     def settle(self, now: float) -> Change | None:
-        """Who chose the mode that changed, if that is known by now; None if it was known before, or is not yet."""
+        """Attribute a mode change in doubt, if that is possible by now; None: nothing is new."""
         if self.chosen_by is not ModeSource.DOUBT:
             return None
         hand = self._by_evidence()
@@ -210,14 +225,14 @@ class ModeTracker:
 
     @property
     def piloted(self) -> bool:
-        """A pilot has the aircraft, or may have."""
+        """Whether a pilot has the aircraft, or may have it."""
         if self.chosen_by is ModeSource.DOUBT:
             return True
         by_hand = self.chosen_by is ModeSource.NOBODY and self.flown is ModeClass.HANDS
         return self.radio and (by_hand or self.chosen_by is ModeSource.PILOT)
 
     def facts(self) -> set[Fact]:
-        """What of it a decision rests on."""
+        """Facts of the mode that a decision rests on."""
         found = set()
         if self.piloted:
             found.add(Fact.PILOT)
@@ -230,5 +245,5 @@ class ModeTracker:
         return found
 
     def due_at(self) -> float | None:
-        """When it is no more in doubt who chose the mode; None while it is not."""
+        """When the doubt about the source ends; None without a doubt."""
         return self._since + DOUBT_S if self.chosen_by is ModeSource.DOUBT else None
