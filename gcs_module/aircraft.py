@@ -63,7 +63,7 @@ from mavproxy_handover.wire.signing import SignatureVerdict
 
 __all__ = ["Aircraft"]
 
-#: components of the vehicle whose messages of `handover.xml` count
+#: components of the vehicle whose messages of `wire/handover.xml` count
 _SPEAKERS: Final = frozenset((COMPANION_COMPID, LANGUAGE_COMPID))
 #: notices about another station: the rules of every vehicle make them, and the station tells them once
 _OF_STATION: Final = ("peer", "peer_lost")

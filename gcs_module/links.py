@@ -14,7 +14,7 @@ first link when the vehicle has not been heard yet. Rules that live here:
 4. What claims to be one of our vehicles on a link that is not its own gets no further: not to this module, nor to
    MAVProxy's other ones. Two aircraft of one system id are not mixed up.
 5. Sticks (RC_CHANNELS_OVERRIDE) go only to the vehicle that was chosen when they were set: MAVProxy repeats them ten
-   times a second to whoever is chosen now. See `choice.py`.
+   times a second to whoever is chosen now. See `vehicle_selection.py`.
 
 For one vehicle too: what waits at a UDP link while this program is slow has as much room as the system gives. It is a
 second's worth otherwise, and what comes behind it is missing in the station's log.

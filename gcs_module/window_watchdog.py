@@ -9,7 +9,7 @@ windows and then itself. It is told on standard input which processes those are:
 It ends them by SIGKILL: they have inherited MAVProxy's handlers of the other signals, which end nothing there. Linux
 gives a handle to a process, so no other process with the same id is ever ended.
 
-A station that stands still is not dead: its windows stay. The map marks what is old by itself (`slip.py`).
+A station that stands still is not dead: its windows stay. The map marks what is old by itself (`map_drawing.py`).
 """
 
 from __future__ import annotations

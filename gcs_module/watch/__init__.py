@@ -4,9 +4,10 @@
 
 Theory of operation
 -------------------
-What is written down (`tail.py`, `journals.py`) or heard on a link (`ear.py`, `hearing.py`) becomes one picture of all
-aircraft and stations (`scene.py`), in which every value knows when it was said. `show.py` turns it into what a browser
-is given, `page.py` gives it once a second, `door.py` decides who may look. Only `page.py` knows the web stack.
+What is written down (`tail.py`, `journals.py`) or heard on a link (`passive_link.py`, `link_reader.py`) becomes one
+picture of all aircraft and stations (`scene.py`), in which every value knows when it was said. `page_values.py` turns
+it into what a browser is given, `page.py` gives it once a second, `web_auth.py` decides who may look. Only `page.py`
+knows the web stack.
 
 Rules that live here
 --------------------

@@ -13,7 +13,8 @@ mixture behind where the link breaks; what it holds would be known to nobody. So
   cannot be judged. It need not begin with a take-off. A plane's has to leave a return that ends on the ground: where
   that goes on to the landing sequence, one without would have it circle for ever.
 * Heights above the sea need the plan's and the autopilot's home at the same height, heights above terrain an autopilot
-  that knows the ground; a way into the ground, by the heights that the package has of it, is refused (`heights.py`).
+  that knows the ground; a way into the ground, by the heights that the package has of it, is refused
+  (`mission/heights.py`).
 * To clear the mission is refused: there is nothing to fly by then, and RTL needs no empty mission.
 * A geofence is not changed in flight. It is a limit that the autopilot keeps by itself, the places of a return were
   checked against it, and one that leaves the aircraft outside lands it at once (4.7) or turns it back. The one that is

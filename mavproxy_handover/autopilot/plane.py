@@ -13,7 +13,7 @@
   wherever that was left; LOITER flies off forwards from a take-off or a landing. Nor is there one in a return, or by
   hand.
 * To return is RTL. It may show as QRTL (Q_RTL_MODE), as QLAND (during a guided take-off), or, where it goes on to the
-  landing at once (RTL_AUTOLAND 2), as AUTO on a way down (`plane_landing.py`).
+  landing at once (RTL_AUTOLAND 2), as AUTO on a way down (`vehicle/plane_landing.py`).
 * To land now is QLAND with rotors. Without it is, of what can be had, the mission's nearest way down (DO_LAND_START),
   AUTOLAND (from 4.7, with the direction of the take-off), RTL. One that is on a way down already stays there, be it its
   mission that has led it there: ordered again, it would go around, out of its last metres too, and begin it again.

@@ -20,8 +20,8 @@ Rules
    (`latent.py`).
 7. In flight, a guided target is checked before it passes, at whatever rate targets come (`targets.py`).
 8. Stations hear one companion. A frame from the vehicle's side is counted and not passed on if it has the component id
-   of the companion, of its language or of its link probes, or if it is a message of `handover.xml`. It would be signed
-   with the stations' keys, and they would believe it.
+   of the companion, of its language or of its link probes, or if it is a message of `wire/handover.xml`. It would be
+   signed with the stations' keys, and they would believe it.
 9. In flight, the companion carries out commands that this autopilot does not know (`CompanionMatters.takes_over`: STOP
    of a plane). Only the commander's pass, as with any command.
 10. A station's request for a file that the companion serves is answered by the companion

@@ -3,7 +3,7 @@
 """Runs ArduPilot Lua scripts against a simulated vehicle: the scripting engine, without the autopilot.
 
 `LuaScripting` loads a script into Lua 5.3, calls its update function when it is due and gives it the bindings
-that `handover_guard.lua` uses. The vehicle behind them is a `VehicleHost`: whoever simulates a vehicle
+that `ardupilot_lua/handover_guard.lua` uses. The vehicle behind them is a `VehicleHost`: whoever simulates a vehicle
 implements that protocol, hands received frames to `LuaScripting.deliver`, asks `arming_refusal` before arming
 and `command_blocked` before executing a MAVLink command. The embedded vehicle of `handover sim` and the tests
 of the guard use the same layer, so that what the tests see is what flies there.

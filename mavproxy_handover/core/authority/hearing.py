@@ -22,8 +22,10 @@ low that the uplink alone does not reach it: with 20 % lost each way 64 % of the
 lost each way 45 %. The loss of the downlink apart from that of the uplink is measured on each link
 (`link/monitor.py`), and makes the link weak.
 
-Chance ------ Where chance decides what is heard, lucky answers count until they leave the window. Trials of this rule
-alone, 40,000 each, with a good uplink, gave the following times. A commander that hears 3 % is lost within 18 s in all
+Chance
+------
+Where chance decides what is heard, lucky answers count until they leave the window. Trials of this rule alone, 40,000
+each, with a good uplink, gave the following times. A commander that hears 3 % is lost within 18 s in all
 trials except one. A commander that hears 5 % is lost by then in 99.87 %, one that hears 6 % in 99.5 %. The longest
 trials took 19.1, 22.4 and 28.1 s. In 400 trials of ten minutes a commander that hears 50 % was never lost. One that
 hears 40 % was lost in 2 trials, and one that hears 30 % in 164. A longer window or a higher limit shortens these times

@@ -41,7 +41,7 @@ __all__ = [
     "journal_in_words",
 ]
 
-#: Version of the messages of `handover.xml`; stations of another version are not handed authority.
+#: Version of the messages of `wire/handover.xml`; stations of another version are not handed authority.
 PROTOCOL_VERSION = 1
 
 

@@ -11,4 +11,4 @@ __all__ = ["assert_never"]
 
 def assert_never(value: NoReturn) -> NoReturn:
     """As `typing.assert_never`, which Python 3.10 lacks. Raises AssertionError where the type checker was not asked."""
-    raise AssertionError(f"nobody deals with {value!r}")
+    raise AssertionError(f"no case for {value!r}")

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What is left in the batteries, by all that they say, and always the least of it.
+"""Charge left in the batteries: the least of all that their values say.
 
 Rules:
 
@@ -13,12 +13,12 @@ Rules:
 4. In flight what is left never grows: counters that go back, or a percentage that grows, are named and not believed. On
    the ground, disarmed, they mean another pack.
 5. A fall that no motors can cause is named, and believed when it has been said `PATIENCE` times in a row.
-6. A pack that is silent draws on as it last flew, and is named after `SILENT_S`; where nobody ever knew what it drew in
-   the air, it draws what flying takes by the settings. One that was never heard holds nothing. Several packs feed one
-   aircraft: the emptiest is what the others are taken for.
-7. What makes what is left smaller outlives a restart in flight (`PackMemory`): after one the counters alone would say
-   more. It changes seldom, since each change is written to a disk, so what is left in it is as of the last
-   `_KEPT_PART` of the pack. On the ground nothing of it holds: that is another flight.
+6. If a battery stops reporting, its last power in flight is extrapolated, or the power of the settings if none was
+  measured. It is named after `SILENT_S`. A battery that was never heard holds nothing. Several packs feed one aircraft:
+  each counts as the emptiest of them.
+7. Values that make the charge smaller outlive a restart in flight (`PackMemory`), because after a restart the counters
+  say more. They are saved in steps of `_KEPT_PART` of the pack, because each change is written to a disk. On the ground
+  they do not count any more: that is another flight.
 
 Source of the voltages: rest voltage of lithium polymer cells as chargers' makers print it; it is flat in the middle,
 which is why it is worth no more than `DOUBT`.
@@ -54,11 +54,11 @@ SILENT_S: Final = 5.0
 _SLACK_PART: Final = 0.02
 #: below this current (A) a voltage is one at rest, and a power none to fly with
 _REST_A: Final = 2.0
-#: current (A) from which on the voltage tells the resistance, for so long (s) after the last rest
+#: current (A) from which on the voltage tells the resistance, and for how long (s) after the last rest
 _LOAD_A, _LOAD_WITHIN_S = 5.0, 60.0
 #: no more resistance (ohm) for each cell than this is believed
 _MOST_OHM_A_CELL: Final = 0.03
-#: what is kept for a restart is kept anew when so much of the pack, or of its resistance (ohm for each cell), has moved
+#: steps in which the values for a restart are saved: a part of the pack, and of its resistance (ohm for each cell)
 _KEPT_PART, _KEPT_OHM_A_CELL = 0.05, 0.0005
 #: volts of a cell at rest, and the part of the charge that it holds then
 _REST: Final = (
@@ -90,8 +90,8 @@ def rest_part(cell_v: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class PackReport:
-    """What one battery monitor says; None: not known. `used_*` count since the autopilot began to, `remaining` is a
-    part, 0 to 1."""
+    """Report of one battery monitor; None: not known. `used_*`: since the autopilot began to count. `remaining`: 0 to
+    1."""
 
     used_wh: float | None = None
     used_mah: float | None = None
@@ -121,7 +121,7 @@ class PackReport:
 
 @dataclass(frozen=True, slots=True)
 class Charge:
-    """What the batteries hold and give together: `left_wh` and `power_w` are None where nothing is known of them."""
+    """Charge and power of all batteries together; `left_wh`, `power_w` None: not known."""
 
     left_wh: float | None
     power_w: float | None
@@ -229,7 +229,8 @@ class _Pack:
         return left, ohm
 
     def _count(self, report: PackReport, since_s: float, on_ground: bool) -> None:
-        """What was drawn, by the counter that is there; one that goes back begins anew on the ground alone."""
+        """Count the drawn energy, by the counter that is there. Only on the ground a counter that goes back counts
+        again."""
         before = self._before
         begins = self._total(report)
         if before is None or self._used_wh is None:
@@ -330,17 +331,17 @@ class Batteries:
 
     @property
     def memory(self) -> tuple[PackMemory, ...]:
-        """What a run after this one needs to know of each; empty on the ground."""
+        """State of each battery for the next run; empty on the ground."""
         kept = [pack.memory for pack in self._packs]
         return tuple(memory or PackMemory() for memory in kept) if any(kept) else ()
 
     def resume(self, memory: Sequence[PackMemory], now: float) -> None:
-        """The run before has ended in flight, and left this behind. It holds until a report is one of the ground."""
+        """The run before ended in flight with this state. It counts until a report comes on the ground."""
         for pack, kept in zip(self._packs, memory, strict=False):
             pack.resume(kept, now)
 
     def take(self, number: int, report: PackReport, now: float, on_ground: bool) -> None:
-        """What monitor `number` says. `on_ground`: disarmed, so that what is drawn is next to nothing."""
+        """Take the report of monitor `number`. `on_ground`: disarmed, so almost no power is drawn."""
         if 0 <= number < len(self._packs):
             self._packs[number].take(report, now, on_ground)
 

@@ -1,27 +1,26 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What becomes of a command of the commander that would leave energy, fence or coverage: it passes, with a warning or
-without, or it is refused with the reason.
+"""Check of the commander's commands against energy, fence and coverage: each passes, is warned of, or is refused.
 
 Theory of operation
 -------------------
-Who commands is not the question here, it was answered before. A command is of a `Kind`; the table `JUDGED` says which
-limits a kind can leave at all. Where there is something that it would leave (`left`, worked out elsewhere, in words),
-the limit's policy decides: "off" is not looked at, "warn" lets it pass and says so, "refuse" refuses it.
+The gate has checked before that the sender commands. A command has a `Kind`; the table `JUDGED` says which limits a
+kind can leave. If a command would leave a limit (`left`, in words, worked out by the caller), the limit's policy
+decides: "off" is not checked, "warn" lets the command pass with a warning, "refuse" refuses it.
 
-What leads away from danger is in no row, and is never refused: RTL, LAND, BRAKE, LOITER, a pause, the pilot's modes.
-The word without configuration is "refuse" for all three. A warning is read when the aircraft is on its way already,
-and a refusal costs an operator who means it ten seconds: it says itself how it is lifted. Both ways are the operator's
-own hand, and each lifts one limit, the one that the refusal has named:
+Commands that lead away from danger are in no row, and are never refused: RTL, LAND, BRAKE, LOITER, a pause, the pilot's
+modes. The default is "refuse" for all three limits. An operator reads a warning only after the aircraft is on its way.
+A refusal costs an operator who insists ten seconds, and says how to lift the limit. There are two ways, both for the
+operator, and each lifts the one limit that the refusal has named:
 
 * `lift`: for `LIFTED_S`, for the station that commands then. It ends with that station's authority.
 * The same command sent again to insist: that command alone, for `LIFTED_S` at most. It counts if all of this holds:
-  - It comes `QUIET_S` to `UNTIL_S` after the last copy of it, with no copy in between. Each copy begins the wait anew,
-    whatever became of it. Sooner it is a retransmission, later it is a new command. Programs repeat a command for less
+  - It comes `QUIET_S` to `UNTIL_S` after the last copy of it, with no copy in between. Each copy starts the wait again,
+    passed or refused. Sooner it is a retransmission, later it is a new command. Programs repeat a command for less
     than `QUIET_S`, except for some messages, which have their own `quiet_s` (`tests/core/safety/retransmission.py` has
     the timers of QGroundControl, MAVSDK, Mission Planner, MAVProxy and our station).
-  - The station was heard during the whole wait. If its link was interrupted, copies may have been lost or held back,
-    and the next one of an endless repetition would look like an operator's.
+  - The station was heard during the whole wait. If its link was interrupted, copies may have been lost or delayed. Then
+    the next copy of an endless repetition would look like an operator's.
   - It does not say of itself that it is a repetition, and it is no stream.
 
 A copy of a command that passed passes too if it comes sooner than `QUIET_S`: the acknowledgement may have been lost.
@@ -58,7 +57,7 @@ POLICIES: Final = ("refuse", "warn", "off")
 
 
 class Limit(Enum):
-    """What a command may leave, in the words of the configuration; the gravest first."""
+    """Limits that a command may leave, in the words of the configuration; the gravest first."""
 
     ENERGY = "energy"
     FENCE = "fence"
@@ -66,12 +65,12 @@ class Limit(Enum):
 
 
 class Kind(Enum):
-    """What a command does."""
+    """Kinds of commands by their effect."""
 
     START = "start"  #: begins the flight
     GO_ON = "go on"  #: the mission is flown on from here, by itself or from another item
     FLY_TO = "fly to"  #: to a place, and wait there
-    TARGET = "target"  #: the same, in a stream of targets
+    TARGET = "target"  #: to a place, in a stream of targets
     SPEED = "speed"  #: the mission is flown at another speed
     ROUTE = "route"  #: another mission
     UNKNOWN = "unknown way"  #: to where nothing here can tell: after another system, to a place by a label
@@ -93,7 +92,7 @@ STREAMED: Final = frozenset({Kind.TARGET})
 
 
 class Outcome(Enum):
-    """What becomes of a command."""
+    """Verdict on a command."""
 
     PASSES = "passes"
     WARNED = "passes with a warning"
@@ -103,9 +102,11 @@ class Outcome(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Ruling:
-    """The outcome, and for what reason: `limits` that are warned of or lifted, or the one that it is refused for, and
-    `words` of these. `copy_after_s`: how long after the last copy of the same command this one came; None: there was
-    none."""
+    """The verdict and its reason.
+
+    `limits`: those that are warned of or lifted, or the one of the refusal; `words`: of these. `copy_after_s`: seconds
+    since the last copy of the same command; None: there was none.
+    """
 
     outcome: Outcome
     limits: tuple[Limit, ...] = ()
@@ -174,7 +175,7 @@ class CommandRules:
         quiet_s: float = QUIET_S,
         begun_at: float | None = None,
     ) -> Ruling:
-        """What becomes of a command of `station`, which commands.
+        """The verdict on a command of `station`, which commands.
 
         `wish`: what tells it from others of its kind. `left`: the limits that it would leave, in words. `heard_since`:
         since when the station has been heard without an interruption. `repeats`: it says of itself that it was sent
@@ -203,7 +204,7 @@ class CommandRules:
         return Ruling(outcome, told, ", ".join(left[limit] for limit in told), after_s)
 
     def _asked_before(self, kind: Kind, wish: Hashable, station: int, now: float) -> tuple[_Asked, float | None]:
-        """What there is of the same command, and how long ago its last copy came; None: it is a new command."""
+        """The record of the same command, and seconds since its last copy; None: it is a new command."""
         asked = self._asked.get((station, kind))
         if asked is None or asked.wish != wish or kind in STREAMED:
             return _Asked(wish, -inf, None), None
@@ -214,7 +215,7 @@ class CommandRules:
         return asked, after_s
 
     def came(self, kind: Kind, wish: Hashable, station: int, now: float) -> None:
-        """A copy that was not judged, because too many commands came at once: it begins the wait anew."""
+        """A copy was not judged, because too many commands came at once: the wait starts again."""
         asked = self._asked.get((station, kind))
         if asked is not None and asked.wish == wish:
             asked.copied(now)
@@ -222,7 +223,7 @@ class CommandRules:
     # ---- what the operator lifts ----------------------------------------------------------------------------------
 
     def lift(self, limit: Limit, now: float) -> None:
-        """The operator of whoever commands lifts a limit, for LIFTED_S."""
+        """The operator of the commander lifts a limit, for LIFTED_S."""
         self._lifted[limit] = now + LIFTED_S
 
     def lifted(self, limit: Limit, now: float) -> bool:
@@ -234,6 +235,6 @@ class CommandRules:
         return {limit: until - now for limit, until in self._lifted.items() if now < until}
 
     def authority_moved(self) -> None:
-        """Somebody else commands, or nobody: what was lifted for the one before does not count any more."""
+        """The commander has changed: what was lifted for the last one does not count any more."""
         self._lifted.clear()
         self._asked.clear()

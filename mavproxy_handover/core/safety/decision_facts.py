@@ -65,7 +65,7 @@ class DecisionFacts:
         self._in_gap = False
 
     def place_judged(self, event: PlaceJudged) -> None:
-        """The return site has been chosen anew, or judged anew."""
+        """The return site has been chosen or judged again."""
         self.place = event
 
     def now(self, now: float) -> frozenset[Fact]:

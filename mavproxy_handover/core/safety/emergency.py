@@ -8,7 +8,7 @@
 * a graver action, also because the aircraft has taken off with a warning;
 * the end of a hold, and the end of all causes.
 
-To wait for a station that is about to take the aircraft (TRANSFER) is no news: authority tells of that itself. A held
+TRANSFER, to wait for a station that is about to take the aircraft, is left out: authority tells of it. A held
 aircraft stays held meanwhile, and the next commander decides whether it flies on. After the order of a return or a
 landing nothing milder is news until the autopilot shows it: the aircraft may already fly it.
 
@@ -160,7 +160,7 @@ class Emergency:
             self.told = Decision(FlightAction.WARN, self.told.cause)
 
     def landed(self) -> None:
-        """The flight is over. A cause may go on: it is no news on the ground, and counts in the next flight."""
+        """The flight is over. A cause may go on: it is told again only in the next flight."""
         self._left = frozenset()
         self._watch.landed()
         self._strategy.landed()

@@ -1,29 +1,29 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What a way through the air costs, what is left of it, and from where on there is no way back.
+"""Energy that a way through the air needs, the margin that is left, and the point of no return.
 
 Theory of operation
 -------------------
-A way is a list of straight pieces (`Piece`). What one costs is power times time:
+A way is a list of straight pieces (`Piece`). The energy of a piece is power times time:
 
-* Power over airspeed v: P(v) = hover + (cruise - hover) (v / cruise_mps)^3. Drag's power grows with the cube of the
-  airspeed; what a rotor saves in slow forward flight is left out, which errs to the safe side.
+* Power over airspeed v: P(v) = hover + (cruise - hover) (v / cruise_mps)^3. The power of drag grows with the cube of
+  the airspeed. The saving of a rotor in slow forward flight is left out, which is the safe side.
 * ArduCopter holds the ground speed that it was told as long as its lean limit allows. That limit is an airspeed, va.
   With wh ahead and wx across, the speed made good is min(told, sqrt(va^2 - wx^2) - wh); 0 or less: the piece is not to
-  be flown at all, its need is infinite. Wind from behind counts as calm: it helps nobody who has to come back.
+  be flown at all, its need is infinite. A tail wind counts as calm: on the way back it is a head wind.
 * Each piece is flown from rest to rest: speeding up and braking cost speed / `ACCELERATION_MPSS` seconds.
 * Climb, descent and waiting stand against the same wind.
-* What has wings (`wings`) holds the airspeed that it was told, and the power that goes with it; the wind adds to that,
-  or takes from it, and what blows across is flown against at an angle. It waits by circling. Going straight up or down
-  is done by rotors, as a copter does it, and each time TRANSITION_S of both stand between the two ways to fly.
+* An aircraft with wings (`wings`) holds the commanded airspeed, and the power for it. The wind adds to its ground
+  speed, or takes from it, and it flies against a cross wind at an angle. It waits by circling. It goes straight up or
+  down on rotors, as a copter does. Each change between wings and rotors takes TRANSITION_S with the power of both.
 * A lighter aircraft, once its payload is dropped: hover, climb and descent cost the part of what they did that is left
-  of the mass. By momentum theory it is that part to the power of 1.5, which is less; how much of that motors and
-  propellers keep nobody knows. What drag adds stays, and the airspeed at the lean limit goes with the root of the mass:
-  thrust that is tilted as far has to stand against the same drag.
+  of the mass. By momentum theory it is that part to the power of 1.5, which is less; the share that motors and
+  propellers keep of that is not known. The part of drag stays, and the airspeed at the lean limit goes with the root of
+  the mass: thrust that is tilted as far has to stand against the same drag.
 
-The rule is the point of no return: margin = left - factor x need - reserve, and as long as the margin of the best place
-is not negative the aircraft may go on. Whatever is not known makes the need larger, or the answer "unknown"; nothing
-makes it smaller. Energies are watt-hours, powers watts.
+The rule is the point of no return: margin = left - factor x need - reserve. The aircraft may go on until the margin of
+the return site is negative. A value that is not known makes the need larger, or the answer "unknown"; it never makes
+the need smaller. Energies are watt-hours, powers watts.
 
 Sources: Leishman, Principles of Helicopter Aerodynamics, 5.5 (parasitic power); flights on ArduCopter SITL, where the
 cube fits within 1 % at 5 and 10 m/s; ArduCopter's defaults for WPNAV_ACCEL and WPNAV_JERK, WPNAV_SPEED_UP and _DN,
@@ -80,7 +80,7 @@ class Wind:
     from_deg: float
 
     def against(self, bearing_deg: float) -> tuple[float, float]:
-        """What blows against a flight in that direction: from ahead, 0 where it comes from behind, and across (m/s)."""
+        """Head wind (m/s; 0 for a tail wind) and cross wind (m/s) of a flight in that direction."""
         angle = radians(self.from_deg - bearing_deg)
         return max(0.0, self.speed_mps * cos(angle)), abs(self.speed_mps * sin(angle))
 
@@ -118,7 +118,7 @@ class MadeGood(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class EnergyModel:
-    """What flying costs this aircraft now: what was configured, and what was learned since.
+    """Energy model of this aircraft: the configured values, corrected by the learned ones.
 
     Powers in W: `cruise_w` at airspeed `cruise_mps` in level flight, the others at rest in calm air. `airspeed_mps` is
     the fastest airspeed that it can hold. `wind` None: it is not known, and `headwind_mps` blows from ahead wherever it
@@ -175,8 +175,10 @@ class EnergyModel:
         return self.hover_w + more_w * (airspeed_mps / self.cruise_mps) ** 3
 
     def made_good(self, bearing_deg: float, speed_mps: float | None = None) -> MadeGood:
-        """How that direction is flown when the autopilot is told this speed (None: the cruise speed): over ground, or
-        on wings through the air."""
+        """Speed and power in that direction at this commanded speed (None: the cruise speed).
+
+        `speed_mps` is over ground, or with wings through the air.
+        """
         told = self.cruise_mps if speed_mps is None else speed_mps
         ahead, across = (self.headwind_mps, 0.0) if self.wind is None else self.wind.against(bearing_deg)
         airspeed = min(told, self.airspeed_mps) if self.wings else self.airspeed_mps
@@ -238,11 +240,11 @@ class EnergyModel:
         return total
 
     def budget_wh(self, need_wh: float) -> float:
-        """What has to be left for a way of that need to be begun: the need with its factor, and the reserve."""
+        """Energy that a way of that need takes from the budget: the need with its factor, and the reserve."""
         return self.reserve_factor * need_wh + self.reserve_wh
 
     def margin_wh(self, left_wh: float, way: Iterable[Piece]) -> float:
-        """What is left beyond the budget of a way; negative: it is not to be begun, -infinite: it cannot be flown."""
+        """Energy beyond the budget of a way; negative: do not begin it, -infinite: it cannot be flown."""
         return left_wh - self.budget_wh(self.need_wh(way))
 
 
@@ -270,7 +272,7 @@ def way_home(
     wings: bool = False,
     down: Sequence[Piece] | None = None,
 ) -> tuple[Piece, ...]:
-    """The way that RTL takes to a place: up to the height of the return, straight there, a pause, and down.
+    """The way of RTL to a return site: up to the return height, straight there, a pause, and down.
 
     Heights above home. `place_alt_m`: that of a rally point is a floor for the return, as `return_alt_m` is; where the
     aircraft is higher, it stays there. The ground at the place is taken to be as high as home. `speed_mps`: as in
@@ -293,10 +295,10 @@ def way_home(
 
 
 def point_of_no_return(margin_wh: Callable[[float], float], places_m: Sequence[float]) -> float | None:
-    """The first distance along a route (m, to half a metre) from which there is no way back; None: there always is.
+    """The first distance along a route (m, to half a metre) without a way back; None: there is always one.
 
-    `margin_wh` tells the margin of the best place at a distance along the route. It is asked at `places_m`, which rise,
-    and between two of them where its sign changes.
+    `margin_wh` gives the margin of the return site at a distance along the route. It is called at `places_m`, which
+    rise, and between two of them where the margin changes its sign.
     """
     before: float | None = None
     for place in places_m:
@@ -315,7 +317,7 @@ def point_of_no_return(margin_wh: Callable[[float], float], places_m: Sequence[f
 
 @dataclass(frozen=True, slots=True)
 class EnergyFact:
-    """What is known of energy at monotonic time `at` (s).
+    """State of energy at monotonic time `at` (s).
 
     `left_wh` None: not known. `power_w`: drawn now, None: not measured. `model` None: nothing was configured, or too
     little (`missing` says what); then nothing can be said of any way. `wind_source`: where `model.wind` comes from, in

@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What is known of an aircraft's energy before it flies: the table [energy] of a mission and of a vehicle.
+"""Energy settings of an aircraft before it flies: the table [energy] of a mission and of a vehicle.
 
-Both files have the same keys, all may be left out, and the mission's go before the vehicle's: it knows the payload.
-What nobody says is made of what is said, or is a default with its source beside it. Without the energy of the battery,
-or without anything that tells the power in hover, there is no model: the budget is unknown, and says what is missing.
-For an aircraft with wings either power is enough: the one that is missing is taken to be as large as the other.
+Both files have the same keys, all of them optional. The mission's values replace the vehicle's, because the mission
+knows the payload. A missing value is derived from the others, or is a default with its source beside it. Without the
+energy of the battery, or without anything that tells the power in hover, there is no model: the budget is unknown, and
+says what is missing. For an aircraft with wings either power is enough: the one that is missing is taken to be as large
+as the other.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ _CLIMB_TO_HOVER: Final = 1.2
 _WPNAV_SPEED_MPS, RETURN_ALT_M, _ANGLE_MAX_DEG = 10.0, 15.0, 30.0
 #: ArduPlane's AIRSPEED_CRUISE (m/s; before 4.5 TRIM_ARSPD_CM) and RTL_ALTITUDE (m; before 4.5 ALT_HOLD_RTL)
 _AIRSPEED_MPS, WINGED_RETURN_ALT_M = 12.0, 100.0
-#: a gentle breeze (Beaufort 3): what is taken to blow from ahead where nobody knows
+#: a gentle breeze (Beaufort 3): the head wind if the wind is not known
 _HEADWIND_MPS: Final = 3.0
 #: PX4's rule for its return: a tenth more than was computed
 _FACTOR: Final = 1.1
@@ -150,7 +151,7 @@ class EnergySettings:
 
     @property
     def unloaded_part(self) -> float:
-        """What the mass is once the payload is dropped, as a part of that at take-off; 1 where nobody knows."""
+        """Mass after the payload is dropped, as a part of the mass at take-off; 1 if it is not known."""
         if not self.payload_kg or not self.mass_kg or self.payload_wrong:
             return 1.0
         return 1.0 - self.payload_kg / self.mass_kg

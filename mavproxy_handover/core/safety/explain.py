@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The strategy in words: its table, and what it decides in a given state, each cause and each rung considered.
+"""The strategy in words: its table, and its decision in a given state, with every cause and every rung.
 
-Made from the data that decides (`causes.py`, `strategy.py`), so that it cannot say anything else.
+It is made from the data that decides (`common/causes.py`, `strategy.py`), so it cannot differ from it.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ from mavproxy_handover.core.safety.strategy import (
 __all__ = ["HEAD", "Considered", "assumed", "consider", "facts_table", "kinds_table", "story", "table"]
 
 Row = tuple[str, ...]
-#: what holds in the air when nothing is said of it,
+#: facts that hold in the air unless something else is said,
 _ALOFT: Final = frozenset({Fact.FLYING, Fact.AUTOPILOT, Fact.MAY_HOLD, Fact.PLACE})
-#: and what of that does not while this is wrong: it is held only inside its commander's zone, and by a position. A hold
-#: that goes on behind a restart is another matter, and so is a cause whose sign is away and which is not over yet
+#: and those of them that do not hold with a cause: the aircraft is held only inside its commander's zone, and by a
+#: position. Two cases differ: a hold that goes on after a restart, and a cause whose condition is away but is not over
 _NOT_WHILE: Final[Mapping[Cause, Fact]] = {
     Cause.COMMANDER_LOST: Fact.MAY_HOLD,
     Cause.OUT_OF_COVERAGE: Fact.MAY_HOLD,
@@ -43,7 +43,7 @@ _NOT_WHILE: Final[Mapping[Cause, Fact]] = {
     Cause.POSITION_STALE: Fact.MAY_HOLD,
     Cause.AUTOPILOT_LOST: Fact.AUTOPILOT,
 }
-#: what the columns of `table` are
+#: the columns of `table`
 HEAD: Final[Row] = ("cause", "what is wrong", "counts after", "ends", "policy", "what is done: the first that can be")
 
 
@@ -57,7 +57,7 @@ def _seconds(value: float) -> str:
 
 
 def table(limits: Limits) -> list[Row]:
-    """A row for each cause, as it is configured; the policy that is not in force in brackets behind."""
+    """A row for each cause, as configured; the policies that are not in force stand in brackets at the end."""
     rows: list[Row] = []
     policies = Strategy(limits.policies).policies
     for cause, row in CAUSES.items():
@@ -106,7 +106,10 @@ def assumed(causes: Set[Cause]) -> frozenset[Fact]:
 
 @dataclass(frozen=True, slots=True)
 class Considered:
-    """What a cause asks for: the rungs that cannot be, the one that can, and the fact for which less is done."""
+    """The request of a cause.
+
+    `passed`: rungs that are not possible; `asked`: the one that is; `withheld`: the fact that turns it into a warning.
+    """
 
     cause: Cause
     policy: str

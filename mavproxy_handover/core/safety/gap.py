@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Crossing a gap in coverage that the mission declares: when it begins, how long it may take, when it is over.
+"""Crossing of a gap in coverage that the mission declares: its beginning, its longest time, its end.
 
 Rules
 -----
 * A crossing begins outside every zone, or with the loss of the commander, on a stretch of the way that is declared.
-* It is over where the commander's own zone holds the aircraft again, and with the flight; nothing else ends it. A
-  commander that is heard in between, a mode that comes and goes, or a zone whose station is dead gives no new time.
-* It may take as long as the gap says where the aircraft is now, counted from its beginning.
-* Right before a gap, where its commander is there, the aircraft may fly into it. Where the commander is lost it may
-  not: until the border an ordinary loss is an ordinary loss.
+* It is over when the commander's own zone holds the aircraft again, and with the flight. Nothing else ends it. A
+  commander that is heard in between, a mode change, or a zone whose station is dead gives no new time.
+* It may take the time of the gap that the aircraft is in, counted from the beginning of the crossing.
+* Right before a gap the aircraft may fly into it with its commander. If the commander is lost there, it may not: before
+  the border a loss has its ordinary effect.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ _LONG_AGO: Final = -1e9
 
 
 class Crossing:
-    """The crossing of one gap after the other. Times are monotonic seconds; not safe for threads."""
+    """Crossings, one after the other. Times are monotonic seconds; not safe for threads."""
 
     __slots__ = ("gap", "since")
 
     def __init__(self) -> None:
-        #: where the last position was; None: in no gap
+        #: the gap at the last position; None: in no gap
         self.gap: GapFact | None = None
         #: since when the aircraft has been crossing; None if it is not
         self.since: float | None = None
@@ -40,8 +40,11 @@ class Crossing:
         self.since = since if since is None or certain else _LONG_AGO
 
     def seen(self, gap: GapFact | None, now: float, *, covered: bool, exposed: bool) -> None:
-        """A position has come. `covered`: the commander is there, and its zone holds the aircraft; `exposed`: no zone
-        does, or nobody commands."""
+        """A position has come.
+
+        `covered`: the commander is heard, and its zone holds the aircraft. `exposed`: no zone holds it, or there is no
+        commander.
+        """
         self.gap = gap
         if covered:
             self.since = None
@@ -49,12 +52,12 @@ class Crossing:
             self.begin(now)
 
     def begin(self, now: float) -> None:
-        """Nobody commands, or no zone holds the aircraft: if it is in a gap, it is crossing from here on."""
+        """There is no commander, or no zone holds the aircraft: in a gap, a crossing begins now."""
         if self.since is None and self.gap is not None and not self.gap.ahead:
             self.since = now
 
     def over(self) -> None:
-        """The flight is."""
+        """The flight is over."""
         self.gap = self.since = None
 
     def open(self, now: float, *, commanded: bool) -> bool:
@@ -64,7 +67,7 @@ class Crossing:
         return self.since is None or now < self.since + self.gap.limit_s
 
     def left_s(self, now: float) -> float:
-        """How long it may still be alone; 0 where it may not."""
+        """Seconds that are left without a commander; 0: none."""
         if self.gap is None or self.since is None:
             return 0.0
         return max(0.0, self.since + self.gap.limit_s - now)

@@ -64,7 +64,7 @@ class HoldTimer:
         self.held_at = -inf
 
     def aircraft_known(self) -> None:
-        """This run knows the aircraft: it flies and has a position, or it is on the ground."""
+        """The state of the aircraft is known: it flies and has a position, or it is on the ground."""
         self.resuming = False
 
     def used_up(self, now: float) -> bool:

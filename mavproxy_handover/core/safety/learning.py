@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What a flight teaches about its energy: power by phase, the airspeed that can be held, the wind.
+"""Learning of energy values in flight: power by phase, the airspeed that can be held, the wind.
 
 Rules:
 
@@ -10,18 +10,18 @@ Rules:
    what was seen recently: of the long run and the last samples the dearer one holds. It goes no lower than `LEAST_PART`
    of what was configured, and as high as it is seen.
 3. The motion tells the phase that a power belongs to. What it takes to cruise is brought down only by samples whose
-   airspeed is known and near that of cruise; with the wind behind, or none known, it can only go up.
-4. Wind, best source first: the autopilot's WIND message, which ArduPilot sends with speed 0 when it has no estimate,
-   and which is taken for stronger by `WIND_READS_LOW`: in five flights of ArduCopter in SITL, in 3 to 9 m/s, the wind
-   was 1.00 to 1.25 of what it said, 1.09 in the mean; the lean in steady flight, where the drag of the airframe is
-   configured; the lean limit, where the airspeed is the fastest that it holds. Nothing of that for `WIND_S`: the speed
-   last known, for `REMEMBERED_S`, or what was configured if that is more, from ahead wherever it flies. Of the last
-   samples the strongest counts.
+   airspeed is known and near that of cruise; with a tail wind, or an unknown wind, it can only go up.
+4. Wind has three sources, the best first: the autopilot's WIND message; the lean in steady flight, if the drag of the
+   airframe is configured; the lean limit, where the airspeed is the fastest that it holds. ArduPilot sends WIND with
+   speed 0 without an estimate. Its value is raised by `WIND_READS_LOW`: in five flights of ArduCopter in SITL, in 3 to
+   9 m/s, the wind was 1.00 to 1.25 of it, 1.09 in the mean. Without a source for `WIND_S`, the last known speed counts
+   for `REMEMBERED_S`, or the configured one if that is more. It is a head wind in every direction. Of the last samples
+   the strongest counts.
 5. What was learned with a payload on board is brought down, by the mass, to what it takes without it, once it is
    dropped; what was seen last is forgotten then. If it is still there, the next samples say so: the dearer one holds.
 6. The airspeed that it holds is learned at the lean limit, by the autopilot's wind alone: the others rest on it.
-7. What has wings holds the airspeed that it was told, so any steady level flight teaches what it takes to cruise, and
-   what it takes to climb or sink on the wings is not learned. It leans to turn: of the wind that says nothing.
+7. An aircraft with wings holds the commanded airspeed. So every steady level flight teaches the power of cruise. The
+   power of climb and sink on the wings is not learned. It leans to turn, so its lean says nothing about the wind.
 """
 
 from __future__ import annotations
@@ -102,7 +102,7 @@ def thrust_direction(roll_rad: float, pitch_rad: float, yaw_rad: float) -> tuple
 
 
 class _Level:
-    """A value that is learned beside what was configured; `sign` 1: more of it costs more, -1: less of it does."""
+    """A learned value beside the configured one. `sign` 1: a larger value costs more energy, -1: a smaller one."""
 
     __slots__ = ("_count", "_least", "_most", "_recent", "_sign", "_slow")
 
@@ -194,7 +194,7 @@ class Learner:
         most = _MOST_AIRSPEED_PART * prior.airspeed_mps
         self._airspeed = _Level(prior.airspeed_mps, LEAST_PART * prior.airspeed_mps, most, -1)
         self._winds = {word: _Winds() for word in (_AUTOPILOT, _LEAN, _LIMIT)}
-        #: its payload is on board, as far as anybody says
+        #: the payload is on board, as far as is known
         self._loaded = True
         #: the last wind that was known: its speed, and when
         self._last_wind = (0.0, -inf)

@@ -8,8 +8,8 @@ ArduPilot reports its mode, and not the source that chose it. So the rules note 
 
 * the companion's own orders, and the commander's commands that pass;
 * the guard, when it says that it acts;
-* the autopilot's own reports: a failsafe (STATUSTEXT, the state CRITICAL), the end of a failsafe that restores the mode
-  of before, and the end of a mission with a return, which is a mode of its own for aircraft with wings.
+* the autopilot's own reports: a failsafe (STATUSTEXT, the state CRITICAL), and the end of a failsafe that restores the
+  mode of before. With wings also the end of a mission with a return, which is a mode of its own there.
 
 A mode change is attributed to the latest plausible source of `EVIDENCE`: a report shortly before the change, or up to
 DOUBT_S after it. Until then the source is in doubt, and nothing is commanded against it.

@@ -4,8 +4,8 @@
 
 Theory of operation
 -------------------
-A place has facts (`PlaceFact`), made elsewhere: what coming down there leaves in the battery, whether the way and the
-place are inside the fence, whose zones hold them, how long it takes. `Standing` puts them in the order in which they
+The facts of a place (`PlaceFact`) are made elsewhere: the charge that is left there, whether way and place are inside
+the fence, which zones hold them, how long the way takes. `Standing` puts them in the order in which they
 count, and `best` is the place that stands highest, the soonest of those that stand alike:
 
 1. The place itself is inside the fence: ArduCopter passes over any other in silence, and goes home.
@@ -18,7 +18,8 @@ So what is reachable, inside the fence and covered is never passed over for what
 counts as reachable: all places are alike in that, and to land where it is is no better.
 
 `ReturnSiteChooser` keeps the choice, and changes it when a fact changes, not when a number trembles. A yes or no that
-rests on measured numbers has to be wrong for a while to count as wrong, and right for longer to count as right again. A
+rests on measured numbers has to be wrong for a while to count as wrong. It has to be right for longer to count as right
+again. A
 fact that flickers stays as it was, or wrong. A place of equal rank has to be clearly sooner. A station that falls away
 counts as lost at once, because it was silent for seconds already. It counts again after a while. The choice moves to
 another place only if that place is better by the facts of this moment, too.
@@ -37,7 +38,7 @@ from typing import Final, NamedTuple
 
 __all__ = ["Choice", "Coverage", "ReturnSiteChooser", "PlaceFact", "Reach", "Standing", "best", "standing"]
 
-#: a yes that is a no for so long (s) is a no, and a no that is a yes for so long a yes again
+#: time after which a yes that turned into a no counts as a no (s), and the other way round
 WORSE_S: Final = 2.5
 BETTER_S: Final = 20.0
 #: a longer pause between two looks counts for no more than this
@@ -66,7 +67,7 @@ class Coverage(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class PlaceFact:
-    """What is known of one place from where the aircraft is.
+    """Facts of one place, from the position of the aircraft.
 
     `time_s` until it is on the ground there, infinite where the wind does not let it be flown. `margin_wh`: what is
     left beyond need and reserve, `spare_wh`: beyond the need alone; both None where that is not known. `needs` and
@@ -124,14 +125,13 @@ def standing(place: PlaceFact, usable: Set[int]) -> Standing:
 
 
 def best(places: Iterable[PlaceFact], usable: Set[int]) -> PlaceFact | None:
-    """The best place by the facts of this moment, the first one of those that are alike; None if there is none."""
+    """The place that stands highest by the facts of this moment; the first of equal ones, None without a place."""
     return max(places, key=lambda place: (standing(place, usable), -place.time_s), default=None)
 
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """The place where a return goes now, how it stands, and who covers it there of those that could take the
-    aircraft."""
+    """The return site of now, its standing, and the stations that cover it and could take the aircraft."""
 
     place: PlaceFact
     standing: Standing
@@ -181,11 +181,11 @@ class _Steady:
 
     @property
     def settled(self) -> bool:
-        """It counts as what it was at every look of late."""
+        """Whether it counts as it was at every recent look."""
         return self._level_s in (0.0, BETTER_S)
 
     def look(self, value: bool, passed_s: float) -> bool:
-        """It is that now, `passed_s` after the last look; returns what it counts as."""
+        """Take the value of now, `passed_s` after the last look; returns the value that counts."""
         change_s = passed_s if value else -passed_s * BETTER_S / WORSE_S
         self._level_s = min(BETTER_S, max(0.0, self._level_s + change_s))
         if self._level_s in (0.0, BETTER_S):
@@ -194,7 +194,7 @@ class _Steady:
 
 
 class _Record:
-    """What one place counts as."""
+    """Steady values of one place."""
 
     __slots__ = ("_all", "_full", "_inside", "_some", "_there", "_way")
 
@@ -208,12 +208,13 @@ class _Record:
 
     @property
     def settled(self) -> bool:
-        """It counts as the facts have it."""
+        """Whether every value counts as the facts say."""
         parts = (self._inside, self._way, self._full, self._some, self._all, self._there)
         return all(part.settled for part in parts)
 
     def look(self, now: Standing, passed_s: float, *, others: bool) -> Standing:
-        """How it stands now by the facts; returns how it counts. `others`: other stations could take the aircraft."""
+        """Take the standing by the facts; returns the one that counts. `others`: other stations could take the
+        aircraft."""
         if others:
             self._cover(now)
         full = self._full.look(now.reach is Reach.YES, passed_s)
@@ -243,7 +244,7 @@ class ReturnSiteChooser:
         self._since: dict[int, float] = {}
 
     def adopt(self, name: str) -> None:
-        """This is where a return goes already, whoever chose it."""
+        """Keep this return site, which was chosen already."""
         self._name = name
 
     def choose(
@@ -293,8 +294,10 @@ class ReturnSiteChooser:
         return self._usable
 
     def stays_until(self, now: float) -> float:
-        """Until when the choice stays if the facts do: `now` while one of them has still to be so for a while to count,
-        then until the next station counts again; inf without any."""
+        """Time until which the choice stays if the facts do; inf: for ever.
+
+        It is `now` while a fact does not count yet, then the moment at which the next station counts again.
+        """
         if not all(record.settled for record in self._records.values()):
             return now
         return min((since + BETTER_S for since in self._since.values() if now < since + BETTER_S < inf), default=inf)

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The thesis's `check_route` (section 4.4): is the aircraft where its mission has it fly, and does it go the right way?
+"""Route check, the thesis's `check_route` (section 4.4): whether the aircraft is on its leg, in the right direction.
 
-Pure: what is flown comes in as a `TrackFact` (geometry: `mission/track.py`), time is an argument. The same rule runs on
-the vehicle, 5 times a second, and at every station, as often as it hears of the aircraft. What comes of a deviation is
-decided elsewhere.
+The rule is pure: the flown leg comes in as a `TrackFact` (geometry: `mission/track.py`), time is an argument. The same
+rule runs on the vehicle, 5 times a second, and at every station, as often as it hears of the aircraft. Other modules
+decide about a deviation.
 
 Two measures, each judged for itself; the aircraft is off its route while one of them is over:
 
@@ -12,10 +12,10 @@ Two measures, each judged for itself; the aircraft is off its route while one of
 * course over ground against the leg, over `off_heading_deg`. Course, not heading: the nose may look at a region of
   interest. Where there is nothing to compare (a turn, hardly any speed), the fact says so, and this measure waits.
 
-A measure is over once it was beyond its limit for `off_hold_s` in all since it was last well within it, and no more
-once it was well within for `off_clear_s` without a break. Behind a deviation both are counted anew. Well within is
-below two thirds of the limit: noise around a limit is neither told again and again, nor does it put off what has to be
-told. Where no leg is flown (take-off, a landing, a return, GUIDED) there is no route to be off.
+A measure is over after it was beyond its limit for `off_hold_s` in all since it was last well within it. It is no
+longer over after it was well within for `off_clear_s` without a break. After a deviation both times start again. Well
+within means below two thirds of the limit: so noise around a limit does not repeat a message, and does not delay one.
+If no leg is flown (take-off, landing, return, GUIDED), there is no route to be off.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from typing import Final
 __all__ = ["RouteCheck", "RouteLimits", "RouteNews", "TrackFact"]
 
 _WITHIN: Final = 2.0 / 3.0
-#: after a longer silence (s) nothing is known of the time in between: what was being counted is counted anew
+#: after a longer silence (s) the time in between is not known, so the count starts again
 _GAP_S: Final = 5.0
 
 
@@ -39,9 +39,9 @@ class RouteLimits:
     off_route_m: float = 30.0
     #: course over ground against it, degrees
     off_heading_deg: float = 60.0
-    #: so long over a limit, seconds, and it is told
+    #: seconds over a limit until it is told
     off_hold_s: float = 3.0
-    #: so long well within both, seconds, and it is over
+    #: seconds well within both limits until it is over
     off_clear_s: float = 3.0
 
 

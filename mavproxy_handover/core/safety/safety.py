@@ -7,7 +7,8 @@ It owns its parts and takes each event to them:
 * `conditions.py`: what looks wrong; `emergency.py`: which decision is news (causes: `common/causes.py`, the table of
   decisions: `strategy.py`).
 * `decision_facts.py`: what else a decision rests on; `hold_timer.py`: how long the aircraft is held.
-* `mode_source.py`: who chose the flight mode; `command_verification.py`: whether the autopilot follows an order.
+* `mode_source.py`: which source chose the flight mode; `command_verification.py`: whether the autopilot follows an
+  order.
 * `decision_executor.py`: tells a decision, orders it, and leaves the aircraft to a person who takes it.
 
 It knows of authority what `common/authority_facts.py` says, and changes nothing there: that is the arbiter's part.

@@ -24,7 +24,7 @@ from mavproxy_handover.core.safety.strategy import Decision, Fact
 
 __all__ = ["Figures", "over", "sentence"]
 
-#: why nothing is commanded, for people
+#: reasons why nothing is commanded, for people
 _WITHHELD: Final[Mapping[Fact, str]] = {
     Fact.FLYING: "on the ground",
     Fact.AUTOPILOT: "the autopilot is not heard",
@@ -36,7 +36,7 @@ _WITHHELD: Final[Mapping[Fact, str]] = {
 
 
 def sentence(decision: Decision, figures: str, place: PlaceJudged | None) -> Announce:
-    """What is done from now on, for everybody. `figures`: what is wrong; `place`: where a return would go."""
+    """The decision in force, for every station. `figures`: the cause with numbers; `place`: the return site."""
     word, reason = decision.action.name, CAUSES[decision.cause].reason
     if decision.action is FlightAction.RETURN and place is not None:
         words = f"; {place.words}" if place.words else ""
@@ -46,14 +46,14 @@ def sentence(decision: Decision, figures: str, place: PlaceJudged | None) -> Ann
 
 
 def over(before: Decision | None) -> Announce:
-    """Nothing is wrong any more; `before`: the last decision, None if it was another run's."""
+    """The end of all causes; `before`: the last decision, None if the run before made it."""
     if before is None:
         return Announce("OVER: the emergency of before the restart", None, Reason.NONE)
     return Announce(f"OVER: {CAUSES[before.cause].words}", None, CAUSES[before.cause].reason)
 
 
 class Figures:
-    """What is wrong, in words with numbers, from what the rules know. Times are monotonic seconds."""
+    """Causes in words with numbers, from what the rules know. Times are monotonic seconds."""
 
     __slots__ = ("_authority", "_flight")
 

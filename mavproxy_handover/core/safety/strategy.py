@@ -1,29 +1,32 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What is done about what is wrong: one pure, total function over a table.
+"""Decision about the causes: one pure, total function over a table.
 
 Theory of operation
 -------------------
-A cause asks for what its policy says (`POLICY_LADDERS`), and where that cannot be for the next graver thing that can:
-who cannot hold returns, who can reach no place lands. Before that it looks for what lets the aircraft go on (`FIRST`):
-authority that is on its way to a station, and a gap that the mission declares. So each ladder is a row of rungs, each
-with the fact that it needs; the first whose fact holds is what the cause asks for, and the last needs nothing.
+A cause asks for the action of its policy (`POLICY_LADDERS`). If that is not possible, it asks for the next graver
+action that is: an aircraft that cannot hold returns, and one that can reach no return site lands. First it looks for a
+reason to go on (`FIRST`): a station that is about to get authority, or a gap that the mission declares. So each ladder
+is a row of rungs, each with the fact that it needs. The cause asks for the first rung whose fact holds. The last rung
+needs nothing.
 
-Of all that is asked for, the gravest is done (`FlightAction`), and of two causes that ask for the same the one that
-stands first in `Cause` is named. In which order causes come plays no part.
+The gravest action of all causes is done (`FlightAction`). Of two causes that ask for the same action the first in
+`Cause` is named. The order in which causes begin plays no part.
 
-Above the ladders stand four facts: on the ground, with a pilot who steers, with a failsafe of the autopilot that has
-chosen what is flown, and while the autopilot is not heard, nothing is commanded: all but to wait is a warning. And
-beside them two: what returns already is not stopped, and what lands already is not sent anywhere (MILDER_THAN).
+Four facts overrule the ladders: on the ground, with a pilot who steers, with a failsafe of the autopilot that acts, and
+while the autopilot is not heard. Then nothing is commanded, and every action except to wait becomes a warning. Two more
+facts limit them: an aircraft that returns is not stopped, and one that lands is not sent anywhere (MILDER_THAN).
 
-What is decided is the same for every kind of aircraft; how it is done is not (`CARRIED_OUT`). What has wings cannot
-stand still, so it circles, and for that it needs room: where it is to be held is seen by that (`lookout.py`).
+The decision is the same for every kind of aircraft. The way it is carried out is not (`CARRIED_OUT`). An aircraft with
+wings cannot stand still, so it circles and needs room for it. `authority/coverage.py` counts with that room.
 
-`Strategy` remembers two things. What was decided: a return or a landing lasts as long as its cause, whatever milder
-causes come and go, whatever milder that cause would ask for by now, and whoever keeps it from being commanded for a
-time; who can return no more lands, and is not held again. And what the commander has overruled: of all that is wrong
-when he has it fly otherwise than ordered, he knows. So each of these causes is a warning from then on, until it is over
-or asks for something graver; what comes later, or is another, counts as if nothing else were wrong.
+`Strategy` remembers two things:
+
+* The return or landing that was decided. It lasts as long as its cause. Milder causes that begin or end do not change
+  it. It also stays if the cause asks for a milder action by now, or if another source prevents the order. An
+  aircraft that cannot return any more lands, and is not held again.
+* The causes that the commander has overruled by another order. Each of them is a warning from then on, until it is over
+  or asks for a graver action. A later cause, or another one, counts as if there were no other.
 """
 
 from __future__ import annotations
@@ -56,7 +59,7 @@ __all__ = [
 
 
 class Fact(Enum):
-    """What may hold, besides what is wrong."""
+    """Facts that a decision rests on, besides its causes."""
 
     FLYING = "flying"
     PILOT = "a pilot steers"
@@ -64,7 +67,7 @@ class Fact(Enum):
     RETURNING = "on the way to the place of a return"
     LANDING = "landing"
     AUTOPILOT = "the autopilot is heard"
-    #: a transfer that would mend it is under way, and has time left
+    #: a transfer that would end the cause is under way, and has time left
     SUCCESSOR = "a station is about to take the aircraft"
     #: inside the commander's zone, with hold time and energy left, and a position to stand still by
     MAY_HOLD = "it can stand still here"
@@ -80,7 +83,7 @@ Situation = Set[Fact]
 
 @dataclass(frozen=True, slots=True)
 class Rung:
-    """One thing that a cause may ask for, if `needs` holds."""
+    """One action that a cause may ask for, if `needs` holds."""
 
     action: FlightAction
     needs: Fact | None = None
@@ -90,7 +93,7 @@ _TRANSFER, _CONTINUE = Rung(FlightAction.TRANSFER, Fact.SUCCESSOR), Rung(FlightA
 _HOLD, _RETURN = Rung(FlightAction.HOLD, Fact.MAY_HOLD), Rung(FlightAction.RETURN, Fact.PLACE)
 _LAND, _WARN = Rung(FlightAction.LAND), Rung(FlightAction.WARN)
 
-#: What a cause looks for before its policy counts.
+#: Rungs of a cause before those of its policy.
 FIRST: Final[Mapping[Cause, tuple[Rung, ...]]] = {
     Cause.COMMANDER_LOST: (_TRANSFER, _CONTINUE),
     Cause.NO_STATION: (_TRANSFER, _CONTINUE),
@@ -105,16 +108,16 @@ POLICY_LADDERS: Final[Mapping[str, tuple[Rung, ...]]] = {
     "land": (_LAND,),
 }
 
-#: What comes to nothing more than a warning, whatever is asked for; and what does if it is milder than this.
+#: Facts that turn every order into a warning; MILDER_THAN has those that do so with milder orders.
 OVERRULE: Final = (Fact.PILOT, Fact.FAILSAFE)
-#: What lets the aircraft go on: it is worth to wait for.
+#: Actions that let the aircraft go on: worth waiting for.
 _GOES_ON: Final = (FlightAction.TRANSFER, FlightAction.CONTINUE)
-#: What the commander can overrule: all that brings the aircraft elsewhere than it flies.
+#: Actions that the commander can overrule: those that change the flight.
 OVERRULED: Final = (FlightAction.HOLD, FlightAction.RETURN, FlightAction.LAND)
 MILDER_THAN: Final[Mapping[Fact, FlightAction]] = {Fact.LANDING: FlightAction.LAND, Fact.RETURNING: FlightAction.RETURN}
 
 
-#: How each is done by an aircraft of that kind, for people; the autopilot's words of it are the edge's.
+#: How an aircraft of each kind carries out an action, for people; `vehicle/kinds.py` has the autopilot's commands.
 CARRIED_OUT: Final[Mapping[FlightAction, Mapping[Kind, str]]] = {
     FlightAction.HOLD: {
         Kind.COPTER: "stops, its mission paused",
@@ -141,8 +144,10 @@ CARRIED_OUT: Final[Mapping[FlightAction, Mapping[Kind, str]]] = {
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """What is done, and why. `withheld`: the fact for which no more than a warning is done; `held_back`: the same, of
-    this cause or of another that is wrong beside it."""
+    """Action and cause. `withheld`: the fact that turned the order into a warning, None without one.
+
+    `held_back`: such a fact of this cause, or of another present one.
+    """
 
     action: FlightAction
     cause: Cause
@@ -151,18 +156,18 @@ class Decision:
 
 
 def ladder(cause: Cause, policy: str) -> tuple[Rung, ...]:
-    """All that a cause may ask for under a policy other than "off", in order; the last needs nothing."""
+    """The rungs of a cause under a policy other than "off", in order; the last needs nothing."""
     return (*FIRST.get(cause, ()), *POLICY_LADDERS[policy])
 
 
 def _asked(cause: Cause, policy: str, facts: Situation) -> FlightAction:
-    """What a cause asks for by itself."""
+    """The action that a cause asks for by itself."""
     return next(rung.action for rung in ladder(cause, policy) if rung.needs is None or rung.needs in facts)
 
 
 def withheld(action: FlightAction, facts: Situation) -> Fact | None:
-    """For which fact it cannot be, or need not be, done now; None if it is."""
-    if action in (FlightAction.WARN, FlightAction.TRANSFER):  # nothing is done to the aircraft
+    """The fact for which the action cannot, or need not, be done now; None: it is done."""
+    if action in (FlightAction.WARN, FlightAction.TRANSFER):  # these command nothing
         return None
     for fact in (Fact.FLYING, Fact.AUTOPILOT):
         if fact not in facts:
@@ -179,8 +184,11 @@ def decide(
     policies: Mapping[Cause, str],
     overruled: Mapping[Cause, FlightAction] = MappingProxyType({}),
 ) -> Decision | None:
-    """What is done about these causes; None if there are none. `policies`: as configured, for every cause. `overruled`:
-    the gravest that the commander will not have of a cause."""
+    """The decision about these causes; None without causes.
+
+    `policies`: as configured, for every cause. `overruled`: the gravest action of a cause that the commander has
+    overruled.
+    """
     order = list(Cause)
     best: Decision | None = None
     held_back: Fact | None = None
@@ -202,12 +210,12 @@ class Strategy:
     __slots__ = ("_lasts", "decision", "overruled", "policies")
 
     def __init__(self, policies: Mapping[Cause, str]) -> None:
-        """`policies`: those that differ from the table's."""
+        """`policies`: those that differ from the table."""
         self.policies = {cause: policies.get(cause, row.policies[0]) for cause, row in CAUSES.items()}
         self.decision: Decision | None = None
         #: the return or the landing that was decided last, while its cause goes on
         self._lasts: Decision | None = None
-        #: causes that the commander has overruled, each with what it asked for
+        #: causes that the commander has overruled, each with the action that it asked for
         self.overruled: frozenset[tuple[Cause, FlightAction]] = frozenset()
 
     def adopt(self, cause: Cause, policy: str) -> None:
@@ -215,9 +223,9 @@ class Strategy:
         self.policies[cause] = policy
 
     def overrule(self, causes: Set[Cause], facts: Situation) -> None:
-        """The commander has the aircraft fly otherwise than ordered, with these causes and facts.
+        """The commander overrules the order, with these causes and facts.
 
-        What asked for a hold comes to nothing graver by itself: that it can hold no more is no reason to turn back.
+        A cause that asked for a hold gives no graver order by itself: the end of the hold time is no reason to return.
         """
         asked = ((cause, _asked(cause, self.policies[cause], facts)) for cause in causes)
         gravest = {FlightAction.HOLD: FlightAction.LAND}
@@ -225,9 +233,9 @@ class Strategy:
         self.decision = self._lasts = None
 
     def judge(self, causes: Set[Cause], facts: Situation) -> Decision | None:
-        """The causes and facts of this moment; returns the decision in force.
+        """Take the causes and facts of this moment; returns the decision in force.
 
-        A graver one than they ask for stays while its cause does, unless it cannot be any more.
+        A return or a landing stays while its cause lasts, unless it is not possible any more.
         """
         if self.overruled:
             self.overruled = frozenset(row for row in self.overruled if row[0] in causes)

@@ -48,7 +48,7 @@ __all__ = ["Box", "BoxNews", "PositionMonitor", "Standing"]
 
 #: positions of the autopilot come 20 times a second; one older than this is no match for a record that has just come
 _FRESH_S: Final = 0.5
-#: as `autopilot.py`: what an older heartbeat has said of arming does not count
+#: as `autopilot/messages.py`: what an older heartbeat has said of arming does not count
 _HEARTBEAT_S: Final = 2.5
 #: without a record for so long a box is silent
 _SILENT_S: Final = 1.0

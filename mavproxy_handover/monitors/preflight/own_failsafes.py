@@ -2,10 +2,10 @@
 
 """What the autopilot does by itself when something is wrong: battery, geofence, the way home. Do its parameters fit?
 
-Rules for `preflight.py`, each one of a table. What they rest on: plain RTL alone goes to the place that was chosen for
-a return, the one point of the rally list (SMART_RTL flies back the way it came, AUTO_RTL along the mission's landing
-sequence), and only where home is no choice beside it; a fence that is stored and not switched on keeps nothing in; and
-ArduCopter's own fences, around home and above it, end a mission that leaves them.
+Rules for `autopilot/preflight.py`, each one of a table. What they rest on: plain RTL alone goes to the place that was
+chosen for a return, the one point of the rally list (SMART_RTL flies back the way it came, AUTO_RTL along the mission's
+landing sequence), and only where home is no choice beside it; a fence that is stored and not switched on keeps nothing
+in; and ArduCopter's own fences, around home and above it, end a mission that leaves them.
 
 Each battery monitor has failsafes of its own, which act on the whole aircraft: those of the packs that it flies by
 (`batteries` of [energy]) are read and judged alike.
