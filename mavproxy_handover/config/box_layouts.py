@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""`[position] layout`: a known layout by its name, or a file that says how the box's record is laid out.
+"""Reads `[position] layout`: the name of a known layout, or a file that describes the box's record.
 
 name = "acme"                 # optional; else the file's name
 size = 56                     # bytes of a record; optional, else it ends with the last field
@@ -26,20 +26,20 @@ from mavproxy_handover.wire.box_layout import LAYOUTS, MEANINGS, REQUIRED, TYPES
 
 __all__ = ["ENDING", "parse_layout"]
 
-#: what the name of such a file ends with
+#: suffix of such a file
 ENDING: Final = ".toml"
-#: bytes of a record
+#: most bytes of a record
 _MOST_BYTES: Final = 512
 _HEAD: Final = ("name", "size", "byte_order")
 _KEYS: Final = ("field", "type", "unit", "offset")
 _ORDERS: Final = ("little", "big")
 _SAMPLE: Final = "docs/position-box.md has a sample"
-#: of these there may be one alone
+#: one of these is enough
 _EITHER: Final = ("vel_up", "vel_down")
 
 
 def parse_layout(text: bytes, path: Path) -> BoxLayout:
-    """The layout that such a file holds; `path`: for errors. Raises ConfigError."""
+    """Parse the layout in such a file; `path`: for errors. Raises ConfigError."""
     data = parse_toml(text, path)
     head = Table({key: value for key, value in data.items() if key != "field"}, "layout", path, _HEAD)
     name = head.get("name", str, path.stem)
@@ -60,7 +60,7 @@ def parse_layout(text: bytes, path: Path) -> BoxLayout:
 
 
 def _fields(tables: Iterable[Table]) -> tuple[BoxField, ...]:
-    """In the order of their bytes. Raises ConfigError."""
+    """The fields in the order of their bytes. Raises ConfigError."""
     found: dict[str, tuple[BoxField, Table]] = {}
     for table in tables:
         field = _field(table)
@@ -78,7 +78,7 @@ def _fields(tables: Iterable[Table]) -> tuple[BoxField, ...]:
 
 
 def _field(table: Table) -> BoxField:
-    """One [[field]]. Raises ConfigError."""
+    """Parse one [[field]]. Raises ConfigError."""
     meaning = _one_of(table, "field", table.get("field", str, required=True), MEANINGS)
     kind = _one_of(table, "type", table.get("type", str, required=True), TYPES)
     unit = _one_of(table, "unit", table.get("unit", str, required=True), UNITS[MEANINGS[meaning].quantity])

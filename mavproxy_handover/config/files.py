@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The two configuration files, vehicle's and station's: where they are found; TOML in, frozen dataclasses out.
+"""Finds and reads the configuration files of vehicle and station: TOML in, frozen dataclasses out.
 
-Every error is one line that names the file, the key, the value and what is allowed. Unknown keys are errors: a
-misspelt limit must not silently keep its default. The vehicle's file is read in `config_vehicle`, the station's in
-`config_station`, both with the tools of `config_toml`; everybody else imports from here.
+Every error is one line that names the file, the key, the value and what is allowed. Unknown keys are errors, because a
+misspelt limit must not silently keep its default. `config/vehicle.py` reads the vehicle's file and `config/station.py`
+the station's, both with the tools of `config/toml.py`. Other parts import from here.
 """
 
 from __future__ import annotations
@@ -36,23 +36,23 @@ STATION_PLACES = ("./station.toml",)
 
 
 def path_argument(name: str, value: Any) -> str | None:
-    """An argument of `module load`, which MAVProxy reads as JSON. Raises ConfigError if it is no path."""
+    """Check an argument of `module load`, which MAVProxy reads as JSON. Raises ConfigError if it is no path."""
     if value is None or (isinstance(value, str) and value and "\0" not in value):
         return value
     raise ConfigError(f"argument {name}: {value!r} must be the path of a file")
 
 
 def find_vehicle_config(explicit: str | None) -> Path:
-    """The vehicle's configuration file: `explicit`, else $HANDOVER_CONFIG, else the usual places.
+    """Find the vehicle's configuration file: `explicit`, else $HANDOVER_CONFIG, else the usual places.
 
-    Raises ConfigError that says where was looked and how to make one.
+    Raises ConfigError that says where it searched and how to make a file.
     """
     named = explicit or os.environ.get("HANDOVER_CONFIG")
     return _find(named, "handover", VEHICLE_PLACES, "vehicle", "$HANDOVER_CONFIG, ")
 
 
 def find_station_config(explicit: str | None) -> Path:
-    """The same for a station: `explicit`, else the usual place."""
+    """Find a station's configuration file: `explicit`, else the usual place."""
     return _find(explicit, "handover_gcs", STATION_PLACES, "station")
 
 
@@ -61,7 +61,7 @@ def _find(named: str | None, module: str, places: tuple[str, ...], kind: str, va
         for place in (named,) if named else places:
             if named or Path(place).is_file():
                 return Path(place).expanduser().resolve()
-    except (OSError, RuntimeError, ValueError) as error:  # ~nobody, links in a circle
+    except (OSError, RuntimeError, ValueError) as error:  # an unknown user after ~, links in a circle
         raise ConfigError(f"{named}: {error}") from None
     looked = f'module load {module}:{{"config":"FILE"}} (no spaces in it), {variable}{", ".join(places)}'
     raise ConfigError(f"no configuration: looked for {looked}; the shell's 'handover init {kind}' writes one")

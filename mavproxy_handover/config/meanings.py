@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What each key of the configuration files means, table by table, for people: `docs/reference` is made from it.
+"""Descriptions of all configuration keys for people, table by table. `docs/reference` is made from them.
 
-Kinds, ranges and defaults are the readers' alone and not said here; a test holds the keys against those that the
-readers take. `MISSION` is of mission.toml. A unit is in the name of its key.
+Types, ranges and defaults are in the modules that read the files; a test compares the keys with theirs. `MISSION`
+describes mission.toml. A unit is in the name of its key.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ Meanings = Mapping[str, str]
 _ROUTE: Final[Meanings] = {
     "off_route_m": "the aircraft is off its route when it is farther than this beside the leg that it flies",
     "off_heading_deg": "or when its course over ground is so far off that leg; 180 is never exceeded",
-    "off_hold_s": "one of the two for so long",
-    "off_clear_s": "over once both are below two thirds for so long",
+    "off_hold_s": "one of the two for this long",
+    "off_clear_s": "it ends once both are below two thirds for this long",
 }
 _ENERGY: Final[Meanings] = {
     "battery_wh": "what all packs give together when full; without it the budget is unknown",
@@ -48,12 +48,12 @@ _ENERGY: Final[Meanings] = {
 _NO_STATION: Final = "inside zones, but no station of theirs could take the aircraft"
 _HELD_NOWHERE: Final = '; "hold" comes to "return": it is outside its commander\'s zone then, and held only inside'
 _CAUSES: Final[Meanings] = {
-    "energy": "no more is left than the way to the best place needs, with the reserve",
+    "energy": "no more is left than the route to the return site needs, with the reserve",
     "commander_lost": "no commander is heard, and no other station takes the aircraft",
     "out_of_coverage": "outside every zone; a mission's own on_out_of_coverage goes before",
     "no_station": _NO_STATION,
     "coverage_ends": "the border of the last zone that counts is ahead",
-    "authentication": "somebody tries to speak as the commander",
+    "authentication": "another sender pretends to be the commander",
     "links_weak": "the commander's links are bad, and no station's are better",
     "guard_lost": "the guard is not heard any more",
     "fence": "outside the autopilot's fence, which keeps it itself (FENCE_ACTION)",
@@ -62,18 +62,18 @@ _CAUSES: Final[Meanings] = {
     "autopilot_lost": "the autopilot is not heard",
 }
 
-#: what a table is for, by its name in the file
+#: purpose of each table, by its name in the file
 TABLES: Final[Meanings] = {
     "policy": "What is done at the most about each thing that may be wrong. On the ground, and while a pilot steers, "
     "everything is a warning.",
-    "hold_off": "How long the sign of each has to stay until it counts; what flickers gets through.",
-    "clear": "How long it has to be away until it counts no more.",
+    "hold_off": "How long each condition must last until it counts as a cause. Shorter ones are ignored.",
+    "clear": "How long the condition must be over until the cause ends.",
     "limits": "When something is lost, how long a step may take, margins at the border of a zone.",
     "links": "From when on one link of a station is called bad.",
     "observers": "What one observer may take of the downlink, beyond what every station hears.",
     "position": "Whose word of where the aircraft is counts. See [position-box.md](../position-box.md).",
     "route": "From when on the aircraft is off its route.",
-    "commands": "What becomes of a command of the commander that would leave one of these: refuse (with the reason; "
+    "commands": "What to do with a command of the commander that would leave one of these: refuse (with the reason; "
     "its operator may send it again after 10 s to insist), warn (it is carried out), off. RTL, LAND, LOITER, BRAKE and "
     "a pause are never refused.",
     "energy": "What the aircraft draws and holds. All may be left out; a mission's numbers go before the vehicle's.",
@@ -99,38 +99,38 @@ VEHICLE: Final[Mapping[str, Meanings]] = {
         "name": "as in the mission package",
         "sysid": "its MAVLink id, as in the mission package",
         "links": "one or more, side by side: udpout:HOST:PORT calls the station, udpin:HOST:PORT waits for it; "
-        "tcp:HOST:PORT, tcpin:HOST:PORT, /dev/ttyUSB0,57600; udpout:HOST:PORT@wwan0 leaves by that interface alone; an "
+        "tcp:HOST:PORT, tcpin:HOST:PORT, /dev/ttyUSB0,57600; udpout:HOST:PORT@wwan0 leaves only by that interface; an "
         "IPv6 address as HOST stands in brackets",
         "key": "file of the key that it signs with; needed unless allow_unsigned",
         "module": "false: it runs no handover_gcs, but any program of the operator-control standard",
         "consent": "with module = false, where its operator cannot be asked: automatic (planned handovers need no "
         "answer) or refuse (it is never partner, and keeps the aircraft)",
         "sysids": "further MAVLink ids at this station: a second program, a tracker",
-        "not_in_control": "who gets the result NOT_IN_CONTROL: auto, programs that have shown to know it; always, "
-        "everybody; never, nobody",
+        "not_in_control": "which programs get the result NOT_IN_CONTROL: auto, those that have shown support for it; "
+        "always, all; never, none",
         "components": "MAVLink components of the station's own id that have its authority; others may only read",
         "companion_heartbeat": "false: this station gets no heartbeat of component 191; for programs that take every "
         "heartbeat of the vehicle for the autopilot's. With module = false",
     },
     "limits": {
         "heartbeat_lost_s": "a station silent this long is lost",
-        "recovery_s": "after a restart in flight the commander of before is waited for so long; the guard's "
+        "recovery_s": "how long the companion waits for the former commander after a restart in flight; the guard's "
         "HNDO_LOST_T must be half a second longer",
         "connect_interval_s": "how often each station is asked whether it is there; below deaf_lost_s",
         "connect_lost_s": "an answer to that older than this proves nothing",
-        "deaf_lost_s": "a commander that is heard and has not answered for so long is lost: it hears nothing",
+        "deaf_lost_s": "a commander that is heard and has not answered for this long is lost, because it hears nothing",
         "deaf_share": "a station that answers less than this share of the questions of that time is deaf: it neither "
         "commands nor takes the aircraft nor counts as coverage",
         "deaf_back_share": "it counts again when it has answered this share or more, above deaf_share,",
-        "deaf_back_s": "for so long; three times as long after each further loss of command in the flight, to 300 s",
+        "deaf_back_s": "for this long; three times as long after each further loss of command in the flight, to 300 s",
         "retry_first_s": "first retransmission of a transfer message",
         "retry_growth": "growth of the wait from one retransmission to the next",
         "retry_max_s": "the longest wait for one",
         "step_timeout_s": "a step of a transfer that takes longer aborts it: the commander stays",
         "operator_timeout_s": "the same while an operator is asked",
-        "release_timeout_s": "commander consented, partner connected, release missing so long: the vehicle commits",
+        "release_timeout_s": "the vehicle commits if both agreed and the release is missing this long",
         "forced_timeout_s": "the commander is lost: a forced transfer may take this long",
-        "reserve_timeout_s": "and who is ready first has this long when another is ready too",
+        "reserve_timeout_s": "and the station that is ready first has this long when another is ready too",
         "retry_pause_s": "pause before a failed transfer is tried again",
         "denied_pause_s": "the same after an operator's denial",
         "result_timeout_s": "how long the result is repeated to a station that does not show it",
@@ -139,11 +139,11 @@ VEHICLE: Final[Mapping[str, Meanings]] = {
         "dwell_s": "no transfer for a zone's sake sooner than this after the last one, unless coverage ends",
         "exit_soon_s": "the commander's zone ends within this time along the track: time to move",
         "hold_lead_s": "the last coverage that counts ends within this time along the track: the aircraft is to stop",
-        "answer_s": "who was asked and has not taken the aircraft after so long does not count as one that could",
-        "hold_s": "so long the aircraft is held before the end of coverage; then it comes home",
-        "obey_s": "a mode that was commanded and does not show for so long is commanded again",
-        "stuck_s": "a return that gets no nearer, or a landing that does not come down, for so long is none",
-        "rehearsal_lost_s": "nobody has commanded so long in a rehearsal on the ground: it is over",
+        "answer_s": "a station that was asked and has not taken the aircraft after this time does not count as able to",
+        "hold_s": "how long the aircraft holds before the end of coverage; then it returns",
+        "obey_s": "a commanded mode that does not show for this long is commanded again",
+        "stuck_s": "a return that gets no nearer, or a landing that does not come down, for this long has failed",
+        "rehearsal_lost_s": "a rehearsal on the ground ends after this time without a commander",
         "link_weak_s": "the commander's links have been weak this long, and",
         "link_steady_s": "a partner's good this long: reason enough to move authority",
         "position_stale_s": "an older position counts as lost",
@@ -157,7 +157,7 @@ VEHICLE: Final[Mapping[str, Meanings]] = {
         "silence_s": "nothing genuine heard for this long",
         "loss": "share of frames lost, up or down; 1 is never exceeded",
         "round_trip_s": "median of the probes' round trips",
-        "bad_signatures": "in the last 10 s: somebody tries to speak as this station",
+        "bad_signatures": "in the last 10 s: another sender pretends to be this station",
         "hold_s": "a value must be over its limit, or well below it again, this long",
     },
     "observers": {
@@ -180,11 +180,11 @@ VEHICLE: Final[Mapping[str, Meanings]] = {
         "check": "when the two are held against each other: always, or while the autopilot is armed",
         "box_age_s": "a record that is later than this is not used",
         "apart_m": "farther apart than this over ground the position is not used",
-        "apart_height_m": "the same in height",
-        "apart_mps": "the same in speed over ground",
-        "apart_s": "so for so long, and it is told as a disagreement",
-        "agree_s": "within two thirds of all three for so long, and they agree again",
-        "unchecked_s": "so long the box counts while the autopilot has no position of its own",
+        "apart_height_m": "limit of the difference in height",
+        "apart_mps": "limit of the difference in speed over ground",
+        "apart_s": "after this long above a limit a disagreement is reported",
+        "agree_s": "after this long within two thirds of all three limits they agree again",
+        "unchecked_s": "how long the box counts while the autopilot has no position of its own",
     },
 }
 
@@ -208,7 +208,7 @@ STATION: Final[Mapping[str, Meanings]] = {
     "vehicle": {
         "name": "what the operator types",
         "sysid": "its MAVLink id",
-        "links": "of this vehicle alone; one or more, in pymavlink's form: udpin:0.0.0.0:14550",
+        "links": "of this vehicle only; one or more, in pymavlink's form: udpin:0.0.0.0:14550",
         "key": "file of the key between this station and this vehicle; no two vehicles share one",
         "allow_unsigned": "true: without a key",
         "mission": "folder of its mission package",
@@ -262,7 +262,7 @@ MISSION: Final[Mapping[str, Meanings]] = {
     "gap": {
         "from": "the station whose zone ends there",
         "to": "the station whose zone begins, or the number of the item that is flown to where the gap ends",
-        "limit_s": "so long the aircraft may be alone",
+        "limit_s": "how long the aircraft may fly without a commander",
         "note": "for people",
     },
     "energy": _ENERGY,

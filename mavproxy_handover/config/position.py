@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""`[position]`: which source of the position counts, where the position box is, how its record is laid out, and
-how far it is believed."""
+"""Reads `[position]`: source of the position, address of the box, layout of its record, limits."""
 
 from __future__ import annotations
 
@@ -19,11 +18,11 @@ from mavproxy_handover.wire.box_layout import LAYOUTS, THESIS, BoxLayout
 __all__ = ["CHECKS", "POSITION_RANGES", "SOURCES", "PositionSettings", "position_settings"]
 
 AUTOPILOT, BOX = SOURCES = ("autopilot", "box")
-#: when the two positions are held against each other: always, or once the aircraft is armed
+#: when the two positions are compared: always, or once the aircraft is armed
 ALWAYS, ARMED = CHECKS = ("always", "armed")
 
-#: no limit is so wide that a position in another zone passes for the same one, none so narrow that two good receivers
-#: fall out over it; 0 s unchecked: never without the other's word
+#: Upper limits are so low that a position in another zone never passes. Lower limits are so high that two good
+#: receivers never disagree. 0 s unchecked: the box never counts without the autopilot's position
 POSITION_RANGES: Final[Ranges] = {
     "box_age_s": (0.1, 5),
     "apart_m": (2, 1000),
@@ -38,25 +37,25 @@ _WORDS: Final = ("source", "box", "layout", "check")
 
 @dataclass(frozen=True, slots=True)
 class PositionSettings:
-    """Whose position counts, and when it does not."""
+    """Source of the position, and limits outside which it does not count."""
 
     source: str = AUTOPILOT
-    #: where the box is, tcp:HOST:PORT; "": there is none
+    #: address of the box, tcp:HOST:PORT; "": there is none
     box: str = ""
     check: str = ALWAYS
     #: a record that is later than this is not used (s)
     box_age_s: float = 0.5
-    #: the two positions are apart: metres over ground, metres of height, difference of their speeds over ground
+    #: limits: metres over ground, metres of height, difference of the speeds over ground
     apart_m: float = 25.0
     apart_height_m: float = 30.0
     apart_mps: float = 8.0
-    #: for so long, and they disagree (s)
+    #: time (s) above a limit until they disagree
     apart_s: float = 2.0
-    #: together well within these limits for so long, and they agree again (s)
+    #: time (s) well within all limits until they agree again
     agree_s: float = 5.0
-    #: so long the box counts while there is nothing to hold it against (s)
+    #: time (s) for which the box counts without a position to compare
     unchecked_s: float = 10.0
-    #: how the box's record is laid out
+    #: layout of the box's record
     layout: BoxLayout = THESIS
     #: the file that the layout comes from; None: it is a known one
     layout_file: Path | None = None
@@ -64,7 +63,7 @@ class PositionSettings:
 
 
 def position_settings(data: Mapping[str, Any], path: Path, layout_text: bytes | None = None) -> PositionSettings:
-    """What `[position]` says, where it is there. `layout_text`: what the layout's file held; None: it is read.
+    """Parse `[position]`, if it is there. `layout_text`: content of the layout's file; None: read it.
 
     Raises ConfigError.
     """

@@ -13,7 +13,7 @@ from mavproxy_handover.core.safety.route import RouteLimits
 
 __all__ = ["ROUTE_RANGES", "route_limits"]
 
-#: a receiver wanders by some metres, so less than 5 says nothing; a course is never more than 180 degrees off
+#: the position of a receiver varies by some metres, so less than 5 is meaningless; a course is at most 180 degrees off
 ROUTE_RANGES: Final[Ranges] = {
     "off_route_m": (5, 1000),
     "off_heading_deg": (20, 180),
@@ -23,6 +23,6 @@ ROUTE_RANGES: Final[Ranges] = {
 
 
 def route_limits(data: Mapping[str, Any], path: Path) -> RouteLimits:
-    """What `[route]` says, where it is there. Raises ConfigError."""
+    """Parse `[route]`, if it is there. Raises ConfigError."""
     table = Table(data.get("route", {}), "route", path, tuple(ROUTE_RANGES))
     return RouteLimits(**table.numbers(ROUTE_RANGES))

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What a companion runs by: its configuration and everything that the configuration names, read once.
+"""The data of a companion's run: its configuration and everything that the configuration names, read once.
 
 Rules that live here
 --------------------
-* A start on the ground reads the files. It is strict: whatever is missing or wrong is an error.
-* A restart goes on with what the run before it had loaded (`store/run_record.py`), and touches no file. A restart is a
-  start by the supervisor after a death, or a start in flight by the state in memory (`store/state_store.py`). So
-  nothing that happens to a file in flight, by an editor or by a failing disk, can leave an aircraft without a judge.
-* Where a restart finds no such record it reads the files. A key file that others may read is then a warning.
+* A start on the ground reads the files. It is strict: anything missing or wrong is an error.
+* A restart goes on with what the run before it had loaded (`store/run_record.py`), and reads no file. A restart is a
+  start by the supervisor after a death, or a start in flight by the state in memory (`store/state_store.py`). So a file
+  that is edited or damaged in flight cannot leave an aircraft without a judge.
+* If a restart finds no such record it reads the files. A key file that others may read is then only a warning.
 """
 
 from __future__ import annotations
@@ -48,19 +48,19 @@ class Running:
     guard_key: bytes | None = field(default=None, repr=False)
     #: the mission package on board, if the configuration names one
     mission: MissionPackage | None = field(default=None, repr=False)
-    #: addresses of the hosts that links name, as they were known last, by the host's name
+    #: last known addresses of the hosts that links name, by the host's name
     addresses: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    #: it is a restart: what cannot be had now is done without, and tried again
+    #: it is a restart: missing things are skipped, and tried again
     restart: bool = False
-    #: the record in memory holds it, but for addresses
+    #: the record in memory holds it, except the addresses
     recorded: bool = False
-    #: what is to be said of it
+    #: messages about it for people
     notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """What a start begins with: the configuration, its text, and whether the aircraft is in flight."""
+    """Facts at the beginning of a start: the configuration, its text, and whether the aircraft is in flight."""
 
     config: VehicleConfig
     text: bytes = field(repr=False)
@@ -68,7 +68,7 @@ class Start:
 
 
 def start_of(path: Path) -> Start:
-    """The start that would be made now, without what the configuration names. Raises ConfigError."""
+    """The start that would be made now, without the files that the configuration names. Raises ConfigError."""
     path = path.resolve()
     kept = _kept(path)
     if kept is not None and _flies(kept.config):
@@ -79,7 +79,7 @@ def start_of(path: Path) -> Start:
 
 
 def load_running(path: Path, *, restarted: bool = False) -> Running:
-    """What the companion of this configuration file runs by. `restarted`: the supervisor says that a run has died.
+    """Load the data of this companion's run. `restarted`: the supervisor reports that a run has died.
 
     Raises ConfigError, KeysError, MissionError.
     """
@@ -109,10 +109,10 @@ def load_running(path: Path, *, restarted: bool = False) -> Running:
 
 
 def keep(running: Running) -> str:
-    """Keep it for a restart. Returns why that cannot be done, "" if it is.
+    """Store it for a restart. Returns why that failed, "" if it succeeded.
 
-    A record that a restart has used stays if it cannot be replaced, as on a full storage. Any other one goes: a restart
-    must not go on with a configuration that is not the one that flies.
+    If it cannot be replaced, for example because the storage is full, a record that a restart has used stays. Any other
+    record is removed: a restart must not go on with a configuration that is not the one in flight.
     """
     record = RunRecord(running.config.path)
     try:
@@ -125,7 +125,10 @@ def keep(running: Running) -> str:
 
 
 def forget(config: VehicleConfig) -> None:
-    """The run is over, on the ground: the next start reads the files, and no key stays in memory."""
+    """Remove the record after a run has ended on the ground.
+
+    Then the next start reads the files, and no key stays in memory.
+    """
     RunRecord(config.path).remove()
 
 
@@ -148,7 +151,7 @@ def _packed(running: Running) -> Mapping[str, Any]:
 
 
 def _kept(path: Path) -> Running | None:
-    """What a run of this configuration file has kept; None if there is nothing that can be used."""
+    """The stored data of a run with this configuration file; None if there is no valid record."""
     record = RunRecord(path).load()
     if record is None or record.get("path") != str(path):
         return None

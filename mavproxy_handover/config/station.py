@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""A ground station's configuration file: who it is, which vehicles it is for, and how it reaches the other stations.
+"""Reads a ground station's configuration file: its identity, its vehicles, and the links to other stations.
 
-A station with one vehicle says so in [station], and MAVProxy is told its links. One with several has a [[vehicle]] for
-each: its name, system id, key, mission and links, so that nothing of one can be taken for another's.
+A station with one vehicle describes it in [station], and MAVProxy gets its links as options. A station with several has
+a [[vehicle]] for each: name, system id, key, mission and links, so that they cannot be confused.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from mavproxy_handover.core.safety.route import RouteLimits
 
 __all__ = ["FleetVehicle", "PeerConfig", "StationConfig", "load_station"]
 
-#: keys of [station] that are each vehicle's own where there are [[vehicle]] tables, and what they are called there
+#: keys of [station] that belong to each vehicle if there are [[vehicle]] tables, and their names there
 _OF_VEHICLE: Final = {"vehicle": "sysid", "mission": "mission", "key": "key"}
 _STATION_KEYS: Final = (
     "name",
@@ -35,14 +35,14 @@ _STATION_KEYS: Final = (
 )
 _VEHICLE_KEYS: Final = ("name", "sysid", "links", "key", "allow_unsigned", "mission")
 _PEER_KEYS: Final = ("name", "sysid", "link")
-#: a vehicle's name is typed, and labels MAVProxy's links: no blanks, and no number that could be a system id
+#: a vehicle's name is typed, and labels MAVProxy's links: no blanks, and not the form of a system id
 _NAME: Final = re.compile(r"(?=.*[A-Za-z])[A-Za-z0-9][A-Za-z0-9._-]{0,19}")
-#: What another operator wants, or the commander's gives away, is for an operator to answer. A forced handover is not
-#: covered: it has a key of its own.
+#: Questions that need no operator, by the word for all. A request of another operator, or a gift of the commander,
+#: needs an operator. A forced handover has its own key.
 _CONSENTS: Final = {"automatic": frozenset(AUTOMATIC), "operator": frozenset(UNASKED)}
-#: what is done with an address of the vehicle that another station sends: the operator is asked, or it is refused
+#: what to do with an address of the vehicle that another station sends: ask the operator, or refuse it
 _OFFERED: Final = ("ask", "refuse")
-#: what is done when the commander is lost: this station takes the aircraft, or its operator is asked
+#: what to do when the commander is lost: this station takes the aircraft, or its operator is asked
 _FORCED: Final = ("automatic", "ask")
 
 
@@ -56,20 +56,20 @@ class PeerConfig:
 
 @dataclass(frozen=True, slots=True)
 class FleetVehicle:
-    """A vehicle that a station is for. Paths are absolute."""
+    """A vehicle of this station. Paths are absolute."""
 
     sysid: int
-    #: what the operator calls it; "" where it is the only one and has no table of its own
+    #: the operator's name for it; "" if it is the only one and has no table of its own
     name: str = ""
-    #: its MAVProxy links, in pymavlink's device form; (): MAVProxy is told them, and all are its
+    #: its MAVProxy links, in pymavlink's device form; (): MAVProxy gets them as options, and all are its
     links: tuple[str, ...] = ()
-    #: file of the key that this station signs with towards it; None: it signs nothing
+    #: file of the key with which this station signs frames to it; None: not signed
     key: Path | None = None
     mission: Path | None = None
 
     @property
     def called(self) -> str:
-        """Its name for people, until it has said how it calls itself."""
+        """Its name for people, until it has reported its own name."""
         return self.name or f"vehicle {self.sysid}"
 
 
@@ -81,18 +81,18 @@ class StationConfig:
     station: Station
     #: one at least, in the order of the file
     vehicles: tuple[FleetVehicle, ...]
-    #: what needs no operator here, in the words of `core.model.QUESTIONS`
+    #: questions that need no operator here, with the names of `core.model.QUESTIONS`
     automatic: frozenset[str]
     journal: Path
     ground: str | None
-    #: file of the key that all stations of the ground link sign with; None: the link is open, which was asked for
+    #: file of the key of the ground link; None: the link is unsigned, as the configuration allows
     ground_key: Path | None = None
     peers: tuple[PeerConfig, ...] = field(default=())
-    #: from when on the aircraft is off its route
+    #: limits of the route check
     route: RouteLimits = field(default_factory=RouteLimits)
     #: the operator is asked about an address of the vehicle that another station sends; False: it is refused
     offered_addresses: bool = True
-    #: such an address may be this computer's: for tests and simulations
+    #: such an address may be one of this computer: for tests and simulations
     offered_addresses_local: bool = False
 
 
@@ -114,8 +114,8 @@ def load_station(path: Path) -> StationConfig:
         if ground_key is None and not ground_table.get("allow_unsigned", bool, False):
             raise ground_table.error(
                 "key",
-                "is missing: anybody could speak as another station; 'handover keys make ground' makes one, the same "
-                "for all; allow_unsigned = true does without",
+                "is missing: any program could speak as another station; 'handover keys make ground' makes one, the "
+                "same for all; allow_unsigned = true does without",
             )
     peers = tuple(_peer(entry) for entry in list_of_tables(data, "peer", path, _PEER_KEYS))
     if peers and ground is None:
@@ -140,7 +140,7 @@ def load_station(path: Path) -> StationConfig:
 
 
 def _vehicles(data: Mapping[str, Any], path: Path, station_table: Table, station: Station) -> tuple[FleetVehicle, ...]:
-    """Those of the [[vehicle]] tables; without any, the one of [station]."""
+    """The vehicles of the [[vehicle]] tables; without any, the one of [station]."""
     if "vehicle" not in data:
         sysid = station_table.sysid("vehicle", required=False, default=1)
         if sysid == station.sysid:
@@ -161,7 +161,7 @@ def _vehicles(data: Mapping[str, Any], path: Path, station_table: Table, station
 
 
 def _no_two(path: Path, key: str, values: Sequence[object]) -> None:
-    """What tells vehicles apart must not be given twice."""
+    """Raise ConfigError if two vehicles share a value that must be unique."""
     for value in values:
         if values.count(value) > 1:
             shown = repr(value) if key == "name" else value
@@ -182,7 +182,7 @@ def _vehicle(table: Table, station: Station) -> FleetVehicle:
     if key is None and not table.get("allow_unsigned", bool, False):
         raise table.error(
             "key",
-            f"is missing: anybody could speak as {name}; 'handover keys make {station.name}-{name}' makes one, for "
+            f"is missing: any program could speak as {name}; 'handover keys make {station.name}-{name}' makes one, for "
             "this station and this vehicle alone; allow_unsigned = true does without",
         )
     return FleetVehicle(sysid, name, links, key, _folder(table))
@@ -194,14 +194,17 @@ def _folder(table: Table) -> Path | None:
 
 
 def _automatic(table: Table) -> frozenset[str]:
-    """What needs no operator: by one word for all, or a list of questions; a forced handover by its own key."""
+    """Questions that need no operator: one word for all, or a list of questions.
+
+    A forced handover has its own key.
+    """
     forced = _word(table, "forced", _FORCED)
     planned = _planned(table)
     return planned - frozenset(UNASKED) if forced == "ask" else planned | frozenset(UNASKED)
 
 
 def _word(table: Table, key: str, allowed: Sequence[str]) -> str:
-    """One of these words; the first where the key is not there."""
+    """One of these words; the first one if the key is missing."""
     word: str = table.get(key, str, allowed[0])
     if word not in allowed:
         raise table.error(key, f"{word!r} must be one of {', '.join(allowed)}")

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""How a configuration file is read: TOML, table by table and key by key.
+"""Reads a configuration file: TOML, table by table and key by key.
 
-Rules: every error is one line that names the file, the table, the key, the value and what is allowed. A key that nobody
-knows is an error, and it is told before anything that is missing: a misspelt `key` is the reason why there is none.
+Every error is one line that names the file, the table, the key, the value and what is allowed. An unknown key is an
+error. It is reported before missing keys: a misspelt `key` is the reason why there is none.
 """
 
 from __future__ import annotations
@@ -54,10 +54,10 @@ class ConfigError(Exception):
 
 
 class Table:
-    """One TOML table. Raises ConfigError if it is none, or holds a key that is not one of `keys`."""
+    """One TOML table. Raises ConfigError if it is no table, or holds a key that is not one of `keys`."""
 
     def __init__(self, data: Any, where: str, file: Path, keys: Sequence[str]) -> None:
-        """`where`: the table's name in errors, as in the file but for the brackets."""
+        """`where`: the table's name in errors, as in the file without brackets."""
         if not isinstance(data, Mapping):
             raise ConfigError(f"{file}: [{where}] must be a table")
         self._data = data
@@ -75,7 +75,9 @@ class Table:
         return ConfigError(f"{self._file}: [{self._where}] {key}: {text}")
 
     def get(self, key: str, kind: type, default: Any = None, *, required: bool = False) -> Any:
-        """The value of `key`, which is a `kind`; `default` if it is not there. Floats may do without a point."""
+        """The value of `key`, which must be a `kind`; `default` if it is missing. A float may be written without a
+        point.
+        """
         assert key in self._keys, f"[{self._where}] {key} is asked for and not allowed"
         if key not in self._data:
             if required:
@@ -89,7 +91,7 @@ class Table:
         return value
 
     def path(self, key: str) -> Path | None:
-        """A path, relative to the folder of the file; None if it is not there."""
+        """A path, relative to the folder of the file; None if it is missing."""
         text: str | None = self.get(key, str)
         return None if text is None else self._file.parent / text
 
@@ -101,7 +103,7 @@ class Table:
         return value
 
     def name(self, key: str) -> str:
-        """A name, as it fits into our messages."""
+        """A name that fits into our messages."""
         value: str = self.get(key, str, required=True)
         if not 1 <= len(value) <= 20 or not value.isprintable() or not value.isascii():
             raise self.error(key, f"{value!r} must be 1 to 20 printable ASCII characters")
@@ -115,7 +117,7 @@ class Table:
             raise self.error(key, str(error).removeprefix("link ")) from None
 
     def numbers(self, ranges: Ranges) -> dict[str, float]:
-        """The numbers that are there, each within its range."""
+        """The numbers of the table, each checked against its range."""
         values = {}
         for key, (low, high) in ranges.items():
             value: float | None = self.get(key, float)
@@ -128,12 +130,12 @@ class Table:
 
 
 def read_toml(path: Path) -> Mapping[str, Any]:
-    """The whole file. Raises ConfigError: not there, not to be read, no TOML."""
+    """Parse a whole file. Raises ConfigError: missing, unreadable, no TOML."""
     return parse_toml(read_file(path), path)
 
 
 def read_file(path: Path) -> bytes:
-    """The bytes of a file. Raises ConfigError: not there, not to be read."""
+    """Read the bytes of a file. Raises ConfigError: missing, unreadable."""
     try:
         return path.read_bytes()
     except FileNotFoundError:
@@ -143,7 +145,7 @@ def read_file(path: Path) -> bytes:
 
 
 def parse_toml(text: bytes, path: Path) -> Mapping[str, Any]:
-    """What a file holds. `path`: for errors. Raises ConfigError: no TOML."""
+    """Parse the text of a file. `path`: for errors. Raises ConfigError: no TOML."""
     try:
         data: Mapping[str, Any] = tomllib.loads(text.decode("utf-8"))
         return data
@@ -152,7 +154,7 @@ def parse_toml(text: bytes, path: Path) -> Mapping[str, Any]:
 
 
 def parse_value(text: str) -> Any:
-    """A value as such a file has it; a word that is no TOML by itself is a text."""
+    """Parse a value of such a file; a word that is no TOML by itself is a text."""
     try:
         return tomllib.loads(f"value = {text}")["value"]
     except (ValueError, RecursionError):
@@ -160,7 +162,7 @@ def parse_value(text: str) -> Any:
 
 
 def check_tables(data: Mapping[str, Any], path: Path, allowed: tuple[str, ...], required: tuple[str, ...]) -> None:
-    """Raise ConfigError if a table is there that nobody knows, or one is not there that must be."""
+    """Raise ConfigError for an unknown table, or a missing one that is required."""
     for key in data:
         if key not in allowed:
             near = difflib.get_close_matches(key, allowed, 1)
@@ -172,7 +174,7 @@ def check_tables(data: Mapping[str, Any], path: Path, allowed: tuple[str, ...], 
 
 
 def list_of_tables(data: Mapping[str, Any], key: str, path: Path, keys: Sequence[str]) -> list[Table]:
-    """The tables that are written [[key]], each with the keys that are allowed in it."""
+    """The tables [[key]], each checked for its allowed keys."""
     entries = data.get(key, [])
     if not isinstance(entries, list):
         raise ConfigError(f"{path}: [{key}] must be written [[{key}]], once for each")

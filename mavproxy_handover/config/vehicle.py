@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The vehicle's configuration file: who its stations are, and every limit that may be set, with its range.
+"""Reads the vehicle's configuration file: its stations, and every configurable limit with its range.
 
-The ranges are wide enough for any sound installation and narrow enough that nothing is switched off by them: no limit
-is so long that a loss goes unnoticed, none so short that a healthy link is called bad.
+The ranges are wide enough for any sound installation and narrow enough that they switch nothing off. The longest
+allowed limit still detects a loss, and the shortest does not degrade a healthy link.
 """
 
 from __future__ import annotations
@@ -46,20 +46,20 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class StationLinks:
-    """A station as the vehicle knows it: identity, the ids behind its links, and the links."""
+    """A station as the vehicle knows it: identity, further ids on its links, and the links."""
 
     station: Station
     links: tuple[str, ...]
     sysids: frozenset[int]
-    #: file of the key that it signs with; None: its frames are taken unsigned
+    #: file of the key with which it signs; None: its frames are accepted unsigned
     key: Path | None = None
-    #: from when on one of its links is called bad
+    #: limits above which one of its links is degraded
     limits: LinkLimits = field(default_factory=LinkLimits)
-    #: whether its programs get the result NOT_IN_CONTROL: who has shown to know it ("auto"), all, none
+    #: which of its programs get the result NOT_IN_CONTROL: those that have shown support ("auto"), all, none
     not_in_control: str = TONGUE_POLICIES[0]
     #: the components of the station's own id that have its authority
     components: frozenset[int] = STATION_COMPIDS
-    #: whether it gets the companion's heartbeat
+    #: True if it gets the companion's heartbeat
     companion_heartbeat: bool = True
 
 
@@ -75,23 +75,23 @@ class VehicleConfig:
     stations: tuple[StationLinks, ...]
     limits: Limits
     listen_only_outputs: bool = False
-    #: folder of the state file; None: nothing outlives a restart
+    #: folder of the state file; None: no state outlives a restart
     state: Path | None = None
     #: folder of a mission package that is on board already; None: the parent sends it
     mission: Path | None = None
-    #: file of the key that the autopilot was set up with; None: its link is not signed
+    #: file of the autopilot's key; None: its link is not signed
     autopilot_key: Path | None = None
     #: file of the key on the guard's card; None: leases have no tag
     guard_key: Path | None = None
-    #: what one observer may take of the downlink
+    #: limits of one observer on the downlink
     observers: ObserverLimits = field(default_factory=ObserverLimits)
-    #: what the aircraft draws and holds; the mission's numbers go before these
+    #: power and capacity of the aircraft; the mission's numbers take precedence
     energy: EnergySettings = field(default_factory=EnergySettings)
-    #: from when on the aircraft is off its route
+    #: limits of the route check
     route: RouteLimits = field(default_factory=RouteLimits)
-    #: what becomes of a command that would leave a limit, where that is not the table's word
+    #: what to do with a command that would leave a limit, if it is not the default
     commands: Mapping[Limit, str] = field(default_factory=dict)
-    #: whose word of where the aircraft is counts
+    #: source of the position
     position: PositionSettings = field(default_factory=PositionSettings)
 
 
@@ -133,7 +133,8 @@ LIMIT_RANGES: Final[Ranges] = {
     "autopilot_lost_s": (1.5, 30),
     "guard_lost_s": (1, 30),
 }
-#: a station's heartbeat comes once a second, so less than 1.5 s of silence says nothing; a loss of 1 is never exceeded
+#: a station's heartbeat comes once a second, so less than 1.5 s of silence is meaningless; a loss of 1 is never
+#: exceeded
 LINK_RANGES: Final[Ranges] = {
     "silence_s": (1.5, 60),
     "loss": (0.01, 1),
@@ -281,8 +282,10 @@ def load_vehicle(path: Path) -> VehicleConfig:
 
 
 def vehicle_of(data: Mapping[str, Any], path: Path, layout_text: bytes | None = None) -> VehicleConfig:
-    """Check what such a file holds. `path`: where it stands, for errors and for what it names. `layout_text`: what the
-    file of a position box's layout held, if that is not to be read. Raises ConfigError."""
+    """Check the content of such a file. `path`: its path, for errors and relative paths.
+
+    `layout_text`: content of the file of a position box's layout, if that is not to be read. Raises ConfigError.
+    """
     check_tables(data, path, _TABLES, ("vehicle", "station"))
     vehicle = Table(data["vehicle"], "vehicle", path, _VEHICLE_KEYS)
     name = vehicle.name("name")
@@ -335,7 +338,7 @@ def _station_links(table: Table, limits: LinkLimits, unsigned: bool) -> StationL
     key = table.path("key")
     if key is None and not unsigned:
         hint = f"'handover keys make {station.name}' makes one; allow_unsigned = true in [vehicle] does without"
-        raise table.error("key", f"is missing: anybody could speak as {station.name}; {hint}")
+        raise table.error("key", f"is missing: any program could speak as {station.name}; {hint}")
     result = table.get("not_in_control", str, TONGUE_POLICIES[0])
     if result not in TONGUE_POLICIES:
         raise table.error("not_in_control", f"{result!r} must be one of " + ", ".join(TONGUE_POLICIES))

@@ -632,7 +632,7 @@ def test_a_key_of_another_name_altogether_is_named_first_too(file: Path, foreign
 def test_a_key_that_is_missing_and_misspelt_nowhere(file: Path) -> None:
     text = with_change(VEHICLE, "allow_unsigned = true\n", "")
     assert the_line(file, text, load_vehicle) == (
-        "[station 1] key: is missing: anybody could speak as GCSA; 'handover keys make GCSA' makes one; "
+        "[station 1] key: is missing: any program could speak as GCSA; 'handover keys make GCSA' makes one; "
         "allow_unsigned = true in [vehicle] does without"
     )
 
@@ -685,8 +685,8 @@ STATION_MISTAKES: dict[str, tuple[str, str, str]] = {
     "ground without a key": (
         'key = "keys/ground.key"\n',
         "",
-        "[ground] key: is missing: anybody could speak as another station; 'handover keys make ground' makes one, the "
-        "same for all; allow_unsigned = true does without",
+        "[ground] key: is missing: any program could speak as another station; 'handover keys make ground' makes one, "
+        "the same for all; allow_unsigned = true does without",
     ),
     "ground open by half a word": (
         'key = "keys/ground.key"\n',
@@ -816,8 +816,8 @@ FLEET_MISTAKES: dict[str, tuple[str, str, str]] = {
     "no key": (
         "allow_unsigned = true\n",
         "",
-        "[vehicle 2] key: is missing: anybody could speak as drone-2; 'handover keys make GCSA-drone-2' makes one, for "
-        "this station and this vehicle alone; allow_unsigned = true does without",
+        "[vehicle 2] key: is missing: any program could speak as drone-2; 'handover keys make GCSA-drone-2' makes one, "
+        "for this station and this vehicle alone; allow_unsigned = true does without",
     ),
     "unsigned by half a word": (
         "allow_unsigned = true",

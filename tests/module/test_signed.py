@@ -299,7 +299,7 @@ def test_without_a_key_the_configuration_is_refused(signed: SignedBench) -> None
     signed.config.write_text(signed.config.read_text().replace('key = "keys/GCSB.key"', ""))
     assert signed.load() is None
     line = signed.mpstate.console.lines[0]
-    assert "[station 2] key: is missing: anybody could speak as GCSB; 'handover keys make GCSB' makes one" in line
+    assert "[station 2] key: is missing: any program could speak as GCSB; 'handover keys make GCSB' makes one" in line
 
 
 def test_a_key_that_others_can_read_is_refused(signed: SignedBench) -> None:
