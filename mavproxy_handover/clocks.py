@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The clocks of those who have to put a time on what they send: handed to them, so that a test can move them."""
+"""Clocks as an argument, so that a test can set them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ __all__ = ["Clocks"]
 
 
 class Clocks(NamedTuple):
-    """Both in seconds: the time of day, which may be set, and the time that only goes on."""
+    """Wall clock, which may be set, and monotonic clock, both in seconds."""
 
     utc: Callable[[], float]
     monotonic: Callable[[], float]

@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What a busy station costs in MAVProxy: a round of its main loop for every frame, or a look at the sockets.
+"""Waits in place of MAVProxy's main loop, because a round of that loop for every frame is expensive.
 
-A round looks at queues, timers and modules, which costs several times what the gate spends on a frame. So while
-stations speak, the module waits in MAVProxy's place (`HandoverModule._stay`), for all that MAVProxy would wait for, and
-serves its own links as long as nothing else has anything to read. Its own ticks go on meanwhile, the lease among them.
-MAVProxy's timers and what the operator types get their turn after `STAY_S` at the latest.
+A round checks queues, timers and modules, which costs several times what the gate needs for a frame. So while stations
+send, the module waits in MAVProxy's place (`HandoverModule._stay`). It waits for all that MAVProxy would wait for, and
+serves its own links until another descriptor is readable. Its own ticks go on meanwhile, the lease among them.
+MAVProxy's timers and typed commands run after `STAY_S` at the latest.
 
-The module waits like this, too, while frames of a download wait for their link. It offers them every `DOWNLOAD_S`.
+The module also waits like this while frames of a download wait for their link. It offers them every `DOWNLOAD_S`.
 
-How that loop is ended is here too: up to 1.8.74 by a variable, from 1.8.75 on by an event.
+This module also ends MAVProxy's loop: up to 1.8.74 by a variable, from 1.8.75 on by an event.
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ __all__ = ["DOWNLOAD_S", "STAY_S", "TALKING_S", "end", "ends", "poller", "readab
 
 #: MAVProxy's fastest timers run ten times a second
 STAY_S = 0.05
-#: how often a link is offered what waits of a download: 20 kB of 10 MB/s
+#: interval (s) of offering download frames to a link: 20 kB at 10 MB/s
 DOWNLOAD_S = 0.002
-#: frames that follow each other as fast as this are expected to go on
+#: after frames with at most this distance (s) more are expected
 TALKING_S = 0.1
 
 
 def ends(mpstate: Any) -> bool:
-    """Whether MAVProxy is about to end."""
+    """True if MAVProxy is about to end."""
     event = getattr(mpstate.status, "stop_event", None)
     return bool(mpstate.status.exit if event is None else event.is_set())
 
 
 def end(mpstate: Any) -> None:
-    """Have MAVProxy end, as the word `exit` does."""
+    """End MAVProxy, as the word `exit` does."""
     event = getattr(mpstate.status, "stop_event", None)
     if event is None:
         mpstate.status.exit = True
@@ -44,7 +44,7 @@ def end(mpstate: Any) -> None:
 
 
 def waited_for(mpstate: Any) -> list[int]:
-    """The descriptors that MAVProxy's main loop selects on; empty if there is something that it polls instead."""
+    """Descriptors that MAVProxy's main loop selects on; empty if it polls some source instead."""
     found: list[int] = []
     for master in mpstate.mav_master:
         if getattr(master, "fd", None) is None or master.portdead:
@@ -57,7 +57,7 @@ def waited_for(mpstate: Any) -> list[int]:
 
 
 def poller(descriptors: Iterable[int]) -> select.poll | None:
-    """Waits for these; None if there are none, or one is closed. A poll object costs less to wait with than select."""
+    """A poll object for these; None if there are none, or one is closed. It is cheaper than select."""
     found = select.poll()
     last = None
     try:
@@ -69,12 +69,12 @@ def poller(descriptors: Iterable[int]) -> select.poll | None:
 
 
 def readable(waiting: select.poll | None, ours: Collection[int], seconds: float) -> tuple[list[int], bool]:
-    """Wait for something to read, not at all if `seconds` is not above 0, and a millisecond too long at most.
+    """Wait for readable descriptors, at most `seconds` and a millisecond; not at all if that is 0 or less.
 
     `waiting`: see `poller`. Never raises.
 
-    What of `ours` can be read, and whether it is MAVProxy's turn: something else can be read, or nothing can be waited
-    for.
+    Returns the readable ones of `ours`, and True if it is MAVProxy's turn: another one is readable, or there is nothing
+    to wait for.
     """
     if waiting is None:
         return [], True
@@ -82,6 +82,6 @@ def readable(waiting: select.poll | None, ours: Collection[int], seconds: float)
         ready = waiting.poll(seconds * 1000.0 if seconds > 0.0 else 0)
     except OSError:
         return [], True
-    # one that was closed: MAVProxy finds out
+    # a closed descriptor is left to MAVProxy
     found = [descriptor for descriptor, what in ready if descriptor in ours and not what & select.POLLNVAL]
     return found, len(found) != len(ready)

@@ -55,7 +55,7 @@ from mavproxy_handover.store.replay import ReplayStore
 from mavproxy_handover.supervision.manager import ServiceManager, named_manager
 from mavproxy_handover.unloading import UnloadQuestion
 from mavproxy_handover.version import VERSION
-from mavproxy_handover.watchdog_pipe import lifeline
+from mavproxy_handover.watchdog_pipe import watchdog_pipe
 from mavproxy_handover.wire.signing import SignedPeer
 
 __all__ = ["HandoverModule", "init"]
@@ -98,8 +98,8 @@ class HandoverModule(mp_module.MPModule):
         self.lock = lock
         for descriptor in lock.descriptors:  # or a map's process would keep it
             mp_util.child_fd_list_add(descriptor)
-        self._lifeline = lifeline()
-        self._manager = ServiceManager() if self._lifeline is not None else named_manager()
+        self._watchdog_pipe = watchdog_pipe()
+        self._manager = ServiceManager() if self._watchdog_pipe is not None else named_manager()
         self._kept = {name: getattr(self.settings, name) for name in _SETTINGS if hasattr(self.settings, name)}
         #: looked at in every round of the main loop, so not by name
         self._doors = [(self.settings.get_setting(name), _SETTINGS[name]) for name in self._kept]
@@ -180,10 +180,10 @@ class HandoverModule(mp_module.MPModule):
 
     def _supervised(self) -> None:
         """What the supervisor has to say, if there is one: why it is a restart, and whether it is one too many."""
-        if self._lifeline is None:
+        if self._watchdog_pipe is None:
             return
-        self._lifeline.at_the_end = partial(self._guarded, "journal", self.companion.journal.close)
-        told = self._lifeline.told
+        self._watchdog_pipe.at_the_end = partial(self._guarded, "journal", self.companion.journal.close)
+        told = self._watchdog_pipe.told
         if told.why:
             self.companion.event_log.started_again(told.why)
         if not told.leases:
@@ -234,8 +234,8 @@ class HandoverModule(mp_module.MPModule):
         self.mpstate.public_modules.pop("handover", None)
         for name, value in self._kept.items():
             setattr(self.settings, name, value)
-        if self._lifeline is not None:
-            (self._lifeline.ending if ends(self.mpstate) else self._lifeline.let_go)()
+        if self._watchdog_pipe is not None:
+            (self._watchdog_pipe.ending if ends(self.mpstate) else self._watchdog_pipe.let_go)()
         elif ends(self.mpstate):
             self._manager.stopping()
         self._manager.close()
@@ -319,8 +319,8 @@ class HandoverModule(mp_module.MPModule):
         self._guarded("tlog", partial(self._to_autopilot.tick, now))
         if self._replay is not None:
             self._guarded("replay state", partial(self._replay.tick, now))
-        if self._lifeline is not None:  # last: what breaks above is seen by its silence
-            self._lifeline.beat(now)
+        if self._watchdog_pipe is not None:  # last: what breaks above is seen by its silence
+            self._watchdog_pipe.beat(now)
         self._manager.in_order(now, lived=True)
 
     def _poll(self, now: float) -> None:
@@ -435,7 +435,7 @@ def init(mpstate: Any, config: Any = None, journal: Any = None, **unknown: Any) 
     box: BoxLine | None = None
     try:
         path = find_vehicle_config(path_argument("config", config) or _last.get("config"))
-        line = lifeline()
+        line = watchdog_pipe()
         running = load_running(path, restarted=line is not None and bool(line.told.why))
         written = path_argument("journal", journal) or _last.get("journal")
         if written is not None:

@@ -18,7 +18,7 @@ from collections.abc import Callable
 from typing import Any, Final
 
 from mavproxy_handover.main_loop import end
-from mavproxy_handover.watchdog_pipe import Refusal, lifeline
+from mavproxy_handover.watchdog_pipe import Refusal, watchdog_pipe
 
 __all__ = ["MUST_LOAD", "import_fault", "loaded", "module_fault", "must_load", "refused", "starter"]
 
@@ -80,7 +80,7 @@ def refused(mpstate: Any, name: str, text: str, kind: Refusal = Refusal.MACHINE)
     The caller's `init` then returns None to MAVProxy: there is no module.
     """
     mpstate.console.writeln(f"{name} is not loaded: {text}")
-    line = lifeline()
+    line = watchdog_pipe()
     if line is not None and not line.lived:
         line.refused = kind
         end(mpstate)

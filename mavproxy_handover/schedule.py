@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Jobs that come round at fixed intervals, each on its own: what breaks in one stops no other.
+"""Jobs at fixed intervals. An exception in one job stops no other.
 
-A job that comes late by less than its interval keeps to its old times, so that its rate holds on a busy machine. After
-a longer stall it begins anew: nothing is made up for.
+A job that is late by less than its interval keeps its old times, so that its rate holds on a busy machine. After a
+longer stall it starts again from now; missed runs are not made up.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ __all__ = ["TICK_S", "Schedule", "attempt"]
 
 Job = Callable[[float], None]
 
-#: ticks come no faster than this, however fast MAVProxy's main loop goes round; what is more urgent comes as a frame
+#: least time (s) between ticks, however fast MAVProxy's main loop runs; urgent work is triggered by frames
 TICK_S: Final = 0.05
 
 
 def attempt(fault: Callable[[str, str], None], where: str, job: Callable[..., None], *arguments: Any) -> None:
-    """Do it; if it breaks `fault` is told, and what comes behind it is none the worse for it."""
+    """Run `job`. An exception goes to `fault`, and the caller continues."""
     try:
         job(*arguments)
     except Exception:
@@ -35,16 +35,16 @@ class _Planned:
     name: str
     job: Job
     interval_s: float
-    #: put off once, after the first time
+    #: delay (s) that is added once, after the first run
     later_s: float
     due_at: float = -math.inf
 
 
 class Schedule:
-    """Runs `jobs` (name, job, interval in s), the first time at once. `fault` is told the name of what broke.
+    """Runs `jobs` (name, job, interval in s), the first time at once. `fault` gets the name of a job that raised.
 
-    Jobs that all came together would keep a frame waiting for all of them. So after the first time each is put off
-    until a tick behind the one before it.
+    If all jobs came together, a frame would wait for all of them. So after the first run each job is delayed to one
+    tick after the one before it.
     """
 
     def __init__(self, jobs: Iterable[tuple[str, Job, float]], fault: Callable[[str, str], None]) -> None:
@@ -55,7 +55,7 @@ class Schedule:
         self._fault = fault
 
     def run(self, now: float) -> None:
-        """Run what is due; monotonic seconds. To be called often."""
+        """Run the jobs that are due; `now` in monotonic seconds. Call it often."""
         for planned in self._jobs:
             if now >= planned.due_at:
                 late_s = now - planned.due_at

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What ties the companion to the supervisor that started it (`supervision/`): what it was told at its start, and the
-signs that it gives from then on, one byte each, through a pipe.
+"""The pipe from the companion to the supervisor that started it (`supervision/`).
 
-The signs of life come from MAVProxy's main loop, as the lease does, and never from a thread: what they prove is that
-the judge goes round. Without a supervisor (`module load handover` in a stock MAVProxy) there is no lifeline.
+The supervisor gives the facts of a start (`Told`). Then the companion sends signals, one byte each. Signs of life come
+from MAVProxy's main loop, as the lease does, and never from a thread. So they prove that the judge runs. Without a
+supervisor (`module load handover` in a stock MAVProxy) there is no watchdog pipe.
 """
 
 from __future__ import annotations
@@ -16,27 +16,27 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Final
 
-__all__ = ["BEAT", "ENDING", "LET_GO", "Lifeline", "Refusal", "Told", "hold", "lifeline"]
+__all__ = ["BEAT", "ENDING", "LET_GO", "WatchdogPipe", "Refusal", "Told", "hold", "watchdog_pipe"]
 
-#: the main loop goes round; it will go round without us (the module is unloaded); an end that somebody wants has begun
+#: signals: the main loop runs; it will run without us (the module is unloaded); the process was told to end
 BEAT, LET_GO, ENDING = b".", b"-", b"e"
-#: the pause between two signs of life is no shorter: they come in every second tick
+#: least time (s) between two signs of life: one for every second tick
 _BEAT_S: Final = 0.08
 
 
 @dataclass(frozen=True, slots=True)
 class Told:
-    """What a start is about. `why`: what became of the process before this one, "" at the first start."""
+    """Facts of a start. `why`: how the process before this one ended, "" at the first start."""
 
     why: str = ""
-    #: False: it has died too often, so nobody may command until somebody has looked
+    #: False: it has died too often, so no station may command until an operator starts it again
     leases: bool = True
 
 
 class Refusal(Enum):
-    """What keeps a module from being loaded."""
+    """Reasons for which a module is not loaded."""
 
-    #: something on this machine: a file, a link, a device
+    #: a fault of this machine: a file, a link, a device
     MACHINE = "machine"
     #: another companion of this vehicle runs
     LOCKED = "locked"
@@ -44,50 +44,50 @@ class Refusal(Enum):
     FAULT = "fault"
 
 
-class Lifeline:
-    """The companion's end. Nothing here raises or waits. Times are monotonic seconds."""
+class WatchdogPipe:
+    """The companion's end of the pipe. Nothing here raises or waits. Times are monotonic seconds."""
 
     def __init__(self, descriptor: int, told: Told) -> None:
-        """`descriptor`: the pipe to the supervisor, which is closed with the process."""
+        """`descriptor`: the pipe to the supervisor, which closes with the process."""
         self.told = told
-        #: the main loop has gone round with the module in it
+        #: True once the main loop has run with the module loaded
         self.lived = False
-        #: what kept the module from being loaded, if something did
+        #: why the module was not loaded, if it was not
         self.refused: Refusal | None = None
-        #: closes what must be closed when the process cannot be ended otherwise
+        #: closes what must be closed if the process cannot end in another way
         self.at_the_end: Callable[[], None] = lambda: None
         self._descriptor = descriptor
         self._beat_at = 0.0
         os.set_blocking(descriptor, False)
 
     def beat(self, now: float) -> None:
-        """The main loop goes round; to be called in every tick."""
+        """Send a sign of life. Call it in every tick."""
         if now >= self._beat_at:
             self._beat_at = now + _BEAT_S
             self.lived = True
             self._sign(BEAT)
 
     def let_go(self) -> None:
-        """The module is unloaded while MAVProxy goes on: from now on silence means nothing."""
+        """Report that the module is unloaded while MAVProxy goes on: silence has no meaning from now on."""
         self._sign(LET_GO)
 
     def ending(self) -> None:
-        """An end has begun that is no death."""
+        """Report that the process was told to end."""
         self._sign(ENDING)
 
     def _sign(self, sign: bytes) -> None:
-        with suppress(OSError):  # full: the supervisor is stopped; broken: it is dead, and we are about to be
+        with suppress(OSError):  # full: the supervisor is stopped; broken: it is dead, and this process will be
             os.write(self._descriptor, sign)
 
 
-_held: list[Lifeline] = []
+_held: list[WatchdogPipe] = []
 
 
-def hold(line: Lifeline | None) -> None:
-    """From now on this is the process's lifeline; None: it has none."""
+def hold(line: WatchdogPipe | None) -> None:
+    """Set the watchdog pipe of this process; None: it has none."""
     _held[:] = [] if line is None else [line]
 
 
-def lifeline() -> Lifeline | None:
-    """This process's lifeline; None if nobody supervises it."""
+def watchdog_pipe() -> WatchdogPipe | None:
+    """The watchdog pipe of this process; None without a supervisor."""
     return _held[0] if _held else None

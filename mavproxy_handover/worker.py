@@ -1,18 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Work of a size that others choose (to parse, to compute with zones), done beside the main loop.
+"""Runs jobs of unbounded size (parsing, computing with zones) in a thread beside the main loop.
 
-The lease goes out from the main loop, so nothing stands in it that may take long. A job runs in a thread of its own,
-one at a time; what came of it is handed over by `tick`, in the main loop. A job must touch nothing that the main loop
-touches: it gets what it needs, and returns a value.
+The main loop sends the lease, so it must not wait for long jobs. A job runs in its own thread, one at a time. `tick`
+delivers its result in the main loop. A job must not touch any object that the main loop uses: it gets its input and
+returns a value.
 
-Python's threads take turns, 5 ms each: whenever the main loop has let go of its turn, to read or to send, it would get
-it back only that much later, and a lease stands behind many such calls. So while a job runs, turns are short
-(`TURN_S`).
+Python's threads take turns of 5 ms. Whenever the main loop gives up its turn, to read or to send, it would get it back
+only after that time. A lease needs many such calls. So while a job runs, turns are short (`TURN_S`).
 
-A thread cannot be ended from outside. So a job that takes longer than `LONGEST_S` is given up: it has failed, whatever
-comes of it later, and the next one may begin beside it. Of those that go on all the same there are `MOST_LEFT` at most;
-from then on nothing is taken until one of them ends.
+A thread cannot be ended from outside. So a job that takes longer than `LONGEST_S` has failed: its result is ignored,
+and the next job may begin beside it. At most `MOST_LEFT` such threads may run; at that number no job is accepted until
+one of them ends.
 """
 
 from __future__ import annotations
@@ -38,30 +37,30 @@ def in_thread(run: Callable[[], None]) -> None:
 
 
 class Worker:
-    """Runs one job at a time. `start` has the job run; a test may have it run at once."""
+    """Runs one job at a time. `start` starts the thread; a test may run the job at once."""
 
     def __init__(self, start: Callable[[Callable[[], None]], None] | None = None) -> None:
         self._start = start
-        #: jobs that have ended: their number and what came of each
+        #: finished jobs: number and result of each
         self._finished: deque[tuple[int, Any]] = deque()
-        #: of the job that is under way: its number, who gets what comes of it, and until when it may take
+        #: current job: its number, the receiver of its result, and its deadline
         self._number = 0
         self._then: Callable[[Any, float], None] | None = None
         self._until: float | None = None
-        #: numbers of those that were given up and go on
+        #: numbers of failed jobs whose threads still run
         self._left: set[int] = set()
-        #: how long turns are when no job runs
+        #: length of a turn (s) when no job runs
         self._turn_s = sys.getswitchinterval()
 
     @property
     def busy(self) -> bool:
-        """A job is under way, or what came of it has not been handed over yet."""
+        """True while a job runs or its result is not delivered yet."""
         return self._then is not None
 
     def submit(self, job: Callable[[], _Value], then: Callable[[_Value | Exception, float], None]) -> bool:
-        """Have `job` done; `then` gets what it returned, or the exception it ended with, and the time (`tick`).
+        """Start `job`. `then` gets its return value or its exception, and the time, from `tick`.
 
-        False: another job is under way, or too many do not end, and this one was not taken.
+        Returns False if it is not accepted: another job runs, or too many failed ones still run.
         """
         if self.busy or len(self._left) >= MOST_LEFT:
             return False
@@ -81,9 +80,9 @@ class Worker:
         return True
 
     def tick(self, now: float) -> None:
-        """Hand over what is finished, give up what takes too long; to be called often. Raises what the receiver raises.
+        """Deliver results, and give up jobs that take too long. Call it often. Raises what the receiver raises.
 
-        The time of a job counts from the first tick after it was given.
+        The time of a job counts from the first tick after `submit`.
         """
         while self._finished:
             number, result = self._finished.popleft()

@@ -1,3 +1,3 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What keeps the companion's MAVProxy going: `handover companion` is this, and forks it (`supervisor.py`)."""
+"""The supervisor of the companion's MAVProxy: `handover companion` runs it, and it forks MAVProxy (`supervisor.py`)."""

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the supervised process does: it runs MAVProxy so that neither its terminal nor its end can hold it up.
+"""The supervised process: runs MAVProxy so that neither its terminal nor its end can delay it.
 
-* Its console waits for nobody (`console.py`), and the end of its input is not its own.
-* Signals to end go to a thread that waits for them: MAVProxy's own handlers run in a thread that may be waiting for
-  somebody to type. That thread has MAVProxy end as the word `exit` does, modules unloaded, tlog written; and what has
-  not ended within END_S is ended as it is, once journal and tlog are closed. The state file is written through.
+* Its console never waits for a reader (`console.py`), and the end of its input does not end it.
+* Signals to end go to a thread that waits for them. MAVProxy's own handlers run in a thread that may be waiting for
+  typed input. That thread makes MAVProxy end as the word `exit` does: modules unloaded, tlog written. If it has not
+  ended within END_S, the process is ended once journal and tlog are closed. The state file is already written by then.
 """
 
 from __future__ import annotations
@@ -25,20 +25,20 @@ from mavproxy_handover.supervision.rules import LOCKED, REFUSED
 from mavproxy_handover.supervision.script import MAIN, Script, mpstate_of
 from mavproxy_handover.supervision.supervisor import ENDS
 from mavproxy_handover.supervision.tlog import close_logs, log_options, take_queues
-from mavproxy_handover.watchdog_pipe import Lifeline, Refusal, hold
+from mavproxy_handover.watchdog_pipe import Refusal, WatchdogPipe, hold
 
 __all__ = ["Companion"]
 
-#: MAVProxy has so long to end; with what is done for it then, less than the supervisor's patience
+#: time (s) that MAVProxy has to end. With the steps after it, this is less than the supervisor's time-out
 END_S: Final = 1.4
 _LOOK_S: Final = 0.1
-#: for the tlog, and for the last lines of the console
+#: times (s) for closing the tlog and for the last lines of the console
 _LOGS_S, _LAST_S, _CONSOLE_S = 0.5, 0.1, 0.2
 #: an internal fault (EX_SOFTWARE)
 _FAULT: Final = 70
-#: main thread and signals without a prompt, and the word `exit`, since the end of the input ends nothing any more
+#: no prompt, so signals reach the main thread, and `exit` as a word, because the end of the input ends nothing
 _ALWAYS: Final = ("--non-interactive", "--cmd=set requireexit True")
-#: whoever has given MAVProxy one of these wants no prompt
+#: options with which MAVProxy has no prompt
 _NO_PROMPT: Final = ("--daemon", "--non-interactive")
 
 
@@ -47,14 +47,14 @@ _CODES: Final = {Refusal.MACHINE: REFUSED, Refusal.LOCKED: LOCKED, Refusal.FAULT
 
 @dataclass(frozen=True, slots=True)
 class Companion:
-    """MAVProxy with these options; an instance is what the supervisor runs as its child."""
+    """MAVProxy with these options. The supervisor runs it as its child."""
 
     script: Script
     argv: Sequence[str]
 
-    def __call__(self, line: Lifeline) -> int:
+    def __call__(self, line: WatchdogPipe) -> int:
         """Returns the exit code, or ends the process."""
-        signal.pthread_sigmask(signal.SIG_BLOCK, ENDS)  # for all threads, from the first on
+        signal.pthread_sigmask(signal.SIG_BLOCK, ENDS)  # inherited by all threads
         hold(line)
         console = Console()
         console.take_over()
@@ -65,13 +65,13 @@ class Companion:
         more = log_options(list(self.argv))
         try:
             code = self.script.run([*self.argv, *more, *_ALWAYS])
-        except Exception:  # a fault of MAVProxy's, which has to be seen before the console goes
+        except Exception:  # a fault of MAVProxy, which must be printed before the console closes
             traceback.print_exc()
             code = 1
         mpstate = mpstate_of()
         if mpstate is not None:
             close_logs(mpstate, _LOGS_S)
-            if line.lived and ends(mpstate):  # MAVProxy ends with 1 whatever the reason
+            if line.lived and ends(mpstate):  # MAVProxy always ends with 1
                 code = 0
         if line.refused is not None:
             code = _CODES[line.refused]
@@ -81,14 +81,14 @@ class Companion:
 
 def _read_console() -> None:
     mpstate: Any = None
-    while mpstate is None or getattr(mpstate.status, "thread", None) is None:  # its main loop
+    while mpstate is None or getattr(mpstate.status, "thread", None) is None:  # wait for its main loop
         time.sleep(_LOOK_S)
         mpstate = mpstate_of()
     read_lines(mpstate)
 
 
-def _end_on_time(line: Lifeline) -> None:
-    """Wait for a signal to end, or for `exit`; then see to it that it is over soon."""
+def _end_on_time(line: WatchdogPipe) -> None:
+    """Wait for a signal to end, or for `exit`; then make sure that the process ends in time."""
     asked = False
     while True:
         asked = asked or signal.sigtimedwait(ENDS, _LOOK_S) is not None
@@ -97,7 +97,7 @@ def _end_on_time(line: Lifeline) -> None:
             end(mpstate)
         if asked or (mpstate is not None and ends(mpstate)):
             break
-    wanted = asked or line.lived  # else MAVProxy could not start
+    wanted = asked or line.lived  # otherwise MAVProxy could not start
     if wanted:
         line.ending()
     time.sleep(END_S)

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The companion's console: output that waits for nobody, and input whose end is not the companion's.
+"""The companion's console: output that never waits for a reader, and input whose end does not end the companion.
 
-A terminal can be stopped by a key, and a pipe may have nobody who reads it. MAVProxy prints in its main loop, where
-the lease goes out, and would wait. So what is printed is only put down here, and a thread takes it to where it is read.
-What nobody reads in time is thrown away and counted; the count is printed when there is room again.
+A key can stop a terminal, and a pipe may have no reader. MAVProxy prints in its main loop, which sends the lease, and
+would wait. So printed text is only queued here, and a thread writes it. Text that is not read in time is dropped and
+counted. The count is printed when there is room again.
 
-A thread of its own reads lines, too: MAVProxy itself ends with its input.
+Another thread reads lines, because MAVProxy itself ends when its input ends.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from typing import Any, Final
 
 __all__ = ["Console", "read_lines"]
 
-#: characters that wait to be read
+#: most characters that wait to be written
 _MOST: Final = 64 * 1024
 _AGAIN_S: Final = 0.05
 
@@ -38,25 +38,25 @@ class Console:
         self._thread = threading.Thread(target=self._run, name="console", daemon=True)
 
     def take_over(self) -> None:
-        """From now on what this process prints goes through here."""
+        """Redirect the output of this process to here."""
         sys.stdout, sys.stderr = _Stream(self, 1), _Stream(self, 2)
         self._thread.start()
 
     def put(self, descriptor: int, text: str) -> None:
-        """Put text down for `descriptor`; returns at once."""
+        """Queue text for `descriptor`; returns at once."""
         with self._change:
             if self._size + len(text) > self._most:
                 self._dropped += text.count("\n") or 1
                 return
             if self._dropped:
-                text = f"[{self._dropped} lines left out: nobody read them]\n{text}"
+                text = f"[{self._dropped} lines left out: no program read them]\n{text}"
                 self._dropped = 0
             self._waiting.append((descriptor, text))
             self._size += len(text)
             self._change.notify_all()
 
     def drain(self, limit_s: float) -> None:
-        """Wait until everything is read, but no longer than `limit_s`."""
+        """Wait until everything is written, at most `limit_s`."""
         with self._change:
             self._change.wait_for(lambda: not self._size, limit_s)
 
@@ -72,7 +72,7 @@ class Console:
 
 
 class _Stream(io.TextIOBase):
-    """In the place of sys.stdout or sys.stderr."""
+    """Replaces sys.stdout or sys.stderr."""
 
     encoding = "utf-8"
     errors = "backslashreplace"
@@ -82,38 +82,38 @@ class _Stream(io.TextIOBase):
         self._descriptor = descriptor
 
     def writable(self) -> bool:
-        """As of any stream to write to."""
+        """Always true."""
         return True
 
     def fileno(self) -> int:
-        """Where it goes in the end."""
+        """The descriptor that the text is written to."""
         return self._descriptor
 
     def isatty(self) -> bool:
-        """Whether that is a terminal."""
+        """True if that is a terminal."""
         return os.isatty(self._descriptor)
 
     def write(self, text: str) -> int:
-        """Put it down; returns at once."""
+        """Queue the text; returns at once."""
         self._console.put(self._descriptor, text)
         return len(text)
 
 
 def _write(descriptor: int, data: bytes) -> None:
-    """Wait until all of it is taken. What nobody can take any more is gone."""
+    """Write all of it, and wait for that. Text that cannot be written any more is dropped."""
     while data:
         try:
             data = data[os.write(descriptor, data) :]
-        except BlockingIOError:  # somebody who shares it has made it so
+        except BlockingIOError:  # another program that shares the descriptor has made it non-blocking
             time.sleep(_AGAIN_S)
         except OSError:  # the reader is gone
             return
 
 
 def read_lines(mpstate: Any) -> None:
-    """Hand lines of the console to MAVProxy's main loop, until there are no more; to be run in a thread."""
+    """Pass lines of the console to MAVProxy's main loop until the input ends. Runs in a thread."""
     try:
         while True:
             mpstate.input_queue.put(mpstate.rl.input())
-    except (EOFError, OSError, ValueError, RuntimeError):  # ended, closed, or none from the start ("lost sys.stdin")
+    except (EOFError, OSError, ValueError, RuntimeError):  # ended, closed, or missing from the start ("lost sys.stdin")
         return

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the service manager is told: that the companion is ready, that it is in order, that it ends (sd_notify(3)).
+"""Messages to the service manager (sd_notify(3)): the companion is ready, is in order, or ends.
 
-The manager names a datagram socket in NOTIFY_SOCKET, and in WATCHDOG_USEC how long it waits for a word; without them
-nothing is told to anybody. The word comes from the supervisor, and only while its child lives or is being replaced in
-time (`rules.py`): a supervisor that hangs, a child that can be neither ended nor started, are silent, and then the
-manager kills all of it and starts it anew. A child that keeps dying is no such case: it is replaced, without leases,
-and to start all of it anew would have it trusted again. Where nobody supervises the module itself gives the word, from
-the main loop: else the manager would wait for it in vain, and end a companion that is in order.
+The manager names a datagram socket in NOTIFY_SOCKET, and its time-out in WATCHDOG_USEC; without them no message is
+sent. The supervisor sends the messages, but only while its child lives or is being replaced in time (`rules.py`). If
+the supervisor hangs, or the child can neither end nor start, no message comes. Then the manager kills all processes and
+starts them again. A child that keeps dying is different: it is replaced, without leases. If the manager started
+everything again, that child would be trusted again. Without a supervisor the module itself sends the messages, from the
+main loop. Otherwise the manager would end a companion that is in order.
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ __all__ = ["ServiceManager", "named_manager", "service_manager"]
 
 _NAMES: Final = ("NOTIFY_SOCKET", "WATCHDOG_USEC", "WATCHDOG_PID")
 _READY, _BEAT, _STOPPING = b"READY=1", b"WATCHDOG=1", b"STOPPING=1"
-#: a word so often while the manager waits for one; two may be lost
+#: messages for each time-out of the manager; two may be lost
 _PER_WATCHDOG: Final = 3.0
-#: a word that did not get through (its queue is short, and full while a computer starts) is tried again so soon
+#: time (s) after which an undelivered message is sent again; the queue is short, and full while a computer starts
 _AGAIN_S: Final = 0.1
 
 
 class ServiceManager:
-    """The way to it. Nothing here raises or waits. Times are monotonic seconds."""
+    """Sends to the service manager. Nothing here raises or waits. Times are monotonic seconds."""
 
     def __init__(self, address: str | None = None, watchdog_s: float = inf) -> None:
-        """`address`: a path, or with an @ before it a name that is none; None: there is no manager."""
+        """`address`: a path, or an abstract name that begins with @. None: there is no manager."""
         self._address = b"" if address is None else os.fsencode(address)
         if self._address.startswith(b"@"):
             self._address = b"\0" + self._address[1:]
@@ -40,11 +40,11 @@ class ServiceManager:
         self._due_at = -inf if watchdog_s < inf else inf
         self._ready = False
         self._ready_at = -inf
-        #: opened by the first word
+        #: opened by the first message
         self._socket: socket.socket | None = None
 
     def in_order(self, now: float, *, lived: bool) -> None:
-        """The child is as it should be. `lived`: some child's main loop has gone round."""
+        """Report that the child is in order. `lived`: the main loop of some child has run."""
         if lived and not self._ready and now >= self._ready_at:
             self._ready = self._tell(_READY)
             self._ready_at = now + _AGAIN_S
@@ -53,19 +53,19 @@ class ServiceManager:
             self._due_at = now + (self._pause_s if told else min(self._pause_s, _AGAIN_S))
 
     def due_at(self) -> float:
-        """When it wants a word again; inf: never."""
+        """Time of the next message; inf: never."""
         return self._due_at if self._address else inf
 
     def replaced(self, why: str) -> None:
-        """A child has died, and there will be another one; for people who ask the manager."""
+        """Report that a child has died and will be replaced, for people who ask the manager."""
         self._tell(b"STATUS=started again: " + os.fsencode(why))
 
     def stopping(self) -> None:
-        """Somebody wants all of it to end."""
+        """Report that all processes end."""
         self._tell(_STOPPING)
 
     def _tell(self, word: bytes) -> bool:
-        """False: it did not get through. To nobody everything does."""
+        """Send a message; False if it was not delivered. Without a manager it always succeeds."""
         if not self._address:
             return True
         try:
@@ -73,12 +73,12 @@ class ServiceManager:
                 self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)
                 self._socket.setblocking(False)
             self._socket.sendto(word, self._address)
-        except OSError:  # full, gone, or never there
+        except OSError:  # full, closed, or never there
             return False
         return True
 
     def close(self) -> None:
-        """For a child, which is not the one to tell; and at the end."""
+        """Close the socket, at the end and in a child, because only the parent sends."""
         self._address = b""
         if self._socket is not None:
             self._socket.close()
@@ -86,7 +86,7 @@ class ServiceManager:
 
 
 def service_manager(environment: MutableMapping[str, str] = os.environ) -> ServiceManager:
-    """That of this process, by its environment, where nothing of it is left: children have none."""
+    """The manager that the environment names. The names are removed from it, so that children have none."""
     manager = named_manager(environment)
     for name in _NAMES:
         environment.pop(name, None)
@@ -94,7 +94,7 @@ def service_manager(environment: MutableMapping[str, str] = os.environ) -> Servi
 
 
 def named_manager(environment: Mapping[str, str] = os.environ) -> ServiceManager:
-    """The same, and it can be asked for again: by a module that is loaded a second time."""
+    """The manager that the environment names. The names stay, so that a module that is loaded again finds them."""
     address, micros, whose = (environment.get(name, "") for name in _NAMES)
     meant = whose in ("", str(os.getpid()))
     watchdog_s = int(micros) / 1e6 if meant and micros.isascii() and micros.isdecimal() and len(micros) < 16 else 0.0

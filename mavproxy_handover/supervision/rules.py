@@ -1,29 +1,30 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""When the companion's process counts as dead or stalled, and what follows. Pure: time is an argument.
+"""Rules for a dead or stalled companion process, and for what follows. Pure: time is an argument.
 
 Theory of operation
 -------------------
-A process is in one of four states, by the last sign that it gave (`watchdog_pipe.py`), and each has its patience:
+The last signal of a process (`watchdog_pipe.py`) gives its state. Each state has a time-out:
 
-    STARTING   no sign yet: it loads                      start_s
-    LIVE       its main loop goes round                   silent_s, less than half of what the guard allows
-    LOOSE      the module is unloaded, MAVProxy goes on   for ever: an operator did that
-    ENDING     somebody wants it to end                   end_s
+    STARTING   no signal yet: it loads                      start_s
+    LIVE       its main loop runs                           silent_s, less than half of what the guard allows
+    LOOSE      the module is unloaded, MAVProxy goes on     never: an operator did that
+    ENDING     the process is to end                        end_s
 
-Out of patience it is killed. What follows an end depends on the state it came in:
+After the time-out it is killed. The consequence of an end depends on the state:
 
-* an end in ENDING is the end; so is one before the first sign of life that there ever was, on the ground: a
-  configuration that cannot be used does not get better by trying;
-* an exit code of FAILED_LOADS in STARTING is a failed load: the process says itself that it cannot start, and has
-  judged nothing. The load is tried again after a pause that grows from `failed_s` to `failed_most_s`. It is no restart.
-  A first start in flight that finds another companion running gives up: a second one is not wanted;
-* any other end is a death, and the process is started again: at once, but after a pause where it died before it lived;
-* the third restart within `window_s` sends no more leases, nor does any after it: nobody commands, the guard brings the
-  aircraft home, and authority waits for somebody to start all of it anew. A judge that keeps dying is none. Failed
-  loads do not hide that: the time that they take is no part of the window.
+* an end in ENDING is final. An end on the ground before the first sign of life of any process is final too, because
+  trying again does not repair a configuration;
+* an exit code of FAILED_LOADS in STARTING is a failed load: the process reports that it cannot start, and has judged
+  nothing. The load is tried again after a pause that grows from `failed_s` to `failed_most_s`. It does not count as a
+  restart. A first start in flight that finds another companion running gives up, because there must be only one;
+* any other end is a death. The process is started again at once, or after a pause if it died before its first sign of
+  life;
+* from the third restart within `window_s` on, no leases are sent. Then no station commands, the guard brings the
+  aircraft home, and there is no authority until an operator starts everything again. A judge that keeps dying cannot be
+  trusted. Failed loads do not hide that: their time is not part of the window.
 
-Time in which the supervisor itself did not run is no silence of the process: it is pardoned.
+If the supervisor itself did not run for a time, that time does not count as silence of the process.
 """
 
 from __future__ import annotations
@@ -49,17 +50,17 @@ class Limits:
     end_s: float = 1.9
     #: restarts in this time count together
     window_s: float = 60.0
-    #: so many of them still send leases
+    #: number of restarts within it that still send leases
     trusted: int = 2
-    #: before a start after one that failed: the first time, and at most
+    #: pause before a start after a failed one: the first, and the longest
     failed_s: float = 0.3
     failed_most_s: float = 1.0
-    #: between starts that send no leases
+    #: pause between starts that send no leases
     hopeless_s: float = 5.0
 
 
 class State(Enum):
-    """Of the process, by its last sign."""
+    """State of the process, by its last signal."""
 
     STARTING = "starting"
     LIVE = "live"
@@ -67,18 +68,18 @@ class State(Enum):
     ENDING = "ending"
 
 
-#: exit codes of a process that says that it cannot start: MAVProxy's own, that of bad input, and that of one that finds
-#: another companion of this vehicle running
+#: exit codes of a process that cannot start: MAVProxy's own, that of bad input, and that for another running companion
+#: of this vehicle
 REFUSED, LOCKED = 2, 75
 FAILED_LOADS: Final = (1, REFUSED, LOCKED)
-#: a first start that finds another companion running tries so often: the one before it may be about to be gone
+#: attempts of a first start that finds another companion running, which may be about to end
 _LOCK_TRIES: Final = 3
 _BY_SIGN: Final = {BEAT[0]: State.LIVE, LET_GO[0]: State.LOOSE, ENDING[0]: State.ENDING}
 
 
 @dataclass(frozen=True, slots=True)
 class Next:
-    """What follows an end: `told` is for the process that is started at `at`; None: the end, with `code`."""
+    """Consequence of an end. `told`: for the process that is started at `at`. None: the end, with `code`."""
 
     told: Told | None = None
     at: float = 0.0
@@ -86,22 +87,22 @@ class Next:
 
 
 class Watch:
-    """What the supervisor knows. Times are monotonic seconds."""
+    """Watches the process by its signals. Times are monotonic seconds."""
 
     def __init__(self, limits: Limits, *, in_flight: bool = False) -> None:
-        """`in_flight`: the first process starts in flight, where a start that fails is tried again."""
+        """`in_flight`: the first process starts in flight, so a failed start is tried again."""
         self._limits = limits
         self.state = State.STARTING
         self._in_flight = in_flight
-        #: when the present process was started
+        #: time at which the current process was started
         self._started_at = 0.0
-        #: loads that failed since a process lived, the pause after the last one, and why the process before them ended
+        #: failed loads since a process lived, the pause after the last one, and the reason of the end before them
         self._failed = 0
         self._pause_s = 0.0
         self._died = ""
-        #: since when the patience of the present state runs
+        #: start of the time-out of the current state
         self._since = 0.0
-        #: some process has lived
+        #: True once some process has lived
         self.lived = False
         self._trusted = True
         self._restarts: deque[float] = deque()
@@ -113,11 +114,11 @@ class Watch:
         }
 
     def started(self, now: float) -> None:
-        """A process was started."""
+        """Record the start of a process."""
         self.state, self._since, self._started_at = State.STARTING, now, now
 
     def heard(self, signs: bytes, now: float) -> None:
-        """It gave signs. An end that has begun is not taken back."""
+        """Handle signals of the process. ENDING is never left."""
         for sign in signs:
             state = _BY_SIGN.get(sign)
             if state is None or self.state is State.ENDING:
@@ -127,20 +128,20 @@ class Watch:
                 self.lived, self._failed, self._pause_s = True, 0, 0.0
 
     def asked_to_end(self, now: float) -> None:
-        """Somebody wants the whole of it to end."""
+        """Record that all processes are to end."""
         if self.state is not State.ENDING:
             self.state, self._since = State.ENDING, now
 
     def pardon(self, seconds: float) -> None:
-        """The supervisor itself stood still so long."""
+        """Add to the time-out, because the supervisor itself did not run for this time."""
         self._since += seconds
 
     def due(self) -> float:
-        """When patience is at its end; inf: never."""
+        """End of the time-out; inf: never."""
         return self._since + self._patience[self.state]
 
     def ended(self, code: int, now: float) -> Next:
-        """The process has ended. `code`: exit code, or the negative number of the signal that ended it."""
+        """Handle the end of the process. `code`: exit code, or negative number of the signal that ended it."""
         if self.state is State.ENDING or not (self.lived or self._in_flight):
             return Next(code=_passed_on(code))
         if self.state is State.STARTING and code in FAILED_LOADS and now < self.due():
@@ -157,14 +158,14 @@ class Watch:
         return Next(Told(why, self._trusted), now + pause_s)
 
     def _failed_load(self, code: int, now: float) -> Next:
-        """What follows a start of which the process itself says that it cannot be."""
+        """Consequence of a start that the process itself reports as failed."""
         limits = self._limits
         self._failed += 1
         if code == LOCKED and not self.lived and self._failed >= _LOCK_TRIES:
             return Next(code=_passed_on(code))
         self._pause_s = min(max(limits.failed_s, 2.0 * self._pause_s), limits.failed_most_s)
         pause_s = self._pause_s if self._trusted else limits.hopeless_s
-        # in this time no judge could have died
+        # no judge could have died in this time
         lost_s = now - self._started_at + pause_s
         self._restarts = deque(at + lost_s for at in self._restarts)
         before = self._died or "it was started in flight"
@@ -179,7 +180,7 @@ class Watch:
 
 
 def _passed_on(code: int) -> int:
-    """The exit code of all of it."""
+    """The exit code of the supervisor."""
     if code == LOCKED:
         return REFUSED
     return code if code >= 0 else 128 - code

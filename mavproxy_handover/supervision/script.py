@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""MAVProxy as the supervisor's child runs it: everything that it imports is imported before the fork.
+"""MAVProxy for the supervisor's child: everything that it imports is imported before the fork.
 
-MAVProxy is a script, all of whose work is under `if __name__ == "__main__"`. Python's start, the imports and the
-compiling of that script take most of a second, several on a small computer, and the guard gives a restart three.
+MAVProxy is a script with all its code under `if __name__ == "__main__"`. Starting Python, importing and compiling the
+script take most of a second, or several on a small computer. The guard allows three seconds for a restart.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from typing import Any, Final
 
 __all__ = ["MAIN", "Script", "few_threads", "mpstate_of"]
 
-#: the name that a script runs under
+#: module name of a script
 MAIN: Final = "__main__"
-#: numerical libraries start threads as they are imported, unless told not to
+#: variables that keep numerical libraries from starting threads when they are imported
 _NO_THREADS: Final = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
-#: what MAVProxy and its modules for a companion import; some of it is optional
+#: imports of MAVProxy and of its modules for a companion; some are optional
 _IMPORTS: Final = (
     "serial",
     "pymavlink.mavutil",
@@ -52,7 +52,7 @@ _MODULE: Final = "mavproxy_handover.module"
 
 
 def few_threads() -> None:
-    """To be called before a numerical library is imported, in a process that is to be forked."""
+    """Limit the threads of numerical libraries. Call this before they are imported in a process that will fork."""
     for name in _NO_THREADS:
         os.environ.setdefault(name, "1")
 
@@ -68,18 +68,18 @@ class Script:
     def prepare(self) -> None:
         """Import what MAVProxy will import, and our module. The caller checks that no import has started a thread.
 
-        Raises what the import of our module raises: a companion without it is none.
+        Raises what the import of our module raises, because a companion needs it.
         """
         few_threads()
         for module in _IMPORTS:
-            with suppress(Exception):  # it is optional, or MAVProxy will say what is wrong with it
+            with suppress(Exception):  # it is optional, or MAVProxy will report the error
                 importlib.import_module(module)
         importlib.import_module(_MODULE)
         gc.collect()
-        gc.freeze()  # what is here stays: children need not copy it to find that out
+        gc.freeze()  # these objects stay, so the garbage collector of a child does not copy their memory
 
     def run(self, argv: Sequence[str]) -> int:
-        """Run it with these options, as Python would; returns the exit code. What else it raises is passed on."""
+        """Run it with these options, as Python would. Returns the exit code; other exceptions pass."""
         main = ModuleType(MAIN)
         main.__dict__.update(__file__=str(self._path), __builtins__=__builtins__)
         sys.modules[MAIN] = main
@@ -92,5 +92,5 @@ class Script:
 
 
 def mpstate_of() -> Any:
-    """MAVProxy's state, in the process that runs it; None before it has made it."""
+    """MAVProxy's state in the process that runs it; None before it exists."""
     return getattr(sys.modules.get(MAIN), "mpstate", None)

@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The parent process of the companion: forks it, waits for its signs, and forks it again (`rules.py` says when).
+"""The parent process of the companion: forks it, waits for its signals, and forks it again (rules in `rules.py`).
 
 Rules
 -----
-* It gives no authority and sends nothing: all it can do is to let a new judge take up what the old one left in the
-  state file, as any restart does.
-* One child. It is reaped before the next one is forked, so there are never two; and it dies with its parent.
-* The parent has one thread. A fork copies that thread alone, and a lock that another one held would stay locked in the
-  child for ever. Where something has started a thread, nothing is forked (`single_threaded`).
-* It waits for nobody but its child: in flight it writes nothing to the terminal, which may be stopped. What there is to
-  be said the next child says.
+* It gives no authority and sends no messages. It only lets a new judge go on from the state file of the old one, as any
+  restart does.
+* There is one child. It is reaped before the next one is forked, so there are never two. It dies with its parent.
+* The parent has one thread. A fork copies only that thread. A lock held by another thread would stay locked in the
+  child. If a library has started a thread, nothing is forked (`single_threaded`).
+* It waits only for its child. In flight it writes nothing to the terminal, which may be stopped. The next child reports
+  what happened.
 """
 
 from __future__ import annotations
@@ -29,51 +29,51 @@ from typing import Any, Final
 
 from mavproxy_handover.supervision.manager import ServiceManager
 from mavproxy_handover.supervision.rules import Limits, Next, Watch
-from mavproxy_handover.watchdog_pipe import Lifeline, Told
+from mavproxy_handover.watchdog_pipe import Told, WatchdogPipe
 
 __all__ = ["ENDS", "Supervisor", "single_threaded"]
 
-#: signals that end all of it
+#: signals that end supervisor and child
 ENDS: Final = (signal.SIGTERM, signal.SIGINT, signal.SIGQUIT)
-#: what a terminal does to those who run in it; a companion needs none, so nothing of it counts
+#: signals of a terminal. A companion needs no terminal, so they are ignored
 _OF_TERMINALS: Final = (signal.SIGHUP, signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU)
 _PR_SET_PDEATHSIG: Final = 1
-#: waking up that much later than asked for is standing still
+#: a wake-up that is later than this (s) counts as a stall of the supervisor
 _LATE_S: Final = 0.2
 #: an internal fault of the child (EX_SOFTWARE)
 _FAULT: Final = 70
 
 
 def single_threaded() -> bool:
-    """Whether this process has one thread, as far as the kernel knows it."""
+    """True if this process has one thread, as far as the kernel knows it."""
     return len(os.listdir("/proc/self/task")) == 1
 
 
 class Supervisor:
-    """Runs `child` in a process of its own, again and again. It is given the lifeline, and returns the exit code."""
+    """Runs `child` in its own process, again and again. `child` gets the watchdog pipe and returns the exit code."""
 
     def __init__(
         self,
-        child: Callable[[Lifeline], int],
+        child: Callable[[WatchdogPipe], int],
         limits: Limits,
         manager: ServiceManager | None = None,
         *,
         in_flight: bool = False,
     ) -> None:
-        """`manager`: who is told that all is in order; None: nobody is. `in_flight`: see `Watch`."""
+        """`manager`: gets a message while all is in order; None: there is none. `in_flight`: see `Watch`."""
         self._child = child
         self._manager = manager or ServiceManager()
         self._limits = limits
         self._watch = Watch(limits, in_flight=in_flight)
         self._pid = 0
-        #: signals wake the parent up by this pipe: what is read, what is written
+        #: pipe by which signals wake the parent: descriptors to read and to write
         self._wake: tuple[int, int] = (-1, -1)
         # loaded before any fork
         self._libc = ctypes.CDLL(None, use_errno=True)
         self._terminal = _terminal()
 
     def run(self) -> int:
-        """Until an end that is no death; returns the exit code. To be called in the main thread.
+        """Run until a final end; returns the exit code. Call it in the main thread.
 
         Raises OSError if not even the first child can be started.
         """
@@ -83,7 +83,7 @@ class Supervisor:
                 self._manager.replaced(after.told.why)
                 try:
                     after = self._live(after.told)
-                except OSError:  # no memory for a process, or no number: another try is all that there is
+                except OSError:  # no memory or no process number: only another try can help
                     after = replace(after, at=time.monotonic() + self._limits.failed_s)
                 _restore(self._terminal)
             return after.code
@@ -105,7 +105,7 @@ class Supervisor:
                 os.close(descriptor)
 
     def _pause(self, until: float) -> bool:
-        """False: meanwhile somebody wants all of it to end."""
+        """Wait. Returns False if the supervisor is to end meanwhile."""
         waiting = select.poll()
         waiting.register(self._wake[0], select.POLLIN)
         while (now := time.monotonic()) < until:
@@ -121,7 +121,7 @@ class Supervisor:
         return any(number in numbers for number in ENDS)
 
     def _live(self, told: Told) -> Next:
-        """The life of one child. Raises OSError if there can be none."""
+        """Run one child until its end. Raises OSError if it cannot be forked."""
         signs = self._fork(told)
         try:
             return self._attend(signs)
@@ -129,11 +129,11 @@ class Supervisor:
             os.close(signs)
 
     def _fork(self, told: Told) -> int:
-        """Returns where its signs are read."""
+        """Fork the child; returns the descriptor of its signals."""
         reading, writing = os.pipe2(os.O_CLOEXEC)
         os.set_blocking(reading, False)
         parent = os.getpid()
-        # a signal to end that comes between fork and the child's own arrangements waits for those
+        # a signal that comes between the fork and the child's own setup waits for that setup
         before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDS)
         try:
             self._pid = os.fork()
@@ -149,17 +149,17 @@ class Supervisor:
         return reading
 
     def _become_child(self, parent: int, reading: int, writing: int, told: Told) -> None:
-        """Never returns."""
+        """Run the child's code; never returns."""
         code = _FAULT
         try:
             self._libc.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-            if os.getppid() == parent:  # else it died before it could be tied to us
+            if os.getppid() == parent:  # otherwise the parent died before the child was tied to it
                 signal.set_wakeup_fd(-1)
                 signal.signal(signal.SIGCHLD, signal.SIG_DFL)
                 for descriptor in (reading, *self._wake):
                     os.close(descriptor)
                 self._manager.close()
-                code = self._child(Lifeline(writing, told))
+                code = self._child(WatchdogPipe(writing, told))
         except BaseException:
             traceback.print_exc()
         finally:
@@ -183,7 +183,7 @@ class Supervisor:
             if signs in ready:
                 data = _read(signs)
                 watch.heard(data, now)
-                if not data:  # closed, by its end for one: that is told by a signal
+                if not data:  # closed, for example by its end, which a signal reports
                     waiting.unregister(signs)
             if self._wake[0] in ready and self._wanted_to_end():
                 watch.asked_to_end(now)
@@ -198,18 +198,18 @@ class Supervisor:
 
 
 def _nothing(_number: int, _frame: Any) -> None:
-    """What a signal means is read from the pipe."""
+    """Do nothing: the signal's number is read from the pipe."""
 
 
 def _read(descriptor: int) -> bytes:
     try:
         return os.read(descriptor, 4096)
     except BlockingIOError:
-        return b"\0"  # no sign, and not closed either
+        return b"\0"  # no data, and not closed
 
 
 def _terminal() -> list[Any] | None:
-    """How the terminal behaves before somebody reads lines from it; None if there is none."""
+    """Settings of the terminal before a program reads lines from it; None if there is no terminal."""
     try:
         return termios.tcgetattr(0)
     except (OSError, termios.error):
@@ -217,7 +217,7 @@ def _terminal() -> list[Any] | None:
 
 
 def _restore(attributes: list[Any] | None) -> None:
-    """A child that was killed while somebody typed has left it without an echo."""
+    """Restore the terminal, because a child that was killed during input has left it without echo."""
     with suppress(OSError, termios.error):
-        if attributes is not None and os.tcgetpgrp(0) == os.getpgrp():  # else somebody else is in front of it
+        if attributes is not None and os.tcgetpgrp(0) == os.getpgrp():  # otherwise another program has the terminal
             termios.tcsetattr(0, termios.TCSANOW, attributes)

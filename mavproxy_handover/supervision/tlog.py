@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""MAVProxy's telemetry log, as a companion can have it: it keeps nobody waiting, and its end is in the file.
+"""MAVProxy's telemetry log for a companion: it never delays the main loop, and it is complete at the end.
 
-MAVProxy hands frames to the thread that writes them through queues for processes: each frame is pickled and goes
-through a pipe, and a thread behind each queue fills that pipe. When the writer falls behind or dies (a full disk),
-those threads wait for ever, memory grows, and the program hangs at its end. Queues between threads do without all this.
-These are bounded: what does not fit any more is counted and not written.
+MAVProxy passes frames to the thread that writes them through queues for processes. Each frame is pickled and goes
+through a pipe, which another thread fills. If the writer is too slow or dies (full disk), those threads wait for ever,
+memory grows, and the program hangs at its end. Queues between threads avoid that. They are bounded here: entries
+without room are counted and not written.
 """
 
 from __future__ import annotations
@@ -22,25 +22,25 @@ from MAVProxy.modules.lib import multiproc
 
 __all__ = ["LogQueue", "close_logs", "log_options", "take_queues"]
 
-#: entries; some minutes of a busy link
+#: most entries: some minutes of a busy link
 _MOST: Final = 50_000
-#: below this MAVProxy ends at its start (it says 200 MB and means 200 MiB)
+#: with less free space MAVProxy ends at its start (it says 200 MB and means 200 MiB)
 _ROOM_BYTES: Final = 209_715_200
 #: MAVProxy's name for the thread that writes both files
 _WRITER: Final = "log_writer"
 
 
 class LogQueue:
-    """What MAVProxy uses of a `multiprocessing.Queue`, between threads."""
+    """The methods of a `multiprocessing.Queue` that MAVProxy uses, between threads."""
 
     def __init__(self, most: int = _MOST) -> None:
         self._most = most
         self._entries: queue.SimpleQueue[Any] = queue.SimpleQueue()
-        #: entries that did not fit
+        #: number of entries without room
         self.lost = 0
 
     def put(self, entry: Any) -> None:
-        """Add an entry, or lose it; returns at once."""
+        """Add an entry, or drop it; returns at once."""
         if self._entries.qsize() < self._most:
             self._entries.put(entry)
         else:
@@ -51,12 +51,12 @@ class LogQueue:
         return self._entries.get(block)
 
     def empty(self) -> bool:
-        """Nothing to get now."""
+        """True if the queue is empty now."""
         return self._entries.empty()
 
 
 def take_queues(script: str) -> None:
-    """The module named `script` (MAVProxy's own) gets such queues; others, which talk to processes, theirs."""
+    """Give such queues to the module named `script` (MAVProxy). Other modules, which use processes, keep theirs."""
     original = multiproc.Queue
 
     def make(*arguments: Any) -> Any:
@@ -67,8 +67,10 @@ def take_queues(script: str) -> None:
 
 
 def log_options(argv: list[str]) -> list[str]:
-    """What a start needs besides, for it may be in flight: MAVProxy must not begin the tlog anew, nor end for want of
-    room."""
+    """Options that a start in flight needs too.
+
+    MAVProxy must append to the tlog and not end for lack of space.
+    """
     named = [word.partition("=")[2] for word in argv if word.startswith("--logfile=")]
     path = Path(named[-1]) if named else Path("mav.tlog")
     try:
@@ -82,7 +84,7 @@ def log_options(argv: list[str]) -> list[str]:
 
 
 def close_logs(mpstate: Any, limit_s: float) -> None:
-    """Write what waits, and close both files. MAVProxy ends, and so does their writer once it is woken up."""
+    """Write the waiting entries, and close both files. MAVProxy is ending; its writer ends too once it is woken up."""
     writers = [thread for thread in threading.enumerate() if thread.name == _WRITER]
     for name in ("logqueue_raw", "logqueue"):
         entries, file = getattr(mpstate, name, None), getattr(mpstate, name.replace("queue", "file"), None)
@@ -91,7 +93,7 @@ def close_logs(mpstate: Any, limit_s: float) -> None:
         for writer in writers:
             entries.put(b"")
             writer.join(limit_s)
-        with suppress(OSError, ValueError):  # no room: then it ends here
+        with suppress(OSError, ValueError):  # no room: the log ends here
             while not entries.empty():
                 file.write(entries.get())
         with suppress(OSError, ValueError):

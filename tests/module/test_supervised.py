@@ -15,7 +15,7 @@ import serial
 
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.store.lock import LockError, VehicleLock, lock_line
-from mavproxy_handover.watchdog_pipe import Lifeline, Told, hold
+from mavproxy_handover.watchdog_pipe import Told, WatchdogPipe, hold
 from tests.module.conftest import Bench
 from tests.module.test_restart import kill
 
@@ -24,14 +24,14 @@ Hold = Callable[..., Callable[[], bytes]]
 
 @pytest.fixture
 def held() -> Iterator[Hold]:
-    """Gives this process a lifeline; what it returns reads the signs so far."""
+    """Gives this process a watchdog pipe; what it returns reads the signs so far."""
     descriptors: list[int] = []
 
     def give(why: str = "", leases: bool = True) -> Callable[[], bytes]:
         reader, writer = os.pipe()
         os.set_blocking(reader, False)
         descriptors.extend((reader, writer))
-        hold(Lifeline(writer, Told(why, leases)))
+        hold(WatchdogPipe(writer, Told(why, leases)))
 
         def signs() -> bytes:
             try:

@@ -104,7 +104,7 @@ TERMS: Final = {
     r"breaths?": "stall",
     r"own voice": "sender",
     r"(best |chosen |returning )place|places? (of|for|to) (a |the )?returns?|place to return to": "return site",
-    r"signs? of (?!life)\w+|(?<!with )a sign|the signs?(?! of life)": "condition",
+    r"signs? of (?!life)\w+|(?<!with )a sign(?! of life)|the signs?(?! of life)": "condition",
 }
 
 RULES: Final = [
@@ -303,7 +303,7 @@ def _blocks(lines: list[str], line: int, kind: str) -> Iterator[Text]:
         text = raw.strip()
         if text.startswith(("```", "~~~")):
             fenced = not fenced
-        if fenced or (not block and raw.startswith("    ") and kind == "document"):
+        if fenced or (not block and raw.startswith("    ")):
             continue
         item = re.match(r"([*+-]|\d+\.|#+) +(?=\S)", text)
         ends = not text or text.startswith(("|", "```", "<!--")) or not re.search(r"\w", text) or item is not None

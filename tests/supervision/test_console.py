@@ -76,7 +76,7 @@ def test_what_nobody_reads_is_left_out_and_counted(console: Console, pipe: tuple
     console.put(writer, "last\n")
     console.drain(10.0)
     lines = os.read(reader, 4096).decode().splitlines()
-    assert lines == [*(f"line {number:4}" for number in range(10)), "[20 lines left out: nobody read them]", "last"]
+    assert lines == [*(f"line {number:4}" for number in range(10)), "[20 lines left out: no program read them]", "last"]
 
 
 def test_a_reader_that_is_gone_costs_what_it_would_have_read(console: Console, pipe: tuple[int, int]) -> None:
