@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""`handover ...` typed at the companion's MAVProxy. The table is the help, the completion and the dispatch in one."""
+"""Commands `handover ...` at the companion's MAVProxy. One table holds help, completion and functions."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ __all__ = ["VehicleCommands"]
 
 
 class VehicleCommands:
-    """Operator commands of the vehicle's side; they show, and never change who commands."""
+    """Operator commands on the vehicle. They show the state, and never change which station commands."""
 
     def __init__(self, companion: Companion, show: Callable[[str], None]) -> None:
         self._companion = companion
@@ -33,7 +33,7 @@ class VehicleCommands:
             "rehearsal": ("what was seen in the rehearsal on the ground, or in the last one", self._rehearsal),
             "cancel": ("call the present transfer off; the commander stays", self._cancel),
         }
-        #: those that take a word: which there are, text, what is done
+        #: commands with an argument: its values, help text, function
         self._worded: dict[str, tuple[tuple[str, ...], str, Callable[[str], None]]] = {
             "override": (
                 tuple(limit.value for limit in Limit),
@@ -48,7 +48,7 @@ class VehicleCommands:
         return ["<" + "|".join([*self._table, *self._worded]) + ">", *worded]
 
     def listed(self) -> list[tuple[str, str]]:
-        """What can be typed, and what it does."""
+        """The commands with their help texts."""
         worded = [(f"{name} {'|'.join(words)}", text) for name, (words, text, _run) in self._worded.items()]
         return [*((name, text) for name, (text, _run) in self._table.items()), *worded]
 
@@ -172,7 +172,7 @@ class VehicleCommands:
 
 
 def _measured(port: StationPort, link: Device, now: float) -> str:
-    """A link in words: its trouble if it has one, and what was measured in the last seconds."""
+    """Text about a link: its error, if any, and the measurements of the last seconds."""
     quality = port.quality(link, now)
     words = [link.trouble] if link.trouble else []
     if len(port.links) > 1:

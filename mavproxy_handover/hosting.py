@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What both MAVProxy modules need: nothing of theirs raises into MAVProxy, and what stops them is said in one line."""
+"""Helpers of both MAVProxy modules: no exception reaches MAVProxy, and a failed load is reported in one line."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ __all__ = ["SharedLog", "guarded", "refusal", "why"]
 def guarded(
     where: str, job: Callable[[], object], fault: Callable[[str, str], None], show: Callable[[], None] | None = None
 ) -> None:
-    """Run `job`; if it breaks, `fault` is told where and what, and `show` is called.
+    """Run `job`. If it raises, `fault` gets the place and the exception, and `show` is called.
 
-    MAVProxy would swallow an exception, or drop the socket it came from, without a word.
+    MAVProxy would swallow an exception without a report, or drop the socket that it came from.
     """
     try:
         job()
@@ -34,12 +34,12 @@ def guarded(
             show()
 
 
-#: each is one line for people
+#: errors whose text is one line for people
 _EXPECTED = (ConfigError, KeysError, LinkError, LockError, MissionError)
 
 
 def refusal(error: Exception) -> Refusal:
-    """What kind of error keeps a module from being loaded."""
+    """Kind of the error for which a module is not loaded."""
     if isinstance(error, LockError):
         return Refusal.LOCKED
     return Refusal.MACHINE if isinstance(error, (*_EXPECTED, OSError)) else Refusal.FAULT
@@ -55,9 +55,9 @@ def why(error: Exception) -> str:
 
 
 class SharedLog:
-    """Whether MAVProxy's tlog is another MAVProxy's too: started in one folder they all write `mav.tlog`.
+    """Detects that another MAVProxy writes to the same tlog: in one folder they all write `mav.tlog`.
 
-    Each of ours locks the one that it has, for as long as it has it. `show` takes the line for people.
+    Each of our MAVProxys locks its tlog while it uses it. `show` takes the line for people.
     """
 
     def __init__(self, mpstate: Any, show: Callable[[str], None]) -> None:
@@ -65,7 +65,7 @@ class SharedLog:
         self._known = False
 
     def look(self, _now: float) -> None:
-        """To be called each second: MAVProxy opens it behind the modules."""
+        """Check the tlog. Call it each second, because MAVProxy opens it after the modules."""
         file = getattr(self._mpstate, "logfile", None)
         if self._known or file is None:
             return
@@ -75,5 +75,5 @@ class SharedLog:
         except BlockingIOError:
             text = f"{file.name} is written by another MAVProxy as well, and is of no use to either: start each with a "
             self._show(f"handover: {text}--logfile of its own")
-        except (OSError, ValueError, AttributeError):  # no file, or of a kind that cannot be locked
+        except (OSError, ValueError, AttributeError):  # no file, or a kind of file that cannot be locked
             return

@@ -2,18 +2,18 @@
 
 """`module load handover`: the MAVProxy module of the companion computer.
 
-It decides nothing: it opens the stations' sockets, hands bytes, messages and ticks to `Companion`, and shows what comes
-back. What it must see to, because MAVProxy does not:
+It decides nothing. It opens the stations' sockets, passes bytes, messages and ticks to `Companion`, and shows the
+output. It does what MAVProxy does not:
 
-* nothing reaches the autopilot past the gate: it refuses to load while `--out` links exist, and switches `mavfwd`,
-  `mavfwd_disarmed` and MAVProxy's own heartbeat off, and off again if somebody switches them on;
-* every callback is wrapped: MAVProxy would swallow an exception, or drop the socket, without a word; and what breaks in
-  one step of the main loop leaves the others alone, the lease before all;
-* its sockets are polled in `idle_task` as well, because MAVProxy does not select on them while it has no master;
-* it is the vehicle's only judge: it holds the vehicle's lock, and that of a serial line to the autopilot.
+* no frame reaches the autopilot past the gate. It refuses to load while `--out` links exist. It switches `mavfwd`,
+  `mavfwd_disarmed` and MAVProxy's own heartbeat off, and again off if an operator switches them on;
+* every callback is wrapped, because MAVProxy would swallow an exception or drop the socket without a report. An
+  exception in one step of the main loop does not stop the others, above all not the lease;
+* its sockets are polled in `idle_task` as well, because MAVProxy does not select on them without a master;
+* it is the vehicle's only judge: it holds the lock of the vehicle, and that of a serial line to the autopilot.
 
-The lease goes out from MAVProxy's main loop, so it stops when that loop stalls; and so do the signs of life to the
-supervisor (`watchdog_pipe.py`) or, where there is none, to a service manager (`supervision/manager.py`).
+MAVProxy's main loop sends the lease, so the lease stops if that loop stalls. The same is true of the signs of life to
+the supervisor (`watchdog_pipe.py`) or, without one, to a service manager (`supervision/manager.py`).
 """
 
 from __future__ import annotations
@@ -60,18 +60,18 @@ from mavproxy_handover.wire.signing import SignedPeer
 
 __all__ = ["HandoverModule", "init"]
 
-#: MAVProxy settings that would let others past the gate -> the value that does not
+#: MAVProxy settings that would let frames past the gate -> the value that does not
 _SETTINGS = {"mavfwd": False, "mavfwd_disarmed": False, "heartbeat": 0}
-#: how often links are measured where a station has several, which are probed 10 times a second, and where none has
+#: intervals (s) of measuring the links: with several links of a station, which are probed 10 times a second, and
+#: without
 _SEVERAL_S, _SINGLE_S = 0.05, 0.5
-#: how often links are looked at though MAVProxy waits for what they receive: lines have to be opened again
+#: interval (s) of reading links even if MAVProxy waits for them, because lines have to be opened again
 _POLL_S = 0.2
 _TOO_OFTEN = (
     "restarted too often: no leases, no station commands, the guard brings the aircraft home. Find out why in the "
-    "journal, "
-    "then start `handover companion` anew"
+    "journal, then start `handover companion` again"
 )
-#: the autopilot's name in the replay state: longer than a station's may be
+#: the autopilot's name in the replay state, longer than a station's can be
 _AUTOPILOT = "autopilot of this vehicle"
 #: arguments of the last load, for `module reload handover`
 _last: dict[str, str] = {}
@@ -90,18 +90,20 @@ class HandoverModule(mp_module.MPModule):
         names: Names,
         box: BoxLine | None = None,
     ) -> None:
-        """`lock`: the vehicle's; `names`: of the hosts that links and box use; `box`: its position box, where there is
-        one. Raises OSError: the journal cannot be written, and it is no restart.
+        """`lock`: lock of the vehicle. `names`: addresses of the hosts of links and box. `box`: the position box, if
+        there is one.
+
+        Raises OSError if the journal cannot be written, except in a restart.
         """
         config = running.config
         super().__init__(mpstate, "handover", "authority handover (companion)", public=True, multi_vehicle=True)
         self.lock = lock
-        for descriptor in lock.descriptors:  # or a map's process would keep it
+        for descriptor in lock.descriptors:  # otherwise a map's process would keep it open
             mp_util.child_fd_list_add(descriptor)
         self._watchdog_pipe = watchdog_pipe()
         self._manager = ServiceManager() if self._watchdog_pipe is not None else named_manager()
         self._kept = {name: getattr(self.settings, name) for name in _SETTINGS if hasattr(self.settings, name)}
-        #: looked at in every round of the main loop, so not by name
+        #: checked in every round of the main loop, so not by name
         self._doors = [(self.settings.get_setting(name), _SETTINGS[name]) for name in self._kept]
         autopilot = None if running.autopilot_key is None else SignedPeer(running.autopilot_key, keeps_sent=True)
         self._to_autopilot = AutopilotLink(mpstate, lambda: self.master, autopilot, clocks)
@@ -119,11 +121,11 @@ class HandoverModule(mp_module.MPModule):
         jobs.append(("names", partial(self._look_up), _POLL_S))
         jobs.append(("shared log", partial(SharedLog.look, SharedLog(mpstate, self._show)), 1.0))
         self._schedule = Schedule(jobs, self.companion.fault)
-        #: when a station's frames were read last
+        #: time of the last read of a station's frames
         self._heard_at = -math.inf
-        #: and whether others came shortly before: a heartbeat now and then is no talk
+        #: True if other frames came shortly before, because a single heartbeat is no burst
         self._talking = False
-        #: when MAVProxy gets its turn, however much our links have to read
+        #: time at which MAVProxy gets its turn, however much our links have to read
         self._stay_until = 0.0
         self._watched: dict[Device, tuple[int, list[int]]] = {}
         self._by_descriptor: dict[int, tuple[StationPort, Device]] = {}
@@ -162,8 +164,8 @@ class HandoverModule(mp_module.MPModule):
         if not_kept:
             self.companion.event_log.running_by(not_kept)
         self._running = replace(running, recorded=not not_kept)
-        # what is here now stays: Python need not look through all of it for garbage in the middle of a flight, 30 ms
-        # on a desk in one go, and whoever makes us parse a lot decides when
+        # these objects stay, so the garbage collector need not check them in flight. On a PC that takes 30
+        # ms at once, and a sender of much data would choose the time
         gc.freeze()
 
     def _guard_against_replay(self, config: VehicleConfig, peers: dict[str, SignedPeer]) -> None:
@@ -179,7 +181,7 @@ class HandoverModule(mp_module.MPModule):
             self._show(f"handover: {note}")
 
     def _supervised(self) -> None:
-        """What the supervisor has to say, if there is one: why it is a restart, and whether it is one too many."""
+        """Report the supervisor's facts, if there is one: why this is a restart, and if it was one too many."""
         if self._watchdog_pipe is None:
             return
         self._watchdog_pipe.at_the_end = partial(self._guarded, "journal", self.companion.journal.close)
@@ -211,7 +213,7 @@ class HandoverModule(mp_module.MPModule):
             self.companion.fault("message of the autopilot", traceback.format_exc(limit=-3))
 
     def _readable(self, where: tuple[StationPort, Device]) -> None:
-        """A link has something to read."""
+        """Read a link that is readable."""
         self._guarded("link", partial(self._serve, *where, once=True))
         self._guarded("link", self._stay)
 
@@ -219,7 +221,7 @@ class HandoverModule(mp_module.MPModule):
         self._guarded("command", lambda: self._commands.run(args), "handover: internal fault, see the journal")
 
     def unload(self) -> None:
-        """Give everything back: sockets, command, settings."""
+        """Release everything: sockets, command, settings."""
         for fileno, held in self._watched.values():
             self.mpstate.select_extra.pop(fileno, None)
             for descriptor in held:
@@ -253,14 +255,14 @@ class HandoverModule(mp_module.MPModule):
             mp_util.child_fd_list_remove(descriptor)
         self.lock.release()
 
-    # ---- behind them ----------------------------------------------------------------------------------------------
+    # ---- implementation ---------------------------------------------------------------------------------------------
 
     def _guarded(self, where: str, job: Callable[[], object], line: str = "") -> None:
-        """Run `job`; if it breaks, count and journal that, and show `line`."""
+        """Run `job`. If it raises, count and journal that, and show `line`."""
         guarded(where, job, self.companion.fault, partial(self._show, line) if line else None)
 
     def _stay(self) -> None:
-        """Serve our links while nothing else happens (see `main_loop`)."""
+        """Serve our links until MAVProxy has something to do (see `main_loop`)."""
         now, until, gate = time.monotonic(), self._stay_until, self.companion.gate
         waiting, ours = poller(waited_for(self.mpstate)), self._by_descriptor
         while now < until:
@@ -273,19 +275,19 @@ class HandoverModule(mp_module.MPModule):
             for fileno in ready:
                 port, link = ours[fileno]
                 self._serve(port, link, once=True)
-                if self._by_descriptor is not ours:  # nor does `waiting` hold any longer
+                if self._by_descriptor is not ours:  # `waiting` is obsolete too
                     return
             if others:
                 return
             now = time.monotonic()
-            if now >= due:  # however much there is to read
+            if now >= due:  # even if there is more to read
                 self._guarded("idle", self._idle)
                 waiting, ours = poller(waited_for(self.mpstate)), self._by_descriptor
                 now = time.monotonic()
 
     def _send_downloads(self, now: float) -> None:
         gate = self.companion.gate
-        if gate.downloads.wait:  # in every round: nearly never so
+        if gate.downloads.wait:  # checked in every round; nearly always false
             self._guarded("downloads", partial(gate.downloads.send, now))
 
     def _serve(self, port: StationPort, link: Device, once: bool = False) -> None:
@@ -305,7 +307,7 @@ class HandoverModule(mp_module.MPModule):
         now = time.monotonic()
         if self.companion.autopilot.aircraft.uncompared:
             self.companion.check_zones(now)
-        if now < self._idle_at:  # a round for every frame that comes in: most of them have nothing to do here
+        if now < self._idle_at:  # called for every frame that comes in: usually there is nothing to do
             return
         self._idle_at = now + TICK_S
         self._guarded("autopilot link", self._to_autopilot.choose)
@@ -319,12 +321,12 @@ class HandoverModule(mp_module.MPModule):
         self._guarded("tlog", partial(self._to_autopilot.tick, now))
         if self._replay is not None:
             self._guarded("replay state", partial(self._replay.tick, now))
-        if self._watchdog_pipe is not None:  # last: what breaks above is seen by its silence
+        if self._watchdog_pipe is not None:  # last, so that an exception above shows by silence
             self._watchdog_pipe.beat(now)
         self._manager.in_order(now, lived=True)
 
     def _poll(self, now: float) -> None:
-        """Read all links if MAVProxy does not wait for them, as while it has no link to the autopilot."""
+        """Read all links if MAVProxy does not wait for them, for example without a link to the autopilot."""
         if waited_for(self.mpstate):
             return
         for port, link in self._links:
@@ -335,7 +337,7 @@ class HandoverModule(mp_module.MPModule):
         self._watch(port, link)
 
     def _look_up(self, now: float) -> None:
-        """Hosts are looked up beside the main loop; what was found is kept for a restart."""
+        """Start look-ups of host names in a thread, and store the results for a restart."""
         self._names.tick(now)
         if self._names.known != self._running.addresses:
             running = self._running = replace(self._running, addresses=self._names.known)
@@ -345,19 +347,19 @@ class HandoverModule(mp_module.MPModule):
         self.companion.on_links(port, port.tick(now), now)
 
     def _watch(self, port: StationPort, link: Device) -> None:
-        """Have MAVProxy wait for the descriptor that the link has now: a new connection has a new one."""
+        """Let MAVProxy wait for the link's current descriptor; a new connection has a new one."""
         before, held = self._watched.get(link, (-1, []))
         fileno, holds = link.fileno(), link.descriptors()
         if (before, held) == (fileno, holds):
             return
         handler = (self._readable, (port, link))
-        if self.mpstate.select_extra.get(before) == handler:  # its number may be another link's by now
+        if self.mpstate.select_extra.get(before) == handler:  # the number may be another link's by now
             del self.mpstate.select_extra[before]
         if fileno >= 0:
             self.mpstate.select_extra[fileno] = handler
         for descriptor in held:
             mp_util.child_fd_list_remove(descriptor)
-        for descriptor in holds:  # or a map's process would keep the port after `unload`
+        for descriptor in holds:  # otherwise a map's process would keep the port after `unload`
             mp_util.child_fd_list_add(descriptor)
         self._watched[link] = (fileno, holds)
         self._by_descriptor = {
@@ -365,7 +367,7 @@ class HandoverModule(mp_module.MPModule):
         }
 
     def _hold_box(self) -> None:
-        """The box is read in the companion's ticks; a map's process must not keep its connection."""
+        """Keep the box's connection out of a map's process. The companion's ticks read the box."""
         holds = [] if self._box is None else self._box.descriptors()
         if holds != self._box_holds:
             for descriptor in self._box_holds:
@@ -380,7 +382,8 @@ class HandoverModule(mp_module.MPModule):
                 name, setting.value = setting.name, value
                 if tell:
                     self._show(f"handover: {name} is set back to {value}: only the gate lets stations through")
-        if not self.mpstate.mav_outputs and not self.mpstate.sysid_outputs:  # in every round: nearly always so
+        # checked in every round; nearly always true
+        if not self.mpstate.mav_outputs and not self.mpstate.sysid_outputs:
             return
         for output in _take_outputs(self.mpstate, self.companion.config):
             self._guarded("output", output.close)
@@ -394,7 +397,7 @@ class HandoverModule(mp_module.MPModule):
 
 
 def _keep(running: Running) -> None:
-    """Where there is no room the next restart begins with what it can look up."""
+    """Store the run. If there is no room, the next restart looks up what it can."""
     keep(running)
 
 
@@ -403,13 +406,13 @@ def _measured_s(port: StationPort) -> float:
 
 
 def _outputs(mpstate: Any, config: VehicleConfig) -> list[Any]:
-    """MAVProxy's outputs that may not be. One that stands for a system id takes that system's messages from us."""
+    """Forbidden outputs of MAVProxy. An output for a system id takes that system's messages from us."""
     allowed = [] if not config.listen_only_outputs else list(mpstate.mav_outputs)
     return [output for output in (*mpstate.mav_outputs, *mpstate.sysid_outputs.values()) if output not in allowed]
 
 
 def _take_outputs(mpstate: Any, config: VehicleConfig) -> list[Any]:
-    """Take those outputs out of MAVProxy's lists."""
+    """Remove the forbidden outputs from MAVProxy's lists."""
     outputs = _outputs(mpstate, config)
     for output in outputs:
         if output in mpstate.mav_outputs:
@@ -419,10 +422,10 @@ def _take_outputs(mpstate: Any, config: VehicleConfig) -> list[Any]:
 
 
 def init(mpstate: Any, config: Any = None, journal: Any = None, **unknown: Any) -> HandoverModule | None:
-    """Called by MAVProxy. Without a usable configuration it says why, and MAVProxy lives on.
+    """Called by MAVProxy. Without a valid configuration it reports the reason, and MAVProxy goes on.
 
-    `config`: path of the configuration file (`module load handover:{"config":"FILE"}`); `journal`: where the journal is
-    written, in place of what the configuration says: `handover` gives it a folder for each run.
+    `config`: path of the configuration file (`module load handover:{"config":"FILE"}`). `journal`: path of the journal,
+    instead of the configuration's, because `handover` makes a folder for each run.
     """
     if unknown:
         refused(mpstate, "handover", f"unknown argument {', '.join(unknown)}; allowed are: config, journal")
@@ -461,7 +464,7 @@ def init(mpstate: Any, config: Any = None, journal: Any = None, **unknown: Any) 
                 names.find(parse_device(settings.position.box))
             box = BoxLine(settings.position.box, clocks.monotonic, names, settings.position.layout)
         module = HandoverModule(mpstate, running, ports, lock, clocks, names, box)
-    except Exception as error:  # whatever: MAVProxy would not live through it when it loads its default modules
+    except Exception as error:  # any error: MAVProxy would end if a default module raised
         for port in ports.values():
             for link in port.links:
                 mpstate.select_extra.pop(link.fileno(), None)
@@ -482,7 +485,7 @@ def init(mpstate: Any, config: Any = None, journal: Any = None, **unknown: Any) 
 
 
 def _lock_lines(mpstate: Any) -> None:
-    """Raises LockError: a serial line to the autopilot is somebody else's too."""
+    """Lock the serial lines to the autopilot. Raises LockError if another program uses one too."""
     for master in mpstate.mav_master:
         port = getattr(master, "port", None)
         if isinstance(port, serial.Serial) and port.is_open:

@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""How MAVProxy starts our modules, and what happens when one of them cannot be loaded.
+"""Lets MAVProxy load our modules, and handles a module that cannot be loaded.
 
-MAVProxy without the module would go on unsigned and ungated, and would not say so. So a MAVProxy that was started for
-the module ends, with exit code 2 and one sentence that says why. A module that an operator loads by hand only says why.
+MAVProxy without the module would go on unsigned and ungated, and would not report it. So a MAVProxy that was started
+for the module ends with exit code 2 and one sentence that gives the reason. If an operator loads the module by hand,
+only the reason is shown.
 
-Imports the standard library alone: the supervisor must stay single-threaded, and other parts import what starts
-threads. A broken numpy or shapely must not keep this module from saying so.
+It imports only the standard library, because the supervisor must stay single-threaded, and imports of other parts start
+threads. A broken numpy or shapely must not keep this module from reporting it.
 """
 
 from __future__ import annotations
@@ -25,12 +26,12 @@ __all__ = ["MUST_LOAD", "import_fault", "loaded", "module_fault", "must_load", "
 #: set by `handover station` and `handover companion` in the environment of the MAVProxy that they become. It holds the
 #: command's name. The first load removes it
 MUST_LOAD: Final = "HANDOVER_MUST_LOAD"
-#: exit code of a command line that cannot be carried out
+#: exit code for wrong usage
 _USAGE: Final = 2
 
 
 def must_load(command: str) -> None:
-    """This process is about to become MAVProxy: it must load our module, or end."""
+    """Require that MAVProxy, which this process will become, loads our module or ends."""
     os.environ[MUST_LOAD] = command
 
 
@@ -40,10 +41,7 @@ def loaded() -> None:
 
 
 def starter(name: str, module: str) -> Callable[..., Any]:
-    """The function `init` that MAVProxy calls to load `name`; `module` holds the real one, and is imported then.
-
-    An import that fails is said in one sentence, as every other reason is.
-    """
+    """A failed import is reported in one sentence, like every other reason."""
 
     def init(mpstate: Any, **arguments: Any) -> Any:
         try:
@@ -58,7 +56,7 @@ def starter(name: str, module: str) -> Callable[..., Any]:
 
 
 def module_fault(name: str) -> str:
-    """Why MAVProxy would not load our module by this name, and the cure; "" if it would."""
+    """Why MAVProxy would not load our module by this name, and what to do; "" if it would."""
     again = f"Run: {sys.executable} -m pip install --force-reinstall --no-deps mavproxy-handover"
     try:
         module = importlib.import_module(name)
@@ -89,12 +87,12 @@ def refused(mpstate: Any, name: str, text: str, kind: Refusal = Refusal.MACHINE)
     if command is not None:
         sys.stdout.flush()
         print(f"{command}: module {name} is not loaded: {text}", file=sys.stderr, flush=True)
-        # nothing is open yet that must be closed, and MAVProxy's threads would hold up a plain exit
+        # nothing is open yet that must be closed, and MAVProxy's threads would delay a normal exit
         os._exit(_USAGE)
 
 
 def import_fault(error: Exception) -> str:
-    """What is wrong with the installation, and the cure, in one sentence. `error`: what an import raised."""
+    """Fault of the installation, and what to do, in one sentence. `error`: exception of an import."""
     error = _numpys_own(error)
     pip = f"{sys.executable} -m pip install"
     if isinstance(error, ModuleNotFoundError) and error.name:
@@ -107,7 +105,7 @@ def import_fault(error: Exception) -> str:
 
 
 def _numpys_own(error: Exception) -> Exception:
-    """What an import of numpy raises, if it does: other packages fail by it, with words of their own."""
+    """The exception of an import of numpy, if it raises. Other packages fail because of it, with other texts."""
     try:
         importlib.import_module("numpy")
     except Exception as fault:
@@ -116,13 +114,13 @@ def _numpys_own(error: Exception) -> Exception:
 
 
 def _first_line(error: BaseException) -> str:
-    """numpy explains a failed import on a page of its own; people need the first line of what it explains."""
+    """The first line of an error: numpy explains a failed import on a whole page."""
     error = error.__cause__ or error
     return next((line.strip() for line in str(error).splitlines() if line.strip()), "no reason given")
 
 
 def _broken_package(error: BaseException) -> str | None:
-    """The outermost package that is not ours on the way to where an import failed; None if there is none."""
+    """The outermost foreign package on the path to a failed import; None if there is none."""
     trace = error.__traceback__
     while trace is not None:
         package = str(trace.tb_frame.f_globals.get("__name__", "")).partition(".")[0]

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Where files that ship lie (missions, guard, constraints): in a checkout beside the package, installed inside it."""
+"""Paths of shipped files (missions, guard, constraints): in a checkout beside the package, otherwise inside it."""
 
 from __future__ import annotations
 

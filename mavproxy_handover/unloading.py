@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""`module unload handover` in flight takes authority and gate away, and the aircraft comes home: it has to be typed
-twice.
+"""Asks for confirmation before `module unload handover` in flight.
 
-MAVProxy asks no module whether it may be unloaded. So its command `module` goes through here while ours is loaded.
+Unloading in flight removes authority and gate, and the guard brings the aircraft home, so the command must be typed
+twice. MAVProxy does not ask a module whether it may be unloaded. So its command `module` is redirected to here while
+our module is loaded.
 """
 
 from __future__ import annotations
@@ -14,13 +15,13 @@ from typing import Any, Final
 
 __all__ = ["AGAIN_S", "UnloadQuestion"]
 
-#: typed again within so many seconds it is meant
+#: a repetition within this time (s) confirms it
 AGAIN_S: Final = 10.0
 _WORDS: Final = ("unload", "reload")
 
 
 class UnloadQuestion:
-    """Stands in MAVProxy's table of commands from `take` to `give_back`. Times are monotonic seconds."""
+    """Replaces `module` in MAVProxy's table of commands, from `take` to `give_back`. Times are monotonic seconds."""
 
     def __init__(
         self,
@@ -41,13 +42,13 @@ class UnloadQuestion:
         self._own: tuple[Callable[[list[str]], None], str] | None = None
 
     def take(self) -> None:
-        """From now on commands go through here."""
+        """Redirect the command to here."""
         self._inner = self._command_map.get("module")
         if self._inner is not None:
             self._own = self._command_map["module"] = (self._run, self._inner[1])
 
     def give_back(self) -> None:
-        """Leave the command as it was; another one that has taken our place since stays."""
+        """Restore the command, unless another program has replaced it since."""
         if self._inner is not None and self._command_map.get("module") is self._own:
             self._command_map["module"] = self._inner
         self._inner = None

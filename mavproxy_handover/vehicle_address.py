@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The vehicle's address for a station, as it travels with a shared mission. Pure: no socket, no name service.
+"""The vehicle's address for a station, as a shared mission carries it. Pure: no socket, no name service.
 
-The address comes from another computer, so it is strict: UDP to an IPv4 address in digits and a port. There is no room
-for a host name, a file, a device or a listening link. MAVProxy opens these links: it knows no IPv6, and while a TCP
-link cannot be connected, it waits for that link in its main loop and reads no other one. So there is no TCP here.
+The address comes from another computer, so only UDP to an IPv4 address in digits and a port is allowed. There is no
+room for a host name, a file, a device or a listening link. MAVProxy opens these links, and it supports no IPv6. While a
+TCP link cannot be connected, MAVProxy waits for it in its main loop and reads no other link, so TCP is not allowed.
 
 On the wire each address is one entry of 8 bytes, in network byte order: station u8, kind u8, port u16, IPv4 address
-u32. An entry of zeros is no entry. A kind that this version does not know is skipped: a newer program sent it.
+u32. An entry of zeros is empty. An unknown kind is skipped, because a newer program sent it.
 """
 
 from __future__ import annotations
@@ -43,8 +43,9 @@ ALLOWED: Final = "udpout:ADDRESS:PORT, ADDRESS an IPv4 address in digits"
 MAX_ADDRESSES: Final = 22
 #: paths to one station
 MAX_OF_STATION: Final = 4
-#: The link of a station that has none to the vehicle. Nothing arrives at a loopback port that the system chooses;
-#: MAVProxy without any link would open one on every interface of the computer, or a serial port that it finds.
+#: Label of a station's placeholder link while it has none to the vehicle. Nothing arrives at a loopback port that the
+#: system chooses. Without any link MAVProxy would open one on every interface of the computer, or a serial port that it
+#: finds.
 WAITING_LABEL: Final = "no-vehicle-yet"
 WAITING_LINK: Final = f'udpin:127.0.0.1:0:{{"label":"{WAITING_LABEL}"}}'
 _TEXT: Final = 60
@@ -59,7 +60,7 @@ _RESERVED: Final = ipaddress.IPv4Network("240.0.0.0/4")
 
 @dataclass(frozen=True, slots=True)
 class VehicleAddress:
-    """Where a station reaches the vehicle by UDP. `host`: an IPv4 address in digits."""
+    """Address at which a station reaches the vehicle by UDP. `host`: an IPv4 address in digits."""
 
     host: str
     port: int
@@ -71,7 +72,7 @@ class VehicleAddress:
 
 
 def parse_address(text: object) -> VehicleAddress:
-    """The address that `text` says in pymavlink's form. Raises ValueError: one line that says what is wrong."""
+    """Parse an address in pymavlink's form. Raises ValueError: one line that says what is wrong."""
     kind, _, rest = text.partition(":") if isinstance(text, str) else ("", "", "")
     host, _, port = rest.partition(":")
     if kind != _WORD or not _is_number(port) or not 1 <= int(port) <= 65535:
@@ -88,7 +89,7 @@ def parse_address(text: object) -> VehicleAddress:
 
 
 def why_unusable(address: VehicleAddress) -> str:
-    """Why no vehicle can be reached at this address, in words; "" if one can."""
+    """Why no vehicle can have this address, as text; "" if one can."""
     host = ipaddress.IPv4Address(address.host)
     if host in _THIS_NETWORK:
         return f"{address.host} names no computer"
@@ -100,12 +101,12 @@ def why_unusable(address: VehicleAddress) -> str:
 
 
 def on_this_computer(address: VehicleAddress) -> bool:
-    """Whether the address is a loopback address, which leads back to the computer that uses it."""
+    """True if the address is a loopback address, which leads to the computer that uses it."""
     return ipaddress.IPv4Address(address.host).is_loopback
 
 
 def pack_addresses(addresses: Addresses, only: int | None = None) -> bytes:
-    """The addresses as they travel, of all stations or of one; no more than MAX_ADDRESSES, the rest is left out."""
+    """Pack the addresses of all stations or of one. At most MAX_ADDRESSES; the rest is left out."""
     entries = [(station, each) for station, listed in addresses.items() for each in listed if only in (None, station)]
     return b"".join(
         _ENTRY.pack(station, _UDP_OUT, address.port, int(ipaddress.IPv4Address(address.host)))
@@ -114,7 +115,7 @@ def pack_addresses(addresses: Addresses, only: int | None = None) -> bytes:
 
 
 def unpack_addresses(data: Sequence[int] | bytes) -> dict[int, tuple[VehicleAddress, ...]]:
-    """The addresses in a MISSION_PACKAGE, whatever its bytes; each station's without doubles."""
+    """Unpack the addresses in a MISSION_PACKAGE, whatever its bytes; without duplicates for a station."""
     raw = bytes(data)
     found: dict[int, tuple[VehicleAddress, ...]] = {}
     for start in range(0, min(len(raw), MAX_ADDRESSES * _ENTRY.size) - _ENTRY.size + 1, _ENTRY.size):
@@ -128,7 +129,7 @@ def unpack_addresses(data: Sequence[int] | bytes) -> dict[int, tuple[VehicleAddr
 
 
 def plain_text(text: object) -> str:
-    """Printable text of a bounded length, whatever another program sent."""
+    """Printable text of limited length, whatever another program sent."""
     return "".join(letter for letter in str(text)[:_TEXT] if letter.isprintable())
 
 

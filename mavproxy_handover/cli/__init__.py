@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The command `handover`: one table of subcommands, each imported only when it is used.
+"""The command `handover`: a table of subcommands. Each is imported only when it is used.
 
-Exit codes everywhere: 0 all is well, 1 the answer is no (a check found errors, an expectation did not hold), 2 wrong
-usage or bad input, with one line that says what and where. When nobody reads the output any more (`handover policy |
-head`), every subcommand ends without a word, with what a shell says of a program that such a pipe has ended: 141.
+Exit codes of all: 0 success, 1 negative result (a check found errors, an expectation failed), 2 wrong usage or bad
+input, with one line that says what and where. If the reader of the output has gone (`handover policy | head`), every
+subcommand ends without a message. Its exit code is then 141, as a shell reports for a program that such a pipe has
+ended.
 """
 
 from __future__ import annotations
@@ -85,11 +86,11 @@ def _usage() -> str:
 
 
 class _NobodyReads(SystemExit):
-    """Out of any place that prints. No OSError: nothing on the way shall take it for trouble of its own."""
+    """Raised by any print to end the program. It is no OSError, so that no other handler catches it."""
 
 
 class _Output:
-    """Standard output, or error output, that ends the program when its reader has gone."""
+    """Standard output or error output. It ends the program when its reader has gone."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
@@ -112,7 +113,7 @@ class _Output:
         try:
             yield
         except BrokenPipeError:
-            # what still waits in it goes nowhere: the interpreter would complain about it at its end
+            # drop the waiting text, or the interpreter would complain at its end
             with contextlib.suppress(OSError, ValueError):  # it may be no file
                 nowhere = os.open(os.devnull, os.O_WRONLY)
                 os.dup2(nowhere, self._stream.fileno())
@@ -123,7 +124,7 @@ class _Output:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command line; returns the exit code."""
     streams = sys.stdout, sys.stderr
-    wrapped = [None if stream is None else _Output(stream) for stream in streams]  # None: closed by whoever started us
+    wrapped = [None if stream is None else _Output(stream) for stream in streams]  # None: the parent process closed it
     sys.stdout, sys.stderr = cast("list[TextIO]", wrapped)
     try:
         code = _run(list(sys.argv[1:] if argv is None else argv))
@@ -144,7 +145,7 @@ def _run(words: list[str]) -> int:
         print(f"handover {VERSION}")
         return 0
     if words[0] not in COMMANDS:
-        print(f"handover: unknown command {words[0]!r}; known are {', '.join(COMMANDS)}", file=sys.stderr)
+        print(f"handover: unknown command {words[0]!r}; the commands are {', '.join(COMMANDS)}", file=sys.stderr)
         return 2
     module, function, _text = COMMANDS[words[0]]
     try:
@@ -159,7 +160,7 @@ def _run(words: list[str]) -> int:
 
 
 def _cannot_import(word: str, error: Exception) -> int:
-    """Say in one sentence which package is missing or broken, and what to do."""
+    """Report in one sentence which package is missing or broken, and what to do."""
     name = (getattr(error, "name", "") or "").split(".")[0]
     if isinstance(error, ModuleNotFoundError) and name in _EXTRAS:
         text = f"needs {name}: pip install 'mavproxy-handover[{_EXTRAS[name]}]'"

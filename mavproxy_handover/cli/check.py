@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""`handover check`: the command line of the check before flight. What it judges and prints is `mission/check.py`."""
+"""The command line of `handover check`. `mission/check.py` judges and prints."""
 
 from __future__ import annotations
 
@@ -41,8 +41,11 @@ def _wind(text: str) -> Wind:
 
 
 def _stations(named: str | None, package: MissionPackage) -> tuple[Station, ...]:
-    """The stations of the vehicle's file: of the one that is named, or of the one that the companion would find, if
-    that is for the stations of this mission; else none. Raises ConfigError or ImportError for a named one."""
+    """The stations of the vehicle's file, which is named or found as the companion would find it.
+
+    A file that is not named counts only if it has the stations of this mission; otherwise there are none. Raises
+    ConfigError or ImportError for a named one.
+    """
     try:  # the check of a mission needs no MAVLink, which the configuration does
         from mavproxy_handover.config.files import find_vehicle_config, load_vehicle
 
@@ -93,7 +96,7 @@ def main(args: Sequence[str]) -> int:
     )
     try:
         options = parser.parse_args(list(args))
-    except SystemExit as stop:  # argparse has said what it had to say
+    except SystemExit as stop:  # argparse has printed the error
         return 0 if stop.code in (0, None) else 2
     folder = Path(options.mission)
     try:

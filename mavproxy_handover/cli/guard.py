@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""`handover guard CARD`: puts the guard on the autopilot's SD card, and looks at what else is there.
+"""`handover guard CARD`: copies the guard to the autopilot's SD card, and checks the other files there.
 
 Rules that live here:
 
-1. Nothing is written before everything was looked at; then each file is written whole or not at all, and read back.
-2. A file that differs from the one to be written stays, unless `--force` is given.
-3. Every script in `APM/scripts` runs in one thread with one MAVLink receive queue: a second copy of the guard, a script
-   that takes messages from that queue, uses the guard's parameter table, or uses up the arming authorisations stands in
-   its way. Those are told by what they call; whoever knows better has `--force`.
-4. No line printed holds a key; a fingerprint names it.
-5. The script is the same for every kind of vehicle that it knows; its recommended parameters are not.
+1. Everything is checked before anything is written. Each file is written completely or not at all, and read back.
+2. A file that differs from the new one stays, unless `--force` is given.
+3. All scripts in `APM/scripts` run in one thread with one MAVLink receive queue. So some scripts disturb the guard: a
+   second copy of it, one that takes messages from the queue, uses the guard's parameter table, or uses up the arming
+   authorisations. They are recognised by their calls; `--force` overrides that.
+4. No printed line contains a key; a fingerprint names it.
+5. The script is the same for every kind of vehicle that it knows; its recommended parameters differ.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ __all__ = ["Finding", "main", "survey", "version_of"]
 _SCRIPT, _KEY = "handover_guard.lua", "handover.key"
 #: kind of vehicle -> its recommended parameters; the script is the same
 _PARAMETERS = {"copter": "handover.parm", "plane": "handover_plane.parm"}
-#: where ArduPilot looks for scripts, seen from the root of the card
+#: ArduPilot's folder of scripts, from the root of the card
 _FOLDER = Path("APM", "scripts")
 _MAX_SCRIPT_BYTES = 1_000_000
 _TABLE_KEY = 147
@@ -49,7 +49,7 @@ _AUTHORISES = re.compile(rb"\barming\s*[.:]\s*get_aux_auth_id\b")
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """Something on the card. `stops`: nothing is written because of it, unless forced."""
+    """A finding on the card. `stops`: nothing is written because of it, unless forced."""
 
     path: Path
     text: str
@@ -64,8 +64,8 @@ def main(argv: Sequence[str]) -> int:
     """Run `handover guard`. 0: all is in place; 1: something on the card stands in the way; 2: wrong usage or input."""
     parser = argparse.ArgumentParser(
         prog="handover guard",
-        description="Copy the guard, its parameters and, if wanted, the key of the leases to an autopilot's SD card, "
-        "and check what is there.",
+        description="Copy the guard, its parameters and optionally the key of the leases to an autopilot's SD card. "
+        "Check the other files there.",
     )
     parser.add_argument("card", type=Path, help="root of the SD card: the folder that holds APM")
     parser.add_argument(
@@ -146,7 +146,7 @@ def _look_at_root(card: Path, *, force: bool) -> None:
 
 
 def survey(card: Path, wanted: dict[str, bytes]) -> list[Finding]:
-    """What there is on the card that matters; `wanted` is what is to be in `APM/scripts`. Raises OSError."""
+    """Findings on the card. `wanted`: new files of `APM/scripts`. Raises OSError."""
     folder = card / _FOLDER
     findings = [_differing(folder / name, data) for name, data in wanted.items()]
     if _KEY not in wanted and (folder / _KEY).exists():
@@ -177,7 +177,7 @@ def _other_scripts(folder: Path) -> list[Finding | None]:
     findings: list[Finding | None] = []
     authorisers = 1
     paths = sorted(folder.iterdir()) if folder.is_dir() else []
-    for path in paths:  # what ArduPilot takes for a script
+    for path in paths:  # what ArduPilot runs as a script
         if path.name == _SCRIPT or path.name.startswith(".") or path.suffix.lower() != ".lua" or not path.is_file():
             continue
         code = _COMMENTS.sub(b"", _read(path) or b"")
@@ -206,15 +206,15 @@ def _read(path: Path) -> bytes | None:
 
 
 def version_of(script: bytes) -> str:
-    """A guard's version, to be said behind its name; "" if it tells none."""
+    """A guard's version, to be printed after its name; "" if it has none."""
     found = _VERSION.search(script)
     return f", version {found[1].decode('ascii')}" if found else ""
 
 
 def _place(path: Path, data: bytes) -> None:
-    """Write a file whole, and read it back from the card itself.
+    """Write a file completely, and read it back from the card itself.
 
-    A name that begins with a dot is not run meanwhile. No mode is changed: FAT refuses that.
+    Meanwhile its name begins with a dot, so that it is not run. No mode is changed, because FAT refuses that.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
@@ -224,7 +224,8 @@ def _place(path: Path, data: bytes) -> None:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
-            os.posix_fadvise(file.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)  # not from memory, when it is read back
+            # so that it is read back from the card, not from memory
+            os.posix_fadvise(file.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)
         os.replace(temporary, path)
     except OSError:
         discard(temporary)

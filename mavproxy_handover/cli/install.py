@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""`handover install companion|station`, and `handover uninstall`: this computer runs it from now on, from its start on.
+"""`handover install companion|station` and `handover uninstall`: the service that runs it on this computer.
 
-What is written is a table (`machine.py`). Rules that live here:
+A table names the files (`machine.py`). Rules that live here:
 
-* A file that somebody has changed is not written over, and not deleted, without --force. What was written stands with
-  its digest in a list beside the configuration: where root alone may write, because root deletes by it.
-* Configuration and keys are written where there are none, and never taken back; `uninstall --purge` does that.
-* What the service could not read or write when it runs is refused before anything is written.
-* With --root nothing of this machine is touched or asked: the files lie below that folder, and no program is run.
+* A file that was changed by hand is not overwritten and not deleted without --force. The digests of written files are
+  in a list beside the configuration. Only root may write that list, because root deletes by it.
+* Configuration and keys are written only if there are none, and never removed, except by `uninstall --purge`.
+* If the service could not read or write something, the installation is refused before anything is written.
+* With --root nothing of this machine is changed or queried: the files are below that folder, and no program is run.
 """
 
 from __future__ import annotations
@@ -39,30 +39,30 @@ __all__ = ["install", "uninstall"]
 _HERE: Final = Path("/")
 _MANIFEST: Final = KEYS.parent / "installed.json"
 _SAMPLES: Final = {"companion": "vehicle.toml", "station": "station.toml"}
-#: of these the service sees nothing: ProtectHome=, PrivateTmp=
+#: folders that the service cannot see: ProtectHome=, PrivateTmp=
 _HIDDEN: Final = ("/home", "/root", "/run/user", "/tmp", "/var/tmp")
-#: what has to be run behind a change of the files; missing programs are named
+#: commands to run after a change of the files; missing programs are reported
 _RELOAD: Final = (("udevadm", "control", "--reload"), ("systemctl", "daemon-reload"))
 _AFTER: Final = (
     ("systemd-sysusers", "/etc/sysusers.d/handover.conf"),
     ("systemd-tmpfiles", "--create", "/etc/tmpfiles.d/handover.conf"),
     *_RELOAD,
-    # a line that is there already is given its name and its user now
+    # gives an existing line its name and its user now
     ("udevadm", "trigger", "--subsystem-match=tty", "--action=change"),
 )
 _Config = VehicleConfig | StationConfig
 
 
 class _Refused(Exception):
-    """One line for people: nothing, or nothing more, is done."""
+    """A refusal, one line for people. Nothing, or nothing more, is done."""
 
 
 def install(argv: Sequence[str]) -> int:
     """`handover install`; 0: installed, 1: something is in the way, 2: wrong usage or bad input."""
     parser = _parser(
         "install",
-        "Have systemd run the companion, or a station without a terminal: a unit with a watchdog and little rights, a "
-        "user, a name for the autopilot's line, /etc/handover, the network's two ways.",
+        "Let systemd run the companion, or a station without a terminal. Installs a unit with a watchdog and few "
+        "rights, a user, a name for the autopilot's line, /etc/handover and both uplinks.",
     )
     parser.add_argument(
         "--device", help="companion: the autopilot's line; station: the link, if no [[vehicle]] names it"
@@ -76,7 +76,7 @@ def install(argv: Sequence[str]) -> int:
 
 
 def uninstall(argv: Sequence[str]) -> int:
-    """`handover uninstall`: takes back what `install` wrote."""
+    """`handover uninstall`: removes what `install` wrote."""
     parser = _parser("uninstall", "Take back what `handover install` wrote; logs, state, configuration and keys stay.")
     parser.add_argument("--purge", action="store_true", help="configuration, keys, logs and state as well")
     return _run(parser, argv, _uninstall)
@@ -86,7 +86,7 @@ def _parser(word: str, description: str) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog=f"handover {word}", description=description)
     parser.add_argument("kind", choices=list(CONFIGURATION), help="what this machine is")
     parser.add_argument("--root", type=Path, help="write below this folder, and run nothing")
-    parser.add_argument("--force", action="store_true", help="also what somebody has changed since")
+    parser.add_argument("--force", action="store_true", help="also files that were changed since")
     return parser
 
 
@@ -151,7 +151,7 @@ def _install(arguments: argparse.Namespace, root: Path) -> None:
 
 
 def _can_be_run(program: str) -> None:
-    """By the service. Raises ConfigError."""
+    """Check that the service can run the program. Raises ConfigError."""
     if not os.access(program, os.X_OK):
         raise ConfigError(f"--program {program}: there is no such program")
     base = sys.base_prefix if Path(program) == _own_program() else program
@@ -165,7 +165,10 @@ def _hidden(path: str | Path) -> bool:
 
 
 def _write_all(root: Path, kind: str, found: Sequence[Item], *, force: bool, anew: bool) -> None:
-    """`anew`: configuration and keys too. Whatever happens, the list says what lies there. Raises _Refused, OSError."""
+    """Write all files. `anew`: configuration and keys too. Raises _Refused, OSError.
+
+    Whatever happens, the list names the files that exist.
+    """
     written = _manifest(root, kind)
     in_the_way = [item.path for item in found if not item.kept and _changed(root, item, written)]
     if in_the_way and not force:
@@ -182,7 +185,7 @@ def _write_all(root: Path, kind: str, found: Sequence[Item], *, force: bool, ane
             if not item.kept:
                 written[str(item.path)] = _digest(item.text.encode())
             print(f"written  {item.path}")
-        for path in sorted(set(written) - {str(item.path) for item in found}):  # of an installation before this one
+        for path in sorted(set(written) - {str(item.path) for item in found}):  # of an earlier installation
             if _take_back(root, path, written, force=force):
                 print(f"deleted  {path}")
     finally:
@@ -193,9 +196,9 @@ def _write_all(root: Path, kind: str, found: Sequence[Item], *, force: bool, ane
 
 
 def _configuration(kind: str, given: Path | None, root: Path, *, force: bool) -> tuple[list[Item], list[str]]:
-    """The configuration, with the keys that it names; and the serial lines of the one that will be in force.
+    """The configuration with its keys, and the serial lines of the configuration that will be in force.
 
-    One that is there already stays, unless another one is given by force. Raises ConfigError, KeysError, OSError.
+    An existing one stays, unless another one is given with --force. Raises ConfigError, KeysError, OSError.
     """
     path = CONFIGURATION[kind]
     there = below(root, path)
@@ -222,7 +225,7 @@ def _configuration(kind: str, given: Path | None, root: Path, *, force: bool) ->
 
 
 def _layout(config: VehicleConfig, given: Path, path: PurePosixPath) -> list[Item]:
-    """The file of the position box's layout, if it lies beside the configuration. Raises ConfigError."""
+    """The file of the position box's layout, if it is beside the configuration. Raises ConfigError."""
     file = config.position.layout_file
     if file is None or file == Path(path.parent) / file.name:
         return []
@@ -274,7 +277,7 @@ def _serial(config: _Config) -> list[str]:
 
 
 def _write(target: Path, item: Item) -> None:
-    """Whole or not at all, and with its mode from the first moment on. Raises OSError."""
+    """Write a file completely or not at all, with its mode from the start. Raises OSError."""
     target.parent.mkdir(parents=True, exist_ok=True)
     if item.path.parent == KEYS:
         target.parent.chmod(0o750)
@@ -294,7 +297,7 @@ def _write(target: Path, item: Item) -> None:
 
 
 def _changed(root: Path, item: Item, written: dict[str, str]) -> bool:
-    """Whether something else lies where this is to be written."""
+    """True if another file exists at the path."""
     try:
         present = below(root, item.path).read_bytes()
     except FileNotFoundError:
@@ -303,7 +306,7 @@ def _changed(root: Path, item: Item, written: dict[str, str]) -> bool:
 
 
 def _run_these(lines: Sequence[Sequence[str]]) -> None:
-    """Have the machine's own programs read the files. Raises _Refused."""
+    """Run the machine's programs that read the files. Raises _Refused."""
     for words in lines:
         line = " ".join(words)
         if shutil.which(words[0]) is None:
@@ -346,7 +349,7 @@ def _uninstall(arguments: argparse.Namespace, root: Path) -> None:
 
 
 def _take_back(root: Path, path: str, written: dict[str, str], *, force: bool) -> bool:
-    """Delete what was written, unless it is another file by now; whether it is gone."""
+    """Delete a written file, unless it was changed. Returns True if it is gone."""
     target = below(root, PurePosixPath(path))
     try:
         if not force and _digest(target.read_bytes()) != written[path]:
@@ -380,7 +383,7 @@ def _manifests(root: Path) -> dict[str, dict[str, str]]:
 
 
 def _is_list(found: object) -> bool:
-    """Whether these are files of ours, with their digests."""
+    """True if this is a list of our files with their digests."""
     return isinstance(found, dict) and all(
         isinstance(digest, str) and path.startswith("/etc/") and ".." not in PurePosixPath(path).parts
         for path, digest in found.items()

@@ -31,7 +31,7 @@ from mavproxy_handover.wire.signing import fingerprint
 
 __all__ = ["GROUND", "GUARD", "main", "show_key", "typing_help"]
 
-#: keys that are no station's: of the ground link, and of the leases to the guard
+#: keys that belong to no station: of the ground link, and of the leases to the guard
 GROUND, GUARD = "ground", "guard"
 
 _TYPING = """\
@@ -45,11 +45,11 @@ For 'handover station' copy the key file to the station's computer, or type the 
 The same fingerprint at both ends is the same key."""
 
 _ROTATING = """\
-Nothing is cut off: a companion that runs has its keys in memory, and one that starts accepts both keys.
-  1. On the ground: start the companion anew ('module reload handover'). From then on it accepts both.
-  2. Give the new key to every program of {name}. The companion answers each in the key that it was heard with.
-  3. When they are all heard: handover keys retire {name}; start the companion anew. The old key is worth nothing then.
-If somebody else may have the old key, do all three before the next flight: until step 3 it still opens the gate."""
+No station is cut off: a running companion has its keys in memory, and a new one accepts both keys.
+  1. On the ground: restart the companion ('module reload handover'). Then it accepts both keys.
+  2. Give the new key to every program of {name}. The companion answers each with the key that it uses.
+  3. When all are heard: handover keys retire {name}; restart the companion. Then the old key is invalid.
+If another person may have the old key, do all three before the next flight. Until step 3 the gate accepts it."""
 
 
 def main(argv: Sequence[str]) -> int:
@@ -98,7 +98,7 @@ def _make(arguments: argparse.Namespace) -> int:
     if arguments.passphrase_stdin and len(names) != 1:
         raise KeysError("--passphrase-stdin takes one NAME: no two stations may have the same key")
     paths = {name: key_path(folder, name) for name in names}
-    for path in paths.values():  # all or none
+    for path in paths.values():  # make all or none
         if path.exists():
             raise KeysError(f"{path}: exists already; 'handover keys rotate' replaces a key. Nothing was made")
     try:
@@ -117,7 +117,7 @@ def _make(arguments: argparse.Namespace) -> int:
 
 
 def _make_ground(folder: Path, names: list[str]) -> None:
-    """The key of the ground link, one for all stations, is made with the first of them."""
+    """Make the key of the ground link, one for all stations, together with the first station's key."""
     path = key_path(folder, GROUND)
     if path.exists() or not set(names) - {GROUND, GUARD}:
         return
@@ -129,7 +129,7 @@ def _make_ground(folder: Path, names: list[str]) -> None:
 
 def _rotate(arguments: argparse.Namespace) -> int:
     path = key_path(arguments.dir, arguments.name)
-    load_station_keys(path)  # what cannot be rotated is refused before a passphrase is shown or asked for
+    load_station_keys(path)  # a key that cannot be rotated is refused before a passphrase is shown or asked for
     passphrase, key = _new_key(arguments)
     _refuse_shared(arguments.dir, arguments.name, key)
     rotate_key(path, key)
@@ -143,7 +143,7 @@ def _rotate(arguments: argparse.Namespace) -> int:
 def _retire(arguments: argparse.Namespace) -> int:
     path = key_path(arguments.dir, arguments.name)
     retire_key(path)
-    print(f"{arguments.name}: the old key is gone; a companion that runs accepts it until it is started anew")
+    print(f"{arguments.name}: the old key is gone; a running companion accepts it until it is restarted")
     return 0
 
 
@@ -156,7 +156,7 @@ def _check(arguments: argparse.Namespace) -> int:
 
 
 def _survey(folder: Path, *, show: bool) -> int:
-    """Go through all keys of a folder; print them if `show`, and what is wrong with them in any case."""
+    """Check all keys of a folder and print their faults; with `show` print the keys too."""
     problems = []
     good: dict[str, StationKeys] = {}
     paths = _key_files(folder)
@@ -194,7 +194,7 @@ def _key_files(folder: Path) -> list[Path]:
 
 
 def _new_key(arguments: argparse.Namespace) -> tuple[str | None, bytes]:
-    """A new passphrase and its key; of one that was read the key only: who typed it knows it."""
+    """A new passphrase and its key. If the passphrase was typed, only the key."""
     if not arguments.passphrase_stdin:
         passphrase = make_passphrase()
         return passphrase, key_of(passphrase)
@@ -206,19 +206,19 @@ def _new_key(arguments: argparse.Namespace) -> tuple[str | None, bytes]:
 
 
 def _refuse_shared(folder: Path, name: str, key: bytes) -> None:
-    """No second station with the same key, as far as the folder tells."""
+    """Refuse a key that another station in the folder has."""
     good = {}
     for path in folder.glob("*.key"):
         try:
             if path.stem != name:
                 good[path.stem] = load_station_keys(path)
-        except KeysError:  # `check` is for that
+        except KeysError:  # `check` reports it
             continue
     check_distinct({**good, name: StationKeys(key)})
 
 
 def show_key(name: str, path: Path, key: bytes, passphrase: str | None) -> None:
-    """Tell of a key that was written, with its passphrase if that was made up here; the key itself is never shown."""
+    """Print that a key was written, with its passphrase if it was made here, and never the key itself."""
     print(f"{name}: {path} written, fingerprint {fingerprint(key)}")
     if passphrase is not None:
         print(f"  passphrase  {passphrase}")
@@ -227,5 +227,5 @@ def show_key(name: str, path: Path, key: bytes, passphrase: str | None) -> None:
 
 
 def typing_help(word: str, name: str) -> str:
-    """Where a passphrase is typed, for the `handover keys` command `word` (make, rotate) of the station `name`."""
+    """Text about where to type a passphrase, for the command `word` (make, rotate) and the station `name`."""
     return _TYPING.format(word=word, name=name)

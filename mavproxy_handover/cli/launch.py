@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The MAVProxy command lines of companion and station, in one place: for `handover companion`, `handover station`, the
-simulation and the README."""
+"""Command lines of MAVProxy for companion and station.
+
+Used by `handover companion`, `handover station`, the simulation and the README.
+"""
 
 from __future__ import annotations
 
@@ -17,16 +19,16 @@ from mavproxy_handover.wire.ids import COMPANION_COMPID, STATION_COMPID
 
 __all__ = ["companion_argv", "mavproxy", "station_argv", "supervised_argv"]
 
-#: modules of MAVProxy that ask the vehicle for nothing on their own
+#: modules of MAVProxy that request nothing from the vehicle
 _COMPANION_MODULES = "link,signing"
-#: how long MAVProxy waits for frames before it looks at its timers again. Its own 0.01 is for maps and joysticks, and
+#: time (s) for which MAVProxy waits for frames before it checks its timers. Its own 0.01 is for maps and joysticks, and
 #: costs a tenth of the companion's processor time; the module's ticks need no more than this
 _SELECT_TIMEOUT_S = 0.02
 _STATION_MODULES = "link,signing,mode,arm,cmdlong,misc,rc,wp,relay"
 
 
 def mavproxy() -> list[str]:
-    """How to start the MAVProxy that belongs to this Python. Raises ConfigError if it is not installed."""
+    """Command of the MAVProxy that belongs to this Python. Raises ConfigError if it is not installed."""
     beside = Path(sys.executable).parent / "mavproxy.py"
     found = str(beside) if beside.is_file() else shutil.which("mavproxy.py")
     if found is None:
@@ -44,9 +46,11 @@ def _load(module: str, config: Path, journal: Path | None) -> str:
 
 
 def companion_argv(config: Path, master: str, logfile: Path, journal: Path | None = None) -> list[str]:
-    """MAVProxy with `handover`. `master`: the autopilot's device; `logfile`: the tlog; `journal`: in place of the
-    configuration's. Raises ConfigError."""
-    from mavproxy_handover.config.running import start_of  # it imports numerical libraries: see `few_threads`
+    """MAVProxy with `handover`. Raises ConfigError.
+
+    `master`: the autopilot's device. `logfile`: the tlog. `journal`: replaces the configuration's.
+    """
+    from mavproxy_handover.config.running import start_of  # imports numerical libraries: see `few_threads`
 
     vehicle = start_of(config).config
     return [
@@ -65,15 +69,17 @@ def companion_argv(config: Path, master: str, logfile: Path, journal: Path | Non
 
 
 def supervised_argv(config: Path, master: str, logfile: Path) -> list[str]:
-    """The same as users start it: `handover companion`, which runs that command line in a process of its own."""
+    """The command of users, `handover companion`, which runs `companion_argv` in a child process."""
     words = ["companion", f"--config={config}", f"--master={master}", f"--logfile={logfile}"]
     return [sys.executable, "-m", "mavproxy_handover.cli", *words]
 
 
 def station_argv(config: Path, master: str | None, logfile: Path, journal: Path | None = None) -> list[str]:
-    """MAVProxy with `handover_gcs`. `master`: the link to the vehicle, None where [[vehicle]] tables name the links or
-    another station is to send the vehicle's address; `logfile`: the tlog; `journal`: in place of the configuration's.
-    Raises ConfigError."""
+    """MAVProxy with `handover_gcs`. Raises ConfigError.
+
+    `master`: link to the vehicle; None if [[vehicle]] tables name the links or another station will send the vehicle's
+    address. `logfile`: the tlog. `journal`: replaces the configuration's.
+    """
     station = load_station(config)
     labelled = [link for vehicle in station.vehicles for link in _labelled(vehicle)]
     links = labelled if master is None else [_of_mavproxy(master)]
@@ -91,7 +97,7 @@ def station_argv(config: Path, master: str | None, logfile: Path, journal: Path 
         f"--source-system={station.station.sysid}",
         f"--source-component={STATION_COMPID}",
         f"--target-system={station.vehicles[0].sysid}",
-        "--dialect=handover",  # what it does not know it takes for lost
+        "--dialect=handover",  # unknown messages would count as lost
         "--streamrate=-1",
         "--nowait",
         f"--default-modules={_STATION_MODULES}",
@@ -101,14 +107,14 @@ def station_argv(config: Path, master: str | None, logfile: Path, journal: Path 
 
 
 def _of_mavproxy(link: str) -> str:
-    """The link, which MAVProxy is to open. Raises ConfigError: it cannot."""
+    """Check that MAVProxy can open the link, and return it. Raises ConfigError if it cannot."""
     if "[" in link.partition("{")[0]:
         raise ConfigError(f"link {link}: MAVProxy opens this one, and knows no IPv6: give an IPv4 address")
     return link
 
 
 def _labelled(vehicle: FleetVehicle) -> list[str]:
-    """Its links as MAVProxy takes them, each with a label that says whose it is; `module.py` goes by that."""
+    """The vehicle's links for MAVProxy, each with a label that names the vehicle. `module.py` uses the label."""
     found = []
     for number, link in enumerate(vehicle.links, 1):
         device = parse_device(link)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""`handover logs`: what flights have left behind, and what of it may go."""
+"""`handover logs`: lists the folders of flights, and deletes old ones."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _MB: Final = 1e6
 
 
 def main(argv: Sequence[str]) -> int:
-    """0: done; 1: something could not be deleted; 2: wrong usage, no such folder."""
+    """Run `handover logs`. 0: done; 1: a folder could not be deleted; 2: wrong usage, no such folder."""
     parser = argparse.ArgumentParser(
         prog="handover logs",
         description="List the folders of flights, the oldest first; with `prune`, delete what is older or more than is "

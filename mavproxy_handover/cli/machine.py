@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What `handover install` writes: a table of files, made of the templates in `deploy/install` and what was asked for.
+"""Files of `handover install`, made from the templates in `deploy/install` and the options.
 
-Nothing is read of this machine, and nothing is written here: the same options give the same files anywhere.
+Nothing of this machine is read, and nothing is written here: equal options give equal files everywhere.
 """
 
 from __future__ import annotations
@@ -27,28 +27,28 @@ CONFIGURATION: Final = {
     "station": PurePosixPath("/etc/handover/station.toml"),
 }
 KEYS: Final = PurePosixPath("/etc/handover/keys")
-#: the only place that the service may write to
+#: the only folder that the service may write to
 STATE: Final = PurePosixPath("/var/lib/handover")
-#: what the autopilot's line is called, whatever it is plugged into
+#: name of the autopilot's line, whatever port it is plugged into
 LINE: Final = PurePosixPath("/dev/handover-autopilot")
-#: routing tables of the two ways to the stations; nothing else of a usual machine uses these numbers
+#: routing tables of the two uplinks; usual machines use no such numbers
 _TABLES: Final = {"wifi": 101, "lte": 102}
 #: `/dev/serial/by-id` of a USB device, as udev makes it
 _BY_ID: Final = re.compile(r"usb-(?P<serial>[A-Za-z0-9_.:#+=@-]+)-if(?P<interface>[0-9a-f]{2})(-port(?P<port>\d+))?")
 _INTERFACE: Final = re.compile(r"[A-Za-z0-9_.-]{1,15}")
 _HOST: Final = re.compile(r"[A-Za-z0-9_.-]+")
 _TTY: Final = re.compile(r"(?P<kind>tty[A-Za-z]+)\d+")
-#: drivers that may be loaded only when something is plugged in: until then /proc/devices does not list what they
-#: drive, and what it does not list when the service starts is not allowed for as long as it runs (DeviceAllow=)
+#: drivers that may be loaded only when a device is plugged in. Before that /proc/devices does not list them. The
+#: service may not use drivers that were not listed when it started (DeviceAllow=)
 _MODULES: Final = {"ttyACM": "cdc_acm", "ttyUSB": "usbserial"}
 _MODULE: Final = "Wants=modprobe@{0}.service\nAfter=modprobe@{0}.service"
-#: bits of a network of one address
+#: prefix length of a network with one address
 _ALONE: Final = 32
 
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """A file to be written. `kept`: configuration or key: one that is there stays, and `uninstall` leaves it."""
+    """A file to write. `kept`: configuration or key, which is not replaced and not removed by `uninstall`."""
 
     path: PurePosixPath
     text: str
@@ -58,7 +58,7 @@ class Item:
 
 @dataclass(frozen=True, slots=True)
 class Uplink:
-    """A way to the stations. `role`: "wifi" or "lte"; without `address` it is given one by DHCP."""
+    """An uplink to the stations. `role`: "wifi" or "lte"; without `address` it uses DHCP."""
 
     role: str
     interface: str
@@ -85,7 +85,7 @@ def uplink(role: str, text: str) -> Uplink:
 
 
 def _reachable(way: Uplink) -> None:
-    """Raises ValueError: the gateway is none that this address could reach."""
+    """Check the gateway. Raises ValueError if this address could not reach it."""
     if way.address is None or way.gateway is None or way.address.network.prefixlen == _ALONE:
         return
     if way.gateway == way.address.ip or way.gateway not in way.address.network:
@@ -95,9 +95,11 @@ def _reachable(way: Uplink) -> None:
 def files(
     kind: str, program: str, device: str | None, uplinks: tuple[Uplink, ...] = (), lines: Sequence[str] = ()
 ) -> list[Item]:
-    """Everything but configuration and keys. `program`: the command `handover`; `device`: the autopilot's line, or a
-    station's link (None: its [[vehicle]] tables name them); `lines`: links of the configuration that are serial lines,
-    radios for one. Raises ConfigError."""
+    """All files except configuration and keys. Raises ConfigError.
+
+    `program`: the command `handover`. `device`: the autopilot's line, or a station's link (None: its [[vehicle]] tables
+    name them). `lines`: links of the configuration that are serial lines, for example radios.
+    """
     if len({way.interface for way in uplinks}) < len(uplinks):
         raise ConfigError(f"--wifi and --lte are both {uplinks[0].interface}: each way has an interface of its own")
     ours = None if device is None else _line(device, "--device")
@@ -140,7 +142,7 @@ def _filled(name: str, words: dict[str, str]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class _Line:
-    """A serial line. `match`: what udev knows it by; `kinds`: what its driver may be called in /proc/devices."""
+    """A serial line. `match`: udev's condition for it. `kinds`: possible names of its driver in /proc/devices."""
 
     path: str
     baud: int
@@ -149,7 +151,7 @@ class _Line:
 
 
 def _line(device: str, where: str) -> _Line | None:
-    """None: it is none, but goes over the network. Raises ConfigError."""
+    """The serial line, None if it is a network link. Raises ConfigError."""
     try:
         spec = parse_device(device)
     except LinkError as error:
@@ -169,7 +171,7 @@ def _line(device: str, where: str) -> _Line | None:
 
 
 def _by_id(device: str, where: str, name: str) -> str:
-    """As udev itself gives these names, in its 60-serial.rules."""
+    """The name as udev makes it, in its 60-serial.rules."""
     found = _BY_ID.fullmatch(name)
     if found is None:
         raise ConfigError(f"{where} {device}: no name as udev gives it: usb-...-ifNN")
@@ -178,7 +180,7 @@ def _by_id(device: str, where: str, name: str) -> str:
 
 
 def _rules(kind: str, ours: _Line | None, radios: Sequence[_Line]) -> str:
-    """The rules of udev: each line is the service's, and the autopilot's has a name of its own. "" for no line."""
+    """Rules of udev: the service owns each line, and the autopilot's line has its own name. "" without lines."""
     named = {} if ours is None else {ours.match: f'SYMLINK+="{LINE.name}", ' if kind == "companion" else ""}
     matches = {**{line.match: "" for line in radios}, **named}
     if not matches:
@@ -195,15 +197,16 @@ def _rules(kind: str, ours: _Line | None, radios: Sequence[_Line]) -> str:
 
 
 def _network(way: Uplink) -> Item:
-    """A routing table of its own for each interface: what is bound to it, or to its address, leaves by it.
+    """A routing table for each interface. Sockets bound to the interface or its address leave by it.
 
-    What is bound to none takes Wi-Fi, and LTE where there is no Wi-Fi.
+    Unbound sockets use Wi-Fi, and LTE if there is no Wi-Fi.
     """
     table = _TABLES[way.role]
     rules, routes = [f"OutgoingInterface={way.interface}"], []
     if way.address is not None:
         rules.append(f"From={way.address.ip}")
-        if way.address.network.prefixlen < _ALONE:  # or who sits next to us would be reached by the gateway alone
+        # otherwise neighbours in the network could be reached only through the gateway
+        if way.address.network.prefixlen < _ALONE:
             routes.append(f"Destination={way.address.network}\nScope=link")
     if way.address is not None and way.gateway is not None:
         on_link = "" if way.address.network.prefixlen < _ALONE else "\nGatewayOnLink=yes"
@@ -220,11 +223,11 @@ def _network(way: Uplink) -> Item:
         lines.append(f"[DHCPv4]\nRouteTable={table}\n")
     lines += [f"[Route]\n{route}\nTable={table}\n" for route in routes]
     lines += [f"[RoutingPolicyRule]\n{rule}\nTable={table}\nPriority={900 + table}\n" for rule in rules]
-    lines.append(f"# behind the main table\n[RoutingPolicyRule]\nTable={table}\nPriority={33000 + table}\n")
+    lines.append(f"# after the main table\n[RoutingPolicyRule]\nTable={table}\nPriority={33000 + table}\n")
     name = f"/etc/systemd/network/20-handover-{way.role}.network"
     return Item(PurePosixPath(name), "\n".join(lines).rstrip() + "\n")
 
 
 def below(root: Path, path: PurePosixPath) -> Path:
-    """Where a path of the machine lies under another root."""
+    """A path of the machine under another root."""
     return root / path.relative_to("/")

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""`handover policy`: prints what a station may send, name by name, with the reason, from the table the gate uses."""
+"""`handover policy`: prints the gate's table: what a station may send, by name, with the reason."""
 
 from __future__ import annotations
 
@@ -77,13 +77,13 @@ def _wanted(row: PolicyRow, names: Sequence[str], classes: Sequence[str] | None)
 
 
 def _fits(row: PolicyRow, word: str) -> bool:
-    """Whether a row decides about a name that is not its own."""
+    """True if a row decides about a name that is not its own."""
     part = MESSAGES_BY_PART.get(word)
-    if part is not None:  # judged by its contents: the rows of these
+    if part is not None:  # judged by its contents: use the rows of these
         return row.kind in part.split(", and ")
     if row.kind != "parameter" or word in _NAMES:
         return False
-    if row.name == ANY:  # the row of every parameter that has none of its own
+    if row.name == ANY:  # the row of all parameters without a row of their own
         return _PARAMETER.fullmatch(word) is not None and parameter_rule(word) is OTHER_PARAMETERS
     return fnmatchcase(word, row.name)
 
@@ -100,7 +100,7 @@ def _as_json(row: PolicyRow) -> dict[str, str]:
 
 
 def _explain(rows: Sequence[PolicyRow], names: Sequence[str]) -> None:
-    """Below the rows: what their classes mean, and which messages are judged by their contents."""
+    """Print below the rows what their classes mean, and which messages are judged by their contents."""
     print()
     for access in Access:
         if any(row.access is access for row in rows):

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""`handover companion` and `handover station`: build the MAVProxy command line and print it.
+"""`handover companion` and `handover station`: build the MAVProxy command line, print it and run it.
 
-The station becomes MAVProxy. The companion stays, and supervises the process that it runs MAVProxy in.
+The station becomes MAVProxy. The companion stays, and supervises the process that runs MAVProxy.
 """
 
 from __future__ import annotations
@@ -102,7 +102,7 @@ def _run(
 
 @dataclass(frozen=True, slots=True)
 class _Logs:
-    """Where a run's logs go. `journal` None: where the configuration has it. `options`: MAVProxy's, besides."""
+    """Paths of a run's logs. `journal` None: as the configuration says. `options`: further options of MAVProxy."""
 
     tlog: Path
     journal: Path | None = None
@@ -110,7 +110,7 @@ class _Logs:
 
 
 def _logs_of(program: str, config: Path, arguments: argparse.Namespace) -> _Logs:
-    """A folder for this run; a disk that is full or gone keeps nothing from flying. Raises ConfigError."""
+    """Make a folder for this run. A full or missing disk does not prevent a flight. Raises ConfigError."""
     content: bytes | None = None
     if program.endswith("companion"):
         from mavproxy_handover.config.running import start_of  # after `few_threads`
@@ -135,7 +135,7 @@ def _logs_of(program: str, config: Path, arguments: argparse.Namespace) -> _Logs
 
 
 def _vehicle_config(named: str | None) -> Path:
-    """Where the configuration is. Raises ConfigError: there is none, or what it takes to look at it is broken."""
+    """Path of the configuration. Raises ConfigError if there is none, or if an import fails."""
     try:
         importlib.import_module("numpy")  # before shapely, which prints a traceback of its own without it
         importlib.import_module("mavproxy_handover.config.running")
@@ -161,14 +161,14 @@ def _become(command: list[str], name: str) -> int:
 
 
 def _supervise(command: list[str], arguments: argparse.Namespace) -> int:
-    """Run the command in a child; where that cannot be done safely, become it, and say what is lost."""
+    """Run the command in a child. If that is not safe, become it, and report what is lost."""
     fault = module_fault("handover")
     if fault:
         print(f"handover companion: {fault}", file=sys.stderr)
         return 2
     if sys.platform != "linux":
         return _unsupervised(command, "only Linux ends a child with its parent")
-    # imported here: `handover station` does without all of it
+    # imported here, because `handover station` does not need it
     from mavproxy_handover.config.running import start_of
     from mavproxy_handover.supervision.child import Companion
     from mavproxy_handover.supervision.manager import service_manager
@@ -206,9 +206,9 @@ def _seconds(text: str) -> float:
 
 
 def _fill_standard_streams() -> None:
-    """Whoever starts us may have closed some of the first three descriptors: a link must not become one of them."""
+    """Open the first three descriptors if the parent closed them, because a link must not become one of them."""
     for descriptor in range(3):
         try:
             os.fstat(descriptor)
         except OSError:
-            os.open(os.devnull, os.O_RDWR)  # the lowest number that is free: this one
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest free number, which is this one

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Authority kept over a restart: when the state is kept, and what a new run makes of the old one's.
+"""Keeps authority across a restart: stores the state, and lets a new run go on from it.
 
 Rules
 -----
-* It is kept before anybody hears of it: what is told must outlive a crash. No disk is waited for
-  (`store/state_store.py`).
-* If it cannot be kept, whatever the reason, what was kept before must go: after a restart it would give authority to
-  whoever had it then. What the rules settled comes into force all the same.
-* Without a store nothing is kept: a restart in flight means that nobody commands.
+* The state is stored before any message tells of it, because what was told must survive a crash. This does not wait for
+  a disk (`store/state_store.py`).
+* If the state cannot be stored, for whatever reason, the older stored state must be removed. After a restart it would
+  give authority to the former commander. The new state is in force anyway.
+* Without a store nothing is kept: after a restart in flight no station commands.
 """
 
 from __future__ import annotations
@@ -27,10 +27,9 @@ __all__ = ["Restart"]
 
 
 class Restart:
-    """Reads what the run before left in `store`, and keeps there what the next one needs.
+    """Reads the state of the previous run from `store`, and stores the state for the next one.
 
-    `store` None: nothing is kept. `fault` is told what broke in that, `not_kept`, once in the same words, what memory
-    or disk does not take.
+    `store` None: nothing is kept. `fault` gets exceptions. `not_kept` gets each error of memory or disk once.
     """
 
     def __init__(
@@ -40,16 +39,16 @@ class Restart:
         self._fault = fault
         self._not_kept = not_kept
         self._told: set[str] = set()
-        #: what the run before left behind, if it did
+        #: state of the previous run, if any
         self.restored: Snapshot | None = None
         self._trouble = ""
         if store is not None:
             self.restored, self._trouble = store.recall()
-        #: what is kept, or need not be; None if it is not known that anything is
+        #: the stored snapshot, or one that need not be stored; None if it is not certain that one is stored
         self._saved: Snapshot | None = self.restored
 
     def save(self, snapshot: Snapshot) -> None:
-        """Keep the snapshot if it says something new."""
+        """Store the snapshot if it has changed."""
         if self._store is None or snapshot == self._saved:
             return
         try:
@@ -58,12 +57,12 @@ class Restart:
         except OSError as error:
             self._saved = None
             self._tell(error.strerror or str(error))
-        except Exception as error:  # the new view comes into force behind this, whatever broke
+        except Exception as error:  # the new view comes into force after this, whatever failed
             self._saved = None
             self._fault("state file", str(error))
 
     def each_second(self, snapshot: Snapshot) -> None:
-        """The same again, if that failed; and the disk, if it did."""
+        """Try again what failed in memory or on the disk."""
         self.save(snapshot)
         if self._store is not None:
             for trouble in self._store.tick():
@@ -75,14 +74,14 @@ class Restart:
             self._not_kept(f"the state is not kept as it should be: {trouble}")
 
     def keep(self, package: MissionPackage) -> None:
-        """Keep the mission package that the autopilot holds now."""
+        """Store the mission package that the autopilot has now."""
         if self._store is not None:
             self._store.keep(package)
 
-    def resume(self, arbiter: Arbiter, event_log: EventLog) -> MissionPackage | None:
-        """Go on where the run before this one ended, or say that this cannot be done.
+    def resume(self, arbiter: Arbiter, narrator: Narrator) -> MissionPackage | None:
+        """Continue from the state of the previous run, or report that this is impossible.
 
-        Returns the mission package that the autopilot still holds.
+        Returns the mission package that the autopilot still has.
         """
         restored = self.restored
         if self._store is not None and self._store.note:
@@ -90,11 +89,11 @@ class Restart:
         if self._trouble:
             event_log.state_lost(self._trouble)
         if restored is None:
-            self._saved = arbiter.snapshot()  # what a run begins with need not be kept
+            self._saved = arbiter.snapshot()  # the state at the start of a run need not be stored
             return None
         if self._store is None:
             return None
-        # the epoch has risen: if this run ends soon, the next one must begin above it
+        # the epoch has risen: the next run must begin above it, even if this one ends soon
         self.save(replace(arbiter.snapshot(), packs=restored.packs, kept=restored.kept, kept_by=restored.kept_by))
         if restored.phase is Phase.ON_LOAD:
             return None
@@ -106,17 +105,17 @@ class Restart:
         return package
 
     def kept_by(self) -> MissionPackage | None:
-        """The package by which a mission is judged that a station wrote in the run before; None: it is not known."""
+        """The package for judging a mission that a station wrote in the previous run; None if it is not known."""
         restored, store = self.restored, self._store
         if restored is None or store is None or not restored.kept or not restored.kept_by:
             return None
         return store.load_package(restored.kept_by)
 
     def settle(self, within_s: float) -> bool:
-        """Wait until the disk has everything, so long at most; whether it has."""
+        """Wait at most `within_s` until the disk has everything. Returns True if it has."""
         return self._store is None or self._store.settle(within_s)
 
     def close(self) -> None:
-        """The run ends. A disk that hangs is not waited for."""
+        """Close the store at the end of the run. This does not wait for a disk that hangs."""
         if self._store is not None:
             self._store.close()

@@ -155,7 +155,7 @@ def test_rotate_keeps_the_old_key_says_what_to_do_and_retire_ends_it(
     assert "an earlier rotation is not finished; 'handover keys retire' ends it" in captured.err
     assert main(["retire", "GCSA"]) == 0
     assert capsys.readouterr().out == (
-        "GCSA: the old key is gone; a companion that runs accepts it until it is started anew\n"
+        "GCSA: the old key is gone; a running companion accepts it until it is restarted\n"
     )
     assert load_station_keys(keys / "GCSA.key") == StationKeys(key_of(passphrase), None)
 

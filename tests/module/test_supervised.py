@@ -155,7 +155,7 @@ def test_one_restart_too_many_sends_no_lease_and_nobody_commands(
     (entry,) = bench.journal("failed_closed")
     assert entry["text"] == (
         "restarted too often: no leases, no station commands, the guard brings the aircraft home. Find out why in the "
-        "journal, then start `handover companion` anew"
+        "journal, then start `handover companion` again"
     )
     assert bench.a.got("AUTHORITY_STATUS")[-1].commander == 0
     assert signs() != b"", "it stays, to say so"
