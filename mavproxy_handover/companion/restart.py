@@ -19,7 +19,6 @@ from dataclasses import replace
 from mavproxy_handover.core.arbiter import Arbiter
 from mavproxy_handover.core.common.model import Phase
 from mavproxy_handover.core.common.snapshot import Snapshot
-from mavproxy_handover.event_log import EventLog
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.store.state_store import StateStore
 
@@ -78,7 +77,7 @@ class Restart:
         if self._store is not None:
             self._store.keep(package)
 
-    def resume(self, arbiter: Arbiter, narrator: Narrator) -> MissionPackage | None:
+    def resume(self, arbiter: Arbiter, event_log: EventLog) -> MissionPackage | None:
         """Continue from the state of the previous run, or report that this is impossible.
 
         Returns the mission package that the autopilot still has.
