@@ -15,12 +15,17 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 from mavproxy_handover.store.memory import in_memory
 from sitl.vehicles import LaunchError, find_arducopter
 from tests.sitl.firmware import Firmware, NotFirmware, firmware_of
 from tests.sitl.flown import Recorder
 from tests.sitl.guard_flight import GUARD, PARAMETERS, PLANE_PARAMETERS
+
+# a machine that others use as well must not fail a test by its speed
+settings.register_profile("no deadline", deadline=None)
+settings.load_profile("no deadline")
 
 _SHARED = Path("/dev/shm")
 #: options, fixtures and names of the programs

@@ -8,7 +8,7 @@ Who commands is a text alone: AUTHORITY_STATUS and CONTROL_STATUS say it all the
 
 Programs choose by the severity what they speak and how they colour it (QGroundControl speaks NOTICE and graver).
 `SEVERITIES` and `REHEARSAL` are all there is of it; why something is refused is a WARNING to the station that asked
-(`voice.py`).
+(`stations/voice.py`).
 """
 
 from __future__ import annotations

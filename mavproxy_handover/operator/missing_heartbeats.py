@@ -3,7 +3,7 @@
 """Tells a station whose frames are taken, and whose heartbeat does not come, why it cannot command.
 
 A program without heartbeats is no station to the vehicle: it gets no authority and is asked nothing. Nothing else would
-tell its operator. Programs whose frames are not taken at all are told by `port.py`.
+tell its operator. Programs whose frames are not taken at all are told by `stations/port.py`.
 
 A station whose heartbeat never came is told after a single frame: its operator pressed one button and waits. If it came
 before, frames must keep coming: a weak link may have lost the heartbeats since.

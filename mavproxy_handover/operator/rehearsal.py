@@ -6,7 +6,7 @@ HANDOVER_REHEARSE begins or ends one, or asks for its report; HANDOVER_REHEARSAL
 until it is answered, so a copy (the same nonce of the same station) is answered again and changes nothing. Any known
 station gets the report: what it costs is bounded (`_REPORTS_PER_S`).
 
-While it lasts what is seen goes into a book (`rehearsal_book.py`), which the journal gets when it is over, and each
+While it lasts what is seen goes into a book (`rehearsal_stats.py`), which the journal gets when it is over, and each
 minute before: a companion that dies takes no more than that with it.
 """
 
