@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The filter between stations and autopilot: allow-list, default deny, refusals in each protocol's own words.
+"""The filter between stations and autopilot: an allow-list that refuses by default, and answers in each protocol.
 
-`tables` is the policy, collected from `message_rules`, `command_rules`, `part_rules`, `parameters` and `files`;
-`policy` finds a frame's row in it, `judge` decides, `questions` keeps who asks too much waiting, `latent` keeps out
-sticks that ran before their station had control, `refusals` answers, `explain` says it in words. `downlink` chooses
-what each station hears, `observers` how often; `flush` closes what a former commander left open. Everything here is
-pure: no sockets, no clock; time is an argument.
+`policy/tables` collects the policy; `policy/rows` finds the row of a frame in it. `judge` decides by the row and by the
+authority in force. `filters` may change that verdict. `refusals` answers what is refused, and `explain` describes the
+policy. `downlink` chooses what each station hears, and `observers` how often. `flush` closes what a former commander
+left open. Everything here is pure: no sockets, no clock; time is an argument.
 """

@@ -1,20 +1,20 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Which of the vehicle's frames each station hears.
+"""Chooses the stations that hear each frame of the vehicle.
 
-The commander hears everything, and so does the partner during a transfer: it has to see the aircraft before it
-takes it. An observer hears what concerns everybody (heartbeat, who is in control, position, battery, status
-texts), what is addressed to it, the answers to what it asked, and the telemetry it asked for, at the rates of
-`observers`. Rules:
+The commander hears everything. During a transfer the partner does too, because it must see the aircraft before it takes
+the aircraft. An observer hears general frames (heartbeat, authority, position, battery, status texts), frames that are
+addressed to it, answers to its questions, and the telemetry that it asked for at the rates of `observers`. Rules:
 
-1. Lease and guard status, and whatever is addressed to the companion, never leave the vehicle. Nor do answers to the
-   companion's own reads of parameters, which the gate keeps out before (`own_reads`).
-2. A frame addressed to a station goes to that station and to no other, whatever their roles.
-3. Answers without an address (a parameter, a version) are known only by what was asked for. A question opens
-   a window for the ids that answer it. Where one question has many answers each of them extends the window, but
-   never past `LIMIT_S` after the question: somebody else's parameters would keep it open for ever. Else a question
-   is good for `EACH` messages: to ask again and again for what streams anyway is no way around `observers`.
-4. A station that commands asks the autopilot itself for rates: what it had asked of the companion is forgotten.
+1. Lease, guard status and frames addressed to the companion never leave the vehicle. The gate also keeps the answers to
+   the companion's own reads of parameters aboard (`own_reads`).
+2. A frame addressed to a station goes to that station only, whatever the roles of the stations are.
+3. Answers without an address (a parameter, a version) are known only by the question. A question opens a window for the
+   ids that answer it. If one question has many answers, each answer extends the window, but never past `LIMIT_S` after
+   the question: otherwise the answers to other stations would keep it open. If a question has one answer, it is good
+   for `EACH` messages. So a station cannot get round `observers` by asking again and again for a stream.
+4. A station that commands asks the autopilot itself for rates. The rates that it had asked of the companion are
+   forgotten.
 """
 
 from __future__ import annotations
@@ -41,15 +41,15 @@ from mavproxy_handover.wire.ids import (
 
 __all__ = ["ANSWERS", "COMMAND_ANSWERS", "EACH", "FOR_EVERYBODY", "LIMIT_S", "WINDOW_S", "DownlinkPolicy"]
 
-#: How long after a question, or after an answer that extends the window, an answer is still one.
+#: An answer counts within this time after its question, or after an answer that extended the window.
 WINDOW_S: Final = 5.0
 
-#: The longest that answers to one question are waited for: a parameter list over a slow link.
+#: The longest window of one question: a parameter list over a slow link.
 LIMIT_S: Final = 300.0
 
-#: Messages that may be the answer to one question: somebody else's, or what streams anyway, may come first.
+#: Messages that may be the answer to one question: an answer to another station or a stream may come first.
 EACH: Final = 4
-#: Such messages that are waited for at once, however many questions there were.
+#: The most such messages that are expected at once, for any number of questions.
 _MOST: Final = 1000
 
 #: What every known station hears.
@@ -64,8 +64,8 @@ class Answers:
     many: bool = False
 
 
-#: Answers to messages. What a station asks for by address it gets by address, in MAVLink 2; these names cover the
-#: answers that carry none. A name that the installed dialect lacks is passed over.
+#: Answers to messages. In MAVLink 2 an answer has the address of the station that asked; these names cover the answers
+#: without an address. A name that the installed dialect lacks is ignored.
 ANSWERS: Final = {
     "PING": Answers(("PING",)),
     "TIMESYNC": Answers(("TIMESYNC",)),
@@ -137,14 +137,14 @@ class _Window:
 
 
 def _stays_aboard(frame: Frame, aim: tuple[int, int] | None) -> bool:
-    """Rule 1: lease, guard status, and what a component of the vehicle says to the companion."""
+    """Rule 1: lease, guard status, and frames of a component of the vehicle to the companion."""
     if frame.msgid == _TUNNEL and field_int(frame, "payload_type") in (LEASE_TUNNEL, GUARD_STATUS_TUNNEL):
         return True
     return aim is not None and aim[0] == frame.sysid and aim[1] in _COMPANION
 
 
 def _answers_to(frame: Frame) -> list[tuple[tuple[int, ...], bool]]:
-    """What may answer a question of a station."""
+    """The messages that may answer a question of a station."""
     if frame.msgid in _BY_MESSAGE:
         return [_BY_MESSAGE[frame.msgid]]
     command = field_int(frame, "command")
@@ -171,7 +171,7 @@ class DownlinkPolicy:
         self._windows: dict[int, dict[int, _Window]] = {}
 
     def asked(self, frame: Frame, station_sysid: int, now: float) -> None:
-        """Note a question of a station that the gate let through; anything else a station sends is ignored."""
+        """Note a question of a station that passed the gate. All other frames are ignored."""
         if not frame.known or frame.msgid not in _QUESTIONS:
             return
         for msgids, many in _answers_to(frame):
@@ -186,12 +186,12 @@ class DownlinkPolicy:
                 window.left = min(window.left + EACH, _MOST)
 
     def receivers(self, frame: Frame, stations: Iterable[int], view: AuthorityView, now: float) -> list[int]:
-        """Which of the stations (system ids) get this frame of the vehicle; for them it is counted as sent.
+        """The stations (system ids) that get this frame of the vehicle. For them it counts as sent.
 
         An answer that is one of many extends its window.
         """
         aim = target(frame)
-        if aim is not None or frame.msgid == _TUNNEL:  # most frames are aimed at nobody
+        if aim is not None or frame.msgid == _TUNNEL:  # most frames have no address
             if _stays_aboard(frame, aim):
                 return []
             owner = None if aim is None else self._owner.get(aim[0])

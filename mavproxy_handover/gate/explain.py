@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The policy in words: what becomes of each class, and how much is in it. For `handover policy` and the README.
+"""Describes the policy: the verdict on each class, and the number of names in it. For `handover policy` and the README.
 
-Every word of what is allowed comes from the tables that the gate judges by; only what a class is for is said here.
+What is allowed comes from the tables that the gate judges by. Only the purpose of a class is described here.
 """
 
 from __future__ import annotations
@@ -60,12 +60,12 @@ def _words(access: Access, commands: bool, armed: bool) -> str:
 
 
 def for_commander(access: Access) -> str:
-    """What becomes of the commander's."""
+    """The verdict on frames of the commander."""
     return _ground_and_armed(access, True)
 
 
 def for_others(access: Access) -> str:
-    """What becomes of any other station's."""
+    """The verdict on frames of all other stations."""
     return _ground_and_armed(access, False)
 
 
@@ -75,7 +75,7 @@ def _ground_and_armed(access: Access, commands: bool) -> str:
 
 
 def contents(access: Access) -> str:
-    """How many names of each kind a class holds."""
+    """The number of names of each kind in a class."""
     rows = [row for row in POLICY if row.access is access]
     kinds = Counter(row.kind for row in rows if row.name != ANY)
     counts = [f"{count} {_KINDS[kind][count != 1]}" for kind, count in kinds.items()]

@@ -40,7 +40,7 @@ _ALL: Final[frozenset[_Class]] = frozenset(_CLASSES)
 
 @dataclass(frozen=True, slots=True)
 class CompanionMatters:
-    """What the gate asks the rest of the companion."""
+    """Questions of the gate to the rest of the companion."""
 
     #: whether a station's guided target may be flown to now
     target_passes: Callable[[Aim, int, float], bool]

@@ -1,36 +1,37 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What a station has open at the autopilot, and the frames that close it when the station's authority ends.
+"""Tracks what a station has open at the autopilot, and closes it when the station loses authority.
 
-At a commit the former commander may be in the middle of something: an upload, a file it writes, sticks that
-override the pilot's, a velocity that it streams. Its next frames are refused, so nobody would end it. The
-companion does, at once, in the former commander's name: the autopilot binds each of these to the system and
-component that began it. Rules, from ArduPilot's source:
+At a commit the former commander may be in the middle of an action: an upload, a file that it writes, sticks that
+override the pilot's, a velocity that it streams. The gate refuses its next frames, so the station cannot end it any
+more. The companion ends it at once, in the name of the former commander: the autopilot binds each action to the system
+and component that began it. Rules, from ArduPilot's source:
 
-1. **Upload of mission, fence or rally points** (MissionItemProtocol): it belongs to its sender and blocks everybody
-   else's for 8 s of silence. MISSION_ACK from a station is ignored. A new MISSION_COUNT of the same sender ends the
-   old upload before the count is looked at, and one that is too large is then refused: nothing is truncated,
-   nothing begins. MISSION_CLEAR_ALL would end it too, and take the mission with it. What had arrived of a mission or
-   of rally points is stored already and stays (a fence is swapped only when it is whole); `Closing.incomplete` says so.
-2. **File open for writing** (GCS_FTP): one for everybody. TerminateSession closes it, and closing is what applies
-   a parameter or mission file, half-written or not. So the header of such a file is overwritten with zeros first:
-   a file without its magic number is thrown away. Left alone it would be closed, and applied, whenever some
-   station next asks for a file. They are closed at arming too (`arming`: nobody may write them then), and mission
-   files before a mission package is written (`mission_files`: closed afterwards, they would replace its mission).
-   What a request says is not what has happened: a file counts as open until the autopilot has acknowledged its end,
-   or refused to open it. A second one that is refused, because one is open, does not hide the first.
-3. **Sticks** (RC_CHANNELS_OVERRIDE, its second version, MANUAL_CONTROL): released; the autopilot would wait for
-   RC_OVERRIDE_TIME, as it does with channels of the second version beyond the 18th.
-4. **Guided stream** of velocity, acceleration or attitude: zero velocity. GUID_TIMEOUT (3 s) would stop it as well;
-   until then the aircraft would go on as the former commander said last. A place to fly to is not a stream: the
-   aircraft goes there and holds, as it does when no handover takes place, and the new commander decides. Outside
-   GUIDED the autopilot ignores the frame. A plane is sent nothing: it knows no velocity, and up to ArduPlane 4.6 it
-   flies to the height in such a frame whatever the mask leaves out. It forgets an attitude after 3 s by itself.
-5. **Log download**: ended, it fills the channel.
+1. **Upload of mission, fence or rally points** (MissionItemProtocol). An upload belongs to its sender and blocks all
+   other senders until 8 s pass without a message. The autopilot ignores MISSION_ACK from a station. A new MISSION_COUNT
+   of the same sender ends the old upload before the autopilot looks at the count. A count that is too large is then
+   refused: nothing is cut off, and nothing begins. MISSION_CLEAR_ALL would also end the upload, but would delete the
+   mission. Items of a mission or of rally points that had arrived are stored already and stay; `Closing.incomplete`
+   says so. A fence is replaced only when all its items have arrived.
+2. **File open for writing** (GCS_FTP): the autopilot has one for all stations. TerminateSession closes it, and closing
+   applies a parameter or mission file, complete or not. So the header of such a file is overwritten with zeros first:
+   the autopilot discards a file without its magic number. If the file stayed open, the next request of any station for
+   a file would close and apply it. Such files are also closed at arming, because no station may write them in flight
+   (`arming`), and mission files before a mission package is written (`mission_files`): closed afterwards, they would
+   replace its mission. A file counts as open until the autopilot has acknowledged its end, or refused to open it. If a
+   second file is refused because the first is open, the first still counts as open.
+3. **Sticks** (RC_CHANNELS_OVERRIDE, its second version, MANUAL_CONTROL): released. Otherwise the autopilot would use
+   them for RC_OVERRIDE_TIME, as it does with channels of the second version beyond the 18th.
+4. **Guided stream** of velocity, acceleration or attitude: zero velocity. GUID_TIMEOUT (3 s) would also stop it, but
+   until then the aircraft would follow the former commander. A place to fly to is not a stream: the aircraft flies
+   there and holds, and the new commander decides. Outside GUIDED the autopilot ignores the frame. A plane gets no such
+   frame: it does not use the velocity, and up to ArduPlane 4.6 it flies to the height in the frame whatever the mask
+   says. A plane forgets an attitude after 3 s by itself.
+5. **Log download**: ended, because it fills the channel.
 
-Nothing is sent for what has ended: the autopilot's answers (`heard`) and the station's own frames tell.
-Memory is bounded: `_MOST_OPEN` of a kind for one station; the oldest is forgotten first, of files the oldest that the
-autopilot has not acknowledged.
+Nothing is sent for what has ended already. The answers of the autopilot (`heard`) and the frames of the station show
+that. Memory is bounded: `_MOST_OPEN` of a kind for one station. The oldest is forgotten first; of files, the oldest
+that the autopilot has not acknowledged.
 """
 
 from __future__ import annotations
@@ -62,13 +63,13 @@ from mavproxy_handover.wire.ids import (
 __all__ = ["Closing", "FlushTracker"]
 
 _MOST_OPEN: Final = 8
-#: More items than any autopilot stores: the count is refused after it has ended the upload before it.
+#: More items than an autopilot stores: the autopilot ends the upload before it, and then refuses this count.
 _TOO_MANY_ITEMS: Final = 0xFFFF
 
 #: Sequence number, session, opcode, size of the data, opcode that is answered.
 _HEADER_BYTES: Final = 12  #: at least as long as the headers of parameter and mission files
 
-#: MAV_MISSION_TYPEs that a flight goes by
+#: MAV_MISSION_TYPEs that the flight follows
 _FLOWN_LISTS: Final = (mavlink.MAV_MISSION_TYPE_MISSION, mavlink.MAV_MISSION_TYPE_FENCE)
 _COUNT: Final = mavlink.MAVLINK_MSG_ID_MISSION_COUNT
 _PARTIAL: Final = mavlink.MAVLINK_MSG_ID_MISSION_WRITE_PARTIAL_LIST
@@ -89,7 +90,7 @@ _LOG_BEGINS: Final = (mavlink.MAVLINK_MSG_ID_LOG_REQUEST_LIST, mavlink.MAVLINK_M
 _LOG_END: Final = mavlink.MAVLINK_MSG_ID_LOG_REQUEST_END
 _COMMANDS: Final = (mavlink.MAVLINK_MSG_ID_COMMAND_LONG, mavlink.MAVLINK_MSG_ID_COMMAND_INT)
 
-#: What gives GUIDED another aim, or leaves it: a stream before it has no part in the flight any more.
+#: Commands that give GUIDED another target, or leave it: a stream before them has no effect any more.
 _NEW_AIMS: Final = (
     mavlink.MAV_CMD_DO_REPOSITION,
     mavlink.MAV_CMD_NAV_TAKEOFF,
@@ -103,28 +104,28 @@ _VELOCITY_IGNORED: Final = 0b111 << 3
 _ACCELERATION_IGNORED: Final = 0b111 << 6
 #: Only the velocity counts: position, acceleration, yaw and yaw rate are ignored.
 _ONLY_VELOCITY: Final = 0b1101_1100_0111
-#: What an upload survives: an item out of turn, and a question by its own sender that had to wait for its end.
+#: Results that do not end an upload: an item out of turn, and a question of its sender that must wait for its end.
 _UPLOAD_GOES_ON: Final = (mavlink.MAV_MISSION_INVALID_SEQUENCE, mavlink.MAV_MISSION_DENIED)
-_GUIDED_ITEM: Final = 2  #: MISSION_ITEM.current: not an item but a place to fly to
+_GUIDED_ITEM: Final = 2  #: MISSION_ITEM.current: a place to fly to, and no item
 
 _Sender = tuple[int, int]  #: system, component
 
 
 @dataclass(frozen=True, slots=True)
 class Closing:
-    """One thing that was open, and the frames to the autopilot that close it, in the name of who opened it."""
+    """Frames to the autopilot that close what a station left open, in the name of the sender that opened it."""
 
     what: str  #: for journal and console
     frames: tuple[bytes, ...]
-    incomplete: bool = False  #: what the autopilot stores may be a mixture of old and new
+    incomplete: bool = False  #: the autopilot may have stored a mixture of old and new
 
 
-_FileName = tuple[_Sender, int, bytes]  #: who, session, path
+_FileName = tuple[_Sender, int, bytes]  #: sender, session, path
 
 
 @dataclass(frozen=True, slots=True)
 class _File:
-    component: int  #: that the file is open at
+    component: int  #: the component that the file is open at
     asked: int  #: sequence number of the request to open it
     sequence: int  #: of the sender's last request
     acknowledged: bool = False  #: the autopilot has opened it
@@ -132,7 +133,7 @@ class _File:
 
 @dataclass(slots=True)
 class _Open:
-    """What one station has open. Values are the component that was addressed, or a file."""
+    """Open uploads, files and streams of one station. Values are the component that was addressed, or a file."""
 
     uploads: dict[tuple[_Sender, int], int] = field(default_factory=dict)  #: by sender and mission type
     files: dict[_FileName, _File] = field(default_factory=dict)
@@ -142,7 +143,7 @@ class _Open:
 
 
 class FlushTracker:
-    """Follows what stations have open. Give it every frame of a station with its verdict, and what comes back."""
+    """Tracks what stations have open, by the frames of stations with their verdicts and the frames of the autopilot."""
 
     def __init__(self, vehicle_sysid: int) -> None:
         self._vehicle = vehicle_sysid
@@ -162,7 +163,7 @@ class FlushTracker:
         }
 
     def saw(self, frame: Frame, verdict: Verdict, station_sysid: int) -> None:
-        """A frame of a station; only what was forwarded to the autopilot can have opened or ended anything there."""
+        """A frame of a station. Only a frame that went to the autopilot can open or end anything there."""
         if verdict.fate is not Fate.FORWARD:
             return
         handler = self._handlers.get(frame.msgid)
@@ -176,14 +177,14 @@ class FlushTracker:
         handler(frame, opened, (frame.sysid, frame.compid), component)
 
     def heard(self, frame: Frame) -> None:
-        """A frame of the autopilot: it says when an upload has ended, or that a file is not open."""
+        """A frame of the autopilot. It may say that an upload has ended, or that a file is not open."""
         if frame.msgid == _ACK:
             self._heard_ack(frame)
         elif frame.msgid == _FTP:
             self._heard_file(frame)
 
     def flush(self, station_sysid: int, *, wings: bool = False) -> list[Closing]:
-        """Close everything that a station has open, and forget it. `wings`: no stream is stopped (rule 4)."""
+        """Close everything that a station has open. `wings`: it is a plane, so no stream is stopped (rule 4)."""
         opened = self._open.pop(station_sysid, None)
         if opened is None:
             return []
@@ -191,7 +192,7 @@ class FlushTracker:
         if not wings:
             closings += [self._close_stream(sender, at) for sender, at in opened.streams.items()]
         closings += [self._close_upload(sender, kind, at) for (sender, kind), at in opened.uploads.items()]
-        # One session may have had several: what closing would apply is spoiled before anything closes it.
+        # One session may have had several files: overwrite those that closing would apply, before anything closes them.
         files = sorted(opened.files.items(), key=lambda entry: not is_upload(entry[0][2]))
         closings += [self._close_file(name, file) for name, file in files]
         closings += [self._close_log(sender, at) for sender, at in opened.logs.items()]
@@ -212,11 +213,11 @@ class FlushTracker:
         )
 
     def arming(self) -> list[Closing]:
-        """Throw away parameter and mission files that are being written: to be called when the vehicle is armed."""
+        """Discard parameter and mission files that are being written. To be called when the vehicle is armed."""
         return self._throw_away(is_upload)
 
     def mission_files(self) -> list[Closing]:
-        """Throw away mission, fence and rally files that are being written."""
+        """Discard mission, fence and rally files that are being written."""
         return self._throw_away(is_mission_file)
 
     def _throw_away(self, concerned: Callable[[bytes], bool]) -> list[Closing]:
@@ -228,7 +229,7 @@ class FlushTracker:
                     closings.append(self._close_file(name, file))
         return closings
 
-    # ---- what opens and ends ----------------------------------------------------------------------------------------
+    # ---- frames that open and end ------------------------------------------------------------------------------------
 
     def _saw_upload(self, frame: Frame, opened: _Open, sender: _Sender, component: int) -> None:
         _remember(opened.uploads, (sender, field_int(frame, "mission_type")), component)
@@ -244,7 +245,7 @@ class FlushTracker:
             name = sender, head.session, request[DATA].partition(b"\0")[0]
             known = opened.files.get(name)
             acknowledged = known is not None and known.acknowledged
-            if known is None and len(opened.files) >= _MOST_OPEN:  # rather what may never have been opened
+            if known is None and len(opened.files) >= _MOST_OPEN:  # first one that was perhaps never opened
                 del opened.files[min(opened.files, key=lambda other: opened.files[other].acknowledged)]
             _remember(opened.files, name, _File(component, head.sequence, head.sequence, acknowledged))
         for name, file in opened.files.items():
@@ -298,7 +299,7 @@ class FlushTracker:
                     elif head.opcode == FTP_NAK and not file.acknowledged:
                         del opened.files[name]
 
-    # ---- what closes ------------------------------------------------------------------------------------------------
+    # ---- frames that close -------------------------------------------------------------------------------------------
 
     def _close_upload(self, sender: _Sender, kind: int, component: int) -> Closing:
         count = mavlink.MAVLink_mission_count_message(self._vehicle, component, _TOO_MANY_ITEMS, kind)

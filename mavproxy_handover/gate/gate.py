@@ -19,9 +19,9 @@ Rules
 6. Sticks and setpoints that a station sent before it had authority are refused until they have stopped once
    (`latent.py`).
 7. In flight, a guided target is checked before it passes, at whatever rate targets come (`targets.py`).
-8. Stations hear one companion. A frame from the vehicle's side is counted and not passed on if it has the component id
-   of the companion, of its language or of its link probes, or if it is a message of `wire/handover.xml`. It would be
-   signed with the stations' keys, and they would believe it.
+8. Stations hear one companion. A frame from the vehicle's side is counted and not passed on in two cases. It has the
+   component id of the companion, of its language or of its link probes; or it is a message of `wire/handover.xml`. It
+   would be signed with the stations' keys, and they would believe it.
 9. In flight, the companion carries out commands that this autopilot does not know (`CompanionMatters.takes_over`: STOP
    of a plane). Only the commander's pass, as with any command.
 10. A station's request for a file that the companion serves is answered by the companion
@@ -106,7 +106,7 @@ class Gate:
 
     @property
     def counts(self) -> dict[int, Counter[GateReason]]:
-        """The number of frames of each station, by what became of them and why."""
+        """The number of frames of each station, by the reason of their verdict."""
         return self._passed.counts
 
     # ---- up -------------------------------------------------------------------------------------------------------

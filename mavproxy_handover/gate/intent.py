@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What a frame of the commander wants of an aircraft in flight, where that is judged by the situation.
+"""Reads what a frame of the commander asks of an aircraft in flight, for frames that the situation judges.
 
-Which frames these are stands in the policy (`JUDGED_RULES`, and here the messages that are no commands). Nothing is
-judged here, and no place looked up: frames are read, and any of them may hold anything.
+The policy names these frames (`JUDGED_RULES`; messages that are no commands are here). This module only reads frames,
+and a frame may contain anything. It judges nothing and looks up no place.
 """
 
 from __future__ import annotations
@@ -44,40 +44,39 @@ _FOLLOW_TARGET: Final = mavlink.MAVLINK_MSG_ID_FOLLOW_TARGET
 _GLOBAL: Final = mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT
 _LOCAL: Final = mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
 
-#: targets that come many times a second: guided ones, and the place of the system that is followed
+#: targets that come many times a second: guided targets, and the position of a system that the aircraft follows
 TARGET_MESSAGES: Final = frozenset({_GLOBAL, _LOCAL, _FOLLOW_TARGET})
-#: MISSION_ITEM.current: not an item, but a place to fly to, or a height alone, which nothing but wings takes
+#: MISSION_ITEM.current: a place to fly to, and no item; or only a height, which only planes accept
 GUIDED_ITEM: Final = 2
 _HEIGHT_ITEM: Final = 3
-#: frames whose place is in degrees
+#: MAV_FRAMEs with positions in degrees
 _GLOBAL_FRAMES: Final = frozenset({0, 3, 5, 6, 10, 11})
 _ABOVE_HOME: Final = 3
 _LOCAL_OFFSET: Final = 7
-#: higher than anything flies (m)
+#: higher than any aircraft flies (m)
 _NO_BOUND_M: Final = 1e5
-#: type_mask: any of these, and there is no place
+#: bits of type_mask: if one is set, the frame has no place
 NO_PLACE: Final = 0b111
-#: the parameter that is the height of a place
+#: the parameter that holds the height of a place
 _HEIGHT: Final = 7
-#: what ArduPlane keeps of a radius: whole metres, and up to 1 its own (`ModeGuided::set_radius_and_direction`)
+#: ArduPlane keeps whole metres of a radius; up to 1 m it uses its own (`ModeGuided::set_radius_and_direction`)
 _LEAST_RADIUS_M, _MOST_RADIUS_M = 2.0, 65535.0
 _INT32: Final = struct.Struct("<i")
-#: numbers as COMMAND_LONG carries them; as bytes, what is no number equals itself
+#: the parameters of COMMAND_LONG; compared as bytes, because a NaN does not equal itself
 _FLOATS: Final = struct.Struct("<7f")
 _MODE_MASK: Final = (1 << MODE_BITS) - 1
 #: MAV_FRAMEs that differ only in the integer form of their name
 _INT_FRAMES: Final = {5: 0, 6: 3, 11: 10}
-#: Mission Planner sends MISSION_SET_CURRENT 6 times, 2.0 to 3.2 s apart, whatever is answered
+#: Mission Planner sends MISSION_SET_CURRENT 6 times, 2.0 to 3.2 s apart, whatever the answer is
 _CURRENT_QUIET_S: Final = 20.0
 
 
 @dataclass(frozen=True, slots=True)
 class Aim:
-    """A place to fly to, as the frame has it: MAV_FRAME, and latitude, longitude, altitude (degrees, metres), or, of a
-    local frame, metres north, east and down.
+    """A place to fly to, as in the frame: MAV_FRAME, and latitude, longitude, altitude (degrees, metres).
 
-    `radius_m`: of the circle that wings are told to fly there, 0: as they do without a word. `here`: the height alone
-    counts, wherever it is."""
+    In a local frame the three numbers are metres north, east and down. `radius_m`: radius of the circle that a plane
+    is to fly there; 0: its own. `here`: only the height counts, at any place."""
 
     frame: int
     first: float
@@ -89,12 +88,12 @@ class Aim:
 
     @property
     def on_earth(self) -> bool:
-        """Its place is in degrees."""
+        """Whether the position is in degrees."""
         return self.frame in _GLOBAL_FRAMES
 
     @property
     def makes_sense(self) -> bool:
-        """It is a place at all; the autopilot flies to no other."""
+        """Whether the numbers are a place. The autopilot flies to no other."""
         if not all(map(isfinite, (self.first, self.second, self.third))):
             return False
         return not self.on_earth or (abs(self.first) <= 90.0 and abs(self.second) <= 180.0)
@@ -102,10 +101,12 @@ class Aim:
 
 @dataclass(frozen=True, slots=True)
 class Intent:
-    """What a frame wants. `word`: what people call it. `wish` tells it from others of its kind; `repeats`: it says of
-    itself that it was sent before; `quiet_s`: programs repeat it for less than that. `item`: of the mission to go on
-    with, None: the one that it is at. `speed_mps`: the one to fly with, `speed_type`: of which kind (SPEED_TYPE),
-    `throttle`: what a plane is told besides (%)."""
+    """The act that a frame asks for.
+
+    `word`: its name for people. `wish`: tells it from other acts of its kind. `repeats`: the frame itself says that it
+    was sent before. `quiet_s`: programs repeat it within a shorter time than this. `item`: the mission item to continue
+    with; None: the current one. `speed_mps`: the speed to fly with; `speed_type`: its SPEED_TYPE; `throttle`: the
+    throttle for a plane (%)."""
 
     kind: Kind
     word: str
@@ -133,8 +134,8 @@ _RULES: Final[Mapping[int, tuple[JudgedRule, ...]]] = _by_command()
 
 
 def intent_of(frame: Frame, modes: Modes = COPTER) -> Intent | None:
-    """What the frame wants of an aircraft with these modes; None: nothing that is judged. The frame is known to the
-    dialect."""
+    """The act that a frame asks of an aircraft with these modes; None: no act that is judged. The dialect must know the
+    frame."""
     read = _READERS.get(frame.msgid)
     return None if read is None else read(frame, modes)
 
@@ -160,7 +161,7 @@ def _of_command(frame: Frame, modes: Modes) -> Intent | None:
 
 
 def _is_one(frame: Frame, rule: JudgedRule, modes: Modes) -> bool:
-    """Whether a command that has such a rule is judged by it."""
+    """Whether this rule judges the command."""
     if rule.height is not None and not modes.wings:
         return False
     values = rule.values
@@ -175,12 +176,12 @@ def _is_one(frame: Frame, rule: JudgedRule, modes: Modes) -> bool:
 
 
 def _speed_type(asked: float, modes: Modes) -> int:
-    """The kind of speed, as the autopilot reads it. What is no number is the first kind."""
+    """The kind of speed, as the autopilot reads it. A NaN is the first kind."""
     if not isfinite(asked):
         return 0
     if modes.wings:
         return int(asked) & 0xFF
-    return 3 if asked > 2.9 else int(asked + 0.1)  # so ArduCopter up to 4.6 compares
+    return 3 if asked > 2.9 else int(asked + 0.1)  # as ArduCopter up to 4.6 compares it
 
 
 def _aim_of_command(frame: Frame, rule: JudgedRule) -> Aim:
@@ -198,7 +199,7 @@ def _aim_of_command(frame: Frame, rule: JudgedRule) -> Aim:
 
 
 def _radius_m(asked: float) -> float:
-    """Of the circle that ArduPlane flies for this; 0: as without a word."""
+    """Radius of the circle that ArduPlane flies for this; 0: its own."""
     return float(int(min(asked, _MOST_RADIUS_M))) if asked >= _LEAST_RADIUS_M else 0.0
 
 
@@ -232,12 +233,12 @@ def _aim_of_item(frame: Frame) -> Aim:
 
 
 def aim_of(frame: Frame, modes: Modes = COPTER) -> Aim | None:
-    """The place in a frame of TARGET_MESSAGES, of wings a height without one too; None where it holds none.
+    """The place in a frame of TARGET_MESSAGES; for a plane also a height without a place. None: the frame has neither.
 
-    Of SET_POSITION_TARGET_GLOBAL_INT wings take the height. ArduPlane 4.7 leaves it out if the mask says so; up to 4.6
-    it looks at the mask's other bits instead. So it counts whatever the mask says.
-    Of SET_POSITION_TARGET_LOCAL_NED wings take the height alone, whatever its mask says, and add it to the height that
-    they fly to. As such a stream goes on, it has no bound, and is judged as `_NO_BOUND_M`."""
+    A plane takes the height of SET_POSITION_TARGET_GLOBAL_INT. ArduPlane 4.7 ignores the height if the mask says so; up
+    to 4.6 it looks at other bits of the mask. So the height counts, whatever the mask says.
+    Of SET_POSITION_TARGET_LOCAL_NED a plane takes only the height, whatever the mask says, and adds it to its target
+    height. If the stream goes on, the height has no bound, so it is judged as `_NO_BOUND_M`."""
     if frame.msgid == _FOLLOW_TARGET:
         return Aim(0, _signed(frame, "lat") / 1e7, _signed(frame, "lon") / 1e7, field_float(frame, "alt"))
     if modes.wings and frame.msgid == _LOCAL:
@@ -266,9 +267,10 @@ INTENT_MESSAGES: Final = frozenset(_READERS)
 
 
 def wish_of(frame: Frame) -> Hashable:
-    """What tells it from another: who sent it, and what it does. Two forms of one act are the same: COMMAND_LONG and
-    COMMAND_INT, SET_MODE and DO_SET_MODE, MISSION_SET_CURRENT and DO_SET_MISSION_CURRENT. Mission Planner sends both
-    forms of a mode, one after the other."""
+    """A key that tells an act from others: its sender, and what it does.
+
+    Two forms of one act have the same key: COMMAND_LONG and COMMAND_INT, SET_MODE and DO_SET_MODE, MISSION_SET_CURRENT
+    and DO_SET_MISSION_CURRENT. Mission Planner sends both forms of a mode, one after the other."""
     return frame.sysid, frame.compid, *_act(frame)
 
 
@@ -306,7 +308,7 @@ def _act_of_command(frame: Frame) -> tuple[Hashable, ...]:
 
 
 def _by_number(base_mode: int) -> bool:
-    """Whether a mode is chosen by its own number."""
+    """Whether the mode is chosen by its custom number."""
     return bool(base_mode & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)
 
 
@@ -319,12 +321,12 @@ def _as_bytes(*numbers: float) -> bytes:
 
 
 def repeats(frame: Frame) -> bool:
-    """Whether a frame says of itself that it was sent before."""
+    """Whether the frame itself says that it was sent before."""
     return frame.msgid == _COMMAND_LONG and field_int(frame, "confirmation") > 0
 
 
 def _holds(value: float, values: tuple[int, ...]) -> bool:
-    """Whether the autopilot reads one of these in it; what is no number may be anything."""
+    """Whether the autopilot reads one of these values. A NaN may be any of them."""
     return not isfinite(value) or int(value) & 0xFF in values
 
 

@@ -1,35 +1,36 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The gate's judgement: one pure, total function from a frame and who commands to what becomes of the frame.
+"""Judges a frame of a station: one pure, total function of the frame and of the authority in force.
 
 Rules, in this order; the first that applies decides:
 
-1. Identity. A frame from a station's link that claims the vehicle's system id, or any id that is not that
-   station's, is dropped.
+1. Identity. A frame on a station's link with the vehicle's system id, or with an id that is not that station's, is
+   dropped.
 2. Default deny. A message without a row in the policy is dropped.
-3. Target. A frame aimed at another system is not for us: dropped. Target 0 means everybody, so us too.
-   A command or file-transfer opcode without a row is then refused.
-4. The class of the row (`Access`), whether the sender commands, and for what safeguards rest on and for reads that cost
-   the commander its telemetry, whether the vehicle is armed. The whole of authority is one comparison: the station's
-   system id with `AuthorityView.commander`. When authority is lost the view has no commander, so nobody commands; no
-   phase needs a rule of its own.
-5. While the vehicle is ON_LOAD, what starts a flight is the companion's matter: START (MAV_CMD_MISSION_START) from the
-   commander it carries out itself, and what else arms or takes off it lets pass only when START may be.
-6. What would pass but is aimed at the companion's own component is refused: it has nothing there to command,
-   read or set but what it consumes.
-7. In flight, the commander's commands that could leave energy, fence or coverage (`intent`) are the companion's matter:
-   it has them passed on, or refused, when it has seen what they would leave. So is every upload of a mission or a
-   fence (`STAGED`), which ends at the companion.
-8. In a rehearsal nobody's START, arming, take-off or motor test passes; that is the reason it is refused for, whoever
-   sent it: with control it would not pass either.
+3. Target. A frame for another system is dropped. Target 0 means all systems, and so includes the vehicle. A command or
+   file-transfer opcode without a row is then refused.
+4. The class of the row (`Access`) and whether the sender commands. For safeguards, and for reads that cost the
+   commander telemetry, also whether the vehicle is armed. Authority is one comparison: the station's system id with
+   `AuthorityView.commander`. When authority is lost the view has no commander, so no station commands, and no phase
+   needs a rule of its own.
+5. While the vehicle is ON_LOAD, the companion handles what starts a flight. It carries out START
+   (MAV_CMD_MISSION_START) of the commander itself. Other commands that arm or take off pass only when START would be
+   accepted.
+6. A frame that would pass but is addressed to the companion's own component is refused, unless the companion consumes
+   it: there is nothing to command, read or set.
+7. In flight the companion handles the commander's commands that could leave energy, fence or coverage (`intent`): it
+   lets them pass, or refuses them. Every upload of a mission or a fence (`STAGED`) ends at the companion.
+8. In a rehearsal no START, arming, take-off or motor test passes. That is the reason of the refusal for every station:
+   with control such a command would not pass either.
 
-Frames of further system ids behind a station (its `sysids`) are judged as the station's own, except heartbeats:
-only the station's own may keep the autopilot's GCS failsafe quiet, or a tracker would vouch for a dead operator.
+Frames of further system ids of a station (its `sysids`) are judged as the station's own, except heartbeats. Only the
+station's own heartbeat may keep the autopilot's GCS failsafe quiet: otherwise a tracker could stand in for a dead
+operator.
 
-Of the station's own system id only the `components` that the configuration gives it are the station: a camera or a
-tracker with that id has no authority, is no sign of life and has no part in a transfer. It may read.
+Of the station's own system id only the `components` of the configuration are the station. A camera or a tracker with
+that id has no authority, is no sign of life and takes no part in a transfer. It may read.
 
-MAVLink 1 frames are judged like MAVLink 2 frames. Whether a link accepts them is a matter of signing.
+MAVLink 1 frames are judged like MAVLink 2 frames. Signing decides whether a link accepts them.
 """
 
 from __future__ import annotations
@@ -52,11 +53,11 @@ __all__ = ["Fate", "GateReason", "StationIdentity", "Verdict", "judge", "outcome
 
 
 class Fate(Enum):
-    """What becomes of a frame."""
+    """The fate of a frame."""
 
-    FORWARD = "forward"  #: to the autopilot, byte for byte
-    CONSUME = "consume"  #: the companion's own business
-    REFUSE = "refuse"  #: not passed on; the sender is told where its protocol has an answer
+    FORWARD = "forward"  #: it goes to the autopilot, byte for byte
+    CONSUME = "consume"  #: the companion itself handles it
+    REFUSE = "refuse"  #: not passed on; the sender gets an answer if its protocol has one
     DROP = "drop"  #: not passed on, no answer
 
     #: as in `Access`
@@ -64,14 +65,14 @@ class Fate(Enum):
 
 
 class GateReason(Enum):
-    """Why."""
+    """The reason of a verdict."""
 
     ALLOWED = "allowed"
-    COMPANION = "companion"  #: consumed: the companion itself deals with it
+    COMPANION = "companion"  #: consumed: the companion itself handles it
     NOT_IN_CONTROL = "not in control"  #: only the commander may
-    OBSERVER_RATES = "observer rates"  #: consumed: the companion thins what flows anyway
-    COMMANDERS_IN_FLIGHT = "the commander's alone in flight"  #: answers to it slow down what the commander hears
-    LOCKED_WHILE_ARMED = "locked while armed"  #: what safeguards rest on; on the ground the commander may
+    OBSERVER_RATES = "observer rates"  #: consumed: the companion thins the streams that flow already
+    COMMANDERS_IN_FLIGHT = "only the commander's in flight"  #: answers to it slow down the commander's telemetry
+    LOCKED_WHILE_ARMED = "locked while armed"  #: safeguards rest on it; on the ground the commander may
     LIVENESS_NOT_COMMANDER = "liveness, not commander"  #: a heartbeat that the autopilot must not count
     MAINTENANCE_ONLY = "maintenance only"  #: over no radio link
     NEVER = "never"  #: no station has a reason to send it
@@ -81,14 +82,14 @@ class GateReason(Enum):
     UNKNOWN_COMMAND = "unknown command"  #: or file-transfer opcode, or mission type
     TOO_MANY = "too many questions"  #: of a station that does not command (`questions`)
     FILE_BUSY = "the commander uses file transfer"  #: and the autopilot has only one open (`questions`)
-    COMPONENT = "component without authority"  #: of the station's own id, and none of its components
-    OTHER_TARGET = "other target"  #: aimed at another system
-    NOT_ARMED = "not armed: sticks could arm"  #: on the ground; to arm needs what START needs
+    COMPONENT = "component without authority"  #: it has the station's id, but is none of its components
+    OTHER_TARGET = "other target"  #: addressed to another system
+    NOT_ARMED = "not armed: sticks could arm"  #: on the ground; arming needs what START needs
     RAN_BEFORE = "it ran before the station had control"  #: sticks or setpoints that have not paused since (`latent`)
-    COMPANION_TARGET = "companion target"  #: aimed at the companion's component, which does not take it
-    REHEARSAL = "rehearsal: nothing arms"  #: the aircraft is carried (`core/authority/rehearsal.py`)
-    NO_NUMBER = "a number in it is none"  #: a target's NaN or infinity
-    SITUATION = "it would leave energy, fence or coverage"  #: in flight, or not to be judged by now
+    COMPANION_TARGET = "companion target"  #: addressed to the companion's component, which does not accept it
+    REHEARSAL = "rehearsal: nothing arms"  #: people carry the aircraft (`core/authority/rehearsal.py`)
+    NO_NUMBER = "a number in it is none"  #: a target with NaN or infinity
+    SITUATION = "it would leave energy, fence or coverage"  #: in flight, or it cannot be judged now
 
     #: as in `Access`
     __hash__ = object.__hash__
@@ -96,9 +97,9 @@ class GateReason(Enum):
 
 @dataclass(frozen=True, slots=True)
 class StationIdentity:
-    """Who may speak on a station's links: `sysid`, the station, and `sysids`, all allowed ids, its own among them.
+    """The ids that may send on a station's links: its own `sysid`, and all allowed `sysids` (its own included).
 
-    Raises ValueError for ids outside 1..255 (0 is everybody in MAVLink, never somebody).
+    Raises ValueError for ids outside 1..255 (0 means all systems in MAVLink, never one).
     """
 
     sysid: int
@@ -114,12 +115,12 @@ class StationIdentity:
         object.__setattr__(self, "sysids", everyone)
 
     def speaks(self, frame: Frame) -> bool:
-        """Whether a frame of one of these ids is the station's word: of its own id, by one of its components."""
+        """Whether a frame of one of these ids speaks for the station: not another component of the station's id."""
         return frame.compid in self.components or frame.sysid != self.sysid
 
 
 class Verdict(NamedTuple):
-    """What becomes of a frame and why. `access` is None if the policy has no row for it.
+    """The verdict on a frame, with its reason. `access` is None if the policy has no row for the frame.
 
     `what` names the frame for people: "COMMAND_LONG/MAV_CMD_NAV_LAND".
     """
@@ -130,8 +131,8 @@ class Verdict(NamedTuple):
     what: str
 
 
-#: Outcome by class for the commander and for any other station, and of an armed vehicle where that differs. Rule 4 as
-#: data.
+#: Rule 4 as data: the outcome by class for the commander and for other stations, and with an armed vehicle if that
+#: differs.
 _FOR_COMMANDER = {
     Access.READ: (Fate.FORWARD, GateReason.ALLOWED),
     Access.BULK: (Fate.FORWARD, GateReason.ALLOWED),
@@ -166,13 +167,13 @@ _FOR_OTHERS = {
 _FOR_OTHERS_ARMED = {**_FOR_OTHERS, Access.BULK: (Fate.REFUSE, GateReason.COMMANDERS_IN_FLIGHT)}
 
 
-#: what is the station's own word, and no component's beside it; and what has no answer
+#: classes that only the station itself may send, no other component of its id; and classes without an answer
 _STATIONS_OWN: Final = frozenset((Access.TRANSFER, Access.CONTROL, Access.LIVENESS))
 _UNANSWERED: Final = frozenset((Access.TRANSFER, Access.LIVENESS, Access.STREAM))
 
 
 def outcome(access: Access, commands: bool, armed: bool) -> tuple[Fate, GateReason]:
-    """What becomes of a class (rule 4), before rules 5 and 6."""
+    """The outcome for a class (rule 4), before rules 5 and 6."""
     if commands:
         return _FOR_COMMANDER_ARMED[access] if armed else _FOR_COMMANDER[access]
     return _FOR_OTHERS_ARMED[access] if armed else _FOR_OTHERS[access]
@@ -184,7 +185,7 @@ def judge(
     """Judge one frame that arrived on a link of `station`. Never raises, whatever the frame holds. `modes`: those of
     the aircraft's firmware.
 
-    The caller counts heartbeats of the commander itself: they are forwarded, and they are its sign of life too.
+    The caller counts heartbeats of the commander: they are forwarded, and they are also its sign of life.
     """
     usual = _USUAL.get(frame.msgid)
     own = frame.sysid in station.sysids and (frame.compid in station.components or frame.sysid != station.sysid)
@@ -203,7 +204,7 @@ def judge(
 
 
 _ACK: Final[int] = mavlink.MAVLINK_MSG_ID_MISSION_ACK
-#: MAV_MISSION_TYPEs whose uploads end at the companion in flight, and what may write such a list, or call that off
+#: MAV_MISSION_TYPEs whose uploads end at the companion in flight; the messages that write such a list, or cancel it
 STAGED: Final = frozenset({mavlink.MAV_MISSION_TYPE_MISSION, mavlink.MAV_MISSION_TYPE_FENCE})
 _WRITERS: Final = frozenset(
     {_ACK, *(msgid for msgid, cls in mavlink.mavlink_map.items() if cls.msgname in MISSION_TYPE_MESSAGES)}
@@ -211,13 +212,13 @@ _WRITERS: Final = frozenset(
 
 _LOOKED_AT: Final = _WRITERS | INTENT_MESSAGES
 
-#: Length of the payload, where target system and component are in it, verdict on others' frames and the commander's.
+#: Length of the payload, offsets of target system and component, verdict on other stations' frames and the commander's.
 _Usual = tuple[int, int | None, int | None, Verdict, Verdict]
 
 
 def _usual(msgid: int, row: Row) -> _Usual:
     assert row.access is not None
-    # armed or not is the same here, see below
+    # armed or not makes no difference here, see below
     found = (outcome(row.access, commands, armed=True) for commands in (False, True))
     others, commander = (Verdict(fate, row.access, reason, row.what) for fate, reason in found)
     return (*target_places(msgid), others, commander)
@@ -233,15 +234,15 @@ def _usual_by_id() -> dict[int, _Usual]:
         msgid: _usual(msgid, row)
         for msgid, row in MESSAGE_ROWS.items()
         if row.access in same
-        and row.access is not Access.LIVENESS  # there it matters whose heartbeat it is
+        and row.access is not Access.LIVENESS  # its verdict depends on the sender
         and msgid not in TAKE_OFF_MESSAGES
         and msgid not in INTENT_MESSAGES
         and msgid != _ACK
     }
 
 
-#: What `_decide` finds for most frames, worked out beforehand: for messages whose id alone decides, armed or not. The
-#: verdicts are those of rule 4, for frames that rules 1 to 3 and 6 have nothing against.
+#: What `_decide` finds for most frames, computed beforehand: messages that only their id decides, armed or not. The
+#: verdicts are those of rule 4, for frames to which rules 1 to 3 and 6 do not apply.
 _USUAL: Final = _usual_by_id()
 
 
@@ -285,7 +286,7 @@ def _decide(
 
 
 def uploads(frame: Frame, modes: Modes = COPTER) -> bool:
-    """Whether a frame is a part of an upload that ends at the companion in flight (rule 7)."""
+    """Whether a frame is part of an upload that ends at the companion in flight (rule 7)."""
     if frame.msgid not in _WRITERS or field_int(frame, "mission_type") not in STAGED:
         return False
     return frame.msgid not in INTENT_MESSAGES or intent_of(frame, modes) is None

@@ -1,27 +1,29 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Sticks and setpoints that a station already sent before it had control: refused until they have ended once.
+"""Refuses sticks and setpoints that began before their station had control, until they have ended once.
 
-Ground station programs repeat them by themselves: MAVProxy an RC override ten times a second, for as long as nobody
-takes it back. What was typed at an observer, and refused there, would fly the aircraft at the moment of its handover,
-and nobody would have meant it. So such a stream is *latent*, and counts again once it was ended on purpose. Rules:
+Ground station programs repeat such streams: MAVProxy sends an RC override ten times a second until its operator takes
+it back. If such a stream was begun at an observer, it would fly the aircraft at the moment of the handover, although no
+operator meant that. So such a stream is *stale*, and counts again after it was ended on purpose. Rules:
 
-1. Streams are told apart by kind (`KINDS`: the policy's rows that name one) and by station: all its links, its systems
-   and its components together.
-2. A stream becomes latent by a frame that is refused because its station does not command; by the end of its station's
-   authority, if it had begun under it (of one whose link has failed nobody knows what it goes on sending); and by
-   `distrust`: what ran before this gate is not known.
-3. A latent stream is refused, though its station commands, until it is released or has paused. What a station begins
-   under its own authority is never latent while that lasts.
-4. A release is a frame of the stream that holds nothing. It passes. Where several senders of a station hold, each has
-   to release.
+1. Streams are told apart by kind (`KINDS`: the rows of the policy that name one) and by station: all links, systems and
+   components of a station together.
+2. A stream becomes stale in three ways. A frame of it is refused because its station does not command. Its station
+   loses authority after it had begun: if the link failed, the station may go on sending. Or `distrust` is called: what
+   ran before this gate was started is not known.
+3. A stale stream is refused even if its station commands, until the stream is released or has paused. A stream that
+   begins under the authority of its station is not stale while that authority lasts.
+4. A release is a frame of the stream that holds nothing. It passes. If several senders of a station hold, each must
+   release.
 5. A pause is `PAUSE_S` without a frame of the stream, in which `BEATS` heartbeats of the station itself came. A hole in
-   the link is none, of whatever kind it is: before it and behind it a heartbeat may come first, but no two. Nor is a
-   stall of our own: what has come meanwhile is read in its order.
-6. The station is told (`News`): when a stream is refused, that this will stay so after a handover; after the handover,
-   that it is so, and why; both again every `REMIND_S`; and when it is over. No more than once a second of each.
+   the link is no pause: at most one heartbeat comes before it, and one after it ahead of the stream. A stall of the
+   companion is no pause either: frames that came meanwhile are read in their order.
+6. The station is told (`News`). When a stream is refused: that it will also be refused after a handover. After the
+   handover: that it is refused, and why. Both again every `REMIND_S`. And when the stream has ended. Each at most once
+   a second.
 
-Memory is bounded by the stations and the kinds, and `_MOST_HOLDERS` senders each. Time is an argument (monotonic s).
+Memory is bounded by the stations and the kinds, and by `_MOST_HOLDERS` senders of each. Time is an argument (monotonic
+s).
 
 Sources: MAVLink's RC_CHANNELS_OVERRIDE and MANUAL_CONTROL, ArduPilot's GCS_Common.cpp, MAVProxy's module rc.
 """
@@ -45,9 +47,9 @@ __all__ = ["BEATS", "KINDS", "PAUSE_S", "REMIND_S", "LatentStreams", "News", "St
 
 PAUSE_S: Final = 1.0
 BEATS: Final = 3
-#: who goes on sending what is refused hears of it that often
+#: a station that goes on sending a refused stream is told again after this time
 REMIND_S: Final = 30.0
-#: senders of one stream that are told apart; more of them can only pause
+#: senders of one stream that are told apart; the others count as one, which can only pause
 _MOST_HOLDERS: Final = 8
 
 _Sender = tuple[int, int]  #: system, component
@@ -59,14 +61,14 @@ KINDS: Final[Mapping[int, str]] = {
     msgid: _NAMES[cls.msgname] for msgid, cls in mavlink.mavlink_map.items() if cls.msgname in _NAMES
 }
 
-#: the kinds that stand in a pilot's place: rudder and switches arm by them
+#: the kinds that replace a pilot's sticks: rudder and switches can arm by them
 _STICKS: Final = ("RC override", "manual control")
 
-#: Values of a channel of RC_CHANNELS_OVERRIDE that hold nothing: released, or left as it is. 1 to 8, and the others.
+#: Values of RC_CHANNELS_OVERRIDE that hold nothing: released, or unchanged. Channels 1 to 8, and the others.
 _FREE: Final = frozenset((0, 0xFFFF))
 _FREE_ABOVE_8: Final = frozenset((0, 0xFFFE, 0xFFFF))
 _CHANNELS: Final = {f"chan{n}_raw": _FREE if n <= 8 else _FREE_ABOVE_8 for n in range(1, 19)}
-#: MANUAL_CONTROL: an axis that is not there, and everything that a hand could be on besides
+#: MANUAL_CONTROL: the value of an absent axis, and the fields besides the axes
 _NO_AXIS: Final = 0x7FFF
 _AXES: Final = ("x", "y", "z", "r")
 _BUTTONS: Final = ("buttons", "buttons2", "enabled_extensions")
@@ -82,7 +84,7 @@ def _no_hand(frame: Frame) -> bool:
     )
 
 
-#: What holds nothing, where a message can say so; anything else can only pause.
+#: Tests for frames that hold nothing, by message. A stream of another message can only pause.
 _RELEASES: Final[Mapping[int, Callable[[Frame], bool]]] = {
     mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE: _no_channel,
     mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL: _no_hand,
@@ -90,7 +92,7 @@ _RELEASES: Final[Mapping[int, Callable[[Frame], bool]]] = {
 
 
 def arms(frame: Frame) -> bool:
-    """Whether a frame of a stream is one that can arm an aircraft on the ground: sticks that hold something."""
+    """Whether a frame of a stream can arm an aircraft on the ground: sticks that hold something."""
     return KINDS.get(frame.msgid) in _STICKS and not _releases(frame)
 
 
@@ -100,23 +102,23 @@ def _releases(frame: Frame) -> bool:
 
 
 class State(Enum):
-    """What there is to say of a stream."""
+    """The state of a stream, as its station is told."""
 
     REFUSED = "refused"  #: its station does not command
-    RAN_BEFORE = "ran before"  #: its station commands by now
-    OBEYED = "obeyed"  #: it has ended: from now on its station's sticks count
-    ENDED = "ended"  #: the same, of a station that does not command
+    RAN_BEFORE = "ran before"  #: its station commands now
+    OBEYED = "obeyed"  #: the stream has ended: from now on the station's sticks count
+    ENDED = "ended"  #: the stream has ended, and its station does not command
 
 
 class News(NamedTuple):
-    """Something to say to a station, and to the journal."""
+    """A notice for a station and for the journal."""
 
     station: int
     kind: str
     state: State
 
 
-#: What a station is told: lines of 50 characters at most, and the same in full for a screen that has room.
+#: The notices: lines of at most 50 characters, and the same in full for a screen with more room.
 _LINES: Final = {
     State.REFUSED: ("Handover: {kind}: not in control", "Handover: {kind}: end it before handover"),
     State.RAN_BEFORE: ("Handover: {kind}: refused until it pauses", "Handover: it ran before you had control"),
@@ -131,12 +133,12 @@ _FULL: Final = {
     State.OBEYED: "{kind} has ended: what this station sends from now on is obeyed.",
     State.ENDED: "{kind} has ended: nothing of it is left for a handover.",
 }
-#: how each kind is ended
+#: how an operator ends each kind
 _ENDED: Final = {"RC override": "released (rc all 0) or has paused for 3 s", "manual control": "switched off for 3 s"}
 
 
 def lines(news: News) -> tuple[str, ...]:
-    """What the station is told."""
+    """The notice as short lines."""
     return tuple(line.format(kind=news.kind) for line in _LINES[news.state])
 
 
@@ -146,55 +148,55 @@ def _sentence(kind: str, state: State) -> str:
     return f"{text[:1].upper()}{text[1:]}"
 
 
-#: the first line of everything that is told -> in full
+#: first line of each notice -> the notice in full
 _IN_FULL: Final = {
     _LINES[state][0].format(kind=kind): _sentence(kind, state) for state in State for kind in set(_NAMES.values())
 }
 
 
 def fuller(line: str) -> str | None:
-    """What a line of `lines` says in full; None for any other text, and for a line that only goes with another."""
+    """The full form of a first line of `lines`; None for any other text."""
     return _IN_FULL.get(line)
 
 
 @dataclass(slots=True)
 class _Latent:
-    """A stream that does not count."""
+    """A stream that is refused."""
 
-    #: who of the station was seen to hold, and has not released
+    #: senders of the station that hold, and have not released
     holders: set[_Sender] = field(default_factory=set)
-    #: when the last frame of it came, and the heartbeats of its station since
+    #: when its last frame came, and the heartbeats of its station since
     held_at: float = -math.inf
     beats: int = 0
-    #: what was last said of it, and when
+    #: the last notice of it, and when that was sent
     told: State | None = None
     told_at: float = -math.inf
 
     def hold(self, senders: Iterable[_Sender], now: float) -> None:
-        """It goes on, or is taken to."""
+        """The stream goes on, or may go on."""
         self.held_at, self.beats = now, 0
         for sender in senders:
             self.holders.add(_told_apart(self.holders, sender))
 
 
 def _told_apart(known: Collection[_Sender], sender: _Sender) -> _Sender:
-    """The sender itself, or one of too many."""
+    """The sender itself, or the one that stands for all others."""
     return sender if sender in known or len(known) < _MOST_HOLDERS else _OTHERS
 
 
 class LatentStreams:
-    """Follows the sticks and setpoints of all stations. `stations`: their system ids."""
+    """Tracks the sticks and setpoints of all stations. `stations`: their system ids."""
 
     def __init__(self, stations: Iterable[int]) -> None:
         self._latent: dict[int, dict[str, _Latent]] = {station: {} for station in stations}
-        #: what whoever commands has sent under its authority: kind -> the last frame of each sender
+        #: what the commander has sent under its authority: kind -> the last frame of each sender
         self._begun: dict[str, dict[_Sender, Frame]] = {}
-        #: what is to be told; whoever tells it takes it away
+        #: notices that were not sent yet; the sender of them clears the list
         self.untold: list[News] = []
         self._told = RefusalLimiter(1)
 
     def limit(self, frame: Frame, verdict: Verdict, station: int, now: float) -> Verdict:
-        """The verdict on a frame of a stream that stands: `verdict`, or that it ran before its station had control."""
+        """The verdict that stands: `verdict`, or that the stream ran before its station had control."""
         kind = KINDS.get(frame.msgid)
         if kind is None:
             return verdict
@@ -209,7 +211,7 @@ class LatentStreams:
         return verdict
 
     def _hold_or_release(self, frame: Frame, kind: str, station: int, state: State, now: float) -> bool:
-        """Whether the frame holds something, of a latent stream; without authority every stream that holds is one."""
+        """Whether the frame holds something in a stale stream. Without authority every stream that holds is stale."""
         streams, sender = self._latent[station], (frame.sysid, frame.compid)
         self._settle(station, kind, now, state is State.RAN_BEFORE)
         latent = streams.get(kind)
@@ -228,14 +230,14 @@ class LatentStreams:
         return True
 
     def begun(self, frame: Frame) -> None:
-        """A frame of a stream of the commander went to the autopilot."""
+        """Note a frame of a stream of the commander that went to the autopilot."""
         kind = KINDS.get(frame.msgid)
         if kind is not None:
             frames = self._begun.setdefault(kind, {})
             frames[_told_apart(frames, (frame.sysid, frame.compid))] = frame
 
     def authority_ends(self, station: int | None, now: float) -> None:
-        """`station` commands no more, None: nobody did. What it has begun goes on, for all that is known (rule 2)."""
+        """`station` has lost authority; None: no station had it. The streams that it began may go on (rule 2)."""
         begun, self._begun = self._begun, {}
         streams = {} if station is None else self._latent.get(station, {})
         for kind, frames in begun.items():
@@ -244,18 +246,18 @@ class LatentStreams:
                 streams.setdefault(kind, _Latent()).hold(holders, now)
 
     def distrust(self) -> None:
-        """What ran before this is not known: every stream is taken for one that did, until it is known to be quiet."""
+        """Treat every stream as stale until it is known to be quiet: what ran before is not known."""
         for streams in self._latent.values():
             for kind in set(KINDS.values()):
                 streams.setdefault(kind, _Latent())
 
     def beat(self, station: int) -> None:
-        """A heartbeat of the station itself."""
+        """Note a heartbeat of the station itself."""
         for latent in self._latent[station].values():
             latent.beats += 1
 
     def tick(self, commander: int | None, now: float) -> None:
-        """Look for streams that have paused; to be called often."""
+        """Find streams that have paused. To be called often."""
         for station, streams in self._latent.items():
             for kind in list(streams):
                 self._settle(station, kind, now, station == commander)
@@ -267,7 +269,7 @@ class LatentStreams:
 
     def _end(self, station: int, kind: str, now: float, commands: bool) -> None:
         latent = self._latent[station].pop(kind)
-        if latent.told is not None:  # of what nobody was told of nobody need know that it is over
+        if latent.told is not None:  # if no notice was sent, the end needs none
             self._tell(News(station, kind, State.OBEYED if commands else State.ENDED), latent, now)
 
     def _tell(self, news: News, latent: _Latent, now: float) -> None:

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Which frames change the mission or the geofence that the autopilot holds.
+"""Finds frames that change the mission or the geofence in the autopilot.
 
-After such a frame has reached the autopilot, a mission package that was loaded does not count any more. The list is
-taken as changed when the change begins: with the first message of an upload, or when a file is opened for writing.
+After such a frame has reached the autopilot, a mission package that was loaded does not count any more. The list counts
+as changed when the change begins: with the first message of an upload, or when a file is opened for writing.
 
 Rally points are not here: the companion keeps that list (`autopilot/rally_list.py`).
 
@@ -48,7 +48,7 @@ class ListChange(NamedTuple):
 
 
 def list_change(frame: Frame) -> ListChange | None:
-    """What a frame changes at the autopilot; None: neither mission nor geofence."""
+    """The change that a frame makes at the autopilot; None: it changes neither mission nor geofence."""
     msgid = frame.msgid
     if msgid in _UPLOADS:
         what = _BY_TYPE.get(field_int(frame, "mission_type"))
@@ -63,6 +63,6 @@ def list_change(frame: Frame) -> ListChange | None:
         what = _PARAMETERS.get(parameter_name(field_bytes(frame, "param_id")))
         return None if what is None else ListChange(what)
     if msgid in _COMMANDS and field_int(frame, "command") == mavlink.MAV_CMD_DO_AUX_FUNCTION:
-        which = field_float(frame, "param1")  # the autopilot keeps 16 bits; a number that is none may be anything
+        which = field_float(frame, "param1")  # the autopilot keeps 16 bits; a NaN may be any number
         return ListChange(MISSION) if not isfinite(which) or int(which) & 0xFFFF in _SWITCHES else None
     return None

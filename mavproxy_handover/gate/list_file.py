@@ -1,21 +1,21 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""A list of mission items as a file, for programs that read and write lists by file transfer (`@MISSION/rally.dat`).
+"""Serves a list of mission items as a file (`@MISSION/rally.dat`), for programs that use file transfer for lists.
 
-In front of the autopilot, as `mission_server.py` is for the mission protocol. Who may speak is not judged here, the
-gate does. Rules:
+It answers in the autopilot's place, as `mission_server.py` does for the mission protocol. The gate decides which
+station may send such requests. Rules:
 
-1. The file is a head (magic, MAV_MISSION_TYPE, options, number of the first item, number of items) and the items, each
-   as MISSION_ITEM_INT has it in its payload. What is read is the list of the moment at which it was opened.
-2. A station has one file open, as with ArduPilot. Its session's requests are served here: read, burst, write and
-   TerminateSession. Whatever the station opens next, here or at the autopilot, ends it; so does ResetSessions, which
-   the autopilot answers. What is aimed at another component has nothing to do with it.
-3. A list that is written counts when its session is terminated, whole and without a flaw, and is acknowledged when it
-   has replaced the old one (`conclude`); anything else leaves the list as it was, and is answered by a refusal. A part
-   of a list is not taken, as by ArduPilot.
-4. A copy of the last request is answered as the first was: the answer may have been lost.
-5. A burst is `BURST` answers at the most, which is all of a list for programs that read as ArduPilot's do.
-6. Nothing that arrives raises; memory is bounded by the stations and `most` items each.
+1. The file is a header (magic, MAV_MISSION_TYPE, options, number of the first item, number of items) and the items,
+   each as in the payload of MISSION_ITEM_INT. A station reads the list as it was when it opened the file.
+2. A station has one file open, as with ArduPilot. The requests of its session are served here: read, burst, write and
+   TerminateSession. The next file that the station opens, here or at the autopilot, ends the session. So does
+   ResetSessions, which the autopilot answers. Requests to another component do not concern this file.
+3. A written list counts when its session is terminated and the list is complete and valid. It is acknowledged when it
+   has replaced the old one (`conclude`). Otherwise the list stays as it was, and the answer is a refusal. A part of a
+   list is not accepted, as with ArduPilot.
+4. A copy of the last request gets the first answer again, because that may have been lost.
+5. A burst is at most `BURST` answers. That is a whole list for programs that read as ArduPilot's do.
+6. No input raises an exception. Memory is bounded by the stations and by `most` items each.
 
 Sources: mavlink.io, "File Transfer Protocol (FTP)"; ArduPilot's GCS_FTP.cpp and AP_Filesystem_Mission.cpp.
 """
@@ -53,14 +53,14 @@ from mavproxy_handover.wire.ids import (
 
 __all__ = ["BURST", "ListFile"]
 
-#: 46 rally points in pieces of 80 bytes, as MAVProxy asks for them, are 22
+#: MAVProxy asks for pieces of 80 bytes: 46 rally points are 22 pieces
 BURST: Final = 24
 _MAGIC: Final = 0x763D
 _HEADER: Final = struct.Struct("<5H")
 _ITEM: Final = struct.Struct("<4fiifHH6B")
 _FAIL, _NO_SESSION, _END_OF_FILE = b"\x01", b"\x05", b"\x06"
 _OPENS: Final = frozenset({FTP_OPEN_READ, FTP_CREATE, FTP_OPEN_WRITE})
-#: of an open session -> what it takes
+#: opcode of an open session -> class
 _ACCESS: Final = {
     FTP_READ: Access.RALLY_READ,
     FTP_BURST: Access.RALLY_READ,
@@ -70,7 +70,7 @@ _ACCESS: Final = {
 
 @dataclass(slots=True)
 class _File:
-    """A file that a station has open, or had: `over`, and only a copy of what ended it is answered."""
+    """A file that a station has open. If it is `over`, only a copy of the request that ended it is answered."""
 
     sender: Sender
     session: int
@@ -89,7 +89,7 @@ class ListFile:
         offered: Callable[[], Sequence[MissionItem]],
         check: Callable[[MissionItem], Flaw | None] = flaw,
     ) -> None:
-        """`most`: items that the list may have. `offered`: what is in it. `check`: what is wrong with an item."""
+        """`most`: the most items of the list. `offered`: its items. `check`: what is wrong with an item."""
         self._kind = kind
         self._longest = _HEADER.size + most * _ITEM.size
         self._offered = offered
@@ -103,13 +103,13 @@ class ListFile:
         return tuple(station for station, file in self._files.items() if file.writes and file.over is None)
 
     def forget(self, station: int) -> None:
-        """Whatever the station has open is given up."""
+        """Close what the station has open, without a result."""
         self._files.pop(station, None)
 
     def access(self, station: int, frame: Frame) -> Access | None:
-        """What a request of file transfer takes that belongs to a session with this file; None: it belongs to none.
+        """The class of a request that belongs to a session with this file; None: it does not belong to one.
 
-        Opening it does not count: the path says what that takes (`policy/files.py`). But to open another one ends it.
+        Opening the file is judged by its path (`policy/files.py`). To open another file ends the session.
         """
         file, aim = self._files.get(station), target(frame)
         if file is None or aim is None or aim[1] not in (EVERYBODY, AUTOPILOT_COMPID):
@@ -127,7 +127,7 @@ class ListFile:
         return _ACCESS.get(head.opcode) if file.over is None else None
 
     def take(self, station: int, request: Any, sender: Sender) -> Turn:
-        """A request that the gate lets through: it opens the file, or `access` knows it."""
+        """Answer a request that passed the gate: it opens the file, or belongs to a session (`access`)."""
         payload = bytes(request.payload)
         head = head_of(payload)
         data = payload[DATA][: head.size]
@@ -147,7 +147,7 @@ class ListFile:
         return _burst(file, head) if head.opcode == FTP_BURST else _read(file, head)
 
     def conclude(self, station: int) -> Turn:
-        """The list that `take` gave as a whole has replaced the old one: now its station hears so."""
+        """Acknowledge the list that `take` returned: it has replaced the old one."""
         file = self._files[station]
         assert file.over is not None
         head = file.over[0]
@@ -195,7 +195,7 @@ class ListFile:
         return b"".join(parts)
 
     def _list(self, data: bytes) -> tuple[MissionItem, ...] | str:
-        """What a file holds, or why it is no list."""
+        """The items in a file, or why it is no valid list."""
         if len(data) < _HEADER.size:
             return "the file has no head"
         magic, kind, options, start, number = _HEADER.unpack_from(data)
@@ -229,7 +229,7 @@ def _read(file: _File, head: Head) -> Turn:
 
 
 def _burst(file: _File, head: Head) -> Turn:
-    """Pieces one after the other, numbered on; the last of the file, and of the burst, says so, and its end is told."""
+    """Numbered pieces, one after the other. The last piece of the burst or of the file says so; then comes the end."""
     answers: list[Any] = []
     size, offset = head.size or DATA_BYTES, head.offset
     while len(answers) < BURST and (data := _piece(file, offset, size)):

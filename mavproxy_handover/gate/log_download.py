@@ -1,28 +1,28 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Log download of the commanding station: no faster than the station and its link take it.
+"""Paces the log download of the commander: no faster than the station and its link can take it.
 
 LOG_DATA is a stream without acknowledgement. A USB or network autopilot sends it many times faster than a UDP program
-reads it. What the program's socket cannot hold is lost, and the program learns of it only after its own time-out (stock
-MAVProxy: 0.7 s, then 20 gaps at once, of which ArduPilot serves one and ignores the others). So, rules:
+reads it. What the program's socket cannot hold is lost, and the program notices only after its own time-out. Stock
+MAVProxy waits 0.7 s and then asks for 20 gaps at once, of which ArduPilot serves one and ignores the others. So, rules:
 
-1. LOG_DATA waits here in a bounded queue. To a link that refuses what it cannot send (TCP, serial) it goes as fast as
-   the link takes it, to a UDP link at `PACE_BYTES_PER_S`.
-2. The autopilot is asked for `PIECE_BYTES` of the log at a time, and for the next piece when no more than `LOW_BYTES`
-   wait here. So the queue neither runs empty nor fills up, and the autopilot is never told to stop: on a network link a
+1. LOG_DATA waits here in a bounded queue. A link that refuses what it cannot send (TCP, serial) gets it as fast as the
+   link takes it. A UDP link gets it at `PACE_BYTES_PER_S`.
+2. The autopilot is asked for `PIECE_BYTES` of the log at a time, and for the next piece when at most `LOW_BYTES` wait
+   here. So the queue neither runs empty nor fills up, and the autopilot is never told to stop: on a network link a
    megabyte would still be on its way then. A frame that comes while the queue is full is lost.
-3. Requests that come while one is served wait for their turn, `MOST_REQUESTS` of them. A request that holds all that is
-   left of the one that is served, and begins elsewhere, takes its place: the autopilot itself would begin anew.
-4. A station that asks again for what it was sent has lost it: the pace is halved, down to `LEAST_PACE_BYTES_PER_S`. A
-   program that asks for the next part when it has the one before (MAVSDK) shows that it has read all: the pace is
-   doubled, up to `MOST_PACE_BYTES_PER_S`, unless some of it was lost. A download from offset 0 begins with
-   `PACE_BYTES_PER_S`.
+3. Requests that come while one is served wait for their turn, `MOST_REQUESTS` of them. A request that contains the rest
+   of the request that is served, and begins at another place, replaces it: the autopilot itself would begin again.
+4. A station that asks again for data that it was sent has lost them: the pace is halved, down to
+   `LEAST_PACE_BYTES_PER_S`. A program that asks for the next part when it has the one before (MAVSDK) shows that it has
+   read all: the pace is doubled, up to `MOST_PACE_BYTES_PER_S`, unless some of it was lost. A download from offset 0
+   begins with `PACE_BYTES_PER_S`.
 5. A LOG_DATA without data says "end of log" and makes MAVProxy close its file. It is passed on only if the station
-   asked for that place itself, not where the companion asked for the next piece.
-6. If the autopilot sends nothing for `AGAIN_S`, and nothing waits here, it is asked again for the rest of the piece,
-   `TRIES` times: the last frame of a piece may be lost, and the autopilot does not know. After `STALL_S` the next
-   request of the station counts alone. The station asks again by its own rules.
-7. If the station's link takes nothing for `STUCK_S`, all is forgotten. The link is gone.
+   itself asked for that place, not if the companion asked for the next piece.
+6. If the autopilot sends nothing for `AGAIN_S`, and nothing waits here, it is asked again for the rest of the piece, up
+   to `TRIES` times: the last frame of a piece may be lost, and the autopilot does not know. After `STALL_S` only the
+   next request of the station counts. The station asks again by its own rules.
+7. If the station's link takes nothing for `STUCK_S`, the link is gone: all of the download is forgotten.
 
 Time is an argument (monotonic seconds).
 """
@@ -56,7 +56,7 @@ __all__ = [
 ]
 
 #: Bytes of frames a second to a UDP link: about 3,300 frames, 300 kB of log. Stock MAVProxy reads up to 5,000 frames a
-#: second, four to a datagram, on a desk computer of 2020.
+#: second, four to a datagram, on an office computer of 2020.
 PACE_BYTES_PER_S: Final = 360_000.0
 LEAST_PACE_BYTES_PER_S: Final = 45_000.0
 MOST_PACE_BYTES_PER_S: Final = 5_760_000.0
@@ -75,7 +75,7 @@ STALL_S: Final = 0.5
 AGAIN_S: Final = 0.3
 TRIES: Final = 3
 STUCK_S: Final = 10.0
-#: gaps are asked for in one go: one halving for all of them
+#: a program asks for its gaps one after the other: they halve the pace only once in this time
 _SLOWER_EACH_S: Final = 1.0
 
 _REQUEST: Final[int] = mavlink.MAVLINK_MSG_ID_LOG_REQUEST_DATA
@@ -86,7 +86,7 @@ class Receiver(Protocol):
 
     @property
     def flow_controlled(self) -> bool:
-        """Its link refuses what it cannot send now."""
+        """Whether its link refuses what it cannot send now."""
 
     def write_more(self, data: bytes) -> bool:
         """Send a frame of many; False: not now."""
@@ -94,7 +94,7 @@ class Receiver(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class _Range:
-    """What a station asked for: bytes `begin` to `end` of a log. `sender`, `target`: system and component ids."""
+    """A request of a station: bytes `begin` to `end` of a log. `sender`, `target`: system and component ids."""
 
     log: int
     begin: int
@@ -115,34 +115,34 @@ class LogDownload:
     def __init__(self, to_autopilot: Callable[[bytes], None]) -> None:
         self._to_autopilot = to_autopilot
         self._receiver: Receiver | None = None
-        #: what the autopilot sends now, and what waits for its turn
+        #: the request that the autopilot serves now, and those that wait
         self._served: _Range | None = None
         self._waiting: deque[_Range] = deque()
         #: the offset that comes next, where the piece that was asked for ends, and where the companion itself began one
         self._next = self._piece_end = 0
         self._own_piece_at = -1
         self._heard_at = -math.inf
-        #: how often the autopilot may still be asked again for the piece
+        #: how many more times the autopilot may be asked for the piece
         self._tries = TRIES
         self._queue: deque[bytes] = deque()
         self._queued_bytes = 0
-        #: of the log that is downloaded: up to where it was sent
+        #: the log that is downloaded, and how far it was sent
         self._log, self._sent_to = 0, 0
         self._pace = PACE_BYTES_PER_S
         self._slowed_at = -math.inf
-        #: of the part that was asked for last some was lost
+        #: some of the part that was asked for last was lost
         self._lossy = False
         self._credit_bytes, self._credit_at = BURST_BYTES, -math.inf
-        #: when the station's link took something last, or began to have something to take
+        #: when the station's link last took a frame, or the queue began to fill
         self._took_at = -math.inf
 
     @property
     def queued_bytes(self) -> int:
-        """What waits for the station."""
+        """Bytes that wait for the station."""
         return self._queued_bytes
 
     def asked(self, receiver: Receiver, frame: Frame, now: float) -> None:
-        """A request about logs that the gate let through (LOG_REQUEST_*, LOG_ERASE): pass it on, now or later."""
+        """Pass on a request about logs that passed the gate (LOG_REQUEST_*, LOG_ERASE), now or later."""
         if frame.msgid != _REQUEST:
             self.forget()
             self._to_autopilot(frame.raw)
@@ -170,8 +170,8 @@ class LogDownload:
             self._waiting.append(asked)
 
     def _replaces(self, asked: _Range, served: _Range) -> bool:
-        """Whether a request takes the place of the one that is served (rule 3). One that is only repeated does not: a
-        program that hears nothing for half a second would begin the same place anew again and again."""
+        """Whether a request replaces the one that is served (rule 3). A repeated request does not: a program that hears
+        nothing for half a second would begin the same place again and again."""
         left = asked.log == served.log and asked.begin < self._next and asked.end >= served.end
         return left and asked.begin != served.begin
 
@@ -191,12 +191,12 @@ class LogDownload:
         self._ask(asked, now)
 
     def tick(self, now: float) -> None:
-        """Ask the autopilot again for what did not come (rule 6); to be called often."""
+        """Ask the autopilot again for data that did not come (rule 6). To be called often."""
         served = self._served
         if served is None or self._queue or not self._tries or now - self._heard_at < AGAIN_S:
             return
         tries = self._tries - 1
-        # where nothing of the station's own request has come, its answer is the station's
+        # if nothing of the station's own request has come, the answer belongs to that request
         self._own_piece_at = -1 if self._next == served.begin else self._next
         self._ask(served, now)
         self._tries = tries
@@ -208,12 +208,12 @@ class LogDownload:
         self._to_autopilot(served.asks(self._next))
 
     def keeps(self, receiver: Receiver, frame: Frame, raw: bytes, now: float) -> bool:
-        """Whether this LOG_DATA, on its way to a station, is dealt with here."""
+        """Whether this LOG_DATA for a station is kept here, to be sent later or not at all."""
         served = self._served
         if served is None or receiver is not self._receiver or field_int(frame, "id") != served.log:
             return False
         begin, count = field_int(frame, "ofs"), field_int(frame, "count")
-        if not served.begin <= begin <= served.end:  # of a request before this one
+        if not served.begin <= begin <= served.end:  # it answers an earlier request
             return False
         self._heard_at, self._tries = now, TRIES
         if count == 0 and begin == self._own_piece_at:
@@ -238,7 +238,7 @@ class LogDownload:
             self._serve(self._waiting.popleft(), now)
 
     def send(self, now: float) -> bool:
-        """Send what may go now; whether there is more to do. To be called in every round of the main loop."""
+        """Send what may go now. Returns whether there is more to do. To be called in every round of the main loop."""
         receiver, queue = self._receiver, self._queue
         if receiver is None:
             return False
@@ -262,7 +262,7 @@ class LogDownload:
         return bool(queue)
 
     def forget(self) -> None:
-        """Authority moves, the station ends the download, or it asks for something else."""
+        """End the download: authority moves, or the station ends it, or asks for something else."""
         self._receiver = self._served = None
         self._waiting.clear()
         self._clear_queue()

@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Items of a mission, a fence or rally points as messages carry them, both ways, and what is wrong with one by itself.
+"""Converts items of a mission, fence or rally list between `MissionItem` and messages, and checks single items.
 
-`MissionItem` is how the rest of this program knows them. MISSION_ITEM_INT has places in 1e-7 degrees, the older
-MISSION_ITEM in degrees of 32 bits, which is up to a metre beside the place. A parameter that is no number is left open,
-which ArduCopter takes for 0.
+MISSION_ITEM_INT has positions in 1e-7 degrees. The older MISSION_ITEM has 32-bit degrees, up to a metre less exact. A
+parameter that is NaN is left open; ArduCopter takes it for 0.
 """
 
 from __future__ import annotations
@@ -21,9 +20,9 @@ __all__ = ["Flaw", "filled", "flaw", "item_of", "item_message", "older_item_mess
 
 #: frames that differ only in the integer form of their name
 _INT_FRAMES: Final = {5: 0, 6: 3, 11: 10}
-#: frames with a place in them, as ArduCopter stores them; of the others x and y are no degrees
+#: frames with a position, as ArduCopter stores them; in other frames x and y are no degrees
 _PLACED: Final = (0, 3, 10)
-#: the result for parameter 1, 2, 3 ..., one after the other
+#: the results for parameters 1 to 4
 _INVALID: Final = (
     mavlink.MAV_MISSION_INVALID_PARAM1,
     mavlink.MAV_MISSION_INVALID_PARAM2,
@@ -39,14 +38,14 @@ _LIMITS: Final = (
 
 @dataclass(frozen=True, slots=True)
 class Flaw:
-    """Why an item, or a list of them, is not taken: as MAV_MISSION_RESULT, and in words."""
+    """Why an item or a list is not accepted: a MAV_MISSION_RESULT, and a text."""
 
     result: int
     words: str
 
 
 def item_of(message: Any) -> MissionItem:
-    """The item that MISSION_ITEM_INT or MISSION_ITEM carries. It may hold anything: see `flaw`."""
+    """The item in MISSION_ITEM_INT or MISSION_ITEM. Its numbers are not checked (see `flaw`)."""
     whole = message.get_type() == "MISSION_ITEM_INT"
     frame = _INT_FRAMES.get(message.frame, message.frame)
     params = message.param1, message.param2, message.param3, message.param4
@@ -56,13 +55,13 @@ def item_of(message: Any) -> MissionItem:
 
 
 def filled(item: MissionItem) -> MissionItem:
-    """The same with 0 for each parameter that is left open."""
+    """The item with 0 for each parameter that is left open."""
     one, two, three, four = (0.0 if math.isnan(p) else p for p in item.params)
     return replace(item, param1=one, param2=two, param3=three, param4=four)
 
 
 def flaw(item: MissionItem) -> Flaw | None:
-    """What no item may be, whatever it is for: endless numbers, and places that are none. None: nothing."""
+    """What is wrong with an item of any list: infinite numbers, impossible positions. None: nothing."""
     for number, (value, result) in enumerate(zip(item.params, _INVALID, strict=True), 1):
         if not math.isfinite(value):
             return Flaw(result, f"item {item.seq}: parameter {number} is no number")
@@ -73,13 +72,13 @@ def flaw(item: MissionItem) -> Flaw | None:
 
 
 def item_message(item: MissionItem, target: tuple[int, int], kind: int, current: bool = False) -> Any:
-    """MISSION_ITEM_INT of a list of that MAV_MISSION_TYPE."""
+    """The item as MISSION_ITEM_INT of a list of this MAV_MISSION_TYPE."""
     place = round(item.lat_deg * 1e7), round(item.lon_deg * 1e7), item.alt_m
     return mavlink.MAVLink_mission_item_int_message(*_head(item, target, current), *place, kind)
 
 
 def older_item_message(item: MissionItem, target: tuple[int, int], kind: int, current: bool = False) -> Any:
-    """The same as MISSION_ITEM, for programs that ask by MISSION_REQUEST."""
+    """The item as MISSION_ITEM, for programs that ask by MISSION_REQUEST."""
     place = item.lat_deg, item.lon_deg, item.alt_m
     return mavlink.MAVLink_mission_item_message(*_head(item, target, current), *place, kind)
 

@@ -2,25 +2,26 @@
 
 """The vehicle's side of the mission protocol, for one kind of list (mission, fence, rally points).
 
-In front of the autopilot: what a station uploads is gathered here, whole, before anything of it goes any further, and
-what a station reads is what is offered here. Who may speak is not judged here, the gate does; nor what is in a list,
-which whoever holds a server does between `take` and `conclude`. Rules:
+It answers in the autopilot's place. An upload of a station is collected here as a whole before any of it goes further.
+A station reads the list that is offered here. The gate decides which station may send such messages. The owner of the
+server checks the list between `take` and `conclude`. Rules:
 
-1. One upload at a time. Another sender's is denied meanwhile; the same sender begins anew by a new MISSION_COUNT.
-2. Items are asked for one by one. One that came before, or out of turn, changes nothing and is answered by nothing: to
-   ask anew for each copy would double every copy. What does not come is asked for again every `AGAIN_S`, by turns
-   in the form of MISSION_REQUEST, for programs that know no other; after `PATIENCE_S` of silence it is over.
-3. An item that `check` refuses ends the upload at once, as it does in ArduPilot. So does MISSION_ACK with
-   OPERATION_CANCELLED of its sender.
-4. A list that is whole waits for `conclude`. The protocol has no word for that, and programs wait about a second for
-   the last answer (QGroundControl 1.5 s): so the last item is asked for again meanwhile, which keeps them waiting.
-   Whoever begins anew in that time is not heard; it asks again.
-5. The answer to an upload that is over is given again to a copy of its last item or, of a MISSION_CLEAR_ALL, to that
-   itself, for `REMEMBERED_S`: the first may have been lost.
+1. One upload at a time. Uploads of other senders are denied meanwhile. The same sender starts again by a new
+   MISSION_COUNT.
+2. Items are requested one by one. An item that came before, or out of turn, changes nothing and gets no answer: a
+   request for each copy would double every copy. A missing item is requested again every `AGAIN_S`, every other time as
+   MISSION_REQUEST, for programs that know no other form. After `PATIENCE_S` without a message the upload ends.
+3. An item that `check` refuses ends the upload at once, as in ArduPilot. So does MISSION_ACK with OPERATION_CANCELLED
+   of its sender.
+4. A complete list waits for `conclude`. The protocol has no message for that, and programs wait about a second for the
+   last answer (QGroundControl 1.5 s). So the last item is requested again meanwhile, which keeps them waiting. A sender
+   that starts again in that time gets no answer; it asks again.
+5. The answer to an upload that is over is repeated for `REMEMBERED_S`: for a copy of its last item, or for a copy of
+   MISSION_CLEAR_ALL. The first answer may have been lost.
 6. Reading is never blocked: it shows what is offered, before, during and after an upload.
-7. A part of a list may go on behind its end by one item, as in ArduPilot. It is laid into the list that was offered
-   when the upload began; if that is another one by the end, the upload has failed.
-8. Nothing that arrives raises; memory is bounded by `most` items.
+7. An upload of a part may extend the list by one item, as in ArduPilot. The part is put into the list that was offered
+   when the upload began. If that list has changed by the end, the upload fails.
+8. No input raises an exception. Memory is bounded by `most` items.
 
 Time is an argument (monotonic seconds). Sources: mavlink.io, "Mission Protocol"; ArduPilot's MissionItemProtocol.cpp;
 QGroundControl's PlanManager.cc; MAVProxy's mission_item_protocol.py.
@@ -41,7 +42,7 @@ from mavproxy_handover.mission.items import MissionItem
 __all__ = ["AGAIN_S", "PATIENCE_S", "REMEMBERED_S", "MissionServer", "Sender", "Turn", "Upload"]
 
 AGAIN_S: Final = 0.5
-#: ArduPilot's own
+#: as in ArduPilot
 PATIENCE_S: Final = 8.0
 #: shorter than the `QUIET_S` after which the same upload counts as insisting (`core/safety/commands.py`)
 REMEMBERED_S: Final = 2.5
@@ -55,10 +56,10 @@ Sender = tuple[int, int]  #: system, component
 
 @dataclass(frozen=True, slots=True)
 class Upload:
-    """A list that came whole: `items` are numbered from 0, none of them is a list to be cleared.
+    """A list that arrived complete. `items` are numbered from 0; no items: the list is to be cleared.
 
-    `kind`: the MAV_MISSION_TYPE that it was asked by, which is ALL where everything is to be cleared. `begun_at`: when
-    its first message came, if that is known.
+    `kind`: the MAV_MISSION_TYPE of the request, which is ALL if all lists are to be cleared. `begun_at`: when its first
+    message came, if that is known.
     """
 
     sender: Sender
@@ -69,8 +70,10 @@ class Upload:
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """What comes of a message, or of time: messages to send, each to its target; an upload that is whole and waits for
-    `conclude`; and why something was refused or given up, in words, "" if nothing was."""
+    """The result of a message, or of time.
+
+    `answers`: messages to send, each to its target. `whole`: a complete upload that waits for `conclude`. `words`: why
+    something was refused or given up, "" if nothing was."""
 
     answers: tuple[Any, ...] = ()
     whole: Upload | None = None
@@ -79,8 +82,7 @@ class Turn:
 
 @dataclass(slots=True)
 class _Open:
-    """An upload on its way. `first` to `last`: the items that are sent; `got`: those that came; `begun_at`: when it was
-    begun."""
+    """An upload in progress. `first` to `last`: its items; `got`: those that came; `begun_at`: when it began."""
 
     sender: Sender
     kind: int
@@ -88,11 +90,11 @@ class _Open:
     last: int
     begun_at: float
     got: list[MissionItem] = field(default_factory=list)
-    #: of a part: the list that it is laid into
+    #: the list that a part is put into
     base: tuple[MissionItem, ...] | None = None
-    #: the program sends MISSION_ITEM
+    #: whether the program sends MISSION_ITEM
     older: bool = False
-    #: when an item was asked for last, how often in vain, and when the sender was heard last
+    #: when an item was last requested, how often without result, and when the sender was last heard
     asked_at: float = -inf
     tries: int = 0
     heard_at: float = -inf
@@ -100,13 +102,13 @@ class _Open:
 
     @property
     def wanted(self) -> int:
-        """Number of the item that is waited for; of a list that is whole the last one."""
+        """Number of the item that is awaited; of a complete list the last one."""
         return min(self.first + len(self.got), self.last)
 
 
 @dataclass(frozen=True, slots=True)
 class _Over:
-    """An upload that is over: `last`, the number of its last item (None: it was cleared), and how it was answered."""
+    """An upload that is over. `last`: the number of its last item (None: it cleared the list); `result`: the answer."""
 
     sender: Sender
     kind: int
@@ -116,14 +118,14 @@ class _Over:
 
 
 class MissionServer:
-    """Holds one end of the protocol for lists of MAV_MISSION_TYPE `kind`."""
+    """The vehicle's end of the protocol for lists of MAV_MISSION_TYPE `kind`."""
 
     def __init__(self, kind: int, most: int, check: Callable[[MissionItem], Flaw | None] = flaw) -> None:
-        """`most`: items that a list may have. `check`: what is wrong with an item by itself."""
+        """`most`: the most items of a list. `check`: what is wrong with a single item."""
         self.kind = kind
-        #: what stations read; None: nothing is known, they are told so
+        #: the list that stations read; None: it is not known, and the stations are told so
         self.offered: Sequence[MissionItem] | None = None
-        #: number of the item that is flown to, shown to who reads
+        #: number of the item that the aircraft flies to, shown to stations that read
         self.current: int | None = None
         self._most = most
         self._check = check
@@ -144,21 +146,21 @@ class MissionServer:
 
     @property
     def sender(self) -> Sender | None:
-        """Whose upload is open; None: none is."""
+        """The sender of the open upload; None: no upload is open."""
         return None if self._open is None else self._open.sender
 
     def knows(self, message: Any) -> bool:
-        """Whether a message is of this protocol, and for this kind of list."""
+        """Whether a message belongs to this protocol and to this kind of list."""
         if message.get_type() not in self._handlers:
             return False
         return message.mission_type in (self.kind, _ALL if message.get_type() == "MISSION_CLEAR_ALL" else self.kind)
 
     def take(self, message: Any, sender: Sender, now: float) -> Turn:
-        """A message of a station's program that `knows` knows."""
+        """Handle a message of a station's program that `knows` accepts."""
         return self._handlers[message.get_type()](message, sender, now)
 
     def tick(self, now: float) -> Turn:
-        """Time has passed; to be called often."""
+        """Request again what is missing. To be called often."""
         opened = self._open
         if opened is None or now < opened.asked_at + AGAIN_S or opened.last < 0:
             return Turn()
@@ -168,7 +170,7 @@ class MissionServer:
         return Turn((self._ask(opened, now),))
 
     def conclude(self, result: int, now: float) -> Turn:
-        """The upload that was whole is dealt with: what its sender is told, as MAV_MISSION_RESULT."""
+        """Answer the sender of the complete upload with this MAV_MISSION_RESULT."""
         opened, self._open = self._open, None
         if opened is None or not opened.whole:
             self._open = opened
@@ -176,7 +178,7 @@ class MissionServer:
         return self._end(opened, result, now)
 
     def give_up(self, why: str, now: float) -> Turn:
-        """End the upload that is open, whatever its state; its sender is told. Nothing if none is."""
+        """End the open upload in any state, and tell its sender. Without one nothing is done."""
         opened, self._open = self._open, None
         return Turn() if opened is None else replace(self._end(opened, _CANCELLED, now), words=why)
 
@@ -260,7 +262,7 @@ class MissionServer:
     def _on_ack(self, message: Any, sender: Sender, now: float) -> Turn:
         opened = self._open
         cancels = message.type == _CANCELLED and opened is not None and opened.sender == sender
-        if not cancels or opened is None or opened.whole:  # what is whole may be on its way to the autopilot already
+        if not cancels or opened is None or opened.whole:  # a complete list may be on its way to the autopilot already
             return Turn()
         self._open = None
         return Turn(words="the upload was called off by its sender")
@@ -285,7 +287,7 @@ class MissionServer:
     # ---- answers --------------------------------------------------------------------------------------------------
 
     def _ask(self, opened: _Open, now: float) -> Any:
-        """The question for the item that is waited for."""
+        """The request for the item that is awaited."""
         opened.asked_at = now
         older = opened.older or opened.tries % 2 == 1
         pack = mavlink.MAVLink_mission_request_message if older else mavlink.MAVLink_mission_request_int_message

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The guard knows stations by their numbers, and operators by their names: its word of who commands says the name.
+"""Puts a station's name in place of its number into the guard's text about the commander.
 
-It is the one text of the vehicle that is not passed on as it came; what cannot be named is.
+The guard knows stations by system id, and operators know them by name. This is the only text of the vehicle that is
+changed on its way. A text without a known number is passed on unchanged.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ _SAYS: Final = re.compile(rb"(HNDO: lease live, )(\d{1,3})( commands)\0*")
 
 
 def named(frame: Frame, names: Mapping[int, str]) -> bytes:
-    """The frame, whole; `names`: of the stations by system id."""
+    """The whole frame to send. `names`: of the stations by system id."""
     if frame.msgid != _TEXT or not frame.known:
         return frame.raw
     says = _SAYS.fullmatch(field_bytes(frame, "text"))

@@ -1,21 +1,20 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Telemetry for stations that do not command: what they asked for, thinned out of what flows anyway.
+"""Thins telemetry for stations that do not command, out of the streams that flow already.
 
-The autopilot sends at rates that the commander and the companion have asked for. An observer's wish never
-reaches it: the autopilot has one channel to the companion, and one station's load would be every station's delay.
-The companion answers the wish itself, and keeps to it by passing on every so-manieth message. Rules:
+The autopilot sends at rates that the commander and the companion have asked for. A request of an observer never reaches
+it: the autopilot has one channel to the companion, and load for one station would delay all of them. The companion
+answers the request itself, and passes on every n-th message to keep to it. Rules:
 
-1. `ALWAYS` goes to every station, as often as it comes. Nobody can ask for less of it.
+1. `ALWAYS` goes to every station, as often as it comes. No station can ask for less of it.
 2. `DEFAULTS` go to every station at their interval, unless it asked for another.
-3. `WISHES` go to the stations that asked. Nothing else can be asked for: no parameters, files, tunnels.
-4. Nothing is granted more often than `ObserverLimits.message_hz`, and what goes beyond `DEFAULTS` is cut off at
+3. `WISHES` go to the stations that asked. Nothing else can be asked for: no parameters, files or tunnels.
+4. No message is granted more often than `ObserverLimits.message_hz`. What goes beyond `DEFAULTS` is limited to
    `ObserverLimits.bytes_per_s` for each station.
-5. SET_MESSAGE_INTERVAL and GET_MESSAGE_INTERVAL are acknowledged in the name of the component that was asked;
-   the interval told is the one that is kept to. REQUEST_DATA_STREAM asks for a group, as in ArduCopter, and has
-   no answer.
-6. Wishes end when the station commands, and asks the autopilot itself (`forget`), and when it has been silent for
-   `ObserverLimits.silence_s`.
+5. SET_MESSAGE_INTERVAL and GET_MESSAGE_INTERVAL are acknowledged in the name of the component that was asked. The
+   answer tells the interval that is kept. REQUEST_DATA_STREAM asks for a group, as in ArduCopter, and has no answer.
+6. Requests end when the station commands, and then asks the autopilot itself (`forget`). They also end when nothing
+   came from the station for `ObserverLimits.silence_s`.
 
 Memory is bounded: by the messages that may be asked for, and by `_MOST_SOURCES` of them.
 
@@ -37,13 +36,13 @@ from mavproxy_handover.wire.ids import AVAILABLE_MODES_MONITOR
 
 __all__ = ["ALWAYS", "DEFAULTS", "STREAMS", "WISHES", "ObserverLimits", "ObserverRates"]
 
-#: What every station hears, as often as it comes: rare, or nothing without it.
+#: Messages for every station, as often as they come: they are rare, or a station cannot work without them.
 ALWAYS: Final = names("HEARTBEAT AUTHORITY_STATUS CONTROL_STATUS STATUSTEXT")
 
-#: What every station hears, and the seconds between two.
+#: Messages for every station, and the seconds between two.
 DEFAULTS: Final = {"GLOBAL_POSITION_INT": 0.2, "SYS_STATUS": 1.0, "BATTERY_STATUS": 1.0}
 
-#: What an observer gets if it asks: telemetry that tells of the aircraft and commands nothing.
+#: Messages that an observer may ask for: telemetry of the aircraft, which commands nothing.
 WISHES: Final = names("""
     ATTITUDE ATTITUDE_QUATERNION VFR_HUD AHRS AHRS2 LOCAL_POSITION_NED ALTITUDE HOME_POSITION GPS_GLOBAL_ORIGIN
     GPS_RAW_INT GPS2_RAW GPS_RTK GPS2_RTK SYSTEM_TIME POWER_STATUS MEMINFO MCU_STATUS HWSTATUS EXTENDED_SYS_STATE
@@ -53,7 +52,7 @@ WISHES: Final = names("""
     TERRAIN_REPORT BATTERY2 RPM ESC_TELEMETRY_1_TO_4 ESC_TELEMETRY_5_TO_8 ADSB_VEHICLE
 """)
 
-#: MAV_DATA_STREAM -> what it stands for, as far as an observer may have it. 0 is all of them.
+#: MAV_DATA_STREAM -> its messages that an observer may ask for. 0 is all of them.
 STREAMS: Final = {
     1: names("RAW_IMU SCALED_IMU SCALED_IMU2 SCALED_IMU3 SCALED_PRESSURE SCALED_PRESSURE2 SCALED_PRESSURE3"),
     2: names("""
@@ -71,15 +70,15 @@ STREAMS: Final = {
 }
 
 _ALL_STREAMS: Final = 0
-#: Sources of messages told apart for one station: component, message, instance.
+#: Sources of messages that are told apart for one station: component, message, instance.
 _MOST_SOURCES: Final = 512
-#: A message may come this part of its interval early: senders are not punctual, and a message that is held back
-#: for a millisecond is a message less.
+#: A message may come early by this part of its interval: senders are not punctual, and a message that comes a
+#: millisecond early would otherwise be lost.
 _EARLY: Final = 0.25
 _NEVER: Final = math.inf
 
 _IDS: Final[dict[str, int]] = {cls.msgname: msgid for msgid, cls in mavlink.mavlink_map.items()}
-#: with it, that the list of modes has changed: rare, and the installed dialect does not know it
+#: and the notice that the list of modes has changed: it is rare, and the installed dialect does not know it
 _ALWAYS_IDS: Final = frozenset((*(_IDS[name] for name in ALWAYS), AVAILABLE_MODES_MONITOR))
 _DEFAULT_INTERVALS: Final = {_IDS[name]: interval_s for name, interval_s in DEFAULTS.items()}
 _GRANTABLE: Final = frozenset(_IDS[name] for name in (*DEFAULTS, *WISHES) if name in _IDS)
@@ -95,7 +94,7 @@ _FLOAT: Final = struct.Struct("<f")
 
 
 def _instances() -> dict[int, str]:
-    """The field that numbers the battery or sensor: each of them has an interval of its own."""
+    """Message id -> the field that numbers the battery or sensor. Each of them has its own interval."""
     fields = {msgid: getattr(mavlink.mavlink_map[msgid], "instance_field", None) for msgid in _GRANTABLE}
     return {msgid: name for msgid, name in fields.items() if name is not None}
 
@@ -105,10 +104,10 @@ _INSTANCES: Final = _instances()
 
 @dataclass(frozen=True, slots=True)
 class ObserverLimits:
-    """What one observer may take of the downlink. Raises ValueError if nothing would get through."""
+    """The share of the downlink for one observer. Raises ValueError if nothing would get through."""
 
-    message_hz: float = 10.0  #: of one message
-    bytes_per_s: float = 4000.0  #: of all that it asked for
+    message_hz: float = 10.0  #: of one kind of message
+    bytes_per_s: float = 4000.0  #: of everything that it asked for
     silence_s: float = 30.0  #: after which it has to ask again
 
     def __post_init__(self) -> None:
@@ -129,16 +128,16 @@ class _Observer:
 
 
 class ObserverRates:
-    """Wishes of observers, and whether a message is due to one. Time is an argument (monotonic seconds)."""
+    """The requests of observers, and whether a message is due. Time is an argument (monotonic seconds)."""
 
     def __init__(self, limits: ObserverLimits | None = None) -> None:
         self._limits = limits or ObserverLimits()
         self._observers: dict[int, _Observer] = {}
 
     def asked(self, frame: Frame, station_sysid: int, now: float) -> list[mavlink.MAVLink_message]:
-        """Take up a rate request that the gate gave to the companion (`Access.ANSWERED`); return the answers.
+        """Accept a request for rates that the gate gave to the companion (`Access.ANSWERED`). Returns the answers.
 
-        They are to be packed in the vehicle's name, from the component that the request was addressed to.
+        The caller packs them in the vehicle's name, from the component that the request was addressed to.
         """
         if not frame.known:
             return []
@@ -161,13 +160,13 @@ class ObserverRates:
         return [_ack(frame, command, mavlink.MAV_RESULT_ACCEPTED), told]
 
     def heard(self, station_sysid: int, now: float) -> None:
-        """A frame of the station, whatever it was: its wishes stay."""
+        """Note that a frame of the station came: its requests stay."""
         observer = self._observers.get(station_sysid)
         if observer is not None:
             observer.heard_at = now
 
     def due(self, frame: Frame, station_sysid: int, now: float) -> bool:
-        """Whether an observer gets this message now; if so, it is counted as sent."""
+        """Whether an observer gets this message now. If so, it counts as sent."""
         msgid = frame.msgid
         if msgid in _ALWAYS_IDS:
             return True
@@ -194,11 +193,11 @@ class ObserverRates:
         return True
 
     def forget(self, station_sysid: int) -> None:
-        """The station commands: its wishes end."""
+        """Drop the requests of a station, because it commands."""
         self._observers.pop(station_sysid, None)
 
     def _set(self, observer: _Observer, msgid: int | None, interval_us: float) -> int:
-        """Note a wish; the result to acknowledge."""
+        """Note a request. Returns the result to acknowledge."""
         if (
             msgid is None
             or msgid not in _GRANTABLE
@@ -228,14 +227,14 @@ class ObserverRates:
         observer.wishes[msgid] = max(interval_s, 1.0 / self._limits.message_hz)
 
     def _interval_us(self, observer: _Observer, msgid: int) -> int:
-        """As MESSAGE_INTERVAL tells it: -1 is off, 0 is not to be had at an interval."""
+        """The interval for MESSAGE_INTERVAL. -1: off; 0: the message cannot be asked for."""
         if msgid not in _GRANTABLE:
             return 0
         interval_s = observer.wishes.get(msgid, _DEFAULT_INTERVALS.get(msgid, _NEVER))
         return -1 if interval_s == _NEVER else min(round(interval_s * 1e6), 0x7FFFFFFF)
 
     def _affords(self, observer: _Observer, length: int, now: float) -> bool:
-        """Take `length` bytes out of the station's allowance, which fills up within a second."""
+        """Whether the station's allowance has `length` bytes left. If so, spend them. It fills up within a second."""
         rate = self._limits.bytes_per_s
         observer.allowance = min(rate, observer.allowance + max(0.0, now - observer.counted_at) * rate)
         observer.counted_at = now

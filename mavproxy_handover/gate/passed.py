@@ -40,12 +40,12 @@ class PassedFrames:
         to_autopilot: Callable[[bytes], None],
         fault: Callable[[str, str], None],
     ) -> None:
-        """`vehicle`: its system id; `ports`: every known station by system id; `to_autopilot` takes whole frames;
+        """`vehicle`: its system id. `ports`: every known station by system id. `to_autopilot` takes whole frames.
         `fault` is told what broke, and where."""
         self._in_force = in_force
         self._to_autopilot = to_autopilot
         self._fault = fault
-        #: the number of frames of each station, by what became of them and why
+        #: the number of frames of each station, by the reason of their verdict
         self.counts: dict[int, Counter[GateReason]] = {station: Counter() for station in ports}
         self.flusher = FlushTracker(vehicle)
         self.questions = Questions(self.flusher)
@@ -61,7 +61,7 @@ class PassedFrames:
         return len(self._unnoted)
 
     def add(self, port: Port, frame: Frame, verdict: Verdict, now: float) -> None:
-        """This frame went to the autopilot."""
+        """Add a frame that went to the autopilot."""
         self._unnoted.append((port, frame, verdict, now))
 
     def companion_sent(self, raw: bytes, now: float) -> None:
@@ -76,7 +76,7 @@ class PassedFrames:
             self.note_for(self._in_force.view.commander)
 
     def note_for(self, commander: int | None) -> None:
-        """The same; `commander`: the station that had authority when they passed."""
+        """Note the frames that wait. `commander`: the station that had authority when they passed."""
         passed, self._unnoted = self._unnoted, []
         for port, frame, verdict, at in passed:
             try:

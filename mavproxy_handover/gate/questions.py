@@ -1,22 +1,24 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""How much a station that does not command may ask, and when it has to wait. Applied to what `judge` lets through.
+"""Limits what a station without authority may ask. Applied to frames that `judge` lets pass.
 
-Everybody may read, and everybody may speak to the companion. But the autopilot has one channel and one open file, and
-the companion one journal, so (`BUDGETS`):
+Every station may read, and every station may send messages to the companion. But the autopilot has one channel and one
+open file, and the companion has one journal. So (`BUDGETS`):
 
-1. What goes to the autopilot is limited for each station that does not command, and for all of them together: by the
-   number of questions, and for bulk reads by the seconds for which they slow down what the commander hears
-   (`SLOW_S`; two at the same time do it once). What the companion itself has to answer is limited for each station, and
-   apart: who asks too much of the autopilot can still take part in a transfer, and nobody keeps another one from it.
-   What is over a limit is dropped.
-2. While the commander has a file open for writing, and for `PRIORITY_S` after whatever it asked of file transfer,
-   nobody else uses that of the autopilot, which closes the file of a session that has paused for 3 s as soon as another
-   one asks for anything, and closing applies what is half-written; and one that pauses less keeps the commander out.
-3. An observer may end the reading of the file that it opened last, unless another station has opened one since. Else
-   the file stays open, and the autopilot refuses everybody else's requests until it was left alone for 3 s.
-4. Of one station only `SENDERS` senders (system, component) reach the autopilot: it remembers twenty, for ever, and a
-   component of the aircraft that speaks up later would not be found any more.
+1. Questions to the autopilot are limited for each station that does not command, and for all of them together: by their
+   number, and bulk reads also by the seconds for which they slow down the commander's telemetry (`SLOW_S`; two at the
+   same time count once). Questions to the companion are limited for each station separately: a station that asks the
+   autopilot too much can still take part in a transfer, and no station keeps another one from it. Frames over a limit
+   are dropped.
+2. The commander has priority for file transfer: while it has a file open for writing, and for `PRIORITY_S` after its
+   last request. In that time no other station may use file transfer of the autopilot. If a session pauses for 3
+   seconds, the autopilot closes its file on the next request of another sender. Closing applies what is half-written.
+   Within the 3 seconds the session of another sender would keep the commander out.
+3. An observer may end the reading of the file that it opened last, unless another station has opened one since.
+   Otherwise the file stays open, and the autopilot refuses the requests of all other senders for 3 s after the last
+   one.
+4. Only `SENDERS` senders (system, component) of one station reach the autopilot: it remembers twenty routes forever,
+   and would not find a component of the aircraft that appears later.
 
 The commander is not limited. Memory is bounded by the number of stations. Time is an argument (monotonic seconds).
 
@@ -43,9 +45,9 @@ from mavproxy_handover.wire.ids import FTP_OPEN_READ, FTP_TERMINATE
 
 __all__ = ["BUDGETS", "PRIORITY_S", "SENDERS", "SLOW_LIST_S", "SLOW_S", "Budget", "Questions", "Sort"]
 
-#: three times as long as the autopilot keeps the session of somebody who is silent
+#: three times the autopilot's time-out of a session without requests
 PRIORITY_S: Final = 10.0
-#: the station's program, and what is behind it
+#: the station's program, and programs that connect through it
 SENDERS: Final = 4
 
 #: how long the autopilot's streams are slow after it has answered a bulk read
@@ -55,21 +57,21 @@ SLOW_LIST_S: Final = 10.0
 
 
 class Sort(Enum):
-    """What is counted apart."""
+    """Kinds of cost, each with its own budget."""
 
-    QUESTION = "question"  #: to the autopilot, one by one
+    QUESTION = "question"  #: to the autopilot: their number
     SLOWNESS = "slowness"  #: seconds for which bulk reads slow down the autopilot's streams
-    COMPANION = "companion"  #: to the companion, one by one
+    COMPANION = "companion"  #: to the companion: their number
 
 
 @dataclass(frozen=True, slots=True)
 class Budget:
-    """What one station may take (so much a second, and a reserve), and all that do not command together."""
+    """The budget of one station (a rate and a reserve), and of all stations without authority together."""
 
     per_second: float
     reserve: float
     all_per_second: float = 0.0
-    all_reserve: float = math.inf  #: without an end
+    all_reserve: float = math.inf  #: no limit
 
 
 BUDGETS: Final[Mapping[Sort, Budget]] = {
@@ -93,7 +95,7 @@ _COUNTED: Final[Mapping[tuple[Fate, Access | None], Sort]] = {
 
 @dataclass(slots=True)
 class _Purse:
-    """What is left, and when that was counted."""
+    """The rest of a budget, and when it was counted."""
 
     left: float
     counted_at: float
@@ -104,28 +106,28 @@ class _Purse:
 
 
 class Questions:
-    """Follows what stations ask. `flusher` knows the files that are open for writing."""
+    """Counts the questions of stations. `flusher` knows the files that are open for writing."""
 
     def __init__(self, flusher: FlushTracker, budgets: Mapping[Sort, Budget] = BUDGETS) -> None:
         self._flusher = flusher
         self._budgets = budgets
-        #: by station (None: all together) and sort
+        #: the rests, by station (None: all together) and kind
         self._purses: dict[tuple[int | None, Sort], _Purse] = {}
-        #: until when what observers have asked for slows down the autopilot's streams
+        #: until when reads of observers slow down the autopilot's streams
         self._slow_until = -math.inf
         self._commander_at = -math.inf  #: its last request of file transfer
-        #: system, component and session of the observer that has opened a file for reading, and nobody has since
+        #: system, component and session of the observer that opened a file for reading last
         self._reader: tuple[int, int, int] | None = None
-        #: by station: who has asked the autopilot
+        #: by station: its senders that have asked the autopilot
         self._senders: dict[int, set[tuple[int, int]]] = {}
 
     def commander_sent(self, frame: Frame, now: float) -> None:
-        """A frame of the commander went to the autopilot (rule 2)."""
+        """Note a frame of the commander that went to the autopilot (rule 2)."""
         if frame.msgid == _FTP:
             self._commander_at, self._reader = now, None
 
     def limit(self, frame: Frame, verdict: Verdict, station_sysid: int, commander: int | None, now: float) -> Verdict:
-        """The verdict that stands: `verdict`, or that the station has to wait; or that it may end its own reading."""
+        """The verdict that stands: `verdict`, or that the station must wait, or that it may end its own reading."""
         reads = frame.msgid == _FTP and station_sysid != commander
         if reads and verdict.reason is GateReason.NOT_IN_CONTROL and self._ends_own(frame):
             verdict = verdict._replace(fate=Fate.FORWARD, access=Access.READ, reason=GateReason.ALLOWED)
@@ -169,7 +171,7 @@ class Questions:
         return sender in senders
 
     def _affords(self, station_sysid: int, costs: Mapping[Sort, float], now: float) -> bool:
-        """Whether station and all together have that much left; if so, it is taken."""
+        """Whether the budgets of the station and of all together are sufficient. If so, the costs are deducted."""
         taken: list[tuple[_Purse, float]] = []
         for sort, cost in costs.items():
             budget = self._budgets[sort]

@@ -1,19 +1,19 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Answers to refused frames, in the asker's own protocol.
+"""Answers refused frames in the protocol of the sender.
 
-A ground station program shows an operator what it understands: a command that is denied, a mission that is
-rejected, a parameter that may not be set. Silence it takes for a bad link, and sends again. So each refusal is
-answered in the form of its protocol; and since no protocol has room for the reason, a text says why (`words`). Rules:
+A ground station program shows its operator what it understands: a command that is denied, a mission that is rejected, a
+parameter that may not be set. If there is no answer, the program assumes a bad link and sends again. So each refusal is
+answered in the form of its protocol. No protocol has room for the reason, so a text tells it (`words`). Rules:
 
 1. An answer goes to the sender: its system id, its component.
-2. An answer comes from the component that was addressed, because that is where the asker waits for it; from the
-   autopilot (component 1) if everybody was addressed.
-3. No answer to an answer, and none to what programs repeat on their own, which would only annoy: `SILENT`.
-4. NOT_IN_CONTROL goes only to who knows it (`tongues`); to everybody else the same is DENIED.
-5. The text comes from the companion, to the station that asked. Of what was aimed at the companion there is one only
-   where the protocol has no answer, and of questions none: programs ask every component for this and that.
-6. `RefusalLimiter` keeps a storm of refused frames from becoming a storm of answers, `OncePerCause` one of texts.
+2. An answer comes from the component that was addressed, because the sender waits for that; from the autopilot
+   (component 1) if all components were addressed.
+3. No answer goes to an answer, nor to messages that programs repeat on their own: `SILENT`.
+4. NOT_IN_CONTROL goes only to senders that know it (`tongues`); all others get DENIED.
+5. The text comes from the companion, to the station that asked. For a frame that was addressed to the companion there
+   is a text only if its protocol has no answer. For reads there is none: programs read from every component.
+6. `RefusalLimiter` limits the answers to a storm of refused frames, `OncePerCause` the texts.
 
 Sources: MAVLink command, mission, parameter, extended parameter and file-transfer protocols.
 """
@@ -40,7 +40,7 @@ FTP_ERROR_NO_SESSION: Final = 5
 FTP_ERROR_UNKNOWN_COMMAND: Final = 7
 FTP_ERROR_FILE_PROTECTED: Final = 9
 
-#: how often (s) the same cause is told
+#: the same cause is told at most once in this time (s)
 CAUSE_S: Final = 10.0
 
 _RESULTS: Final = {
@@ -60,7 +60,7 @@ _FTP_ERRORS: Final = {
     GateReason.FILE_BUSY: FTP_ERROR_NO_SESSION,
 }
 
-#: Refused without a word: programs send these again and again, unasked, or they are answers themselves.
+#: Refused without a text: programs repeat these on their own, or they are answers themselves.
 SILENT: Final = frozenset(
     {
         "COMMAND_ACK",
@@ -112,7 +112,7 @@ def _mission_ack(frame: Frame, verdict: Verdict) -> mavlink.MAVLink_message:
 
 
 def _param_error(frame: Frame, _verdict: Verdict) -> mavlink.MAVLink_message:
-    """Of a parameter, or of the list of all of them, which has no name."""
+    """PARAM_ERROR for a parameter, or for the list of all parameters, which has no name."""
     listed = frame.msgid == _LIST
     return mavlink.MAVLink_param_error_message(
         target_system=frame.sysid,
@@ -150,7 +150,7 @@ def _builders() -> dict[int, _Builder]:
         "PARAM_EXT_SET": _param_ext_ack,
         "FILE_TRANSFER_PROTOCOL": _ftp_nak,
     }
-    # PARAM_ERROR is young: with a pymavlink that lacks it, the text has to do.
+    # PARAM_ERROR is new: a pymavlink without it sends only the text
     if hasattr(mavlink, "MAVLink_param_error_message"):
         by_name["PARAM_SET"] = by_name["PARAM_REQUEST_LIST"] = _param_error
     return {msgid: by_name[cls.msgname] for msgid, cls in mavlink.mavlink_map.items() if cls.msgname in by_name}
@@ -161,7 +161,7 @@ _SILENT_IDS: Final = frozenset(msgid for msgid, cls in mavlink.mavlink_map.items
 
 
 def refusal(frame: Frame, verdict: Verdict, own: mavlink.MAVLink, knows: bool) -> list[bytes]:
-    """The answer to a refused frame, ready to send to its sender; none if its protocol has none to give.
+    """The answer to a refused frame, ready to send to its sender. Empty if the protocol has no answer.
 
     `knows`: its sender knows the result NOT_IN_CONTROL.
 
@@ -180,7 +180,7 @@ def refusal(frame: Frame, verdict: Verdict, own: mavlink.MAVLink, knows: bool) -
 
 
 def has_words(frame: Frame, verdict: Verdict) -> bool:
-    """Whether a text says why a frame was refused."""
+    """Whether a text tells why a frame was refused."""
     if verdict.fate is not Fate.REFUSE or not frame.known or frame.msgid in _SILENT_IDS:
         return False
     if verdict.reason is GateReason.COMPANION_TARGET:
@@ -189,7 +189,7 @@ def has_words(frame: Frame, verdict: Verdict) -> bool:
 
 
 def line_of_text(text: str, severity: int, own: mavlink.MAVLink) -> bytes:
-    """A line of text in the autopilot's name, where nothing that was asked is answered. `own`: as for `refusal`."""
+    """A line of text in the autopilot's name that answers no question. `own`: as for `refusal`."""
     return _pack(
         mavlink.MAVLink_statustext_message(severity=severity, text=text.encode("ascii")), own, AUTOPILOT_COMPID
     )
@@ -207,9 +207,9 @@ def _pack(message: mavlink.MAVLink_message, own: mavlink.MAVLink, compid: int) -
 
 
 class RefusalLimiter:
-    """At most `most` answers of one kind to one station in any `window_s`. `kept_back` counts the others.
+    """Allows at most `most` answers of one kind to one station in any `window_s`. `kept_back` counts the others.
 
-    A kind is whatever the caller tells apart, and the caller keeps them few: a refused frame's message id.
+    The caller defines the kinds, and must keep them few: for example the message id of a refused frame.
     """
 
     def __init__(self, most: int = 5, window_s: float = 1.0) -> None:
@@ -221,7 +221,7 @@ class RefusalLimiter:
         self._sent: dict[tuple[int, Hashable], deque[float]] = {}
 
     def allow(self, station_sysid: int, kind: Hashable, now: float) -> bool:
-        """Whether an answer may go out now (monotonic seconds); if so, it is counted as sent."""
+        """Whether an answer may go out now (monotonic seconds). If so, it counts as sent."""
         sent = self._sent.setdefault((station_sysid, kind), deque(maxlen=self._most))
         if len(sent) == self._most and now - sent[0] < self._window_s:
             self.kept_back += 1
@@ -231,20 +231,20 @@ class RefusalLimiter:
 
 
 class OncePerCause:
-    """Each cause is told to a station once in `window_s`, and no more than `most` of them in that time.
+    """Tells each cause to a station once in `window_s`, and at most `most` causes in that time.
 
-    A cause is whatever the caller tells apart, made of what a station sent if need be: memory is bounded all the same,
-    and who sends a new cause each time is told `most` of them. Asking costs two look-ups.
+    The caller defines the causes. They may contain data that a station sent: memory is still bounded, and a station
+    that sends a new cause each time is told `most` of them. A call costs two look-ups.
     """
 
     def __init__(self, window_s: float = CAUSE_S, most: int = 10) -> None:
         self._window_s = window_s
         self._most = most
-        #: by station: cause -> when it was told, the oldest first
+        #: by station: cause -> when it was told, oldest first
         self._told: dict[int, dict[Hashable, float]] = {}
 
     def allow(self, station_sysid: int, cause: Hashable, now: float) -> bool:
-        """Whether the cause may be told now (monotonic seconds); if so, it counts as told."""
+        """Whether the cause may be told now (monotonic seconds). If so, it counts as told."""
         told = self._told.setdefault(station_sysid, {})
         at = told.get(cause)
         if at is not None and now - at < self._window_s:

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the gate answers stations: refusals, data rates of observers, and news of their sticks and setpoints.
+"""Sends the answers of the gate: refusals, data rates of observers, and news of sticks and setpoints.
 
 Every refusal is answered in its protocol, and a text says why, but not more often than the limits of `refusals.py`
 allow: that is known before an answer is made. Data rates that an observer asks for are the companion's to give
@@ -37,7 +37,7 @@ _RATE_ANSWERS_PER_S: Final = 20
 
 @dataclass(frozen=True, slots=True)
 class GateReports:
-    """What the gate reports to the rest of the companion."""
+    """Reports of the gate to the rest of the companion."""
 
     #: what broke: where, and the text
     fault: Callable[[str, str], None]

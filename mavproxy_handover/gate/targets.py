@@ -1,20 +1,19 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Streams of guided targets, judged when the target changes and not frame by frame.
+"""Judges streams of guided targets when the target changes, not frame by frame.
 
-A program repeats a target many times a second, or moves it a little each time. To look where it lies with respect to
-zones and fence costs a hundred times more than to pass the frame on. So what was found holds on:
+A program repeats a target many times a second, or moves it a little each time. To compare a target with zones and fence
+costs a hundred times more than to pass the frame on. So a verdict stays valid for a while:
 
-1. A target that is within `NEAR_M` of the one that was judged last has its verdict, for `HOLDS_S`: the aircraft moves,
-   and what it can reach changes.
-2. What was judged less than `PAUSE_S` ago and is farther away waits for its turn: it is dropped. A stream repeats it,
-   and none moves at 30 m/s. So whoever jumps to and fro costs no more than ten judgements a second.
-3. One stream is one message of one station. Nothing that carries no place is judged, but for the height that wings
-   take whatever the mask leaves out.
-4. A frame with a number that is none (NaN, infinite), in a field that the autopilot takes, is dropped. ArduCopter
-   checks the velocity alone: one target with a NaN in its place ended its simulation with a floating point exception
-   (4.7-dev).
-5. FOLLOW_TARGET is a target too: the place of the system that is followed. The aircraft flies beside it, by FOLL_OFS.
+1. A target within `NEAR_M` of the last judged one has the same verdict, for `HOLDS_S`: the aircraft moves, and what it
+   can reach changes.
+2. A target farther away that comes less than `PAUSE_S` after the last judgement is dropped. The stream repeats it, and
+   no stream moves at 30 m/s. So a target that jumps to and fro costs at most ten judgements a second.
+3. One stream is one message of one station. A frame without a place is not judged, except for the height that planes
+   take whatever the mask says.
+4. A frame with NaN or infinity in a field that the autopilot uses is dropped. ArduCopter checks only the velocity: one
+   target with a NaN in its position ended its simulation with a floating point exception (4.7-dev).
+5. FOLLOW_TARGET is a target too: the position of the system that the aircraft follows, beside it by FOLL_OFS.
 """
 
 from __future__ import annotations
@@ -41,17 +40,17 @@ PAUSE_S: Final = 0.1
 _GLOBAL: Final[int] = mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT
 _LOCAL: Final[int] = mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
 _FOLLOW: Final[int] = mavlink.MAVLINK_MSG_ID_FOLLOW_TARGET
-#: where both guided messages have the place, their type_mask and their frame
+#: offsets of the place, the type_mask and the frame in both guided messages
 _PLACE: Final = field_offset(_LOCAL, "x")
 _MASK: Final = field_offset(_LOCAL, "type_mask")
 _FRAME: Final = field_offset(_LOCAL, "coordinate_frame")
 _MASK_BITS: Final = struct.Struct("<H")
-#: place, velocity, acceleration, yaw and its rate: what the autopilot takes of a guided message, and the bit of its
-#: type_mask that leaves each out
+#: place, velocity, acceleration, yaw and yaw rate in a guided message, and the bits of its type_mask that leave them
+#: out
 _VALUES: Final[Mapping[int, struct.Struct]] = {_GLOBAL: struct.Struct("<ii9f"), _LOCAL: struct.Struct("<11f")}
 _LEFT_OUT: Final = tuple(1 << bit for bit in (0, 1, 2, 3, 4, 5, 6, 7, 8, 10, 11))
-#: the place's numbers, where they are, and how far away each is the same: metres, or 1e-7 degrees (of longitude it is
-#: less than that)
+#: format and offset of the place, and the largest difference that counts as the same: metres, or 1e-7 degrees (fewer
+#: metres of longitude)
 _NEAR_E7: Final = NEAR_M / 111_700.0 * 1e7
 _NUMBERS: Final[Mapping[int, tuple[struct.Struct, int, float]]] = {
     _GLOBAL: (struct.Struct("<iif"), _PLACE, _NEAR_E7),
@@ -62,7 +61,7 @@ _NUMBERS: Final[Mapping[int, tuple[struct.Struct, int, float]]] = {
 
 @dataclass(slots=True)
 class _Judged:
-    """The target that was judged last: its frame and numbers, when that was, and whether it passes."""
+    """The last judged target of a stream: its frame and numbers, the time, and whether it passes."""
 
     frame: int = -1
     numbers: tuple[float, float, float] = (inf, inf, inf)
@@ -82,7 +81,7 @@ class TargetStreams:
         """The verdict on a frame of TARGET_MESSAGES that stands. `modes`: those of the aircraft's firmware."""
         msgid, payload = frame.msgid, frame.payload
         number = -1
-        # wings add the height of a local target to their own, whatever its mask says: none is near another
+        # a plane adds the height of a local target to its own, whatever the mask says: no target is near another
         adds = modes.wings and msgid == _LOCAL
         if msgid != _FOLLOW:
             if _senseless(msgid, payload):
@@ -97,7 +96,7 @@ class TargetStreams:
         near, near_m = (0.0, 0.0) if adds else (near, NEAR_M)
         numbers = first, second, third = unpack.unpack_from(payload, place)
         one, two, three = judged.numbers
-        # written so that what is no number is never the same
+        # a NaN is never the same
         same = (
             abs(first - one) <= near
             and abs(second - two) <= near
@@ -109,13 +108,13 @@ class TargetStreams:
                 return verdict._replace(fate=Fate.DROP, reason=GateReason.SITUATION)
             aim = aim_of(frame, modes)
             judged.frame, judged.numbers, judged.at = number, numbers, now
-            judged.passes = False  # until it is known: if the judgement breaks, no copy passes by the verdict before
+            judged.passes = False  # if the judgement raises, no copy passes by the verdict before
             judged.passes = aim is None or (aim.makes_sense and self._passes(aim, station, now))
         return verdict if judged.passes else verdict._replace(fate=Fate.DROP, reason=GateReason.SITUATION)
 
 
 def _senseless(msgid: int, payload: bytes) -> bool:
-    """Whether a guided message holds a number that is none, in a field that it does not leave out."""
+    """Whether a guided message has NaN or infinity in a field that its mask does not leave out."""
     values = _VALUES[msgid].unpack_from(payload, _PLACE)
     if isfinite(sum(values)):
         return False

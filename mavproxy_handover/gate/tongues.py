@@ -1,17 +1,18 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Who has shown that it understands NOT_IN_CONTROL, the young result of the operator-control standard.
+"""Tracks which senders understand NOT_IN_CONTROL, a new result of the operator-control standard.
 
-A program that does not know it takes it for no answer at all: it waits, asks again, and some end there. So it goes to
-those that have shown to know it, and everybody else gets DENIED. Rules:
+A program that does not know it sees no answer at all: it waits, asks again, and some programs end. So NOT_IN_CONTROL
+goes to senders that have shown that they know it, and all others get DENIED. Rules:
 
-1. It is shown by a message of our own dialect, or by a request of operator control that is certainly in the layout of
-   2026 (`operator/operator_control.py`): who has an older one may not know the result.
-2. It is shown by a sender (system and component) for itself: a program behind a station's own may be of another kind.
-3. It is kept no longer than the station is heard. After `ANEW_S` of silence another program may sit there, under the
-   same ids, so who comes back has to show it anew; ours does within a second, by its answer to CONNECT. A DENIED too
-   many costs nothing, a NOT_IN_CONTROL too many may cost a program.
-4. The vehicle's configuration may say it instead, station by station.
+1. A sender shows it by a message of our own dialect, or by a request of operator control in the layout of 2026.
+   `operator/operator_control.py` tells the layouts apart: a program with an older one may not know the result.
+2. Each sender (system and component) shows it for itself: another program that connects through the station may be of
+   another kind.
+3. It is valid only while the station is heard. After `ANEW_S` without a heartbeat another program may have the same
+   ids, so a sender that comes back must show it again. Ours does within a second, by its answer to CONNECT. A DENIED
+   too many costs nothing, but a NOT_IN_CONTROL too many may end a program.
+4. The vehicle's configuration may set it instead, for each station.
 
 Memory is bounded: `MOST` senders of a station. Times are monotonic seconds.
 """
@@ -25,14 +26,14 @@ __all__ = ["ANEW_S", "MOST", "POLICIES", "Tongue", "Tongues"]
 
 ANEW_S: Final = 5.0
 MOST: Final = 16
-#: what the configuration may say of a station, the word without one first
+#: what the configuration may say of a station; the first one is the default
 POLICIES: Final = ("auto", "always", "never")
 
 _Sender = tuple[int, int]  #: system, component
 
 
 class Tongue(Enum):
-    """What a sender has shown to speak, and how its operator asks for control there."""
+    """The dialect that a sender has shown, and how its operator asks for control with it."""
 
     NONE = ""
     STANDARD = "request control"
@@ -40,16 +41,16 @@ class Tongue(Enum):
 
 
 class Tongues:
-    """The senders of one station."""
+    """The dialects of the senders of one station."""
 
     def __init__(self, policy: str = POLICIES[0]) -> None:
         assert policy in POLICIES
         self._policy = policy
-        #: what each has shown, and when it did last
+        #: the dialect of each sender, and when it last showed it
         self._shown: dict[_Sender, tuple[Tongue, float]] = {}
 
     def show(self, sender: _Sender, tongue: Tongue, now: float) -> None:
-        """A sender speaks it. Who speaks our dialect may use the standard as well: it is ours all the same."""
+        """Note that a sender uses a dialect. A sender of our dialect that also uses the standard stays ours."""
         known = self._shown.get(sender)
         if known is None and len(self._shown) >= MOST:
             return
@@ -57,21 +58,21 @@ class Tongues:
         self._shown[sender] = (Tongue.OURS if ours else tongue, now)
 
     def of(self, sender: _Sender) -> Tongue:
-        """What a sender has shown."""
+        """The dialect that a sender has shown."""
         known = self._shown.get(sender)
         return Tongue.NONE if known is None else known[0]
 
     @property
     def ours(self) -> bool:
-        """Whether a program of the station has shown to speak our dialect."""
+        """Whether a program of the station has shown our dialect."""
         return any(tongue is Tongue.OURS for tongue, _at in self._shown.values())
 
     def knows_not_in_control(self, sender: _Sender) -> bool:
-        """Whether NOT_IN_CONTROL may go to it."""
+        """Whether NOT_IN_CONTROL may go to this sender."""
         if self._policy != POLICIES[0]:
             return self._policy == "always"
         return sender in self._shown
 
     def silence_ends(self, now: float) -> None:
-        """The station is heard again after `ANEW_S`: what was shown before counts no more."""
+        """Forget what was shown before the station was silent for `ANEW_S`. To be called when it is heard again."""
         self._shown = {sender: known for sender, known in self._shown.items() if now - known[1] < ANEW_S}

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""A refusal in words that a pilot understands: what was refused, and why. Names, never numbers.
+"""Texts of refusals for pilots: what was refused, and why. They contain names, never numbers.
 
-`subject_of` is cheap, and made of every refused frame that might be told of: two frames with the same subject are one
-matter. Only of what is told `sentence` makes words. Rules:
+`subject_of` is cheap, and is computed for every refused frame that may be told: two frames with the same subject are
+one matter. `sentence` makes the text only if it is told. Rules:
 
-1. What people type or press has a word here; every other command and message has its MAVLink name in small letters,
-   without what all of them begin with.
-2. Modes have the names of the firmware that is flown; of a vehicle that is none of those a mode is just a mode.
-3. Of what arrived in a frame only a parameter's name is told, made printable.
+1. Acts that operators type or press have a name here. Every other command and message has its MAVLink name in small
+   letters, without a common prefix.
+2. Modes have the names of the firmware in use. If the firmware is not known, a mode is just "mode".
+3. Of the contents of a frame only the name of a parameter is told, made printable.
 """
 
 from __future__ import annotations
@@ -45,10 +45,10 @@ __all__ = [
     "unsaid",
 ]
 
-#: What a frame is about: its word, or the number of a mode, or the name of a parameter as it came.
+#: The subject of a frame: its name, the number of a mode, or the name of a parameter as it came.
 Subject: TypeAlias = "str | int | bytes"
 
-#: What people call a command. Names without their MAV_CMD_.
+#: The names of commands for people. Keys without MAV_CMD_.
 COMMANDS: Final = {
     "MISSION_START": "START",
     "NAV_RETURN_TO_LAUNCH": "RTL",
@@ -98,14 +98,14 @@ COMMANDS: Final = {
     "BATTERY_RESET": "battery reset",
     "UAVCAN_GET_NODE_INFO": "list of CAN nodes",
 }
-#: Commands that do one thing or its opposite: the parameter that says which, the word where it is 0, and any other.
+#: Commands that do one thing or its opposite: the parameter that selects it, the name if it is 0, and otherwise.
 SWITCHES: Final = {
     "COMPONENT_ARM_DISARM": (1, "disarm", "arm"),
     "DO_PAUSE_CONTINUE": (1, "STOP", "CONTINUE"),
     "DO_FENCE_ENABLE": (1, "fence off", "fence on"),
     "DO_GRIPPER": (2, "gripper release", "gripper grab"),
 }
-#: What people call a message that is no command.
+#: The names of other messages for people.
 MESSAGES: Final = {
     "MISSION_SET_CURRENT": "another mission item",
     "MISSION_REQUEST_PARTIAL_LIST": "mission list",
@@ -125,10 +125,10 @@ MESSAGES: Final = {
     "SETUP_SIGNING": "signing key",
     "CHANGE_OPERATOR_CONTROL": "the old request of control",
 }
-#: MAV_MISSION_TYPE -> to write that list, to clear it
+#: MAV_MISSION_TYPE -> name of writing this list, and of clearing it
 _UPLOADS: Final = {0: "mission upload", 1: "fence upload", 2: "rally point upload", 255: "upload of everything"}
 _REMOVALS: Final = {0: "mission removal", 1: "fence removal", 2: "rally point removal", 255: "removal of everything"}
-#: file-transfer opcode -> what it does; any other reads
+#: file-transfer opcode -> name; all others read
 _FILES: Final = {
     **dict.fromkeys((FTP_CREATE, FTP_WRITE, FTP_OPEN_WRITE, 12), "file upload"),
     **dict.fromkeys((8, 10), "removing a file"),
@@ -137,7 +137,7 @@ _FILES: Final = {
     **dict.fromkeys((FTP_TERMINATE, FTP_RESET), "ending a file transfer"),
 }
 _OPCODE: Final = 3
-#: of these what changes something: programs read files, and end what they have left open, by themselves when they begin
+#: opcodes that change something: programs read files, and end open transfers, on their own when they start
 _CHANGES_FILES: Final = frozenset(_FILES) - {FTP_TERMINATE, FTP_RESET}
 _BEGINNINGS: Final = ("NAV_", "DO_")
 
@@ -157,7 +157,7 @@ def _plain(name: str) -> str:
     return name.lower().replace("_", " ")
 
 
-#: every command has one, and every message; numbers -> words
+#: number -> name, for every command and every message
 _COMMAND_WORDS: Final[Mapping[int, str]] = {
     number: COMMANDS.get(name) or _plain(name) for number, name in _COMMAND_NAMES.items()
 }
@@ -165,7 +165,7 @@ _MESSAGE_WORDS: Final[Mapping[int, str]] = {
     msgid: MESSAGES.get(name) or _plain(name) for msgid, name in _MESSAGE_NAMES.items()
 }
 _SWITCHED: Final = {number: SWITCHES[name] for number, name in _COMMAND_NAMES.items() if name in SWITCHES}
-#: the command's name says neither
+#: names that the command's name does not tell
 _PARTICULAR: Final = frozenset(word for _parameter, *words in SWITCHES.values() for word in words)
 _THESIS_COMMANDS: Final = frozenset((COMMANDS["MISSION_START"], *SWITCHES["DO_PAUSE_CONTINUE"][1:]))
 _SWITCH: Final = f"{COMMANDS['DO_AUX_FUNCTION']} "
@@ -184,7 +184,7 @@ _SWITCH_MASK: Final = 0xFFFF
 
 
 def subject_of(frame: Frame) -> Subject:
-    """What a frame is about. Total for frames that the dialect knows, whatever they hold."""
+    """The subject of a frame. Total for frames that the dialect knows, whatever they contain."""
     msgid = frame.msgid
     if msgid in _COMMAND_IDS:
         return _of_command(frame)
@@ -203,7 +203,7 @@ def subject_of(frame: Frame) -> Subject:
 
 
 def by_itself(frame: Frame) -> bool:
-    """Whether programs send such a frame without anybody having asked for it: file transfer that changes nothing."""
+    """Whether programs send such a frame on their own: file transfer that changes nothing."""
     return frame.msgid == _FTP and field_bytes(frame, "payload")[_OPCODE] not in _CHANGES_FILES
 
 
@@ -225,13 +225,13 @@ def _of_command(frame: Frame) -> Subject:
 
 
 def _of_switch(which: float) -> str:
-    """An auxiliary function, by the name that the firmware has for it."""
+    """An auxiliary function, by its name in the firmware."""
     name = switch_name(int(which) & _SWITCH_MASK) if isfinite(which) else None
     return f"{COMMANDS['DO_AUX_FUNCTION']} {'' if name is None else _plain(name)}".rstrip()
 
 
 def called(subject: Subject, *, modes: Modes = COPTER) -> str:
-    """What people call it. `modes`: those of the aircraft's firmware."""
+    """The name of a subject for people. `modes`: those of the aircraft's firmware."""
     if isinstance(subject, str):
         return subject
     if isinstance(subject, int):
@@ -255,26 +255,26 @@ _REASONS: Final[Mapping[GateReason, str]] = {
 
 
 def unsaid(frame: Frame, *, modes: Modes = COPTER) -> str:
-    """What the name of a refused frame leaves open: which mode, parameter or switch; "" if the name says all."""
+    """The mode, parameter or switch that the name of a refused frame does not tell; "" if the name tells all."""
     subject = subject_of(frame) if frame.known else ""
     particular = not isinstance(subject, str) or subject in _PARTICULAR or subject.startswith(_SWITCH)
     return called(subject, modes=modes) if particular else ""
 
 
 def thesis_command(frame: Frame) -> str:
-    """START, STOP or CONTINUE, the commands that the thesis gives a station in flight; "" for every other frame."""
+    """START, STOP or CONTINUE, the commands of the thesis for a station in flight; "" for every other frame."""
     subject = _of_command(frame) if frame.known and frame.msgid in _COMMAND_IDS else ""
     return subject if isinstance(subject, str) and subject in _THESIS_COMMANDS else ""
 
 
 def sentence(subject: Subject, reason: GateReason, commander: str, tongue: Tongue, *, modes: Modes = COPTER) -> str:
-    """What is said of a refusal. `commander`: its name, "" if nobody commands; `tongue`: what the sender speaks."""
+    """The text of a refusal. `commander`: its name, "" if no station commands; `tongue`: the sender's dialect."""
     return f"{called(subject, modes=modes)} refused: {_why(reason, commander, tongue)}"
 
 
 def how_to_lift(limit: Limit, again_in_s: float | None) -> str:
-    """How an operator lifts a refusal of a command that would leave `limit`. `again_in_s`: how long the operator waits
-    before the same command counts as insisting; None: it never does."""
+    """How an operator lifts a refusal of a command that would leave `limit`. `again_in_s`: seconds until
+    the same command counts as insisting; None: it never does."""
     override = f"handover override {limit.value}"
     return (
         f"To lift it: {override}"

@@ -34,7 +34,7 @@ def test_every_class_is_explained() -> None:
     ("access", "commander", "others"),
     [
         (Access.READ, "passes", "passes"),
-        (Access.BULK, "passes", "passes; armed: refused: the commander's alone in flight"),
+        (Access.BULK, "passes", "passes; armed: refused: only the commander's in flight"),
         (Access.LIVENESS, "passes", "noticed by the companion"),
         (Access.ANSWERED, "passes", "answered by the companion"),
         (Access.COMMAND, "passes", "refused: not in control"),

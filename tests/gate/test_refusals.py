@@ -127,7 +127,7 @@ def test_who_does_not_know_the_result_of_the_standard_is_denied(make: Make, own:
 
     denied = 2
     assert results(400, OBSERVER, VIEW) == [10, denied]
-    assert results(42428, OBSERVER, ARMED) == [10, denied], "the commander's alone in flight"
+    assert results(42428, OBSERVER, ARMED) == [10, denied], "only the commander's in flight"
     assert results(245, COMMANDER, ARMED) == [denied, denied]
     assert results(40001, COMMANDER, ARMED) == [3, 3]
 

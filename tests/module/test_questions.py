@@ -94,7 +94,7 @@ def test_what_would_slow_down_the_commanders_telemetry_is_its_alone_in_flight(
     in_flight.b.send(message)
     in_flight.run(0.1)
     assert in_flight.autopilot.got(kind, 252) == []
-    assert in_flight.journal("refused")[-1]["reason"] == "the commander's alone in flight"
+    assert in_flight.journal("refused")[-1]["reason"] == "only the commander's in flight"
     in_flight.a.send(message)
     in_flight.run(0.1)
     assert len(in_flight.autopilot.got(kind, 251)) == 1

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The policy of MAV_CMD, in COMMAND_LONG and COMMAND_INT alike. What a class means is said at `Access`."""
+"""The policy of MAV_CMD, in COMMAND_LONG and COMMAND_INT alike. `Access` explains the classes."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class TakeOffRule:
-    """A command by which an aircraft on the ground is armed or takes off, and why it is one.
+    """A command that arms an aircraft on the ground or makes it take off, and the reason.
 
-    `unless_zero`: the number of the parameter that must not be 0 for that. `values`: what parameter `which` must be, if
-    there are any; the autopilot keeps the last `bits` bits of it, whatever stands above them. `mode`: it is the number
-    of a flight mode, `switch`: of an auxiliary function, so the firmware's own count too (`modes.py`). `midway`: it
-    begins the mission elsewhere than at its take-off, which START never does: on the ground it is refused.
+    `unless_zero`: the number of the parameter that must not be 0 for that. `values`: the values of parameter `which`
+    for that, if there are any; the autopilot keeps only its last `bits` bits. `mode`: the parameter is the number of a
+    flight mode, `switch`: of an auxiliary function, so those of the firmware count too. `midway`: the command begins
+    the mission at another item than its take-off, which START never does: on the ground it is refused.
     """
 
     name: str
@@ -45,13 +45,13 @@ class TakeOffRule:
     midway: bool = False
 
 
-#: A flight mode has so many bits in the autopilot.
+#: The bits of a flight mode in the autopilot.
 MODE_BITS: Final = 8
 
 
-#: On the ground these need what START needs, whoever commands. Names without their MAV_CMD_. To choose an item of the
-#: mission (DO_SET_MISSION_CURRENT) is not among them: it moves nothing outside AUTO, for which it takes one of these,
-#: and START of a plane chooses the first item anew.
+#: On the ground these need what START needs, for every commander. Names without MAV_CMD_. DO_SET_MISSION_CURRENT is not
+#: one of them: outside AUTO it moves nothing, AUTO needs one of these, and START of a plane chooses the first item
+#: again.
 TAKE_OFF_RULES: Final = (
     TakeOffRule("COMPONENT_ARM_DISARM", "arms, forced or not; 0 disarms", unless_zero=1),
     # ArmDisarm (41 before 4.2), with AirMode, Turtle, and ArmEmergencyStop; the low position disarms
@@ -65,21 +65,21 @@ TAKE_OFF_RULES: Final = (
     TakeOffRule("DO_RETURN_PATH_START", "AUTO, from the nearest leg of a return path on", midway=True),
 )
 
-#: By these motors turn on the ground, or are about to, with nothing armed; compass calibration with throttle is one of
-#: the kinds of PREFLIGHT_CALIBRATION. Who carries the aircraft in a rehearsal has his hands on it.
+#: These turn motors on the ground, or prepare that, without arming. PREFLIGHT_CALIBRATION includes compass calibration
+#: with throttle. In a rehearsal people have their hands on the aircraft.
 TURNING: Final = names("DO_MOTOR_TEST ACTUATOR_TEST ACTUATOR_GROUP_TEST DO_ENGINE_CONTROL PREFLIGHT_CALIBRATION")
 
 
 @dataclass(frozen=True, slots=True)
 class JudgedRule:
-    """A command that is judged by the situation in flight: what it does, what people call it, and why it is one.
+    """A command that the situation judges in flight: its effect, its name for people, and the reason.
 
-    `which` and `values`: it is one only where that parameter has such a value, of which the autopilot keeps the last
-    8 bits; a second pair likewise. `mode`: such a value is the mode of that name in `modes.py`. `item`: the parameter
-    that names an item of the mission, `speed`: the one that is a speed, of which the first parameter says the kind. Of
-    `Kind.FLY_TO` parameters 5 to 7 are the place; `radius`: the parameter that wings take for the radius of the circle
-    there; `height`: it is a height alone, which nothing but wings takes, and this its parameter: 7 is the one of the
-    place, behind any other stands its MAV_FRAME.
+    `which` and `values`: the rule applies only if that parameter has such a value, of which the autopilot keeps the
+    last 8 bits; `also`: a second parameter with its values. `mode`: the value is the mode of that name. `item`: the
+    parameter with an item of the mission; `speed`: the parameter with a speed, whose kind is in the first parameter.
+    `Kind.FLY_TO`: parameters 5 to 7 are the place. `radius`: the parameter that a plane uses as the radius of its
+    circle. `height`: the parameter of a command that is only a height, which only planes accept. 7 is the height of
+    the place; after any other parameter comes its MAV_FRAME.
     """
 
     name: str
@@ -93,20 +93,20 @@ class JudgedRule:
     speed: int | None = None
     radius: int | None = None
     height: int | None = None
-    #: it does something in AUTO only; elsewhere it goes on to what was judged before, or the autopilot refuses it
+    #: it has an effect only in AUTO; otherwise it continues to what was judged before, or the autopilot refuses it
     auto_only: bool = False
     mode: Literal["", "auto", "follow"] = ""
 
 
-#: In flight these are judged by energy, fence and coverage. What leads away from danger is not among them: RTL, LAND,
-#: BRAKE, LOITER, a pause, landing sequences and return paths. Nor is what leads to no place that could be told: of
-#: wings a heading (GUIDED_CHANGE_HEADING), as of a copter a velocity. Names without their MAV_CMD_.
+#: In flight these are judged by energy, fence and coverage. Commands that lead away from danger are not here: RTL,
+#: LAND, BRAKE, LOITER, a pause, landing sequences and return paths. Commands without a place are not here either: the
+#: heading of a plane (GUIDED_CHANGE_HEADING), the velocity of a copter. Names without MAV_CMD_.
 JUDGED_RULES: Final = (
     JudgedRule("DO_SET_MODE", Kind.GO_ON, "AUTO", "AUTO flies the mission on", which=2, mode="auto"),
     JudgedRule("DO_SET_MODE", Kind.UNKNOWN, "FOLLOW", "flies after another system", which=2, mode="follow"),
-    JudgedRule("MISSION_START", Kind.GO_ON, "START", "the same"),
-    # the switch functions of AUTO; its high position
-    JudgedRule("DO_AUX_FUNCTION", Kind.GO_ON, "AUTO", "the same, by a switch", which=1, values=(16,), also=(2, 2)),
+    JudgedRule("MISSION_START", Kind.GO_ON, "START", "AUTO flies the mission on"),
+    # the switch function of AUTO, in its high position
+    JudgedRule("DO_AUX_FUNCTION", Kind.GO_ON, "AUTO", "AUTO by a switch", which=1, values=(16,), also=(2, 2)),
     JudgedRule("DO_AUX_FUNCTION", Kind.UNKNOWN, "FOLLOW", "FOLLOW by a switch", which=1, values=(57,), also=(2, 2)),
     JudgedRule("DO_FOLLOW", Kind.UNKNOWN, "FOLLOW", "chooses which system is followed"),
     JudgedRule("DO_FOLLOW_REPOSITION", Kind.UNKNOWN, "FOLLOW", "the same"),
@@ -120,9 +120,9 @@ JUDGED_RULES: Final = (
     JudgedRule("OVERRIDE_GOTO", Kind.FLY_TO, "target", "flies to a place"),
     JudgedRule("DO_ORBIT", Kind.FLY_TO, "target", "flies around a place"),
     JudgedRule("DO_CHANGE_ALTITUDE", Kind.FLY_TO, "altitude", "flies on at another height", height=1),
-    JudgedRule("GUIDED_CHANGE_ALTITUDE", Kind.FLY_TO, "altitude", "the same", height=7),
+    JudgedRule("GUIDED_CHANGE_ALTITUDE", Kind.FLY_TO, "altitude", "flies on at another height", height=7),
     JudgedRule("DO_CHANGE_SPEED", Kind.SPEED, "speed", "another speed needs other energy", speed=2),
-    JudgedRule("GUIDED_CHANGE_SPEED", Kind.SPEED, "speed", "the same, in GUIDED", speed=2),
+    JudgedRule("GUIDED_CHANGE_SPEED", Kind.SPEED, "speed", "another speed in GUIDED needs other energy", speed=2),
 )
 
 
@@ -148,8 +148,8 @@ VALUE_RULES: Final = (
         "PREFLIGHT_REBOOT_SHUTDOWN",
         (0.0, 1.0),
         Access.MAINTENANCE,
-        "anything but a plain restart: keeps the autopilot in its boot loader, shuts it down, locks it up or wipes its "
-        "settings, and only a person at the aircraft gets it back",
+        "keeps the autopilot in its boot loader, shuts it down, locks it up or wipes its settings: only a person at "
+        "the aircraft can start it again",
         "reboot of this kind",
         {2: "shutdown", 3: "hold in the boot loader"},
     ),
@@ -165,7 +165,7 @@ VALUE_RULES: Final = (
 )
 
 
-#: Commands, in COMMAND_LONG and COMMAND_INT alike. Names without their MAV_CMD_.
+#: Commands, in COMMAND_LONG and COMMAND_INT alike. Names without MAV_CMD_.
 COMMAND_RULES: Final = (
     Rule(
         Access.READ,
@@ -266,7 +266,7 @@ COMMAND_RULES: Final = (
     ),
     Rule(
         Access.COMMAND,
-        "starts, stops, continues or moves in the mission; a stop too is the commander's alone (thesis 6.1)",
+        "starts, stops, continues or moves in the mission; only the commander may stop (thesis 6.1)",
         names("""
             DO_JUMP DO_GO_AROUND DO_PAUSE_CONTINUE DO_SET_MISSION_CURRENT OVERRIDE_GOTO MISSION_START JUMP_TAG
             DO_JUMP_TAG

@@ -1,17 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Files of the autopilot that the file-transfer opcode alone does not judge, by path.
+"""The policy of files of the autopilot, by path, where the file-transfer opcode alone does not decide.
 
 Rules:
 
-1. A row stands for writes (create, open for writing, remove, make or remove a directory, truncate, rename); one
-   with `reads` for every opcode that names a path, one with `opcodes` for these. The first row that fits decides;
-   without one, the opcode does.
-2. A path is compared the way the most lenient of ArduPilot's file systems would read it: case does not matter,
-   `\\` separates too, dots and spaces at the end of a name do not count, repeated separators neither. `..` is not
-   resolved: a path that mentions a guarded folder is in it, wherever it leads.
-3. WriteFile names a session and no path. What may not be opened cannot be written; what was opened before arming
-   is closed at arming (`flush`). Sessions with the one file that the companion serves are known to it (`list_file`).
+1. A row applies to writes (create, open for writing, remove, make or remove a directory, truncate, rename). A row with
+   `reads` applies to every opcode that names a path, a row with `opcodes` to these. The first row that fits decides;
+   without one, the opcode decides.
+2. A path is compared as the most lenient of ArduPilot's file systems would read it. Case does not matter, `\\` also
+   separates, and dots and spaces at the end of a name and repeated separators do not count. `..` is not resolved: a
+   path that mentions a guarded folder counts as inside it.
+3. WriteFile names a session and no path. A file that may not be opened cannot be written, and files that were opened
+   before arming are closed at arming (`flush`). `list_file` knows its sessions with the file that the companion serves.
 
 Source: ArduPilot's AP_Filesystem (backends chosen by prefix), AP_Bootloader (flash from SD card), AP_HAL_ChibiOS,
 AP_HAL_Linux and AP_HAL_SITL (`Storage.cpp`: where the storage is kept as a file, and its copies).
@@ -31,7 +31,7 @@ __all__ = ["FILE_RULES", "FileRule", "file_rule", "is_mission_file", "is_upload"
 
 _WRITES: Final = frozenset({FTP_CREATE, 8, 9, 10, FTP_OPEN_WRITE, 12, FTP_RENAME})
 _READS: Final = frozenset({3, FTP_OPEN_READ, FTP_CHECKSUM, 16})
-#: Where paths are in the payload. ArduPilot makes the last byte of the data a zero, whatever it was.
+#: The paths in the payload. ArduPilot sets the last byte of the data to zero.
 _DATA: Final = slice(12, 250)
 
 _SEPARATORS: Final = re.compile(r"[/\\]+")
@@ -39,14 +39,14 @@ _SEPARATORS: Final = re.compile(r"[/\\]+")
 
 @dataclass(frozen=True, slots=True)
 class FileRule:
-    """One row: paths by pattern (`*` any characters; a path begins and ends with one `/`), and why."""
+    """A row: patterns of paths (`*`: any characters; a path begins and ends with one `/`), and the reason."""
 
     access: Access
     name: str  #: for people
     why: str
     patterns: tuple[str, ...]
-    reads: bool = False  #: reading is judged by this row as well as writing
-    opcodes: frozenset[int] | None = None  #: no other is judged by it
+    reads: bool = False  #: the row also applies to reading
+    opcodes: frozenset[int] | None = None  #: the row applies only to these
 
 
 FILE_RULES: Final = (
@@ -66,7 +66,7 @@ FILE_RULES: Final = (
     FileRule(
         Access.MAINTENANCE,
         "guard's key",
-        "whoever reads it can sign leases",
+        "a program that reads it can sign leases",
         ("*handover.key*", "*handov~*.key*"),
         reads=True,
     ),
@@ -114,7 +114,7 @@ FILE_RULES: Final = (
     FileRule(
         Access.MAINTENANCE,
         "rally points",
-        "the autopilot's own list, which holds the chosen place alone",
+        "the autopilot's own list, which holds only the return site",
         ("/@mission*rally*",),
         reads=True,
     ),
@@ -139,20 +139,20 @@ FILE_RULES: Final = (
     ),
 )
 
-#: Files that are applied when they are closed.
+#: Files that the autopilot applies when they are closed.
 _MISSION_FILES: Final = "/@mission*"
 _FENCE_FILE: Final = "/@mission/fence*"
 _UPLOADS: Final = ("/@param*", _MISSION_FILES)
 
 
 def _read(path: bytes) -> str:
-    """A path in the form that patterns are written in (rule 2)."""
+    """A path in the form of the patterns (rule 2)."""
     parts = (part.rstrip(" .") for part in _SEPARATORS.split(path.decode("latin-1").lower()))
     return "/" + "".join(f"{part}/" for part in parts if part)
 
 
 def _paths(opcode: int, payload: bytes) -> list[str]:
-    """The paths that a request names: up to a zero byte; Rename has a second one behind it."""
+    """The paths of a request: up to a zero byte; Rename has a second one after it."""
     names = payload[_DATA].split(b"\0")
     return [_read(name) for name in names[: 2 if opcode == FTP_RENAME else 1]]
 
@@ -172,19 +172,19 @@ def file_rule(opcode: int, payload: bytes) -> FileRule | None:
 
 
 def is_upload(path: bytes) -> bool:
-    """Whether a file that is written becomes parameters or mission items when it is closed."""
+    """Whether the autopilot applies a written file as parameters or mission items when it is closed."""
     return any(fnmatchcase(_read(path), pattern) for pattern in _UPLOADS)
 
 
 def is_mission_file(path: bytes) -> bool:
-    """Whether a file that is written becomes mission, fence or rally items when it is closed."""
+    """Whether the autopilot applies a written file as mission, fence or rally items when it is closed."""
     return fnmatchcase(_read(path), _MISSION_FILES)
 
 
 def written_lists(payload: bytes) -> frozenset[str]:
-    """What a file-transfer request begins to write, or removes: "geofence", "mission", both or neither.
+    """The lists that a file-transfer request begins to write or removes: "geofence", "mission", both or neither.
 
-    A file of the autopilot's lists that is not the geofence's counts as the mission's.
+    A file of another list of the autopilot counts as the mission.
     """
     opcode = payload[3]
     if opcode not in _WRITES:

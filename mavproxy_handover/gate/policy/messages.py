@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The policy of messages that are judged by their id alone. What a class means is said at `Access`.
+"""The policy of messages that only their id decides. `Access` explains the classes.
 
-Messages without a target steer too (estimator inputs, traffic, battery, clock): they are NEVER, except the few
-that a commander's ground station program has to send, which are STREAM.
+Messages without a target also steer (estimator inputs, traffic, battery, clock). They are NEVER, except the few that a
+commander's ground station program must send, which are STREAM.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ MESSAGE_RULES: Final = (
     ),
     Rule(
         Access.SAFEGUARD,
-        "limits how fast the aircraft flies and turns, and nobody judges it first",
+        "limits how fast the aircraft flies and turns, without a check",
         names("SET_VELOCITY_LIMITS"),
     ),
     Rule(
@@ -178,7 +178,7 @@ MESSAGE_RULES: Final = (
     ),
     Rule(
         Access.STREAM,
-        "who flies and where from, as broadcast by the aircraft",
+        "the operator and its position, as the aircraft broadcasts them",
         names("""
             OPEN_DRONE_ID_BASIC_ID OPEN_DRONE_ID_LOCATION OPEN_DRONE_ID_AUTHENTICATION OPEN_DRONE_ID_SELF_ID
             OPEN_DRONE_ID_SYSTEM OPEN_DRONE_ID_OPERATOR_ID OPEN_DRONE_ID_MESSAGE_PACK
@@ -281,7 +281,7 @@ MESSAGE_RULES: Final = (
     ),
     Rule(
         Access.NEVER,
-        "from a gimbal, a camera or another component of the aircraft, which sit behind the companion",
+        "from a gimbal, a camera or another component of the aircraft, never from a station",
         names("""
             PARAM_VALUE PARAM_EXT_VALUE PARAM_EXT_ACK PARAM_ERROR GIMBAL_REPORT GIMBAL_TORQUE_CMD_REPORT
             GIMBAL_MANAGER_INFORMATION GIMBAL_MANAGER_STATUS GIMBAL_DEVICE_INFORMATION

@@ -1,24 +1,23 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Parameters that the flight's safety rests on, by name, and those that are not of that kind.
+"""The policy of parameters: those that the safety of the flight depends on, by name, and the others.
 
-While the vehicle is armed nobody sets a safeguard, the commander included: a setting is saved and outlives the
-commander who made it, and the next one flies with a failsafe that is not there. On the ground the commander may. Rules:
+While the vehicle is armed no station may set a safeguard, not even the commander: the autopilot saves the setting, and
+the next commander would fly without that failsafe. On the ground the commander may. Rules:
 
-1. A parameter is a safeguard if it can switch off the guard, a failsafe of the autopilot, the RC pilot, or the check
-   who commands, or if it can open another way into the autopilot.
-2. A parameter is a safeguard if it shapes a return: where it ends, its height, its speeds, accelerations and angles,
-   what it avoids, by which sensors and to which home it is flown, how it lands. A return is flown when nobody commands
-   any more, by the word of guard or failsafe. So it has to be the one that was checked before take-off, and the one
-   that the energy is counted for. The commander changes its speed by DO_CHANGE_SPEED, which is judged.
-3. A parameter is the commander's at any time if it is known to do neither: gains, telemetry, logs, payload, and the
+1. A parameter is a safeguard if it can switch off the guard, a failsafe of the autopilot, the RC pilot, or the check of
+   authority. It is also one if it can open another way into the autopilot.
+2. A parameter is a safeguard if it shapes a return: its end, height, speeds, accelerations and angles, what it avoids,
+   its sensors, its home, its landing. Guard or failsafe order a return when no station commands any more. So it must be
+   the return that was checked before take-off, and that the energy is computed for. The commander changes its speed by
+   DO_CHANGE_SPEED, which is judged.
+3. A parameter that is known to do neither is the commander's at any time: gains, telemetry, logs, payload, and the
    pilot's own modes. Such a parameter has a row that says so.
-4. A parameter without a row is a safeguard: what it does to a return is not known.
-5. `*` stands for any characters. Case does not matter, because it does not to ArduPilot. The first row that fits
-   counts.
-6. A message that sets parameters without naming them cannot be judged here: see `command_rules`, `files`.
+4. A parameter without a row is a safeguard: its effect on a return is not known.
+5. `*` stands for any characters. Case does not matter, as in ArduPilot. The first row that fits counts.
+6. A message that sets parameters without naming them cannot be judged here: see `commands`, `files`.
 
-Names of firmware 4.5 to 4.7, Copter's and Plane's, and Rover's where they differ. Where a name changed, both have a
+Names of firmware 4.5 to 4.7, Copter's and Plane's, and Rover's where they differ. If a name changed, both names have a
 row. `tests/data/firmware_parameters.txt` has the firmware's names, and the class that each is expected to have.
 """
 
@@ -31,7 +30,7 @@ from mavproxy_handover.gate.policy.access import ANY, Access, Rule, names
 
 __all__ = ["PARAMETER_MESSAGES", "PARAMETER_RULES", "OTHER_PARAMETERS", "parameter_name", "parameter_rule"]
 
-#: Messages that set a parameter; its name is their `param_id`.
+#: Messages that set the parameter that their `param_id` names.
 PARAMETER_MESSAGES: Final = names("PARAM_SET PARAM_EXT_SET PARAM_MAP_RC")
 
 PARAMETER_RULES: Final = (
@@ -86,7 +85,7 @@ PARAMETER_RULES: Final = (
     ),
     Rule(
         Access.SAFEGUARD,
-        "how a copter waits and brakes under LOITER and under a stick, and what it does in circles of a mission",
+        "how a copter waits and brakes in LOITER and under sticks, and how it flies circles of a mission",
         names("LOIT_* PILOT_* CIRCLE_* GUID_OPTIONS AUTO_OPTIONS"),
     ),
     Rule(
@@ -117,7 +116,7 @@ PARAMETER_RULES: Final = (
         "what an ArduPlane says that it is: by another type its modes are taken for those of another aircraft",
         names("Q_MAV_TYPE"),
     ),
-    # gains before what else begins alike
+    # gains come before other names with the same beginning
     Rule(
         Access.COMMAND,
         "gains of the attitude and position controllers, and what tunes them: they say how well a path is kept, and "
@@ -148,7 +147,7 @@ PARAMETER_RULES: Final = (
     ),
     Rule(
         Access.SAFEGUARD,
-        "how the mission is held and what AUTO does after a return: with MIS_RESTART 1 CONTINUE begins it anew",
+        "how the mission is held and what AUTO does after a return: with MIS_RESTART 1 CONTINUE begins it again",
         names("MIS_*"),
     ),
     Rule(
@@ -180,7 +179,7 @@ PARAMETER_RULES: Final = (
     ),
     Rule(
         Access.SAFEGUARD,
-        "the RC pilot's sticks and switches: he always wins",
+        "the sticks and switches of the RC pilot, who always wins",
         names("RC_* RCMAP_* RC*_OPTION RC*_MIN RC*_MAX RC*_TRIM RC*_DZ RC*_REVERSED FLTMODE* MODE_CH"),
     ),
     Rule(Access.SAFEGUARD, "safety switch, watchdog, protection of the flash", names("BRD_*")),

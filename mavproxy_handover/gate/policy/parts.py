@@ -1,17 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The policy of messages that are judged by a part of their contents: an opcode, a payload type, a mission type.
+"""The policy of messages that are judged by a part of their contents: opcode, payload type, mission type.
 
-`*` names every part that has no row of its own; a table without it refuses them.
+`*` is the row of every part without a row of its own; a table without `*` refuses those.
 
-* File transfer goes by opcode, because ArduPilot takes missions and parameters through files; which file is
-  judged too, by `files`. Ending a session is the commander's; a file that a reader leaves open is closed by the
-  autopilot itself.
-* Mission, fence and rally points are written by the same five messages. All are the commander's: a new plan
-  brings its own fence and rally points with it. A type that does not exist is refused.
-* Rally points are the companion's, read and written: the autopilot's own list holds one point, the place that was
-  chosen for a return, and no station's message reaches it. To clear all three lists at once is one of them, for that
-  reason; ArduPilot knows no such thing either.
+* File transfer is judged by opcode, because ArduPilot accepts missions and parameters as files; `files` judges the
+  path. Only the commander may end a session. The autopilot itself closes a file that a reader leaves open.
+* The same five messages write mission, fence and rally points. Only the commander may send them: a new plan contains
+  its own fence and rally points. A type that does not exist is refused.
+* The companion serves rally points itself, read and written. The autopilot's own list holds one point, the place that
+  was chosen for a return, and no station's message reaches it. So clearing all three lists at once is handled like
+  rally points; ArduPilot does not support it either.
 """
 
 from __future__ import annotations
@@ -41,7 +40,7 @@ TUNNEL_RULES: Final = (
     Rule(Access.MAINTENANCE, "carries contents that no table can judge", (ANY,)),
 )
 
-#: By the command that is acknowledged.
+#: By the acknowledged command.
 COMMAND_ACK_RULES: Final = (
     Rule(
         Access.CONTROL,
@@ -51,7 +50,7 @@ COMMAND_ACK_RULES: Final = (
     Rule(Access.STREAM, "the autopilot takes it for the next step of an accelerometer calibration", (ANY,)),
 )
 
-#: The messages that say which kind of items they write.
+#: Messages that write items, with the kind of items in them.
 MISSION_TYPE_MESSAGES: Final = names("""
     MISSION_COUNT MISSION_ITEM MISSION_ITEM_INT MISSION_WRITE_PARTIAL_LIST MISSION_CLEAR_ALL
 """)
@@ -66,7 +65,7 @@ MISSION_TYPE_RULES: Final = (
     Rule(Access.RALLY_WRITE, "clears all three at once, the rally points among them", names("ALL")),
 )
 
-#: The messages that say which kind of items they read.
+#: Messages that read items, with the kind of items in them.
 MISSION_READ_MESSAGES: Final = names("MISSION_REQUEST_LIST MISSION_REQUEST MISSION_REQUEST_INT MISSION_ACK")
 
 MISSION_READ_RULES: Final = (
@@ -87,7 +86,7 @@ FTP_RULES: Final = (
     ),
     Rule(
         Access.COMMAND,
-        "one open file for everybody: to end it may end the commander's upload; an observer may end its own reading",
+        "stations share one open file: to end it may end the commander's upload; an observer may end its own reading",
         names("TerminateSession ResetSessions"),
     ),
     Rule(Access.NEVER, "a server's answer, and no station is a server", names("Ack Nak")),

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Finds the policy's row for a frame: by message id, or by the part of the contents that decides.
+"""Finds the policy's row for a frame: by message id, or by the part of its contents that decides.
 
-The policy itself is data, in `tables.py` and what that collects. Here its names meet the numbers of the installed
-dialect, once, at import; a frame then costs one or two dictionary look-ups, a parameter one match of its name, a
-file one look at its path. Nothing is decided here.
+The policy itself is data (`tables.py`). This module maps its names to the numbers of the installed dialect, once, at
+import. Then a frame costs one or two dictionary look-ups, a parameter one match of its name, and a file one check of
+its path. No decision is made here.
 
-A name that the installed dialect lacks has a row and no number. A message of it is dropped as unknown, whatever its row
-says and whoever sends it: without the definition neither its CRC nor its target can be checked. A command of it is
-refused as unknown. That is the safe side; what a commander may use of it comes with a newer pymavlink.
+A name that the installed dialect lacks has a row but no number. A message with such a name is dropped as unknown from
+every station, whatever its row says: without the definition neither its CRC nor its target can be checked. Such a
+command is refused as unknown. That is safe; a newer pymavlink makes it available to the commander.
 """
 
 from __future__ import annotations
@@ -64,10 +64,10 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """What the policy says of one frame.
+    """The policy's row for one frame.
 
-    `what` names the frame for a human. `access` is None if the policy has no row for it: `part` then tells
-    whether the message is unknown (None) or what it carries (the command, opcode, payload type, mission type).
+    `what` names the frame for people. `access` is None if the policy has no row for the frame. Then `part` is None if
+    the message is unknown, else it is the command, opcode, payload type or mission type.
     """
 
     what: str
@@ -92,7 +92,7 @@ def _message_rows() -> dict[int, Row]:
 
 
 def _parts(rules: tuple[Rule, ...], numbers: dict[int, str], prefix: str = "") -> dict[int, tuple[str, Access]]:
-    """Number -> (name for people, access), for the numbers whose names have a row; `*` gives one to all."""
+    """Number -> (name for people, access), for numbers whose names have a row. `*` is a row for all."""
     access = {name if name == ANY else prefix + name: value for name, value in _by_name(rules).items()}
     found = ((number, name, access.get(name, access.get(ANY))) for number, name in numbers.items())
     return {number: (name, value) for number, name, value in found if value is not None}
@@ -120,12 +120,12 @@ def _part_rows() -> dict[int, dict[int, Row]]:
 _FTP: Final = _IDS["FILE_TRANSFER_PROTOCOL"]
 _COMMANDS: Final = frozenset((_IDS["COMMAND_LONG"], _IDS["COMMAND_INT"]))
 _SWITCH: Final[int] = mavlink.MAV_CMD_DO_AUX_FUNCTION
-#: the autopilot keeps so many bits of the number of an auxiliary function
+#: the bits that the autopilot keeps of the number of an auxiliary function
 _SWITCH_BITS: Final = 16
-#: The opcode is behind sequence number and session.
+#: The opcode comes after sequence number and session.
 _FTP_OPCODE: Final = slice(3, 4)
 
-#: The field that the part is; of file transfer it is a byte in it.
+#: The field with the part of a message that decides; in file transfer it is a byte of the payload.
 _PART_FIELDS: Final = {
     _IDS["COMMAND_LONG"]: "command",
     _IDS["COMMAND_INT"]: "command",
@@ -134,11 +134,11 @@ _PART_FIELDS: Final = {
     **{_IDS[name]: "mission_type" for name in (*MISSION_TYPE_MESSAGES, *MISSION_READ_MESSAGES)},
 }
 
-#: What a part without a row is; a message that is not here is refused then.
+#: The class of a part without a row. For messages that are not here such a part is refused.
 _PART_DEFAULTS: Final = {
     _IDS["COMMAND_ACK"]: _by_name(COMMAND_ACK_RULES)[ANY],
     _IDS["TUNNEL"]: _by_name(TUNNEL_RULES)[ANY],
-    **{_IDS[name]: Access.READ for name in MISSION_READ_MESSAGES},  # the autopilot says that it has no such list
+    **{_IDS[name]: Access.READ for name in MISSION_READ_MESSAGES},  # the autopilot answers that it has no such list
 }
 
 #: Messages whose id alone decides. `judge` takes them up once, at import.
@@ -148,7 +148,7 @@ _PARAMETER_IDS: Final = frozenset(_IDS[name] for name in PARAMETER_MESSAGES)
 
 
 def classify(frame: Frame) -> Row:
-    """The policy's row for a frame. Total: a frame without a row gets one whose `access` is None."""
+    """The policy's row for a frame. Total: a frame without a row gets a row without `access`."""
     msgid = frame.msgid
     row = MESSAGE_ROWS.get(msgid)
     if row is not None:
@@ -178,7 +178,7 @@ def _part_row(msgid: int, part: int) -> Row:
 
 
 def special_value(frame: Frame, command: int | None) -> tuple[ValueRule, str] | None:
-    """The rule by which the first parameter gives a command another class, and what people call the command then."""
+    """The rule by which the first parameter gives a command another class, and the name of the command then."""
     rule = _VALUES.get(command)
     if rule is None:
         return None
@@ -192,9 +192,9 @@ def special_value(frame: Frame, command: int | None) -> tuple[ValueRule, str] | 
 
 
 def _switch_row(row: Row, frame: Frame) -> Row:
-    """The row of what DO_AUX_FUNCTION switches, where that has another class than the command itself."""
+    """The row of the function that DO_AUX_FUNCTION switches, if its class differs from that of the command."""
     which = field_float(frame, "param1")
-    if not isfinite(which):  # it may be any switch, the one that stops the guard among them
+    if not isfinite(which):  # it may be any switch, also the one that stops the guard
         return Row(f"{row.what} (no number)", Access.MAINTENANCE, row.part)
     number = _keeps(int(which), _SWITCH_BITS)
     access = switch_rule(number).access
@@ -220,19 +220,19 @@ _TURNING: Final = frozenset(
 )
 
 
-#: Messages, not commands, that may begin a flight: what is in them decides.
+#: Messages besides commands that may begin a flight: their contents decide.
 TAKE_OFF_MESSAGES: Final = frozenset({mavlink.MAVLINK_MSG_ID_SET_MODE})
 
 
 def takes_off(frame: Frame, row: Row, modes: Modes = COPTER) -> bool:
-    """Whether a frame, whose row this is, arms an aircraft with these modes on the ground, or has it take off."""
+    """Whether a frame with this row arms an aircraft on the ground, or makes it take off. `modes`: its flight modes."""
     if frame.msgid == mavlink.MAVLINK_MSG_ID_SET_MODE:
         return _keeps(field_int(frame, "custom_mode"), MODE_BITS) in modes.take_off
     rule = None if row.part is None else _TAKE_OFFS.get(row.part)
     if rule is None:
         return False
     value = field_float(frame, f"param{rule.which}")
-    # the autopilot cuts what is behind the point; what is no number may be anything
+    # the autopilot cuts off decimals; a NaN may be any number
     values = _values(rule, modes)
     if values and isfinite(value) and _keeps(int(value), rule.bits) not in values:
         return False
@@ -240,7 +240,7 @@ def takes_off(frame: Frame, row: Row, modes: Modes = COPTER) -> bool:
 
 
 def begins_midway(row: Row) -> bool:
-    """Whether what takes off, by a frame with this row, is the mission from somewhere in it."""
+    """Whether a frame with this row begins the mission at another item than its first."""
     rule = None if row.part is None else _TAKE_OFFS.get(row.part)
     return rule is not None and rule.midway
 
@@ -252,8 +252,7 @@ def _values(rule: TakeOffRule, modes: Modes) -> tuple[int, ...]:
 
 
 def moves(frame: Frame, row: Row, modes: Modes = COPTER) -> bool:
-    """Whether motors may turn by a frame, whose row this is, of an aircraft that is carried: by START, by what arms or
-    takes off, and by tests."""
+    """Whether a frame with this row may turn motors while people carry the aircraft: START, arming, take-off, tests."""
     if row.access is not Access.COMMAND:
         return False
     turns = frame.msgid in _COMMANDS and (row.part == MISSION_START or row.part in _TURNING)

@@ -2,10 +2,10 @@
 
 """The policy of auxiliary functions: what DO_AUX_FUNCTION switches, by the number in its first parameter.
 
-A switch of this kind does what a parameter, a command or a mode does. So it has the class of that. A number without a
-row is locked while the vehicle is armed: what it does to a return is not known.
+Such a switch does the same as a parameter, a command or a mode, so it has the same class. A number without a row is
+locked while the vehicle is armed: its effect on a return is not known.
 
-Names and numbers of ArduCopter and ArduPlane 4.5 to 4.7 (RCn_OPTION); where two versions differ, the newer name.
+Names and numbers of ArduCopter and ArduPlane 4.5 to 4.7 (RCn_OPTION). If two versions differ, the newer name is used.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ SWITCH_RULES: Final = (
     ),
     Rule(
         Access.SAFEGUARD,
-        "writes, clears, moves or restarts the mission, and nobody judges the way first",
+        "writes, clears, moves or restarts the mission, without a check of the route",
         names("SAVE_WP MISSION_RESET CLEAR_WP RELOCATE_MISSION"),
     ),
     Rule(
@@ -160,10 +160,10 @@ _RULES: Final = {SWITCH_NUMBERS[name]: rule for rule in SWITCH_RULES for name in
 
 
 def switch_rule(number: int) -> Rule:
-    """The row of an auxiliary function, `OTHER_SWITCHES` if it has none of its own."""
+    """The row of an auxiliary function; `OTHER_SWITCHES` if it has none of its own."""
     return _RULES.get(number, OTHER_SWITCHES)
 
 
 def switch_name(number: int) -> str | None:
-    """What the firmware calls it; None where it has no row."""
+    """Its name in the firmware; None if it has no row."""
     return _NAMES.get(number)

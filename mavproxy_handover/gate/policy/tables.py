@@ -1,18 +1,18 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The policy, as data: every message, MAV_CMD, file-transfer opcode, tunnel payload type, mission type, and the
-parameters and files that matter have a row, by name, with the reason.
+"""Collects the policy as data: a row with a reason for every name that the gate judges.
 
-What has no row is refused, so a message or command that a newer dialect brings stays outside until somebody
-gives it one. Names that MAVLink has already, and the installed pymavlink has not, have their rows too, so that an
-update of pymavlink changes nothing by itself; until then `rows` passes over them. `tests/gate/test_policy.py` holds
-both ends: nothing missing, nothing stale. `handover policy` prints it all.
+Names are messages, MAV_CMDs, file-transfer opcodes, tunnel payload types, mission types, and the parameters and files
+that matter. A name without a row is refused: a message or command of a newer dialect stays out until it has a row here.
+Names that MAVLink has already, and the installed pymavlink has not, also have rows, so that an update of pymavlink
+changes nothing by itself; until then `rows` ignores them. `tests/gate/test_policy.py` checks that no row is missing and
+none is obsolete. `handover policy` prints all rows.
 
-What a class means is said at `Access`; who gets what is decided in `judge.py`. Decisions behind the rows:
+`Access` explains the classes, and `judge.py` applies them. Reasons of the rows:
 
-* No canonical list of "state-changing" messages exists. These rows follow what ArduPilot's message handlers do.
-* A stop from a station that does not command is refused, as in the thesis. Its operator asks for control
-  instead; the aircraft's own failsafes need nobody's stop.
+* No canonical list of "state-changing" messages exists. These rows follow ArduPilot's message handlers.
+* A stop from a station that does not command is refused, as in the thesis. Its operator asks for control instead. The
+  aircraft's own failsafes do not depend on it.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ __all__ = [
     "Rule",
 ]
 
-#: Messages that are judged by a part of their contents, and which part.
+#: Messages that are judged by a part of their contents, and that part.
 MESSAGES_BY_PART: Final = {
     "COMMAND_LONG": "command",
     "COMMAND_INT": "command",
@@ -70,7 +70,7 @@ MESSAGES_BY_PART: Final = {
 
 @dataclass(frozen=True, slots=True)
 class PolicyRow:
-    """One name of the policy. `kind`: what it is the name of."""
+    """One name of the policy. `kind`: the kind of thing that it names."""
 
     kind: str
     name: str
