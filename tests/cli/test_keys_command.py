@@ -146,7 +146,7 @@ def test_rotate_keeps_the_old_key_says_what_to_do_and_retire_ends_it(
     (passphrase,) = re.findall(r"^  passphrase  (\S+)$", out, re.MULTILINE)
     assert load_station_keys(keys / "GCSA.key") == StationKeys(key_of(passphrase), old)
     assert "the old key is kept as GCSA.key.old" in out
-    assert "3. When they are all heard: handover keys retire GCSA" in out
+    assert "3. When all are heard: handover keys retire GCSA" in out
     assert "handover keys rotate GCSA --passphrase-stdin" in out
     assert old.hex() not in out
     assert main(["rotate", "GCSA"]) == 2
