@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""`handover doctor`: what is wrong with a machine that is to run a companion or a station, and what to do about it.
+"""`handover doctor`: checks a machine for a companion or a station, and advises what to do.
 
-Nothing here changes anything, on the machine or on the autopilot: files are read, ports are taken for the blink of an
-eye, and what is sent are questions. Nobody is asked anything while the vehicle is armed.
+It changes nothing, on the machine or on the autopilot. Files are read, ports are opened for a moment, and only
+questions are sent. No question is sent while the vehicle is armed.
 """

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Who runs the service, and what that account may do with a file. Another root has users of its own."""
+"""The service's user and its rights to a file. Another root has users of its own."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Account:
 
 
 def myself() -> Account:
-    """Who runs this."""
+    """The user of this process."""
     uid = os.geteuid()
     try:
         name = pwd.getpwuid(uid).pw_name
@@ -36,7 +36,7 @@ def myself() -> Account:
 
 
 def account_of(name: str, root: Path) -> Account | None:
-    """The user of that name on the machine below `root`; None: there is none."""
+    """The user of that name on the machine below `root`; None if there is none."""
     if root == Path("/"):
         try:
             user = pwd.getpwnam(name)
@@ -62,7 +62,7 @@ def _rows(path: Path, least: int) -> list[list[str]]:
 
 
 def may(status: os.stat_result, account: Account, wanted: int) -> bool:
-    """Whether the mode lets this account do it. `wanted`: READ, WRITE, EXECUTE, added up."""
+    """True if the file's mode permits it to the account. `wanted`: sum of READ, WRITE, EXECUTE."""
     if account.uid == _ROOT:
         return True
     shift = 6 if status.st_uid == account.uid else 3 if status.st_gid in account.groups else 0
@@ -70,9 +70,10 @@ def may(status: os.stat_result, account: Account, wanted: int) -> bool:
 
 
 def reaches(path: Path, account: Account, root: Path) -> Path | None:
-    """The first folder on the way from `root` to `path` that the account may not enter; None: it gets there.
+    """The first folder from `root` to `path` that the account may not enter; None if it may enter all.
 
-    Raises OSError for a way that is not there, or that whoever runs this may not go."""
+    Raises OSError if the path does not exist, or if this process may not enter it.
+    """
     for folder in reversed(path.parents):
         if folder.is_relative_to(root) and not may(folder.stat(), account, EXECUTE):
             return folder

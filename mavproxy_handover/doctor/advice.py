@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What to do about what the rules of `monitors/preflight/rules.py` find: they say what is wrong and what comes of it.
+"""Advice for each finding of the rules in `monitors/preflight/rules.py`, which say what is wrong and its consequence.
 
-The values are those of `ardupilot_lua/handover.parm`, of wings `handover_plane.parm`, which are read, and the guard's
+The values are those of `ardupilot_lua/handover.parm` or `handover_plane.parm` (wings), which are read, and the guard's
 defaults.
 """
 
@@ -17,9 +17,9 @@ from mavproxy_handover.wire.ids import COMPANION_COMPID
 
 __all__ = ["advice"]
 
-#: parameters of a vehicle that hovers, and of one with wings
+#: parameter files for a vehicle that hovers, and for one with wings
 _ROTORS, _WINGS = "handover.parm", "handover_plane.parm"
-#: the guard's own defaults, which are the recommended values; which port it listens at nobody else can know
+#: the guard's defaults, which are the recommended values; its port depends on the wiring
 _GUARD: Final = {
     "HNDO_ENABLE": "1",
     "HNDO_COMPID": str(COMPANION_COMPID),
@@ -29,7 +29,7 @@ _GUARD: Final = {
 }
 _OWN: Final = {
     "HNDO_CHAN": "Set HNDO_CHAN to the number of this port among the autopilot's MAVLink ports (handover_guard.md).",
-    "HNDO_ALONE_MAX": "Set HNDO_ALONE_MAX to the longest gap of the mission, if the aircraft may be alone so long.",
+    "HNDO_ALONE_MAX": "Set HNDO_ALONE_MAX to the longest gap of the mission, if the aircraft may fly alone.",
     "FS_THR_ENABLE": "Set FS_THR_ENABLE to 1, or RC_PROTOCOLS to 0 on a vehicle without radio control.",
     "THR_FAILSAFE": "Set THR_FAILSAFE to 1, or RC_PROTOCOLS to 0 on a vehicle without radio control.",
     "ARMING_REQUIRE": "Set ARMING_REQUIRE to 1.",
@@ -61,9 +61,9 @@ _OWN: Final = {
     "FENCE_TYPE": "Set FENCE_TYPE to 4, or 5 with a ceiling.",
     "FENCE_ACTION": "Set FENCE_ACTION to 1.",
 }
-#: a parameter of a further battery, which is set as that of the first
+#: a parameter of a further battery, which has the value of the first
 _FURTHER: Final = re.compile(r"BATT[2-9]_")
-#: words of a finding that is about no parameter -> what to do
+#: text in a finding without a parameter -> what to do
 _WORDS: Final = (
     (
         "does not land",
@@ -71,14 +71,14 @@ _WORDS: Final = (
     ),
     ("bring the heights of the ground", "Plan this way higher, or give the mission a file of heights (key 'terrain')."),
     ("above sea", "Plan heights above home, or set the plan's home to its height above the sea."),
-    ("scripting is off", "Set SCR_ENABLE to 1 and start the autopilot anew."),
-    ("guard is not loaded", "Put the guard on the SD card with 'handover guard CARD', start the autopilot anew."),
-    ("guard is older", "Put the guard on the SD card with 'handover guard CARD --force', start the autopilot anew."),
+    ("scripting is off", "Set SCR_ENABLE to 1 and restart the autopilot."),
+    ("guard is not loaded", "Put the guard on the SD card with 'handover guard CARD', restart the autopilot."),
+    ("guard is older", "Put the guard on the SD card with 'handover guard CARD --force', restart the autopilot."),
     ("guard is newer", "Install the release of the guard here as well."),
-    ("guard has no key", "Run 'handover guard CARD --key FILE' with the file of guard_key, start the autopilot anew."),
-    ("not fit guard_key", "Run 'handover guard CARD --key FILE' with the file of guard_key, start the autopilot anew."),
+    ("guard has no key", "Run 'handover guard CARD --key FILE' with the file of guard_key, restart the autopilot."),
+    ("not fit guard_key", "Run 'handover guard CARD --key FILE' with the file of guard_key, restart the autopilot."),
     ("guard has a key", "Set guard_key in [vehicle], or delete handover.key from the card."),
-    ("two guards", "Delete one of the two scripts from the card, start the autopilot anew."),
+    ("two guards", "Delete one of the two scripts from the card, restart the autopilot."),
     ("neither ArduCopter nor ArduPlane", "Name the line of the right vehicle, or load one of the two."),
     ("firmware", "Load a firmware between these two, or try all of it in simulation first."),
     ("no request", "Set the port's SERIALn_PROTOCOL to 2, and look whether its signing key is autopilot_key."),
@@ -86,8 +86,10 @@ _WORDS: Final = (
 
 
 def advice(parameter: str, text: str, *, winged: bool | None = None) -> str:
-    """One sentence. `parameter`: the one to change, "" for none; `text`: what was found; `winged`: whether the aircraft
-    has wings, None: not known."""
+    """Advice in one sentence. `parameter`: the one to change, "" for none. `text`: the finding.
+
+    `winged`: True if the aircraft has wings, None: not known.
+    """
     further = _FURTHER.match(parameter)
     if further is not None:
         return advice(parameter.replace(further[0], "BATT_"), text, winged=winged).replace("BATT_", further[0])
@@ -108,7 +110,7 @@ def advice(parameter: str, text: str, *, winged: bool | None = None) -> str:
 
 @cache
 def _recommended(file: str) -> dict[str, str]:
-    """Parameters of a file: name -> value; none of it where it does not ship."""
+    """Parameters of a file: name -> value; empty if the file was not shipped."""
     try:
         text = (shipped("ardupilot_lua") / file).read_text(encoding="utf-8")
     except OSError:

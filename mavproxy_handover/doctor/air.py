@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The vehicle as a station reaches it: is it heard, signed with its key, does it announce the mission that lies here?
+"""Checks the vehicle from a station: is it heard, signed with its key, and does it announce the local mission?
 
-It is listened to. What is sent are TIMESYNC questions, which the gate lets through from any station, and none while
-the vehicle says that it is armed; from a component of the doctor's, so nobody takes this for the station's program.
+This check listens. It sends only TIMESYNC questions, which the gate accepts from any station, and none while the
+vehicle reports that it is armed. They come from the doctor's own component, so no program mistakes this for the
+station's program.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.config.station import FleetVehicle, StationConfig
 from mavproxy_handover.core.common.messages import Connect
-from mavproxy_handover.doctor.check_context import Patient
+from mavproxy_handover.doctor.check_context import CheckContext
 from mavproxy_handover.doctor.finding import Finding, error, ok, unseen, warning
 from mavproxy_handover.doctor.line import here, line_findings, usable
 from mavproxy_handover.doctor.mission import shown
@@ -34,38 +35,40 @@ from mavproxy_handover.wire.signing import SignatureVerdict, SignedPeer
 
 __all__ = ["air"]
 
-#: the companion asks each station once a second whether it is there
+#: listening time (s): the companion asks each station once a second whether it is there
 _LISTEN_S: Final = 3.0
-#: and so long, so often, for answers
+#: time (s) for answers, and interval of questions
 _ASK_S: Final = 0.5
 _ASKED: Final = 4
 _NO_LINK: Final = "no link is named, and no address of another station is confirmed ('handover connect')"
 _SILENT: Final = "Look whether its companion runs ('handover doctor' there), then at address, firewall and link."
 
 
-def air(patient: Patient) -> Iterator[Finding]:
+def air(context: CheckContext) -> Iterator[Finding]:
     """The findings of this check."""
-    station = patient.station
-    if station is None or not patient.links:
+    station = context.station
+    if station is None or not context.links:
         return
-    if patient.clock_wrong:
+    if context.clock_wrong:
         yield unseen("vehicles", "the clock is wrong, and signatures are judged by it", "Set the clock first.")
         return
     for vehicle in station.vehicles:
-        links = vehicle.links or ((patient.master,) if patient.master else ())
-        kept = list(_kept(patient, station, vehicle, own=bool(links)))
+        links = vehicle.links or ((context.master,) if context.master else ())
+        kept = list(_kept(context, station, vehicle, own=bool(links)))
         yield from kept
         if not links and not kept:
             do = "Give --device LINK, as for 'handover station --master'."
             yield unseen(vehicle.called, _NO_LINK, do)
         for link in links:
-            yield from _by(patient, station, vehicle, link)
+            yield from _by(context, station, vehicle, link)
 
 
-def _kept(patient: Patient, station: StationConfig, vehicle: FleetVehicle, *, own: bool) -> Iterator[Finding]:
-    """The vehicle's address that the operator confirmed. Nothing is sent there: the station that runs uses the link."""
+def _kept(context: CheckContext, station: StationConfig, vehicle: FleetVehicle, *, own: bool) -> Iterator[Finding]:
+    """The vehicle's address that the operator confirmed. Nothing is sent to it, because the running station uses the
+    link.
+    """
     what = f"address of {vehicle.called}"
-    file = patient.at(address_file(station.path, station.station.name, vehicle.sysid))
+    file = context.at(address_file(station.path, station.station.name, vehicle.sysid))
     try:
         kept = kept_address(file)
     except (ValueError, OSError) as fault:
@@ -79,36 +82,36 @@ def _kept(patient: Patient, station: StationConfig, vehicle: FleetVehicle, *, ow
         yield ok(what, f"{kept.text} from {kept.sender}, confirmed {kept.at}; {use}")
 
 
-def _by(patient: Patient, station: StationConfig, vehicle: FleetVehicle, text: str) -> Iterator[Finding]:
+def _by(context: CheckContext, station: StationConfig, vehicle: FleetVehicle, text: str) -> Iterator[Finding]:
     what = f"{vehicle.called}, {text}"
     try:
         spec = parse_device(text)
     except LinkError as fault:
         yield error(what, str(fault), "Name the link in one of these forms.")
         return
-    if held_by_ours(patient, spec):
+    if held_by_ours(context, spec):
         yield ok(what, "held by the station that runs: 'handover status' there says what it hears")
         return
     try:
         peer = None
         if vehicle.key is not None:
-            keys = load_station_keys(patient.at(vehicle.key), patient.account.uid)
+            keys = load_station_keys(context.at(vehicle.key), context.account.uid)
             peer = SignedPeer(keys.current, keys.previous)
         if spec.kind is Kind.SERIAL:
-            findings = list(line_findings(patient, spec, vehicle.called))
+            findings = list(line_findings(context, spec, vehicle.called))
             yield from findings
             if not usable(findings):
                 return
-            spec = here(patient, spec)
-        listener = _Listener(patient, station, vehicle, spec.text, peer)
-    except KeysError:  # told with the keys
+            spec = here(context, spec)
+        listener = _Listener(context, station, vehicle, spec.text, peer)
+    except KeysError:  # reported with the keys
         yield unseen(what, "the key cannot be used", "Put the key right first.")
         return
-    except LinkError as fault:  # its holder is told with the ports
+    except LinkError as fault:  # its user is reported with the ports
         yield unseen(what, str(fault), "Free it first.")
         return
     try:
-        patient.tell(f"listening to {vehicle.called} on {text}, {_LISTEN_S + _ASKED * _ASK_S:g} s at most")
+        context.tell(f"listening to {vehicle.called} on {text}, {_LISTEN_S + _ASKED * _ASK_S:g} s at most")
         listener.listen()
         yield from listener.findings(what)
     finally:
@@ -119,10 +122,10 @@ class _Listener:
     """One link to one vehicle."""
 
     def __init__(
-        self, patient: Patient, station: StationConfig, vehicle: FleetVehicle, text: str, peer: SignedPeer | None
+        self, context: CheckContext, station: StationConfig, vehicle: FleetVehicle, text: str, peer: SignedPeer | None
     ) -> None:
         """Raises LinkError."""
-        self._patient = patient
+        self._context = context
         self._vehicle = vehicle
         self._connect: Connect | None = None
         self._frames = 0
@@ -130,11 +133,11 @@ class _Listener:
         self._asked: dict[int, float] = {}
         self._trips_s: list[float] = []
         whom = station.station.sysid, (vehicle.sysid, 0)
-        self.talk = Talk(open_device(text), *whom, peer, patient.clocks, self._heed, lambda: not self._armed)
+        self.talk = Talk(open_device(text), *whom, peer, context.clocks, self._heed, lambda: not self._armed)
 
     def _heed(self, message: Any, frame: Frame) -> None:
         self._frames += 1
-        now = self._patient.clocks.monotonic()
+        now = self._context.clocks.monotonic()
         if frame.compid == AUTOPILOT_COMPID and message.get_type() == "HEARTBEAT":
             self._armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
         decoded = codec.decode(message)
@@ -145,19 +148,19 @@ class _Listener:
             self._trips_s.append(now - self._asked.pop(stamp))
 
     def listen(self) -> None:
-        """Listen, and ask for the way there and back."""
+        """Listen, and measure the round trip."""
         self.talk.listen(_LISTEN_S, lambda: self._connect is not None)
         for _ in range(_ASKED):
             if self._armed:
                 return
-            now = self._patient.clocks.monotonic()
+            now = self._context.clocks.monotonic()
             stamp = draw_stamp(now, secrets.randbits)
             self._asked[stamp] = now
             self.talk.send(probe_message(stamp))
             self.talk.listen(_ASK_S, lambda: not self._asked)
 
     def findings(self, what: str) -> Iterator[Finding]:
-        """What was heard."""
+        """The results."""
         if not self._frames:
             yield self._silent(what)
             return
@@ -183,7 +186,7 @@ class _Listener:
         return error(what, f"silent for {_LISTEN_S:g} s{f' ({trouble})' if trouble else ''}", _SILENT)
 
     def _mission(self) -> Iterator[Finding]:
-        here, connect = self._patient.digests.get(self._vehicle.sysid), self._connect
+        here, connect = self._context.digests.get(self._vehicle.sysid), self._connect
         what = f"mission of {self._vehicle.called}"
         if connect is None:
             found = "the vehicle does not ask for this station: its companion does not run, or does not know it"

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What is looked at: the machine below a root, its configuration, its unit, who runs it, and what was found so far.
+"""Context of all checks: the machine below a root, its configuration, its unit, its account, and results so far.
 
-All paths of a configuration are those of that machine: below another root they lie there (`at`).
+Paths of a configuration belong to that machine: below another root they are there (`at`).
 """
 
 from __future__ import annotations
@@ -24,63 +24,65 @@ from mavproxy_handover.doctor.units import Unit, read_unit
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.vehicle.state import VehicleState
 
-__all__ = ["CompanionStarted", "Patient", "admit"]
+__all__ = ["CompanionStarted", "CheckContext", "admit"]
 
-#: whose files `handover install` lays out, whatever runs them
+#: owner of the files of `handover install`
 _USER: Final = "handover"
 
 
-#: how often (s) it is looked whether a companion has been started
+#: interval (s) of checking whether a companion has been started
 _LOOK_S: Final = 0.2
 
 
 class CompanionStarted(Exception):
-    """A companion has been started: what is open here belongs to it."""
+    """A companion has been started: it needs the ports and lines that are open here."""
 
 
 @dataclass(slots=True)
-class Patient:
+class CheckContext:
     """A companion's machine or a station's."""
 
     #: "companion" or "station"
     kind: str
     root: Path
-    #: its configuration file, and what that says: one of the two, or neither and why
+    #: its configuration file, and its content: one of the two, or neither and the error
     path: Path
     vehicle: VehicleConfig | None
     station: StationConfig | None
     config_error: str
-    #: what has systemd run it, or why that cannot be read
+    #: its systemd unit, or why that cannot be read
     unit: Unit | None
     unit_error: str
-    #: who runs it: the service's user, where the configuration is the installed one
+    #: the user that runs it: the service's user, if the configuration is the installed one
     account: Account
-    #: the user that the unit names does not exist
+    #: the unit's user, if it does not exist
     account_missing: str
-    #: the companion that runs already
+    #: the running companion, if any
     running: Process | None
-    #: the autopilot's line, or a station's link, if it was named
+    #: the autopilot's line, or a station's link, if given as an option
     device: str | None
-    #: whether stations may be asked for round trips
+    #: True if stations may be probed for round trips
     links: bool
     clocks: Clocks
-    #: told what takes a while
+    #: gets texts about long steps
     tell: Callable[[str], None]
-    # ---- what the checks have found out, for those behind them
-    #: nothing may be signed with such a clock
+    # ---- results of checks, for later checks
+    #: True if the clock is so wrong that nothing may be signed
     clock_wrong: bool = False
     #: the mission package that is on board
     package: MissionPackage | None = None
-    #: of a station: vehicle -> digest of its package here
+    #: of a station: digest of its package for each vehicle
     digests: dict[int, bytes] = field(default_factory=dict)
-    #: what the autopilot says of itself
+    #: the autopilot's telemetry
     aircraft: VehicleState = field(default_factory=VehicleState)
 
     looked_at: float = -inf
 
     def look_out(self) -> None:
-        """To be called often while a link, a port or a line is open here. Raises CompanionStarted as soon as a
-        companion of this vehicle runs: it must find them free."""
+        """Check for a new companion. Call this often while a link, a port or a line is open here.
+
+        Raises CompanionStarted as soon as a companion of this vehicle runs, because it needs them.
+        """
         now = self.clocks.monotonic()
         if self.vehicle is None or now - self.looked_at < _LOOK_S:
             return
@@ -90,7 +92,7 @@ class Patient:
             raise CompanionStarted
 
     def look_again(self) -> None:
-        """Whether a companion of this vehicle runs by now."""
+        """Check again whether a companion of this vehicle runs."""
         self.running = self._who_runs()
 
     def _who_runs(self) -> Process | None:
@@ -101,19 +103,19 @@ class Patient:
         return companion_of(self.path) if holder is None else holder
 
     def at(self, path: Path | PurePosixPath) -> Path:
-        """Where a path of that machine lies on this one."""
+        """A path of that machine on this one."""
         path = Path(path)
         inside = self.root == Path("/") or path.is_relative_to(self.root)
         return path if inside or not path.is_absolute() else below(self.root, PurePosixPath(path))
 
     @property
     def installed(self) -> bool:
-        """Whether the configuration is the one that `handover install` writes."""
+        """True if the configuration is the one that `handover install` writes."""
         return self.path == below(self.root, CONFIGURATION[self.kind])
 
     @property
     def master(self) -> str | None:
-        """The autopilot's line, or a station's link: as named, else as the unit has it."""
+        """The autopilot's line, or a station's link: from the option, else from the unit."""
         if self.device is not None or self.unit is None or not self.installed:
             return self.device
         return self.unit.option("--master")
@@ -121,15 +123,15 @@ class Patient:
 
 def admit(
     kind: str, root: Path, path: Path, device: str | None, links: bool, clocks: Clocks, tell: Callable[[str], None]
-) -> Patient:
-    """Read what every check needs. Raises OSError where the configuration may not be read."""
+) -> CheckContext:
+    """Read the data that every check needs. Raises OSError if the configuration may not be read."""
     vehicle, station, config_error = _config(kind, path)
     unit, unit_error = None, ""
     try:
         unit = read_unit(kind, root)
     except (OSError, ValueError) as error:
         unit_error = str(error)
-    patient = Patient(
+    context = CheckContext(
         kind=kind,
         root=root,
         path=path,
@@ -146,18 +148,18 @@ def admit(
         clocks=clocks,
         tell=tell,
     )
-    if patient.installed:
+    if context.installed:
         user = _USER if unit is None else unit.user
         named = account_of(user, root)
-        # a system that was never started has no such user yet: systemd-sysusers makes it
-        patient.account = named or patient.account
-        patient.account_missing = "" if named is not None or unit is None else user
-    patient.look_again()
-    return patient
+        # a system that was never started has no such user yet: systemd-sysusers makes it at the start
+        context.account = named or context.account
+        context.account_missing = "" if named is not None or unit is None else user
+    context.look_again()
+    return context
 
 
 def _config(kind: str, path: Path) -> tuple[VehicleConfig | None, StationConfig | None, str]:
-    with path.open("rb"):  # who may not read it shall hear that, and not that it is wrong
+    with path.open("rb"):  # if it cannot be read, report that and not a wrong content
         pass
     try:
         if kind == "companion":

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""`handover doctor`: the table of checks, and how their findings are told.
+"""`handover doctor`: the table of checks, and the output of their findings.
 
-A check that breaks is a finding, and the next one goes on. Exit codes: 1 if anything is an error; else 2 if something
-could not be looked at; else 0, warnings or not.
+An exception in a check is a finding, and the next check runs. Exit codes: 1 if there is an error; else 2 if something
+could not be checked; else 0, with or without warnings.
 
 With --json standard output is one object: `format` (1), `kind`, `root`, `configuration`, `exit`, and `findings`, a list
-in the order of the checks; each has `check`, `level` ("ok", "warning", "error"), `looked` (whether it could be looked
-at), `what`, `found` and `do` ("" where nothing is to be done). Keys may come to these, none changes or goes.
+in the order of the checks. Each has `check`, `level` ("ok", "warning", "error"), `looked` (true if it could be
+checked), `what`, `found` and `do` ("" if nothing is to be done). Keys may be added; none changes or goes.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from mavproxy_handover.cli.machine import CONFIGURATION, below
 from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.config.files import STATION_PLACES, ConfigError, find_station_config, find_vehicle_config
 from mavproxy_handover.doctor.air import air
-from mavproxy_handover.doctor.check_context import CompanionStarted, Patient, admit
+from mavproxy_handover.doctor.check_context import CheckContext, CompanionStarted, admit
 from mavproxy_handover.doctor.finding import Finding, Level, unseen
 from mavproxy_handover.doctor.flight_controller import autopilot
 from mavproxy_handover.doctor.host import clock, disk, service
@@ -40,8 +40,8 @@ __all__ = ["CHECKS", "main"]
 
 _FORMAT: Final = 1
 _KINDS: Final = tuple(CONFIGURATION)
-#: name -> check, in the order in which one needs what another has found
-CHECKS: Final[dict[str, Callable[[Patient], Iterator[Finding]]]] = {
+#: name -> check, in an order in which each finds the results that it needs
+CHECKS: Final[dict[str, Callable[[CheckContext], Iterator[Finding]]]] = {
     "programs": programs,
     "configuration": configuration,
     "keys": keys,
@@ -59,7 +59,7 @@ CHECKS: Final[dict[str, Callable[[Patient], Iterator[Finding]]]] = {
 
 
 class _Usage(Exception):
-    """One line: what was asked for cannot be looked at."""
+    """Wrong usage, one line: the requested machine cannot be checked."""
 
 
 def main(argv: Sequence[str], clocks: Clocks = Clocks(time.time, time.monotonic)) -> int:  # noqa: B008 (a constant)
@@ -80,7 +80,7 @@ def main(argv: Sequence[str], clocks: Clocks = Clocks(time.time, time.monotonic)
     except SystemExit as stop:
         return int(stop.code or 0)
     try:
-        patient = _patient(arguments, clocks)
+        context = _context(arguments, clocks)
     except (_Usage, ConfigError) as error:
         print(f"handover doctor: {error}", file=sys.stderr)
         return 2
@@ -89,25 +89,25 @@ def main(argv: Sequence[str], clocks: Clocks = Clocks(time.time, time.monotonic)
         return 2
     found: list[tuple[str, Finding]] = []
     for name, check in CHECKS.items():
-        for finding in _run(name, check, patient):
+        for finding in _run(name, check, context):
             found.append((name, finding))
             if not arguments.json:
                 _print(name, finding)
     code = _code(finding for _name, finding in found)
     if arguments.json:
-        print(json.dumps(_as_json(patient, found, code), indent=1))
+        print(json.dumps(_as_json(context, found, code), indent=1))
     else:
         print(f"\n{_summary([finding for _name, finding in found])}")
     return code
 
 
-def _run(name: str, check: Callable[[Patient], Iterator[Finding]], patient: Patient) -> Iterator[Finding]:
+def _run(name: str, check: Callable[[CheckContext], Iterator[Finding]], context: CheckContext) -> Iterator[Finding]:
     try:
-        yield from check(patient)
+        yield from check(context)
     except CompanionStarted:
         why = "a companion has just been started: what was open here was let go at once"
         yield unseen(name, why, "Run this again: what a running companion holds is told by its journal.")
-    except Exception as fault:  # what is broken here must not hide what is broken there
+    except Exception as fault:  # an exception here must not hide other findings
         why = f"the check itself broke: {type(fault).__name__}: {' '.join(str(fault).split())}"
         yield unseen(name, why, "Report this, with the line above; look at it by hand meanwhile.")
 
@@ -115,7 +115,7 @@ def _run(name: str, check: Callable[[Patient], Iterator[Finding]], patient: Pati
 # ---- what is looked at ----------------------------------------------------------------------------------------------
 
 
-def _patient(arguments: argparse.Namespace, clocks: Clocks) -> Patient:
+def _context(arguments: argparse.Namespace, clocks: Clocks) -> CheckContext:
     """Raises _Usage, ConfigError, OSError."""
     root = Path("/") if arguments.root is None else arguments.root.expanduser().resolve()
     if not root.is_dir():
@@ -128,7 +128,7 @@ def _patient(arguments: argparse.Namespace, clocks: Clocks) -> Patient:
 
 
 def _kind(named: Path | None, root: Path) -> str:
-    """The one that there is a configuration for. Raises _Usage for both, or none."""
+    """The kind that has a configuration. Raises _Usage for both, or none."""
     if named is not None:
         raise _Usage(f"say what {named} is of: handover doctor companion|station --config {named}")
     found = []
@@ -145,7 +145,7 @@ def _kind(named: Path | None, root: Path) -> str:
 
 
 def _configuration(kind: str, named: Path | None, root: Path) -> Path:
-    """Where it lies. Raises ConfigError."""
+    """Path of the configuration. Raises ConfigError."""
     if named is not None:
         return named.expanduser().resolve()
     installed = below(root, CONFIGURATION[kind])
@@ -157,7 +157,7 @@ def _configuration(kind: str, named: Path | None, root: Path) -> Path:
 
 
 def _tell(what: str) -> None:
-    """What takes a while; not for those who read the findings."""
+    """Print a text about a long step, only on a terminal."""
     print(f"... {what}", file=sys.stderr, flush=True)
 
 
@@ -191,12 +191,12 @@ def _count(number: int, word: str) -> str:
     return f"{number} {word}{'' if number == 1 else 's'}"
 
 
-def _as_json(patient: Patient, found: list[tuple[str, Finding]], code: int) -> dict[str, object]:
+def _as_json(context: CheckContext, found: list[tuple[str, Finding]], code: int) -> dict[str, object]:
     return {
         "format": _FORMAT,
-        "kind": patient.kind,
-        "root": str(patient.root),
-        "configuration": str(patient.path),
+        "kind": context.kind,
+        "root": str(context.root),
+        "configuration": str(context.path),
         "exit": code,
         "findings": [
             {

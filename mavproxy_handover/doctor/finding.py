@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the doctor has to say: one finding for each thing that was looked at."""
+"""Findings of the doctor: one for each thing that was checked."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ __all__ = ["Finding", "Level", "error", "ok", "unseen", "warning"]
 
 
 class Level(Enum):
-    """How bad it is. An error is what keeps a flight from going as planned, or from going at all."""
+    """Severity. An error prevents a flight, or makes it go wrong."""
 
     OK = "ok"
     WARNING = "warning"
@@ -20,9 +20,9 @@ class Level(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing that was looked at.
+    """The result for one thing.
 
-    `do`: what to do about it, one sentence; "" where all is well. `looked`: False where it could not be looked at.
+    `do`: what to do about it, one sentence; "" if all is well. `looked`: False if it could not be checked.
     """
 
     level: Level
@@ -33,20 +33,20 @@ class Finding:
 
 
 def ok(what: str, found: str) -> Finding:
-    """All is well with it."""
+    """A finding without a fault."""
     return Finding(Level.OK, what, found)
 
 
 def warning(what: str, found: str, do: str) -> Finding:
-    """It may be meant so, and it may do harm one day."""
+    """A finding that may be intended, and may do harm one day."""
     return Finding(Level.WARNING, what, found, do)
 
 
 def error(what: str, found: str, do: str) -> Finding:
-    """It is wrong."""
+    """A finding of a fault."""
     return Finding(Level.ERROR, what, found, do)
 
 
 def unseen(what: str, why: str, do: str) -> Finding:
-    """It could not be looked at: nobody knows whether it is well."""
+    """A finding that the thing could not be checked, so its state is unknown."""
     return Finding(Level.WARNING, what, f"not looked at: {why}", do, looked=False)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The autopilot: its line, its heartbeat, firmware, parameters and guard, its time, the mission that it holds.
+"""Checks the autopilot: line, heartbeat, firmware, parameters, guard, time, and its mission.
 
-It is listened to first. What says that it is armed is asked nothing, and nothing more once it is armed. The rules of
-the parameters are those of the companion (`monitors/preflight/rules.py`).
+It listens first. An autopilot that reports that it is armed gets no questions from then on. The rules for parameters
+are those of the companion (`monitors/preflight/rules.py`).
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from mavproxy_handover.config.vehicle import VehicleConfig
 from mavproxy_handover.core.common import model
 from mavproxy_handover.core.common.model import GuardState
 from mavproxy_handover.doctor.advice import advice
-from mavproxy_handover.doctor.check_context import Patient
+from mavproxy_handover.doctor.check_context import CheckContext
 from mavproxy_handover.doctor.finding import Finding, error, ok, unseen, warning
 from mavproxy_handover.doctor.guard_script import card_checksum, shipped_script
 from mavproxy_handover.doctor.journal import autopilot_by_journal
@@ -44,32 +44,32 @@ __all__ = ["autopilot"]
 
 #: heartbeats come once a second
 _HEARTBEAT_S: Final = 3.0
-#: for each other baud rate
+#: time (s) for each other baud rate
 _RATE_S: Final = 1.5
-#: the guard speaks twice a second, once something has reached it
+#: the guard sends twice a second, after something has reached it
 _GUARD_S: Final = 2.0
-#: more takes too long to read back
+#: a longer mission takes too long to read back
 _MOST_ITEMS: Final = 120
-#: a signature may be a minute off; clocks that differ by this much are set by different people
+#: a signature may differ by a minute; a difference of this (s) means that the clocks were set separately
 _OFF_S: Final = 5.0
 _GRAVE_S: Final = 30.0
 _KINDS: Final = {0: "-dev", 64: "-alpha", 128: "-beta", 192: "-rc"}
 _NAME: Final = "autopilot"
 
 
-def autopilot(patient: Patient) -> Iterator[Finding]:
+def autopilot(context: CheckContext) -> Iterator[Finding]:
     """The findings of this check."""
-    vehicle, master = patient.vehicle, patient.master
+    vehicle, master = context.vehicle, context.master
     if vehicle is None:
-        if patient.kind == "companion":
+        if context.kind == "companion":
             yield unseen(_NAME, "there is no configuration to compare it with", "Put the configuration right first.")
         return
-    patient.look_again()
-    if patient.running is not None:
-        yield from autopilot_by_journal(patient)
+    context.look_again()
+    if context.running is not None:
+        yield from autopilot_by_journal(context)
         return
     if master is None:
-        yield unseen(_NAME, "nobody says where it is", "Give --device LINE,BAUD, as for 'handover companion --master'.")
+        yield unseen(_NAME, "its line is not given", "Give --device LINE,BAUD, as for 'handover companion --master'.")
         return
     try:
         spec = parse_device(master)
@@ -77,15 +77,15 @@ def autopilot(patient: Patient) -> Iterator[Finding]:
         yield error(_NAME, str(fault), "Name the line in one of these forms.")
         return
     if spec.kind is Kind.SERIAL:
-        findings = list(line_findings(patient, spec, "the autopilot"))
+        findings = list(line_findings(context, spec, "the autopilot"))
         yield from findings
         if not usable(findings):
             return
-        spec = here(patient, spec)
+        spec = here(context, spec)
     try:
-        peer = None if vehicle.autopilot_key is None else SignedPeer(_key(patient, vehicle.autopilot_key))
-        visit = _Visit(patient, vehicle, spec, peer)
-    except KeysError:  # told with the keys
+        peer = None if vehicle.autopilot_key is None else SignedPeer(_key(context, vehicle.autopilot_key))
+        visit = _Visit(context, vehicle, spec, peer)
+    except KeysError:  # reported with the keys
         yield unseen(_NAME, "its key cannot be used", "Put the key right first.")
         return
     except LinkError as fault:
@@ -97,36 +97,38 @@ def autopilot(patient: Patient) -> Iterator[Finding]:
         visit.talk.close()
 
 
-def _key(patient: Patient, path: Path) -> bytes:
-    return load_key(patient.at(path), patient.account.uid)
+def _key(context: CheckContext, path: Path) -> bytes:
+    return load_key(context.at(path), context.account.uid)
 
 
 class _Visit:
     """One visit to one autopilot."""
 
-    def __init__(self, patient: Patient, vehicle: VehicleConfig, spec: DeviceSpec, peer: SignedPeer | None) -> None:
+    def __init__(
+        self, context: CheckContext, vehicle: VehicleConfig, spec: DeviceSpec, peer: SignedPeer | None
+    ) -> None:
         """Raises LinkError."""
-        self._patient = patient
+        self._context = context
         self._vehicle = vehicle
         self._spec = spec
         self._peer = peer
-        self._aircraft = patient.aircraft
+        self._aircraft = context.aircraft
         self._heartbeat: Any = None
         self._guard: GuardStatus | None = None
         self._channel: int | None = None
-        #: by how much the autopilot's time is ahead of this computer's (s), when a receiver gives it one
+        #: lead (s) of the autopilot's time over this computer's, if a receiver sets it
         self._ahead_s: float | None = None
         self.talk = self._open(spec)
 
     def _open(self, spec: DeviceSpec) -> Talk:
         other = self._vehicle.sysid, AUTOPILOT_COMPID
         device = open_device(spec.text)
-        ways = self._heed, self._grounded, self._patient.look_out
-        return Talk(device, self._vehicle.sysid, other, self._peer, self._patient.clocks, *ways)
+        ways = self._heed, self._grounded, self._context.look_out
+        return Talk(device, self._vehicle.sysid, other, self._peer, self._context.clocks, *ways)
 
     def _heed(self, message: Any, _frame: Frame) -> None:
         """A message of the autopilot."""
-        self._aircraft.take(message, self._patient.clocks.monotonic())
+        self._aircraft.take(message, self._context.clocks.monotonic())
         match message.get_type():
             case "HEARTBEAT":
                 self._heartbeat = message
@@ -134,14 +136,14 @@ class _Visit:
                 payload = bytes(message.payload[: message.payload_length])
                 self._guard = unpack_guard_status(payload) or self._guard
             case "SYSTEM_TIME" if message.time_unix_usec > 0:
-                self._ahead_s = message.time_unix_usec / 1e6 - self._patient.clocks.utc()
+                self._ahead_s = message.time_unix_usec / 1e6 - self._context.clocks.utc()
 
     def _grounded(self) -> bool:
         return not self._aircraft.armed
 
     def findings(self) -> Iterator[Finding]:
-        """All of it, in the order in which it is found out."""
-        self._patient.tell(f"listening to the autopilot on {self._spec.text}, {_HEARTBEAT_S:g} s at most")
+        """All findings, in the order of the questions."""
+        self._context.tell(f"listening to the autopilot on {self._spec.text}, {_HEARTBEAT_S:g} s at most")
         self.talk.listen(_HEARTBEAT_S, lambda: self._heartbeat is not None)
         if self._heartbeat is None:
             yield from self._silent()
@@ -165,7 +167,7 @@ class _Visit:
         counters, heard, bad = self.talk.device.counters, self.talk.heard, self.talk.bad
         if bad:
             found = f"its frames are not signed with autopilot_key: {', '.join(verdict.value for verdict in bad)}"
-            yield error(_NAME, found, "Give the autopilot that key anew, or name the key that it has.")
+            yield error(_NAME, found, "Give the autopilot that key again, or name the key that it has.")
         elif heard:
             names = ", ".join(str(sysid) for sysid in sorted(heard))
             found = f"no heartbeat of system {self._vehicle.sysid}, but frames of system {names}"
@@ -183,16 +185,16 @@ class _Visit:
             yield error(_NAME, found, do)
 
     def _wrong_rate(self, count: int) -> Finding:
-        """There are bytes, and no frames: another baud rate may make frames of them."""
+        """Find the baud rate of a line that has bytes but no frames."""
         found = f"{count} bytes and no frame at {self._spec.port} baud"
         for rate in RATES:
             if rate == self._spec.port:
                 continue
-            self._patient.tell(f"trying {rate} baud")
+            self._context.tell(f"trying {rate} baud")
             self.talk.close()
             try:
-                self.talk = self._open(here(self._patient, self._spec, rate))
-            except LinkError:  # a rate that this line cannot do
+                self.talk = self._open(here(self._context, self._spec, rate))
+            except LinkError:  # a rate that this line does not support
                 continue
             self.talk.listen(_RATE_S, lambda: bool(self.talk.heard))
             if self.talk.heard:
@@ -205,7 +207,7 @@ class _Visit:
 
     def _asked(self) -> Iterator[Finding]:
         sysid = self._vehicle.sysid
-        self._patient.tell("asking for the firmware's version and the time")
+        self._context.tell("asking for the firmware's version and the time")
         version = self.talk.ask(_message(sysid, "AUTOPILOT_VERSION")).result
         if not self._grounded():
             yield self._is_armed()
@@ -220,13 +222,13 @@ class _Visit:
             yield warning("firmware", "it does not tell its version", do)
         if self._ahead_s is None:
             self.talk.ask(_message(sysid, "SYSTEM_TIME"))
-        package = self._patient.package
+        package = self._context.package
         high = package is not None and bool(above_sea(package.route))
         if (high or self._vehicle.position.box) and self._aircraft.telemetry.own_position.value is None:
             self.talk.ask(_message(sysid, "GLOBAL_POSITION_INT"))
         yield self._time()
         names = rules.names_of(self._aircraft.vehicle, self._batteries)
-        self._patient.tell(f"reading {len(names)} parameters")
+        self._context.tell(f"reading {len(names)} parameters")
         parameters = self.talk.ask(reading(sysid, names)).result or {}
         self.talk.listen(_GUARD_S, lambda: self._guard is not None or not self._grounded())
         if not self._grounded():
@@ -246,8 +248,8 @@ class _Visit:
         return warning("autopilot's time", found, do) if abs(ahead_s) >= _OFF_S else ok("autopilot's time", found)
 
     def _judged(self, parameters: dict[str, float], firmware: tuple[int, int] | None) -> Iterator[Finding]:
-        """By the rules of the companion's own check before flight."""
-        package = self._patient.package
+        """Findings by the rules of the companion's own check before flight."""
+        package = self._context.package
         guard = self._guard.state if self._guard is not None else GuardState.SILENT
         found = rules.Found(
             parameters,
@@ -276,8 +278,8 @@ class _Visit:
 
     @property
     def _batteries(self) -> int:
-        """How many it flies by: the mission's word goes before the vehicle's."""
-        package, own = self._patient.package, self._vehicle.energy
+        """Number of batteries: the mission's number takes precedence over the vehicle's."""
+        package, own = self._context.package, self._vehicle.energy
         energy = own if package is None else package.energy.over(own)
         return int(energy.batteries or 1)
 
@@ -292,13 +294,13 @@ class _Visit:
         state = f"{status.state.name.lower()}, {status.rejected} leases refused so far"
         if status.tampered:
             return error(
-                "guard", f"{state}; it has noticed tampering", "Start the autopilot anew, and find out who it was."
+                "guard", f"{state}; it has noticed tampering", "Restart the autopilot, and find out who did it."
             )
         key = "" if self._vehicle.guard_key is None else "; whether its key is guard_key shows with the first lease"
         return ok("guard", f"{state}{key}")
 
     def _script(self) -> Finding:
-        """Whether the guard on the card is the one of this installation."""
+        """Check that the guard on the card is the one of this installation."""
         ours = shipped_script()
         version = version_of(ours).removeprefix(", ") or "of no version"
         theirs = self.talk.ask(card_checksum(self._vehicle.sysid)).result
@@ -311,14 +313,14 @@ class _Visit:
         return warning("guard's script", found, do)
 
     def _mission(self) -> Iterator[Finding]:
-        package = self._patient.package
+        package = self._context.package
         if package is None:
             return
         items = package.route.upload_items()
         if len(items) > _MOST_ITEMS:
             yield ok("mission in the autopilot", f"not compared: {len(items)} items take too long to read")
             return
-        self._patient.tell(f"reading {len(items)} items of the mission")
+        self._context.tell(f"reading {len(items)} items of the mission")
         talk = self.talk.ask(_same(self._vehicle.sysid, items, self._aircraft.kind))
         if talk.failure is None:
             yield ok("mission in the autopilot", f"is that of the package {package.name!r}")
@@ -329,7 +331,7 @@ class _Visit:
 
 
 def _message(sysid: int, kind: str) -> Asking:
-    """Ask for one message; returns it, None if it does not come."""
+    """Ask for one message; returns None if it does not come."""
     wanted = getattr(mavlink, f"MAVLINK_MSG_ID_{kind}")
     request = command_long((sysid, AUTOPILOT_COMPID), mavlink.MAV_CMD_REQUEST_MESSAGE, wanted)
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Is the guard on the autopilot's card the one that ships here? It is asked for its checksum, by file transfer.
+"""Checks that the guard on the autopilot's card is the shipped one, by its checksum over file transfer.
 
-Nothing is read off the card and nothing is opened on it. An autopilot without file transfer does not answer.
+No file on the card is read or opened. An autopilot without file transfer does not answer.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, FTP_ACK, FTP_CHECKSUM, 
 
 __all__ = ["card_checksum", "shipped_script"]
 
-#: on a flight controller, and in simulation
+#: path on a flight controller, and in simulation
 _PLACES: Final = ("/APM/scripts/handover_guard.lua", "scripts/handover_guard.lua")
 
 
@@ -28,7 +28,7 @@ def shipped_script() -> bytes:
 
 
 def card_checksum(sysid: int) -> Asking:
-    """Returns that of the guard on the card; None: there is none, or nobody answers."""
+    """Ask for the checksum of the guard on the card; None if there is none, or no answer."""
     for sequence, place in enumerate(_PLACES, 1):
         name = place.encode("ascii")
         request = file_message((sysid, AUTOPILOT_COMPID), Head(sequence, 0, FTP_CHECKSUM, len(name)), name)
@@ -42,7 +42,7 @@ def card_checksum(sysid: int) -> Asking:
 
 
 def _answer(sequence: int) -> Callable[[Any], Any]:
-    """Its checksum, False where it has no such file."""
+    """The checksum, False if the autopilot has no such file."""
 
     def answer(message: Any) -> Any:
         if message.get_type() != "FILE_TRANSFER_PROTOCOL":

@@ -18,7 +18,7 @@ from typing import Final
 import mavproxy_handover
 from mavproxy_handover.cli.machine import STATE
 from mavproxy_handover.doctor.accounts import WRITE, may, reaches
-from mavproxy_handover.doctor.check_context import Patient
+from mavproxy_handover.doctor.check_context import CheckContext
 from mavproxy_handover.doctor.finding import Finding, error, ok, unseen, warning
 
 __all__ = ["clock", "disk", "service"]
@@ -27,26 +27,26 @@ __all__ = ["clock", "disk", "service"]
 # ---- the unit -------------------------------------------------------------------------------------------------------
 
 
-def service(patient: Patient) -> Iterator[Finding]:
+def service(context: CheckContext) -> Iterator[Finding]:
     """Does systemd run it, and can it?"""
-    name, unit = f"handover-{patient.kind}", patient.unit
-    if patient.running is not None:
-        yield ok(name, f"runs: {patient.running}; what it holds is not opened here")
-    if patient.unit_error:
-        yield error(name, patient.unit_error, f"Install it anew: handover install {patient.kind} --force.")
-    if unit is None or not patient.installed:
-        if patient.installed and not patient.unit_error:
-            do = f"Run: handover install {patient.kind}."
+    name, unit = f"handover-{context.kind}", context.unit
+    if context.running is not None:
+        yield ok(name, f"runs: {context.running}; what it holds is not opened here")
+    if context.unit_error:
+        yield error(name, context.unit_error, f"Install it again: handover install {context.kind} --force.")
+    if unit is None or not context.installed:
+        if context.installed and not context.unit_error:
+            do = f"Run: handover install {context.kind}."
             yield warning(name, "there is no unit: it runs when a person starts it", do)
         return
-    if patient.account_missing:
-        there = f"its user {patient.account_missing!r} does not exist yet"
+    if context.account_missing:
+        there = f"its user {context.account_missing!r} does not exist yet"
         yield warning(name, there, "Run: systemd-sysusers; systemd-tmpfiles --create.")
     program = unit.program
     if program is None:
-        yield error(name, f"{unit.path} starts nothing", f"Install it anew: handover install {patient.kind} --force.")
-    elif not os.access(patient.at(program), os.X_OK):
-        do = f"Install the program there, or install the unit anew with --program (docs/installation.md, {unit.path})."
+        yield error(name, f"{unit.path} starts nothing", f"Install it again: handover install {context.kind} --force.")
+    elif not os.access(context.at(program), os.X_OK):
+        do = f"Install the program there, or install the unit again with --program (docs/installation.md, {unit.path})."
         yield error(name, f"the unit starts {program}, which is no program there", do)
     elif not unit.enabled:
         yield warning(name, "it does not start with the machine", f"Run: systemctl enable --now {name}.")
@@ -56,25 +56,25 @@ def service(patient: Patient) -> Iterator[Finding]:
 
 # ---- the clock ------------------------------------------------------------------------------------------------------
 
-#: telling the kernel nothing, it says how its clock is (adjtimex(2)); TIME_ERROR: nobody keeps it right
+#: adjtimex(2) without changes returns the state of the clock; TIME_ERROR: it is not synchronised
 _TIMEX_BYTES: Final = 512
 _TIME_ERROR: Final = 5
-#: who cannot say more than "today" was set by hand
+#: tolerance (s) between this clock and the time of installation
 _BACKWARDS_S: Final = 60.0
 
 
-def clock(patient: Patient) -> Iterator[Finding]:
+def clock(context: CheckContext) -> Iterator[Finding]:
     """The time of day: signatures rest on it, and logs."""
-    utc_s = patient.clocks.utc()
+    utc_s = context.clocks.utc()
     installed_s = Path(mavproxy_handover.__file__).stat().st_mtime
     shown = _shown(utc_s)
     if utc_s < installed_s - _BACKWARDS_S:
-        patient.clock_wrong = True
+        context.clock_wrong = True
         found = f"{shown}, which is before this program was installed ({_shown(installed_s)})"
         do = "Set it, by network time, a receiver (gpsd, chrony) or a clock with a battery, before anything is signed."
         yield error("time of day", found, do)
         return
-    kept = _synchronised(patient.root)
+    kept = _synchronised(context.root)
     if kept is None:
         yield ok("time of day", f"{shown}; whether something keeps it right is not told here")
     elif kept:
@@ -116,40 +116,40 @@ _NO_NAMELESS: Final = (errno.EOPNOTSUPP, errno.EISDIR, errno.EINVAL)
 _SLOW_S: Final = 2.0
 
 
-def disk(patient: Patient) -> Iterator[Finding]:
+def disk(context: CheckContext) -> Iterator[Finding]:
     """Is there room where state and logs are kept, may they be written there, and how long does that take?"""
-    folder = _kept_in(patient)
+    folder = _kept_in(context)
     try:
         status, room = folder.stat(), os.statvfs(folder)
     except FileNotFoundError:
         yield error(str(folder), "no such folder", f"Run: systemd-tmpfiles --create, or mkdir -m 0750 {folder}.")
         return
     except OSError as fault:
-        yield unseen(str(folder), str(fault.strerror), f"Run this as {patient.account.name}, or with sudo.")
+        yield unseen(str(folder), str(fault.strerror), f"Run this as {context.account.name}, or with sudo.")
         return
     if not stat.S_ISDIR(status.st_mode):
         yield error(str(folder), "is no folder", "Move that file away, and run: systemd-tmpfiles --create.")
         return
     yield _room(folder, room)
-    hindered = reaches(folder, patient.account, patient.root)
-    if hindered is not None or not may(status, patient.account, WRITE):
+    hindered = reaches(folder, context.account, context.root)
+    if hindered is not None or not may(status, context.account, WRITE):
         mode = stat.S_IMODE((hindered or folder).stat().st_mode)
         found = (
-            f"{patient.account.name} may not {'enter' if hindered else 'write to'} {hindered or folder} ({mode:04o})"
+            f"{context.account.name} may not {'enter' if hindered else 'write to'} {hindered or folder} ({mode:04o})"
         )
-        yield error(str(folder), found, f"Run: chown {patient.account.name}: {folder}; chmod 0750 {folder}.")
+        yield error(str(folder), found, f"Run: chown {context.account.name}: {folder}; chmod 0750 {folder}.")
         return
-    yield _written(folder, patient)
+    yield _written(folder, context)
 
 
-def _kept_in(patient: Patient) -> Path:
-    if patient.installed:
-        return patient.at(STATE)
-    if patient.vehicle is not None and patient.vehicle.state is not None:
-        state = patient.at(patient.vehicle.state)
+def _kept_in(context: CheckContext) -> Path:
+    if context.installed:
+        return context.at(STATE)
+    if context.vehicle is not None and context.vehicle.state is not None:
+        state = context.at(context.vehicle.state)
         return state if state.exists() else state.parent
-    journal = patient.vehicle or patient.station
-    return patient.path.parent if journal is None else patient.at(journal.journal).parent
+    journal = context.vehicle or context.station
+    return context.path.parent if journal is None else context.at(journal.journal).parent
 
 
 def _room(folder: Path, room: os.statvfs_result) -> Finding:
@@ -163,9 +163,9 @@ def _room(folder: Path, room: os.statvfs_result) -> Finding:
     return warning(str(folder), shown, do) if free < _GOOD_BYTES else ok(str(folder), shown)
 
 
-def _written(folder: Path, patient: Patient) -> Finding:
+def _written(folder: Path, context: CheckContext) -> Finding:
     """Write to a file without a name, which is gone when it is closed."""
-    patient.tell(f"writing to the disk of {folder}")
+    context.tell(f"writing to the disk of {folder}")
     worst_s = 0.0
     try:
         descriptor = os.open(folder, os.O_TMPFILE | os.O_WRONLY | os.O_CLOEXEC, 0o600)
@@ -179,7 +179,7 @@ def _written(folder: Path, patient: Patient) -> Finding:
         finally:
             os.close(descriptor)
     except PermissionError:
-        return unseen(f"{folder}: writing", "not allowed", f"Run this as {patient.account.name}, or with sudo.")
+        return unseen(f"{folder}: writing", "not allowed", f"Run this as {context.account.name}, or with sudo.")
     except OSError as fault:
         if fault.errno in _NO_NAMELESS:
             return ok(f"{folder}: writing", "allowed; how long it takes cannot be tried on this file system")

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the journal of a companion that runs says: nothing that it holds is opened to find out.
+"""Findings from the journal of a running companion, whose ports and lines must not be opened.
 
-Of the journal the end is read, from the last time on that the module was loaded.
+The end of the journal is read, from the last load of the module on.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any, Final
 
 from mavproxy_handover.cli.machine import STATE
 from mavproxy_handover.doctor.advice import advice
-from mavproxy_handover.doctor.check_context import Patient
+from mavproxy_handover.doctor.check_context import CheckContext
 from mavproxy_handover.doctor.finding import Finding, error, ok, unseen
 from mavproxy_handover.store.flights import LATEST
 
@@ -24,9 +24,9 @@ _TAIL_BYTES: Final = 8 << 20
 _DO: Final = "Type 'handover status' in the companion, or look at its journal."
 
 
-def autopilot_by_journal(patient: Patient) -> Iterator[Finding]:
-    """What the companion's own checks before flight have found."""
-    path, entries = _entries(patient)
+def autopilot_by_journal(context: CheckContext) -> Iterator[Finding]:
+    """Results of the companion's own checks before flight."""
+    path, entries = _entries(context)
     if path is None:
         yield unseen("autopilot", "the companion runs, and its journal is not found", _DO)
         return
@@ -49,10 +49,10 @@ def autopilot_by_journal(patient: Patient) -> Iterator[Finding]:
         yield ok("autopilot", f"guard, parameters and firmware fit (journal, {path})")
 
 
-def links_by_journal(patient: Patient) -> Iterator[Finding]:
-    """How the companion's links are, by its own measurements."""
-    path, entries = _entries(patient)
-    assert patient.vehicle is not None
+def links_by_journal(context: CheckContext) -> Iterator[Finding]:
+    """State of the companion's links, by its own measurements."""
+    path, entries = _entries(context)
+    assert context.vehicle is not None
     if path is None:
         yield unseen("links", "the companion runs, and its journal is not found", _DO)
         return
@@ -67,7 +67,7 @@ def links_by_journal(patient: Patient) -> Iterator[Finding]:
             over[str(entry.get("measure"))] = str(entry.get("text"))
         elif entry.get("change") == "restored":
             over.pop(str(entry.get("measure")), None)
-    for station in patient.vehicle.stations:
+    for station in context.vehicle.stations:
         name = station.station.name
         if whole and name not in heard:
             do = f"Look whether {name} runs, then at address, firewall and link."
@@ -82,9 +82,9 @@ def links_by_journal(patient: Patient) -> Iterator[Finding]:
                 yield ok(what, f"no trouble, by the companion that runs (journal, {path})")
 
 
-def position_box_by_journal(patient: Patient) -> Iterator[Finding]:
-    """How it stood with the position box last, by the companion."""
-    path, entries = _entries(patient)
+def position_box_by_journal(context: CheckContext) -> Iterator[Finding]:
+    """Last state of the position box, as the companion reported it."""
+    path, entries = _entries(context)
     said = [entry for entry in entries if entry.get("event") == "position_source"]
     if path is None or not said:
         why = "its journal is not found" if path is None else f"has not told of it yet ({path})"
@@ -99,17 +99,17 @@ def position_box_by_journal(patient: Patient) -> Iterator[Finding]:
         )
 
 
-def _entries(patient: Patient) -> tuple[Path | None, list[Mapping[str, Any]]]:
-    """The journal, and what it says of the run that goes on; the newest of those that may be it."""
-    assert patient.vehicle is not None
-    logs = patient.at(STATE) / "flights"
-    if patient.unit is not None and (named := patient.unit.option("--logs")) is not None:
-        logs = patient.at(Path(named))
-    name = f"{patient.vehicle.name}.jsonl"
+def _entries(context: CheckContext) -> tuple[Path | None, list[Mapping[str, Any]]]:
+    """The newest possible journal, and its entries of the current run."""
+    assert context.vehicle is not None
+    logs = context.at(STATE) / "flights"
+    if context.unit is not None and (named := context.unit.option("--logs")) is not None:
+        logs = context.at(Path(named))
+    name = f"{context.vehicle.name}.jsonl"
     places = [
         logs / LATEST / name,
-        patient.path.parent / "flights" / LATEST / name,
-        patient.at(patient.vehicle.journal),
+        context.path.parent / "flights" / LATEST / name,
+        context.at(context.vehicle.journal),
     ]
     found = [path for path in places if path.is_file()]
     if not found:

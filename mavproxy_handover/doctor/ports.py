@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The ends of links that lie on this machine: are the ports free, is there the interface that a link leaves by?
+"""Checks the local ends of links: is the port free, does the interface of the link exist?
 
-A port is looked up in the kernel's tables, and not tried: to bind to it is to take it from a companion that starts at
-that moment. Where the system has no such tables it is tried, and let go at once.
+A port is looked up in the kernel's tables and not opened. Opening would take it from a companion that starts at
+the same time. If the system has no such tables, the port is opened for a moment.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
-from mavproxy_handover.doctor.check_context import Patient
+from mavproxy_handover.doctor.check_context import CheckContext
 from mavproxy_handover.doctor.finding import Finding, error, ok, warning
 from mavproxy_handover.doctor.processes import Process, command_line, listens, port_holder, users_of
 from mavproxy_handover.link.forms import DeviceSpec, Kind, LinkError, parse_device
@@ -29,52 +29,52 @@ _LISTENING: Final = (Kind.UDP_IN, Kind.TCP_IN)
 _UNPRIVILEGED: Final = Path("/proc/sys/net/ipv4/ip_unprivileged_port_start")
 
 
-def ports(patient: Patient) -> Iterator[Finding]:
+def ports(context: CheckContext) -> Iterator[Finding]:
     """The findings of this check."""
-    for whose, text in _links(patient):
+    for whose, text in _links(context):
         try:
             spec = parse_device(text)
-        except LinkError as fault:  # of what was named: a configuration's links are checked when it is read
+        except LinkError as fault:  # of an option: a configuration's links are checked when it is read
             yield error(f"link of {whose}", str(fault), "Name a link in one of these forms.")
             continue
         if spec.kind in _LISTENING:
-            yield _port(patient, whose, spec)
+            yield _port(context, whose, spec)
         elif spec.kind is not Kind.SERIAL:
             yield from _way_out(whose, spec)
 
 
-def _links(patient: Patient) -> Iterator[tuple[str, str]]:
-    """Whose they are, and what they are called."""
-    if patient.vehicle is not None:
-        for station in patient.vehicle.stations:
+def _links(context: CheckContext) -> Iterator[tuple[str, str]]:
+    """Owner and device string of each link."""
+    if context.vehicle is not None:
+        for station in context.vehicle.stations:
             for link in station.links:
                 yield station.station.name, link
-        if patient.master is not None:
-            yield "the autopilot", patient.master
-    elif patient.station is not None:
-        for vehicle in patient.station.vehicles:
-            for link in vehicle.links or ([patient.master] if patient.master else []):
+        if context.master is not None:
+            yield "the autopilot", context.master
+    elif context.station is not None:
+        for vehicle in context.station.vehicles:
+            for link in vehicle.links or ([context.master] if context.master else []):
                 yield vehicle.called, link
-        if patient.station.ground is not None:
-            yield "the ground link", patient.station.ground
-        for peer in patient.station.peers:
+        if context.station.ground is not None:
+            yield "the ground link", context.station.ground
+        for peer in context.station.peers:
             yield peer.station.name, peer.link
 
 
-def _port(patient: Patient, whose: str, spec: DeviceSpec) -> Finding:
+def _port(context: CheckContext, whose: str, spec: DeviceSpec) -> Finding:
     what = f"link of {whose}"
-    # the kernel's tables are read for IPv4 alone; an IPv6 port is tried by binding to it
+    # the kernel's tables are read only for IPv4; an IPv6 port is opened
     in_use = None if ":" in spec.host else listens(spec.kind is Kind.UDP_IN, spec.host, spec.port)
     if in_use:
-        return _held(patient, what, spec)
+        return _held(context, what, spec)
     if in_use is False and _reserved(spec.port):
         return error(what, f"{spec.text}: not allowed", "Take a port above 1023.")
     try:
-        _bind(spec if in_use is None else replace(spec, port=0))  # 0: any port that is free, to try the address
+        _bind(spec if in_use is None else replace(spec, port=0))  # 0: any free port, to test the address
     except (OSError, LinkError) as fault:
         number = getattr(fault, "errno", None)
         if number == errno.EADDRINUSE:
-            return _held(patient, what, spec)
+            return _held(context, what, spec)
         if number == errno.EADDRNOTAVAIL or isinstance(fault, LinkError):
             do = "Give an address of this machine, or 0.0.0.0 for all of them, or start its network."
             return error(what, f"{spec.text}: {spec.host} is no address of this machine now", do)
@@ -85,7 +85,7 @@ def _port(patient: Patient, whose: str, spec: DeviceSpec) -> Finding:
 
 
 def _reserved(port: int) -> bool:
-    """Whether only root may listen on that port, and this is somebody else."""
+    """True if only root may listen on that port, and this is another user."""
     try:
         first = int(_UNPRIVILEGED.read_text(encoding="ascii"))
     except (OSError, ValueError):
@@ -98,31 +98,31 @@ def _bind(spec: DeviceSpec) -> None:
     family, address = endpoint(spec)
     with socket.socket(family, socket.SOCK_DGRAM if udp else socket.SOCK_STREAM) as end:
         hear_both_kinds(end)
-        if not udp:  # a connection that has just been closed is in nobody's way
+        if not udp:  # a connection that has just been closed does not block it
             end.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         end.bind(address)
 
 
-def _held(patient: Patient, what: str, spec: DeviceSpec) -> Finding:
-    patient.look_again()  # it may have been started anew since
+def _held(context: CheckContext, what: str, spec: DeviceSpec) -> Finding:
+    context.look_again()  # it may have been restarted meanwhile
     holder = port_holder(spec.kind is Kind.UDP_IN, spec.port)
-    if _ours(patient, holder):
-        return ok(what, f"{spec.text} is held by the {patient.kind} that runs")
+    if _ours(context, holder):
+        return ok(what, f"{spec.text} is held by the {context.kind} that runs")
     stop = f"Stop process {holder.pid}" if holder.pid else f"Find it (sudo ss -lunpt sport = {spec.port}) and stop it"
     return error(what, f"{spec.text} is in use by {holder}", f"{stop}, or give the link another port.")
 
 
-def held_by_ours(patient: Patient, spec: DeviceSpec) -> bool:
-    """Whether the companion or station that runs here holds that port or line."""
+def held_by_ours(context: CheckContext, spec: DeviceSpec) -> bool:
+    """True if the companion or station that runs here uses that port or line."""
     if spec.kind is Kind.SERIAL:
-        return any(_ours(patient, each) for each in users_of(patient.at(Path(spec.host))))
-    return spec.kind in _LISTENING and _ours(patient, port_holder(spec.kind is Kind.UDP_IN, spec.port))
+        return any(_ours(context, each) for each in users_of(context.at(Path(spec.host))))
+    return spec.kind in _LISTENING and _ours(context, port_holder(spec.kind is Kind.UDP_IN, spec.port))
 
 
-def _ours(patient: Patient, holder: Process) -> bool:
-    if patient.kind == "station":  # it has no lock: it is known by the module that it loads
+def _ours(context: CheckContext, holder: Process) -> bool:
+    if context.kind == "station":  # it has no lock: it is recognised by the module that it loads
         return _STATION in command_line(holder.pid)
-    return patient.running is not None and holder.pid in (0, patient.running.pid)
+    return context.running is not None and holder.pid in (0, context.running.pid)
 
 
 def _way_out(whose: str, spec: DeviceSpec) -> Iterator[Finding]:
@@ -131,7 +131,7 @@ def _way_out(whose: str, spec: DeviceSpec) -> Iterator[Finding]:
         endpoint(spec)
     except LinkError:
         do = "Give its address by number, or see to the name service: a start on the ground needs it."
-        yield error(what, f"{spec.text}: nobody knows {spec.host}", do)
+        yield error(what, f"{spec.text}: {spec.host} is not a known host", do)
         return
     if spec.way and spec.way not in (name for _number, name in socket.if_nameindex()) and not _own(spec.way):
         found = f"{spec.text}: there is no interface or address {spec.way} now: nothing is sent by it"

@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The position box: is it there, do records come, in the layout that is configured, in time, with a position, and is
-that where the autopilot has it?
+"""Checks the position box: connection, records, layout, delay, position, and agreement with the autopilot.
 
-The first records are shown as each layout reads them, so that a person sees which one makes sense.
+The first records are shown in each layout, so that people see which one makes sense.
 
-It is listened to by the companion's own client, and nothing is sent to it. A companion that runs has its connection,
-and a box may serve one alone: so then its journal is read.
+It uses the companion's own client, and sends nothing. A running companion has the connection, and a box may serve only
+one client, so then its journal is read.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from typing import Final
 
 from mavproxy_handover.config.position import BOX
 from mavproxy_handover.config.vehicle import VehicleConfig
-from mavproxy_handover.doctor.check_context import Patient
+from mavproxy_handover.doctor.check_context import CheckContext
 from mavproxy_handover.doctor.finding import Finding, error, ok, unseen, warning
 from mavproxy_handover.doctor.journal import position_box_by_journal
 from mavproxy_handover.link.box_line import SILENT, BoxCounters, BoxLine, Fix
@@ -33,61 +32,61 @@ __all__ = ["position_box"]
 
 _LISTEN_S: Final = 3.0
 _WAIT_S: Final = 0.02
-#: records a second; fewer, and a position is old before the next one comes
+#: records a second; with fewer a position is old before the next one comes
 _FEWEST: Final = 2.0
 _NAME: Final = "position box"
 _LAYOUT: Final = "Compare what it sends with the table of docs/position-box.md, and its order of bytes."
-#: of so many records from the beginning of a connection every field is shown
+#: number of first records of a connection whose fields are all shown
 _SHOWN: Final = 2
 _DIGITS: Final = {"double": ".12g", "float": ".6g"}
 
 
 @dataclass(slots=True)
 class _Heard:
-    """What came in that time."""
+    """Data received from the box."""
 
     layout: LayoutWatch
     fix: Fix | None = None
-    #: how a connection began
+    #: first bytes of a connection
     head: bytes = b""
     latest_s: float = 0.0
     for_s: float = 0.0
     trouble: str = ""
-    #: one thing that went wrong, though others may have followed
+    #: first error, though others may have followed
     first_trouble: str = ""
     counters: BoxCounters = field(default_factory=BoxCounters)
 
 
-def position_box(patient: Patient) -> Iterator[Finding]:
+def position_box(context: CheckContext) -> Iterator[Finding]:
     """The findings of this check; none without a box."""
-    vehicle = patient.vehicle
+    vehicle = context.vehicle
     if vehicle is None or not vehicle.position.box:
         return
-    patient.look_again()
-    if patient.running is not None:
-        yield from position_box_by_journal(patient)
+    context.look_again()
+    if context.running is not None:
+        yield from position_box_by_journal(context)
         return
     what = f"{_NAME}, {vehicle.position.box}"
     try:
-        line = BoxLine(vehicle.position.box, patient.clocks.monotonic, layout=vehicle.position.layout)
+        line = BoxLine(vehicle.position.box, context.clocks.monotonic, layout=vehicle.position.layout)
     except LinkError as fault:
         yield error(what, str(fault), "Name it by its address, or have this machine know the name (/etc/hosts).")
         return
     try:
-        patient.tell(f"listening to the position box on {line.device}, {_LISTEN_S:g} s")
-        heard = _listen(patient, line)
+        context.tell(f"listening to the position box on {line.device}, {_LISTEN_S:g} s")
+        heard = _listen(context, line)
     finally:
         line.close()
-    yield from _findings(patient, vehicle, what, heard)
+    yield from _findings(context, vehicle, what, heard)
 
 
-def _listen(patient: Patient, line: BoxLine) -> _Heard:
+def _listen(context: CheckContext, line: BoxLine) -> _Heard:
     heard = _Heard(LayoutWatch(line.layout), counters=line.counters)
-    own = patient.aircraft.telemetry.own_position.value
-    place = None if own is None or patient.aircraft.armed else Place.by_autopilot(own)
-    begun = now = patient.clocks.monotonic()
+    own = context.aircraft.telemetry.own_position.value
+    place = None if own is None or context.aircraft.armed else Place.by_autopilot(own)
+    begun = now = context.clocks.monotonic()
     while now < begun + _LISTEN_S:
-        patient.look_out()
+        context.look_out()
         fix, raw = line.read(), line.raw()
         if raw:
             heard.layout.look(raw, place, armed=False)
@@ -99,12 +98,12 @@ def _listen(patient: Patient, line: BoxLine) -> _Heard:
         if line.fileno() >= 0:
             waiting.register(line.fileno(), select.POLLIN)
         waiting.poll(_WAIT_S * 1000.0)
-        now = patient.clocks.monotonic()
+        now = context.clocks.monotonic()
     heard.for_s, heard.trouble, heard.head = now - begun, line.trouble, line.head
     return heard
 
 
-def _findings(patient: Patient, vehicle: VehicleConfig, what: str, heard: _Heard) -> Iterator[Finding]:
+def _findings(context: CheckContext, vehicle: VehicleConfig, what: str, heard: _Heard) -> Iterator[Finding]:
     wrong = error if vehicle.position.source == BOX else warning
     counters, fix = heard.counters, heard.fix
     if not counters.connects:
@@ -119,7 +118,7 @@ def _findings(patient: Patient, vehicle: VehicleConfig, what: str, heard: _Heard
         return
     if fix is None:
         do = "Look whether it has started, whether it serves a second client, and what else listens on that port."
-        # the line may have given up just before this stopped to listen: that says nothing more
+        # the line may have closed the connection just before the end of listening, which is no fault
         why = f" ({heard.first_trouble})" if heard.first_trouble not in ("", SILENT) else ""
         yield wrong(what, f"connects, and sends nothing in {heard.for_s:.0f} s{why}", do)
         return
@@ -139,11 +138,11 @@ def _findings(patient: Patient, vehicle: VehicleConfig, what: str, heard: _Heard
     if not vehicle.position.layout.locates(fix.record):
         yield wrong("its position", "it does not know one", "Give it a view of the sky, and look again.")
         return
-    yield _compared(patient, vehicle, fix)
+    yield _compared(context, vehicle, fix)
 
 
 def _layouts(layout: BoxLayout, wrong: Callable[[str, str, str], Finding], heard: _Heard) -> Iterator[Finding]:
-    """Whether the records are in the layout that is configured; and the first ones as each layout reads them."""
+    """Check that the records have the configured layout, and show the first ones in each layout."""
     watch, what = heard.layout, "its layout"
     if watch.likely is not None:
         do = f'Set layout = "{watch.likely.name}" in [position], or have the box send layout {layout.name!r}.'
@@ -164,7 +163,7 @@ def _layouts(layout: BoxLayout, wrong: Callable[[str, str, str], Finding], heard
 
 
 def _shown(layout: BoxLayout, record: bytes) -> str:
-    """Every field of a record, and what no box can mean."""
+    """Text of all fields of a record, and its impossible values."""
     values = layout.struct.unpack(record)
     wrong, fields = layout.wrong(values), []
     for each, value in zip(layout.fields, values, strict=True):
@@ -174,9 +173,9 @@ def _shown(layout: BoxLayout, record: bytes) -> str:
     return ", ".join(fields) + (f" (not possible: {wrong})" if wrong else "")
 
 
-def _compared(patient: Patient, vehicle: VehicleConfig, fix: Fix) -> Finding:
-    """Whether it is where the autopilot has it; an aircraft that may move is not compared."""
-    what, own, record = "its position", patient.aircraft.telemetry.own_position.value, fix.record
+def _compared(context: CheckContext, vehicle: VehicleConfig, fix: Fix) -> Finding:
+    """Compare its position to the autopilot's, unless the aircraft may move."""
+    what, own, record = "its position", context.aircraft.telemetry.own_position.value, fix.record
     heights = [
         f"{value:.0f} m {words}"
         for value, words in (
@@ -187,14 +186,14 @@ def _compared(patient: Patient, vehicle: VehicleConfig, fix: Fix) -> Finding:
         if not math.isnan(value)
     ]
     where = ", ".join([f"{record.lat_deg:.6f} {record.lon_deg:.6f}", *heights])
-    if patient.aircraft.armed:
+    if context.aircraft.armed:
         return unseen(what, f"{where}, and the vehicle is armed", "Look again when it is disarmed.")
     if own is None:
         do = "Have the autopilot on its line and with a fix, and look again: without that the box does not count."
         return unseen(what, f"{where}, and the autopilot has told none", do)
     check = CrossCheck(vehicle.position)
     theirs = Place(record.lat_deg, record.lon_deg, record.alt_m, record.north_mps, record.east_mps)
-    check.look(Difference.between(theirs, Place.by_autopilot(own)), patient.clocks.monotonic())
+    check.look(Difference.between(theirs, Place.by_autopilot(own)), context.clocks.monotonic())
     assert check.last is not None
     if check.sound:
         height = "" if math.isnan(record.alt_m) else f" and {check.last.height_m:.1f} m in height"

@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Which process holds a lock, a port, a line, and whether a companion runs: read in /proc, where nothing has to be
-taken to find out.
+"""Finds the process that holds a lock, a port or a line, and a running companion, in /proc.
 
-To try a lock or a port is to take it, and a companion that starts at that moment would be refused. What of other users'
-processes cannot be seen is left out: then there is a holder without a name.
+Reading /proc takes nothing. Trying a lock or a port would take it, and a companion that starts at that moment would be
+refused. Processes of other users cannot be examined: then the holder has no name.
 """
 
 from __future__ import annotations
@@ -21,13 +20,13 @@ __all__ = ["Process", "command_line", "companion_of", "listens", "lock_holder", 
 
 _PROC: Final = Path("/proc")
 _LISTENS: Final = "0A"
-#: every address, as the kernel writes it
+#: any address, in the kernel's form
 _ANY, _ANY_V6 = "0" * 8, "0" * 32
 
 
 @dataclass(frozen=True, slots=True)
 class Process:
-    """A process; `pid` 0: one that this user may not see."""
+    """A process. `pid` 0: one that this user may not examine."""
 
     pid: int
     name: str
@@ -40,18 +39,18 @@ UNKNOWN: Final = Process(0, "")
 
 
 def lock_holder(path: Path) -> Process | None:
-    """Who holds the lock (flock) on that file; None: nobody. Raises OSError if it cannot be found out."""
+    """Process that holds the lock (flock) on that file; None if there is none. Raises OSError if that is unknown."""
     try:
         status = path.stat()
     except FileNotFoundError:
         return None
     for line in (_PROC / "locks").read_text(encoding="ascii", errors="replace").splitlines():
         fields = line.split()
-        # 1: FLOCK ADVISORY WRITE 4711 08:01:123456 0 EOF; what waits for a lock has an arrow
+        # waiting processes have an arrow
         if len(fields) < 6 or fields[1] != "FLOCK" or fields[5].split(":")[-1] != str(status.st_ino):
             continue
         major, minor = (int(part, 16) for part in fields[5].split(":")[:2])
-        # some file systems have a number of their own for a file's status
+        # some file systems report another number in a file's status
         same = (major, minor) == (os.major(status.st_dev), os.minor(status.st_dev))
         pid = int(fields[4])
         if same or (pid > 0 and _has_open(pid, str(path.resolve()))):
@@ -60,8 +59,10 @@ def lock_holder(path: Path) -> Process | None:
 
 
 def companion_of(config: Path) -> Process | None:
-    """The `handover companion` that was started with that configuration, or with none named; None: there is none, or
-    the system does not tell. It is there before it has its vehicle's lock, and while it forks its judge again."""
+    """The `handover companion` of that configuration, or of none; None if there is none or the system does not tell.
+
+    It exists before it has its vehicle's lock, and while it forks its judge again.
+    """
     try:
         pids = _pids()
     except OSError:
@@ -87,13 +88,13 @@ def _is_of(words: list[str], pid: int, config: Path) -> bool:
 
 
 def users_of(path: Path) -> list[Process]:
-    """Who has that file, or line, open."""
+    """Processes that have that file or line open."""
     target = str(path.resolve())
     return [Process(pid, _name(pid)) for pid in _pids() if pid != os.getpid() and _has_open(pid, target)]
 
 
 def port_holder(udp: bool, port: int) -> Process:
-    """Who listens on that port of this machine, whatever its address."""
+    """Process that listens on that port of this machine, at any address."""
     kind = "udp" if udp else "tcp"
     inodes = {inode for table in (kind, f"{kind}6") for inode in _listening(table, udp, port)}
     for pid in _pids():
@@ -104,7 +105,7 @@ def port_holder(udp: bool, port: int) -> Process:
 
 
 def listens(udp: bool, host: str, port: int) -> bool | None:
-    """Whether something listens on that port of an address of this machine; None: the system does not tell."""
+    """True if a program listens on that port of an address of this machine; None: the system does not tell."""
     kind = "udp" if udp else "tcp"
     if not (_PROC / "net" / kind).exists():
         return None
@@ -117,7 +118,7 @@ def listens(udp: bool, host: str, port: int) -> bool | None:
 
 
 def _addresses(table: str, udp: bool, port: int) -> Iterator[str]:
-    """The addresses that something listens on at that port, as the kernel writes them."""
+    """Addresses with a listener on that port, in the kernel's form."""
     for fields in _rows(table):
         address, _, number = fields[1].rpartition(":")
         if int(number, 16) == port and (udp or fields[3] == _LISTENS):
@@ -160,7 +161,7 @@ def _has_open(pid: int, target: str) -> bool:
 
 
 def command_line(pid: int) -> str:
-    """What it was started with; "" for one that is gone, or that we may not see."""
+    """Command line of a process; "" if it is gone or may not be examined."""
     return " ".join(_words(pid)).strip()
 
 
@@ -172,6 +173,6 @@ def _words(pid: int) -> list[str]:
 
 
 def _name(pid: int) -> str:
-    """The program, and the script that a Python runs."""
+    """Name of the program, and of the script that a Python runs."""
     names = [Path(word).name for word in command_line(pid).split() if not word.startswith("-")]
     return " ".join(names[: 2 if names[0].startswith("python") else 1]) if names else "?"

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Python, the packages and their versions against what this package asks for, and whether MAVProxy finds our modules.
+"""Checks Python and the packages for the required versions, and that MAVProxy finds our modules.
 
-What is asked for stands in the package's own metadata (made of `pyproject.toml`) and in `constraints.txt`, and nowhere
-here. Looked at is the installation that the unit runs; without a unit, the one that runs this.
+The requirements are in the package's own metadata (made from `pyproject.toml`) and in `constraints.txt`. The check
+covers the installation that the unit runs; without a unit, the one that runs this.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from pathlib import Path
 from shutil import which
 from typing import Final
 
-from mavproxy_handover.doctor.check_context import Patient
+from mavproxy_handover.doctor.check_context import CheckContext
 from mavproxy_handover.doctor.finding import Finding, error, ok, unseen, warning
 from mavproxy_handover.resources import shipped
 
@@ -30,15 +30,18 @@ _OLDER_PYTHON: Final = re.compile(r"python_version < ['\"](\d+)\.(\d+)['\"]")
 #: kind -> the top-level module that MAVProxy loads by `module load`
 _MODULES: Final = {"companion": "handover.py", "station": "handover_gcs.py"}
 _DIALECT: Final = Path("mavproxy_handover", "data", "dialect", "handover.py")
-#: a word that our files hold, and another program's of the same name would not
+#: text in our files that another program's file of the same name would not have
 _LOADED: Final = "mavproxy_handover.must_load"
 _STARTED: Final = "import handover_dialect"
 
 
 @dataclass(frozen=True, slots=True)
 class _Installation:
-    """A Python's packages. `path`: where it looks for modules, in turn; `pip`: what installs into it; `mavproxy`: the
-    program `mavproxy.py` that this Python runs, None if there is none."""
+    """A Python installation.
+
+    `path`: its search path for modules. `pip`: command that installs into it. `mavproxy`: the program `mavproxy.py`
+    that this Python runs, None if there is none.
+    """
 
     python: str
     path: tuple[Path, ...]
@@ -46,9 +49,9 @@ class _Installation:
     mavproxy: Path | None
 
 
-def programs(patient: Patient) -> Iterator[Finding]:
+def programs(context: CheckContext) -> Iterator[Finding]:
     """The findings of this check."""
-    installation = _installation(patient)
+    installation = _installation(context)
     if isinstance(installation, Finding):
         yield installation
         return
@@ -68,13 +71,13 @@ def programs(patient: Patient) -> Iterator[Finding]:
         wanted = _wanted(line, installation.python)
         if wanted is not None:
             yield _package(*wanted, found, pins, again)
-    yield from _modules(patient.kind, installation, again)
+    yield from _modules(context.kind, installation, again)
 
 
-def _installation(patient: Patient) -> _Installation | Finding:
-    unit = patient.unit
-    program = unit.program if unit is not None and patient.installed else None
-    prefix = None if program is None else patient.at(program.parent.parent)
+def _installation(context: CheckContext) -> _Installation | Finding:
+    unit = context.unit
+    program = unit.program if unit is not None and context.installed else None
+    prefix = None if program is None else context.at(program.parent.parent)
     if prefix is None or prefix == Path(sys.prefix):
         path = tuple(Path(place) for place in sys.path if place)
         here = Path(sys.executable).parent
@@ -91,7 +94,7 @@ def _installation(patient: Patient) -> _Installation | Finding:
 
 
 def _mavproxy(folder: Path) -> Path | None:
-    """As `cli/launch.py` finds it: beside this Python, else where a shell finds it (a system's own MAVProxy)."""
+    """The program as `cli/launch.py` finds it: beside this Python, else on the PATH (a system's own MAVProxy)."""
     beside = folder / "mavproxy.py"
     found = str(beside) if beside.is_file() else which("mavproxy.py")
     return None if found is None else Path(found)
@@ -115,7 +118,9 @@ def _version_of(prefix: Path) -> str:
 def _python(version: str, requires: str) -> Finding:
     if _fits(version, requires):
         return ok("Python", version)
-    return error("Python", f"{version}, needed is {requires}", "Make the virtual environment anew with a newer Python.")
+    return error(
+        "Python", f"{version}, but {requires} is needed", "Make a new virtual environment with a newer Python."
+    )
 
 
 def _package(
@@ -123,9 +128,9 @@ def _package(
 ) -> Finding:
     present = found.get(_plain(name))
     if present is None:
-        return error(name, f"is not installed, needed is {requires or 'any version'}", f"Run {again}.")
+        return error(name, f"is not installed, but {requires or 'any version'} is needed", f"Run {again}.")
     if not _fits(present.version, requires):
-        return error(name, f"{present.version}, needed is {requires}", f"Run {again}.")
+        return error(name, f"{present.version}, but {requires} is needed", f"Run {again}.")
     pinned = pins.get(_plain(name))
     if pinned is not None and present.version != pinned:
         return warning(name, f"{present.version}, constraints.txt has {pinned}", f"Run {again}.")
@@ -145,7 +150,7 @@ def _wanted(line: str, python: str) -> tuple[str, str] | None:
 
 
 def _pins() -> dict[str, str]:
-    """`constraints.txt`: name -> the one version; none of it where it does not ship."""
+    """`constraints.txt`: name -> required version; empty if the file was not shipped."""
     try:
         text = shipped("constraints.txt").read_text(encoding="utf-8")
     except OSError:
@@ -155,7 +160,7 @@ def _pins() -> dict[str, str]:
 
 
 def _fits(version: str, requires: str) -> bool:
-    """Whether a version is within ">=1.2,<2"; what is written otherwise is taken to fit."""
+    """True if a version is within ">=1.2,<2"; other forms count as fitting."""
     ours = _numbers(version)
     for part in filter(None, (each.strip() for each in requires.split(","))):
         match = re.fullmatch(r"(>=|<=|==|!=|<|>)\s*([\d.]+)", part)
@@ -178,7 +183,7 @@ def _numbers(version: str) -> tuple[int, ...]:
 
 
 def _plain(name: str) -> str:
-    """A package's name as all its spellings have it (PEP 503)."""
+    """Normalised name of a package (PEP 503)."""
     return re.sub(r"[-_.]+", "-", name).lower()
 
 

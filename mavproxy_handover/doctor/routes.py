@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""By which network interface an address is reached, and of what kind that is: asked of Linux by rtnetlink.
+"""Finds the network interface of an address, and its kind, by Linux's rtnetlink.
 
 Both questions need no rights and send nothing to the network (rtnetlink(7): RTM_GETROUTE, RTM_GETLINK). The kind is the
-kernel's own word for virtual interfaces, "wireguard" or "gre" for instance; a card has none. wireguard-go has a TUN
-device, whose kind is "tun". That it is WireGuard shows in its socket, which only those find who may enter that folder.
+kernel's own word for virtual interfaces, for example "wireguard" or "gre"; a card has none. wireguard-go has a TUN
+device, whose kind is "tun". Its socket shows that it is WireGuard, if this process may enter that folder.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _LINK: Final = struct.Struct("=BxHiII")
 _ATTRIBUTE: Final = struct.Struct("=HH")
 _ANSWER_BYTES: Final = 65536
 _LIMIT_S: Final = 1.0
-#: ioctl of an interface's IPv4 address (netdevice(7)), and where in its answer that is
+#: ioctl of an interface's IPv4 address (netdevice(7)), and the offset of the address in its answer
 _SIOCGIFADDR: Final = 0x8915
 _REQUEST_BYTES, _ADDRESS_AT = 40, 20
 
@@ -48,9 +48,9 @@ class Interface:
 
 
 def interface_to(address: str, way: str = "") -> Interface | None:
-    """The interface by which an address is reached now. `way`: the interface, or own IPv4 address, that is prescribed.
+    """The interface to an address. `way`: the prescribed interface, or own IPv4 address.
 
-    None: there is no route, no such interface, or the system does not tell.
+    Returns None if there is no route, no such interface, or the system does not tell.
     """
     source = b""
     if way:
@@ -105,14 +105,14 @@ def _of_number(number: int) -> Interface | None:
 
 
 def _attribute(number: int, value: bytes) -> bytes:
-    """One attribute, filled up to a multiple of 4 bytes."""
+    """One attribute, padded to a multiple of 4 bytes."""
     return (_ATTRIBUTE.pack(_ATTRIBUTE.size + len(value), number) + value).ljust(
         (_ATTRIBUTE.size + len(value) + 3) & ~3, b"\0"
     )
 
 
 def _attributes(data: bytes) -> Iterator[tuple[int, bytes]]:
-    """Number and value of each attribute; what is cut off ends it."""
+    """Number and value of each attribute; ends at an incomplete one."""
     at = 0
     while at + _ATTRIBUTE.size <= len(data):
         size, number = _ATTRIBUTE.unpack_from(data, at)
@@ -123,7 +123,7 @@ def _attributes(data: bytes) -> Iterator[tuple[int, bytes]]:
 
 
 def _asked(question: int, body: bytes, answer: int) -> bytes | None:
-    """What the kernel answers, without its header; None: an error, or no answer of that kind."""
+    """The kernel's answer without its header; None for an error, or an answer of another kind."""
     with suppress(OSError, AttributeError, struct.error):  # AttributeError: another system
         with socket.socket(socket.AF_NETLINK, socket.SOCK_RAW, socket.NETLINK_ROUTE) as kernel:
             kernel.settimeout(_LIMIT_S)

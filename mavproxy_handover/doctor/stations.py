@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Each station as the companion reaches it: is it heard, signed with its key, and how long does it take there and back?
+"""Checks each station from the companion: is it heard, signed with its key, and what is the round trip?
 
-What is sent are the companion's own probes (`link/timesync.py`), by its own ports, and nothing else: no heartbeat, no
-message of a transfer. So no station takes this for a companion that runs.
+It sends only the companion's own probes (`link/timesync.py`) from its own ports: no heartbeat, no message of a
+transfer. So no station mistakes this for a running companion.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Final
 
 from mavproxy_handover.config.files import StationLinks
 from mavproxy_handover.config.vehicle import VehicleConfig
-from mavproxy_handover.doctor.check_context import Patient
+from mavproxy_handover.doctor.check_context import CheckContext
 from mavproxy_handover.doctor.finding import Finding, error, ok, unseen, warning
 from mavproxy_handover.doctor.journal import links_by_journal
 from mavproxy_handover.doctor.line import here, line_findings, usable
@@ -35,7 +35,7 @@ _PROBES: Final = 2
 
 @dataclass(slots=True)
 class _Asked:
-    """A station that is asked, and by which links that opened; `findings`: about those that did not."""
+    """A station with its opened links. `findings`: about links that did not open."""
 
     config: StationLinks
     links: list[Device] = field(default_factory=list)
@@ -43,29 +43,29 @@ class _Asked:
     port: StationPort | None = None
 
 
-def stations(patient: Patient) -> Iterator[Finding]:
+def stations(context: CheckContext) -> Iterator[Finding]:
     """The findings of this check."""
-    vehicle = patient.vehicle
+    vehicle = context.vehicle
     if vehicle is None:
         return
-    patient.look_again()
-    if patient.running is not None:
-        yield from links_by_journal(patient)
+    context.look_again()
+    if context.running is not None:
+        yield from links_by_journal(context)
         return
-    if not patient.links:
+    if not context.links:
         return
-    if patient.clock_wrong or patient.aircraft.armed:
-        why = "the clock is wrong, and probes are signed by it" if patient.clock_wrong else "the vehicle is armed"
-        do = "Set the clock first." if patient.clock_wrong else "Look again when it is disarmed."
+    if context.clock_wrong or context.aircraft.armed:
+        why = "the clock is wrong, and probes are signed by it" if context.clock_wrong else "the vehicle is armed"
+        do = "Set the clock first." if context.clock_wrong else "Look again when it is disarmed."
         yield unseen("stations", why, do)
         return
     asked: list[_Asked] = []
     try:
         for config in vehicle.stations:
-            asked.append(_opened(patient, vehicle, config))
-        patient.tell(f"probing {len(asked)} stations, {_LISTEN_S:g} s at most")
-        _listen(patient, [each for each in asked if each.port is not None])
-        now = patient.clocks.monotonic()
+            asked.append(_opened(context, vehicle, config))
+        context.tell(f"probing {len(asked)} stations, {_LISTEN_S:g} s at most")
+        _listen(context, [each for each in asked if each.port is not None])
+        now = context.clocks.monotonic()
         for each in asked:
             yield from each.findings
             yield from _found(each, now)
@@ -75,38 +75,38 @@ def stations(patient: Patient) -> Iterator[Finding]:
                 link.close()
 
 
-def _opened(patient: Patient, vehicle: VehicleConfig, config: StationLinks) -> _Asked:
+def _opened(context: CheckContext, vehicle: VehicleConfig, config: StationLinks) -> _Asked:
     asked = _Asked(config)
     name = config.station.name
     try:
         keys: StationKeys | None = None
         if config.key is not None:
-            keys = load_station_keys(patient.at(config.key), patient.account.uid)
-    except KeysError:  # told with the keys
+            keys = load_station_keys(context.at(config.key), context.account.uid)
+    except KeysError:  # reported with the keys
         asked.findings.append(unseen(name, "its key cannot be used", "Put the key right first."))
         return asked
     for text in config.links:
         spec = parse_device(text)
         if spec.kind is Kind.SERIAL:
-            findings = list(line_findings(patient, spec, name))
+            findings = list(line_findings(context, spec, name))
             asked.findings += findings
             if not usable(findings):
                 continue
-            spec = here(patient, spec)
+            spec = here(context, spec)
         try:
             asked.links.append(open_device(spec.text))
-        except LinkError as fault:  # why is told with the ports
+        except LinkError as fault:  # the reason is reported with the ports
             asked.findings.append(unseen(f"{name}, {text}", str(fault), "Free it first."))
     if asked.links:
         opened = replace(config, links=tuple(link.device for link in asked.links))
-        asked.port = StationPort(opened, tuple(asked.links), vehicle.sysid, keys, patient.clocks)
+        asked.port = StationPort(opened, tuple(asked.links), vehicle.sysid, keys, context.clocks)
     return asked
 
 
-def _listen(patient: Patient, asked: list[_Asked]) -> None:
-    end = patient.clocks.monotonic() + _LISTEN_S
-    while (now := patient.clocks.monotonic()) < end and not all(_complete(each, now) for each in asked):
-        patient.look_out()
+def _listen(context: CheckContext, asked: list[_Asked]) -> None:
+    end = context.clocks.monotonic() + _LISTEN_S
+    while (now := context.clocks.monotonic()) < end and not all(_complete(each, now) for each in asked):
+        context.look_out()
         waiting = select.poll()
         for each in asked:
             assert each.port is not None
@@ -115,7 +115,7 @@ def _listen(patient: Patient, asked: list[_Asked]) -> None:
                 if link.fileno() >= 0:
                     waiting.register(link.fileno(), select.POLLIN)
         waiting.poll(_TICK_S * 1000.0)
-        now = patient.clocks.monotonic()
+        now = context.clocks.monotonic()
         for each in asked:
             assert each.port is not None
             for link in each.links:
@@ -123,7 +123,7 @@ def _listen(patient: Patient, asked: list[_Asked]) -> None:
 
 
 def _complete(asked: _Asked, now: float) -> bool:
-    """Nothing more is to be learnt: each link has answered."""
+    """True if each link has answered."""
     port = asked.port
     return port is not None and all(port.quality(link, now).round_trip_s is not None for link in asked.links)
 
@@ -153,6 +153,6 @@ def _badly_signed(what: str, bad: Sequence[SignatureVerdict], port: StationPort)
     names = ", ".join(verdict.value for verdict in bad)
     if SignatureVerdict.TOO_OLD in bad and port.peer is not None:
         do = "Set both clocks by the same source (timedatectl)."
-        return error(what, f"heard, and its signatures are {port.peer.behind_s:.0f} s behind this clock", do)
+        return error(what, f"heard, and its signatures are {port.peer.behind_s:.0f} s older than this clock", do)
     do = f"Compare the fingerprints of {port.name} at both ends (handover keys list), and copy one key to the other."
     return error(what, f"heard, and its frames are not signed with its key: {names}", do)

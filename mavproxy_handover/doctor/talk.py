@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""A link opened by the doctor, listened to, and asked: the devices that the companion uses, and its conversations.
+"""A link that the doctor opens, with the devices and conversations of the companion.
 
-What is asked comes from a component of its own (`DOCTOR_COMPID`): answers to the doctor are nobody else's. All that is
-sent goes through one door, `send`, and that is shut when nothing may be asked.
+Questions come from the doctor's own component (`DOCTOR_COMPID`), so only the doctor gets the answers. Everything is
+sent by one function, `send`, which sends nothing if no question is allowed.
 """
 
 from __future__ import annotations
@@ -30,8 +30,11 @@ _LINK_ID: Final = 0
 
 
 class Talk:
-    """One link. `heed` is told each message of `other` (system, component; 0: any) that is proven; `may_ask` says
-    whether anything may be sent; `look_out` is called often, and may end all of it by an exception."""
+    """One link.
+
+    `heed` gets each authentic message of `other` (system, component; 0: any). `may_ask`: returns True if sending is
+    allowed. `look_out` is called often, and may end everything by an exception.
+    """
 
     def __init__(
         self,
@@ -45,9 +48,9 @@ class Talk:
         look_out: Callable[[], None] = lambda: None,
     ) -> None:
         self.device = device
-        #: system ids that were heard, and how many frames of each
+        #: number of frames by system id
         self.heard: Counter[int] = Counter()
-        #: signatures of the other end that did not hold
+        #: invalid signatures of the other end
         self.bad: Counter[SignatureVerdict] = Counter()
         self._other = other
         self._peer = peer
@@ -59,13 +62,13 @@ class Talk:
         self._conversation: Conversation | None = None
 
     def listen(self, for_s: float, enough: Callable[[], bool] = lambda: False) -> None:
-        """Take in what comes, so long at most."""
+        """Receive for at most `for_s`, or until `enough`."""
         end = self._clocks.monotonic() + for_s
         while self._clocks.monotonic() < end and not enough():
             self._once()
 
     def ask(self, asking: Asking) -> Conversation:
-        """Hold a conversation to its end; broken off when nothing may be asked. Its tries bound the time."""
+        """Run a conversation to its end, or until sending is not allowed. Its attempts limit the time."""
         talk = self._conversation = Conversation(asking, self.send, self._clocks.monotonic())
         while not talk.finished:
             if not self._may_ask():
@@ -77,7 +80,7 @@ class Talk:
         return talk
 
     def send(self, message: Any) -> None:
-        """Send a message, signed where the other end has a key; nothing where nothing may be asked."""
+        """Send a message, signed if the other end has a key, if sending is allowed."""
         if not self._may_ask():
             return
         data = codec.pack(message, self._own)

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Whether each link goes inside a tunnel, by the route to its other end, and what that and its signature mean.
+"""Checks whether each link goes through a tunnel, by its route, and explains tunnel and signature.
 
-A tunnel keeps others on the way from reading. A MAVLink signature keeps them from speaking as a station. One does not
-replace the other (docs/encryption.md). IPsec without an interface of its own does not show in a route: it is not seen
-here.
+A tunnel prevents others on the path from reading. A MAVLink signature prevents them from speaking as a station. One
+does not replace the other (docs/encryption.md). IPsec without an interface of its own does not show in a route, so it
+is not found.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
-from mavproxy_handover.doctor.check_context import Patient
+from mavproxy_handover.doctor.check_context import CheckContext
 from mavproxy_handover.doctor.finding import Finding, ok, warning
 from mavproxy_handover.doctor.routes import Interface, interface_of, interface_to
 from mavproxy_handover.link.forms import Kind, LinkError, parse_device
@@ -23,14 +23,14 @@ __all__ = ["tunnels"]
 
 #: the kind of interface that always encrypts
 _WIREGUARD: Final = "wireguard"
-#: a policy says whether these encrypt, or only authenticate
+#: a policy decides whether these encrypt, or only authenticate
 _IPSEC: Final = ("xfrm", "vti", "vti6")
-#: a program is at the other end of these
+#: interfaces whose other end is a program
 _OF_A_PROGRAM: Final = ("tun", "tap")
-#: tunnels that pack and do not encrypt
+#: tunnels without encryption
 _PLAIN: Final = ("ipip", "gre", "gretap", "ip6gre", "ip6gretap", "sit", "ip6tnl", "vxlan", "geneve", "erspan", "fou")
 _ANY_ADDRESS: Final = ("0.0.0.0", "::")
-#: a packet with a forged sender gets past a tunnel from the network that this machine is in
+#: a packet with a forged sender from this machine's own network gets past a tunnel
 _UNSIGNED_INSIDE: Final = "any program inside the tunnel, and a neighbour that forges its address, can"
 _DO: Final = (
     "Make a key ('handover keys make') and name it at both ends; to keep others from reading, lead the link through a "
@@ -40,9 +40,9 @@ _DO: Final = (
 
 @dataclass(frozen=True, slots=True)
 class _Way:
-    """How a link goes, in words: `says`. `read`: whether others on the way can read it; None: not known.
+    """The path of a link, as text: `says`. `read`: True if others on the path can read it; None: not known.
 
-    `signed`, `unsigned`: what follows from a signature and from its absence, up to "speak as NAME".
+    `signed`, `unsigned`: consequence of a signature and of its absence, up to "speak as NAME".
     """
 
     says: str
@@ -56,28 +56,28 @@ def _open(says: str) -> _Way:
     return _Way(says, True, "they cannot", "they can")
 
 
-def tunnels(patient: Patient) -> Iterator[Finding]:
+def tunnels(context: CheckContext) -> Iterator[Finding]:
     """The findings of this check."""
-    for name, text, signed in _links(patient):
+    for name, text, signed in _links(context):
         try:
             way = _way(text)
-        except LinkError:  # told with the ports
+        except LinkError:  # reported with the ports
             continue
         yield _finding(name, text, way, signed)
 
 
-def _links(patient: Patient) -> Iterator[tuple[str, str, bool]]:
-    """Who is at the other end, the link, and whether its frames are signed."""
-    if patient.vehicle is not None:
-        for station in patient.vehicle.stations:
+def _links(context: CheckContext) -> Iterator[tuple[str, str, bool]]:
+    """Name of the other end, device string, and whether the frames are signed."""
+    if context.vehicle is not None:
+        for station in context.vehicle.stations:
             for link in station.links:
                 yield station.station.name, link, station.key is not None
-    elif patient.station is not None:
-        for vehicle in patient.station.vehicles:
-            for link in vehicle.links or ([patient.master] if patient.master else []):
+    elif context.station is not None:
+        for vehicle in context.station.vehicles:
+            for link in vehicle.links or ([context.master] if context.master else []):
                 yield vehicle.called, link, vehicle.key is not None
-        for peer in patient.station.peers:
-            yield peer.station.name, peer.link, patient.station.ground_key is not None
+        for peer in context.station.peers:
+            yield peer.station.name, peer.link, context.station.ground_key is not None
 
 
 def _way(text: str) -> _Way:
@@ -99,15 +99,15 @@ def _way(text: str) -> _Way:
 
 
 def _own(address: str) -> _Way:
-    """A link that waits to be called on one of this machine's addresses: the interface that has the address counts."""
+    """A link that listens on one of this machine's addresses: the interface of the address counts."""
     interface = interface_of(address)
     if interface is None:
         why = f"it waits to be called on {address}, whose interface is not known"
         return _Way(f"whether it is inside a tunnel is not known: {why}", None)
-    if interface.kind == _WIREGUARD:  # Linux takes what is sent to this address by any interface, and answers there
+    if interface.kind == _WIREGUARD:  # Linux accepts packets to this address from any interface, and answers there
         says = (
-            f"waits at an address of WireGuard ({interface.name}): others on the way to the end of the tunnel cannot "
-            f"read what comes through it, and only a firewall keeps out what comes past it"
+            f"waits at an address of WireGuard ({interface.name}): others before the end of the tunnel cannot read "
+            f"its packets; only a firewall blocks packets from outside"
         )
         return _Way(says, None, unsigned=_UNSIGNED_INSIDE)
     return _by(interface)
@@ -117,7 +117,7 @@ def _by(interface: Interface) -> _Way:
     name, kind = interface.name, interface.kind
     if name == "lo":
         return _Way("stays on this machine", False, "no other program here can", "any program here can")
-    if kind == _WIREGUARD:  # its end may be a gateway, with more way after it
+    if kind == _WIREGUARD:  # the end of the tunnel may be a gateway, with an open path after it
         says = f"inside WireGuard ({name}): others on the way to the end of the tunnel cannot read it"
         return _Way(says, False, "no other program inside the tunnel can", _UNSIGNED_INSIDE)
     if kind in _IPSEC:

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The unit that `handover install` has written, with the drop-ins of whoever changed something in it."""
+"""Reads the unit of `handover install`, with drop-ins that change it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _WANTS: Final = _UNITS / "multi-user.target.wants"
 
 @dataclass(frozen=True, slots=True)
 class Unit:
-    """What it says. `words`: its command line, the program first. `enabled`: it starts with the machine."""
+    """A unit. `words`: its command line, the program first. `enabled`: it starts with the machine."""
 
     path: Path
     words: tuple[str, ...]
@@ -27,11 +27,11 @@ class Unit:
 
     @property
     def program(self) -> PurePosixPath | None:
-        """What it runs, as that machine knows it."""
+        """Path of its program on that machine."""
         return PurePosixPath(self.words[0].lstrip("-+!:@")) if self.words else None
 
     def option(self, name: str) -> str | None:
-        """The value of an option of its command line; None: it is not there."""
+        """Value of an option of its command line; None if it is missing."""
         for number, word in enumerate(self.words):
             if word == name and number + 1 < len(self.words):
                 return self.words[number + 1]
@@ -41,7 +41,9 @@ class Unit:
 
 
 def read_unit(kind: str, root: Path) -> Unit | None:
-    """That of a companion or a station; None: none is installed. Raises ValueError, one line, and OSError."""
+    """Read the unit of a companion or a station; None if none is installed. Raises ValueError (one line) and
+    OSError.
+    """
     name = f"handover-{kind}.service"
     path = root / _UNITS / name
     if not path.is_file():
@@ -49,7 +51,7 @@ def read_unit(kind: str, root: Path) -> Unit | None:
     words: tuple[str, ...] = ()
     user = "root"
     for each in (path, *sorted((root / _UNITS / f"{name}.d").glob("*.conf"))):
-        # a drop-in that empties ExecStart and sets it again says the key twice: the last word counts
+        # a drop-in that empties ExecStart and sets it again has the key twice: the last one counts
         unit = configparser.ConfigParser(strict=False, interpolation=None)
         unit.optionxform = str  # type: ignore[assignment, method-assign]
         try:

@@ -87,7 +87,7 @@ def test_a_line_at_the_right_rate(machine: Machine, lines: list[Line], capsys: p
     plug(machine, lines[0])
     found = machine.doctor(capsys, "--no-links")
     assert found.lines("error") == []
-    assert found.of("autopilot", "ok")[0].endswith("handover may use it, nobody else does")
+    assert found.of("autopilot", "ok")[0].endswith("handover may use it, no other program does")
     assert "heartbeat of system 1" in found.of("autopilot", "ok")[1]
     assert lines[0].received == b"", "who is armed is asked nothing"
 
@@ -214,6 +214,6 @@ def test_once_it_is_armed_it_is_asked_nothing_more(machine: Machine, capsys: pyt
 def test_nobody_says_where_it_is(machine: Machine, capsys: pytest.CaptureFixture[str]) -> None:
     machine.path("etc/systemd/system/handover-companion.service").unlink()
     found = machine.doctor(capsys, "--no-links")
-    assert [each for each in found.lines("warning") if "nobody says where it is -> Give --device LINE,BAUD" in each]
+    assert [each for each in found.lines("warning") if "its line is not given -> Give --device LINE,BAUD" in each]
     assert [each for each in found.lines("warning") if "there is no unit" in each]
     assert found.code == 2

@@ -149,13 +149,13 @@ PLANTED: list[tuple[str, Plant, str, str]] = [
         "MAVProxy too old",
         lambda m: m.has_package("MAVProxy", "1.8.70"),
         "programs: MAVProxy: ",
-        "1.8.70, needed is <1.8.75,>=1.8.71 -> Run ",
+        "1.8.70, but <1.8.75,>=1.8.71 is needed -> Run ",
     ),
     (
         "no pymavlink",
         lambda m: shutil.rmtree(next(m.packages.glob("pymavlink-*.dist-info"))),
         "programs: pymavlink: ",
-        "is not installed, needed is >=2.4.42",
+        "is not installed, but >=2.4.42 is needed",
     ),
     ("no module for MAVProxy", no_shim, "programs: module load: ", "handover.py is in no folder"),
     ("another's module", module_of_another, "programs: module load: ", "handover.py is another program's"),
@@ -210,9 +210,9 @@ def test_a_clock_of_1970_is_found_and_nothing_is_signed_by_it(
         station.bind(("127.0.0.1", 0))
         station.setblocking(False)
         replaced(machine, "127.0.0.1:9", f"127.0.0.1:{station.getsockname()[1]}")
-        ours = command._patient
+        ours = command._context
         monkeypatch.setattr(
-            command, "_patient", lambda arguments, clocks: ours(arguments, Clocks(lambda: 60.0, clocks.monotonic))
+            command, "_context", lambda arguments, clocks: ours(arguments, Clocks(lambda: 60.0, clocks.monotonic))
         )
         found = machine.doctor(capsys)
         with pytest.raises(BlockingIOError):
@@ -347,7 +347,7 @@ def test_a_drop_in_says_who_runs_it_and_how(machine: Machine, capsys: pytest.Cap
 def test_what_a_check_breaks_on_hides_nothing(
     machine: Machine, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def broken(_patient: object) -> Iterator[object]:
+    def broken(_context: object) -> Iterator[object]:
         raise RuntimeError("two\nlines")
 
     monkeypatch.setitem(command.CHECKS, "clock", broken)  # type: ignore[arg-type]

@@ -26,18 +26,18 @@ KEY = Path("keys/GCSA.key")
 
 
 def companion(*stations: tuple[str, Path | None, tuple[str, ...]]) -> Any:
-    """A patient whose vehicle has these stations: name, key, links."""
+    """A context whose vehicle has these stations: name, key, links."""
     entries = [
         SimpleNamespace(station=SimpleNamespace(name=name), key=key, links=links) for name, key, links in stations
     ]
     return SimpleNamespace(vehicle=SimpleNamespace(stations=entries), station=None, master=None)
 
 
-def found(patient: Any, monkeypatch: pytest.MonkeyPatch, *interfaces: Interface | None) -> list[Finding]:
+def found(context: Any, monkeypatch: pytest.MonkeyPatch, *interfaces: Interface | None) -> list[Finding]:
     """What is said if the routes lead to these interfaces, one after the other."""
     answers = iter(interfaces)
     monkeypatch.setattr(module, "interface_to", lambda _address, _way="": next(answers))
-    return list(tunnels(patient))
+    return list(tunnels(context))
 
 
 @pytest.mark.parametrize(
@@ -137,8 +137,8 @@ def test_a_link_that_waits_on_one_address_is_known_by_its_interface(monkeypatch:
     links = ("udpin:10.9.1.1:14550", "tcpin:10.9.9.9:5760")
     said = [finding.found for finding in tunnels(companion(("GCSA", KEY, links)))]
     assert said[0] == (
-        "waits at an address of WireGuard (wg0): others on the way to the end of the tunnel cannot read what comes "
-        "through it, and only a firewall keeps out what comes past it; signed with the key of GCSA: others cannot "
+        "waits at an address of WireGuard (wg0): others before the end of the tunnel cannot read "
+        "its packets; only a firewall blocks packets from outside; signed with the key of GCSA: others cannot "
         "speak as GCSA"
     )
     assert said[1].startswith(
@@ -168,8 +168,8 @@ def test_the_interface_that_a_link_names_counts_and_no_route(monkeypatch: pytest
 
 
 def test_each_link_of_a_station_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    patient = companion(("GCSA", KEY, ("udpout:10.9.1.2:14550", "udpout:100.64.1.2:14550")))
-    said = [each.found.partition(":")[0] for each in found(patient, monkeypatch, *WG_AND_LTE)]
+    context = companion(("GCSA", KEY, ("udpout:10.9.1.2:14550", "udpout:100.64.1.2:14550")))
+    said = [each.found.partition(":")[0] for each in found(context, monkeypatch, *WG_AND_LTE)]
     assert said == ["inside WireGuard (wg0)", "not inside a tunnel (leaves by wwan0)"]
 
 
@@ -180,8 +180,8 @@ def test_a_station_is_told_of_its_vehicle_and_its_ground_link(monkeypatch: pytes
     vehicle = SimpleNamespace(called="drone-1", key=KEY, links=("udpout:10.9.1.1:14550",))
     peer = SimpleNamespace(station=SimpleNamespace(name="GCSB"), link="udpout:192.168.10.128:15551")
     station = SimpleNamespace(vehicles=[vehicle], peers=[peer], ground_key=None)
-    patient: Any = SimpleNamespace(vehicle=None, station=station, master=None)
-    first, second = found(patient, monkeypatch, Interface("wg0", "wireguard"), Interface("eno1", ""))
+    context: Any = SimpleNamespace(vehicle=None, station=station, master=None)
+    first, second = found(context, monkeypatch, Interface("wg0", "wireguard"), Interface("eno1", ""))
     assert first.what == "drone-1, udpout:10.9.1.1:14550"
     assert first.found.endswith("no other program inside the tunnel can speak as drone-1")
     assert second.what == "GCSB, udpout:192.168.10.128:15551"
