@@ -62,7 +62,7 @@ def install(argv: Sequence[str]) -> int:
     parser = _parser(
         "install",
         "Let systemd run the companion, or a station without a terminal. Installs a unit with a watchdog and few "
-        "rights, a user, a name for the autopilot's line, /etc/handover and both uplinks.",
+        "rights, a user, /etc/handover, both uplinks, and a name for the autopilot.",
     )
     parser.add_argument(
         "--device", help="companion: the autopilot's line; station: the link, if no [[vehicle]] names it"

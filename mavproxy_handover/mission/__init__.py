@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Mission packages: reading, checking, sending, and asking them where the aircraft is.
+"""Mission packages: reading, checking and sending them, and zone facts for a position.
 
-`load` reads a folder and `from_bytes` what came over a link; both give a `MissionPackage`, whose route (`plan.py`,
+`load` reads a folder and `from_bytes` the data of a link. Both return a `MissionPackage`, whose route (`plan.py`,
 `items.py`) and zones (`geojson.py`, `corridor.py`, `zones.py`) have been checked against each other. `ZoneFinder` turns
 positions into facts in flight. `route_simulation.py` and `check.py` tell before flight what will happen; `picture.py`
-draws it. Whatever is wrong with a package is a `MissionError` of one line.
+draws it. A fault of a package is a `MissionError` of one line.
 """
 
 from __future__ import annotations

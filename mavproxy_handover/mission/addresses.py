@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""`addresses.toml` beside `mission.toml`: where each station reaches the vehicle.
+"""`addresses.toml` beside `mission.toml`: the addresses at which each station reaches the vehicle.
 
-The file is optional, and no part of the mission: the digest does not change with it. So two stations that differ only
-in their addresses hold the same mission. The addresses travel beside the package (`MISSION_PACKAGE.addresses`). A
-station never opens one by itself: its operator confirms it. Keys never travel.
+The file is optional, and no part of the mission: the digest does not cover it. So two stations that differ only in
+their addresses have the same mission. The addresses are sent beside the package (`MISSION_PACKAGE.addresses`). A
+station never opens one by itself: its operator confirms it. Keys are never sent.
 
-A damaged file costs the addresses and not the mission: a station that is restarted in flight needs the mission.
+A damaged file costs the addresses and not the mission, because a station that restarts in flight needs the mission.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ ADDRESSES_FILE = "addresses.toml"
 
 
 def without_addresses(fault: str) -> str:
-    """What is told of a package with this fault of its addresses."""
+    """The warning about a package with this fault of its addresses."""
     return f"{fault}. The mission is used without addresses of the vehicle. Put the file right, or remove it."
 
 

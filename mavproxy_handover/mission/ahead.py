@@ -1,20 +1,20 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What a way from here on would leave: coverage, the geofence. Facts for `core/safety/commands.py`, as words.
+"""Checks whether a path from here leaves coverage or geofence, as text for `core/safety/commands.py`.
 
 Rules that live here
 --------------------
-* Near (`NEAR_M` along the way) coverage is what stations give that could take the aircraft now; farther on it is what
-  the mission declares: a station down the route need not be there yet.
-* A gap that the mission declares is no hole in the coverage: it was judged before take-off, and its limit is kept.
-* What lies outside at the beginning does not count: whoever brings an aircraft back inside may do so. But inside it
-  has to come with the first leg, or on the first curve, and to stay there.
-* The vertical pieces of a way, take-off and landing, leave nothing that their place does not.
-* What wings fly to they circle, as far away as the radius says: once around counts (`around`). Another height alone is
-  a metre of way to it: they climb on their way, wherever that leads.
-* A way is looked at every `STEP_M`, and at `MOST_STEPS` places at most; the fence is exact.
+* Within `NEAR_M` along the path, coverage is that of the stations that could take the aircraft now. Farther on it is
+  that of the mission, because a station down the route need not be there yet.
+* A gap that the mission declares counts as covered: it was judged before take-off, and its limit is enforced.
+* Places outside at the beginning do not count, so that an aircraft can be brought back inside. But it must come inside
+  with the first leg or on the first curve, and stay there.
+* The vertical parts of a path, take-off and landing, leave nothing that their place does not leave.
+* Wings circle their target, as far away as the radius says: one circle counts (`around`). A change of height alone
+  counts as a metre of path, because wings climb on their way, wherever that leads.
+* A path is checked every `STEP_M`, at `MOST_STEPS` places at most; the fence is checked exactly.
 
-The time that a question takes grows with zones and legs: whoever asks often has to hold back.
+The time of a check grows with zones and legs, so the caller must limit its rate.
 """
 
 from __future__ import annotations
@@ -37,27 +37,29 @@ __all__ = ["NEAR_M", "Ahead", "around", "leaves_coverage", "leaves_fence", "stra
 NEAR_M = 300.0
 STEP_M = 20.0
 MOST_STEPS = 400
-#: a circle is a row of straight pieces: of so many the corners are a thousandth of its radius outside
+#: straight pieces of a circle: with this number the corners are a thousandth of its radius outside
 _PIECES = 72
-#: so long is the way to another height
+#: length (m) of the path to another height
 _ON_M = 1.0
 
 _Place = tuple[float, float, float]  #: latitude, longitude, metres above home
 
 
 def straight(here: _Place, there: _Place, speed_mps: float) -> tuple[Leg, ...]:
-    """The way of a guided target."""
+    """The path to a guided target."""
     return (Leg(0, here, there, 0.0, 0.0, speed_mps),)
 
 
 def to_height(here: _Place, alt_m: float, speed_mps: float) -> tuple[Leg, ...]:
-    """The way of wings to another height (m above home)."""
+    """The path of wings to another height (m above home)."""
     return straight(here, (*offset(*here[:2], 0.0, _ON_M), alt_m), speed_mps)
 
 
 def around(there: _Place, radius_m: float, speed_mps: float) -> tuple[Leg, ...]:
-    """The circle that wings fly at a guided target: out to it, and once around. Its pieces are outside of what is
-    flown, nowhere inside."""
+    """The circle that wings fly around a guided target: out to it, and once around.
+
+    Its pieces are outside the flown circle, nowhere inside.
+    """
     corner_m, angles = radius_m / math.cos(math.pi / _PIECES), [math.tau * n / _PIECES for n in range(_PIECES)]
     ring = [(*offset(*there[:2], corner_m * math.sin(a), corner_m * math.cos(a)), there[2]) for a in angles]
     return tuple(leg for start, end in pairwise((there, *ring, ring[0])) for leg in straight(start, end, speed_mps))
@@ -66,14 +68,16 @@ def around(there: _Place, radius_m: float, speed_mps: float) -> tuple[Leg, ...]:
 def leaves_coverage(
     legs: Sequence[Leg], finder: ZoneFinder, usable: Collection[int], gaps: Collection[Stretch] = ()
 ) -> str:
-    """Where a way leaves coverage, in words; "" where it does not. `usable`: stations that could take the aircraft,
-    `gaps`: declared, and where they are."""
+    """Text about where a path leaves coverage; "" if it does not.
+
+    `usable`: stations that could take the aircraft. `gaps`: declared gaps, with their places.
+    """
     inside, before, outside = False, 0.0, ""
     for far_m, place, seq, first in _places(legs):
         if not inside and not first:
             return outside
         holding = finder.holding(*place)
-        # until it has been inside once, only what can be used counts: that is what it has to come back to
+        # before it has been inside once, only coverage that can be used now counts
         by_plan = inside and far_m > NEAR_M
         covered = bool(holding) if by_plan else any(station in usable for station in holding)
         covered = covered or any(_within_gap(gap, seq, place) for gap in gaps)
@@ -90,7 +94,7 @@ def _within_gap(gap: Stretch, seq: int, place: _Place) -> bool:
 
 
 def leaves_fence(legs: Sequence[Leg], fence: Fence, ceiling_m: float | None = None) -> str:
-    """Where a way breaks the geofence, in words; "" where it does not. `ceiling_m`: above home."""
+    """Text about where a path leaves the geofence; "" if it does not. `ceiling_m`: above home."""
     gone_m, inside = 0.0, bool(legs) and fence.holds(legs[0].start[:2])
     joins = _first_way(legs)
     for number, leg in enumerate(legs):
@@ -106,15 +110,15 @@ def leaves_fence(legs: Sequence[Leg], fence: Fence, ceiling_m: float | None = No
 
 
 def _first_way(legs: Sequence[Leg]) -> int:
-    """How many legs are the way to the first item, where that is a curve or follows the ground; else 1."""
+    """Number of legs to the first item, if that is a curve or follows the ground; else 1."""
     in_pieces = takewhile(lambda leg: leg.seq == legs[0].seq and (leg.curved or leg.follows), legs)
     return max(1, sum(1 for _leg in in_pieces))
 
 
 def _places(legs: Sequence[Leg]) -> Iterator[tuple[float, _Place, int, bool]]:
-    """Places on a way: how far each is along it (m), where, to which item, and whether on the first leg.
+    """Places on a path: distance along it (m), place, item, and True on the first leg.
 
-    The first one is where it begins.
+    The first one is the beginning.
     """
     level = [(leg, leg.length_m) for leg in legs]
     step_m = max(STEP_M, sum(length for _leg, length in level) / MOST_STEPS)
@@ -124,7 +128,7 @@ def _places(legs: Sequence[Leg]) -> Iterator[tuple[float, _Place, int, bool]]:
     joins = _first_way(legs)
     for number, (leg, length_m) in enumerate(level):
         first = gone_m == 0.0 or number < joins
-        # of curves not every piece is looked at, but the last one is
+        # of curves not every piece is checked, but the last one is
         goes_on = (leg.curved or leg.follows) and number + 1 < len(level) and level[number + 1][0].seq == leg.seq
         steps = 0 if goes_on and gone_m + length_m - looked_at_m < step_m else math.ceil(length_m / step_m)
         for step in range(1, steps + 1):
@@ -146,18 +150,18 @@ def _item(seq: int) -> str:
 
 
 class Ahead:
-    """A plan that is loaded, with the zones of its mission."""
+    """A loaded plan, with the zones of its mission."""
 
     def __init__(self, route: Route, finder: ZoneFinder, cruise_speed_mps: float | None) -> None:
-        """`finder`: one that nobody else asks, for it remembers where it was asked last."""
+        """`finder`: used only here, because it remembers its last place."""
         self.route = route
         self.finder = finder
         self.fence = Fence(route.fence)
-        #: gaps that the mission declares, once they are found on its route
+        #: declared gaps, once they are found on its route
         self.gaps: tuple[Stretch, ...] = ()
-        #: horizontal speed where the plan itself sets none
+        #: horizontal speed if the plan sets none
         self.speed_mps = cruise_speed_mps or route.cruise_speed_mps or DEFAULT_CRUISE_MPS
 
     def way(self, seq: int, here: _Place) -> tuple[Leg, ...]:
-        """The way when the mission is taken up here with that item."""
+        """The path if the mission continues here with that item."""
         return legs_from(self.route, seq, here, self.speed_mps)

@@ -1,18 +1,18 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The border of a zone: on which side of it a place is, how far it is, and where a track crosses it.
+"""The border of a zone: side of a place, distance to it, and crossings of a track.
 
-A polygon's edges stand in a tree of boxes, each around half of the edges of the one above it. A search goes to the
-nearest box first and leaves out every box that cannot hold anything nearer than what was found already, so it looks
-at a few dozen edges of a thousand; without that, a hundred zones of a thousand corners would take a whole processor.
+The edges of a polygon are in a tree of boxes; each box holds half of the edges of its parent. A search visits the
+nearest box first. It skips every box that cannot hold anything nearer than the best result. So it checks a few dozen
+edges of a thousand. Without that, a hundred zones with a thousand corners would take a whole processor.
 
-What is nearest is judged by the scales of the ellipsoid halfway between the aircraft and the edge, as in
-`geodesy.distance_m`, which then measures the way to the place found. A track is a straight line in the plane that
-touches the earth at the aircraft, so the scale is right where the decision falls.
+The nearest place is chosen by the scales of the ellipsoid halfway between the aircraft and the edge, as in
+`geodesy.distance_m`. That function then measures the distance to it. A track is a straight line in the plane that
+touches the earth at the aircraft, so the scale is right where it matters.
 
-Which side a place is on, shapely knows. To ask it costs more than all the rest of a check when little else runs on the
-processor, so it is asked when there is reason to: an aircraft that has moved by less than it was away from the border
-is on the same side of it.
+shapely decides on which side a place is. If little else runs on the processor, that costs more than the rest of a
+check. So it is called only if needed: an aircraft that has moved less than its distance to the border is still on the
+same side.
 """
 
 from __future__ import annotations
@@ -30,25 +30,25 @@ from mavproxy_handover.mission.geodesy import beside_deg, degree_lengths_m, dist
 
 __all__ = ["Border", "Circle", "CircleBorder", "Plane", "PolygonBorder", "plane_at"]
 
-#: corners of the polygon that stands for a circle where areas are compared or drawn
+#: corners of the polygon that replaces a circle in comparisons of areas and in drawings
 CIRCLE_CORNERS = 128
 
 #: crossings nearer to each other than this are one: the track touches a corner
 _ROUNDING_M = 0.01
-#: part of its length by which an edge is longer here: no track slips through where two edges meet
+#: part of its length by which an edge is extended: no track passes between two edges
 _EDGE_ROUNDING = 1e-9
-#: how far behind a crossing the track is looked at
+#: distance (m) after a crossing at which the track is checked
 _PROBE_M = 1.0
 #: a crossing with less of its edge on either side may be one of a corner
 _CORNER = 1e-6
 #: a track that comes this near to running along an edge, in metres across its length, does not clearly cross it
 _ALONG_M = 1e-3
-#: part of the distance to the border within which the side is the same, and the most of it in metres: so near, scales
-#: are a hundred times better than needed
+#: part of the distance to the border within which the side stays the same, and its maximum in metres: at such distances
+#: the scales are a hundred times better than needed
 _SAME_SIDE, _SAME_SIDE_M = 0.9, 10_000.0
 #: edges in the smallest box: half of it costs more boxes, twice of it more edges
 _LEAF_EDGES = 8
-#: boxes are wider than their edges by this much, so that rounding never leaves out an edge: 0.1 mm
+#: margin of the boxes around their edges, so that rounding never skips an edge: 0.1 mm
 _SLACK_DEG = 1e-9
 
 #: longitude and latitude of the start of an edge, and the differences to its end
@@ -66,8 +66,10 @@ class Circle:
     radius_m: float
 
     def outline(self) -> Polygon:
-        """The circle as a polygon in (longitude, latitude), corners on the circle; across the 180th meridian the
-        longitudes go on beyond 180."""
+        """The circle as a polygon in (longitude, latitude), corners on the circle.
+
+        Across the 180th meridian the longitudes go on beyond 180.
+        """
         corners = []
         for n in range(CIRCLE_CORNERS):
             turn = 2.0 * math.pi * n / CIRCLE_CORNERS
@@ -101,7 +103,7 @@ class Border(Protocol):
     """The horizontal half of a zone. `plane` is that of the place asked about."""
 
     def contains(self, lat: float, lon: float) -> bool:
-        """Whether a place is inside; the border itself is outside."""
+        """True if a place is inside; the border itself is outside."""
         ...
 
     def margin_m(self, lat: float, lon: float, plane: Plane) -> float:
@@ -148,19 +150,19 @@ class PolygonBorder:
                     edges.append((start[0], start[1], end[0] - start[0], end[1] - start[1]))
         self._tree = _boxed(edges)
         self._mid_lon, self._mid_lat, self._half_lon, self._half_lat = self._tree[:4]
-        #: the last place that shapely was asked about, how far around it the answer holds, and the answer
+        #: the last place given to shapely, the radius within which its answer is valid, and the answer
         self._asked_lat = self._asked_lon = self._holds_m = 0.0
         self._inside = False
 
     def _beside(self, lon: float) -> float:
-        """The longitude counted so that the area is on the same side of the 180th meridian."""
+        """The longitude on the same side of the 180th meridian as the area."""
         ahead = lon - self._mid_lon
         return lon - 360.0 if ahead > 180.0 else lon + 360.0 if ahead < -180.0 else lon
 
     def contains(self, lat: float, lon: float) -> bool:
         lon = self._beside(lon)
         if abs(lat - self._mid_lat) > self._half_lat or abs(lon - self._mid_lon) > self._half_lon:
-            return False  # most zones are far away, and this is a tenth of what shapely's answer costs
+            return False  # most zones are far away, and this test takes a tenth of shapely's time
         return bool(shapely.contains_xy(self._area, lon, lat))
 
     def margin_m(self, lat: float, lon: float, plane: Plane) -> float:
@@ -261,8 +263,8 @@ class PolygonBorder:
                     ahead = (x * dy - y * dx) / slant
                     if -_ROUNDING_M < ahead <= farthest:
                         crossings.append((ahead, _CORNER < part < 1.0 - _CORNER and abs(slant) > _ALONG_M))
-        # a corner touched is not a border crossed, nor is the border one has just come over: where that is not clear,
-        # the way beyond must be outside, for more than a rounding error
+        # a touched corner is no crossing, and neither is a border that was just crossed. If that is not clear, the path
+        # beyond must be outside by more than a rounding error
         before = 0.0
         for (here, clear), (beyond, _) in pairwise([*sorted(crossings), (math.inf, False)]):
             alone, before = clear and here - before > _ROUNDING_M, here
@@ -277,7 +279,7 @@ class PolygonBorder:
 
 
 def _boxed(edges: Sequence[_Edge]) -> _Box:
-    """The tree of boxes around edges; a box is split where half of its edges lie on either side, across its length."""
+    """The tree of boxes around edges. A box is split across its length into halves with equal numbers of edges."""
     west = min(min(lon, lon + extent) for lon, _, extent, _ in edges)
     east = max(max(lon, lon + extent) for lon, _, extent, _ in edges)
     south = min(min(lat, lat + extent) for _, lat, _, extent in edges)

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""`handover check MISSION`: finds before flight what would go wrong in it.
+"""`handover check MISSION`: finds faults of a mission before flight.
 
-`check` judges, `report_text` prints; the command is `cli/check.py`, and the energy budget is that of `energy.py`. An
-error is what would leave the aircraft without a commander, with less time for a transfer than it needs, or without the
-energy to come down where it should; a warning is what costs reserve; an info is worth knowing.
+`check` judges, `report_text` prints; the command is `cli/check.py`, and `energy.py` has the energy budget. There are
+three severities. An error leaves the aircraft without a commander, without enough time for a transfer, or without the
+energy to come down at the right place. A warning costs reserve. An info is worth knowing.
 """
 
 from __future__ import annotations
@@ -54,22 +54,22 @@ from mavproxy_handover.vehicle_address import on_this_computer
 
 __all__ = ["OPERATOR_S", "REACH_M", "TRANSFER_S", "CheckReport", "Finding", "Severity", "check", "report_text"]
 
-#: what a transfer needs over a link that loses every fifth message each way, 99 times of 100
+#: time (s) of a transfer over a link that loses every fifth message each way, in 99 of 100 cases
 TRANSFER_S = 3.0
-#: what an operator who is asked may take to answer, if nothing else is configured
+#: time (s) that an operator has to answer, if nothing else is configured
 OPERATOR_S = Limits().operator_timeout_s
-#: so long before the commander's zone ends authority moves, whatever else is waited for
+#: time (s) before the end of the commander's zone at which authority moves, whatever else is waited for
 EXIT_SOON_S = Limits().exit_soon_s
 #: a rally point farther than this from every place of the route is an error of its planner
 REACH_M = 5000.0
-#: a landing sequence that begins farther from a place of a return than this is none of its own
+#: a landing sequence that begins farther from a return site than this does not belong to it
 SEQUENCE_M = 2000.0
-#: all around a place
+#: directions all around a place
 _ROUND = [radians(15.0 * number) for number in range(24)]
 
 
 class Severity(Enum):
-    """How bad a finding is."""
+    """Severity of a finding."""
 
     ERROR = "error"
     WARNING = "warning"
@@ -86,28 +86,28 @@ class Finding:
 
 @dataclass(frozen=True, slots=True)
 class CheckReport:
-    """What the check of a mission found."""
+    """Result of the check of a mission."""
 
     package: MissionPackage
     walk: Walk
     findings: tuple[Finding, ...]
-    #: what a transfer was taken to need, seconds
+    #: assumed time of a transfer, seconds
     transfer_s: float
-    #: None: the mission has no numbers for it
+    #: energy budget; None: the mission has no numbers for it
     energy: Budget | None = None
     #: the declared gaps that are on the route
     crossed: tuple[Stretch, ...] = ()
-    #: what wings fly, and in what; None: the aircraft has none
+    #: path of wings, with its air; None: the aircraft has none
     path: Path | None = None
     air: Air | None = None
 
     def count(self, severity: Severity) -> int:
-        """Number of findings that bad."""
+        """Number of findings of that severity."""
         return sum(finding.severity is severity for finding in self.findings)
 
     @property
     def exit_code(self) -> int:
-        """0 when nothing is an error, else 1."""
+        """0 without errors, else 1."""
         return 1 if self.count(Severity.ERROR) else 0
 
 
@@ -120,11 +120,11 @@ def check(
     wind: Wind | None = None,
     stations: Sequence[Station] = (),
 ) -> CheckReport:
-    """Walk the mission and judge it.
+    """Simulate the mission and judge it.
 
-    `transfer_s`: time that a transfer needs; `operator_s`: that an operator who is asked may take to answer. `reach_m`:
-    how far off the route a rally point may lie. `wind`: that the energy is counted with, and that wings fly in; None:
-    what [energy] has for a wind that is not known. `stations`: those of the vehicle's file, if it is known.
+    `transfer_s`: time that a transfer needs. `operator_s`: time that an operator has to answer. `reach_m`: allowed
+    distance of a rally point from the route. `wind`: wind for energy and wings; None: that of [energy] for an unknown
+    wind. `stations`: stations of the vehicle's file, if it is known.
     """
     walk = package.walk(wind)
     path = package.path(wind)
@@ -178,7 +178,7 @@ def _start(package: MissionPackage, walk: Walk) -> Iterator[Finding]:
 
 
 def _gaps(package: MissionPackage, walk: Walk, path: Path | None) -> Iterator[Finding]:
-    # a mission that only warns out there has decided to fly its gaps
+    # a mission that only warns out of coverage has decided to fly its gaps
     warns = package.policies.get("on_out_of_coverage") == "warn"
     found = undeclared(package.gaps, walk)
     same, told = Counter(_same(gap) for gap in found), set[tuple[int, float, float, float]]()
@@ -205,7 +205,7 @@ def _turn_words(turn: Turn) -> str:
 
 
 def _turns(path: Path) -> Iterator[Finding]:
-    """Legs and directions that wings cannot fly."""
+    """Findings about legs and directions that wings cannot fly."""
     for seq in path.unflown:
         yield Finding(Severity.ERROR, f"the wind does not let the way to item {seq} be flown")
     for tight in path.tight:
@@ -291,7 +291,7 @@ def _handovers(package: MissionPackage, walk: Walk, crossed: Sequence[Stretch], 
 
 
 def _waypoints(package: MissionPackage, walk: Walk) -> Iterator[Finding]:
-    """Handovers for which no waypoint is waited for, where waypoints should decide."""
+    """Findings about handovers without a waypoint, although waypoints should decide."""
     belonging = package.belonging
     if belonging is None:
         return
@@ -311,8 +311,10 @@ def _waypoints(package: MissionPackage, walk: Walk) -> Iterator[Finding]:
 
 
 def _operators(walk: Walk, transfer_s: float, operator_s: float) -> Iterator[Finding]:
-    """Regions that are no error, and over before an operator has to have answered; he is asked `operator_s` before they
-    begin, and not before the handover before."""
+    """Handover regions that are long enough, but end before an operator has to have answered.
+
+    The operator is asked `operator_s` before the region begins, but not before the previous handover.
+    """
     short, asked_at = [], 0.0
     for number, handover in enumerate(walk.handovers, 1):
         begins_s = min(operator_s, handover.time_s - asked_at)
@@ -324,14 +326,14 @@ def _operators(walk: Walk, transfer_s: float, operator_s: float) -> Iterator[Fin
         which = ", ".join(str(number) for number, _left_s in short)
         least_s = min(left_s for _number, left_s in short)
         text = (
-            f"an operator who is asked may take {operator_s:g} s to answer; he has less at handover {which}, though he "
-            f"is asked beforehand: {least_s:.1f} s at the least"
+            f"an operator who is asked may take {operator_s:g} s to answer; there is less at handover {which}, "
+            f"even if asked early: {least_s:.1f} s at the least"
         )
         yield Finding(Severity.INFO, text)
 
 
 def _consent(walk: Walk, stations: Sequence[Station]) -> Iterator[Finding]:
-    """What START refuses because handovers of the route cannot have consent."""
+    """Findings about handovers without possible consent, for which START is refused."""
     for text in refused_on_route(stations, walk.commanders):
         yield Finding(Severity.ERROR, text)
     for text in without_consent(stations):
@@ -354,7 +356,7 @@ def _rally(package: MissionPackage, walk: Walk, reach_m: float, return_alt_m: fl
     for number, point in enumerate(route.rally, 1):
         name = f"rally point {number} at {_place(point.lat_deg, point.lon_deg)}"
         if not finder.holding(point.lat_deg, point.lon_deg, point.alt_m):
-            yield Finding(Severity.WARNING, f"{name} is in no zone: nobody would command the aircraft there")
+            yield Finding(Severity.WARNING, f"{name} is in no zone: no station would command the aircraft there")
         if outside_fence(route.fence, point.lat_deg, point.lon_deg):
             yield Finding(Severity.WARNING, f"{name} is outside the geofence: no return goes there")
         nearest = min(distance_m(s.lat_deg, s.lon_deg, point.lat_deg, point.lon_deg) for s in walk.samples)
@@ -378,7 +380,7 @@ def _rally(package: MissionPackage, walk: Walk, reach_m: float, return_alt_m: fl
 
 def _fence(package: MissionPackage, walk: Walk) -> Iterator[Finding]:
     if not places_inside(package.route):
-        yield Finding(Severity.ERROR, "no place of a return is inside the geofence")
+        yield Finding(Severity.ERROR, "no return site is inside the geofence")
     for sample in walk.samples:
         if outside_fence(package.route.fence, sample.lat_deg, sample.lon_deg):
             place = f"{_place(sample.lat_deg, sample.lon_deg)}, {_way(sample.distance_along_m)}"
@@ -395,7 +397,7 @@ def _payload(package: MissionPackage) -> Iterator[Finding]:
 
 
 def _ground(package: MissionPackage, return_alt_m: float) -> Iterator[Finding]:
-    """What the heights of the ground say of the way, and of the returns from the end of each leg."""
+    """Findings about the ground below the path, and below the returns from the end of each leg."""
     relief = package.relief()
     if relief is None:
         return
@@ -415,7 +417,7 @@ def _ground(package: MissionPackage, return_alt_m: float) -> Iterator[Finding]:
             yield Finding(Severity.WARNING if way >= 0.0 else Severity.ERROR, text)
     ends = {leg.seq: leg.end for leg in legs if leg.length_m > 0.0}
     for seq, (lat, lon, end_m) in ends.items():
-        # of wings the way back leads down to the height of the return, from wherever it is higher
+        # the return of wings leads down to the height of the return, if it starts higher
         alt = return_alt_m if package.kind.winged else end_m
         backs = [
             (relief.above_m((lat, lon), (p.lat_deg, p.lon_deg), max(alt, p.alt_m, return_alt_m)), p.name)
@@ -428,7 +430,7 @@ def _ground(package: MissionPackage, return_alt_m: float) -> Iterator[Finding]:
 
 
 def _heights(package: MissionPackage) -> Iterator[Finding]:
-    """Heights above the sea and above terrain, and heights near home's."""
+    """Findings about heights above the sea, above terrain, and near home's height."""
     route = package.route
     sea, terrain = above_sea(route), above_terrain(route)
     if sea:
@@ -460,7 +462,7 @@ def _ground_known(route: Route, item: MissionItem) -> bool:
 
 
 def _curves(package: MissionPackage) -> Iterator[Finding]:
-    """What the circles and splines of a copter rest on."""
+    """Findings about a copter's circles and splines."""
     lacking = curves_lacking(package.route, package.cruise_speed_mps)
     if lacking > 1.0:
         text = (
@@ -485,7 +487,7 @@ def _energy(budget: Budget) -> Iterator[Finding]:
             yield Finding(Severity.ERROR, text)
             return
     if budget.no_return_m is not None:
-        text = f"energy: from {_way(budget.no_return_m)} on no place of a return is in reach with the reserve"
+        text = f"energy: from {_way(budget.no_return_m)} on no return site is in reach with the reserve"
         yield Finding(Severity.INFO, text)
 
 
@@ -572,7 +574,7 @@ def _crossed_line(report: CheckReport) -> str:
 
 
 def _wh(energy_wh: float) -> str:
-    """Beyond all numbers is what cannot be flown."""
+    """Text of an energy (Wh); infinite if it cannot be flown."""
     return f"{energy_wh:.1f} Wh" if isfinite(energy_wh) else "-"
 
 
@@ -599,7 +601,7 @@ def _energy_rows(budget: Budget) -> list[tuple[str, ...]]:
 
 
 def _table(rows: list[tuple[str, ...]], words: Collection[int]) -> Iterator[str]:
-    """The rows as lines; the columns of `words` begin on the left, the others are numbers."""
+    """The rows as lines. The columns of `words` are aligned to the left; the others are numbers."""
     widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
     for row in rows:
         cells = [

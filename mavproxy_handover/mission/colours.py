@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The colours of every picture: map of a mission, report of a flight, map of a ground station.
+"""The colours of all pictures: map of a mission, report of a flight, map of a ground station.
 
-The stations have Okabe and Ito's palette: told apart with every kind of colour vision. Stations take them in their
-order, the parent first. A picture on a dark ground takes `DARK` in place of each colour that stands there.
+The stations have Okabe and Ito's palette, which people with any colour vision can tell apart. Stations get the colours
+in their order, the parent first. A picture on a dark background uses `DARK` to replace colours.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ __all__ = [
 ]
 
 STATION_COLOURS: Final = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
-#: lines and words, quieter ones, the sheet, the ground of a map, its grid
+#: lines and text, quieter ones, the sheet, the background of a map, its grid
 INK, SOFT, PAPER, GROUND, GRID = "#1b1b1b", "#8a8a8a", "#ffffff", "#fbfaf7", "#d9d6cf"
-#: nobody commands; the delivery; a rally point
+#: no commander; the delivery; a rally point
 NOBODY, DELIVERY, RALLY = "#8d8d8d", "#F0E442", "#2ca02c"
-#: an emergency, a warning, and what is as it should be
+#: an emergency, a warning, a good state
 ALARM, WARNING, WELL = "#d00000", "#f5d76e", "#cfe8dc"
-#: what takes a colour's place on a dark ground; what is not here stays as it is
+#: replacement of a colour on a dark background; other colours stay
 DARK: Final = MappingProxyType(
     {
         INK: "#ece9e2",

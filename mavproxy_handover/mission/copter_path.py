@@ -6,10 +6,10 @@ Rules
 -----
 * NAV_LOITER_TURNS is flown around its place: straight to the nearest point of the circle, then so many turns, to the
   right or, with a radius below 0, to the left. It ends where it is then, and the next way begins there.
-* NAV_SPLINE_WAYPOINT: the curve leaves in the direction of the leg before it and arrives in the direction of the next
-  one, where the aircraft does not stop there. It stops before a spline unless a NAV_WAYPOINT without a time to wait or
-  another spline is before it, and behind one that has a time to wait or is the last item. Between two splines the
-  direction is that from the beginning of the first to the end of the second.
+* NAV_SPLINE_WAYPOINT: the curve leaves in the direction of the leg before it. It arrives in the direction of the next
+  one, if the aircraft does not stop there. The aircraft stops before a spline, unless a NAV_WAYPOINT without a time to
+  wait or another spline precedes it. It stops after a spline that has a time to wait or is the last item. Between two
+  splines the direction is that from the beginning of the first to the end of the second.
 * NAV_DELAY waits parameter 1 in seconds, or else until a second of the minute, which takes 60 s at the most. Other
   times of day are refused (`plan.py`).
 * A height of 0 is no height to ArduCopter: the one before is kept. So it is on the way to NAV_LAND and
@@ -17,7 +17,7 @@ Rules
 * Heights above terrain: on a straight leg the height above the ground changes evenly, and the aircraft follows the
   ground. This needs the heights of a terrain file. Without one they count as heights above home, and the check says so.
   Where the frame changes, a spline begins or ends with a stop.
-* `MOST_PIECES` legs stand for all curves of a route and for all ways over the ground. Where that is too few, each gets
+* `MOST_PIECES` legs stand for all curves of a route and for all ways over the ground. If that is too few, each gets
   fewer, and `pieces_lacking` says by how much.
 
 Sources: ArduCopter's mode_auto.cpp (`do_circle`, `do_spline_wp`, `set_next_wp`, `loc_from_cmd`, `do_nav_delay`),
@@ -58,7 +58,7 @@ __all__ = ["MOST_PIECES", "copter_legs", "pieces_lacking"]
 
 #: legs for curves, and over terrain, of one route
 MOST_PIECES: Final = 1000
-#: nearer to the middle than that (m) ArduCopter does not fly to the circle first
+#: within this distance (m) of the middle ArduCopter does not fly to the circle first
 _IN_THE_MIDDLE_M: Final = 3.0
 #: a way over the ground is cut into pieces of half a cell, or of that (m), whichever is longer
 _GROUND_STEP_M: Final = 25.0
@@ -67,28 +67,30 @@ _NO_HEIGHT_M: Final = 0.01
 #: where a height of 0 keeps the one before
 _KEEP_HEIGHT: Final = frozenset((WAYPOINT, LOITER_UNLIMITED, LOITER_TURNS, LOITER_TIME, SPLINE_WAYPOINT))
 _HOLDING: Final = frozenset((WAYPOINT, LOITER_TIME, SPLINE_WAYPOINT))
-#: a second of the minute is that far away at the most
+#: most time (s) until a given second of the minute
 _MINUTE_S: Final = 60.0
 
 
 @dataclass(frozen=True, slots=True)
 class _Part:
-    """A part of the path: how many legs should stand for it, and what makes so many of them."""
+    """A part of the path: the wanted number of legs, and the function that makes a given number."""
 
     wanted: int
     make: Callable[[int], Iterator[Leg]]
 
 
 def copter_legs(route: Route, flown: Sequence[tuple[MissionItem, float]], here: Place) -> tuple[Leg, ...]:
-    """The legs of a copter that flies to these items, each at its speed (m/s), from `here` on."""
+    """The legs of a copter that flies from `here` to these items, each at its speed (m/s)."""
     parts = _Flight(route, here).parts(flown)
     scale = 1.0 / _lacking(parts)
     return tuple(leg for part in parts for leg in part.make(max(1, math.floor(part.wanted * scale))))
 
 
 def pieces_lacking(route: Route, flown: Sequence[tuple[MissionItem, float]], here: Place) -> float:
-    """How many times too few legs stand for the curves of a route: 1 where there are enough. The legs are farther from
-    the curves by the square of that."""
+    """Factor by which a route's curves have too few legs: 1 if there are enough.
+
+    The distance of the legs from the curves grows with the square of that.
+    """
     return _lacking(_Flight(route, here).parts(flown))
 
 
@@ -102,13 +104,13 @@ class _Flight:
     def __init__(self, route: Route, here: Place) -> None:
         self._route = route
         self._here = here
-        #: the last way was above terrain
+        #: True if the last leg was above terrain
         self._above_terrain = False
-        #: the velocity with which a spline begins here; None: the aircraft stops
+        #: velocity at which a spline begins here; None: the aircraft stops
         self._leaves: Vector | None = None
 
     def parts(self, flown: Sequence[tuple[MissionItem, float]]) -> list[_Part]:
-        """What is flown, one after the other."""
+        """The parts of the path, in the order of flight."""
         found: list[_Part] = []
         for number, (item, speed_mps) in enumerate(flown):
             following = flown[number + 1][0] if number + 1 < len(flown) else None
@@ -125,7 +127,7 @@ class _Flight:
         elif item.command == RETURN_TO_LAUNCH:
             yield from self._straight(item, (*return_place(self._route, lat, lon), alt), speed_mps)
             yield from self._landing(item)
-        elif item.command in TAKEOFFS:  # straight up, whatever place the item names
+        elif item.command in TAKEOFFS:  # straight up, even if the item has a place
             yield from self._straight(item, (lat, lon, above_home_m(self._route, item, (lat, lon))), speed_mps)
             self._above_terrain = False
         elif item.command == LOITER_TURNS:
@@ -163,17 +165,17 @@ class _Flight:
         return (item.lat_deg, item.lon_deg) if item.has_place else self._here[:2]
 
     def _up(self, item: MissionItem, keeps: bool = False) -> float:
-        """The height of an item in its own frame: above the ground, where it has that frame, or else above home."""
+        """Height of an item in its own frame: above the ground or above home."""
         if keeps or (item.command in _KEEP_HEIGHT and abs(item.alt_m) < _NO_HEIGHT_M):
             return self._here[2] - (rise_m(self._route, *self._here[:2]) if _of_terrain(item) else 0.0)
         return item.alt_m - self._route.home.alt_m if item.frame == FRAME_ABOVE_SEA else item.alt_m
 
     def _height(self, item: MissionItem, up_m: float, place: tuple[float, float]) -> float:
-        """The height above home of what is so high in the frame of an item."""
+        """Height above home of a height in the frame of an item."""
         return up_m + rise_m(self._route, *place) if _of_terrain(item) else up_m
 
     def _way(self, start: Place, end: Place) -> Vector:
-        """From one to the other in the frame of what is flown: with heights above the ground where it has that."""
+        """Vector from one to the other, with heights above the ground if the path has that frame."""
         ground = (rise_m(self._route, *end[:2]) - rise_m(self._route, *start[:2])) if self._above_terrain else 0.0
         return (*east_north_m(*start[:2], *end[:2]), end[2] - start[2] - ground)
 
@@ -273,7 +275,7 @@ class _Flight:
         yield _Part(spline.pieces, make)
 
     def _arrives(self, item: MissionItem, start: Place, end: Place, following: MissionItem | None) -> Vector:
-        """The velocity with which a spline ends, before it is shortened; none where the aircraft stops."""
+        """Velocity at the end of a spline, before it is shortened; 0 if the aircraft stops."""
         if following is None or item.param1 != 0.0 or following.command == RETURN_TO_LAUNCH:
             return _STANDS
         if _of_terrain(following) is not _of_terrain(item):
@@ -300,7 +302,7 @@ def _one(leg: Leg) -> _Part:
 
 
 def _delay_s(item: MissionItem) -> float:
-    """How long a NAV_DELAY waits at the most."""
+    """Longest time that a NAV_DELAY waits."""
     if item.param1 > 0.0:
         return item.param1
     return _MINUTE_S if int(item.param4) != -1 else 0.0

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Zones from waypoint lists: the third way of the thesis to say where a station covers.
+"""Zones from waypoint lists: the third form of coverage in the thesis.
 
 A station lists the items of the route that it covers. Its zone is all places within `corridor_m` of these waypoints,
 and of the legs between those that follow one another on the route. So two stations that share one waypoint have a
-handover region of at least twice that width around it, and two that share two waypoints one along the whole leg. From
-here on such a zone is an area like any other: finder, check and map need no second set of rules, and an aircraft blown
-off its route leaves the zone as it should. Where each waypoint belongs to one station and decides by being reached
-(`waypoint_ownership.py`), the areas are made the same way.
+handover region of at least twice that width around it. Two that share two waypoints have one along the whole leg. Such
+a zone is an area like any other: finder, check and map need no other rules, and an aircraft that is blown off its route
+leaves the zone as it should. If each waypoint belongs to one station and decides by being reached
+(`waypoint_ownership.py`), the areas are made in the same way.
 """
 
 from __future__ import annotations

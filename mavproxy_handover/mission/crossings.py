@@ -1,19 +1,19 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Where zones begin and end on the way of a mission, and how soon the aircraft is there.
+"""Finds where zones begin and end on the route, and how soon the aircraft reaches these borders.
 
-Where a station awaits the aircraft at a waypoint (`waypoint_ownership.py`), its zone begins there.
+If a station awaits the aircraft at a waypoint (`waypoint_ownership.py`), its zone begins there.
 
-The way is walked once, when the mission is loaded (`route_simulation.py`): that finds every border. In flight nothing
-is left but to measure how far it is to the end of the leg, so a look costs little, however many zones there are. On a
-circle or a spline the aircraft is followed from place to place, and in a climb or descent on the spot by its height.
+The route is simulated once, when the mission is loaded (`route_simulation.py`), which finds every border. In flight
+only the distance to the end of the leg is measured, so a check is cheap with any number of zones. On a circle or a
+spline the aircraft is tracked from place to place. In a climb or descent on the spot its height is used.
 
-Times of a copter have what speeding up, slowing down and corners cost (`pace.py`); those of wings are the walk's, at
-their airspeed. Both follow what is flown:
+Times of a copter include acceleration and corners (`pace.py`); those of wings are the simulation's, at their airspeed.
+Both follow the flight:
 
-* an aircraft that is slower than it should be there, as after a stop, has yet to speed up;
-* one that flies this leg at another steady speed, by an order or by wind, is taken to do so to the end of the leg;
-* a wait at a waypoint ends so long after the aircraft came there.
+* an aircraft that is slower than it should be there, for example after a stop, has yet to accelerate;
+* if it flies this leg at another steady speed, because of an order or wind, that speed counts to the end of the leg;
+* a wait at a waypoint ends its time after the aircraft came there.
 """
 
 from __future__ import annotations
@@ -34,22 +34,25 @@ from mavproxy_handover.mission.route_simulation import Sample, Walk
 
 __all__ = ["Seen", "WayAhead"]
 
-#: an aircraft on a curve is looked for on so much of the way ahead (m): what it flies in some seconds
+#: length (m) of the path in which an aircraft on a curve is searched: some seconds of flight
 _AHEAD_M: Final = 150.0
-#: so near (m) the aircraft is at a place where it climbs, descends or waits
+#: distance (m) within which the aircraft is at a place where it climbs, descends or waits
 _THERE_M: Final = 5.0
-#: so near (m) to its height a climb is done; horizontal metres below which a piece of the way is on the spot
+#: distance (m) from its height at which a climb is done; horizontal metres below which a part of the path is on the
+#: spot
 _CLIMBED_M, _ON_THE_SPOT_M = 0.7, 0.05
-#: a speed is steady if it was within this share for so many seconds
+#: a speed is steady if it stayed within this share for this time (s)
 _STEADY, _STEADY_S = 0.05, 2.0
-#: below this (m/s) the aircraft stands; times are stretched or shortened by this factor at most
+#: below this (m/s) the aircraft stands; the largest factor by which times are stretched or shortened
 _STANDS_MPS, _MOST_FACTOR = 1.0, 4.0
 
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """The aircraft at a moment (monotonic s): the item that it flies to, latitude and longitude (degrees), height above
-    home (m) and ground speed (m/s)."""
+    """The aircraft at a time (monotonic s).
+
+    Fields: the item that it flies to, latitude and longitude (degrees), height above home (m) and ground speed (m/s).
+    """
 
     waypoint: int
     lat_deg: float
@@ -61,7 +64,7 @@ class Seen:
 
 @dataclass(frozen=True, slots=True)
 class _Border:
-    """When the copter is there (s from take-off), and the stations whose zones hold what is after it."""
+    """Time of the copter at the border (s from take-off), and the stations whose zones hold what follows."""
 
     time_s: float
     holding: frozenset[int]
@@ -69,21 +72,21 @@ class _Border:
 
 @dataclass(frozen=True, slots=True)
 class _Spot:
-    """A climb, a descent or a wait on the spot: places of the walk, from the first to the last by number."""
+    """A climb, a descent or a wait on the spot: first and last number of its places."""
 
     first: int
     last: int
 
 
 class WayAhead:
-    """The way of one mission, with the borders on it.
+    """The path of one mission, with its borders.
 
     `winged`: it is flown by an aircraft with wings; `rests`: the items before which a copter comes to rest.
     """
 
     @classmethod
     def of(cls, walk: Walk, route: Route) -> WayAhead:
-        """The way of the route that was walked."""
+        """The path of a simulated route."""
         rests = frozenset(item.seq for item in route.items if item.command in (*LANDINGS, RETURN_TO_LAUNCH))
         return cls(walk, winged=route.kind.winged, rests=rests)
 
@@ -98,15 +101,15 @@ class WayAhead:
         else:
             pace = Pace(samples, rests)
             self._times, self._speeds = pace.times_s, pace.speeds_mps
-        #: the number of the last place on the way to each item
+        #: number of the last place on the path to each item
         self._ends = {sample.seq: number for number, sample in enumerate(samples)}
-        #: of the items that are flown to in a curve: all places on it
+        #: for each item that is flown to in a curve: all places on it
         self._curves = {
             seq: tuple(sample for sample in samples if sample.seq == seq)
             for seq in {sample.seq for sample in samples if sample.curved}
         }
         self._spots = _spots(samples)
-        #: the curve that the aircraft is on, and at which place of it
+        #: the current curve, and the place of the aircraft on it
         self._curve: int | None = None
         self._curve_at = 0
         self._borders = tuple(
@@ -114,14 +117,14 @@ class WayAhead:
             for number, (before, after) in enumerate(pairwise(samples), 1)
             if before.open != after.open
         )
-        #: the item that was flown to at the last look, and the last speeds on the way there (monotonic s, m/s)
+        #: the item at the last check, and the last speeds on the path to it (monotonic s, m/s)
         self._waypoint: int | None = None
         self._speeds_seen: deque[tuple[float, float]] = deque()
-        #: since when the aircraft waits on the spot (monotonic s)
+        #: time since which the aircraft waits on the spot (monotonic s)
         self._waits_since: float | None = None
 
     def borders(self, seen: Seen, within_s: float) -> tuple[BorderFact, ...]:
-        """The borders that are reached within so many seconds, the nearest first; none if the way has no such item."""
+        """The borders reached within `within_s`, the nearest first; none if the route has no such item."""
         end = self._ends.get(seen.waypoint)
         if end is None:
             return ()
@@ -154,7 +157,7 @@ class WayAhead:
     # ---- on the spot ------------------------------------------------------------------------------------------------
 
     def _is_at(self, spot: _Spot, seen: Seen) -> bool:
-        """Whether the aircraft climbs, descends or waits there, and is not done with it."""
+        """True while the aircraft climbs, descends or waits there."""
         last, first = self._samples[spot.last], self._samples[spot.first]
         if distance_m(seen.lat_deg, seen.lon_deg, last.lat_deg, last.lon_deg) > _THERE_M:
             return False
@@ -181,8 +184,10 @@ class WayAhead:
     # ---- between places ---------------------------------------------------------------------------------------------
 
     def _time_between(self, seen: Seen, end: int) -> tuple[float, float, float]:
-        """The time of the way at which the aircraft is; how much longer it takes to speed up (s), and how many times
-        longer because it flies this leg at another speed."""
+        """Time of the simulation at the aircraft's place, time to accelerate (s), and factor of the time on this leg.
+
+        The factor is not 1 if the aircraft flies this leg at another speed.
+        """
         here_m = self._along_m(seen, end)
         here_s, planned_mps = self._at(here_m)
         slower = self._slower(seen, here_m, planned_mps)
@@ -193,7 +198,7 @@ class WayAhead:
         return here_s, late_s, slower
 
     def _slower(self, seen: Seen, here_m: float, planned_mps: float) -> float:
-        """1 unless the aircraft has had another speed than the planned one for a while, and both are steady."""
+        """Factor of the speed: 1 unless planned and flown speed are both steady and differ for a while."""
         speeds = [speed for _at, speed in self._speeds_seen]
         least, most = min(speeds), max(speeds)
         if seen.now - self._speeds_seen[0][0] < _STEADY_S or min(least, planned_mps) < _STANDS_MPS:
@@ -215,8 +220,10 @@ class WayAhead:
         return max(0.0, self._alongs[end] - distance_m(seen.lat_deg, seen.lon_deg, place.lat_deg, place.lon_deg))
 
     def _on_curve_m(self, waypoint: int, here: tuple[float, float]) -> float:
-        """How far along the way the aircraft is on a curve: it flies on from where it was seen last, and passes the
-        same places again and again on a circle."""
+        """Distance along the path of an aircraft on a curve.
+
+        The search starts at its last place, because a circle passes the same places again and again.
+        """
         places = self._curves[waypoint]
         if self._curve != waypoint:
             self._curve, self._curve_at = waypoint, 0
@@ -231,7 +238,7 @@ class WayAhead:
         return places[self._curve_at].distance_along_m
 
     def _at(self, along_m: float) -> tuple[float, float]:
-        """When the way is so far along, and how fast; where it stands or climbs there: when it goes on."""
+        """Time and speed at this distance along the path; at a stop or a climb the time of going on."""
         at = max(0, bisect_right(self._alongs, along_m) - 1)
         if at + 1 >= len(self._alongs):
             return self._times[-1], self._speeds[-1]
@@ -243,7 +250,7 @@ class WayAhead:
 
 
 def _spots(samples: tuple[Sample, ...]) -> dict[int, list[_Spot]]:
-    """By item, where the way to it climbs, descends or waits on the spot."""
+    """By item, the climbs, descents and waits on the spot before it."""
     found: dict[int, list[_Spot]] = {}
     number = 0
     while number + 1 < len(samples):
@@ -261,7 +268,7 @@ def _stays(before: Sample, after: Sample, seq: int) -> bool:
 
 
 def _walked_speeds(samples: tuple[Sample, ...]) -> list[float]:
-    """The ground speed of the walk at each of its places: that of the way on, or where it ends, of the way there."""
+    """Ground speed of the simulation after each of its places; at the last place the speed before it."""
     speeds = [0.0] * len(samples)
     for number in range(len(samples) - 2, -1, -1):
         time_s = samples[number + 1].time_s - samples[number].time_s

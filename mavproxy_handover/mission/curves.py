@@ -7,7 +7,7 @@ Pure geometry in metres; `copter_path.py` says which item is flown as which curv
 Rules
 -----
 * A circle (NAV_LOITER_TURNS) is flown at the lowest of three speeds: that of the mission, the one that takes half of
-  WPNAV_ACCEL towards the middle, and CIRCLE_RATE. Counted are ArduCopter's own settings: 2.5 m/s^2 and 20 degrees/s.
+  WPNAV_ACCEL towards the middle, and CIRCLE_RATE. ArduCopter's defaults are assumed: 2.5 m/s^2 and 20 degrees/s.
 * A spline (NAV_SPLINE_WAYPOINT) is a cubic curve from its beginning to its end, with a velocity at each. Velocities
   that are together longer than four times the straight way are shortened to that. Half of WPNAV_ACCEL limits the speed
   where the curve bends.
@@ -26,7 +26,7 @@ __all__ = ["CIRCLE_RATE_DEG_S", "WITHIN_M", "Spline", "Vector", "circle_pieces",
 
 #: how far a straight piece may be from the curve that it stands for (m)
 WITHIN_M: Final = 0.5
-#: WPNAV_ACCEL and CIRCLE_RATE of ArduCopter, where nobody has set another value
+#: defaults of ArduCopter's WPNAV_ACCEL and CIRCLE_RATE
 _ACCELERATION_MPSS: Final = 2.5
 CIRCLE_RATE_DEG_S: Final = 20.0
 #: part of the acceleration that a curve may take
@@ -43,13 +43,13 @@ Vector = tuple[float, float, float]
 
 
 def circle_speed_mps(radius_m: float, speed_mps: float) -> float:
-    """How fast a circle is flown on a mission at that speed."""
+    """Speed on a circle of a mission at that speed."""
     across = math.sqrt(_ACROSS * _ACCELERATION_MPSS * radius_m)
     return min(speed_mps, across, math.radians(CIRCLE_RATE_DEG_S) * radius_m)
 
 
 def circle_pieces(radius_m: float) -> int:
-    """How many straight pieces stand for a circle of at least 1 m."""
+    """Number of straight pieces of a circle of at least 1 m."""
     return max(_FEWEST_ON_CIRCLE, math.ceil(math.pi / math.acos(1.0 - WITHIN_M / max(1.0, radius_m))))
 
 
@@ -62,7 +62,7 @@ class Spline:
     end_velocity: Vector
 
     def _terms(self) -> tuple[Vector, Vector, Vector]:
-        """The factors of the time, its square and its cube; the time is 0 at the beginning and 1 at the end."""
+        """Factors of the time, its square and its cube. The time is 0 to 1."""
         together = _length(self.velocity) + _length(self.end_velocity)
         scale = min(1.0, _STRETCH * _length(self.end) / together) if together > 0.0 else 1.0
         first = _times(self.velocity, scale)
@@ -73,14 +73,14 @@ class Spline:
 
     @property
     def pieces(self) -> int:
-        """How many straight pieces stand for it."""
+        """Number of its straight pieces."""
         _first, square, cube = self._terms()
         # the second derivative is a straight line: it is longest at one of the ends
         most = max(_length(_times(square, 2.0)), _length(_sum((square, 2.0), (cube, 6.0))))
         return max(_FEWEST_ON_SPLINE, math.ceil(math.sqrt(most / (8.0 * WITHIN_M))))
 
     def points(self, pieces: int, speed_mps: float) -> list[tuple[Vector, float]]:
-        """The end of each of so many straight pieces, and the speed (m/s) on it, on a mission at that speed."""
+        """End and speed (m/s) of each straight piece, on a mission at that speed."""
         terms = self._terms()
         return [
             (self._place(terms, n / pieces), self._speed_mps(terms, (n - 0.5) / pieces, speed_mps))

@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The energy budget of a mission: what its route costs leg by leg, and the way back from each place of it.
+"""The energy budget of a mission: energy of each leg, and of the return from each place of the route.
 
-A return may begin at every waypoint. It goes to the best of home, the rally points and the place where the route lands,
-of those inside the plan's geofence, by the way that RTL takes, and the best is the one with the largest margin. It is
-flown at the mission's cruise speed, whatever was set on the way: that is the autopilot's own (`autopilot/cruise.py`).
-What hovers comes down straight. A plane without rotors goes on from the place to the landing sequence that begins
-nearest to it, and along that to the ground (RTL_AUTOLAND 1); without a sequence it would circle, which nobody counts,
-and such a mission does not start.
+A return may begin at every waypoint. It flies as RTL does, to the best return site inside the plan's geofence, which is
+the one with the largest margin. Return sites are home, the rally points and the place where the route lands. The speed
+is the mission's cruise speed, whatever the route has set, because the autopilot uses its own (`autopilot/cruise.py`).
+An aircraft that hovers comes down straight. A plane without rotors goes on from the return site to the landing sequence
+that begins nearest to it, and along that to the ground (RTL_AUTOLAND 1). Without a sequence it would circle, which is
+not counted, and such a mission does not start.
 
-The route is flown whole: where it does not end on the ground, the return from its end to home is a part of it. Behind
-the item that drops the payload (`released_at`) everything is flown without it.
+The whole route counts: if it does not end on the ground, the return from its end to home is included. After the item
+that drops the payload (`released_at`) everything is flown without it.
 
 Sources: ModeRTL::init and AC_WPNav (`wp_and_spline_init`); ArduPlane's ModeRTL::navigate, AP_Mission
 (`get_landing_sequence_start`).
@@ -64,13 +64,13 @@ __all__ = [
     "with_ways_down",
 ]
 
-#: the margin along the route is looked at this often (m), and at no more places than this
+#: step (m) at which the margin along the route is checked, and most number of places
 _STEP_M, _MOST_STEPS = 25.0, 4000
 #: places nearer than this to each other are one
 _SAME_PLACE_M = 5.0
 
 
-#: the name of the place where a route lands
+#: name of the return site where a route lands
 LANDING = "landing"
 #: DO_GRIPPER's second parameter: let go
 _LET_GO = 0.0
@@ -78,10 +78,10 @@ _LET_GO = 0.0
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """A place to return to; `alt_m` above home is a floor for the return to it.
+    """A return site; `alt_m` above home is the least height of the return to it.
 
-    `down`: the way from there to the ground, where that is a landing sequence, which begins `down_from_m` above home:
-    a floor as well. None: straight down.
+    `down`: the landing sequence from there to the ground, which begins `down_from_m` above home: a least height as
+    well. None: straight down.
     """
 
     name: str
@@ -94,7 +94,7 @@ class Place:
 
 @dataclass(frozen=True, slots=True)
 class Return:
-    """The best return from a place on the route: where to, its need (Wh) without reserve, and the margin (Wh)."""
+    """The best return from a place on the route: return site, need (Wh) without reserve, and margin (Wh)."""
 
     place: str
     need_wh: float
@@ -103,8 +103,11 @@ class Return:
 
 @dataclass(frozen=True, slots=True)
 class ItemBudget:
-    """The way to an item of the route: length (m), how its longest piece is flown (None: straight up or down), need
-    (Wh), what is left at its end (Wh), and the best return from there (None: it has landed, or there is none)."""
+    """The path to an item of the route.
+
+    Fields: length (m), the kind of its longest piece (None: straight up or down), need (Wh), energy left at its end
+    (Wh), and the best return from there (None: it has landed, or there is none).
+    """
 
     seq: int
     length_m: float
@@ -116,8 +119,10 @@ class ItemBudget:
 
 @dataclass(frozen=True, slots=True)
 class Budget:
-    """What a route costs (Wh). `no_return_m`: so far along it no place of a return is in reach any more, with the
-    reserve; None: one always is."""
+    """Energy of a route (Wh).
+
+    `no_return_m`: distance along it from which no return site is in reach with the reserve; None: one always is.
+    """
 
     model: EnergyModel
     items: tuple[ItemBudget, ...]
@@ -126,12 +131,12 @@ class Budget:
 
     @property
     def budget_wh(self) -> float:
-        """The need with its factor, and the reserve."""
+        """The need times its factor, plus the reserve."""
         return self.model.budget_wh(self.need_wh)
 
 
 def places_of(route: Route, cruise_speed_mps: float | None = None) -> tuple[Place, ...]:
-    """Home, the rally points, and the place where the route lands if that is another one."""
+    """Return sites: home, the rally points, and the place where the route lands if that is another one."""
     home = Place("home", route.home.lat_deg, route.home.lon_deg, 0.0)
     places = [home]
     places += [Place(f"rally {n}", p.lat_deg, p.lon_deg, p.alt_m) for n, p in enumerate(route.rally, 1)]
@@ -142,13 +147,13 @@ def places_of(route: Route, cruise_speed_mps: float | None = None) -> tuple[Plac
 
 
 def places_inside(route: Route, cruise_speed_mps: float | None = None) -> tuple[Place, ...]:
-    """Those of them that the plan's geofence holds: no return goes to another one."""
+    """Return sites inside the plan's geofence: no return goes to another one."""
     fence = Fence(route.fence)
     return tuple(place for place in places_of(route, cruise_speed_mps) if fence.holds((place.lat_deg, place.lon_deg)))
 
 
 def with_ways_down(places: Iterable[Place], route: Route, cruise_speed_mps: float | None = None) -> tuple[Place, ...]:
-    """The same places, with the way down from each by the landing sequences of this route. Takes milliseconds."""
+    """The return sites with their paths down by the landing sequences of this route. Takes milliseconds."""
     sequences = landing_sequences(route) if route.kind is Kind.PLANE else ()
     if not sequences:
         return tuple(replace(place, down=None, down_from_m=0.0) for place in places)
@@ -172,7 +177,7 @@ def with_ways_down(places: Iterable[Place], route: Route, cruise_speed_mps: floa
 
 
 def _on_wings(leg: Leg) -> Piece:
-    """What has no rotors circles where it would go straight up or down."""
+    """The piece of an aircraft without rotors: it circles instead of going straight up or down."""
     piece = _piece(leg)
     return piece if leg.length_m > 0.0 else Piece(hold_s=leg.hold_s + leg.size_m / SINK_MPS)
 
@@ -185,7 +190,7 @@ def _landing(route: Route) -> tuple[float, float] | None:
 
 
 def _lands(route: Route, last: Leg) -> bool:
-    """Whether the way ends there on the ground."""
+    """True if the path ends there on the ground."""
     return last.end[2] <= 0.0 and route.items[last.seq - 1].command in (*LANDINGS, RETURN_TO_LAUNCH)
 
 
@@ -200,7 +205,7 @@ def released_at(route: Route) -> int | None:
 
 
 class PreparedWay:
-    """The way of a route, to be counted again and again."""
+    """The path of a route, prepared for repeated counting."""
 
     def __init__(self, route: Route, cruise_speed_mps: float | None) -> None:
         legs = legs_of(route, cruise_speed_mps)
@@ -213,7 +218,7 @@ class PreparedWay:
         self._return_mps = cruise_of(route, cruise_speed_mps)
 
     def pieces(self, return_alt_m: float) -> tuple[Piece, ...]:
-        """All of it, with the return to home at that height where it does not end on the ground."""
+        """All pieces, with the return to home at that height if the route does not end on the ground."""
         if self._end is None:
             return self._pieces
         back = way_back(self._end, self._home, return_alt_m, self._return_mps, wings=self._wings)
@@ -221,7 +226,7 @@ class PreparedWay:
 
 
 def pieces_of(route: Route, cruise_speed_mps: float | None, return_alt_m: float) -> tuple[Piece, ...]:
-    """The whole way of a route, with the return to home where it does not end on the ground."""
+    """The whole path of a route, with the return to home if it does not end on the ground."""
     return PreparedWay(route, cruise_speed_mps).pieces(return_alt_m)
 
 
@@ -232,8 +237,10 @@ def pieces_along(
     return_mps: float | None,
     released: int | None = None,
 ) -> tuple[Piece, ...]:
-    """A way that begins in the air: its legs and, where it does not end on the ground, the return from there to the
-    place that costs least. `return_mps`: see `way_back`, `released`: see `released_at`."""
+    """A path that begins in the air, with the cheapest return if it does not end on the ground.
+
+    `return_mps`: see `way_back`, `released`: see `released_at`.
+    """
     pieces = _pieces(legs, released)
     if not legs or legs[-1].end[2] <= 0.0:
         return pieces
@@ -243,7 +250,7 @@ def pieces_along(
 
 
 def _pieces(legs: Iterable[Leg], released: int | None) -> tuple[Piece, ...]:
-    """Of legs whose payload is dropped by that item."""
+    """Pieces of legs whose payload is dropped by that item."""
     return tuple(_piece(leg)._replace(unloaded=released is not None and leg.seq > released) for leg in legs)
 
 
@@ -254,7 +261,7 @@ def _loaded_as(way: Iterable[Piece], *, unloaded: bool) -> tuple[Piece, ...]:
 def _piece(leg: Leg) -> Piece:
     length = leg.length_m
     rise = leg.end[2] - leg.start[2]
-    # straight down the last metres are a landing
+    # the last metres straight down are a landing
     landing = max(0.0, min(leg.start[2], LANDING_BELOW_M) - max(leg.end[2], 0.0)) if length == 0.0 else 0.0
     return Piece(
         length_m=leg.times * length,
@@ -276,10 +283,10 @@ def way_back(
     wings: bool = False,
     beyond_m: float = 0.0,
 ) -> tuple[Piece, ...]:
-    """The way of a return, as RTL flies it, from here (degrees, degrees, metres above home) to a place.
+    """The path of a return, as RTL flies it, from here (degrees, degrees, metres above home) to a return site.
 
-    `return_mps`: how fast RTL flies, of wings the airspeed; None: at the cruise speed of the model. `beyond_m`: so much
-    farther than that it may be.
+    `return_mps`: speed of RTL, of wings the airspeed; None: the cruise speed of the model. `beyond_m`: distance by
+    which it may be farther.
     """
     there = (place.lat_deg, place.lon_deg)
     distance = distance_m(*here[:2], *there)
@@ -308,7 +315,7 @@ class _Route:
         self.needs = [model.piece_wh(piece) for piece in pieces]
         #: the aircraft of each leg, with its payload or without
         self.models = [model.unloaded if piece.unloaded else model for piece in pieces]
-        #: used and gone, up and down included, before each leg and after the last
+        #: energy used and distance flown, up and down included, before each leg and after the last
         self.used_wh = list(accumulate(self.needs, initial=0.0))
         self.gone_m = list(accumulate((leg.times * leg.size_m for leg in self.legs), initial=0.0))
 
@@ -321,7 +328,7 @@ class _Route:
         return max(found, key=lambda way: way.margin_wh, default=None)
 
     def margin_wh(self, gone_m: float) -> float:
-        """Of the best return from there; -infinite: there is none."""
+        """Margin of the best return from there; -infinite: there is none."""
         number = min(bisect_right(self.gone_m, gone_m), len(self.legs)) - 1
         leg, size = self.legs[number], self.legs[number].times * self.legs[number].size_m
         part = min(1.0, (gone_m - self.gone_m[number]) / size) if size > 0.0 else 1.0
@@ -330,7 +337,7 @@ class _Route:
         return -inf if back is None else back.margin_wh
 
     def no_return_m(self) -> float | None:
-        """Where the last way back ends, in metres along the route as people count them: horizontally."""
+        """Distance along the route (horizontal m) from which no return is possible."""
         step = max(_STEP_M, self.gone_m[-1] / _MOST_STEPS)
         looked_at = {*self.gone_m, *(n * step for n in range(int(self.gone_m[-1] / step) + 1))}
         gone = point_of_no_return(self.margin_wh, sorted(looked_at))
@@ -343,7 +350,7 @@ class _Route:
         return along
 
     def items(self) -> Iterator[ItemBudget]:
-        """One for each item that is flown to, in their order."""
+        """The budget of each item that is flown to, in their order."""
         number = 0
         while number < len(self.legs):
             seq, first = self.legs[number].seq, number

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The one error of this package, and the checks on values that raise it.
+"""The error of this package, and checks of values that raise it.
 
-A mission package is configuration: what is wrong with it is said before flight, in one line that names the file,
-the place in it, what is wrong and what is allowed. `Where` carries file and place down into a file as it is read.
+A mission package is configuration: a fault is reported before flight, in one line. The line names the file, the place
+in it, what is wrong and what is allowed. `Where` carries file and place while a file is read.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ class Where:
         return table[key]
 
     def known_keys(self, table: Mapping[str, object], allowed: Iterable[str]) -> None:
-        """Refuse keys that nobody reads: a misspelt limit must not pass for a limit."""
+        """Refuse unknown keys: a misspelt limit must not pass for a limit."""
         words = tuple(allowed)
         for key in table:
             if key not in words:
@@ -110,7 +110,7 @@ def parse_json(text: str, where: Where) -> object:
     except MissionError:
         raise
     except (ValueError, RecursionError):
-        # a number of thousands of digits, or brackets nested thousands deep: nobody's mission
+        # a number of thousands of digits, or brackets nested thousands deep: no real mission has these
         raise where.error("not JSON that a mission can hold (a number or a nesting out of all bounds)") from None
 
 

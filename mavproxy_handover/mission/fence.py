@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The geofence of a plan, judged as ArduPilot judges it: inside every inclusion, outside every exclusion.
+"""The geofence of a plan, judged as ArduPilot does: inside every inclusion, outside every exclusion.
 
-`outside_fence` judges one place; `Fence` is prepared to be asked again and again, for places and for straight ways.
+`outside_fence` judges one place. `Fence` is prepared for repeated checks of places and straight paths.
 """
 
 from __future__ import annotations
@@ -36,15 +36,15 @@ class _Shape(Protocol):
     """One part of a fence."""
 
     def holds(self, place: Place) -> bool:
-        """Whether a place is inside of it."""
+        """True if a place is inside."""
         ...
 
     def holds_way(self, start: Place, end: Place) -> bool:
-        """Whether the straight way is, all of it."""
+        """True if all of the straight path is inside."""
         ...
 
     def meets_way(self, start: Place, end: Place) -> bool:
-        """Whether any of it is."""
+        """True if a part of it is inside."""
         ...
 
 
@@ -102,11 +102,11 @@ class Fence:
             (self._inclusions if part.inclusion else self._exclusions).append(_shape(part))
 
     def holds(self, place: Place) -> bool:
-        """Whether a place keeps to it."""
+        """True if a place does not break the fence."""
         held = all(shape.holds(place) for shape in self._inclusions)
         return held and not any(shape.holds(place) for shape in self._exclusions)
 
     def holds_way(self, start: Place, end: Place) -> bool:
-        """Whether the straight way does, from one place to another one."""
+        """True if the straight path from one place to another does not break the fence."""
         held = all(shape.holds_way(start, end) for shape in self._inclusions)
         return held and not any(shape.meets_way(start, end) for shape in self._exclusions)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Areas of a mission on a plane, in metres around home, for whoever draws them."""
+"""Areas of a mission on a plane, in metres around home, for drawings."""
 
 from __future__ import annotations
 
@@ -27,8 +27,10 @@ def parts(plane: LocalPlane, area: Polygon | MultiPolygon) -> list[Polygon]:
 
 
 def quiet_place(area: BaseGeometry, busy: Iterable[BaseGeometry]) -> tuple[float, float]:
-    """A place for the name of an area: the middle of the largest circle in it that is free of what is `busy`. What
-    leaves no room at all is passed over."""
+    """A place for the name of an area: middle of the largest circle in it that is free of `busy`.
+
+    Parts of `busy` that leave no room at all are ignored.
+    """
     room = area
     for other in busy:
         rest = room.difference(other)

@@ -1,14 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Gaps in coverage that a mission means to cross: `[[gap]]` of mission.toml, and where they are on the route.
+"""Declared gaps in coverage: `[[gap]]` of mission.toml, and their places on the route.
 
-A gap is declared from the station whose zone ends to the station whose zone begins, or to the item that is flown to
-where it ends (a landing outside every zone, one of several gaps between the same two stations). The walk along the
-route finds what is really there; both are brought together here, and each declared gap becomes a stretch of the way:
-lines that tell from item and place of the aircraft how far it has come.
+A gap is declared from the station whose zone ends to the station whose zone begins, or to the item at which it ends. An
+item is needed for a landing outside every zone, or for one of several gaps between the same stations. The simulation of
+the route finds the real gaps; both are matched here. Each declared gap becomes a stretch of the path, whose lines tell
+from item and place of the aircraft how far it has come.
 
-How long one takes is counted against the wind that the energy is counted with, each corner in it as a stop; wings do
-not stop.
+The time of a gap counts against the wind of the energy budget, with a stop at each corner; wings do not stop.
 """
 
 from __future__ import annotations
@@ -30,12 +29,12 @@ from mavproxy_handover.mission.route_simulation import Gap, Leg, Sample, Walk
 
 __all__ = ["LONGEST_S", "DeclaredGap", "Stretch", "read_gaps", "stretches", "undeclared"]
 
-#: more is no gap that anybody should cross alone (s); the guard allows as much
+#: longest time (s) that an aircraft may fly without a commander; the guard allows as much
 LONGEST_S: Final = 600.0
 _KEYS: Final = ("from", "to", "limit_s", "note")
-#: whoever is farther beside the way is not on it (m)
+#: an aircraft farther from the path than this (m) is not on it
 _CORRIDOR_M: Final = 50.0
-#: so much of the way before a gap and behind it belongs to its lines (m)
+#: length (m) of the path before and after a gap that belongs to its lines
 _AROUND_M: Final = 1000.0
 
 
@@ -46,7 +45,7 @@ class DeclaredGap:
     from_station: int
     to_station: int | None
     to_item: int | None
-    #: so long it may take, from the end of one coverage to the beginning of the next (s)
+    #: time (s) that it may take, from the end of one coverage to the beginning of the next
     limit_s: float
     note: str
     words: str
@@ -54,7 +53,7 @@ class DeclaredGap:
 
 @dataclass(frozen=True, slots=True)
 class _Way:
-    """A leg on the way through a gap: where it begins, counted along the route from the beginning of the gap (m)."""
+    """A leg of the path through a gap. Its beginning is counted along the route from the beginning of the gap (m)."""
 
     seq: int
     begins_m: float
@@ -63,18 +62,20 @@ class _Way:
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """A declared gap where it is on the route. `time_s`: what it takes against the wind; infinite: it cannot be."""
+    """A declared gap on the route. `time_s`: its time against the wind; infinite: it cannot be flown."""
 
     declared: DeclaredGap
     found: Gap
     time_s: float
-    #: ground speed that the autopilot is told there (m/s)
+    #: ground speed that the route sets there (m/s)
     speed_mps: float
     _ways: tuple[_Way, ...]
 
     def along_m(self, waypoint: int, lat_deg: float, lon_deg: float) -> float | None:
-        """How far an aircraft at this place, that flies to this item, has come into the gap: below 0 before it, more
-        than `found.length_m` behind it. None: it is not on this way."""
+        """Distance into the gap of an aircraft at this place that flies to this item.
+
+        It is below 0 before the gap, and more than `found.length_m` after it. None: the aircraft is not on this path.
+        """
         best_m, along_m = _CORRIDOR_M, None
         for way in self._ways:
             if way.seq == waypoint:
@@ -123,17 +124,17 @@ def _item(inside: Where, value: object, route: Route) -> int:
 
 @dataclass(frozen=True, slots=True)
 class _Found:
-    """A gap of the walk, and who has coverage before and behind it."""
+    """A gap of the simulation, and the stations with coverage before and after it."""
 
     gap: Gap
     before: frozenset[int]
     after: frozenset[int]
-    #: item that is flown to where it ends
+    #: item of the leg on which it ends
     seq: int
 
 
 def _found(walk: Walk) -> Iterator[_Found]:
-    """The gaps of the walk, in order: each is a row of samples that no zone holds."""
+    """The gaps of the simulation, in order: each is a row of samples that no zone holds."""
     gaps = iter(walk.gaps)
     before = frozenset[int]()
     ahead: tuple[Sample | None, ...] = (*walk.samples[1:], None)
@@ -166,16 +167,19 @@ def stretches(
     *,
     stops: bool = True,
 ) -> tuple[Stretch, ...]:
-    """The declared gaps on the route of these legs, in the order in which they are flown. A gap between two stations
-    that the route has twice is there twice. `stops`: the aircraft does at each corner."""
+    """The declared gaps on the route of these legs, in the order of flight.
+
+    A gap between two stations that occurs twice on the route is listed twice. `stops`: the aircraft stops at each
+    corner.
+    """
     if not gaps:
         return ()
-    # only how fast it gets against the wind is asked for
+    # only its speed against the wind is needed
     model = settings.over(EnergySettings(battery_wh=1.0, hover_w=10.0)).model(wind)
     assert model is not None
     made, legs = [], round_by_round(legs)
     for found in _found(walk):
-        # one that names the item is meant for this gap; one that names a station for all of them
+        # a declaration with an item is for this gap only; one with a station is for all gaps to it
         fitting = sorted((each for each in gaps if _fits(each, found)), key=lambda each: each.to_item is None)
         if fitting:
             made.append(_stretch(fitting[0], found.gap, legs, model, stops=stops))
@@ -202,7 +206,10 @@ def _has_part(leg: Leg, along: float, begins: float, ends: float) -> bool:
 
 
 def _time_s(leg: Leg, along: float, gap: tuple[float, float], model: EnergyModel, *, stops: bool) -> float:
-    """What the part of a leg within the gap takes against the wind, with a stop at its end where that is within."""
+    """Time of the part of a leg within the gap, against the wind.
+
+    A stop at the end of the leg is included, if that is within the gap.
+    """
     begins, ends = gap
     length = leg.length_m
     stays = along + length < ends

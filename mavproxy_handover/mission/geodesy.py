@@ -3,11 +3,11 @@
 """Distances and directions on the WGS84 ellipsoid, good for anything a drone flies.
 
 One idea serves all: around a latitude, the ellipsoid is a plane whose east and north scales are its two radii of
-curvature (M along the meridian, N across it). Taken at the latitude halfway between two points, these scales give a
-distance whose error at 50 km is below 0.01 % up to 80 degrees of latitude, thirty times better than a sphere does;
-`tests/mission/test_mission_geodesy.py` holds it to that against Karney's algorithm. Taken at one latitude, as
-`LocalPlane` does, they keep lines that are straight in longitude and latitude straight, which is how GeoJSON,
-ArduPilot and QGroundControl understand the edges of a polygon.
+curvature (M along the meridian, N across it). At the latitude halfway between two points, these scales give a distance.
+Its error is below 0.01 % at 50 km, up to 80 degrees of latitude. That is thirty times better than a sphere.
+`tests/mission/test_mission_geodesy.py` compares it to Karney's algorithm. At one latitude, as in `LocalPlane`, these
+scales keep lines straight that are straight in longitude and latitude. GeoJSON, ArduPilot and QGroundControl understand
+the edges of a polygon in this way.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def wrap_longitude_deg(lon_deg: float) -> float:
 
 
 def beside_deg(lon_deg: float, middle_deg: float) -> float:
-    """The same longitude, counted so that it is within half a turn of `middle_deg`: beyond 180 where it has to be."""
+    """The same longitude within half a turn of `middle_deg`, beyond 180 if needed."""
     away = lon_deg - middle_deg
     return lon_deg if abs(away) <= 180.0 else lon_deg - 360.0 * round(away / 360.0)
 

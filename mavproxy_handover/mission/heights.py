@@ -56,7 +56,7 @@ HOME_WITHIN_M: Final = CLEAR_M
 LOW_M: Final = 5.0
 #: a way that climbs is compared to the ground in pieces of this length (m)
 _GROUND_STEP_M: Final = 25.0
-#: so many numbers of items are listed
+#: most item numbers in a list
 _MOST_LISTED: Final = 8
 #: where ArduCopter takes no height from the item
 _HEIGHT_UNUSED: Final = frozenset((LAND, PAYLOAD_PLACE))
@@ -89,7 +89,7 @@ def above_ground_m(relief: Relief, leg: Leg) -> float:
 
 
 def into_ground(route: Route, legs: Sequence[Leg], relief: Relief | None) -> str:
-    """Why the way of a route leads into the ground, in words; "" if it does not, or the ground is not known."""
+    """Text about a path into the ground; "" if there is none, or the ground is unknown."""
     for leg in legs:
         item = route.items[leg.seq - 1]
         # a return climbs first, and is judged by itself
@@ -149,7 +149,7 @@ class Low:
 
     @property
     def below(self) -> bool:
-        """It is at home's height, or below."""
+        """True if it is at home's height or below."""
         return self.lowest_m <= 0.0
 
     @property
@@ -166,7 +166,7 @@ class Low:
 
 
 def low_ways(route: Route, legs: Iterable[Leg]) -> tuple[Low, ...]:
-    """The ways at home's height or below, and those that are low, where the mission has no heights of the ground."""
+    """The legs at home's height or below, and low ones, if the mission has no heights of the ground."""
     lands = {item.seq for way in ways_from_land_starts(route.items) for item in way}
     free = frozenset((*TAKEOFFS, *LANDINGS, RETURN_TO_LAUNCH, *(() if route.kind.winged else (PAYLOAD_PLACE,))))
     lowest: dict[int, float] = {}

@@ -2,12 +2,12 @@
 
 """Mission items and rally points as they go to the autopilot, and what the autopilot keeps of them.
 
-`COMMANDS` is the list of what a mission package may tell the aircraft to do, each entry with the parameters that
-ArduPilot stores and the kinds of aircraft that fly it. The list is shorter than the autopilot's own: commands that move
-the place to return to (DO_SET_HOME), switch the fence off, jump back along the route or hand the aircraft to another
-controller would make the check before flight worthless. DO_JUMP is in no package; in a mission that a station uploads
-on the ground it is walked (`jumps.py`). ArduCopter and ArduPlane share one mission storage, so each
-stores much that it then passes over in flight; what an aircraft would pass over is not for it.
+`COMMANDS` lists the allowed commands of a mission package. Each entry has the parameters that ArduPilot stores and the
+kinds of aircraft that fly it. The list is shorter than the autopilot's own: commands that move home (DO_SET_HOME),
+switch the fence off, jump back along the route or hand the aircraft to another controller would make the check before
+flight worthless. DO_JUMP is in no package; in a mission that a station uploads on the ground it is walked (`jumps.py`).
+ArduCopter and ArduPlane share one mission storage, so each stores much that it then passes over in flight; what an
+aircraft would pass over is not for it.
 
 ArduPilot does not store an item as it got it (AP_Mission, `mavlink_int_to_mission_cmd`): whole numbers are cut off,
 signs kept without their value, unused parameters forgotten, altitudes held in centimetres. `difference` knows that, so
@@ -104,12 +104,12 @@ _PASSED_OVER = "ArduPlane passes over it"
 class Command:
     """One MAV_CMD of a mission.
 
-    `kept` has a letter for each of the parameters 1 to 4, saying what ArduPilot stores of it: `f` the value, `i` its
-    whole part, `s` its sign, `b` whether it is above zero, `-` nothing; `y` its whole part up to 255, `t` the same but
-    below 1 in parts of 256, `r` a radius up to 255 in metres, beyond in tens of them up to 2550. `kept_by_plane`: where
-    ArduPlane stores something else. `flown` marks the commands that move the aircraft or make it wait; the rest are
-    done on the way. `located` commands carry a place. `kinds` of aircraft fly it, and the others do not because of
-    `why`.
+    `kept` has a letter for each of the parameters 1 to 4, for what ArduPilot stores of it. `f`: the value; `i`: its
+    whole part; `s`: its sign; `b`: 1 if it is above zero; `-`: nothing; `y`: its whole part up to 255; `t`: its whole
+    part up to 255, below 1 in parts of 256; `r`: a radius in metres up to 255, beyond that in tens of metres up to
+    2550. `kept_by_plane`: where ArduPlane stores something else. `flown` marks the commands that move the aircraft or
+    make it wait; the rest are done on the way. `located` commands carry a place. `kinds` of aircraft fly it, and the
+    others do not because of `why`.
     """
 
     name: str
@@ -142,7 +142,7 @@ COMMANDS: Mapping[int, Command] = {
         "NAV_DELAY", False, True, "fiii", _COPTER, "ArduPlane does not wait in flight: take NAV_LOITER_TIME"
     ),
     PAYLOAD_PLACE: Command(
-        "NAV_PAYLOAD_PLACE", True, True, "f---", _COPTER, "ArduPlane lands there, and need not go on behind it"
+        "NAV_PAYLOAD_PLACE", True, True, "f---", _COPTER, "ArduPlane lands there, and need not go on after it"
     ),
     112: Command("CONDITION_DELAY", False, False, "f---"),
     114: Command("CONDITION_DISTANCE", False, False, "f---"),
@@ -199,7 +199,7 @@ class MissionItem:
 
 @dataclass(frozen=True, slots=True)
 class RallyPoint:
-    """A place to return to other than home; `alt_m` above home. ArduPilot stores the altitude in whole metres."""
+    """A return site other than home; `alt_m` above home. ArduPilot stores the altitude in whole metres."""
 
     lat_deg: float
     lon_deg: float
@@ -244,11 +244,10 @@ def stored_turns(turns: float) -> float:
 
 
 def difference(sent: MissionItem, got: MissionItem, kind: Kind = Kind.COPTER) -> str | None:
-    """How an item read back from an aircraft of that kind differs from the one sent, as words for a log line; None: it
-    does not.
+    """Text about how an item read back from an aircraft differs from the sent one; None if it does not.
 
-    Rounding and what the autopilot does not store are no difference. Item 0 is home, which the autopilot sets itself:
-    comparing it is meaningless.
+    Rounding and values that the autopilot does not store are no difference. Item 0 is home, which the autopilot sets
+    itself, so comparing it is meaningless.
     """
     if got.command != sent.command:
         return f"item {sent.seq}: command {sent.command} came back as {got.command}"

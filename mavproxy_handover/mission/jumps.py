@@ -30,8 +30,10 @@ def jumps(items: Sequence[MissionItem]) -> bool:
 
 
 def as_flown(items: Sequence[MissionItem], first: int = 0) -> tuple[MissionItem, ...]:
-    """The items (item number n at place n - 1) in the order in which they are flown, from number `first` on; no more
-    than `MOST_FLOWN` and one. Where it begins in the middle, no jump after that counts as made."""
+    """The items in the order of flight, from number `first` on (item number n at index n - 1).
+
+    At most `MOST_FLOWN` and one. If it begins in the middle, no later jump counts as made.
+    """
     if not jumps(items):
         return tuple(item for item in items if item.seq >= first)
     made: Counter[int] = Counter()

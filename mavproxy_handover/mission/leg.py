@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""`Leg`: a straight piece of the path that an aircraft flies, and what the paths of all kinds of aircraft share."""
+"""`Leg`: a straight piece of the flown path, and functions that the paths of all kinds of aircraft share."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ __all__ = [
 
 #: WPNAV_SPEED of ArduCopter, for routes that name no speed
 DEFAULT_CRUISE_MPS: Final = 10.0
-#: circles are unrolled into so many pieces at the most; further rounds become time at their end
+#: most pieces of unrolled circles; further rounds become time at their end
 _MOST_PIECES: Final = 20_000
 
 #: latitude, longitude (degrees), metres above home
@@ -75,7 +75,7 @@ class Leg:
 
 
 def round_by_round(legs: Sequence[Leg]) -> tuple[Leg, ...]:
-    """The same path with each round of a circle as legs of its own, in the order in which they are flown."""
+    """The path with each round of a circle as its own legs, in the order of flight."""
     if all(leg.times == 1 for leg in legs):
         return tuple(legs)
     found: list[Leg] = []
@@ -91,14 +91,14 @@ def round_by_round(legs: Sequence[Leg]) -> tuple[Leg, ...]:
 
 
 def duration_s(start: Place, end: Place, speed_mps: float) -> float:
-    """The time of a straight way, at the least: by its length or by its change of height."""
+    """Least time of a straight path, by its length or by its change of height."""
     climb = end[2] - start[2]
     vertical = climb / CLIMB_MPS if climb > 0.0 else -climb / DESCENT_MPS
     return max(distance_m(*start[:2], *end[:2]) / speed_mps, vertical)
 
 
 def rise_m(route: Route, lat_deg: float, lon_deg: float) -> float:
-    """How much higher the ground is there than at home; 0 where the mission has no height of it."""
+    """Height of the ground there above that at home; 0 if the mission does not have it."""
     rise = None if route.ground is None else route.ground.rise_m(lat_deg, lon_deg)
     return 0.0 if rise is None else rise
 

@@ -1,19 +1,19 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""When a copter is where on its way: with speeding up, slowing down, and corners.
+"""Times of a copter along its path, with acceleration, braking and corners.
 
-A walk (`route_simulation.py`) has the least time there is: each leg at its full speed. A copter starts from rest,
+A simulation (`route_simulation.py`) has the least possible time: each leg at its full speed. A copter starts from rest,
 climbs before it goes, rounds corners slowly and stops where it waits. Each costs two to four seconds. So the speed is
-limited here at each place of the walk, and from place to place by how fast a copter speeds up and slows down:
+limited here at each place of the path, and from place to place by the copter's acceleration:
 
-* at rest: the start, the end, where the walk waits, where a return or a landing begins, and between a climb or descent
-  on the spot and the way on;
-* at a corner: the speed at which an arc fits that cuts the corner by `_CORNER_CUT_M`;
-* else the speed of the leg.
+* 0 at the start, the end, at waits, and at the beginning of a return or a landing; also between a climb or descent on
+  the spot and the next leg;
+* at a corner: the speed of an arc that cuts the corner by `_CORNER_CUT_M`;
+* otherwise the speed of the leg.
 
 The numbers are ArduCopter's defaults (WPNAV_ACCEL 250, WPNAV_ACCEL_Z 100, WPNAV_ACCEL_C 0, which is twice the first,
-WPNAV_RADIUS 200). Its tracks limit jerk as well, which makes speeding up slower by `_SPEED_UP`. Held against flights of
-the embedded vehicle and of ArduCopter (`tests/sitl/test_countdowns.py`).
+WPNAV_RADIUS 200). Its tracks limit jerk as well, which makes acceleration slower by `_SPEED_UP`. The results were
+compared to flights of the embedded vehicle and of ArduCopter (`tests/sitl/test_countdowns.py`).
 """
 
 from __future__ import annotations
@@ -31,15 +31,17 @@ __all__ = ["Pace", "speed_up_mps2"]
 _ACCEL_MPS2, _CLIMB_ACCEL_MPS2, _CORNER_ACCEL_MPS2 = 2.5, 1.0, 5.0
 _SPEED_UP: Final = 0.65
 _CORNER_CUT_M: Final = 1.0
-#: a turn below this is none, one above it is flown as a stop
+#: a turn below the first angle does not count, one above the second is a stop
 _STRAIGHT, _BACK = math.radians(1.0), math.radians(175.0)
 #: horizontal metres below which a piece leads up or down on the spot
 _ON_THE_SPOT_M: Final = 0.05
 
 
 class _Piece:
-    """Between two places of a walk: its length in three dimensions, the time that the walk has for it, its direction,
-    and by how much a copter slows down on it."""
+    """The piece between two places of a simulation.
+
+    Its length in three dimensions, its time in the simulation, its direction, and the copter's braking on it.
+    """
 
     __slots__ = ("accel", "curved", "east", "full_mps", "length_m", "north", "spot", "time_s", "up", "waits")
 
@@ -50,7 +52,7 @@ class _Piece:
         self.time_s = after.time_s - before.time_s
         self.curved = after.curved
         self.spot = after.distance_along_m - before.distance_along_m < _ON_THE_SPOT_M
-        #: the walk waits here
+        #: True if the simulation waits here
         self.waits = length < 1e-6
         self.east, self.north, self.up = (
             (0.0, 0.0, 0.0) if self.waits else (east / length, north / length, rise / length)
@@ -62,7 +64,7 @@ class _Piece:
 
 
 class Pace:
-    """Of one walk. `times_s` and `speeds_mps`: at each of its places; a speed is the one that the copter has there.
+    """Times and speeds of one simulation, at each of its places: `times_s`, and `speeds_mps` of the copter there.
 
     `rests`: the items before which it comes to rest, as a return and a landing are.
     """
@@ -88,12 +90,12 @@ class Pace:
 
 
 def speed_up_mps2() -> float:
-    """By how much a copter speeds up on a level way."""
+    """Acceleration of a copter on a level path."""
     return _SPEED_UP * _ACCEL_MPS2
 
 
 def _most(before: _Piece, after: _Piece) -> float:
-    """The most speed between two pieces."""
+    """Highest speed between two pieces."""
     if before.waits or after.waits or before.spot is not after.spot:
         return 0.0
     full = min(before.full_mps, after.full_mps)
@@ -110,7 +112,7 @@ def _most(before: _Piece, after: _Piece) -> float:
 
 
 def _time_s(piece: _Piece, from_mps: float, to_mps: float) -> float:
-    """How long a piece takes: speeding up, full speed, slowing down."""
+    """Time of a piece: acceleration, full speed, braking."""
     if piece.waits or piece.full_mps <= 0.0:
         return piece.time_s
     faster, slower = 2.0 * _SPEED_UP * piece.accel, 2.0 * piece.accel

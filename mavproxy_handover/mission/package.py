@@ -122,8 +122,10 @@ _KEYS = (
 
 @dataclass(frozen=True, slots=True)
 class StationEntry:
-    """A station of the mission; `sysid` is its MAVLink system id, `waypoints` the items that it covers (detector
-    "waypoints") or that belong to it ("reached")."""
+    """A station of the mission. `sysid`: its MAVLink system id.
+
+    `waypoints`: the items that it covers (detector "waypoints") or that belong to it ("reached").
+    """
 
     name: str
     sysid: int
@@ -132,11 +134,11 @@ class StationEntry:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MissionPackage:
-    """A mission that was read and found sound. Equal to another when the digests are."""
+    """A valid mission. It equals another one if the digests are equal."""
 
     name: str
     description: str
-    #: of aircraft, that flies it
+    #: kind of aircraft that flies it
     kind: Kind
     #: in the order of mission.toml; the first is the parent, which starts the flight
     stations: tuple[StationEntry, ...]
@@ -144,13 +146,13 @@ class MissionPackage:
     detector: str
     #: one zone a station, in the order of `stations`
     zones: tuple[Zone, ...]
-    #: with detector "reached": whose each waypoint is
+    #: with detector "reached": the station of each waypoint
     belonging: Belonging | None
     route: Route
     expected_handovers: int
-    #: what the mission, or else its plan, says, or as the autopilot comes where neither does; of wings, the airspeed
+    #: the speed of the mission, else of its plan, else the autopilot's default; of wings, the airspeed
     cruise_speed_mps: float
-    #: one of them does
+    #: True if the mission or its plan names the speed
     cruise_speed_named: bool
     #: item of the route where the delivery happens, if one is named
     delivery_waypoint: int | None
@@ -189,24 +191,26 @@ class MissionPackage:
         return relief_of(self.terrain, self.route.home, home)
 
     def air(self, wind: Wind | None = None) -> Air:
-        """What wings fly in; `wind` None: not known, and as much as [energy] has for that comes from anywhere."""
-        # only what blows where nobody knows is asked for
+        """Air for wings. `wind` None: unknown, and the wind of [energy] may come from any direction."""
+        # only the assumed unknown wind is needed
         model = self.energy.over(EnergySettings(battery_wh=1.0, hover_w=10.0)).model()
         assert model is not None
         return Air(self.cruise_speed_mps, wind, model.headwind_mps)
 
     def path(self, wind: Wind | None = None) -> FlownPath | None:
-        """The path that wings fly in that wind, see `air`; None: the aircraft has none."""
+        """Path of wings in that wind, see `air`; None: the aircraft has none."""
         return path_of(self.route, self.air(wind)) if self.kind.winged else None
 
     def legs(self, wind: Wind | None = None) -> tuple[Leg, ...]:
-        """What is flown, as straight pieces: the lines of the route, or the path of wings."""
+        """The flown path as straight pieces: the lines of the route, or the path of wings."""
         path = self.path(wind)
         return legs_of(self.route, self.cruise_speed_mps) if path is None else path.legs
 
     def walk(self, wind: Wind | None = None) -> Walk:
-        """What is flown, walked through the zones: commanders in order, handovers, gaps. `wind`: see `air`; copters are
-        walked without it."""
+        """Simulate the flight through the zones: commanders in order, handovers, gaps.
+
+        `wind`: see `air`; copters are simulated without it.
+        """
         if self.kind.winged:
             finder = self.zone_finder()
             return walk_legs(self.legs(wind), finder, self.parent.sysid, belonging=self.belonging)
@@ -219,19 +223,19 @@ class MissionPackage:
         )
 
     def stretches(self, walk: Walk, wind: Wind | None = None) -> tuple[Stretch, ...]:
-        """Where the declared gaps are on the route, which was walked; `wind` None: what [energy] has for one that is
-        not known."""
+        """The declared gaps on the simulated route. `wind` None: that of [energy] for an unknown wind."""
         stops = not self.kind.winged
         return stretches(self.gaps, self.legs(wind), walk, self.energy, wind, stops=stops)
 
     def with_mission(
         self, items: tuple[MissionItem, ...], fence: tuple[FencePart, ...], cruise_mps: float
     ) -> MissionPackage:
-        """The zones, stations and policies of this package with another mission and geofence: those that the autopilot
-        holds on the ground (the first item is its home). Its speed (m/s) is the autopilot's, too.
+        """Zones, stations and policies of this package, with the mission and geofence that the autopilot has on the
+        ground.
 
-        Waypoints of stations, declared gaps and the delivery belong to the package's own mission. The digest stays:
-        stations compare it, and what it stands for at a station has not changed. Raises MissionError.
+        Its first item is home. Its speed (m/s) is the autopilot's, too. Waypoints of stations, declared gaps and the
+        delivery belong to the package's own mission. The digest stays, because stations compare it, and their package
+        has not changed. Raises MissionError.
         """
         route = on_ground(self.route, items, fence)
         route = replace(route, ground=relief_of(self.terrain, route.home))
@@ -247,7 +251,7 @@ class MissionPackage:
         )
 
     def with_addresses(self, addresses: Addresses) -> MissionPackage:
-        """The same package with these addresses, as far as they are for its own stations."""
+        """Copy of this package with these addresses, as far as they are for its own stations."""
         own = {sysid: found for sysid, found in addresses.items() if self.station(sysid) is not None}
         return replace(self, addresses=MappingProxyType(own))
 

@@ -2,13 +2,13 @@
 
 """The path that wings fly along a route: past its waypoints in turns, around its circles, in the wind.
 
-`legs_of` (route_simulation.py) has the lines between the places of a route. Here each corner of two of them becomes the
-bend of `wings.py`, each NAV_LOITER_* a way to the circle, once around it and on to where it is left towards the next
-place. The times are those of the ground speed in each direction, at the most: the aircraft has at least the time told
-here. The turns themselves are as wide as the fastest ground speed makes them, in whatever direction they are flown.
+`legs_of` (route_simulation.py) has the lines between the places of a route. Here each corner becomes a bend of
+`wings.py`. Each NAV_LOITER_* becomes a path to the circle, once around it, and on to the point where it is left. Times
+use the ground speed in each direction, at the most, so the aircraft has at least the time stated here. The turns are as
+wide as the highest ground speed makes them, in any direction.
 
-Hovering there are no turns: a quadplane that rises, comes down or was told by DO_VTOL_TRANSITION to hover turns on the
-spot. The way to a hovering landing is taken to be straight, with the braking left out.
+While hovering there are no turns: a quadplane that rises, descends or was told by DO_VTOL_TRANSITION to hover turns on
+the spot. The path to a hovering landing is assumed to be straight, without braking.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ __all__ = ["Path", "Tight", "Turn", "path_of"]
 _LEAST_TURN_DEG: Final = 2.0
 #: a circle is a row of straight pieces
 _PIECES: Final = 24
-#: so many radii behind the middle of a circle ArduPlane is on its next line (SITL)
+#: distance after the middle of a circle, in radii, at which ArduPlane is on its next line (SITL)
 _CONVERGED: Final = 2.3
 #: two places nearer than that (m) are one
 _SAME_M: Final = 0.5
@@ -51,8 +51,11 @@ _Spot = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """A turn at a waypoint, or a circle: angle (degrees; a circle: 360), radius, how far outside the next leg it comes
-    at the most, and where on the path it begins and ends (m)."""
+    """A turn at a waypoint, or a circle.
+
+    Fields: angle (degrees; a circle: 360), radius, largest distance outside the next leg, and beginning and end on the
+    path (m).
+    """
 
     seq: int
     angle_deg: float
@@ -63,7 +66,7 @@ class Turn:
 
     @property
     def circle(self) -> bool:
-        """It is one."""
+        """True for a circle."""
         return self.angle_deg >= 360.0
 
 
@@ -78,8 +81,10 @@ class Tight:
 
 @dataclass(frozen=True, slots=True)
 class Path:
-    """What is flown: its legs, one behind the other, its turns, the legs that are too short for them, and the items to
-    which the wind does not let it fly."""
+    """The flown path.
+
+    Fields: legs in order, turns, legs that are too short for their turns, and items that the wind does not allow.
+    """
 
     legs: tuple[Leg, ...]
     turns: tuple[Turn, ...]
@@ -110,7 +115,7 @@ class _Tracer:
         self._turns: list[Turn] = []
         self._tight: list[Tight] = []
         self._unflown: list[int] = []
-        #: so much of the line that begins here the turn before it has taken
+        #: length of the line from here that the last turn has used
         self._used_m = 0.0
 
     def path(self) -> Path:
@@ -154,7 +159,7 @@ class _Tracer:
     # --- pieces of the path ---
 
     def _to_the_end(self, line: Leg) -> None:
-        """A line with no turn behind it."""
+        """Fly a line to its end, without a turn."""
         if self._used_m > line.length_m:
             self._tight.append(Tight(line.seq, line.length_m, self._used_m))
         self._straight(line, line.end, line.hold_s)
@@ -254,7 +259,7 @@ class _Tracer:
             self._straight(line, (lat, lon, line.end[2]), seq=following.seq)
 
     def _hold(self, seconds: float) -> None:
-        """What it circles longer than once."""
+        """Add the time of circling after the first round."""
         if seconds > 0.0:
             self._legs[-1] = replace(self._legs[-1], hold_s=seconds)
 

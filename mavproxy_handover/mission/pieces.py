@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Straight pieces of a path on the ground, and where with respect to them an aircraft is."""
+"""Straight pieces of a path on the ground, and the place of an aircraft on them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from mavproxy_handover.mission.geodesy import east_north_m
 
 __all__ = ["Line", "PieceRow", "Spot"]
 
-#: the pieces around the last one are looked at first: so many behind it, so many ahead
+#: pieces before and after the last one that are checked first
 _BACK, _AHEAD = 2, 8
 #: an aircraft that is farther than that (m) from all of these may be at any other piece
 _NEAR_M: Final = 15.0
@@ -28,9 +28,9 @@ class Line:
     end: tuple[float, float]
 
     def measure(self, place: tuple[float, float]) -> tuple[float, float, float]:
-        """How far a place is along the line, how far beside it (right above 0), and the length: metres.
+        """Distance of a place along the line, beside it (right above 0), and the line's length: metres.
 
-        Before the beginning and behind the end it is the distance from that which counts.
+        Before the beginning and after the end the distance from that point counts.
         """
         east, north = east_north_m(*self.start, *self.end)
         length = math.hypot(east, north)
@@ -50,7 +50,7 @@ class Line:
 
 @dataclass(frozen=True, slots=True)
 class Spot:
-    """Where an aircraft is on a row of pieces: the number of the piece, how far along the row, how far beside it."""
+    """Place of an aircraft on a row of pieces: number of the piece, distance along the row, distance beside it."""
 
     piece: int
     along_m: float

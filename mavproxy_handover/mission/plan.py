@@ -100,12 +100,12 @@ _WING_NUMBERS: Mapping[tuple[int, int], tuple[float, float, str]] = {
     (WAYPOINT, 3): (0, 255, "0 to 255 m"),
     (LOITER_TURNS, 1): (1 / 256, 255, "more than 0, up to 255 turns"),
     (LOITER_TURNS, 3): (-2550, 2550, "a radius up to 2550 m, below 0 to the left"),
-    (CHANGE_SPEED, 1): (0, 0, "0, airspeed: another one changes a parameter of ArduPlane for good"),
+    (CHANGE_SPEED, 1): (0, 0, "0, airspeed: another one changes a parameter of ArduPlane permanently"),
     (CHANGE_SPEED, 2): (1, 100, "1 to 100 m/s"),
     (VTOL_LAND, 1): (0, 1, "0, or 1 for a circle down before it"),
     (VTOL_TRANSITION, 1): (3, 4, "3 to hover, 4 to fly on its wings"),
 }
-#: the same for copters: what ArduCopter can store and fly
+#: command and parameter -> lowest and highest number for copters: what ArduCopter can store and fly
 _COPTER_NUMBERS: Mapping[tuple[int, int], tuple[float, float, str]] = {
     (WAYPOINT, 1): (0, LONGEST_WAIT_S, _WAIT),
     (SPLINE_WAYPOINT, 1): (0, LONGEST_WAIT_S, _WAIT),
@@ -125,7 +125,7 @@ _ENDS: Mapping[Kind, tuple[str, frozenset[int]]] = {
     Kind.PLANE: ("NAV_LAND", frozenset((LAND,))),
     Kind.QUADPLANE: ("NAV_VTOL_LAND", LANDINGS),
 }
-#: behind these nothing is flown by itself
+#: after these the aircraft flies nothing by itself
 _LAST = LANDINGS | {RETURN_TO_LAUNCH, LOITER_UNLIMITED}
 
 
@@ -174,7 +174,7 @@ class Ground(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Route:
-    """What the aircraft is to fly. `items[n].seq == n + 1`: item 0 of the autopilot is home."""
+    """The route of the aircraft. `items[n].seq == n + 1`: item 0 of the autopilot is home."""
 
     home: Home
     items: tuple[MissionItem, ...]
@@ -186,7 +186,7 @@ class Route:
     warnings: tuple[str, ...] = ()
     #: latitude and longitude where its RTL item ends (`returns.py`); None: not known, or it has none
     return_to: tuple[float, float] | None = None
-    #: of aircraft, that the route is for
+    #: kind of aircraft that the route is for
     kind: Kind = Kind.COPTER
     #: how it turns, where it has wings
     wings: Wings = AS_IT_COMES
@@ -293,7 +293,7 @@ def _plan_item(where: Where, seq: int, entry: object, aircraft: Kind) -> Mission
 
 def _rally_points(where: Where, value: object) -> tuple[RallyPoint, ...]:
     rally = where.table(value, "rallyPoints")
-    if rally.get("version") == 1 and not rally.get("points"):  # QGroundControl passes over that, too
+    if rally.get("version") == 1 and not rally.get("points"):  # QGroundControl ignores that, too
         return ()
     _version(where, rally, "version", 2)
     points = where.array(where.need(rally, "points"), "points")
@@ -499,8 +499,10 @@ def _check_delay(where: Where, item: MissionItem) -> None:
 
 
 def _check_splines(where: Where, items: Sequence[MissionItem]) -> None:
-    """To aim a spline at the item behind it, ArduCopter takes the numbers of a NAV_DELAY for a place. Raises
-    MissionError."""
+    """Refuse a NAV_DELAY after a spline. Raises MissionError.
+
+    To aim a spline at the item after it, ArduCopter would take the numbers of the NAV_DELAY for a place.
+    """
     flown = [item for item in items if COMMANDS[item.command].flown]
     for item, behind in pairwise(flown):
         if item.command == SPLINE_WAYPOINT and behind.command == DELAY and item.param1 == 0.0:
@@ -511,7 +513,7 @@ def _check_splines(where: Where, items: Sequence[MissionItem]) -> None:
 
 
 def with_items(route: Route, items: Sequence[MissionItem]) -> Route:
-    """The same plan with other items to fly, as they came from a station; the first of them is home, and not looked at.
+    """Copy of a plan with other items, which a station sent; the first of them is home and is ignored.
 
     For an aircraft in flight: the mission need not begin with a take-off. Raises MissionError.
     """
@@ -529,8 +531,10 @@ def with_items(route: Route, items: Sequence[MissionItem]) -> Route:
 
 
 def on_ground(route: Route, items: Sequence[MissionItem], fence: tuple[FencePart, ...]) -> Route:
-    """The same plan with the mission and the geofence that the autopilot holds on the ground; the first item is its
-    home. What a plan in a file has to be, this has to be too. Raises MissionError."""
+    """Copy of a plan with the mission and the geofence that the autopilot has on the ground.
+
+    The first item is its home. The rules for a plan in a file apply. Raises MissionError.
+    """
     where = Where("")
     home = Home(items[0].lat_deg, items[0].lon_deg, items[0].alt_m)
     checked = _checked(where, items[1:], route.kind, jumps=True)
@@ -565,7 +569,7 @@ def _checked(where: Where, items: Sequence[MissionItem], kind: Kind, *, jumps: b
 
 
 def ways_from_land_starts(items: Sequence[MissionItem]) -> tuple[tuple[MissionItem, ...], ...]:
-    """What ArduPlane flies from each DO_LAND_START: to the landing, or to what ends it before one."""
+    """The items that ArduPlane flies from each DO_LAND_START to the landing, or to an earlier end."""
     found: list[tuple[MissionItem, ...]] = []
     for number, start in enumerate(items):
         if start.command == LAND_START:
@@ -585,7 +589,7 @@ def _finish(
     warnings: tuple[str, ...] = (),
     kind: Kind = Kind.COPTER,
 ) -> Route:
-    """Rules on the route as a whole: what makes no flight is refused, what makes an odd one is a warning."""
+    """Check the route as a whole: raise if it makes no flight, warn if it makes an odd one."""
     if len(items) > MAX_ITEMS:
         raise where.error(f"{len(items)} items (allowed: at most {MAX_ITEMS})")
     if home.lat_deg == home.lon_deg == 0.0:
@@ -634,9 +638,12 @@ def _check_takeoff(where: Where, home: Home, item: MissionItem, kind: Kind) -> N
 
 
 def _check_landings(where: Where, items: Sequence[MissionItem], kind: Kind) -> None:
-    """Where a return goes on to a DO_LAND_START, ArduPlane takes the nearest of all, and behind the end of a mission it
-    returns: a sequence that does not land begins itself again. A landing that is broken off goes on with a change of
-    altitude right behind it, where there is one, and else to the nearest DO_LAND_START, which is a way down again."""
+    """Check that each landing sequence lands, and that a landing that is broken off finds a path down.
+
+    A return goes on to the nearest DO_LAND_START. After the end of a mission ArduPlane returns, so a sequence that does
+    not land begins again. A landing that is broken off goes on with a change of altitude right after it, if there is
+    one. Otherwise it goes on to the nearest DO_LAND_START, which leads down again.
+    """
     for way in ways_from_land_starts(items):
         last = way[-1]
         if last.command in LANDINGS:

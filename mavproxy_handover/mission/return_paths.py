@@ -1,14 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The places where a return may go, as the map has them: whose zones hold them and the way there, does the fence, and
-is the way above the ground?
+"""Checks the paths to return sites: zones on the path and at the site, fence, and height above the ground.
 
-RTL flies straight, at one height: up, there, down. The way is cut where it enters or leaves a zone, exactly and not by
-samples, so a hundred zones cost little; `core/safety/return_site.py` is told which stations cover each part of it.
-Which of them could take the aircraft is not known here.
+RTL flies straight, at one height: up, there, down. The path is cut exactly where it enters or leaves a zone, and not by
+samples, so a hundred zones cost little. `core/safety/return_site.py` gets the stations that cover each part of it. This
+module does not know which of them could take the aircraft.
 
-A zone's limits of altitude are compared to the height of the return, also above the place itself: coming down leaves
-every zone that ends above the ground, and the ground is where it ends.
+A zone's limits of altitude are compared to the height of the return, also above the site itself. Coming down leaves
+every zone that ends above the ground, and the ground is the end of the return.
 """
 
 from __future__ import annotations
@@ -32,19 +31,19 @@ __all__ = ["FenceLimits", "PlaceFinder", "PlaceView", "flown_s"]
 
 #: latitude and longitude, degrees
 _Spot = tuple[float, float]
-#: from one part of the way, 0 to 1, to another
+#: from one fraction of the path, 0 to 1, to another
 _Span = tuple[float, float]
-#: a part of the way that is shorter than this (m) is none: two zones that touch leave no gap
+#: a part of the path shorter than this (m) is ignored: two zones that touch leave no gap
 _SLIVER_M = 1.0
-#: over the place itself there is no way to it; a line as short as that is none to those who cut it
+#: at the site itself the path has no length; a line as short as this cannot be cut
 _NO_WAY_DEG, _NO_WAY_M = 1e-8, 1e-3
-#: slower is nothing that a return is flown with
+#: least speed of a return
 _LEAST_MPS = 0.1
 
 
 @dataclass(frozen=True, slots=True)
 class FenceLimits:
-    """What ArduCopter's own fence is set to besides the plan's: around home and above it (m); None where it is off."""
+    """Settings of ArduCopter's own fence besides the plan's: radius and height (m) around home; None if it is off."""
 
     radius_m: float | None = None
     ceiling_m: float | None = None
@@ -52,7 +51,7 @@ class FenceLimits:
 
 @dataclass(frozen=True, slots=True)
 class PlaceView:
-    """A place from where the aircraft is. The fields are those of `PlaceFact`."""
+    """A return site as seen from the aircraft. The fields are those of `PlaceFact`."""
 
     inside: bool
     way_inside: bool
@@ -62,7 +61,7 @@ class PlaceView:
 
 
 class PlaceFinder:
-    """Answers for one mission: its zones, the fence in force, and the ground, None where nothing is known of it."""
+    """Judges the return sites of one mission, by its zones, the current fence, and the ground (None: unknown)."""
 
     def __init__(self, zones: Iterable[Zone], fence: Fence, relief: Relief | None = None) -> None:
         self._zones = [_Cover(zone) for zone in zones]
@@ -70,11 +69,11 @@ class PlaceFinder:
         self.relief = relief
 
     def in_fence(self, place: _Spot) -> bool:
-        """Whether the fence holds a place."""
+        """True if the fence holds a place."""
         return self._fence.holds(place)
 
     def look(self, here: _Spot, place: _Spot, height_m: float) -> PlaceView:
-        """The place, and the straight way to it at that height above home."""
+        """Judge a return site and the straight path to it at that height above home."""
         east, north = east_north_m(*here, *place)
         length_m = math.hypot(east, north)
         sliver = _SLIVER_M / length_m if length_m > 0.0 else 1.0
@@ -92,7 +91,7 @@ class PlaceFinder:
 
 
 def _sets(spans: Sequence[tuple[int, _Span]], sliver: float) -> frozenset[frozenset[int]]:
-    """The different sets of stations along a way; `sliver`: parts as short as this are left out."""
+    """The different sets of stations along a path; parts as short as `sliver` are left out."""
     edges = sorted({0.0, 1.0, *(edge for _station, span in spans for edge in span)})
     found = set()
     for begin, end in pairwise(edges):
@@ -103,7 +102,7 @@ def _sets(spans: Sequence[tuple[int, _Span]], sliver: float) -> frozenset[frozen
 
 
 class _Cover:
-    """One zone, and which parts of a straight way are in it."""
+    """One zone, to find the parts of a straight path in it."""
 
     def __init__(self, zone: Zone) -> None:
         self.station = zone.station
@@ -115,12 +114,12 @@ class _Cover:
         self._middle, self._half = (west + east) / 2.0, (east - west) / 2.0
 
     def spans(self, here: _Spot, place: _Spot, height_m: float) -> list[_Span]:
-        """The parts of the way that are inside, in no order."""
+        """The parts of the path that are inside, unordered."""
         if self._zone.altitude_excess_m(height_m) > 0.0:
             return []
         if self._circle is not None:
             return _in_circle(self._circle, here, place)
-        # an area that lies across the 180th meridian as two parts is met from either side
+        # an area in two parts across the 180th meridian is met from either side
         return [span for turn in (0.0, 360.0, -360.0) for span in self._in_area(here, place, turn)]
 
     def _in_area(self, here: _Spot, place: _Spot, turn: float) -> list[_Span]:
@@ -159,8 +158,10 @@ def _in_circle(circle: Circle, here: _Spot, place: _Spot) -> list[_Span]:
 
 
 def flown_s(way: Iterable[Piece], model: EnergyModel | None, speed_mps: float) -> float:
-    """How long a way takes, infinite where the wind does not let it be flown; without a model at `speed_mps`, where its
-    pieces name none."""
+    """Time of a path; infinite if the wind does not allow it.
+
+    Without a model `speed_mps` counts for pieces that name no speed.
+    """
     total = 0.0
     for piece in way:
         level_s = 0.0

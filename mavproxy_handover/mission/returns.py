@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Where the RTL item of a mission ends: at the place that the autopilot's rally list holds by then.
+"""Predicts where the RTL item of a mission ends: at the place that the autopilot's rally list will hold.
 
-That is the best one by the rule of `core/safety/return_site.py`, here as far as it is known before the flight. It is
-assumed that every station of the mission is there and could take the aircraft, that the energy lasts for any of the
-places and no wind blows, that the fence is the plan's, and that the return begins where the item before it ends, at the
-height that is flown there; with wings it leads down to that of ArduPlane's own returns. In flight the companion chooses
-by what is so, and a mission may end at another one of its places.
+That is the best return site by the rule of `core/safety/return_site.py`, with what is known before the flight.
+Assumptions: every station of the mission is there and could take the aircraft. The energy is enough for any of the
+sites, there is no wind, and the fence is the plan's. The return begins where the item before it ends, at its height;
+with wings it leads down to the height of ArduPlane's own returns. In flight the companion chooses by the facts, so a
+mission may end at another site.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from mavproxy_handover.mission.zones import Zone
 
 __all__ = ["before_return", "with_return"]
 
-#: of more places than that, which are more than an autopilot holds, the nearest are looked at
+#: of more sites than this, which is more than an autopilot holds, only the nearest are checked
 _MOST: Final = 64
 
 
@@ -50,7 +50,7 @@ def with_return(route: Route, zones: Sequence[Zone], terrain: Terrain | None) ->
     if route.kind.winged:
         alt = WINGED_RETURN_ALT_M
     finder = PlaceFinder(zones, Fence(route.fence), relief_of(terrain, route.home))
-    # the landing is the place that is looked for
+    # the landing is the result of the search
     far = [(distance_m(lat, lon, p.lat_deg, p.lon_deg), p) for p in places_of(route) if p.name != LANDING]
     facts, spots = [], {}
     for away, place in sorted(far, key=lambda entry: entry[0])[:_MOST]:

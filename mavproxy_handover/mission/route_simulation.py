@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Walks a route before flight and tells who will command where.
+"""Simulates the flight of a route and predicts which station will command at each place.
 
 The walk follows the path that ArduCopter flies (`copter_path.py`; a return leads to the place that is expected to be
 chosen, `returns.py`, or to the nearest one where that is not known) in small steps, notes at each which zones hold it,
@@ -17,9 +17,9 @@ down and corners cost: the aircraft has at least the time told here. Wind is lef
 
 Of an aircraft with wings these are the lines between its waypoints, at its airspeed: energy and route are judged by
 them. The path that it flies, with turns and circles and in the wind, is that of `path.py`, and is walked here as well.
-A quadplane rises and comes down as a copter does, and flies at the speed of one behind a DO_VTOL_TRANSITION to hover. A
-plane climbs towards the place of its take-off, lands on a straight way down, and returns to a place from where it flies
-the nearest landing sequence (DO_LAND_START to NAV_LAND).
+A quadplane rises and comes down like a copter, and flies at a copter's speed after a DO_VTOL_TRANSITION to hover. A
+plane climbs towards the place of its take-off and lands on a straight path. From a return site it flies the nearest
+landing sequence (DO_LAND_START to NAV_LAND).
 """
 
 from __future__ import annotations
@@ -93,8 +93,11 @@ _HOVERING = 3.0
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """A place on the path: distance and time from take-off, position (altitude above home), the item flown to, the
-    stations whose zone holds it, and the station that commands from here on."""
+    """A place on the path.
+
+    Fields: distance and time from take-off, position (altitude above home), the item flown to, the stations whose zones
+    hold it, and the station that commands from here on.
+    """
 
     distance_along_m: float
     time_s: float
@@ -112,12 +115,12 @@ class Sample:
 
 @dataclass(frozen=True, slots=True)
 class Handover:
-    """A change of commander expected on the route; stations by system id.
+    """A predicted change of commander; stations by system id.
 
-    The place is where it starts: the entry of the handover region, or the end of the commander's zone where the other
-    zone was entered before, or the waypoint at which the other station awaits the aircraft. `overlap_length_m` and
-    `overlap_s` are what the route offers inside both zones, from that waypoint on where there is one; 0 when they do
-    not overlap there.
+    The place is its start: the entry of the handover region, or the end of the commander's zone if the other zone was
+    entered before. If the other station awaits the aircraft at a waypoint, it is that waypoint. `overlap_length_m` and
+    `overlap_s` are what the route offers inside both zones, from that waypoint on if there is one; 0 when they do not
+    overlap there.
     """
 
     from_station: int
@@ -146,7 +149,7 @@ class Gap:
 
 @dataclass(frozen=True, slots=True)
 class Walk:
-    """What a walk along the route found."""
+    """Result of the simulation of a route."""
 
     samples: tuple[Sample, ...]
     handovers: tuple[Handover, ...]
@@ -183,12 +186,14 @@ def by_commander(samples: tuple[Sample, ...]) -> Iterator[tuple[int, list[Sample
 
 
 def legs_of(route: Route, cruise_speed_mps: float | None = None) -> tuple[Leg, ...]:
-    """The path of a route as straight legs, from home to the ground. The speed given goes before the plan's own."""
+    """The path of a route as straight legs, from home to the ground. The given speed takes precedence over
+    the plan's.
+    """
     return tuple(_legs(route, cruise_of(route, cruise_speed_mps)))
 
 
 def curves_lacking(route: Route, cruise_speed_mps: float | None = None) -> float:
-    """How many times too few legs stand for the curves of a copter's route: 1 where there are enough."""
+    """Factor by which a copter's curves have too few legs: 1 if there are enough."""
     if route.kind.winged:
         return 1.0
     cruise_mps = cruise_of(route, cruise_speed_mps)
@@ -197,28 +202,30 @@ def curves_lacking(route: Route, cruise_speed_mps: float | None = None) -> float
 
 
 def cruise_of(route: Route, cruise_speed_mps: float | None = None) -> float:
-    """The speed (m/s) at which a route is flown where it sets none itself, and every return: the one given, or the
-    plan's own, or what the autopilot comes with."""
+    """Speed (m/s) of a route where it sets none, and of every return.
+
+    It is the given one, else the plan's own, else the autopilot's default.
+    """
     return cruise_speed_mps or route.cruise_speed_mps or default_speed_mps(route.kind)
 
 
 def default_speed_mps(kind: Kind) -> float:
-    """What an aircraft of that kind flies at where neither mission nor plan names a speed."""
+    """Default speed of that kind of aircraft, if neither mission nor plan names one."""
     return DEFAULT_AIRSPEED_MPS if kind.winged else DEFAULT_CRUISE_MPS
 
 
 def legs_from(
     route: Route, seq: int, here: tuple[float, float, float], cruise_speed_mps: float | None = None
 ) -> tuple[Leg, ...]:
-    """The path of a route that is taken up in the air, `here`, with item `seq`: what stands before that is not flown.
+    """The path of a route that continues in the air, at `here`, with item `seq`; earlier items are not flown.
 
-    `here`: latitude, longitude, metres above home. A take-off is a climb where the aircraft is.
+    `here`: latitude, longitude, metres above home. A take-off is a climb at the aircraft's place.
     """
     return tuple(_legs(route, cruise_of(route, cruise_speed_mps), seq, here))
 
 
 def speed_at(route: Route, seq: int) -> float | None:
-    """The speed (m/s) that the route itself has set by the time that item `seq` is flown to; None: it has set none."""
+    """Speed (m/s) that the route has set before item `seq`; None: it has set none."""
     speeds = (_new_speed(item) for item in route.items if item.seq < seq)
     return next((speed for speed in reversed(list(speeds)) if speed is not None), None)
 
@@ -229,7 +236,7 @@ def _new_speed(item: MissionItem) -> float | None:
 
 
 def hovers_at(route: Route, seq: int) -> bool:
-    """Whether a quadplane flies to that item hovering: the last DO_VTOL_TRANSITION before it says so."""
+    """True if a quadplane hovers to that item, by the last DO_VTOL_TRANSITION before it."""
     states = [item.param1 for item in route.items if item.command == VTOL_TRANSITION and item.seq < seq]
     return bool(states) and states[-1] == _HOVERING
 
@@ -353,7 +360,7 @@ class _Place:
     position: tuple[float, float, float]
     seq: int
     holding: frozenset[int]
-    #: the item is reached here, all that belongs to it behind the aircraft
+    #: the item is reached here, with everything that belongs to it
     reached: bool = False
     curved: bool = False
 
@@ -367,9 +374,9 @@ def commanders_along(
     step_m: float = STEP_M,
     belonging: Belonging | None = None,
 ) -> Walk:
-    """Walk `route` through the zones of `finder`, from take-off under `parent` (a system id) to landing.
+    """Simulate `route` through the zones of `finder`, from take-off under `parent` (a system id) to landing.
 
-    `belonging`: whose its waypoints are, where that decides.
+    `belonging`: the owners of its waypoints, if these decide.
     """
     return walk_legs(legs_of(route, cruise_speed_mps), finder, parent, step_m, belonging)
 
@@ -381,7 +388,7 @@ def walk_legs(
     step_m: float = STEP_M,
     belonging: Belonging | None = None,
 ) -> Walk:
-    """The same for a path of at least one leg, whose beginning is under `parent`."""
+    """Simulate a path of at least one leg, whose beginning is under `parent`."""
     legs = round_by_round(legs)
     places = list(_places(legs, finder, max(step_m, sum(leg.size_m for leg in legs) / MOST_STEPS)))
     order = [zone.station for zone in finder.zones]
@@ -424,7 +431,7 @@ def walk_legs(
 
 
 def _places(legs: tuple[Leg, ...], finder: ZoneFinder, step_m: float) -> Iterator[_Place]:
-    """Places along the legs, one at least every `step_m`, and one right behind each border."""
+    """Places along the legs, at least one every `step_m`, and one just after each border."""
     along = time = 0.0
     lat, lon, alt = legs[0].start
     before = finder.holding(lat, lon, alt)
@@ -470,7 +477,7 @@ def _places(legs: tuple[Leg, ...], finder: ZoneFinder, step_m: float) -> Iterato
 def _border(
     leg: Leg, low: float, high: float, *, before: frozenset[int], finder: ZoneFinder, smallest: float
 ) -> tuple[float, frozenset[int]]:
-    """Halve from `low` (inside `before`) to `high` (not) down to a place just behind a border, and what holds it."""
+    """Bisect between `low` (inside `before`) and `high` (not) to a place just after a border; returns its zones too."""
     while high - low > smallest:
         middle = (low + high) / 2.0
         if finder.holding(*leg.at(middle)) == before:

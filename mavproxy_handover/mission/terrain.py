@@ -25,7 +25,7 @@ from mavproxy_handover.mission.plan import Home
 
 __all__ = ["CLEAR_M", "Relief", "Terrain", "read_terrain", "relief_of"]
 
-#: a way is above the ground where it is so much higher (m)
+#: a path is above the ground if its clearance is at least this (m)
 CLEAR_M: Final = 10.0
 #: cells of a grid, at the most
 MOST_CELLS: Final = 100_000
@@ -46,8 +46,11 @@ _Spot = tuple[float, float]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Terrain:
-    """A grid of heights. `south`, `west`: middle of its first cell in degrees; `heights`: of shape (rows, columns), in
-    metres, the southernmost row first, NaN where nobody knows."""
+    """A grid of heights.
+
+    `south`, `west`: middle of its first cell in degrees. `heights`: shape (rows, columns), in metres, the southernmost
+    row first, NaN if unknown.
+    """
 
     south: float
     west: float
@@ -101,8 +104,10 @@ class Terrain:
 
 @dataclass(frozen=True, slots=True)
 class Relief:
-    """The ground as seen from home: `home_m` is how high the grid has it there, at the lowest of the cells around it,
-    `level_m` between them."""
+    """The ground relative to home.
+
+    `home_m`: height of the grid at home, as the lowest of the cells around it. `level_m`: height between these cells.
+    """
 
     terrain: Terrain
     home_m: float
@@ -119,8 +124,7 @@ class Relief:
         return None if there is None else there - self.level_m
 
     def above_m(self, start: _Spot, end: _Spot, height_m: float) -> float:
-        """How far a straight way at that height above home stays above the ground, as far as that is known; infinite
-        where it is not."""
+        """Least clearance of a straight path at that height above home; infinite if the ground is unknown."""
         highest = self.terrain.highest_m(start, end)
         return math.inf if highest is None else height_m - (highest - self.home_m)
 

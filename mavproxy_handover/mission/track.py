@@ -1,28 +1,29 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Which leg of its mission the aircraft flies, and where it is with respect to that: facts for `core/safety/route.py`.
+"""Finds the leg that the aircraft flies, and its place relative to it: facts for `core/safety/route.py`.
 
-The route says where legs should be, the autopilot where they are. ArduCopter flies a leg from the last waypoint if it
-was reached; after a change of mode, or when somebody chose another item, from where it came to rest then. So:
+The route has the planned legs, the autopilot the flown ones. ArduCopter flies a leg from the last waypoint if that was
+reached. After a change of mode, or if an operator chose another item, the leg starts where the aircraft came to rest.
+So:
 
-* the item that follows the last one, once that was come near: the leg of the route;
-* behind a take-off, or a landing in between: from where the aircraft was then, which need not be the place of the plan;
+* the item after the last one, if the aircraft came near that: the leg of the route;
+* after a take-off, or a landing in between: a leg from the place of the aircraft, which may differ from the plan's;
 * anything else (AUTO taken up in flight, an item that was skipped or chosen, a circle left): nothing is expected for
-  `_JOIN_S`, until it has turned there; then the leg is from where it is.
+  `_JOIN_S`, until it has turned there; then the leg starts at its place.
 
-On a spline or a circle of a copter the aircraft has to be near the curve (`copter_path.py`), in whatever direction, if
-the curve begins where the route has it begin; else nothing is expected there. Nor is anything expected in take-off, in
-a delay, in a return, and at the end of a leg that ends in a landing. In a turn the leg behind counts as well as the one
-ahead, so a corner that is cut costs nothing. There, and below `_SLOW_MPS`, the course counts for nothing: a pause or
-a hover has none. A hovering aircraft still has a place, and that has to be on the leg.
+On a spline or a circle of a copter the aircraft has to be near the curve (`copter_path.py`), in any direction, if the
+curve begins where the route has it begin. Otherwise nothing is expected there. Nothing is expected in take-off, in a
+delay, in a return, and at the end of a leg that ends in a landing either. In a turn the previous leg counts as well as
+the next one, so a cut corner is no deviation. There, and below `_SLOW_MPS`, the course does not count, because a pause
+or a hover has none. A hovering aircraft still has to be on the leg.
 
-Wings turn before and behind each waypoint and are on neither leg meanwhile: within `Wings.reach_m` of either end of a
-leg nothing is expected of them, nor on a circle, nor behind one until they have turned. Beyond that they have to be on
-their leg as all others; one that flies away is beyond it soon. Behind a take-off they leave in the direction of their
-nose: until they have come to their first leg, for `_SETTLES_S` at the most, nothing is expected of them there.
+Wings turn before and after each waypoint and are on neither leg meanwhile. So nothing is expected of them within
+`Wings.reach_m` of either end of a leg, on a circle, or after one until they have turned. Elsewhere they have to be on
+their leg; an aircraft that flies away soon leaves that range. After a take-off wings leave in the direction of their
+nose. Until they have come to their first leg, for `_SETTLES_S` at the most, nothing is expected of them.
 
-Distances are those of the ellipsoid. ArduCopter's straight lines and ours differ by their middle: 1 m for a leg of
-10 km, 30 m for one of 50 km, across both north and east at 52 degrees.
+Distances are those of the ellipsoid. ArduCopter's straight lines and ours differ at their middle: 1 m for a leg of 10
+km, 30 m for one of 50 km, across both north and east at 52 degrees.
 """
 
 from __future__ import annotations
@@ -60,15 +61,15 @@ __all__ = ["Motion", "RouteTracker"]
 #: commands that are flown to in a straight line; those that land at its end
 _LANDS: Final = frozenset((LAND, VTOL_LAND, PAYLOAD_PLACE))
 _STRAIGHT: Final = frozenset((WAYPOINT, LOITER_TIME, LOITER_UNLIMITED, LOITER_TO_ALTITUDE)) | _LANDS
-#: behind these the aircraft is not where the item was
+#: after these the aircraft is not at the item's place
 _LEFT_ELSEWHERE: Final = frozenset((LOITER_TURNS,))
 #: what ArduCopter needs to stop and to turn at 15 m/s, seconds
 _JOIN_S: Final = 5.0
 #: and what wings need to turn back, in a wide turn
 _WING_JOIN_S: Final = 15.0
-#: a QuadPlane in SITL took 70 s behind its transition to come back to its line, which it had left by 39 m
+#: a QuadPlane in SITL took 70 s after its transition to come back to its line, which it had left by 39 m
 _SETTLES_S: Final = 90.0
-#: who is that near to a leg has come to it (m)
+#: distance (m) within which an aircraft has come to a leg
 _ON_IT_M: Final = 15.0
 #: a turn begins and ends that near a waypoint: metres, or seconds of flight if that is more
 _TURN_M, _TURN_S = 15.0, 3.0
@@ -78,8 +79,11 @@ _SLOW_MPS: Final = 2.5
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """What the aircraft does: place (degrees), course over ground (degrees), ground speed (m/s), and the item of the
-    mission that it flies to; `on_mission`: in the air, in AUTO."""
+    """Motion of the aircraft.
+
+    Fields: place (degrees), course over ground (degrees), ground speed (m/s), and the item of the mission that it flies
+    to. `on_mission`: in the air, in AUTO.
+    """
 
     lat_deg: float
     lon_deg: float
@@ -122,7 +126,7 @@ class RouteTracker:
         #: where the aircraft was seen last, how fast it was, and when that was
         self._place, self._speed_mps, self._seen_at = place, 0.0, -math.inf
         self._line: Line | None = None
-        #: the leg before that one
+        #: the previous leg
         self._behind: Line | None = None
         #: when the leg begins that has no beginning yet
         self._joins_at = -math.inf
@@ -131,7 +135,7 @@ class RouteTracker:
         self._settles_until = -math.inf
 
     def follow(self, motion: Motion, now: float) -> TrackFact | None:
-        """What the aircraft does now; returns where it is on its leg, None where nothing is expected."""
+        """Take the current motion; returns the place on the leg, None if nothing is expected."""
         if not motion.on_mission or not all(map(math.isfinite, (*motion.place, motion.course_deg, motion.speed_mps))):
             if not motion.on_mission:
                 self._seq = None
@@ -176,7 +180,7 @@ class RouteTracker:
         return PieceRow([Line(leg.start[:2], leg.end[:2]) for leg in legs])
 
     def _start(self, before: int, motion: Motion, now: float) -> tuple[float, float] | None:
-        """Where the leg begins behind the item `before`; None if that is not where the route has it begin."""
+        """Beginning of the leg after the item `before`; None if that is not where the route has it begin."""
         if self._follower.get(before) != motion.waypoint:
             return None
         command = self._commands[before]
@@ -213,7 +217,7 @@ class RouteTracker:
         return copter_m if self._wings is None else max(copter_m, self._wings.reach_m(speed_mps))
 
     def _turns(self, line: Line, motion: Motion, turn_m: float) -> bool:
-        """Whether wings are near an end of the line, or near the circle that it leads to."""
+        """True if wings are near an end of the line, or near the circle that it leads to."""
         circle = self._circles.get(motion.waypoint)
         wings = self._wings
         circle_m = 0.0 if circle is None or wings is None else wings.circle_radius_m(circle, motion.speed_mps)

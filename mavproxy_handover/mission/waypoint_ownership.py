@@ -4,16 +4,16 @@
 
 Rules
 -----
-* Each waypoint belongs to one station. Authority moves when a waypoint is reached that belongs to another station than
-  the one that commands: before, that station awaits the aircraft there, however far its coverage reaches.
-* An item that no station lists belongs to the one of the listed item before it, and to the parent before the first.
-* A station covers the way to its waypoints, from one to the next, and on to the first one of the next station: up to
-  there it commands, and a transfer takes time. `corridor.py` makes the area of that.
-* A way back has no waypoints: on the item that returns nobody awaits the aircraft, and coverage alone counts.
+* Each waypoint belongs to one station. Authority moves when a waypoint of another station than the commander is
+  reached. Before, that station awaits the aircraft there, however far its coverage reaches.
+* An item that no station lists belongs to the station of the listed item before it, or to the parent before the first.
+* A station covers the path to its waypoints, from one to the next, and on to the first one of the next station. It
+  commands up to there, and a transfer takes time. `corridor.py` makes that area.
+* A return has no waypoints: no station awaits the aircraft on the item that returns, and only coverage counts.
 
-What has been reached is told by the item that the autopilot flies to: all before it are done with, whether they were
-flown to or left out. So a jump ahead is no riddle, one back makes stations await the aircraft once more, and a
-companion that begins anew in flight knows as much as the one before it.
+The item that the autopilot flies to tells what has been reached: all items before it are finished, whether they were
+flown to or skipped. So a jump ahead is well defined, and a jump back makes stations await the aircraft again. A
+companion that restarts in flight knows as much as the one before it.
 """
 
 from __future__ import annotations
@@ -32,28 +32,28 @@ __all__ = ["Belonging", "belonging_of"]
 class Belonging:
     """To which station each item of a route belongs; stations by system id."""
 
-    #: of item 0, which is home, 1, 2, ...
+    #: owners of item 0, which is home, 1, 2, ...
     owners: tuple[int, ...]
     stations: frozenset[int]
-    #: items that return to a place which the mission does not say
+    #: items that return to a place that the mission does not name
     returns: frozenset[int]
 
     def owner(self, seq: int) -> int | None:
-        """Whose the item is; None if the route does not have it, or it is home."""
+        """Station of the item; None if the route does not have it, or it is home."""
         return self.owners[seq] if 0 < seq < len(self.owners) else None
 
     def awaiting(self, seq: int) -> frozenset[int]:
-        """The stations that await an aircraft which flies to item `seq`, and has done with the one before it.
+        """Stations that await an aircraft that flies to item `seq` and has finished the one before it.
 
-        One more than the route has: all are done with. None awaits it on a return, or on the way to an item that the
-        route does not have.
+        `seq` may be one more than the route has: all are finished. No station awaits it on a return, or on the path to
+        an item that the route does not have.
         """
         if not 0 <= seq <= len(self.owners) or seq in self.returns:
             return frozenset()
         return self.stations - {self.owners[max(0, seq - 1)]}
 
     def covers(self, station: int, route: Route) -> frozenset[int]:
-        """The items flown to whose way is the station's to cover: its own, and the first one behind them."""
+        """Items whose path the station covers: its own, and the first one after them."""
         flown = [item.seq for item in route.items if COMMANDS[item.command].flown]
         before = [0, *flown]
         return frozenset(
@@ -62,7 +62,7 @@ class Belonging:
 
 
 def belonging_of(where: Where, route: Route, listed: Sequence[tuple[int, Sequence[int]]]) -> Belonging:
-    """What the lists of the stations (system id, items), the parent's first, say of a route.
+    """Make the ownership from the stations' lists (system id, items), the parent's first.
 
     Raises MissionError for an item of two stations, and for one that is not flown to.
     """

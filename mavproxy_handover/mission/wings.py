@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""How wings turn: radius, where a turn begins, how far outside the next leg it comes, and how fast it goes over ground.
+"""Turns of wings: radius, beginning, distance outside the next leg, and ground speed.
 
 Rules
 -----
 * A level turn at bank b and ground speed v has the radius r = v^2 / (g tan b). The bank is ROLL_LIMIT_DEG; the speed is
   the fastest that the wind allows, airspeed and wind together, so no turn is wider than it is told here.
-* ArduPlane flies past its waypoints: it takes the next one when it is nearer than the turn distance, which is the
+* ArduPlane flies past its waypoints: it takes the next one when it is nearer than the turn distance. That is the
   smaller of WP_RADIUS and the length that its navigation looks ahead (AP_L1_Control: NAVL1_PERIOD x NAVL1_DAMPING / pi
   seconds of flight), in proportion for turns of less than 90 degrees (`verify_nav_wp`, `turn_distance`). Parameter 2 of
   the item replaces that distance, parameter 3 has it fly past the place first. The bank takes a second to come: so much
@@ -15,8 +15,8 @@ Rules
   outside the next leg, by r (1 - cos angle) - distance sin angle, and swings back at 45 degrees at the most, which is
   how steeply ArduPlane heads for a line.
 * A circle (NAV_LOITER_*) is flown with the radius of its item or WP_LOITER_RAD, and never narrower than a turn.
-* Over ground it makes sqrt(airspeed^2 - across^2) and the wind along. Where the wind is not known it blows from behind,
-  everywhere: there is least time then, and the turns are widest.
+* Over ground it makes sqrt(airspeed^2 - across^2) and the wind along. If the wind is not known, a tail wind is assumed
+  everywhere: then there is least time, and the turns are widest.
 
 Defaults are ArduPlane's (4.7): ROLL_LIMIT_DEG 45, WP_RADIUS 90, WP_LOITER_RAD 60, NAVL1_PERIOD 17, NAVL1_DAMPING 0.75,
 AIRSPEED_CRUISE 12.
@@ -72,19 +72,19 @@ class Wings:
     circle_m: float = 60.0
 
     def turn_radius_m(self, speed_mps: float) -> float:
-        """Of a turn at that ground speed."""
+        """Radius of a turn at that ground speed."""
         return speed_mps**2 / (_GRAVITY_MPSS * math.tan(math.radians(self.bank_deg)))
 
     def turn_distance_m(self, speed_mps: float, turn_deg: float) -> float:
-        """So long before a waypoint a turn of that angle begins."""
+        """Distance before a waypoint at which a turn of that angle begins."""
         return min(self.waypoint_m, _AHEAD_S * speed_mps) * min(1.0, abs(turn_deg) / 90.0)
 
     def circle_radius_m(self, wanted_m: float, speed_mps: float) -> float:
-        """Of a circle for which its item has this radius, 0: none."""
+        """Radius of a circle whose item has this radius, 0: none."""
         return max(abs(wanted_m) or self.circle_m, self.turn_radius_m(speed_mps))
 
     def reach_m(self, speed_mps: float) -> float:
-        """So far around a waypoint an aircraft at that ground speed may be beside its legs."""
+        """Distance from a waypoint within which an aircraft at that ground speed may be beside its legs."""
         return self.turn_distance_m(speed_mps, 90.0) + 3.0 * self.turn_radius_m(speed_mps)
 
 
@@ -94,7 +94,7 @@ AS_IT_COMES: Final = Wings()
 
 @dataclass(frozen=True, slots=True)
 class Air:
-    """An airspeed, and the wind; None: not known, and `unknown_mps` of it come from anywhere."""
+    """An airspeed, and the wind; None: unknown, and `unknown_mps` come from any direction."""
 
     airspeed_mps: float
     wind: Wind | None = None
@@ -107,11 +107,11 @@ class Air:
 
     @property
     def fastest_mps(self) -> float:
-        """The ground speed with the wind from behind."""
+        """Ground speed with a tail wind."""
         return self.airspeed_mps + self.wind_mps
 
     def flies(self, bearing_deg: float) -> bool:
-        """Whether the wind lets that direction be flown."""
+        """True if the wind allows that direction."""
         return self._made_mps(bearing_deg) > _LEAST_MPS
 
     def ground_mps(self, bearing_deg: float) -> float:
@@ -130,10 +130,10 @@ class Air:
 
 @dataclass(frozen=True, slots=True)
 class Bend:
-    """The path around a waypoint: places (m) along the leg that leads to it and beside that, to the side of the turn.
+    """The path around a waypoint.
 
-    It begins `before_m` before the waypoint, comes at most `outside_m` outside the next leg, and is on that leg
-    `after_m` behind the waypoint.
+    Places (m) along the leg to it, and beside that, to the side of the turn. It begins `before_m` before the waypoint,
+    comes at most `outside_m` outside the next leg, and is on that leg `after_m` after the waypoint.
     """
 
     places: tuple[tuple[float, float], ...]
@@ -144,7 +144,10 @@ class Bend:
 
 
 def bend(turn_deg: float, before_m: float, radius_m: float) -> Bend:
-    """A turn of that angle (0 to 180), at least that wide, that begins so long before a waypoint (below 0: behind)."""
+    """A turn of that angle (0 to 180) and at least that radius.
+
+    It begins `before_m` before a waypoint (below 0: after it).
+    """
     turn = math.radians(turn_deg)
     reach = before_m / math.tan(turn / 2.0) if 0.0 < turn < math.pi and before_m > 0.0 else 0.0
     if reach >= radius_m:  # begun early enough: wide, and inside the corner

@@ -75,9 +75,9 @@ class Zone:
 
 
 def beside(area: Polygon | MultiPolygon, lon_deg: float) -> Polygon | MultiPolygon:
-    """The area with every part counted to the side of the 180th meridian where `lon_deg` is.
+    """The area with every part on the side of the 180th meridian where `lon_deg` is.
 
-    Parts that meet at the meridian, because it cut them in two, are one again.
+    Parts that meet at the meridian, because it cut them in two, are joined.
     """
     if area.is_empty:
         return area
@@ -111,11 +111,11 @@ def overlap(first: Zone, second: Zone) -> Polygon | MultiPolygon:
 
 
 class ZoneFinder:
-    """Answers where the aircraft is with respect to every zone; any number may exist.
+    """Finds the aircraft's place relative to every zone. Any number of finders may exist.
 
-    Fastest for places that follow each other along a track: what holds for the next one too is not worked out anew. So
-    the margin of a zone that does not hold the aircraft is exact near its border, and else to `KEPT_PART`; all the rest
-    is as if each place was the first.
+    Fastest for places that follow each other along a track, because results that stay valid are kept. So the margin of
+    a zone that does not hold the aircraft is exact near its border, and elsewhere to `KEPT_PART`; all other results are
+    as if each place was the first.
     """
 
     def __init__(self, zones: Iterable[Zone], *, horizon_s: float = HORIZON_S) -> None:
@@ -197,7 +197,7 @@ class ZoneFinder:
         return tuple(found)
 
     def _beyond(self, far_m: float, ahead: Sequence[tuple[float, float, float]], alt_m: float | None) -> frozenset[int]:
-        """Who holds the last place before that one."""
+        """Stations whose zones hold the last place before that distance."""
         before = next(((lat, lon) for far, lat, lon in reversed(ahead) if far < far_m), None)
         return frozenset() if before is None else self.holding(*before, alt_m)
 

@@ -99,9 +99,7 @@ def test_a_region_that_is_over_before_an_operator_has_to_answer_is_worth_knowing
     assert infos(small, operator_s=1.5 + begins_s) == []
     (text,) = infos(small, operator_s=1.8 + begins_s)  # the transfer needs its time too
     assert text.startswith("an operator who is asked may take ")
-    assert text.endswith(
-        f"less at handover 1, though he is asked beforehand: {begins_s + overlap_s:.1f} s at the least"
-    )
+    assert text.endswith(f"is less at handover 1, even if asked early: {begins_s + overlap_s:.1f} s at the least")
     assert infos(small, transfer_s=5.0, operator_s=60.0) == [], "there it is an error"
 
 
@@ -125,7 +123,7 @@ def test_station_that_never_commands_is_a_warning(small):
 def test_rally_point_in_no_zone_is_a_warning(small):
     small.plan["rallyPoints"]["points"].append([0.002, 10.003, 30])
     assert warnings(small) == [
-        "rally point 2 at 0.00200 N 10.00300 E is in no zone: nobody would command the aircraft there"
+        "rally point 2 at 0.00200 N 10.00300 E is in no zone: no station would command the aircraft there"
     ]
 
 

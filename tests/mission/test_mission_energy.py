@@ -297,7 +297,7 @@ def test_where_no_place_is_inside_the_geofence_there_is_no_way_back(small):
     assert found_.no_return_m == 0.0
     report = check(load(small.write()))
     errors = [finding.text for finding in report.findings if finding.severity is Severity.ERROR]
-    assert "no place of a return is inside the geofence" in errors
+    assert "no return site is inside the geofence" in errors
     assert not any("is never farther than" in finding.text for finding in report.findings)
 
 
@@ -376,7 +376,7 @@ def test_a_wind_that_cannot_be_flown_against_is_an_error(small):
 def test_the_point_of_no_return_is_an_info(small):
     (text,) = found(numbers(small, battery=17.0), Severity.INFO)
     assert text.startswith("energy: from ")
-    assert text.endswith(" m along the route on no place of a return is in reach with the reserve")
+    assert text.endswith(" m along the route on no return site is in reach with the reserve")
 
 
 def test_the_table_of_the_budget(small):

@@ -80,7 +80,7 @@ def test_a_copter_has_no_items_of_wings(small, command, name, why):
     [
         (82, "NAV_SPLINE_WAYPOINT", "ArduPlane does not store it"),
         (93, "NAV_DELAY", "ArduPlane does not wait in flight: take NAV_LOITER_TIME"),
-        (94, "NAV_PAYLOAD_PLACE", "ArduPlane lands there, and need not go on behind it"),
+        (94, "NAV_PAYLOAD_PLACE", "ArduPlane lands there, and need not go on after it"),
         (115, "CONDITION_YAW", "ArduPlane passes over it"),
         (42600, "DO_WINCH", "ArduPlane passes over it"),
     ],

@@ -179,7 +179,7 @@ complete -c handover -n '_shtab_handover_using init' -s h -l help -d 'show this 
 complete -c handover -n '_shtab_handover_using init' -l with-passphrases -d 'demo: show the passphrases of its keys, this once, to be typed into other ground station programs'
 complete -c handover -n '_shtab_handover_using init; and test $_shtab_handover_npos -eq 0' -ka "vehicle station demo" -d 'what the configuration is for'
 complete -c handover -n '_shtab_handover_using init; and test $_shtab_handover_npos -eq 1' -ka "(__fish_complete_path (commandline -ct))" -d 'default: the usual name, here'
-complete -c handover -n '_shtab_handover_using; and test $_shtab_handover_npos -eq 0' -a install -d 'Let systemd run the companion, or a station without a terminal. Installs a unit with a watchdog and few rights, a user, a name for the autopilot'"'"'s line, /etc/handover and both uplinks.'
+complete -c handover -n '_shtab_handover_using; and test $_shtab_handover_npos -eq 0' -a install -d 'Let systemd run the companion, or a station without a terminal. Installs a unit with a watchdog and few rights, a user, /etc/handover, both uplinks, and a name for the autopilot.'
 complete -c handover -n '_shtab_handover_using install' -s h -l help -d 'show this help message and exit'
 complete -c handover -n '_shtab_handover_using install' -l root -xka "(__fish_complete_directories)" -d 'write below this folder, and run nothing'
 complete -c handover -n '_shtab_handover_using install' -l force -d 'also files that were changed since'
