@@ -128,7 +128,7 @@ VEHICLE: Final[Mapping[str, Meanings]] = {
         "retry_max_s": "the longest wait for one",
         "step_timeout_s": "a step of a transfer that takes longer aborts it: the commander stays",
         "operator_timeout_s": "the same while an operator is asked",
-        "release_timeout_s": "the vehicle commits if both agreed and the release is missing this long",
+        "release_timeout_s": "commander consented, partner connected, release missing this long: the vehicle commits",
         "forced_timeout_s": "the commander is lost: a forced transfer may take this long",
         "reserve_timeout_s": "and the station that is ready first has this long when another is ready too",
         "retry_pause_s": "pause before a failed transfer is tried again",

@@ -9,7 +9,7 @@ of its own.
 
 Writing never raises and never waits, because a full, slow or missing disk must not end a flight or delay the lease. A
 thread (`background_writer.py`) writes the entries in their order, a moment later. Entries that find no room in memory
-or on the disk are counted. The next entry that can be written is followed by the number of lost ones.
+or on the disk are counted. The next entry that can be written is preceded by the number of lost ones.
 
 `note` is for frequent entries without consequences. A single write costs as much as a write of several entries if the
 processor is otherwise idle. A noted entry keeps its own time and position, and reaches the file a moment later.

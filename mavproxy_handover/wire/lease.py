@@ -111,7 +111,7 @@ def pack_lease(lease: Lease, vehicle: int, key: bytes | None = None) -> mavlink.
 
 
 def unpack_lease(payload: bytes) -> Lease | None:
-    """The lease in a TUNNEL payload of the given length, or None if it holds no lease.
+    """The lease in a TUNNEL payload that is cut to its length, or None if it holds no lease.
 
     It may have a tag, which is not checked.
     """
@@ -132,7 +132,7 @@ def guard_status_version(payload: bytes) -> int | None:
 
 
 def unpack_guard_status(payload: bytes) -> GuardStatus | None:
-    """The guard's status in a TUNNEL payload of the given length, or None if it holds none.
+    """The guard's status in a TUNNEL payload that is cut to its length, or None if it holds none.
 
     Its tag is not checked.
     """
