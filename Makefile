@@ -7,6 +7,9 @@ PYTHON ?= python3
 PYTEST_ARGS ?= -n 3 --dist loadfile --no-loadscope-reorder
 VENV := .venv
 BIN := $(VENV)/bin
+# pytest and every program that a test starts keep what they have compiled: without it each worker rewrites the asserts
+# of all tests again, half a minute
+unexport PYTHONDONTWRITEBYTECODE
 SOURCES := $(shell find mavproxy_handover gcs_module sitl missions ardupilot_lua docs/man -type f -not -path '*/__pycache__/*') \
            pyproject.toml setup.py constraints.txt
 
@@ -91,6 +94,7 @@ fuzz: $(VENV)/installed
 	$(BIN)/python tests/fuzz/fuzz.py --seconds $(or $(FUZZ_SECONDS),60) $(ARGS)
 
 explore: $(VENV)/installed
+	$(BIN)/python tests/model/explore.py --quick
 	$(BIN)/python tests/model/explore.py $(ARGS)
 
 mutants: $(VENV)/installed

@@ -39,7 +39,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
             f"--{name}", action="append", metavar="PATH", help=f"an {name} SITL program; may be given several times"
         )
     group.addoption("--clients", metavar="FOLDER", help="where `make clients` has installed the programs of others")
-    group.addoption("--long", action="store_true", help="fly those too that `make flights` and `make hosts` fly")
+    group.addoption("--long", action="store_true", help="no test is left out for its length, and each goes to its end")
     group.addoption("--flown", metavar="PAGE", type=Path, help="write the guard's table of flights into this page")
 
 
@@ -51,7 +51,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     if not config.getoption("--long"):
-        skip = pytest.mark.skip(reason="flown by `make flights` or `make hosts` (--long)")
+        skip = pytest.mark.skip(reason="flown by `make flights`, `make hosts` or `make scenarios` (--long)")
         for item in items:
             if item.get_closest_marker("long") is not None:
                 item.add_marker(skip)

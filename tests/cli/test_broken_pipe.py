@@ -55,23 +55,25 @@ def places(tmp_path: Path) -> dict[str, str]:
     }
 
 
-@pytest.mark.parametrize("buffered", [True, False])
 @pytest.mark.parametrize(
-    "words",
+    ("words", "buffered"),
     [
-        "--help",
-        "--version",
-        "policy",
-        "policy --json",
-        "policy --help",
-        "check MISSION",
-        "sim --list",
-        "sim --out NEW",
-        "report RUN",
-        "keys list --dir KEYS",
-        "guard CARD",
-        "init vehicle NEW",
-        "companion --help",
+        ("--help", True),
+        ("--help", False),
+        ("--version", True),
+        ("policy", True),
+        ("policy", False),
+        ("policy --json", True),
+        ("policy --help", True),
+        ("check MISSION", True),
+        ("check MISSION", False),
+        ("sim --list", True),
+        ("sim --out NEW", True),
+        ("report RUN", True),
+        ("keys list --dir KEYS", True),
+        ("guard CARD", True),
+        ("init vehicle NEW", True),
+        ("companion --help", True),
     ],
 )
 def test_it_ends_quietly(places: dict[str, str], words: str, buffered: bool) -> None:

@@ -252,7 +252,7 @@ class TestCountdown:
 
 
 @pytest.mark.slow
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=8, deadline=None)
 @given(
     seed=st.integers(0, 10_000),
     loss=st.sampled_from([0.0, 0.1, 0.3, 0.6]),

@@ -18,6 +18,7 @@ from mavproxy_handover.core.common.messages import Connect, DisconnectHandover, 
 from mavproxy_handover.core.common.model import FlightAction, Reason
 from tests.core.bench import KEY, STATIONS, A, B, Bench, far, inside
 from tests.core.network import Network, lossy
+from tests.depth import first
 
 RETURN = Fly(FlightAction.RETURN, Reason.COMMANDER_LOST)
 STEP_S = 0.1
@@ -184,7 +185,7 @@ def test_a_commander_that_hears_a_third_of_the_time_commands(on_off: tuple[float
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", first(2, range(4)))
 def test_at_one_message_in_five_lost_each_way_nothing_is_deaf(seed: int) -> None:
     visits = {A: [(0.0, 900.0)], B: [(400.0, 900.0)]}
     net = Network(visits, (A, B), air=lossy(seed, 0.2)).run(880.0)
@@ -257,7 +258,7 @@ def test_whom_chance_lets_hear_next_to_nothing_is_lost_in_time_in_99_of_100_tria
 
 @pytest.mark.slow
 def test_whom_chance_lets_hear_half_of_it_commands() -> None:
-    assert [lost_after(seed, 0.5, 600.0) for seed in range(20)] == [inf] * 20
+    assert [lost_after(seed, 0.5, 600.0) for seed in range(10)] == [inf] * 10
 
 
 # ---- coming back -----------------------------------------------------------------------------------------------------

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What is explored: QUICK in every test run, DEEP by `make explore`.
+"""What is explored: the first states of QUICK in every test run, DEEP by `make explore`.
 
 What takes long is bounded in QUICK by a depth, and is explored to its end in DEEP. From each state the world is run on
 until it rests, in QUICK too: a bound leaves out faults that come late, not the end of a transfer.

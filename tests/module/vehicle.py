@@ -17,9 +17,16 @@ HOME = (52.679, 5.924)
 GUIDED, AUTO, RTL, LAND = 4, 3, 6, 9
 
 
+_DECODER = mavlink.MAVLink(None)
+
+
 def frames(data: bytes) -> list[Any]:
     """The messages in some bytes, decoded with our dialect."""
-    return [m for m in mavlink.MAVLink(None).parse_buffer(data) or [] if m.get_type() != "BAD_DATA"]
+    try:  # nearly always one frame, and a parser takes twice as long as the decoder
+        found = [_DECODER.decode(bytearray(data))] if data else []
+    except mavlink.MAVError:
+        found = mavlink.MAVLink(None).parse_buffer(data) or []
+    return [m for m in found if m.get_type() != "BAD_DATA"]
 
 
 class Autopilot:

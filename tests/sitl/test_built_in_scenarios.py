@@ -5,7 +5,8 @@
 Each flight is judged by its scenario. Checked here beside that is what the user gets: the exit code, one JSON object,
 the report and its pictures, and no process left behind.
 
-These flights take longest of all tests here: in a file of their own they begin early.
+These flights take longest of all tests here: in a file of their own they begin early. Two of them are flown by
+`--long` only; `make scenarios` flies these as every other scenario.
 """
 
 from __future__ import annotations
@@ -19,6 +20,9 @@ from tests.sitl.runner_flight import COMMANDERS, ON_ARDUCOPTER, ON_THE_BUILT_IN,
 
 start = pytest.fixture(starting)
 
+#: what they show, a return out of coverage and an address in the mission, is tested in `tests/module` too
+LONG = ("out-of-coverage", "partner-address")
+
 
 def test_what_is_flown_here_are_scenarios_that_ship() -> None:
     assert set(COMMANDERS) <= set(known_scenarios())
@@ -26,6 +30,9 @@ def test_what_is_flown_here_are_scenarios_that_ship() -> None:
 
 
 @pytest.mark.process
-@pytest.mark.parametrize("scenario", sorted(ON_THE_BUILT_IN))
+@pytest.mark.parametrize(
+    "scenario",
+    [pytest.param(name, marks=[pytest.mark.long] if name in LONG else []) for name in sorted(ON_THE_BUILT_IN)],
+)
 def test_on_the_built_in_vehicle(start: Start, scenario: str, tmp_path: Path) -> None:
     check(fly(start, "builtin", scenario, tmp_path / "run"), scenario, tmp_path / "run")

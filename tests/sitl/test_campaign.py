@@ -28,6 +28,7 @@ from sitl.campaign.steering import NEVER_IN, NEVER_MEET
 from sitl.campaign.times import SECOND
 from sitl.campaign.work import Campaign, CampaignError, Flights, fly_all
 from sitl.campaign.world import World
+from tests.depth import first, seeds
 
 A, B = 251, 252
 
@@ -35,9 +36,9 @@ A, B = 251, 252
 # ---- time ------------------------------------------------------------------------------------------------------------
 
 
-#: the last five: a place that is looked at after a pause, drift by a border, the phase of questions to a station, a gap
-#: whose time runs out, a border at which it was flown on and that is left behind
-@pytest.mark.parametrize("seed", [4, 13, 23, 30, 44, 2189, 3206, 7250, 1102031, 6002100])
+#: the second to the sixth: a place that is looked at after a pause, drift by a border, the phase of questions to a
+#: station, a gap whose time runs out, a border at which it was flown on and that is left behind
+@pytest.mark.parametrize("seed", first(6, [13, 2189, 3206, 7250, 1102031, 6002100, 4, 23, 30, 44]))
 def test_the_same_comes_of_it_however_time_is_let_pass(seed: int) -> None:
     assert fly(seed).same == fly(seed, plain=True).same
 
@@ -692,13 +693,13 @@ def test_the_page_says_what_never_meets_and_why(tmp_path: Path) -> None:
     assert "and did" not in page
 
 
-def test_nothing_that_never_meets_meets() -> None:
-    flown = [fly(seed) for seed in range(11, 131, 6)]
+def test_nothing_that_never_meets_meets(pytestconfig: pytest.Config) -> None:
+    flown = [fly(11 + 6 * number) for number in seeds(pytestconfig, 8, 20)]
     assert figures(flown).against_the_rules == []
 
 
 @pytest.mark.process
 def test_two_workers_bring_the_same_as_one(tmp_path: Path) -> None:
-    here = {each.seed: each.same for batch in fly_all(Campaign(0, 4), (), 1, None) for each in batch}
-    there = {each.seed: each.same for batch in fly_all(Campaign(0, 4), (), 2, None) for each in batch}
+    here = {each.seed: each.same for batch in fly_all(Campaign(0, 2), (), 1, None) for each in batch}
+    there = {each.seed: each.same for batch in fly_all(Campaign(0, 2), (), 2, None) for each in batch}
     assert here == there

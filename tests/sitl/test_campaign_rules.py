@@ -34,6 +34,16 @@ def test_what_flying_loads_is_what_counts() -> None:
     assert set(modules()) == set(_python(_LOADED, ROOT))
 
 
+@pytest.fixture(scope="module")
+def copied(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of the packages, whose digest is that of this run."""
+    home = tmp_path_factory.mktemp("packages")
+    for package in PACKAGES:
+        shutil.copytree(ROOT / package, home / package, ignore=shutil.ignore_patterns("__pycache__"))
+    assert _python(_DIGEST, home) == [rules()]
+    return home
+
+
 @pytest.mark.parametrize(
     ("file", "counts"),
     [
@@ -46,14 +56,13 @@ def test_what_flying_loads_is_what_counts() -> None:
         ("mavproxy_handover/event_log.py", False),
     ],
 )
-def test_a_changed_module_is_another_digest_if_flights_depend_on_it(file: str, counts: bool, tmp_path: Path) -> None:
-    for package in PACKAGES:
-        shutil.copytree(ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__"))
-    before = _python(_DIGEST, tmp_path)
-    assert before == [rules()]
-    with (tmp_path / file).open("a", encoding="utf-8") as source:
-        source.write("# another line\n")
-    assert (_python(_DIGEST, tmp_path) != before) is counts
+def test_a_changed_module_is_another_digest_if_flights_depend_on_it(file: str, counts: bool, copied: Path) -> None:
+    before = (copied / file).read_bytes()
+    try:
+        (copied / file).write_bytes(before + b"# another line\n")
+        assert (_python(_DIGEST, copied) != [rules()]) is counts
+    finally:
+        (copied / file).write_bytes(before)
 
 
 def test_flights_of_other_rules_are_not_added_to_a_folder(tmp_path: Path) -> None:

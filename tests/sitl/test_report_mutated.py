@@ -21,7 +21,7 @@ from sitl.report.page import main_report
 from tests.sitl.recorded import companion_entries, companion_log, dataflash, journal, station_entries, station_log
 from tests.sitl.synthetic import write_folder
 
-SHORT, LONG = 60, 1000
+SHORT, LONG = 24, 1000
 #: values that no program writes
 ODD: tuple[Any, ...] = (
     None, True, [], {}, "", "x" * 5000, -1, 0, 1e308, 10**400, -(10**30), float("nan"), float("inf"),
@@ -130,7 +130,7 @@ def test_a_damaged_folder_gives_a_page_or_one_sentence(
             assert code == 2, f"mutation {number}"
             assert said.err.startswith("handover report: "), f"mutation {number}"
             assert said.err.count("\n") == 1, f"mutation {number}: {said.err[:500]}"
-    assert pages > 5, "most of what is damaged can still be reported"
+    assert pages > 3, "most of what is damaged can still be reported"
 
 
 def test_half_a_character_in_a_journal_gives_a_page(
