@@ -44,8 +44,8 @@ _CLOCK_STEP_S = 1.0
 _MOST_SENDERS = 8
 #: refused frames: entries at once, and the interval (s) from then on. Of who may be anybody, and of the station
 _UNPROVEN, _PROVEN = (60, 2.0), (200, 0.5)
-_ITS_OWN, _ANYBODYS = "refused frames", "refused frames that nobody proves to be its own"
-_STRANGERS = "refused frames that somebody sent in its name"
+_ITS_OWN, _ANYBODYS = "refused frames", "refused frames without proof of their sender"
+_STRANGERS = "refused frames in its name without a valid signature"
 #: transfer messages, and requests that came to nothing: far more than there are in the worst of handovers
 _SAID = (5000, 0.1)
 #: what a station's sticks and setpoints are said to do
@@ -246,7 +246,7 @@ class EventLog:
     def senseless(self, kind: str, station: str, now: float) -> None:
         """A message of a transfer that holds what none may hold, or is about another vehicle."""
         if self._heard_out(station, now):
-            self._journal.write("dropped", f"{kind} of {station} makes no sense", station=station)
+            self._journal.write("dropped", f"{kind} of {station} is not valid", station=station)
 
     def request_not_understood(self, station: str, why: str, now: float) -> None:
         """A request of operator control that cannot be one."""
@@ -275,7 +275,9 @@ class EventLog:
 
     def package_lost(self) -> None:
         """The mission package that was kept with it is not there."""
-        self._journal.write("state_lost", "the mission package of the run before is gone: no zones", reason="fault")
+        self._journal.write(
+            "state_lost", "the mission package of the previous run is missing: no zones", reason="fault"
+        )
 
     # ---- the gate -------------------------------------------------------------------------------------------------
 
@@ -368,12 +370,12 @@ class EventLog:
     def upload_refused(self, station: str, what: str, why: str, now: float) -> bool:
         """A list that a station sends in flight is not taken, or did not come whole; whether that is told: a program
         that tries it without end is told each second."""
-        kept_back = self._sampler(station, "lists that are not taken", _PROVEN).take(now, (what, why))
+        kept_back = self._sampler(station, "rejected lists", _PROVEN).take(now, (what, why))
         if kept_back is None:
             return False
         also = kept_back or None
         self._journal.write("upload_refused", f"{what} of {station}: {why}", station=station, also=also)
-        self._tell_sentence(f"{what} of {station} not taken: {why}")
+        self._tell_sentence(f"{what} of {station} rejected: {why}")
         return True
 
     def rerouted(self, station: str, items: int, commanders: Sequence[int]) -> None:
@@ -508,7 +510,7 @@ class EventLog:
 
     def place_failed(self, why: str) -> None:
         """It could not be written there."""
-        text = f"the place of a return could not be written, it is tried again: {why}"
+        text = f"the return site could not be written to the autopilot's rally list: {why}. The companion tries again"
         self._journal.write("place_failed", text)
         self._tell_sentence(f"WARNING: {text}")
 
@@ -522,13 +524,13 @@ class EventLog:
         """The commander has put other rally points in the place of the mission's."""
         if not self._heard_out(station, now):
             return
-        text = f"{count} rally points of {station} count instead of the mission's, for this flight"
+        text = f"{count} rally points of {station} replace the mission's for this flight"
         self._journal.write("rally_list", text, station=station, count=count)
         self._tell_sentence(text)
 
     def bounced(self, name: str) -> None:
         """A return under way is begun anew, for another place."""
-        text = f"the return under way goes to {name} instead: GUIDED, and RTL again"
+        text = f"the return goes to {name} instead: GUIDED, then RTL again"
         self._journal.write("bounce", text, place=name)
         self._tell_sentence(text)
 
@@ -539,7 +541,7 @@ class EventLog:
 
     def second_manager(self, component: int) -> None:
         """Somebody else on board claims to manage operator control."""
-        text = f"component {component} claims to be the system manager too: switch its operator control off"
+        text = f"component {component} also claims to be the system manager: switch its operator control off"
         self._journal.write("second_manager", text)
         self._tell_sentence(text)
 
@@ -550,7 +552,7 @@ class EventLog:
             return
         self._in_our_name.add(sender)
         system, component = sender
-        text = f"{what} of {system}/{component} on the vehicle's side is in the companion's name: kept aboard"
+        text = f"{what} of {system}/{component} on the vehicle's side uses the companion's identity: not forwarded"
         self._journal.write("in_our_name", text, system=system, component=component, what=what)
         self._tell_sentence(text)
 
@@ -573,7 +575,7 @@ class EventLog:
 
     def mission_written(self, package: MissionPackage, fence: Sequence[FencePart], cruise_mps: float) -> None:
         """The autopilot holds the plan of the package; `fence`, `cruise_mps`: in force now, of the plan or not."""
-        lists = "mission, place of a return and geofence" if package.route.fence else "mission and place of a return"
+        lists = "mission, return site and geofence" if package.route.fence else "mission and return site"
         self._journal.write("mission_written", f"{lists} written, read back, equal", cruise_mps=round(cruise_mps, 3))
         if fence and not package.route.fence:
             text = f"the plan has no geofence: the autopilot keeps the one that it has ({len(fence)} areas)"
@@ -588,13 +590,13 @@ class EventLog:
     def list_changed(self, station: str, what: str, *, counted: bool) -> None:
         """A station's message changes the autopilot's mission or geofence on the ground; `what`: which of them.
         `counted`: a mission was loaded until then."""
-        text = f"{station} changes the {what} on the autopilot" + (". It is judged anew" if counted else "")
+        text = f"{station} changes the {what} on the autopilot" + (". The companion judges it again" if counted else "")
         self._journal.write("list_changed", text, station=station, list=what)
         self._tell_sentence(text)
 
     def changed_past(self, how: str) -> None:
-        """The autopilot's mission or geofence was changed past the companion; `how` they differ."""
-        text = f"the mission on the autopilot was changed past the companion: {how}"
+        """The autopilot's mission or geofence was changed without the companion; `how` they differ."""
+        text = f"the mission on the autopilot was changed without the companion: {how}"
         self._journal.write("changed_past", text)
         self._tell_sentence(text)
 
@@ -629,7 +631,7 @@ class EventLog:
 
     def speed(self, speed_mps: float, failure: str | None) -> None:
         """What came of having the aircraft fly at the mission's speed again."""
-        text = failure or f"{speed_mps:g} m/s again, as the mission has it here"
+        text = failure or f"mission speed restored: {speed_mps:g} m/s"
         self._journal.write("speed", text, speed_mps=speed_mps, obeyed=failure is None)
         self._tell_sentence(text)
 

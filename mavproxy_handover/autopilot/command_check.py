@@ -186,13 +186,13 @@ class CommandCheck:
         """Why a speed is refused whatever it costs, in words; "" where it is not."""
         aircraft = self._aircraft
         if aircraft.flown in _COMES_HOME:
-            return "a return keeps the speed that its energy is counted with"
+            return "a return keeps the speed that its energy is calculated with"
         if not aircraft.kind.winged:
             return ""
         if intent.speed_type == mavlink.SPEED_TYPE_GROUNDSPEED:
-            return "it would set MIN_GROUNDSPEED, which outlasts the mode: a return is flown by it too"
+            return "it would set MIN_GROUNDSPEED, which also applies to a return"
         if not intent.throttle <= 0.0:
-            return "it would set TRIM_THROTTLE, which outlasts the mode: a return is flown by it too"
+            return "it would set TRIM_THROTTLE, which also applies to a return"
         return ""
 
     def _slow(self, intent: Intent) -> str:
@@ -201,7 +201,7 @@ class CommandCheck:
         speed_mps = intent.speed_mps
         if counted_mps is None or speed_mps is None or self._aircraft.kind.winged or not 0.0 < speed_mps < counted_mps:
             return ""
-        return f"slower than the {counted_mps:g} m/s that the energy is counted with"
+        return f"slower than the {counted_mps:g} m/s that the energy is calculated with"
 
     def _bar(self, port: StationPort, word: str, why: str, now: float) -> Ruling:
         """It is refused, and nothing lifts that."""
@@ -362,7 +362,7 @@ class CommandCheck:
         if fact.model is None or fact.left_wh is None or places is None:
             return ""
         if not places and legs[-1].end[2] > 0.0:
-            return "no place of a return is inside the fence"
+            return "no return site is inside the fence"
         return fact.shortfall(self._need_wh(legs, places, fact.model, ahead))
 
     def way_on_wh(self) -> float | None:

@@ -148,7 +148,7 @@ class FlightUploads:
         for kind, port in list(self._ports.items()):
             if kind == _MISSION and _WRITE in self._conversations:
                 continue
-            self._carry_out(kind, port, self._servers[kind].give_up("its sender commands no more", now), now)
+            self._carry_out(kind, port, self._servers[kind].give_up("its sender no longer has authority", now), now)
 
     # ---- the steps ------------------------------------------------------------------------------------------------
 
@@ -178,13 +178,13 @@ class FlightUploads:
         ahead = self._command_check.ahead
         held = ahead is not None and upload.items and same_fence(upload.items, ahead.route.fence)
         result = mavlink.MAV_MISSION_ACCEPTED if held else _DENIED
-        words = "" if held else "the geofence is not changed in flight"
+        words = "" if held else "it cannot be changed in flight"
         self._conclude(port, _FENCE, result, words, now)
 
     def _read(self, port: StationPort, upload: Upload, now: float) -> None:
         package, here = self._flown.package, self._command_check.here(now)
         if not upload.items:
-            self._conclude(port, _MISSION, _DENIED, "in flight it is replaced, not cleared", now)
+            self._conclude(port, _MISSION, _DENIED, "it cannot be cleared in flight, only replaced", now)
         elif package is None or here is None:
             self._conclude(port, _MISSION, _DENIED, "without a mission package and a position it cannot be judged", now)
         else:
@@ -194,7 +194,7 @@ class FlightUploads:
                 lambda result, now: self._was_read(port, upload, result, now),
             )
             if not read:
-                self._conclude(port, _MISSION, mavlink.MAV_MISSION_ERROR, "another one is being read", now)
+                self._conclude(port, _MISSION, mavlink.MAV_MISSION_ERROR, "another mission is being read", now)
 
     def _was_read(self, port: StationPort, upload: Upload, result: Rerouted | Exception, now: float) -> None:
         if self._servers[_MISSION].sender != upload.sender:  # it was given up meanwhile

@@ -141,7 +141,7 @@ class AutopilotMessages:
             self._reports.event_log.autopilot_restarted("the autopilot has started again")
 
     def _on_state(self, message: Any, now: float) -> None:
-        attempt(self._reports.fault, "places of a return", self._users.return_site.take, message, now)
+        attempt(self._reports.fault, "return sites", self._users.return_site.take, message, now)
         # without a recent heartbeat, arming and mode may have changed
         if now - self._state.telemetry.heartbeat.at < _HEARTBEAT_S:
             # the mode comes first: what is flown already is not ordered again

@@ -115,7 +115,7 @@ class MissionProtocol:
         """Returns the items of the mission that the autopilot holds, its home first; none where it holds no mission."""
         count = yield self._list_request(_MISSION, ("MISSION_COUNT", "MISSION_ACK"))
         if count.get_type() == "MISSION_ACK":
-            raise AutopilotError("the autopilot does not give its mission away now")
+            raise AutopilotError("the autopilot does not send its mission now")
         items = yield from self._items_back(_MISSION, count.count)
         return tuple(filled(item) for item in items)
 
@@ -123,7 +123,7 @@ class MissionProtocol:
         """Returns the one rally point that the autopilot holds, None where it holds none or more than one."""
         count = yield self._list_request(_RALLY, ("MISSION_COUNT", "MISSION_ACK"))
         if count.get_type() == "MISSION_ACK":
-            raise AutopilotError("the autopilot does not give its rally points away now")
+            raise AutopilotError("the autopilot does not send its rally points now")
         if count.count != 1:
             return None
         item = yield from self._item_back(_RALLY, 0)
@@ -237,7 +237,7 @@ def fence_items(parts: Sequence[FencePart]) -> tuple[MissionItem, ...]:
 def fence_parts(items: Sequence[MissionItem]) -> tuple[FencePart, ...]:
     """The same the other way round. A point to return to, which copters do not use, is no part of a fence.
 
-    Raises AutopilotError for a polygon that is not whole, and for a circle that is none.
+    Raises AutopilotError for an incomplete polygon, and for a circle that is none.
     """
     parts: list[FencePart] = []
     corners: list[tuple[float, float]] = []
@@ -256,7 +256,7 @@ def fence_parts(items: Sequence[MissionItem]) -> tuple[FencePart, ...]:
             parts.append(FencePolygon(inclusion, tuple(corners)))
             corners = []
     if corners or any(isinstance(part, FencePolygon) and len(part.corners) < 3 for part in parts):
-        raise AutopilotError("the autopilot holds a geofence with a polygon that is not whole")
+        raise AutopilotError("the autopilot holds a geofence with an incomplete polygon")
     return tuple(parts)
 
 

@@ -116,7 +116,7 @@ class MissionReadiness:
     def changed_past(self, how: str, now: float) -> None:
         """The autopilot holds another mission or geofence than what counted: a program wrote it past the companion."""
         self.kept = True
-        words = f"it was changed past the companion ({how})"
+        words = f"it was changed without the companion ({how})"
         self._lack(words, now)
         cure = f"{_CURE}. {_OR_CLEAR}" if self.on_board else _CURE
         self._say(f"The mission does not count any more: {words}. {cure}.")

@@ -41,7 +41,7 @@ from mavproxy_handover.wire.ids import MISSION_START
 __all__ = ["UNDOING", "Orders", "commanded", "disarms"]
 
 #: what an arm lacks while a START that was called off is being undone
-UNDOING: Final = ("the START before is still being undone: send it again",)
+UNDOING: Final = ("the previous START is still being undone: send it again",)
 
 #: messages that carry a MAV_CMD
 _CARRIERS: Final = (mavlink.MAVLINK_MSG_ID_COMMAND_LONG, mavlink.MAVLINK_MSG_ID_COMMAND_INT)
@@ -307,7 +307,7 @@ class Orders:
         if _HOME in self._conversations:
             self._reply(asker, _PAUSE_CONTINUE, mavlink.MAV_RESULT_TEMPORARILY_REJECTED)
             return
-        self._give_stop_up("another one was asked for")
+        self._give_stop_up("another one was requested")
         self._stopper = asker, pause
 
         def done(talk: Conversation, _now: float) -> None:
@@ -327,7 +327,7 @@ class Orders:
         """End a stop that is under way, if one is."""
         stopper, self._stopper = self._stopper, None
         if self._conversations.drop(_PAUSE) and stopper is not None:
-            self._reply(stopper[0], _PAUSE_CONTINUE, mavlink.MAV_RESULT_FAILED, f"given up: {why}")
+            self._reply(stopper[0], _PAUSE_CONTINUE, mavlink.MAV_RESULT_FAILED, f"cancelled: {why}")
 
     # ---- the mission's speed --------------------------------------------------------------------------------------
 
@@ -424,5 +424,5 @@ class Orders:
         try:
             return self._return_site.before_return(now, returning=self.returning)
         except Exception:
-            self._reports.fault("place of a return", traceback.format_exc(limit=-3))
+            self._reports.fault("return site", traceback.format_exc(limit=-3))
             return lambda: True

@@ -108,7 +108,7 @@ class PackageLoader:
             if not isinstance(result, Prepared):
                 port.send(self._reader.refused(digest, self._why(result), target))
             elif not self._welcome(port, now):  # it took a while to read
-                port.send(self._reader.refused(digest, "too late: it commands no more, or START was given", target))
+                port.send(self._reader.refused(digest, "too late: it has no authority, or START was given", target))
             else:
                 port.send(self._reader.received(digest, target))
                 self._reports.event_log.package_received(result.package.name, port.name)

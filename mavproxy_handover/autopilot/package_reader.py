@@ -41,7 +41,7 @@ class PackageReader:
         if kind == "MISSION_PACKAGE":
             digest = bytes(message.mission_digest)
             if not welcome and self._receiver.last_word(digest, target) is None:
-                text = "only the commander's, on the ground, disarmed"
+                text = "only from the commander, on the ground, disarmed"
                 return [self._receiver.refuse(digest, text, target)], None
             if welcome:
                 self._addresses = digest, unpack_addresses(message.addresses)

@@ -107,7 +107,9 @@ class RallyList:
         if self._server.sender is None:
             self._port = None
         if self._port is not None and not self._commands(self._port.sysid):
-            self._reports.answer(self._port, _WORDS, self._server.give_up("its sender commands no more", now), now)
+            self._reports.answer(
+                self._port, _WORDS, self._server.give_up("its sender no longer has authority", now), now
+            )
             self._port = None
 
 

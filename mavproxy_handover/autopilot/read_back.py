@@ -97,7 +97,7 @@ class ReadBack:
 
     def refuse(self, now: float) -> None:
         """The autopilot holds another mission: no command that waits begins a flight."""
-        self._tell("the mission was changed past the companion", now)
+        self._tell("the mission was changed without the companion", now)
 
     def withdraw(self, now: float) -> None:
         """The commander disarms: no command that waits begins a flight any more."""

@@ -28,4 +28,4 @@ class Reports:
         for answer in turn.answers:
             self.voice.as_autopilot(port, answer)
         if turn.words and self.event_log.upload_refused(port.name, what, turn.words, now):
-            self.voice.say(port, f"{what} not taken: {turn.words}")
+            self.voice.say(port, f"{what} rejected: {turn.words}")

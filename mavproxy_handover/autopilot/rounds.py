@@ -72,7 +72,7 @@ class Rounds:
         parts = self._parts
         self._attempt("conversations", self._context.conversations.tick, now)
         parts.mission.tick(now)
-        self._attempt("places of a return", parts.return_site.tick, now)
+        self._attempt("return sites", parts.return_site.tick, now)
         self._attempt("way home", parts.orders.tick, now)
         self._attempt("position box", self._look, self._monitors.positions.read, now)
 
@@ -88,7 +88,7 @@ class Rounds:
         self._attempt("the plan", parts.mission.flown.judge, now)
         self._attempt("the way ahead", parts.mission.do_later, now)
         self._attempt("the way ahead", self._look, monitors.borders.update, now)
-        self._attempt("places of a return", self._judge_places, now)
+        self._attempt("return sites", self._judge_places, now)
         self._attempt("motion", self._look, monitors.execution.update, now)
         self._attempt("conditions", self._look, monitors.conditions.update, now)
 

@@ -133,7 +133,7 @@ class Actions:
             self._fault("what follows from a new view", traceback.format_exc(limit=-3))
         if view.commander != before.commander:
             parts.autopilot.authority_moved(before, now)
-            parts.autopilot.orders.give_start_up("its commander commands no more", now)
+            parts.autopilot.orders.give_start_up("its commander no longer has authority", now)
             attempt(self._fault, "word of it", self._tell_commander, before, view)
         attempt(self._fault, "journal", parts.news.event_log.view, view, action.reason)
         self._send_lease(now)

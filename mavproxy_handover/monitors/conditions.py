@@ -68,9 +68,9 @@ class ConditionMonitor:
 
     def update(self, state: VehicleState, now: float) -> list[Event]:
         """Each second: what looks wrong, when that changes."""
-        attempt(self._fault, "sign of energy", self._look_at_energy, state)
-        attempt(self._fault, "sign of the route", self._look_at_route, state)
-        attempt(self._fault, "sign of the fence", self._look_at_fence, state, now)
+        attempt(self._fault, "energy condition", self._look_at_energy, state)
+        attempt(self._fault, "route condition", self._look_at_route, state)
+        attempt(self._fault, "fence condition", self._look_at_fence, state, now)
         if self._seen == self._told:
             return []
         self._told = self._seen

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the partner's operator is told of the aircraft with the question whether he will take it: six lines.
+"""The briefing: six lines about the aircraft for the partner's operator, sent with the question to take over.
 
-As at every change of a watch: where it is and what it flies, what is left in the battery against what the way on needs,
-the wind, the links, what is wrong and what was done about it, and what comes next. They are made when he is asked, and
-anew every few seconds while the question is open, in the next round of the main loop and not within the exchange of
-messages: a station that answers by itself has the aircraft by then, and is told nothing.
+The lines tell position and leg, battery and what the mission needs, wind, links, alerts with the last decision, and
+what comes next. They are made when the operator is asked, and again every few seconds while the question is open. They
+are made in the next round of the main loop, not within the exchange of messages: a station that answers by itself has
+the aircraft by then, and gets no briefing.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ from mavproxy_handover.wire import status
 
 __all__ = ["Briefing"]
 
-#: while the question is open it is told anew (s)
+#: interval of the briefings while the question is open (s)
 _AGAIN_S: Final = 10.0
-#: a decision that is over is told for so long (s)
+#: for this time (s) a decision that is over is told
 _LATELY_S: Final = 300.0
 
 
 @dataclass(slots=True)
 class _Question:
-    """Who is asked about what, and when it was told last (monotonic s)."""
+    """An open question to a station, and the time of its last briefing (monotonic s)."""
 
     station: int
     matter: tuple[int, int]
@@ -60,7 +60,7 @@ class Briefing:
         self._decided: tuple[str, float, bool] = ("", -inf, True)
 
     def asked(self, station: int, message: object) -> None:
-        """This message goes to the station; if it is a question to a partner, a briefing is due."""
+        """A message goes to a station. If it is a question to the partner, a briefing is due."""
         if isinstance(message, HandoverAhead) and station == message.key.to_station:
             matter = message.key.epoch, -message.key.crossing
         elif isinstance(message, HandoverRequest) and station == message.key.to_station:
@@ -71,11 +71,11 @@ class Briefing:
             self._question = _Question(station, matter)
 
     def decided(self, text: str, now: float, *, over: bool) -> None:
-        """What is done about what is wrong, in one sentence; `over`: nothing is wrong any more."""
+        """The last safety decision, in one sentence. `over`: its cause is gone."""
         self._decided = (self._decided[0] if over else text), now, over
 
     def tick(self, now: float) -> None:
-        """Tell what is due; to be called in every round of the main loop."""
+        """Send the briefing if it is due; to be called in every round of the main loop."""
         question = self._question
         if question is None or now < question.told_at + _AGAIN_S:
             return
@@ -89,14 +89,14 @@ class Briefing:
             port.send(message)
 
     def _open(self, station: int) -> bool:
-        """He is still to answer, as far as the vehicle knows."""
+        """Whether the operator has not answered yet, as far as the vehicle knows."""
         key = self._arbiter.ahead
         return self._arbiter.view.partner == station or (key is not None and key.to_station == station)
 
     # ---- the lines ------------------------------------------------------------------------------------------------
 
     def lines(self, station: int, now: float) -> tuple[str, ...]:
-        """For this station; what breaks in one of them costs no other."""
+        """The lines for this station. A fault in one line costs only that line."""
         made: tuple[Callable[[], str], ...] = (
             lambda: self._leg(now),
             self._battery,
@@ -127,7 +127,11 @@ class Briefing:
         if fact.model is None or fact.left_wh is None:
             return f"what is left is not known{f': {fact.missing}' if fact.missing else ''}"
         whole = fact.model.battery_wh
-        on = "the way on is not known" if need is None else f"the way on needs {need / whole:.0%} with the reserve"
+        on = (
+            "what the mission needs is not known"
+            if need is None
+            else f"the mission needs {need / whole:.0%} with the reserve"
+        )
         place = self._autopilot.return_site.words()
         return f"{fact.left_wh / whole:.0%} left; {on}{f'; return to {place}' if place else ''}"
 

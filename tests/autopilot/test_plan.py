@@ -163,7 +163,7 @@ def test_a_point_to_return_to_is_no_part_of_a_fence() -> None:
 @pytest.mark.parametrize("corners", [math.nan, 5.0, 2.0, 0.0])
 def test_a_polygon_that_is_not_whole_is_no_fence(corners: float) -> None:
     items = tuple(replace(item, param1=corners) for item in fence_items((YARD,)))
-    with pytest.raises(AutopilotError, match="a geofence with a polygon that is not whole"):
+    with pytest.raises(AutopilotError, match="a geofence with an incomplete polygon"):
         fence_parts(items)
 
 

@@ -143,7 +143,7 @@ def test_of_two_batteries_that_fly_it_both_are_looked_at(
     assert machine.doctor(capsys, "--no-links").lines("error") == []
     machine.config.write_text(machine.config.read_text() + "\n[energy]\nbatteries = 2\n")
     (said,) = machine.doctor(capsys, "--no-links").lines("error")
-    smart = "is 3: SMART_RTL flies back the way it came, and not to the place that was chosen"
+    smart = "is 3: SMART_RTL flies back the way it came, not to the return site"
     do = "Set BATT2_FS_LOW_ACT to 2; handover.parm and handover_guard.md say why."
     assert said == f"autopilot: BATT2_FS_LOW_ACT: {smart} -> {do}"
 

@@ -327,10 +327,10 @@ def test_who_reads_what_is_not_known_is_told_so() -> None:
 def test_whoever_loses_control_loses_its_upload_and_is_told() -> None:
     desk = server()
     desk.take(count(2), QGC, 0.0)
-    over = desk.give_up("its sender commands no more", 1.0)
+    over = desk.give_up("its sender no longer has authority", 1.0)
     assert words(over) == [f"ack {mavlink.MAV_MISSION_OPERATION_CANCELLED}"]
     assert addressed(over) == {QGC}
-    assert over.words == "its sender commands no more"
+    assert over.words == "its sender no longer has authority"
     assert desk.give_up("again", 1.0) == Turn()
     assert desk.conclude(ACCEPTED, 1.0) == Turn()
 

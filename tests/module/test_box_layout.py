@@ -106,7 +106,7 @@ def test_the_wrong_layout_refuses_start_in_words(
     assert words(name) in refused["text"]
     assert any(words(name) in text for _, text in bench.a.told())
     if source == "box":
-        assert told(bench) == [f"{words(name)}: no position counts"]
+        assert told(bench) == [f"{words(name)}: no position is used"]
         assert where(bench) is None
         assert "no position" in needs(bench)
     else:
@@ -161,7 +161,7 @@ def test_while_it_is_undecided_start_is_refused_where_the_box_is_the_source(
     pointing_north(bench, box, delivery, "box")
     assert UNDECIDED in needs(bench)
     assert where(bench) is None
-    assert told(bench) == [f"{UNDECIDED}: no position counts"]
+    assert told(bench) == [f"{UNDECIDED}: no position is used"]
     bench.autopilot.position = HOME
     real_rounds(bench, lambda: standing(bench) == "sound")
     bench.run(2.0)
@@ -194,7 +194,7 @@ def test_in_flight_another_layout_is_a_counted_warning_and_a_doubtful_position(
     bench.run(6.0)
     assert where(bench) is None
     assert told(bench)[-1].startswith(words("thesis"))
-    assert told(bench)[-1].endswith(" records of another layout in flight): no position counts")
+    assert told(bench)[-1].endswith(" records of another layout in flight): no position is used")
     assert [entry for entry in bench.journal("decision") if "position" in entry["text"]], "as any position that is old"
     bench.mpstate.type("handover status")
     (line,) = [line for line in bench.mpstate.console.lines if "position  by the box" in line][-1:]
@@ -278,7 +278,7 @@ def test_a_barometric_height_that_does_not_change_with_the_autopilots_is_a_disag
     box.changed = {"baro_m": 63.0 + 31.0}
     bench.run(4.0)
     assert standing(bench) == "apart"
-    assert "31 m apart in height (limit 30 m): no position counts" in told(bench)[-1]
+    assert "31 m apart in height (limit 30 m): no position is used" in told(bench)[-1]
 
 
 def test_warm_air_is_no_disagreement(bench: Bench, box: Box) -> None:

@@ -648,7 +648,7 @@ def test_a_return_keeps_its_speed(flown: Bench, mode: int, kind: int) -> None:
         flown.run(0.3)
     assert flown.autopilot.commands().count(SPEED) == 0
     assert flown.a.acks(SPEED) == [REJECTED, REJECTED]
-    assert flown.a.texts() == "speed refused: a return keeps the speed that its energy is counted with"
+    assert flown.a.texts() == "speed refused: a return keeps the speed that its energy is calculated with"
     flown.run(12.0)
     flown.a.command(SPEED, kind, 0.3, -1)
     flown.run(0.3)
@@ -679,7 +679,7 @@ def test_it_may_not_climb_or_come_down_slower_than_is_counted(
     flown.a.command(SPEED, kind, slow, -1)
     flown.run(0.3)
     assert flown.a.texts().startswith(
-        f"speed refused: slower than the {enough:g} m/s that the energy is counted with. Send it again in 10 s"
+        f"speed refused: slower than the {enough:g} m/s that the energy is calculated with. Send it again in 10 s"
     )
     flown.a.command(SPEED, kind, enough, -1)
     flown.run(0.3)
@@ -894,9 +894,9 @@ def test_a_flood_of_commands_is_refused_without_a_look(flown: Bench) -> None:
 @pytest.mark.parametrize(
     ("parameters", "text"),
     [
-        ((1, 15.0, -1), "speed refused: it would set MIN_GROUNDSPEED, which outlasts the mode"),
-        ((257, 15.0, -1), "speed refused: it would set MIN_GROUNDSPEED, which outlasts the mode"),
-        ((0, 99.0, 80), "speed refused: it would set TRIM_THROTTLE, which outlasts the mode"),
+        ((1, 15.0, -1), "speed refused: it would set MIN_GROUNDSPEED, which also applies to a return"),
+        ((257, 15.0, -1), "speed refused: it would set MIN_GROUNDSPEED, which also applies to a return"),
+        ((0, 99.0, 80), "speed refused: it would set TRIM_THROTTLE, which also applies to a return"),
         ((0, 22.0, -1), ""),
     ],
     ids=["ground speed", "the same as a byte", "throttle", "airspeed"],

@@ -97,9 +97,9 @@ def test_a_start_that_ends_with_its_commander_is_over_for_the_rules_too(ready: B
     ready.a.alive = False
     ready.until(lambda: ready.companion.view.commander is None)
     ready.run(0.5)
-    assert texts(ready, "start_failed") == ["START failed: its commander commands no more"]
+    assert texts(ready, "start_failed") == ["START failed: its commander no longer has authority"]
     assert ready.a.acks(START) == [IN_PROGRESS, FAILED]
-    assert ready.a.texts().count("START failed: its commander commands no more") == 1
+    assert ready.a.texts().count("START failed: its commander no longer has authority") == 1
     assert not ready.companion.arbiter._authority.starting
     assert ready.b.got("CONTROL_STATUS")[-1].gcs_main == 0
 

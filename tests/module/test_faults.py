@@ -108,14 +108,14 @@ IN_FLIGHT: dict[str, tuple[Callable[[Bench, pytest.MonkeyPatch], None], str]] = 
         lambda b, patch: patch.setattr(b.companion.autopilot.rounds._monitors.borders, "update", broken),
         "the way ahead",
     ),
-    "the route": (lambda b, patch: patch.setattr(RouteMonitor, "deviation", property(broken)), "sign of the route"),
+    "the route": (lambda b, patch: patch.setattr(RouteMonitor, "deviation", property(broken)), "route condition"),
     "the fence": (
         lambda b, patch: patch.setattr("mavproxy_handover.monitors.conditions.breach", broken),
-        "sign of the fence",
+        "fence condition",
     ),
     "what the autopilot says to the places": (
         lambda b, patch: patch.setattr(b.companion.autopilot.return_site, "take", broken),
-        "places of a return",
+        "return sites",
     ),
 }
 

@@ -233,7 +233,7 @@ def test_a_mission_of_nothing_and_a_clear_are_denied(flown: Bench) -> None:
         flown.run(3.0)
     assert held(flown) == before
     assert flown.autopilot.got("MISSION_CLEAR_ALL") == []
-    assert "in flight it is replaced, not cleared" in flown.a.texts()
+    assert "it cannot be cleared in flight, only replaced" in flown.a.texts()
 
 
 @pytest.mark.parametrize("number", [702, 65535])
@@ -349,7 +349,7 @@ def test_another_geofence_is_denied_in_flight(flown: Bench, delivery: MissionPac
         assert Program(flown, other, kind=1).send() == DENIED
         flown.run(3.0)
     assert flown.autopilot.items[1] == before
-    assert "the geofence is not changed in flight" in flown.a.texts()
+    assert "it cannot be changed in flight" in flown.a.texts()
 
 
 def test_a_whole_plan_is_taken_list_by_list(flown: Bench, delivery: MissionPackage) -> None:

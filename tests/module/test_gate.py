@@ -132,8 +132,8 @@ def test_transfer_messages_with_values_outside_every_enum_are_dropped(flight: Be
     flight.b.send(mavlink.MAVLink_ok_handover_message(1, 191, 7, 251, 252, 1, 1, 0, 0))
     flight.run(0.2)
     assert [entry["text"] for entry in flight.journal("dropped")] == [
-        "ON_HANDOVER of GCSB makes no sense",
-        "OK_HANDOVER of GCSB makes no sense",
+        "ON_HANDOVER of GCSB is not valid",
+        "OK_HANDOVER of GCSB is not valid",
     ]
     assert flight.companion.faults == {}
 

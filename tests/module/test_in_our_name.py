@@ -60,8 +60,8 @@ def test_it_is_told_once_of_each_who_does_it_and_counted(ground: Bench) -> None:
         ground.run(0.5)
     entries = ground.journal("in_our_name")
     assert [entry["text"] for entry in entries] == [
-        "HEARTBEAT of 1/191 on the vehicle's side is in the companion's name: kept aboard",
-        "CONNECT of 1/154 on the vehicle's side is in the companion's name: kept aboard",
+        "HEARTBEAT of 1/191 on the vehicle's side uses the companion's identity: not forwarded",
+        "CONNECT of 1/154 on the vehicle's side uses the companion's identity: not forwarded",
     ]
     assert [(entry["system"], entry["component"], entry["what"]) for entry in entries] == [
         (1, 191, "HEARTBEAT"),

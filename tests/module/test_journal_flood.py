@@ -80,7 +80,7 @@ def test_an_hour_of_unsigned_frames_takes_little_room_and_the_evidence_stays(sig
     assert sum(path.stat().st_size for path in signed.folder.glob("companion*.jsonl*")) < MIB
     told = [entry for entry in entries if entry["event"] == "left_out"]
     assert 58 <= len(told) <= 61
-    text = f"{told[0]['count']} more entries of GCSA left out: refused frames that somebody sent in its name"
+    text = f"{told[0]['count']} more entries of GCSA left out: refused frames in its name without a valid signature"
     assert (told[0]["station"], told[0]["text"]) == ("GCSA", text)
     companion.event_log.sum_up(float("inf"))
     left_out = sum(entry["count"] for entry in whole(signed) if entry["event"] == "left_out")

@@ -43,7 +43,7 @@ def test_the_autopilot_holds_the_mission_of_the_package_and_one_place_to_return_
     assert fence == [(5001, 4.0, x, y) for x, y in corners]
     assert bench.companion.arbiter.mission_digest == delivery.digest
     (written,) = bench.journal("mission_written")
-    assert written["text"] == "mission, place of a return and geofence written, read back, equal"
+    assert written["text"] == "mission, return site and geofence written, read back, equal"
     assert [entry["event"] for entry in bench.journal() if "mission" in entry["event"]] == [
         "mission_written",
         "mission_loaded",
@@ -187,7 +187,7 @@ def test_while_a_second_mission_is_written_the_first_is_no_longer_there(bench: B
 def test_only_the_commander_may_load_a_mission(bench: Bench, delivery: MissionPackage) -> None:
     bench.connect()
     sender = bench.share(delivery, bench.b)
-    assert (sender.result, sender.text) == (REFUSED, "only the commander's, on the ground, disarmed")
+    assert (sender.result, sender.text) == (REFUSED, "only from the commander, on the ground, disarmed")
     assert bench.autopilot.got("MISSION_COUNT") == []
 
 
@@ -344,7 +344,7 @@ def test_a_package_that_is_read_when_its_sender_commands_no_more_is_not_loaded(
     bench.companion.fail_closed("planted", bench.clock.now)
     slow.end()
     bench.until(lambda: sender.finished)
-    assert (sender.result, sender.text) == (REFUSED, "too late: it commands no more, or START was given"[:50])
+    assert (sender.result, sender.text) == (REFUSED, "too late: it has no authority, or START was given"[:50])
     assert bench.autopilot.items.get(0, []) == []
 
 

@@ -281,7 +281,7 @@ class TestSecondManager:
             self.say(ground, MANAGER, component)
             ground.run(1.0)
         (entry,) = ground.journal("second_manager")
-        text = f"component {component} claims to be the system manager too: switch its operator control off"
+        text = f"component {component} also claims to be the system manager: switch its operator control off"
         assert entry["text"] == text
         assert ground.mpstate.console.said(text[1:])
         for station in (ground.a, ground.b):

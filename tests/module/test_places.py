@@ -569,7 +569,7 @@ def test_what_breaks_here_costs_no_authority_and_no_return(flying: Bench, monkey
 
     monkeypatch.setattr(PlaceFinder, "look", broken)
     flying.run(3.0)
-    assert flying.companion.faults["places of a return"] >= 2
+    assert flying.companion.faults["return sites"] >= 2
     assert not flying.companion.failed
     flying.companion.autopilot.orders.fly(flying_return(), flying.clock.now)
     flying.until(lambda: flying.autopilot.mode == RTL, 3.0)

@@ -459,7 +459,7 @@ def test_an_arm_right_after_a_start_that_a_disarm_ended_does_not_take_it_off(rea
     ready.run(3.0)
     assert (ready.autopilot.mode, ready.autopilot.armed) == (0, False)
     assert ready.a.acks(ARM) == [REJECTED]
-    assert "arm refused: the START before is still being undone: send it again" in ready.a.texts()
+    assert "arm refused: the previous START is still being undone: send it again" in ready.a.texts()
     ready.a.command(ARM, 1)
     ready.run(3.0)
     assert (ready.autopilot.mode, ready.autopilot.armed) == (0, True)

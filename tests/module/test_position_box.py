@@ -183,7 +183,7 @@ def test_a_box_that_is_not_there_leaves_no_position(bench: Bench, box: Box, deli
     assert where(bench) is None
     assert "no position" in bench.companion.arbiter.start_needs(251, bench.clock.now)
     (text,) = told(bench)
-    assert text == "position box silent (Connection refused): no position counts"
+    assert text == "position box silent (Connection refused): no position is used"
     bench.mpstate.type("handover status")
     assert any("position  by the box; position box silent" in line for line in bench.mpstate.console.lines)
 
@@ -241,7 +241,7 @@ def test_a_box_that_drifts_counts_no_more_and_everybody_is_told(bench: Bench, bo
     assert where(bench) is None
     assert "no position" in bench.companion.arbiter.start_needs(251, bench.clock.now)
     assert " apart" in told(bench)[-1]
-    assert told(bench)[-1].endswith(": no position counts")
+    assert told(bench)[-1].endswith(": no position is used")
     assert told(bench, bench.b) == told(bench), "every station"
     box.place, box.changed = None, {}
     bench.run(3.0)
@@ -259,7 +259,7 @@ def test_records_that_waited_are_not_used(bench: Bench, box: Box) -> None:
     bench.run(4.0)
     assert where(bench) is None
     assert standing(bench) == "late"
-    assert "1.0 s late (limit 0.5 s): no position counts" in told(bench)[-1]
+    assert "1.0 s late (limit 0.5 s): no position is used" in told(bench)[-1]
 
 
 def test_without_a_fix_the_box_is_no_source(bench: Bench, box: Box) -> None:
@@ -346,7 +346,7 @@ def test_a_box_that_only_checks_takes_the_autopilots_word_away(bench: Bench, box
     box.place = offset(*HOME, 60.0, 0.0)
     bench.run(4.0)
     assert where(bench) is None
-    assert told(bench)[-1].endswith("(limit 25 m): no position counts")
+    assert told(bench)[-1].endswith("(limit 25 m): no position is used")
     box.place = None
     bench.run(7.0)
     assert where(bench) == pytest.approx(HOME, abs=1e-6)

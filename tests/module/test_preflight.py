@@ -243,7 +243,7 @@ def test_checksums_are_of_scripts_that_run() -> None:
         ),
         ({"FS_OPTIONS": 10.0}, "FS_OPTIONS is 10: bit 1 lets a mission go on without a ground station"),
         ({"FS_OPTIONS": 16.0}, "FS_OPTIONS is 16: bit 4 is for flights with a safety pilot at hand"),
-        ({"RALLY_LIMIT_KM": 0.3}, "RALLY_LIMIT_KM is 0.3: a return goes home where the chosen place is farther away"),
+        ({"RALLY_LIMIT_KM": 0.3}, "RALLY_LIMIT_KM is 0.3: a return goes home if the return site is farther away"),
         ({"MAV_OPTIONS": 1.0}, "MAV_OPTIONS is 1: bit 0 makes the autopilot not answer observers"),
         ({"SYSID_ENFORCE": 1.0}, "SYSID_ENFORCE is 1: the autopilot does not answer observers"),
         ({"ARMING_CHECK": 0.0}, "ARMING_CHECK is 0: the guard cannot refuse arming, only disarm"),
@@ -265,8 +265,8 @@ def test_each_thing_that_does_not_fit_is_said_alone(changes: dict[str, Any], tex
 PLAN, TWO = PlanFacts(True, 1, 800.0, 50.0), PlanFacts(True, 2, 800.0, 50.0)
 NO_FENCE = PlanFacts(False, 0, 800.0, 50.0)
 AT_10_MPS = replace(NO_FENCE, cruise_mps=10.0)
-SMART = "SMART_RTL flies back the way it came, and not to the place that was chosen"
-AUTO_RTL = "AUTO_RTL follows the mission's landing sequence, and goes not to the place that was chosen"
+SMART = "SMART_RTL flies back the way it came, not to the return site"
+AUTO_RTL = "AUTO_RTL follows the mission's landing sequence, and does not go to the return site"
 CLIMBS_FIRST = "a return climbs by so much first, and the energy of that is not counted"
 AT_5_MPS = "a return is flown at 5 m/s, handover check and START count the mission's cruise speed"
 
@@ -274,7 +274,7 @@ AT_5_MPS = "a return is flown at 5 m/s, handover check and START count the missi
 @pytest.mark.parametrize(
     ("changes", "text"),
     [
-        ({"BATT_MONITOR": 0.0}, "BATT_MONITOR is 0: nobody measures the battery"),
+        ({"BATT_MONITOR": 0.0}, "BATT_MONITOR is 0: the autopilot does not measure the battery"),
         (
             {"BATT_FS_LOW_ACT": 0.0},
             "BATT_FS_LOW_ACT is 0: nothing brings the aircraft home when the battery is low",
@@ -381,7 +381,7 @@ AT_5_MPS = "a return is flown at 5 m/s, handover check and START count the missi
         ),
         (
             {"RALLY_INCL_HOME": 1.0},
-            "RALLY_INCL_HOME is 1: where home is nearer a return goes there, and not to the place that was chosen",
+            "RALLY_INCL_HOME is 1: where home is nearer a return goes there, not to the return site",
         ),
     ],
 )
@@ -444,7 +444,7 @@ def with_batteries(batteries: int, kind: Kind = Kind.COPTER, **changes: float) -
 @pytest.mark.parametrize(
     ("changes", "text"),
     [
-        ({"BATT2_MONITOR": 0.0}, "BATT2_MONITOR is 0: nobody measures the battery"),
+        ({"BATT2_MONITOR": 0.0}, "BATT2_MONITOR is 0: the autopilot does not measure the battery"),
         (
             {"BATT2_FS_LOW_ACT": 0.0},
             "BATT2_FS_LOW_ACT is 0: nothing brings the aircraft home when the battery is low",
@@ -474,7 +474,7 @@ def test_a_second_battery_of_a_plane_is_judged_by_what_a_plane_does() -> None:
     plane = {**SECOND, "BATT2_FS_LOW_ACT": 1.0, "BATT2_FS_CRT_ACT": 4.0}
     assert with_batteries(2, Kind.QUADPLANE, **plane) == []
     assert with_batteries(2, Kind.QUADPLANE, **{**plane, "BATT2_FS_CRT_ACT": 7.0}) == [
-        "BATT2_FS_CRT_ACT is 7: AUTOLAND lands at home, and not at the place that was chosen",
+        "BATT2_FS_CRT_ACT is 7: AUTOLAND lands at home, not at the return site",
         "BATT2_FS_CRT_ACT is 7: never acts after BATT2_FS_LOW_ACT 1",
     ]
 
@@ -727,7 +727,7 @@ def test_what_does_not_fit_is_journalled_shown_and_in_the_status_until_it_is_put
     flown.autopilot.parameters["RALLY_LIMIT_KM"] = 0.3  # type: ignore[attr-defined]
     flown.connect()
     flown.run(90.0)
-    text = "RALLY_LIMIT_KM is 0.3: a return goes home where the chosen place is farther away"
+    text = "RALLY_LIMIT_KM is 0.3: a return goes home if the return site is farther away"
     assert said(flown) == [(text, False)]
     assert flown.journal("preflight")[0]["parameter"] == "RALLY_LIMIT_KM"
     assert len([line for line in flown.mpstate.console.lines if f"Preflight WARNING: {text}." in line]) == 1
@@ -840,7 +840,7 @@ def test_a_plane_as_recommended_fits() -> None:
     [
         (
             {"ARMING_REQUIRE": 0.0},
-            "ARMING_REQUIRE is 0: it is always armed, and a mode alone makes it take off; nobody can refuse arming",
+            "ARMING_REQUIRE is 0: it is always armed and takes off by a change of mode; the guard cannot refuse arming",
         ),
         (
             {"FS_GCS_ENABL": 0.0},
@@ -848,7 +848,7 @@ def test_a_plane_as_recommended_fits() -> None:
         ),
         (
             {"FS_GCS_ENABL": 3.0},
-            "FS_GCS_ENABL is 3: it acts in AUTO alone, and nothing brings home what circles or flies to a place",
+            "FS_GCS_ENABL is 3: it acts only in AUTO, and nothing brings the aircraft home from LOITER or GUIDED",
         ),
         (
             {"FS_LONG_TIMEOUT": 5.0},
@@ -868,7 +868,7 @@ def test_a_plane_as_recommended_fits() -> None:
         ({"FENCE_ACTION": 2.0}, "FENCE_ACTION is 2: ArduPlane knows no such action: nothing is done"),
         (
             {"BATT_FS_CRT_ACT": 7.0},
-            "BATT_FS_CRT_ACT is 7: AUTOLAND lands at home, and not at the place that was chosen",
+            "BATT_FS_CRT_ACT is 7: AUTOLAND lands at home, not at the return site",
         ),
         ({"BATT_FS_LOW_ACT": 3.0}, "BATT_FS_LOW_ACT is 3: stops the motors in the air"),
         (
@@ -884,7 +884,7 @@ def test_a_plane_as_recommended_fits() -> None:
             "Q_RTL_ALT is 15 m: QRTL from afar comes in at 145 m, above FENCE_ALT_MAX, 100 m",
         ),
         ({"MIS_RESTART": 1.0}, "MIS_RESTART is 1: CONTINUE, and AUTO after a return, begin the mission again"),
-        ({"RALLY_LIMIT_KM": 5.0}, "RALLY_LIMIT_KM is 5: a return goes home where the chosen place is farther away"),
+        ({"RALLY_LIMIT_KM": 5.0}, "RALLY_LIMIT_KM is 5: a return goes home if the return site is farther away"),
         (
             {"FLIGHT_OPTIONS": 17.0},
             "FLIGHT_OPTIONS is 17: bit 4 has a return climb straight on to its whole height, whatever RTL_CLIMB_MIN is",

@@ -136,7 +136,7 @@ def test_the_commander_writes_them(ready: Bench, armed: bool) -> None:
     assert seen(ready, ready.b) == [(*NEW, 25.0), (*RALLY_2, 25.0)]
     assert read(ready, ready.b) == [(*NEW, 25.0), (*RALLY_2, 25.0)]
     (entry,) = ready.journal("rally_list")
-    assert entry["text"] == "2 rally points of GCSA count instead of the mission's, for this flight"
+    assert entry["text"] == "2 rally points of GCSA replace the mission's for this flight"
     assert set(asked_of_the_autopilot(ready)) <= {RESET}
 
 
@@ -153,7 +153,7 @@ def test_a_list_with_a_flaw_is_not_taken_and_people_are_told(ready: Bench) -> No
     assert request(ready.a, ready, CREATE, NAME.encode()) == ACK
     assert request(ready.a, ready, WRITE, data, sequence=1) == ACK
     assert request(ready.a, ready, TERMINATE, sequence=2) == NAK
-    assert "rally points not taken: item 0: no rally point" in ready.a.texts()
+    assert "rally points rejected: item 0: no rally point" in ready.a.texts()
     assert len(seen(ready, ready.a)) == 2
     assert ready.companion.faults == {}
 

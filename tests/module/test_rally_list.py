@@ -118,7 +118,7 @@ def test_the_commanders_upload_replaces_the_points_to_choose_from(ready: Bench) 
     assert upload(ready, NEW) == ACCEPTED
     assert seen(ready, ready.b) == [(*NEW, 25.0)]
     (entry,) = ready.journal("rally_list")
-    assert entry["text"] == "1 rally points of GCSA count instead of the mission's, for this flight"
+    assert entry["text"] == "1 rally points of GCSA replace the mission's for this flight"
     assert untouched(ready)
     assert ready.companion.arbiter.mission_digest, "the mission is the same"
     ready.autopilot.position = (NEW[0] / 1e7, NEW[1] / 1e7)

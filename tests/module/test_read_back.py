@@ -65,9 +65,11 @@ def test_a_mission_written_past_the_companion_is_not_started(loaded: Bench) -> N
     assert "START refused: item 3: latitude" in loaded.a.texts()
     assert loaded.companion.arbiter.mission_digest == b""
     (text,) = told(loaded.b)
-    assert text.startswith("The mission does not count any more: it was changed past the companion (item 3: latitude ")
+    assert text.startswith(
+        "The mission does not count any more: it was changed without the companion (item 3: latitude "
+    )
     assert text.endswith("START needs 'handover share'.")
-    assert "no mission loaded, because it was changed past the companion (item 3: latitude" in needs(loaded)
+    assert "no mission loaded, because it was changed without the companion (item 3: latitude" in needs(loaded)
     (entry,) = loaded.journal("changed_past")
     assert "item 3: latitude" in entry["text"]
 
@@ -78,7 +80,7 @@ def test_it_is_not_armed_by_hand_either(loaded: Bench) -> None:
     loaded.run(2.0)
     assert loaded.a.acks(ARM) == [REJECTED]
     assert not loaded.autopilot.armed
-    assert "changed past the companion" in loaded.a.texts()
+    assert "changed without the companion" in loaded.a.texts()
 
 
 def test_after_that_the_package_can_be_shared_again(loaded: Bench, delivery: MissionPackage) -> None:

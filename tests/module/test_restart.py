@@ -478,7 +478,9 @@ class TestBadState:
         flight.load()
         flight.run(2.0)
         assert (flight.companion.view.commander, flight.companion.view.epoch) == (251, 2)
-        assert flight.journal("state_lost")[-1]["text"] == "the mission package of the run before is gone: no zones"
+        assert (
+            flight.journal("state_lost")[-1]["text"] == "the mission package of the previous run is missing: no zones"
+        )
         assert flight.autopilot.mode == AUTO
 
     def test_a_mission_that_the_disk_has_not_got_is_in_memory(self, flight: Bench) -> None:

@@ -206,7 +206,7 @@ def test_back_in_auto_the_speed_is_what_the_mission_had_set_by_then(bench: Bench
     leave_and_come_back(bench, 5)
     assert speeds(bench) == [(1.0, 6.0)]
     (entry,) = bench.journal("speed")
-    assert (entry["text"], entry["obeyed"]) == ("6 m/s again, as the mission has it here", True)
+    assert (entry["text"], entry["obeyed"]) == ("mission speed restored: 6 m/s", True)
 
 
 def test_a_speed_that_is_refused_is_told(bench: Bench, delivery: MissionPackage) -> None:

@@ -185,7 +185,7 @@ def test_no_mission_is_taken_while_the_aircraft_is_being_started(ready: Bench, d
     ready.a.send(offer)
     ready.run(0.3)
     (answer,) = [m for m in ready.a.got("MISSION_PACKAGE_ACK") if m.package_id == 0x03020100]
-    assert (answer.result, answer.text) == (3, "only the commander's, on the ground, disarmed")
+    assert (answer.result, answer.text) == (3, "only from the commander, on the ground, disarmed")
 
 
 def test_an_acknowledgement_meant_for_a_station_is_not_taken_for_ours(ready: Bench) -> None:
@@ -208,7 +208,7 @@ def test_a_start_that_is_overtaken_by_the_way_home_is_answered(ready: Bench) -> 
     ready.autopilot.airborne = True
     ready.a.alive = False
     ready.until(lambda: FAILED in ready.a.acks(START))
-    assert "START failed: its commander commands no more" in ready.a.texts()
+    assert "START failed: its commander no longer has authority" in ready.a.texts()
     ready.until(lambda: ready.autopilot.mode == RTL)
 
 
@@ -219,7 +219,7 @@ def test_an_aircraft_is_not_armed_for_a_commander_that_is_lost(ready: Bench) -> 
     ready.a.command(START)
     ready.until(lambda: FAILED in ready.a.acks(START))
     assert ready.companion.view.commander is None
-    assert "START failed: its commander commands no more" in ready.a.texts()
+    assert "START failed: its commander no longer has authority" in ready.a.texts()
     asked = len(ready.autopilot.commands())
     ready.a.alive = True
     ready.run(6.0)

@@ -331,5 +331,5 @@ class PositionMonitor:
     def _consequence(self, standing: Standing, state: VehicleState, now: float) -> str:
         if self.by_box:
             silent = standing in (Standing.WAITED_FOR, Standing.SILENT)
-            return ": no position counts" if silent or not self._counts(state, now) else ""
-        return "" if self._check.sound else ": no position counts"
+            return ": no position is used" if silent or not self._counts(state, now) else ""
+        return "" if self._check.sound else ": no position is used"

@@ -177,8 +177,8 @@ Row = tuple[str, Rule, frozenset[Kind]]
 # ---- the way home -------------------------------------------------------------------------------------------------
 
 _SMART, _AUTO, _MOTORS_OFF = (
-    "SMART_RTL flies back the way it came, and not to the place that was chosen",
-    "AUTO_RTL follows the mission's landing sequence, and goes not to the place that was chosen",
+    "SMART_RTL flies back the way it came, not to the return site",
+    "AUTO_RTL follows the mission's landing sequence, and does not go to the return site",
     "stops the motors in the air",
 )
 #: actions that the batteries' failsafes and that of dead reckoning take alike (`Copter::do_failsafe_action`)
@@ -194,11 +194,11 @@ _WAYS: Final[Mapping[str, Mapping[int, str]]] = {
 
 
 _SEQUENCE, _AUTOLAND, _GLIDE, _NO_FENCE, _AROUND = (
-    "the return goes straight to the mission's landing sequence, and not to the place that was chosen",
-    "AUTOLAND lands at home, and not at the place that was chosen",
+    "the return goes straight to the mission's landing sequence, not to the return site",
+    "AUTOLAND lands at home, not at the return site",
     "glides without a motor, wherever it is",
     "ArduPlane knows no such action: nothing is done",
-    "circles at the fence's own return point, and goes not to the place that was chosen",
+    "circles at the fence's own return point, and does not go to the return site",
 )
 _WINGED_ACTIONS: Final = {3: _MOTORS_OFF, 5: "releases the parachute in the air", 7: _AUTOLAND}
 #: the same of aircraft with wings
@@ -457,7 +457,7 @@ def _lands_in_hover(p: Parameters, plan: PlanFacts | None) -> str | None:
     options = int(p.get("Q_OPTIONS", _RETURNS))
     if options & _RETURNS:
         return None
-    where = "where it is, and not at the place that was chosen"
+    where = "where it is, not at the return site"
     return f"is {options}: without bit 5 the failsafes land it out of hover {where}"
 
 
@@ -472,7 +472,7 @@ def _on_wings(p: Parameters, plan: PlanFacts | None) -> str | None:
 def _home(p: Parameters, plan: PlanFacts | None) -> str | None:
     if p.get("RALLY_INCL_HOME", 0) == 0:
         return None
-    return "is 1: where home is nearer a return goes there, and not to the place that was chosen"
+    return "is 1: where home is nearer a return goes there, not to the return site"
 
 
 # ---- battery ------------------------------------------------------------------------------------------------------
@@ -486,7 +486,7 @@ _LEAST: Final = 6
 
 def _monitor(battery: str) -> Rule:
     def rule(p: Parameters, plan: PlanFacts | None) -> str | None:
-        return "is 0: nobody measures the battery" if p.get(f"{battery}_MONITOR", 1) == 0 else None
+        return "is 0: the autopilot does not measure the battery" if p.get(f"{battery}_MONITOR", 1) == 0 else None
 
     return rule
 
@@ -505,7 +505,7 @@ def _low_when(battery: str) -> Rule:
         acts = p.get(f"{battery}_MONITOR", 0) != 0 and p.get(f"{battery}_FS_LOW_ACT", 0) != 0
         if not acts or p.get(f"{battery}_LOW_VOLT", 1.0) > 0 or p.get(f"{battery}_LOW_MAH", 1.0) > 0:
             return None
-        return f"is 0, and so is {battery}_LOW_MAH: the battery's failsafe never acts"
+        return f"is 0, and {battery}_LOW_MAH is 0: the battery's failsafe never acts"
 
     return rule
 

@@ -226,7 +226,7 @@ def _alone(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:
 def _gcs_failsafe(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:
     enabled = p.get(found.vehicle.gcs_failsafe, 1)
     if enabled == _IN_AUTO_ONLY and found.kind.winged:
-        return "is 3: it acts in AUTO alone, and nothing brings home what circles or flies to a place"
+        return "is 3: it acts only in AUTO, and nothing brings the aircraft home from LOITER or GUIDED"
     return None if enabled != 0 else "is 0: nothing brings the aircraft home if companion and guard both fail"
 
 
@@ -249,7 +249,7 @@ def _options(p: Mapping[str, float], found: Found, limits: Limits) -> str | None
 
 def _rally(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:
     limit_km = p.get("RALLY_LIMIT_KM", 0.0)
-    return f"is {limit_km:g}: a return goes home where the chosen place is farther away" if limit_km > 0 else None
+    return f"is {limit_km:g}: a return goes home if the return site is farther away" if limit_km > 0 else None
 
 
 def _enforce(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:
@@ -272,7 +272,7 @@ def _arming_skip(p: Mapping[str, float], found: Found, limits: Limits) -> str | 
 def _arming_required(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:
     if p.get("ARMING_REQUIRE", 1) >= 1:
         return None
-    return "is 0: it is always armed, and a mode alone makes it take off; nobody can refuse arming"
+    return "is 0: it is always armed and takes off by a change of mode; the guard cannot refuse arming"
 
 
 def _lands(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:
@@ -343,7 +343,7 @@ def judge(found: Found, limits: Limits) -> tuple[Finding, ...]:
     that is not flown here."""
     if found.foreign:
         what = f"{found.foreign} is neither ArduCopter nor ArduPlane"
-        return (Finding("", f"{what}: START is refused, and so is arming by the guard"),)
+        return (Finding("", f"{what}: START is refused, and the guard refuses arming"),)
     if not found.parameters:
         return (Finding("", "the autopilot answers no request for parameters: nothing could be checked"),)
     findings = []

@@ -27,7 +27,7 @@ from mavproxy_handover.vehicle.state import VehicleState
 __all__ = ["LOOKING", "Seen", "Views"]
 
 #: what people are told has broken
-LOOKING: Final = "places of a return"
+LOOKING: Final = "return sites"
 #: places that are looked at in one second, besides the one that is chosen
 _AT_ONCE: Final = 4
 #: what a metre more of the way back costs is taken from so many
