@@ -1,14 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What people get to read of a flight while it lasts and after it: entries of the journal, lines of the console.
+"""The event log of a flight: entries of the journal and lines of the console.
 
-Every sentence of the vehicle's journal is here, one method for each kind of entry, which gets names and values: so its
-words are the same wherever it comes from. Nothing is decided here, and nothing that arrived in a frame is more than
-words here.
+Every sentence of the vehicle's journal is here. Each kind of entry has one method, which takes names and values, so the
+words are always the same. The log decides nothing, and only copies as text what arrived in a frame.
 
-What a station's frames make us write is sampled (`store/sampling.py`), station by station, so that nobody fills the
-journal: least of all who is not proven to be the station. An hour of the worst that a station and a stranger in its
-name can do takes less than an eighth of what the journal holds. What has no good signature is in a file of its own.
+Entries that a station's frames cause are sampled for each station (`store/sampling.py`), so that no sender can fill the
+journal. Unproven senders get less room than the station itself. In one hour, a station and a stranger in its name
+together fill less than an eighth of the journal at worst. Frames without a valid signature have a journal of their own.
 """
 
 from __future__ import annotations
@@ -40,24 +39,24 @@ __all__ = ["EventLog"]
 
 _DISPLAY_MODE = {phase: phase.name.replace("_", "") for phase in Phase}
 _CLOCK_STEP_S = 1.0
-#: who speaks in the companion's name is told of so many
+#: at most this many senders that use the companion's identity are named
 _MOST_SENDERS = 8
-#: refused frames: entries at once, and the interval (s) from then on. Of who may be anybody, and of the station
+#: refused frames: entries at once, and the interval (s) from then on; of an unproven sender, and of the station
 _UNPROVEN, _PROVEN = (60, 2.0), (200, 0.5)
 _ITS_OWN, _ANYBODYS = "refused frames", "refused frames without proof of their sender"
 _STRANGERS = "refused frames in its name without a valid signature"
-#: transfer messages, and requests that came to nothing: far more than there are in the worst of handovers
+#: transfer messages, and requests without a result: far more than the worst handover needs
 _SAID = (5000, 0.1)
-#: what a station's sticks and setpoints are said to do
+#: texts about the sticks and setpoints of a station
 _STREAMS = {
     State.REFUSED: "{kind} of {station} refused: it does not command",
     State.RAN_BEFORE: "{kind} of {station} refused: it ran before {station} had control",
     State.OBEYED: "{kind} of {station} has ended: obeyed from now on",
     State.ENDED: "{kind} of {station} has ended",
 }
-#: what the arbiter says of a station each time that it is asked
+#: entries of the arbiter that a station can cause as often as it asks
 _ANSWERS = ("control", "start_refused", "rehearsal_refused")
-#: what is in the journal alone: steps of a transfer, and what a sentence of a decision says better
+#: entries only for the journal: steps of a transfer, and entries that the sentence of a decision repeats
 _UNSPOKEN = ("step", "emergency", "would", "emergency_over", "warning", "warning_over", "order", "helm")
 
 
@@ -66,8 +65,11 @@ def _rounded(value: float | None) -> float | None:
 
 
 class EventLog:
-    """Tells the flight of one vehicle. `show` takes a console line, `phase` is the phase that is in force; `strangers`:
-    the journal of what came from unknown senders."""
+    """The event log of one vehicle.
+
+    `show` prints a console line. `phase` returns the phase in force. `strangers`: the journal of frames from unknown
+    senders.
+    """
 
     def __init__(
         self,
@@ -84,9 +86,9 @@ class EventLog:
         self._arbiter = arbiter
         self._show = show
         self._phase = phase
-        #: who on the vehicle's side spoke in the companion's name: system, component
+        #: senders on the vehicle's side that used the companion's identity: system, component
         self._in_our_name: set[tuple[int, int]] = set()
-        #: by station, and what the entries are of
+        #: by station, and subject of the entries
         self._samplers: dict[tuple[str, str], Sampler] = {}
         self._clock_offset_s: float | None = None
         self._zones = (0, 0)
@@ -95,7 +97,7 @@ class EventLog:
         self._telemetry_to = ""
 
     def tell(self, text: str) -> None:
-        """A line on the console, in the form of the thesis."""
+        """Print a line on the console, in the form of the thesis."""
         stamp = time.strftime("%H:%M:%S")
         self._show(f"[{stamp}|{self._vehicle}][{_DISPLAY_MODE[self._phase()]}]: {text}")
 
@@ -109,12 +111,12 @@ class EventLog:
         self._journal.write("loaded", f"handover {version}, configuration {configuration}", version=version)
 
     def started_again(self, why: str) -> None:
-        """The supervisor has started the companion again; `why`: what became of it before."""
+        """The supervisor has started the companion again. `why`: how the previous run ended."""
         self._journal.write("started_again", f"started again by the supervisor: {why}")
         self.tell(f"Started again by the supervisor: {why}.")
 
     def running_by(self, note: str) -> None:
-        """What a restart goes on with, and what it does without."""
+        """What a restart continues with, and what it lacks."""
         self._journal.write("restart", note)
         self.tell(f"{note}.")
 
@@ -128,23 +130,23 @@ class EventLog:
         self._journal.write("unsigned_allowed", f"frames of {names} are taken unsigned")
 
     def replay_state(self, text: str) -> None:
-        """What is remarkable about the replay state that was found."""
+        """A remark about the replay state that was found."""
         self._journal.write("replay_state", text)
 
     def fault(self, where: str, text: str) -> None:
-        """Something broke that costs one frame or one tick."""
+        """A fault that costs one frame or one tick."""
         self._journal.write("fault", f"{where}: {text}")
 
     def failed_closed(self, text: str) -> None:
-        """Something broke that ends authority."""
+        """A fault that ends authority."""
         self._journal.write("failed_closed", text, reason="fault")
 
     def authority_ends(self, text: str) -> None:
-        """The same for the console, once everything that helps the aircraft is done."""
+        """Print on the console that a fault ends authority, after all that helps the aircraft is done."""
         self.tell(f"INTERNAL FAULT, authority ends here: {text.strip().splitlines()[-1]}")
 
     def clock(self, now: float) -> None:
-        """Nothing goes by the wall clock; who reads the journal must know that it was set. `now`: monotonic s."""
+        """Note in the journal that the wall clock was set. No rule uses that clock. `now`: monotonic seconds."""
         offset_s = time.time() - now
         if self._clock_offset_s is not None and abs(offset_s - self._clock_offset_s) > _CLOCK_STEP_S:
             step_s = offset_s - self._clock_offset_s
@@ -152,7 +154,7 @@ class EventLog:
         self._clock_offset_s = offset_s
 
     def sum_up(self, now: float) -> None:
-        """Tell what was left out, once a minute; to be called each second."""
+        """Note how many entries were left out, once a minute; to be called each second."""
         for (station, what), sampler in self._samplers.items():
             count = sampler.left_out(now)
             if count:
@@ -167,7 +169,7 @@ class EventLog:
         return sampler
 
     def _heard_out(self, station: str, now: float) -> bool:
-        """Whether there is room for an entry of what a station says."""
+        """Whether there is room for another entry that a station causes."""
         return self._sampler(station, "what it said and was told", _SAID).take(now) is not None
 
     # ---- authority ------------------------------------------------------------------------------------------------
@@ -192,7 +194,7 @@ class EventLog:
             self.zones(self._arbiter.zones())
 
     def decision(self, told: Announce) -> None:
-        """What is done about what is wrong, or that nothing is any more: the sentence that everybody gets."""
+        """A safety decision, or its end: the sentence that all stations get."""
         self._journal.write(
             "decision",
             told.text,
@@ -209,7 +211,7 @@ class EventLog:
         self._tell_sentence(moved.text)
 
     def rehearsal_report(self, lines: Sequence[str], values: Mapping[str, Any]) -> None:
-        """What was seen in a rehearsal, so far or in the end; `lines`: for the console."""
+        """The results of a rehearsal, so far or at its end; `lines`: for the console."""
         self._journal.write("rehearsal_report", **values)
         for line in lines:
             self._show(line)
@@ -244,12 +246,12 @@ class EventLog:
             self.tell(line)
 
     def senseless(self, kind: str, station: str, now: float) -> None:
-        """A message of a transfer that holds what none may hold, or is about another vehicle."""
+        """A message of a transfer with values that are not allowed, or about another vehicle."""
         if self._heard_out(station, now):
             self._journal.write("dropped", f"{kind} of {station} is not valid", station=station)
 
     def request_not_understood(self, station: str, why: str, now: float) -> None:
-        """A request of operator control that cannot be one."""
+        """A request of operator control that is not valid."""
         if self._heard_out(station, now):
             self._journal.write("control", f"request of {station} not understood: {why}", station=station)
 
@@ -258,23 +260,23 @@ class EventLog:
         self._journal.write("notified", f"{station} is asked: may {requester} have control?", station=station)
 
     def restarted(self, owner: str, epoch: int, where: str, *, proven: bool) -> None:
-        """This run goes on where the one before it ended; `where`: in flight, or in a rehearsal."""
+        """A restart continues where the previous run ended. `where`: in flight, or in a rehearsal."""
         self._journal.write("restarted", f"restarted in {where}; {owner} had authority", epoch=epoch, proven=proven)
         waits = f"waiting for {owner}" if proven else f"{owner} has to show that it still has authority"
         self.tell(f"Restarted in {where}, epoch {epoch}: {waits}.")
 
     def kept_elsewhere(self, text: str) -> None:
-        """The state is not kept as it should be."""
+        """The state is not saved where it should be."""
         self._journal.write("state_kept", text)
         self._tell_sentence(text)
 
     def state_lost(self, trouble: str) -> None:
-        """There was a state file, and it cannot be trusted."""
+        """The state file exists, but cannot be trusted."""
         self._journal.write("state_lost", trouble, reason="fault")
         self.tell(f"State file: {trouble}: no station commands.")
 
     def package_lost(self) -> None:
-        """The mission package that was kept with it is not there."""
+        """The mission package that was saved with the state is missing."""
         self._journal.write(
             "state_lost", "the mission package of the previous run is missing: no zones", reason="fault"
         )
@@ -282,8 +284,10 @@ class EventLog:
     # ---- the gate -------------------------------------------------------------------------------------------------
 
     def accepted(self, station: str, what: str, word: str = "") -> None:
-        """A command of the commander; it comes often, so it is in the file a moment later. `word`: START, STOP or
-        CONTINUE, which the console shows; "": another one."""
+        """A command of the commander was accepted. Such entries are frequent, so they reach the file a moment later.
+
+        `word`: START, STOP or CONTINUE, which the console shows; "": another command.
+        """
         self._journal.note("accepted", station=station, what=what)
         if word:
             self.tell(f"{word} accepted from {station}.")
@@ -300,8 +304,11 @@ class EventLog:
         now: float,
         word: str = "",
     ) -> None:
-        """A frame was refused. `kind`: message and reason; `proven`: it is certain that the station sent it. `named`:
-        what `what` leaves open, such as the mode; asked for only if an entry is written. `word`: as in `accepted`."""
+        """A frame was refused. `kind`: message and reason; `proven`: the station certainly sent it; `word`: as in
+        `accepted`.
+
+        `named` adds to `what`, for example the mode. It is called only if an entry is written.
+        """
         sampler = self._samplers.get((station, _ITS_OWN if proven else _ANYBODYS))  # it may come to this very often
         if sampler is None:
             sampler = self._sampler(station, *((_ITS_OWN, _PROVEN) if proven else (_ANYBODYS, _UNPROVEN)))
@@ -310,7 +317,7 @@ class EventLog:
             self.tell(f"{word} rejected from {station}: {reason}.")
 
     def rejected(self, station: str, kind: tuple[int, Enum], what: str, reason: str, now: float) -> None:
-        """A frame in a station's name has no signature of its, or not a good one: whoever it is."""
+        """A frame in a station's name has no valid signature of that station."""
         sampler = self._sampler(station, _STRANGERS, _UNPROVEN)
         self._refused(self._strangers, sampler, kind, station, what, str, reason, False, now)
 
@@ -342,7 +349,7 @@ class EventLog:
             self._journal.write("told", text, station=station)
 
     def stream(self, station: str, news: News, now: float) -> None:
-        """What a station was told of its sticks or setpoints."""
+        """A station was told about its sticks or setpoints."""
         if self._heard_out(station, now):
             text = _STREAMS[news.state].format(kind=news.kind, station=station)
             self._journal.write("stream", text, station=station, stream=news.kind, state=news.state.value)
@@ -355,7 +362,7 @@ class EventLog:
         self._tell_sentence(text)
 
     def command_passed(self, station: str, word: str, ruling: Ruling) -> None:
-        """The same, and it is carried out: somebody has lifted that, or it is only warned of."""
+        """A command that leaves a limit is carried out: an operator has lifted the limit, or its policy only warns."""
         limits = [limit.value for limit in ruling.limits]
         text = f"{word} of {station} {ruling.outcome.value}: {ruling.words}"
         self._journal.write("command_passed", text, station=station, limits=limits, outcome=ruling.outcome.name.lower())
@@ -368,8 +375,10 @@ class EventLog:
         self._tell_sentence(text)
 
     def upload_refused(self, station: str, what: str, why: str, now: float) -> bool:
-        """A list that a station sends in flight is not taken, or did not come whole; whether that is told: a program
-        that tries it without end is told each second."""
+        """An upload of a station in flight was rejected, or is incomplete. Returns whether people are told.
+
+        A program that repeats the upload without end causes one message each second.
+        """
         kept_back = self._sampler(station, "rejected lists", _PROVEN).take(now, (what, why))
         if kept_back is None:
             return False
@@ -379,26 +388,26 @@ class EventLog:
         return True
 
     def rerouted(self, station: str, items: int, commanders: Sequence[int]) -> None:
-        """The autopilot holds another mission than the package's, as its commander wished in flight."""
+        """The commander has replaced the mission in flight."""
         names = " ".join(self._arbiter.name(each) for each in commanders)
         text = f"mission of {station} written in flight, read back, equal: {items} items"
         self._journal.write("rerouted", text, station=station, items=items, commanders=names)
         self._tell_sentence(text)
 
     def found_in_flight(self, items: int, commanders: Sequence[int]) -> None:
-        """After a restart in flight: the mission that is flown, which is not the package's, was read back."""
+        """After a restart in flight, the mission on the autopilot was read back. It is not the package's mission."""
         names = " ".join(self._arbiter.name(each) for each in commanders)
         text = f"the mission that is flown was read back: {items} items, not the package's"
         self._journal.write("found_in_flight", text, items=items, commanders=names)
         self._tell_sentence(text)
 
     def closed(self, station: int, closing: Closing) -> None:
-        """Something that `station` had open at the autopilot was closed."""
+        """A transaction that `station` had open at the autopilot was closed."""
         name, incomplete = self._arbiter.name(station), closing.incomplete or None
         self._journal.write("flush", f"{closing.what} ({name})", station=name, incomplete=incomplete)
 
     def link(self, station: str, change: LinkEvent) -> None:
-        """What the measuring of a link has brought to light."""
+        """A change that the measurement of a link has found."""
         self._journal.write(
             "link",
             change.text,
@@ -420,8 +429,8 @@ class EventLog:
         self._journal.write("waypoint", f"flying to waypoint {number}", number=number)
 
     def reached(self, number: int, owner: int | None, delivery: int | None) -> None:
-        """A waypoint was reached. `owner`: the station that it belongs to, if it does; `delivery`: the delivery
-        waypoint, if that is reached by it."""
+        """A waypoint was reached. `owner`: the station that it belongs to; None: none. `delivery`: the delivery
+        waypoint, if it is reached now."""
         station = self._name(owner)
         of = "" if station is None else f" of {station}"
         self._journal.write("reached", f"waypoint {number}{of} reached", number=number, station=station)
@@ -430,7 +439,7 @@ class EventLog:
             self.tell(f"Delivery point reached, waypoint {delivery}.")
 
     def zones(self, zones: tuple[int, int]) -> None:
-        """In whose zones the aircraft is, as `Arbiter.zones`: the handover zone is told when it is entered."""
+        """The zones that hold the aircraft, as `Arbiter.zones`. The handover zone is told when it is entered."""
         before, self._zones = self._zones, zones
         if set(zones) == set(before):
             return
@@ -441,7 +450,7 @@ class EventLog:
             self.tell(f"{text}.")
 
     def telemetry(self, commander: str) -> None:
-        """The aircraft's telemetry goes to this commander; told when it is another one than before."""
+        """The aircraft's telemetry goes to this commander; told when the commander changes."""
         if commander != self._telemetry_to:
             self._telemetry_to = commander
             text = f"telemetry goes to {commander}, once a second"
@@ -465,12 +474,12 @@ class EventLog:
         )
 
     def position_source(self, text: str, source: str, standing: str) -> None:
-        """How it stands with the position box; `source`: whose position counts."""
+        """The state of the position box. `source`: the position source that counts."""
         self._journal.write("position_source", text, source=source, standing=standing)
         self._tell_sentence(text)
 
     def energy(self, fact: EnergyFact, *, aloud: bool) -> None:
-        """What is left, and what flying costs. `aloud`: something about it is odd, and that is news."""
+        """Energy left, and the energy that flying costs. `aloud`: a trouble is new, so the console shows it."""
         model = fact.model
         wind = None if model is None else model.wind
         self._journal.write(
@@ -491,37 +500,37 @@ class EventLog:
             self._tell_sentence(f"energy: {', '.join(fact.trouble)}")
 
     def energy_warning(self, shortfall: str) -> None:
-        """A budget that does not close, where START is not refused for it; "": it closes again."""
+        """The energy is too little for the mission, and START only warns of it; "": it is enough again."""
         text = f"energy: {shortfall}" if shortfall else "energy: the budget of the mission closes"
         self._journal.write("energy_budget", text, closes=not shortfall)
         self._tell_sentence(text)
 
     def route(self, news: RouteNews) -> None:
-        """The aircraft is off its route, or no more."""
+        """The aircraft is off its route, or on it again."""
         fact = news.fact
         values = {} if fact is None else {"waypoint": fact.seq, "cross_track_m": round(fact.cross_track_m, 1)}
         course = None if fact is None or fact.course_off_deg is None else round(fact.course_off_deg)
         self._journal.write("off_route" if news.off else "on_route", news.text, course_off_deg=course, **values)
 
     def place(self, text: str, name: str, reachable: bool) -> None:
-        """The autopilot's list holds another place for a return."""
+        """The autopilot's rally list holds another return site."""
         self._journal.write("place", text, place=name, reachable=reachable)
         self._tell_sentence(text)
 
     def place_failed(self, why: str) -> None:
-        """It could not be written there."""
+        """The return site could not be written to the autopilot's rally list."""
         text = f"the return site could not be written to the autopilot's rally list: {why}. The companion tries again"
         self._journal.write("place_failed", text)
         self._tell_sentence(f"WARNING: {text}")
 
     def rally_overwritten(self) -> None:
-        """Somebody else on board has written the autopilot's list."""
+        """Another program has written the autopilot's rally list."""
         text = "another program has written the autopilot's rally list. The companion restores the return site"
         self._journal.write("rally_overwritten", text)
         self._tell_sentence(f"WARNING: {text}")
 
     def rally_list(self, count: int, station: str, now: float) -> None:
-        """The commander has put other rally points in the place of the mission's."""
+        """The commander has replaced the mission's rally points."""
         if not self._heard_out(station, now):
             return
         text = f"{count} rally points of {station} replace the mission's for this flight"
@@ -529,7 +538,7 @@ class EventLog:
         self._tell_sentence(text)
 
     def bounced(self, name: str) -> None:
-        """A return under way is begun anew, for another place."""
+        """A return begins again, to another return site."""
         text = f"the return goes to {name} instead: GUIDED, then RTL again"
         self._journal.write("bounce", text, place=name)
         self._tell_sentence(text)
@@ -540,14 +549,16 @@ class EventLog:
         self._tell_sentence(text)
 
     def second_manager(self, component: int) -> None:
-        """Somebody else on board claims to manage operator control."""
+        """Another component of the vehicle claims to manage operator control."""
         text = f"component {component} also claims to be the system manager: switch its operator control off"
         self._journal.write("second_manager", text)
         self._tell_sentence(text)
 
     def in_our_name(self, sender: tuple[int, int], what: str) -> None:
-        """Somebody on the vehicle's side speaks as the companion: told once of each system and component, and of so
-        many of them at most."""
+        """A sender on the vehicle's side uses the companion's identity.
+
+        It is told once for each system and component, and for `_MOST_SENDERS` of them.
+        """
         if sender in self._in_our_name or len(self._in_our_name) >= _MOST_SENDERS:
             return
         self._in_our_name.add(sender)
@@ -557,24 +568,24 @@ class EventLog:
         self._tell_sentence(text)
 
     def preflight(self, text: str, parameter: str, fits: bool) -> None:
-        """What the checks before flight found; `parameter`: what to change, "" if it is none."""
+        """A finding of the check before flight. `parameter`: the parameter to change, "" if there is none."""
         self._journal.write("preflight", text, parameter=parameter or None, fits=fits)
         self.tell(f"Preflight: {text}." if fits else f"Preflight WARNING: {text}.")
 
-    # ---- what the companion has the autopilot do ------------------------------------------------------------------
+    # ---- missions and orders of the companion ---------------------------------------------------------------------
 
     def package_received(self, mission: str, station: str) -> None:
-        """A mission package is here whole, and fit to be loaded."""
+        """A mission package is complete and valid."""
         self._journal.write("package_received", f"mission {mission!r} from {station}", station=station)
         self.tell(f"Mission {mission!r} received from {station}.")
 
     def package_returned(self, station: str, what: str) -> None:
-        """A station that has no mission package in flight is sent the vehicle's; `what`: how that goes."""
+        """In flight, the vehicle sends its package to a station that has none; `what`: the progress."""
         self._journal.write("package_returned", f"mission package for {station}: {what}", station=station)
         self.tell(f"Mission package for {station}: {what}.")
 
     def mission_written(self, package: MissionPackage, fence: Sequence[FencePart], cruise_mps: float) -> None:
-        """The autopilot holds the plan of the package; `fence`, `cruise_mps`: in force now, of the plan or not."""
+        """The autopilot holds the plan of the package. `fence`, `cruise_mps`: in force, from the plan or not."""
         lists = "mission, return site and geofence" if package.route.fence else "mission and return site"
         self._journal.write("mission_written", f"{lists} written, read back, equal", cruise_mps=round(cruise_mps, 3))
         if fence and not package.route.fence:
@@ -588,8 +599,8 @@ class EventLog:
             self._tell_sentence(text)
 
     def list_changed(self, station: str, what: str, *, counted: bool) -> None:
-        """A station's message changes the autopilot's mission or geofence on the ground; `what`: which of them.
-        `counted`: a mission was loaded until then."""
+        """A station's message changes a list of the autopilot on the ground. `what`: mission or geofence; `counted`: a
+        mission was loaded until then."""
         text = f"{station} changes the {what} on the autopilot" + (". The companion judges it again" if counted else "")
         self._journal.write("list_changed", text, station=station, list=what)
         self._tell_sentence(text)
@@ -601,7 +612,10 @@ class EventLog:
         self._tell_sentence(text)
 
     def mission_judged(self, station: str, items: int, commanders: Sequence[int], *, own: bool) -> None:
-        """A mission that a station ("": not known any more) wrote on the ground is flown; `own`: the package's."""
+        """START flies a mission that a station wrote on the ground.
+
+        `station`: "" if it is not known any more; `own`: the mission is the package's.
+        """
         names = " ".join(self._arbiter.name(each) for each in commanders)
         text = f"mission of {items} items on the autopilot read back and judged: START flies it"
         self._journal.write(
@@ -610,12 +624,12 @@ class EventLog:
         self._tell_sentence(text)
 
     def mission_rejected(self, station: str, what: str, why: str) -> None:
-        """A mission or geofence (`what`) that a station wrote on the ground is not flown."""
+        """START does not fly the mission or geofence (`what`) that a station wrote on the ground."""
         self._journal.write("mission_rejected", why, station=station or None, list=what)
         self._tell_sentence(f"{what} on the autopilot is not flown: {why}")
 
     def mission_failed(self, why: str, source: str) -> None:
-        """It does not; `source`: where the package came from."""
+        """A mission package was not loaded. `source`: its sender, or "on board"."""
         self._journal.write("mission_failed", why, station=source)
         self.tell(f"mission not loaded: {why}")
 
@@ -630,13 +644,13 @@ class EventLog:
         self.tell(f"START accepted from {station}.")
 
     def speed(self, speed_mps: float, failure: str | None) -> None:
-        """What came of having the aircraft fly at the mission's speed again."""
+        """The result of the order to fly at the mission's speed again."""
         text = failure or f"mission speed restored: {speed_mps:g} m/s"
         self._journal.write("speed", text, speed_mps=speed_mps, obeyed=failure is None)
         self._tell_sentence(text)
 
     def flown(self, action: FlightAction, mode: str | None, failure: str | None) -> None:
-        """What came of an order in an emergency: the mode that the autopilot took, or why it did not."""
+        """The result of a safety order: the mode that the autopilot flies, or the reason why it does not."""
         text = failure or f"the autopilot flies {mode}"
         self._journal.write("fly", text, action=action.name.lower(), obeyed=failure is None)
         self._tell_sentence(text)

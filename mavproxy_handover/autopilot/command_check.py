@@ -1,22 +1,23 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The commander's commands in flight, judged by the situation: what each would leave, what becomes of it, who is told.
+"""The check of the commander's commands in flight: would they leave energy, fence or coverage?
 
-The rules are `core/safety/commands.py`, the geometry `mission/ahead.py`; here they meet what is known of the aircraft.
+The rules are in `core/safety/commands.py`, the geometry in `mission/ahead.py`. This module applies them to the state of
+the aircraft.
 
-* What is not known is not judged: without a position, a mission package or a model of the energy the command passes.
-* An internal fault is not the same: a limit that cannot be judged because of one counts as left. Its policy decides
-  then, and the operator can lift it as any other refusal. If the rules themselves break, the command is refused.
-* To judge takes milliseconds, and a station may send what it likes: `MOST` at once, then `PER_S` a second. What comes
-  faster is refused without a look.
-* What wings fly to they circle: by the radius that DO_REPOSITION asks for, which ArduPlane keeps until it leaves
-  GUIDED, else by WP_LOITER_RAD or what the mission counts on, and never narrower than a turn (`mission/wings.py`). The
-  ceiling of the autopilot's own fence is looked at for them alone: a copter refuses such a target itself.
-* A return keeps its speed: DO_CHANGE_SPEED is refused in it, whatever ordered the return. Nor may a command change a
-  parameter of a plane's that outlives the mode: its least ground speed, its throttle. In AUTO the rest of the mission
-  is judged at the new speed, in GUIDED the way to the target, and each target behind it. Climb and descent are not to
-  be slower than the energy rule counts them.
-* The operator is told in words how to lift the refusal. The journal says who lifted what.
+* A command passes unjudged without a position, a mission package or a model of the energy.
+* If an internal fault prevents the judgement of a limit, the limit counts as left. The policy of the limit decides, and
+  the operator can lift the refusal like any other. If the rules themselves fail, the command is refused.
+* A judgement takes milliseconds, and a station may send at any rate: `MOST` judgements at once, then `PER_S` a second.
+  Further commands are refused without a judgement.
+* A fixed-wing aircraft circles at its target. The radius is that of DO_REPOSITION, which ArduPlane keeps until it
+  leaves GUIDED; else WP_LOITER_RAD, or the mission's. It is never smaller than a turn (`mission/wings.py`).
+* The ceiling of the autopilot's own fence is checked only for wings: a copter refuses such a target itself.
+* A return keeps its speed: DO_CHANGE_SPEED is refused in every return. A command must not change a parameter of a plane
+  that also applies after the mode: the least ground speed, the throttle.
+* In AUTO the rest of the mission is judged at the new speed. In GUIDED the way to the target is judged, and then each
+  later target. Climb and descent must not be slower than the energy rule assumes.
+* The operator is told how to lift the refusal. The journal names the operator's station and the limit that was lifted.
 """
 
 from __future__ import annotations
@@ -59,46 +60,46 @@ __all__ = ["MOST", "PER_S", "CommandCheck"]
 
 MOST: Final = 10
 PER_S: Final = 5.0
-#: entries about one kind of command of a station: not oftener; about a stream as seldom as the station is told
+#: least interval (s) of entries about one kind of command of a station; for a stream it is that of the texts
 _ENTRY_S = 1.0
-#: MAV_FRAMEs that are above the sea, and local frames whose origin is where the aircraft is, turned with it or not
+#: MAV_FRAMEs above sea level; local frames with their origin at the aircraft; those of them that turn with it
 _ABOVE_SEA: Final = (0, 5)
 _OFFSETS: Final = (7, 8, 9)
 _TURNED: Final = (8, 9)
 _UNKNOWN_HEADING: Final = 0xFFFF
-#: how fast a guided target is flown to, if no mission says it
+#: speed (m/s) to a guided target, if no mission sets one
 _GUIDED_MPS: Final = 10.0
-#: of a command that leads where nothing here can tell
+#: for a command whose destination is not known
 _UNKNOWN_WAY: Final = {Limit.COVERAGE: "where it leads is not known"}
-#: a copy that comes so long (s) after the one before is not a program's retransmission: it is answered in words again
+#: a copy that comes this long (s) after the last one is not a program's retransmission: it is answered in words again
 _BY_HAND_S: Final = 5.0
-#: kinds of speed that are level (to ArduCopter both are the ground speed), and what the energy rule counts for others
+#: kinds of speed that are level (ArduCopter takes both as ground speed); the other kinds, with the energy rule's speed
 _LEVEL: Final = (mavlink.SPEED_TYPE_AIRSPEED, mavlink.SPEED_TYPE_GROUNDSPEED)
 _VERTICAL: Final = {
     mavlink.SPEED_TYPE_CLIMB_SPEED: CLIMB_MPS,
     mavlink.SPEED_TYPE_DESCENT_SPEED: DESCENT_MPS,
 }
 _COMES_HOME: Final = (ModeClass.RETURN, ModeClass.LAND)
-#: a command is at the autopilot, and its mode here, by then (s)
+#: within this time (s) a command reaches the autopilot, and the autopilot's mode reaches the companion
 _ARRIVES_S: Final = 3.0
-#: commands of these are done by GUIDED alone
+#: kinds of command that only GUIDED carries out
 _GUIDED: Final = (Kind.FLY_TO, Kind.TARGET)
 
-#: the words for a limit that cannot be judged
+#: text for a limit that cannot be judged
 _CANNOT: Final = f"cannot be judged: {FAULT}"
 _Place = tuple[float, float, float]
 _NOT_JUDGED: Final = Ruling(Outcome.PASSES)
 
 
 @dataclass(slots=True)
-class _Purse:
-    """Judgements that may still be made, and when that was counted."""
+class _JudgementBudget:
+    """The number of judgements that may still be made, and the time of the last count (monotonic s)."""
 
     left: float = float(MOST)
     counted_at: float = -inf
 
     def take(self, now: float) -> bool:
-        """Whether there is one."""
+        """Use one judgement; False: none is left."""
         self.left = min(float(MOST), self.left + max(0.0, now - self.counted_at) * PER_S)
         self.counted_at = now
         if self.left < 1.0:
@@ -109,7 +110,7 @@ class _Purse:
 
 @dataclass(frozen=True, slots=True)
 class _Copy:
-    """A command as it came: see `CommandRules.rule`."""
+    """One copy of a command: see `CommandRules.rule`."""
 
     wish: Hashable
     repeats: bool = False
@@ -118,7 +119,7 @@ class _Copy:
 
 
 class CommandCheck:
-    """Judges for one vehicle. Times are monotonic seconds."""
+    """The check of one vehicle. Times are monotonic seconds."""
 
     def __init__(
         self,
@@ -130,9 +131,9 @@ class CommandCheck:
         stale_s: float,
     ) -> None:
         self.rules = CommandRules(policies)
-        #: of START: whether it is refused for its energy says the policy of the energy, not of commands in flight
+        #: for START: the policy of the energy decides whether it is refused, not the policy of commands in flight
         self._start_rules = CommandRules()
-        #: the plan that the autopilot holds; None: nobody knows which one
+        #: the plan that the autopilot holds; None: not known
         self.ahead: Ahead | None = None
         self._aircraft = context.state
         self._energy = energy
@@ -140,16 +141,16 @@ class CommandCheck:
         self._authority = context.authority
         self._reports = context.reports
         self._dispatcher = dispatcher
-        #: an older position (s) is not known any more
+        #: a position older than this (s) does not count
         self._stale_s = stale_s
-        #: of the circle that GUIDED flies until it is left (m); 0: it has been told none
+        #: radius (m) that GUIDED keeps until the mode ends; 0: none was commanded
         self._kept_radius_m = 0.0
-        #: the speed that GUIDED was told until it is left (m/s), and the place; None: none
+        #: speed (m/s) and target that GUIDED keeps until the mode ends; None: none was commanded
         self._kept_mps: float | None = None
         self._kept_aim: Aim | None = None
-        #: when a speed was let pass last
+        #: when the last change of speed passed
         self._sped_at = -inf
-        self._purse = _Purse()
+        self._judgements = _JudgementBudget()
         self._entries = RefusalLimiter(1, _ENTRY_S)
         self._stream_entries = RefusalLimiter(1, CAUSE_S)
         self._words = OncePerCause()
@@ -157,7 +158,7 @@ class CommandCheck:
     # ---- commands -------------------------------------------------------------------------------------------------
 
     def judge(self, port: StationPort, intent: Intent, now: float) -> Ruling:
-        """What becomes of a command of the commander in flight; people are told."""
+        """Judge a command of the commander in flight, and tell people."""
         copy, speeds = _Copy(intent.wish, intent.repeats, intent.quiet_s), intent.kind is Kind.SPEED
         barred = self._bars(intent) if speeds else ""
         if barred:
@@ -169,7 +170,7 @@ class CommandCheck:
         return ruling
 
     def _keep(self, intent: Intent, now: float) -> None:
-        """What GUIDED goes on with until it is left."""
+        """Remember what GUIDED keeps until the mode ends."""
         if intent.aim is not None:
             self._kept_aim = intent.aim
             self._kept_radius_m = intent.aim.radius_m or self._kept_radius_m
@@ -179,11 +180,11 @@ class CommandCheck:
                 self._kept_mps = intent.speed_mps
 
     def sped_lately(self, now: float) -> bool:
-        """A speed was let pass so lately that it may have reached the autopilot in another mode by then."""
+        """Whether a change of speed passed just now: it may reach the autopilot in another mode."""
         return now - self._sped_at < _ARRIVES_S
 
     def _bars(self, intent: Intent) -> str:
-        """Why a speed is refused whatever it costs, in words; "" where it is not."""
+        """Why a change of speed is always refused, in words; "" if it is not."""
         aircraft = self._aircraft
         if aircraft.flown in _COMES_HOME:
             return "a return keeps the speed that its energy is calculated with"
@@ -196,7 +197,7 @@ class CommandCheck:
         return ""
 
     def _slow(self, intent: Intent) -> str:
-        """Whether it would climb or come down slower than is counted, in words."""
+        """Why a speed of climb or descent is too slow for the energy, in words; "" if it is not."""
         counted_mps = _VERTICAL.get(intent.speed_type)
         speed_mps = intent.speed_mps
         if counted_mps is None or speed_mps is None or self._aircraft.kind.winged or not 0.0 < speed_mps < counted_mps:
@@ -204,7 +205,7 @@ class CommandCheck:
         return f"slower than the {counted_mps:g} m/s that the energy is calculated with"
 
     def _bar(self, port: StationPort, word: str, why: str, now: float) -> Ruling:
-        """It is refused, and nothing lifts that."""
+        """Refuse a command; no operator can lift this refusal."""
         ruling = Ruling(Outcome.REFUSED, (), why)
         if self._entries.allow(port.sysid, (word, why), now):
             self._reports.event_log.command_refused(port.name, word, ruling)
@@ -226,8 +227,8 @@ class CommandCheck:
         return passes
 
     def route(self, port: StationPort, ahead: Ahead, wish: Hashable, begun_at: float, now: float) -> Ruling:
-        """What becomes of another mission; what is known of the situation is looked at in this moment. `begun_at`: when
-        its upload began."""
+        """Judge a mission that is uploaded in flight, from where the aircraft is now. `begun_at`: when its upload
+        began."""
         here = self.here(now)
         legs = () if here is None else ahead.way(self.item_in(ahead), here)
         return self._rule(port, Kind.ROUTE, "mission", _Copy(wish, begun_at=begun_at), now, lambda: legs, ahead)
@@ -235,8 +236,10 @@ class CommandCheck:
     def plan(
         self, port: StationPort | None, left: Mapping[Limit, str], wish: Hashable, begun_at: float, now: float
     ) -> Ruling:
-        """What becomes of a mission that was uploaded on the ground, by the rules of one in flight. `left`: the limits
-        that it would leave, in words; `port`: the station that sent it, None if that is not known any more."""
+        """Judge a mission that was uploaded on the ground, by the rules for flight.
+
+        `left`: the limits that it would leave, in words; `port`: the station that sent it, None if not known any more.
+        """
         station, since = (0, now) if port is None else (port.sysid, port.heard_since(now))
         ruling = self.rules.rule(Kind.ROUTE, wish, left, station, now, heard_since=since, begun_at=begun_at)
         if port is not None and ruling.passes:
@@ -249,8 +252,10 @@ class CommandCheck:
         return self._aircraft.waypoint if 1 <= self._aircraft.waypoint <= last else 1
 
     def start(self, port: StationPort, wish: Hashable, repeats: bool, now: float) -> None:
-        """START, or a part of it: sent again to insist it goes on without the energy, but for an internal fault there,
-        which `lift` alone lifts. What it is refused for is told elsewhere (`orders.py`)."""
+        """START, or a part of it, was sent. If it is sent again to insist, it passes without the energy.
+
+        Only `lift` passes an internal fault of the energy. `orders.py` tells why START is refused.
+        """
         left = {} if self._energy.broken else {Limit.ENERGY: self._energy.shortfall}
         since = port.heard_since(now)
         ruling = self._start_rules.rule(Kind.START, wish, left, port.sysid, now, heard_since=since, repeats=repeats)
@@ -264,14 +269,14 @@ class CommandCheck:
     # ---- what the operator lifts ----------------------------------------------------------------------------------
 
     def lift(self, limit: Limit, by: str, now: float) -> None:
-        """The operator of whoever commands, or of the vehicle itself, lifts a limit; `by`: who, for people."""
+        """An operator lifts a limit, at the commander or at the vehicle's console; `by`: the name of either."""
         self.rules.lift(limit, now)
         if limit is Limit.ENERGY:
             self._dispatcher.dispatch(self._energy.lift(now + LIFTED_S, now), now)
         self._reports.event_log.override(limit.value, by, LIFTED_S)
 
     def authority_moved(self) -> None:
-        """Somebody else commands, or nobody."""
+        """Another station commands, or no station."""
         self.rules.authority_moved()
         self._start_rules.authority_moved()
         self._energy.lift_no_more()
@@ -289,11 +294,11 @@ class CommandCheck:
         ahead: Ahead | None = None,
         slow: str = "",
     ) -> Ruling:
-        """`slow`: it is known already what it would leave, the energy."""
+        """Judge a command and tell people. `slow`: why it leaves the energy, if that is known already."""
         limits = self.rules.looks_at(kind)
         if not limits or (self.here(now) is None and kind is not Kind.UNKNOWN):
             return _NOT_JUDGED
-        if not self._purse.take(now):
+        if not self._judgements.take(now):
             self.rules.came(kind, copy.wish, port.sysid, now)
             return Ruling(Outcome.REFUSED, (), "too many commands at once")
         try:
@@ -325,8 +330,10 @@ class CommandCheck:
     def _left(
         self, kind: Kind, way: Callable[[], Sequence[Leg]], limits: Sequence[Limit], ahead: Ahead | None, now: float
     ) -> dict[Limit, str]:
-        """What a way would leave, of these limits, and which of them cannot be judged. If the way itself is not known
-        because of a fault, that is one refusal, not one of each limit."""
+        """The limits that a way would leave, and those that cannot be judged, in words.
+
+        If a fault prevents that the way is known, there is one refusal, not one for each limit.
+        """
         try:
             legs = way()
             ceiling_m = (
@@ -353,12 +360,15 @@ class CommandCheck:
         return left
 
     def _energy_short(self, legs: Sequence[Leg], ahead: Ahead) -> str:
-        """What is in reach with the reserve comes before what is covered (`core/safety/return_site.py`): so a way is
-        too long where not even the place that costs least from its end is in reach, of those inside the fence."""
+        """Why the energy is too little for a way, in words; "" if it is not.
+
+        From the end of the way, the return site inside the fence that costs least must be in reach with the reserve.
+        Reach comes before coverage (`core/safety/return_site.py`).
+        """
         fact, places = self._energy.fact, self._candidates.inside_fence()
         if fact.left_wh is None and FAULT in (fact.missing, *fact.trouble):
             return f"{Limit.ENERGY.value} {_CANNOT}"
-        # on the ground START asks for it; in the air it was granted
+        # START checks that the energy is known
         if fact.model is None or fact.left_wh is None or places is None:
             return ""
         if not places and legs[-1].end[2] > 0.0:
@@ -366,8 +376,11 @@ class CommandCheck:
         return fact.shortfall(self._need_wh(legs, places, fact.model, ahead))
 
     def way_on_wh(self) -> float | None:
-        """What the rest of the mission needs from here, to the place that costs least from its end, with the reserve
-        (Wh); None: not known, or no mission is flown."""
+        """The energy (Wh) that the rest of the mission needs from here, with the reserve.
+
+        It includes the way from the end of the mission to the return site that costs least. None: not known, or no
+        mission is flown.
+        """
         fact, places, ahead, here = self._energy.fact, self._candidates.inside_fence(), self.ahead, self._aircraft.where
         if fact.model is None or places is None or ahead is None or here is None:
             return None
@@ -379,25 +392,25 @@ class CommandCheck:
         return fact.model.budget_wh(self._need_wh(legs, places, fact.model, ahead))
 
     def _need_wh(self, legs: Sequence[Leg], places: Sequence[Place], model: EnergyModel, ahead: Ahead) -> float:
-        """Of a way, and the return from its end: a plane comes down by the landing sequences of that plan."""
+        """The energy (Wh) of a way and of the return from its end. A plane lands by the plan's landing sequences."""
         down = with_ways_down(places, ahead.route, ahead.speed_mps)
         way = pieces_along(legs, down, model, self._candidates.return_mps, released_at(ahead.route))
         return model.need_wh(way)
 
     def _usable(self, now: float) -> frozenset[int]:
-        """The commander, and whoever could take the aircraft from it now."""
+        """The commander, and the stations that could take the aircraft from it now."""
         commands, unfit = self._authority.commands, self._authority.arbiter.unfit
         return frozenset(each for each in self._reports.voice.ports if commands(each) or unfit(each, now) is None)
 
     def here(self, now: float) -> _Place | None:
-        """Where the aircraft is: latitude, longitude, metres above home; None: nobody knows."""
+        """The position of the aircraft: latitude, longitude, metres above home; None: not known."""
         aircraft = self._aircraft
         return aircraft.where if now - aircraft.position.at < self._stale_s else None
 
     # ---- ways -----------------------------------------------------------------------------------------------------
 
     def _way(self, intent: Intent) -> Sequence[Leg]:
-        """The way that a command would have the aircraft fly; none where nothing is known of it."""
+        """The way that the aircraft would fly by a command; empty: not known."""
         aircraft, ahead = self._aircraft, self.ahead
         if intent.kind is Kind.UNKNOWN:
             return ()
@@ -417,7 +430,7 @@ class CommandCheck:
         return tuple(replace(leg, speed_mps=speed_mps) for leg in legs) if 0.0 < speed_mps < inf else ()
 
     def _on_at(self, intent: Intent) -> Sequence[Leg]:
-        """The way to the target that GUIDED flies to, at another speed; none elsewhere: the autopilot refuses it."""
+        """The way to the target of GUIDED, at another speed; empty in other modes: the autopilot refuses the speed."""
         aim, speed_mps = self._kept_aim, intent.speed_mps
         if aim is None or speed_mps is None or not 0.0 < speed_mps < inf or intent.speed_type not in _LEVEL:
             return ()
@@ -436,19 +449,19 @@ class CommandCheck:
         return (*straight(here, there, speed_mps), *around(there, self._circle_m(aim.radius_m, speed_mps), speed_mps))
 
     def _circle_m(self, asked_m: float, speed_mps: float) -> float:
-        """The radius of the circle around a guided target, for which so much is asked; 0: nothing."""
+        """The radius (m) of the circle around a guided target; `asked_m`: the radius in the command, 0: none."""
         model, wings = self._energy.fact.model, AS_IT_COMES if self.ahead is None else self.ahead.route.wings
         wind_mps = 0.0 if model is None else model.headwind_mps if model.wind is None else model.wind.speed_mps
         told_m = asked_m or self._kept_radius_m or self._aircraft.loiter_radius_m or 0.0
         return wings.circle_radius_m(told_m, speed_mps + wind_mps)
 
     def _place_of(self, aim: Aim, here: _Place) -> _Place | None:
-        """Where a target lies: degrees, metres above home. None: a local frame, and home is not known."""
+        """The position of a target: degrees, metres above home. None: a local frame, and home is not known."""
         position = self._aircraft.position.value
         assert position is not None
         if aim.on_earth:
             home_m = (position.alt - position.relative_alt) / 1000.0 if aim.frame in _ABOVE_SEA else 0.0
-            if aim.here or (aim.first == 0.0 and aim.second == 0.0):  # "where it is", to the autopilot
+            if aim.here or (aim.first == 0.0 and aim.second == 0.0):  # the autopilot takes it as "here"
                 return *here[:2], aim.third - home_m
             return aim.first, aim.second, aim.third - home_m
         if aim.frame in _OFFSETS:
@@ -457,7 +470,7 @@ class CommandCheck:
             return *offset(*here[:2], east, north), here[2] - aim.third
         if self.ahead is None:
             return None
-        home = self.ahead.route.home  # the estimator's origin is where the aircraft was switched on
+        home = self.ahead.route.home  # the estimator's origin is where the autopilot was switched on
         return *offset(home.lat_deg, home.lon_deg, aim.second, aim.first), -aim.third
 
     # ---- telling --------------------------------------------------------------------------------------------------

@@ -1,29 +1,28 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Missions and geofences that the commander uploads in flight: they end here, and go on as a whole or not at all.
+"""Missions and geofences that the commander uploads in flight: the companion takes and judges them.
 
-Sent straight to the autopilot, an upload would cut the list that is being flown with its first message, and leave a
-mixture behind where the link breaks; what it holds would be known to nobody. So (the protocol is
-`gate/mission_server.py`):
+An upload straight to the autopilot would change the flown list with its first message. After a link loss, the autopilot
+would hold a mixture that no program knows. So the companion takes uploads itself, by the protocol of
+`gate/mission_server.py`. It writes the whole upload to the autopilot, or nothing.
 
-* A mission is gathered, read as a mission package's would be, judged by energy, fence and coverage from where the
-  aircraft is, written by the companion, and read back. Then its sender hears ACCEPTED, and from then on the rest of
-  the companion goes by it: route check, speeds, zones on the way, and who is to command along it.
-* It has to consist of what a package may hold (`mission/items.py`): what jumps, moves home or switches the fence off
-  cannot be judged. It need not begin with a take-off. A plane's has to leave a return that ends on the ground: where
-  that goes on to the landing sequence, one without would have it circle for ever.
-* Heights above the sea need the plan's and the autopilot's home at the same height, heights above terrain an autopilot
-  that knows the ground; a way into the ground, by the heights that the package has of it, is refused
-  (`mission/heights.py`).
-* To clear the mission is refused: there is nothing to fly by then, and RTL needs no empty mission.
-* A geofence is not changed in flight. It is a limit that the autopilot keeps by itself, the places of a return were
-  checked against it, and one that leaves the aircraft outside lands it at once (4.7) or turns it back. The one that is
-  held is taken again: ground station programs send a plan whole.
-* The package's digest stays. It is what stations have to agree on to take the aircraft, zones and stations, and these
-  have not changed; with another one nobody could. Stations are told that the route has. On the ground again the
-  mission counts as unknown, and the next START needs a package.
+* A mission is collected, read like that of a package, and judged by energy, fence and coverage from where the aircraft
+  is. Then the companion writes it and reads it back, and answers ACCEPTED. From then on, route check, speeds, zones and
+  the expected commanders follow the new mission.
+* Only items that a package may hold are allowed (`mission/items.py`). Jumps, a moved home and a disabled fence cannot
+  be judged. A take-off is not needed. After a plane's mission, a return must end in a landing: if the return needs a
+  landing sequence, a mission without one would let the plane circle for ever.
+* Heights above the sea need the same height of home in the plan and at the autopilot. Heights above terrain need an
+  autopilot that knows the ground. A way into the ground is refused, by the package's heights (`mission/heights.py`).
+* Clearing the mission is refused: the autopilot would have nothing to fly, and RTL needs no empty mission.
+* A geofence cannot be changed in flight. The autopilot enforces it by itself, and the return sites were checked against
+  it. A fence that leaves the aircraft outside lands it at once (4.7) or turns it back. The same fence is accepted,
+  because ground station programs send a whole plan.
+* The package's digest stays: it covers zones and stations, which have not changed, and a partner must have the same.
+  Stations are told that the route is another one. After landing the mission does not count any more, and START needs a
+  package.
 
-What takes time is done beside the main loop. Times are monotonic seconds.
+A worker thread does what takes time. Times are monotonic seconds.
 """
 
 from __future__ import annotations
@@ -62,7 +61,7 @@ _MISSION: Final[int] = mavlink.MAV_MISSION_TYPE_MISSION
 _FENCE: Final[int] = mavlink.MAV_MISSION_TYPE_FENCE
 _WORDS: Final = {_MISSION: "mission", _FENCE: "geofence"}
 _DENIED: Final[int] = mavlink.MAV_MISSION_DENIED
-#: more areas of a geofence than ArduPilot stores
+#: a geofence may have at most this many areas, more than ArduPilot stores
 _MOST_AREAS: Final = 32
 #: names of the conversations
 _WRITE: Final = "upload"
@@ -70,7 +69,7 @@ _READ: Final = "mission found in flight"
 
 
 def _mission_flaw(item: MissionItem) -> Flaw | None:
-    """What is wrong with an item of a mission by itself. Item 0 is home, which the autopilot sets itself."""
+    """The flaw of a single mission item; None: none. Item 0 is home, which the autopilot sets itself."""
     if item.seq and (item.command not in COMMANDS or item.command == JUMP):
         words = f"item {item.seq}: command {item.command} is not one that can be judged"
         return Flaw(mavlink.MAV_MISSION_UNSUPPORTED, words)
@@ -93,7 +92,7 @@ class FlightUploads:
             _MISSION: MissionServer(_MISSION, MAX_ITEMS + 1, _mission_flaw),
             _FENCE: MissionServer(_FENCE, _MOST_AREAS * MAX_CORNERS),
         }
-        #: who sends the upload of each kind that is open
+        #: the sender of each open upload, by kind of list
         self._ports: dict[int, StationPort] = {}
 
     def on_frame(self, port: StationPort, frame: Frame, now: float) -> None:
@@ -119,8 +118,10 @@ class FlightUploads:
                 self._carry_out(kind, self._ports[kind], server.tick(now), now)
 
     def found(self, now: float) -> None:
-        """After a restart of the companion in flight: the autopilot flies another mission than the package's. It is
-        read back, so that the rest of the companion goes by it again; if that fails, nobody knows it, as before."""
+        """After a restart of the companion in flight, the autopilot flies another mission than the package's.
+
+        The mission is read back, so that the companion follows it again. If that fails, it stays unknown.
+        """
 
         def done(talk: Conversation, now: float) -> None:
             package, here, commander = (
@@ -144,7 +145,7 @@ class FlightUploads:
             self._flown.reroute(result, now)
 
     def authority_moved(self, now: float) -> None:
-        """Somebody else commands, or nobody: what is not being written by now is given up."""
+        """Another station commands, or no station: end the uploads that are not being written yet."""
         for kind, port in list(self._ports.items()):
             if kind == _MISSION and _WRITE in self._conversations:
                 continue
@@ -153,7 +154,7 @@ class FlightUploads:
     # ---- the steps ------------------------------------------------------------------------------------------------
 
     def _offer(self, kind: int) -> None:
-        """What a part of a list is laid into."""
+        """Set the list that a partial upload changes."""
         ahead = self._command_check.ahead
         if kind == _MISSION:
             self._servers[kind].offered = None if ahead is None else ahead.route.upload_items()
@@ -170,7 +171,7 @@ class FlightUploads:
             self._read(port, turn.whole, now)
 
     def _conclude(self, port: StationPort, kind: int, result: int, words: str, now: float) -> None:
-        """The upload is dealt with; `words`: why it is refused, "" if people know that already, or it is not."""
+        """Answer the upload. `words`: why it is refused, "" if it is not or if people know that already."""
         turn = self._servers[kind].conclude(result, now)
         self._carry_out(kind, port, Turn(turn.answers, words=words), now)
 
@@ -197,7 +198,7 @@ class FlightUploads:
                 self._conclude(port, _MISSION, mavlink.MAV_MISSION_ERROR, "another mission is being read", now)
 
     def _was_read(self, port: StationPort, upload: Upload, result: Rerouted | Exception, now: float) -> None:
-        if self._servers[_MISSION].sender != upload.sender:  # it was given up meanwhile
+        if self._servers[_MISSION].sender != upload.sender:  # the upload has ended meanwhile
             return
         if not isinstance(result, Rerouted):
             why = str(result) if isinstance(result, (MissionError, TimeoutError)) else "internal fault"
@@ -217,7 +218,7 @@ class FlightUploads:
 
     def _write(self, port: StationPort, read: Rerouted, now: float) -> None:
         items = read.ahead.route.upload_items()
-        self._flown.reroute(None, now)  # from its first message on, the autopilot does not hold what it held
+        self._flown.reroute(None, now)  # from the first message on, the autopilot does not hold the former mission
 
         def done(talk: Conversation, now: float) -> None:
             if talk.failure is not None:
@@ -236,7 +237,7 @@ class FlightUploads:
 def _read_route(
     package: MissionPackage, items: tuple[MissionItem, ...], here: tuple[float, float, float], commander: int
 ) -> Rerouted:
-    """What an upload says, with the zones of the package. Raises MissionError. Takes as long as the upload makes it."""
+    """Read the mission of an upload, with the zones of the package; for a worker thread. Raises MissionError."""
     route: Route = with_return(with_items(package.route, items), package.zones, package.terrain)
     ahead = Ahead(route, package.zone_finder(), package.cruise_speed_mps)
     legs, facts = ahead.way(1, here), plan_facts(route, ahead.speed_mps)

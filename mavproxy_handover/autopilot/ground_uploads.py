@@ -1,21 +1,21 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""A mission or geofence that a station wrote to the autopilot on the ground: read back, judged, flown if it is safe.
+"""Missions and geofences that stations write to the autopilot on the ground: read back and judged.
 
-1. The autopilot takes such an upload itself, by whatever protocol (mission messages, files, parameters). When the
-   writing has ended, the companion reads mission, geofence and cruise speed back. What came back is what is judged.
-2. It needs a package: zones, stations, terrain and policies are the package's. That is the last package that was
-   loaded, or else the one on board.
-3. The rules are those of a plan in a file (`plan.on_ground`), and of an upload in flight: no way into the ground, no
-   way out of the geofence, no way out of coverage. The operator lifts the last two as in flight (`CommandCheck.plan`).
-   Energy, heights above the sea, the kind of aircraft and consent are what START needs, and START judges them anew.
-4. A mission that passes is the mission. The digest of the package stays, so the stations of the package stay fit. They
-   are told in words, and AUTHORITY_STATUS says that the route is another one.
+1. The autopilot takes such an upload itself, by any protocol (mission messages, files, parameters). When the writing
+   has ended, the companion reads mission, geofence and cruise speed back, and judges what it has read.
+2. The judgement needs a package, for zones, stations, terrain and policies: the last package that was loaded, or else
+   the one on board.
+3. The rules are those of a plan in a file (`plan.on_ground`) and of an upload in flight. The way must not lead into the
+   ground, out of the geofence or out of coverage. The operator lifts the last two as in flight (`CommandCheck.plan`).
+   START itself judges energy, heights above the sea, the kind of aircraft and consent.
+4. A mission that passes becomes the mission. The digest of the package stays, so the package's stations can still take
+   the aircraft. They are told in words, and AUTHORITY_STATUS says that the route is another one.
 5. A mission that does not pass stays on the autopilot, and START is refused with the reason.
-6. Heights and ways begin at the autopilot's home. Before it has one, after power-up, the mission waits to be judged.
-7. The mission of the package itself, sent again, is the package.
+6. Heights and ways begin at the autopilot's home. Until the autopilot has a home after power-up, the mission waits.
+7. If the package's own mission is sent again, the package counts.
 
-What takes time is done beside the main loop. Times are monotonic seconds.
+A worker thread does what takes time. Times are monotonic seconds.
 """
 
 from __future__ import annotations
@@ -52,16 +52,16 @@ from mavproxy_handover.worker import Worker
 
 __all__ = ["GroundUploads"]
 
-#: the writing has ended, and for so long (s) nothing else was written: programs send mission and geofence in a row
+#: the lists are read this long (s) after the last write: programs send mission and geofence one after the other
 _SETTLED_S: Final = 0.5
-#: an upload that has not ended by then (s) is looked at all the same; the autopilot ends one after 8 s of silence
+#: after this time (s) the lists are read even if an upload has not ended; the autopilot ends one after 8 s of silence
 _STALLED_S: Final = 10.0
-#: between two attempts to read the lists (s), and how many there are
+#: interval of the attempts to read the lists (s), and their number
 _AGAIN_S: Final = 2.0
 _TRIES: Final = 3
-#: an autopilot without a position has no home: so long after it was read (s) it is read again
+#: an autopilot without a position has no home: the lists are read again after this time (s)
 _NO_HOME_S: Final = 3.0
-#: speeds (m/s) that are no nearer are two
+#: speeds that differ by more than this (m/s) are different
 _SAME_MPS: Final = 0.01
 #: name of the conversation
 _READ: Final = "upload read back"
@@ -69,7 +69,7 @@ _READ: Final = "upload read back"
 
 @dataclass(frozen=True, slots=True)
 class _Written:
-    """What a station wrote: its `port`, None for what was found after a restart; `what`: mission or geofence."""
+    """A list that a station wrote. `port`: of the station, None after a restart; `what`: mission or geofence."""
 
     port: StationPort | None
     what: str
@@ -78,7 +78,7 @@ class _Written:
 
 @dataclass(frozen=True, slots=True)
 class _Judged:
-    """What was read, `own`: it is the package's own mission; `left`: the limits that it would leave, in words."""
+    """A mission that was read and judged. `own`: it is the package's; `left`: the limits that it leaves, in words."""
 
     prepared: Prepared
     own: bool
@@ -109,7 +109,7 @@ class GroundUploads:
         self._readiness = readiness
         self._list_open = list_open
         self._worker = Worker()
-        #: what is to be judged; None: nothing is
+        #: the list to be judged; None: none
         self._written: _Written | None = None
         self._changed_at = self._due_at = -inf
         self._tries = 0
@@ -122,7 +122,7 @@ class GroundUploads:
     def changed(self, port: StationPort, change: ListChange, now: float) -> None:
         """A station's message that changes a list goes to the autopilot."""
         before = self._written
-        # where both lists are written, the words are about the mission
+        # if both lists were written, the texts name the mission
         what = MISSION if before is not None and before.what == MISSION else change.what
         begun_at = now if before is None or before.port is not port else before.begun_at
         self._written = _Written(port, what, begun_at)
@@ -130,12 +130,12 @@ class GroundUploads:
         self._conversations.drop(_READ)
 
     def found(self, now: float) -> None:
-        """After a restart on the ground: the autopilot holds what a station wrote before."""
+        """After a restart on the ground, the autopilot still holds a list that a station wrote."""
         self._written = _Written(None, MISSION, now)
         self._changed_at, self._due_at, self._tries = now, now, 0
 
     def forget(self) -> None:
-        """A package is written over it."""
+        """A package overwrites the list."""
         self._written = None
         self._conversations.drop(_READ)
 
@@ -188,7 +188,7 @@ class GroundUploads:
                 self._conclude(written, held, result, now)
 
         if not self._worker.submit(lambda: _judge(package, held, commander), judged):
-            self._due_at = now + _AGAIN_S  # what was read before is still being judged
+            self._due_at = now + _AGAIN_S  # the worker still judges an earlier list
 
     def _conclude(self, written: _Written, held: HeldPlan, result: _Judged | Exception, now: float) -> None:
         if not isinstance(result, _Judged):
@@ -221,14 +221,14 @@ class GroundUploads:
 
 
 def _name(written: _Written) -> str:
-    """Of the station; "" if it is not known any more."""
+    """The name of the station; "" if it is not known any more."""
     return "" if written.port is None else written.port.name
 
 
 def _judge(package: MissionPackage, held: HeldPlan, commander: int) -> _Judged:
-    """What the autopilot holds, with the zones of the package; takes as long as the upload makes it.
+    """Judge the mission on the autopilot with the zones of the package; for a worker thread. Raises MissionError.
 
-    `commander`: the station (system id) that commands at the take-off. Raises MissionError.
+    `commander`: the station (system id) that commands at the take-off.
     """
     own = _is_own(package, held)
     if not own:
@@ -250,7 +250,7 @@ def _judge(package: MissionPackage, held: HeldPlan, commander: int) -> _Judged:
             Limit.FENCE: leaves_fence(legs, Fence(package.route.fence)),
             Limit.COVERAGE: leaves_coverage(legs, package.zone_finder(), stations),
         }
-    # which round an item of a jump belongs to is not known in flight: there is no countdown to a border
+    # in flight the repetition of a DO_JUMP is not known, so there is no countdown to a border
     way = None if jumps(package.route.items) else WayAhead.of(walk, package.route)
     along = Along(package.stretches(walk), way, walk.handovers)
     prepared = Prepared(package, package.zone_finder(), walk.commanders, way_of(package), along)
@@ -258,7 +258,7 @@ def _judge(package: MissionPackage, held: HeldPlan, commander: int) -> _Judged:
 
 
 def _is_own(package: MissionPackage, held: HeldPlan) -> bool:
-    """Whether mission, geofence and speed are those that loading the package would write."""
+    """Whether the autopilot holds the mission, geofence and speed that loading the package would write."""
     route = package.route
     items = route.upload_items()
     if package.cruise_speed_named and abs(held.cruise_mps - package.cruise_speed_mps) > _SAME_MPS:

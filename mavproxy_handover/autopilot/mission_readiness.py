@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the mission on the autopilot is to START, and what operators are told of it.
+"""Whether START may fly the mission on the autopilot, and the messages to operators about it.
 
-1. What a station writes to the autopilot on the ground stays there, until a package is shared or the mission is
-   cleared. It is judged (`ground_uploads.py`). If it passes, START flies it. If it does not, START is refused with the
+1. A list that a station writes to the autopilot on the ground stays there until a package is shared or the mission is
+   cleared. The companion judges it (`ground_uploads.py`). If it passes, START flies it; else START is refused with the
    reason.
-2. Every station is told what became of it, and what to do.
-3. The package on board (`mission` in the vehicle's configuration) is loaded by itself at the start, after a flight that
-   changed the mission, and after the mission was cleared. Every station is told.
-4. A mission that is not the one that was loaded or judged (`changed_past`) is not flown either.
+2. Every station is told the result, and what to do.
+3. The package on board (`mission` in the vehicle's configuration) is loaded automatically: at the start, after a flight
+   that changed the mission, and after the mission was cleared. Every station is told.
+4. START does not fly a mission that was neither loaded nor judged (`changed_past`).
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ _CURE: Final = "START needs 'handover share'"
 _OR_UPLOAD: Final = "START needs another mission or 'handover share'"
 _OR_CLEAR: Final = "Or clear the mission: then the package on board is loaded"
 _NO_PACKAGE: Final = "START needs a mission package: 'handover share'"
-#: name of a source that is no station
+#: name of the source of the package on board
 _VEHICLE: Final = "the vehicle's own package"
 
 
 class MissionReadiness:
-    """Of one vehicle. `on_board`: the package that its configuration names; None: it names none."""
+    """The readiness of one vehicle's mission. `on_board`: the package that its configuration names; None: none."""
 
     def __init__(
         self, on_board: MissionPackage | None, handle: Callable[[Event, float], None], reports: Reports
@@ -49,15 +49,15 @@ class MissionReadiness:
         self._reports = reports
         #: a station wrote the list that the autopilot holds: the package on board does not replace it
         self.kept = False
-        #: why no mission is loaded, as the arbiter was told last
+        #: the last reason given to the arbiter why no mission is loaded
         self._lacks = ""
-        #: why the package on board was not loaded, as it was told last
+        #: the last message that the package on board was not loaded
         self._failure = ""
 
-    # ---- what a station wrote -------------------------------------------------------------------------------------
+    # ---- lists that stations wrote --------------------------------------------------------------------------------
 
     def changed(self, port: StationPort, change: ListChange, was_loaded: bool, now: float) -> None:
-        """A station's message changes a list of the autopilot. `was_loaded`: a mission counted until now."""
+        """A station's message changes a list of the autopilot. `was_loaded`: until now a mission was loaded."""
         cleared = change.clears and change.what == MISSION
         if was_loaded or not self.kept:
             self._reports.event_log.list_changed(port.name, change.what, counted=was_loaded)
@@ -66,7 +66,7 @@ class MissionReadiness:
         self._lack(lacks, now)
 
     def cleared(self, name: str, now: float) -> None:
-        """The autopilot holds no mission any more. `name`: of the station that cleared it, "" if that is not known."""
+        """The autopilot holds no mission any more. `name`: of the station that cleared it, "" if not known."""
         self.kept = False
         self._lack(self._cleared_words(name), now)
         follows = (
@@ -82,12 +82,12 @@ class MissionReadiness:
         return f"{words}. The package on board is loaded within {ON_BOARD_RETRY_S:g} s" if self.on_board else words
 
     def waits(self, name: str, what: str, now: float) -> None:
-        """What a station wrote cannot be judged yet."""
+        """A list of a station cannot be judged yet."""
         of = f" of {name}" if name else ""
         self._lack(f"the {what}{of} waits to be judged: the autopilot has no home yet", now)
 
     def judged(self, name: str, what: str, items: int, package: str, *, own: bool, now: float) -> None:
-        """What a station wrote is the mission. `own`: it is the package's own."""
+        """A list of a station passed the judgement: it is the mission now. `own`: it is the package's own."""
         self.kept = not own
         self._lack("", now)
         of = f" of {name}" if name else ""
@@ -102,8 +102,10 @@ class MissionReadiness:
         self._say(text, _NOTICE)
 
     def rejected(self, name: str, what: str, why: str, lifted: str, *, known: bool, now: float) -> None:
-        """What a station wrote is not flown. `lifted`: how an operator has it flown all the same, "" if not at all;
-        `known`: there is a package to judge it by."""
+        """A list of a station did not pass the judgement. `known`: there is a package to judge it by.
+
+        `lifted`: how an operator can lift the refusal, "" if that is not possible.
+        """
         self._lack(why, now)
         of = f" of {name}" if name else ""
         text = f"The mission{of} is on the autopilot and is not flown: {why}"
@@ -114,7 +116,7 @@ class MissionReadiness:
         self._say("".join(f"{sentence}. " for sentence in sentences if sentence).strip())
 
     def changed_past(self, how: str, now: float) -> None:
-        """The autopilot holds another mission or geofence than what counted: a program wrote it past the companion."""
+        """The autopilot holds another mission or geofence than the one that counted, written without the companion."""
         self.kept = True
         words = f"it was changed without the companion ({how})"
         self._lack(words, now)
@@ -124,8 +126,10 @@ class MissionReadiness:
     # ---- packages -------------------------------------------------------------------------------------------------
 
     def flight_over(self, now: float) -> None:
-        """On the ground again: the mission was changed in flight, so it does not count. What a station wrote on the
-        ground before is judged anew, whatever became of it."""
+        """The flight is over, and the mission was changed in flight, so it does not count.
+
+        A list that a station wrote on the ground before is judged again instead.
+        """
         if self.kept:
             return
         follows = "The package on board is loaded now" if self.on_board else _CURE
@@ -133,7 +137,7 @@ class MissionReadiness:
         self._say(f"The mission was changed in flight. {follows}.")
 
     def loaded(self, mission: str, sender: StationPort | None, now: float) -> None:
-        """A package was written and read back; `sender`, who hears it otherwise, is None for the package on board."""
+        """A package was written and read back. `sender` gets its own answer; None: the package on board."""
         self.kept = False
         self._lack("", now)
         self._failure = ""
@@ -144,7 +148,7 @@ class MissionReadiness:
                 self._reports.voice.say(port, text, _NOTICE)
 
     def failed(self, mission: str, why: str, station: str | None, now: float) -> None:
-        """It was not. The package on board is tried again, and operators hear of a new reason only."""
+        """A package was not loaded. For the package on board, operators hear only a new reason: it is tried again."""
         text = f"Mission {mission} not loaded: {why}."
         self._lack(f"package {mission} was not loaded: {why}", now)
         if station is not None:

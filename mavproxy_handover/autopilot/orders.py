@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the companion itself has the autopilot fly: START and STOP for a station that waits for the answer, and the way
-home.
+"""Orders of the companion to the autopilot: START, STOP and CONTINUE for a station, and safety orders.
 
-START is here from the station's command to its last answer: who asked, what a repetition gets, what came of it. Whether
-the aircraft may take off is the arbiter's to say. The way home comes first: it ends a START that is under way, and the
-station that asked is told so. The commander's STOP and CONTINUE are here where the autopilot knows none
-(`takes_over`): done by modes, and answered as an autopilot would.
+* START is here from the station's command to its last answer: which program asked, what a repetition gets, and the
+  result. The arbiter decides whether the aircraft may take off.
+* A return or landing ends a START that is under way, and the station that asked is told so.
+* If the autopilot has no STOP and CONTINUE (`takes_over`), the companion changes the mode instead, and answers the
+  command as an autopilot would.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from mavproxy_handover.wire.ids import MISSION_START
 
 __all__ = ["UNDOING", "Orders", "commanded", "disarms"]
 
-#: what an arm lacks while a START that was called off is being undone
+#: why a command that arms is refused while a cancelled START is being undone
 UNDOING: Final = ("the previous START is still being undone: send it again",)
 
 #: messages that carry a MAV_CMD
@@ -70,21 +70,21 @@ _DISARMING: Final = {
         ("MOTOR_INTERLOCK", _LOW),
     )
 }
-#: the autopilot keeps so much of a switch's number, and of its position
+#: the bits that the autopilot keeps of a switch's number, and of its position
 _SWITCH_MASK, _POSITION_MASK = 0xFFFF, 0xFF
 #: above this DO_FLIGHTTERMINATION ends the flight
 _TERMINATES: Final = 0.5
-#: a command that flies the mission on had no effect if the autopilot says so soon (s) that it is disarmed: it says so
-#: every second
+#: a command to continue the mission had no effect if the autopilot reports within this time (s) that it is disarmed; it
+#: reports every second
 _NO_EFFECT_S: Final = 2.0
-#: so long (s) a START waits for the answer to a disarm
+#: START waits this long (s) for the answer to a disarm
 _ANSWER_S: Final = 1.0
-#: so long (s) a return waits for its place to be in the autopilot's list
+#: a return waits this long (s) for its site to be in the autopilot's rally list
 _PLACE_S: Final = 1.0
 
 
 def commanded(frame: Frame) -> int | None:
-    """The MAV_CMD of a frame that begins a flight; None if that is no command, but the older SET_MODE."""
+    """The MAV_CMD of a frame that begins a flight; None for the older message SET_MODE."""
     return None if frame.msgid == mavlink.MAVLINK_MSG_ID_SET_MODE else field_int(frame, "command")
 
 
@@ -95,7 +95,7 @@ def disarms(frame: Frame) -> bool:
     command, first, second = commanded(frame), field_float(frame, "param1"), field_float(frame, "param2")
     if command == mavlink.MAV_CMD_DO_AUX_FUNCTION:
         position = _DISARMING.get(int(first) & _SWITCH_MASK) if isfinite(first) else None
-        # what is no number may be any position
+        # NaN may be any position
         return position is not None and (not isfinite(second) or int(second) & _POSITION_MASK == position)
     if command == mavlink.MAV_CMD_DO_FLIGHTTERMINATION:
         return not first <= _TERMINATES
@@ -116,14 +116,14 @@ def _answer_to(frame: Frame) -> Asking:
 
 @dataclass(frozen=True, slots=True)
 class _Asker:
-    """Who asked for START, or for a stop: the station, and system and component there."""
+    """The program that asked for START or STOP: its station, its system and its component."""
 
     port: StationPort
     sender: tuple[int, int]
 
 
 class Orders:
-    """Carries out START, STOP and the way home, one of each at a time."""
+    """Carries out START, STOP and safety orders, one of each at a time."""
 
     def __init__(self, context: Context, read_back: ReadBack, return_site: ReturnSite) -> None:
         self._read_back = read_back
@@ -133,22 +133,22 @@ class Orders:
         self._conversations = context.conversations
         self._authority = context.authority
         self._reports = context.reports
-        #: of each station, who there asked for a START that the rules have not answered yet
+        #: by station: the program whose START the rules have not answered yet
         self._asked: dict[int, _Asker] = {}
-        #: who asked for the START that is under way, or was last
+        #: the program that asked for the current or last START
         self._starter: _Asker | None = None
-        #: who asked for the stop that is under way, and for which
+        #: the program that asked for the current STOP or CONTINUE, and whether for STOP
         self._stopper: tuple[_Asker, bool] | None = None
         self._needs = OncePerCause()
-        #: who had the mission flown on last, by which word, and when
+        #: the last command to continue the mission: station, name and time
         self._went_on: tuple[StationPort, str, float] | None = None
         #: the disarm that the commander sent last
         self._disarm: Frame | None = None
-        #: the autopilot returns because it was told so here
+        #: the autopilot returns by an order of the companion
         self.returning = False
         #: the order that `begin` gives to the autopilot
         self.ordered: tuple[FlightAction, Asking] | None = None
-        #: the order that the autopilot was given last
+        #: the last order that the autopilot was given
         self._given: FlightAction | None = None
 
     @property
@@ -158,7 +158,7 @@ class Orders:
 
     @property
     def undoing(self) -> bool:
-        """What a START that was called off has left behind is being undone."""
+        """A cancelled START is being undone."""
         return _CALLED_OFF in self._conversations
 
     # ---- START ----------------------------------------------------------------------------------------------------
@@ -166,7 +166,7 @@ class Orders:
     def start_asked(self, port: StationPort, frame: Frame, what: str, now: float) -> None:
         """The commander's START, on the ground; `what`: the frame in words."""
         asker = _Asker(port, (frame.sysid, frame.compid))
-        if self.starting:  # asked again: it is on its way
+        if self.starting:  # a repetition
             mine = asker == self._starter
             result = mavlink.MAV_RESULT_IN_PROGRESS if mine else mavlink.MAV_RESULT_TEMPORARILY_REJECTED
             self._reports.voice.acknowledge(port, asker.sender, MISSION_START, result)
@@ -193,7 +193,7 @@ class Orders:
         undoing = self._conversations.drop(_CALLED_OFF)
 
         def steps() -> Asking:
-            if undoing:  # from its beginning: beside this START it would take it out of its mode
+            if undoing:  # first undo all of it: in parallel it would change the mode of this START
                 yield from procedures.call_off_start()
             yield from self._read_back.asking()
             yield from procedures.start()
@@ -208,7 +208,7 @@ class Orders:
         self._tell_needs(asker.port, "START", needs, now)
 
     def refuse_take_off(self, port: StationPort, frame: Frame, needs: tuple[str, ...], now: float) -> None:
-        """A command that arms or takes off cannot be: what START still needs."""
+        """A command that arms or takes off is refused: tell the station what START still needs."""
         voice, sender = self._reports.voice, (frame.sysid, frame.compid)
         command = commanded(frame)
         if command is not None and not (needs == (WITHDRAWN,) and self._answered_by_disarm(frame)):
@@ -217,15 +217,17 @@ class Orders:
         self._tell_needs(port, called(subject_of(frame), modes=modes), needs, now)
 
     def _answered_by_disarm(self, frame: Frame) -> bool:
-        """The autopilot's answer to the disarm ends the wait for an answer to this command, too: the same program sent
-        both, and both have the same number."""
+        """Whether the autopilot's answer to the disarm also answers this command for its sender.
+
+        It does if the same program sent both, and both have the same number.
+        """
         disarm = self._disarm
         if disarm is None or (disarm.sysid, disarm.compid) != (frame.sysid, frame.compid):
             return False
         return commanded(disarm) == commanded(frame)
 
     def _tell_needs(self, port: StationPort, what: str, needs: tuple[str, ...], now: float) -> None:
-        """All of them in one text. What is behind a colon are figures, which change while the need does not."""
+        """Tell all needs in one text. Figures follow a colon; they may change while the need stays the same."""
         if self._needs.allow(port.sysid, (what, *(need.partition(":")[0] for need in needs)), now):
             by_hand = len(needs) == 1 and needs[0].startswith("energy: ")
             again_in_s = None if needs == (f"energy: {FAULT}",) else QUIET_S
@@ -233,7 +235,7 @@ class Orders:
             self._reports.voice.say(port, f"{refused(what, needs)}{lifts}")
 
     def give_start_up(self, why: str, now: float) -> None:
-        """End a START that is under way, if one is."""
+        """End the START that is under way, if there is one."""
         asker = self._starter
         if self._conversations.drop(_START) and asker is not None:
             self._authority.handle(StartFinished(False, why), now)
@@ -266,8 +268,8 @@ class Orders:
     def flight_over(self, now: float) -> None:
         """The autopilot says that it is disarmed: every station is told.
 
-        A command that the autopilot got after it had disarmed, and before it said so, had no effect. Its sender is told
-        if it still has authority, because it can send START again.
+        A command that the autopilot got between its disarm and its report of it had no effect. Its sender is told if it
+        still has authority, because it can send START again.
         """
         on_ground = self._state.telemetry.landed.state == mavlink.MAV_LANDED_STATE_ON_GROUND
         text = f"{'landed' if on_ground else 'disarmed'}: the flight is over"
@@ -290,7 +292,7 @@ class Orders:
     # ---- STOP and CONTINUE ----------------------------------------------------------------------------------------
 
     def takes_over(self, frame: Frame) -> bool:
-        """Whether a command of the commander in flight is carried out here, in the autopilot's place."""
+        """Whether the companion carries out this command of the commander in flight, instead of the autopilot."""
         pauses = frame.msgid in _CARRIERS and commanded(frame) == _PAUSE_CONTINUE
         return pauses and self._procedures().holds_by(pause=True) is not None
 
@@ -301,7 +303,7 @@ class Orders:
             self._reply(asker, _PAUSE_CONTINUE, mavlink.MAV_RESULT_DENIED)
             return
         pause, procedures = which == _STOP, self._procedures()
-        if self._stopper == (asker, pause):  # asked again: it is on its way
+        if self._stopper == (asker, pause):  # a repetition
             self._reply(asker, _PAUSE_CONTINUE, mavlink.MAV_RESULT_IN_PROGRESS)
             return
         if _HOME in self._conversations:
@@ -324,7 +326,7 @@ class Orders:
         self._conversations.begin(_PAUSE, procedures.hold(pause), done, now)
 
     def _give_stop_up(self, why: str) -> None:
-        """End a stop that is under way, if one is."""
+        """End the STOP or CONTINUE that is under way, if there is one."""
         stopper, self._stopper = self._stopper, None
         if self._conversations.drop(_PAUSE) and stopper is not None:
             self._reply(stopper[0], _PAUSE_CONTINUE, mavlink.MAV_RESULT_FAILED, f"cancelled: {why}")
@@ -332,9 +334,9 @@ class Orders:
     # ---- the mission's speed --------------------------------------------------------------------------------------
 
     def resume_speed(self, speed_mps: float | None, now: float) -> None:
-        """The aircraft flies its mission again: at the speed that the mission itself had set by then.
+        """The aircraft flies its mission again: restore the speed that the mission has set so far.
 
-        None: it does not fly it, or the mission had set none.
+        None: the aircraft does not fly its mission, or the mission has set no speed.
         """
         self._conversations.drop(_SPEED)
         if speed_mps is None:
@@ -345,26 +347,26 @@ class Orders:
 
         self._conversations.begin(_SPEED, self._procedures().set_speed(speed_mps), done, now)
 
-    # ---- the way home ---------------------------------------------------------------------------------------------
+    # ---- safety orders --------------------------------------------------------------------------------------------
 
     def order(self, action: FlightAction, now: float) -> None:
-        """Take the order to stop, to go on, to fly home, or to land. `begin` gives it to the autopilot.
+        """Take the order to hold, to continue, to return or to land. `begin` gives it to the autopilot.
 
-        The place of a return is judged once more here. By that event the rules may decide for a landing: then the
-        landing replaces the return, and the autopilot never gets the return.
+        The return site is judged once more here. By that event the rules may decide for a landing: then the landing
+        replaces the return, and the autopilot never gets the return.
         """
         pauses = action in (FlightAction.HOLD, FlightAction.CONTINUE)
         self._give_stop_up("the companion commands")
         if not pauses:
             self.give_start_up("the aircraft is brought home", now)
-        if action is not FlightAction.RETURN:  # from here on no return may be begun anew
+        if action is not FlightAction.RETURN:  # from here on, `tick` must not begin a return again
             self.returning = False
         written = self._place(now) if action is FlightAction.RETURN else lambda: True
         asking = self._holding(action is FlightAction.HOLD, now) if pauses else self._way_home(action, written)
         self.ordered = action, asking
 
     def begin(self, now: float) -> None:
-        """Give the order that was taken last to the autopilot, if it has not got it yet."""
+        """Give the last order to the autopilot, if the autopilot has not got it yet."""
         ordered, self.ordered = self.ordered, None
         if ordered is not None:
             self._begin_home(*ordered, now)
@@ -383,13 +385,15 @@ class Orders:
     def _holding(self, pause: bool, now: float) -> Asking:
         procedures = self._procedures()
         flown = procedures.holds_by(pause)
-        if flown is not None:  # whose mode this is shows by nothing else
+        if flown is not None:  # nothing else shows that the companion chose this mode
             self._authority.handle(ModeSourceSeen(ModeSource.COMPANION, flown), now)
         return procedures.hold(pause)
 
     def tick(self, now: float) -> None:
-        """Begin a return again if its place was changed in the rally list: the autopilot reads the list when a return
-        begins. To be called often."""
+        """Begin a return again if its site was changed in the rally list; to be called often.
+
+        The autopilot reads the list only when a return begins.
+        """
         if self._return_site.bounces(now, returning=self.returning):
             self._begin_again(now)
 
@@ -414,10 +418,10 @@ class Orders:
         self._conversations.begin(_HOME, asking, done, now)
 
     def _way_home(self, action: FlightAction, written: Callable[[], bool]) -> Asking:
-        """The place first, then the return to it; but no return waits for that longer than a moment."""
+        """Wait a moment until the rally list holds the return site, then return."""
         if not written():
             with suppress(NoAnswer):
-                yield Ask("the place to be written", (), lambda _m: written() or None, _PLACE_S, tries=1)
+                yield Ask("the return site to be written", (), lambda _m: written() or None, _PLACE_S, tries=1)
         return (yield from self._procedures().bring_home(action))
 
     def _place(self, now: float) -> Callable[[], bool]:

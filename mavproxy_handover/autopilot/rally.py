@@ -1,18 +1,18 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The autopilot's rally list holds one point, always: the place where a return goes, whoever orders it.
+"""Keeps exactly one point in the autopilot's rally list: the return site, for every return.
 
 Rules
 -----
-* One point, never none and never two. Of a list of one, replaced by a list of one, ArduCopter keeps the old point until
-  the new one is there: whatever cuts the upload, a return has a place to go to.
-* Written when it is another one, and not oftener than every `WRITE_S`; what a return waits for is written at once.
-* What was written counts once it was read back equal. It is read again every `READ_S`, and when RALLY_TOTAL changes,
-  for others on board can write the list too: then it is written again, and people are told.
-* What holds after a restart, of the autopilot or of the companion, is read before anything is written. An autopilot
-  that has just started has no room for lists yet, and tells everybody so: it is read `START_S` later.
-* An upload that somebody else has open, or left open, ends after 8 s at the latest: then the next try. Our own that was
-  cut is begun anew by the same sender, which ends it.
+* The list holds one point, never none and never two. When ArduCopter replaces one point by another, it keeps the old
+  point until the new list is complete. So an interrupted upload never leaves the list empty.
+* The point is written when it changes, at most every `WRITE_S`. If a return waits for it, it is written at once.
+* A point counts when it was read back equal. The list is read again every `READ_S` and when RALLY_TOTAL changes, since
+  other programs on board can write it. Then the point is written again, and people are told.
+* After a restart of the autopilot or of the companion, the list is read before anything is written. An autopilot that
+  has just started has no room for lists and answers with an error, so it is read `START_S` later.
+* An upload that another program has open, or left open, ends after at most 8 s; then the next try follows. An
+  interrupted upload of the companion ends when the companion begins a new one.
 
 Sources: ArduPilot's MissionItemProtocol.cpp, AP_Rally.cpp.
 """
@@ -33,17 +33,17 @@ WRITE_S: Final = 5.0
 READ_S: Final = 10.0
 START_S: Final = 10.0
 _AGAIN_S: Final = 8.0
-#: names of the conversations: ours, and the one that writes a whole plan, this list with it
+#: names of the conversations: the one of this class, and the one that writes a whole plan with this list
 _NAME: Final = "rally"
 _LOADING: Final = "load"
 _COUNTER: Final = "RALLY_TOTAL"
 
 
 class RallyKeeper:
-    """Keeps `wanted` in the autopilot's rally list. Times are monotonic seconds.
+    """Keeps the wanted point in the autopilot's rally list. Times are monotonic seconds.
 
-    `holds` is told of each point that was written and read back, `failed` of a write that came to nothing, in words,
-    `changed` that somebody else has written the list.
+    `holds` is called with each point that was written and read back, `failed` with the reason of a failed write, and
+    `changed` when another program has written the list.
     """
 
     def __init__(
@@ -59,45 +59,45 @@ class RallyKeeper:
         self._holds = holds
         self._failed = failed
         self._changed = changed
-        #: the one point that the list held when it was read last; None: not one point
+        #: the point that the list held when it was read last; None: the list held no point, or several
         self.held: RallyPoint | None = None
         #: the list has been read
         self.known = False
-        #: the last write came to nothing, and what is wanted is not held since
+        #: the last write failed, and the list has not held the wanted point since
         self.failing = False
         self._wanted: RallyPoint | None = None
         self._ours = False
-        #: what is being written
+        #: the point that is being written
         self._writes: RallyPoint | None = None
         self._read_at = self._write_at = -math.inf
 
     @property
     def settled(self) -> bool:
-        """The list holds what is wanted, or nothing is."""
+        """The list holds the wanted point, or no point is wanted."""
         return self._wanted is None or (self.held is not None and alike(self.held, self._wanted))
 
     def want(self, point: RallyPoint) -> None:
-        """The list is to hold this point."""
+        """Set the point that the list must hold."""
         self._wanted = point
         self.failing = self.failing and not self.settled
 
     def forget(self) -> None:
-        """What it holds is not known: it is read, at the next tick, and kept from then on."""
+        """The content of the list is not known: read it at the next tick, and keep it from then on."""
         self.known, self._ours, self._read_at = False, True, -math.inf
         self._drop()
 
     def restarted(self, now: float) -> None:
-        """The autopilot has just started: what it holds is read once it is ready."""
+        """The autopilot has just started: read the list when it is ready."""
         self.forget()
         self._read_at = now + START_S
 
     def counted(self, name: str, now: float) -> None:
-        """A parameter of the autopilot was set, or told."""
+        """The autopilot has sent the value of a parameter."""
         if name == _COUNTER and self.known and _NAME not in self._conversations:
             self._read_at = min(self._read_at, now)
 
     def hurry(self, now: float) -> None:
-        """A return waits: what is wanted is written now, whatever holds."""
+        """A return waits: write the wanted point now, without reading the list first."""
         self.known, self._write_at = True, -math.inf
         self._read_at = max(self._read_at, now + READ_S)
         self.tick(now)
@@ -109,7 +109,7 @@ class RallyKeeper:
             self._drop()
         elif _NAME in talks:
             if self._writes is not None and wanted is not None and not alike(self._writes, wanted):
-                self._drop()  # it is the wrong one by now; the same sender may begin anew
+                self._drop()  # it is the wrong point by now; the same sender may begin again
         elif self._ours and now >= self._read_at:
             self._read(now)
         elif wanted is not None and self.known and not self.settled and now >= self._write_at:
@@ -117,7 +117,7 @@ class RallyKeeper:
 
     def _drop(self) -> None:
         if self._conversations.drop(_NAME) and self._writes is not None:
-            self._writes = self.held = None  # the old one or the new one
+            self._writes = self.held = None  # the list holds the old point or the new one
 
     def _read(self, now: float) -> None:
         self._read_at = now + READ_S

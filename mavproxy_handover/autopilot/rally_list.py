@@ -1,15 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The rally list that stations see: the points where a return may go, served by the companion itself.
+"""The rally list that stations see: the candidates for the return site, served by the companion.
 
-The autopilot's own list holds one point, the place that is chosen of these (`rally.py`), and no station reads or writes
-it. What a station's program takes for the autopilot's list is this one: the mission protocol for rally points, and the
-file `@MISSION/rally.dat`, both ways, answered in the autopilot's name. The gate lets everybody read, and the commander
-write.
+The autopilot's own list holds only the chosen return site (`rally.py`), and no station reads or writes it. The
+companion serves this list in the autopilot's name: by the mission protocol for rally points, and as the file
+`@MISSION/rally.dat`, to read and to write. The gate lets all stations read, and only the commander write.
 
-An upload counts when it is whole and every point makes sense: then it replaces all of the list, until the flight is
-over. One that breaks off leaves the list as it was, and so does one whose station commands no more. How it goes is for
-`gate/mission_server.py`, as for every list that is uploaded here, and `gate/list_file.py`.
+An upload counts if it is complete and every point is valid. It replaces the whole list until the flight is over. An
+upload that ends early, or whose station no longer has authority, changes nothing. The protocols are in
+`gate/mission_server.py` and `gate/list_file.py`.
 """
 
 from __future__ import annotations
@@ -37,10 +36,10 @@ _WORDS: Final = "rally points"
 
 
 class RallyList:
-    """The list, and the uploads and downloads of it. Times are monotonic seconds.
+    """The list, its uploads and its downloads. Times are monotonic seconds.
 
-    `commands`: whether a station commands. `points` says what is in it, `replaced` is told what the commander has put
-    there instead.
+    `commands`: whether a station commands. `points` returns the points of the list. `replaced` is called with the
+    points that the commander has uploaded.
     """
 
     def __init__(
@@ -55,19 +54,21 @@ class RallyList:
         self._points = points
         self._replaced = replaced
         self._server = MissionServer(_RALLY, MOST_POINTS, _flaw)
-        #: the same as a file
+        #: the list as a file
         self.file = ListFile(_RALLY, MOST_POINTS, lambda: rally_items(points()), _flaw)
-        #: of the upload that is open
+        #: the sender of the open upload
         self._port: StationPort | None = None
 
     def take(self, port: StationPort, message: Any, now: float) -> None:
-        """A message about rally points, of the mission protocol or of file transfer; the gate has seen whether the
-        station may send it."""
+        """A message about rally points, by the mission protocol or by file transfer.
+
+        The gate has checked whether the station may send it.
+        """
         sender = (message.get_srcSystem(), message.get_srcComponent())
         if message.get_type() == "FILE_TRANSFER_PROTOCOL":
             self._take_file(port, message, sender, now)
             return
-        if message.mission_type != _RALLY:  # to clear all lists at once, as ArduPilot has it
+        if message.mission_type != _RALLY:  # clearing all lists at once is refused, as by ArduPilot
             refusal = mavlink.MAVLink_mission_ack_message(
                 *sender, mavlink.MAV_MISSION_UNSUPPORTED, message.mission_type
             )
@@ -100,7 +101,7 @@ class RallyList:
             self._reports.answer(self._port, _WORDS, self._server.tick(now), now)
 
     def _give_up(self, now: float) -> None:
-        """The uploads of stations that command no more."""
+        """End the uploads of stations that no longer command."""
         for station in self.file.writers:
             if not self._commands(station):
                 self.file.forget(station)
@@ -114,8 +115,7 @@ class RallyList:
 
 
 def _flaw(item: MissionItem) -> Flaw | None:
-    """Why an item is no point. Heights count from home, as everywhere here; a program that gives them above the sea is
-    told so."""
+    """Why an item is not a valid rally point; None: it is valid. Heights must count from home, not from the sea."""
     if item.command != mavlink.MAV_CMD_NAV_RALLY_POINT:
         return Flaw(mavlink.MAV_MISSION_UNSUPPORTED, f"item {item.seq}: no rally point")
     if item.frame != FRAME_ABOVE_HOME:

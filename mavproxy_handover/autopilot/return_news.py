@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What people are told of the place of a return: which one it is, that it is not in the list, who else writes the list.
+"""Messages about the return site: its changes, writes that fail, and changes of the rally list by other programs.
 
-The journal has every change. Stations read in flight which place it is when it is not home, and once a flight that a
-place could not be written.
+The journal has every change. In flight, stations are told the site if it is not home. Once a flight, they are told that
+a site could not be written.
 """
 
 from __future__ import annotations
@@ -21,33 +21,34 @@ from mavproxy_handover.vehicle.state import VehicleState
 
 __all__ = ["ReturnNews"]
 
-#: that somebody else writes the list is told this often (s) at most
+#: least interval (s) of the message that another program changes the list
 _OVERWRITTEN_S: Final = 60.0
 _NOT_LISTED: Final = ", NOT IN THE AUTOPILOT'S LIST"
 
 
 class ReturnNews:
-    """Of one vehicle. `name`: of a station. `listed` in its methods: a return goes to the place that is chosen."""
+    """The messages of one vehicle. `name` returns a station's name. `listed` in its methods: the autopilot's list holds
+    the chosen site."""
 
     def __init__(self, state: VehicleState, name: Callable[[int], str], reports: Reports) -> None:
         self._state = state
         self._name = name
         self._reports = reports
-        #: the place that is in the journal, and the one that stations know of
+        #: the last site in the journal, and the last site that stations were told
         self._told, self._stations_told = "", HOME
         self._unwritten_told = False
         self._overwritten_told_at = -math.inf
 
     def words(self, choice: Choice, *, listed: bool) -> str:
-        """Where a return goes, for people."""
+        """The return site, for people."""
         return f"{choice.words(self._name)}{'' if listed else _NOT_LISTED}"
 
     def figures(self, choice: Choice, *, listed: bool) -> str:
-        """The same in figures."""
+        """The return site in figures."""
         return f"{choice.figures(self._name)}{'' if listed else _NOT_LISTED}"
 
     def place(self, choice: Choice, *, listed: bool) -> None:
-        """Which place a return means from now on, if that is news; the stations read it in flight."""
+        """Tell the return site if it has changed; in flight the stations are told too."""
         self._unwritten_told = False
         name = choice.place.name
         if name == self._told:
@@ -60,7 +61,7 @@ class ReturnNews:
             self._reports.voice.say_to_all(f"A{text[1:]}", mavlink.MAV_SEVERITY_NOTICE)
 
     def armed(self) -> None:
-        """A flight begins: what could not be written may be told again."""
+        """A flight begins: a failed write may be told again."""
         self._unwritten_told = False
 
     def landed(self) -> None:
@@ -68,17 +69,17 @@ class ReturnNews:
         self._stations_told = HOME
 
     def not_written(self, why: str) -> None:
-        """A write of the list came to nothing."""
+        """A write of the list failed."""
         self._reports.event_log.place_failed(why)
 
     def elsewhere(self, name: str) -> None:
-        """This place is not in the list; the stations read it in flight, once."""
+        """Tell the stations in flight, once, that this site is not in the list."""
         if not self._unwritten_told and self._state.armed:
             self._unwritten_told = True
             self._reports.voice.say_to_all(f"{name} is not in the autopilot's list: a return may go elsewhere")
 
     def written(self) -> None:
-        """The list holds what was written."""
+        """The list holds the site that was written."""
         self._unwritten_told = False
 
     def overwritten(self, now: float) -> None:

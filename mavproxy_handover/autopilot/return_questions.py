@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the autopilot is asked about a return: where its home is, how it flies one, and which geofence it holds.
+"""Questions to the autopilot about a return: its home, its parameters of a return, and its geofence.
 
-Each question is asked again until it is answered, and not while a mission is being written. The answers are in the
-vehicle's state, but for the geofence, which belongs to the candidates.
+Each question is repeated until it is answered, but not while a mission is being written. The vehicle's state keeps the
+answers; the candidates keep the geofence.
 """
 
 from __future__ import annotations
@@ -28,7 +28,8 @@ _LOADING: Final = "load"
 
 
 class ReturnQuestions:
-    """Of one vehicle. `home_told` is called when the autopilot's home is known. Times are monotonic seconds."""
+    """The questions of one vehicle. `home_told` is called when the autopilot's home is known. Times are monotonic
+    seconds."""
 
     def __init__(
         self,
@@ -44,9 +45,9 @@ class ReturnQuestions:
         self._conversations = conversations
         self._home_told = home_told
         self._lists = MissionProtocol(sysid)
-        #: what is asked for when
+        #: when each question is due
         self._home_at = self._parameters_at = self._fence_at = math.inf
-        #: so long the list may take to be read before anything is chosen
+        #: until then a choice waits for the list to be read
         self.unread_until = -math.inf
 
     def adopt(self, fence: bool, now: float) -> None:
@@ -60,11 +61,11 @@ class ReturnQuestions:
         self._home_at = now
 
     def hurry(self, now: float) -> None:
-        """A return is about to be ordered: what the list holds is not waited for."""
+        """A return is about to be ordered: the choice does not wait for the list."""
         self.unread_until = now
 
     def ask(self, now: float) -> None:
-        """Ask what is due."""
+        """Ask the questions that are due."""
         if _LOADING in self._conversations:
             return
         if now >= self._home_at and _WHERE_HOME_IS not in self._conversations:

@@ -1,20 +1,20 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Where a return goes: the candidates, judged each second, and the best one kept in the autopilot's list.
+"""The return site: judges the candidates each second, and keeps the best one in the autopilot's rally list.
 
-Which candidates there are, what each is worth, what the battery leaves and which one is chosen is in
-`monitors/return_site/`; how the autopilot flies a return in `vehicle/return_limits.py`; how a place gets into the
-autopilot in `rally.py`. Here they meet. Rules that live here:
+`monitors/return_site/` has the candidates, their value, the energy margin and the choice. `vehicle/return_limits.py`
+says how the autopilot flies a return, `rally.py` writes the rally list. This module connects them. Rules:
 
-* While no position comes, the battery goes on emptying: until the aircraft returns, the way back is the one from where
-  it was seen last, and from as far beyond as it may have flown since. On its way back it gets nearer, and what was
-  known stays.
-* On its way to a place the aircraft reads no list: RTL has read it when it began. So a choice that changes then needs a
-  bounce, GUIDED and RTL again. It is done only for a return that was ordered here, under a commander who is heard, not
-  outside the fence, not while any failsafe of the autopilot acts, and once for a change. In every other return nothing
-  changes: the list goes on holding the place that is flown to.
+* While no position comes, the battery still empties. Until the aircraft returns, the way back is counted from the last
+  position, and from as far beyond it as the aircraft may have flown since. During a return the aircraft comes nearer,
+  so the last values stay.
+* During a return the autopilot does not read the list: RTL has read it at its beginning. If the choice changes then,
+  the companion bounces the aircraft: GUIDED, then RTL again.
+* A bounce needs a return that the companion ordered and a commander that is heard. The aircraft must be inside the
+  fence, and no failsafe of the autopilot may act. There is one bounce for each change.
+* In every other return the list keeps the site that the aircraft flies to.
 
-Nothing in here raises: what breaks costs a place, the questions or the choice that second. What was told last stays.
+Nothing in here raises. A fault costs a site, the questions or the choice of that second; the last result stays.
 """
 
 from __future__ import annotations
@@ -43,19 +43,19 @@ from mavproxy_handover.schedule import attempt
 
 __all__ = ["ReturnSite"]
 
-#: an older position tells nothing
+#: a position older than this (s) does not count
 _FRESH_S: Final = 2.0
-#: an autopilot that was silent for so long may have begun anew
+#: an autopilot that was silent for this time (s) may have restarted
 _REBOOT_S: Final = 3.0
-#: what was said of a breach of the fence counts so long
+#: a report of a fence breach counts for this time (s)
 _BREACH_S: Final = 3.0
 _COMMANDED: Final = (LeaseState.HELD, LeaseState.TRANSFER)
-#: what people are told has broken
+#: name of the job in reports of faults
 _ASKING: Final = "home and limits of a return"
 
 
 class ReturnSite:
-    """The place of a return of one vehicle. `energy` gives what is known of energy now. Times are monotonic seconds."""
+    """The return site of one vehicle. `energy` returns the current energy fact. Times are monotonic seconds."""
 
     def __init__(self, sysid: int, context: Context, energy: Callable[[], EnergyFact]) -> None:
         state, authority, reports = context.state, context.authority, context.reports
@@ -73,26 +73,28 @@ class ReturnSite:
         #: the rally list as stations see it
         self.list = RallyList(authority.commands, reports, lambda: self.candidates.rally, self._replaced)
         self._news = ReturnNews(state, authority.arbiter.name, reports)
-        #: what was told of the choice last
+        #: the last event about the choice
         self._judged: PlaceJudged | None = None
-        #: the heartbeat before this one
+        #: the previous heartbeat
         self._before = state.telemetry.heartbeat
-        #: the place that a return is sent to when it is in the list
+        #: the site that a return is sent to as soon as the list holds it
         self._bounces_to = ""
-        #: the list holds that place now, so the return can begin again
+        #: the list holds that site now, so the return can begin again
         self._bounce_due = False
 
-    # ---- what is asked of it --------------------------------------------------------------------------------------
+    # ---- queries --------------------------------------------------------------------------------------------------
 
     @property
     def choice(self) -> Choice | None:
-        """Where a return goes now; None while there are no places."""
+        """The chosen return site; None while there are no candidates."""
         return self._choice.now
 
     @property
     def where(self) -> tuple[str, float, float] | None:
-        """Name, latitude and longitude (degrees) of the place where a return goes now; None: none is chosen yet, or
-        what the autopilot's list holds is not known."""
+        """Name, latitude and longitude (degrees) of the site that a return goes to now.
+
+        None: no site is chosen yet, or the content of the autopilot's list is not known.
+        """
         if self._elsewhere:
             held = self._keeper.held
             place = None if held is None else self.candidates.like(held)
@@ -102,40 +104,40 @@ class ReturnSite:
 
     @property
     def _elsewhere(self) -> bool:
-        """The place that is chosen could not be written: a return may go to another one."""
+        """The chosen site could not be written: a return may go to another one."""
         return self._keeper.failing and not self._keeper.settled
 
     @property
     def goes_to(self) -> tuple[float, float] | None:
-        """Latitude and longitude (degrees) of the place in the autopilot's list; None: it is not known."""
+        """Latitude and longitude (degrees) of the site in the autopilot's list; None: not known."""
         held = self._keeper.held
         return None if held is None else (held.lat_deg, held.lon_deg)
 
     @property
     def short(self) -> bool:
-        """No place is in reach any more with the reserve left, as far as is known."""
+        """No site is in reach with the reserve any more, as far as is known."""
         return self._margin.short(self._energy())
 
     @property
     def margin_wh(self) -> float | None:
-        """What the best place leaves beyond need and reserve; None: not known."""
+        """The energy (Wh) left beyond need and reserve at the best site; None: not known."""
         return self._margin.margin_wh(self._energy())
 
     @property
     def energy_words(self) -> str:
-        """What is left, and what the way to the best place needs, for people; "" where that is not known."""
+        """The energy left and the need of the way to the best site, for people; "" if not known."""
         return self._margin.words(self._energy())
 
     def words(self) -> str:
-        """Where a return goes, for people; "" while there is no place."""
+        """The return site, for people; "" while there is none."""
         return "" if self.choice is None else self._news.words(self.choice, listed=not self._elsewhere)
 
-    # ---- what comes in --------------------------------------------------------------------------------------------
+    # ---- changes --------------------------------------------------------------------------------------------------
 
     def adopt(self, package: MissionPackage | None, now: float, *, keeps_rally: bool = False) -> None:
-        """The autopilot holds this mission; None: nobody knows which one, and the places of before stay.
+        """The autopilot holds this mission; None: not known, and the former candidates stay.
 
-        `keeps_rally`: rally points that a station has sent go on to count.
+        `keeps_rally`: rally points that a station has sent still count.
         """
         if package is None:
             return
@@ -145,7 +147,7 @@ class ReturnSite:
         self.views.forget_others()
 
     def reroute(self, route: Route) -> None:
-        """Another route is flown than the package's."""
+        """The aircraft flies another route than the package's."""
         self.candidates.reroute(route)
         self.views.forget_others()
 
@@ -154,7 +156,7 @@ class ReturnSite:
         self._reports.event_log.rally_list(len(points), station, now)
 
     def autopilot_restarted(self, now: float) -> None:
-        """The autopilot has started again, or was silent so long that it may have.
+        """The autopilot has restarted, or was silent so that it may have restarted.
 
         In flight, and when the companion has just started, the list is read at once: a return may need it.
         """
@@ -166,7 +168,7 @@ class ReturnSite:
             self._keeper.restarted(now)
 
     def take(self, message: Any, now: float) -> None:
-        """HEARTBEAT, PARAM_VALUE or HOME_POSITION of the autopilot, which the state has taken in."""
+        """A HEARTBEAT, PARAM_VALUE or HOME_POSITION of the autopilot, after the state was updated."""
         match message.get_type():
             case "HEARTBEAT":
                 self._on_heartbeat(now)
@@ -177,7 +179,7 @@ class ReturnSite:
 
     def _on_heartbeat(self, now: float) -> None:
         if now - self._before.at > _REBOOT_S:
-            self.autopilot_restarted(now)  # another one, for all that is known
+            self.autopilot_restarted(now)  # it may be another autopilot
         before, self._before = self._before, self._state.telemetry.heartbeat
         if self._state.armed and not before.armed:
             self._questions.armed(now)
@@ -202,7 +204,7 @@ class ReturnSite:
         self.list.tick(now)
 
     def each_second(self, now: float, *, returning: bool) -> None:
-        """Judge the places, and keep the best one in the list. `returning`: as in `bounces`."""
+        """Judge the candidates, and keep the best one in the list. `returning`: as in `bounces`."""
         if self.candidates.package is None or self._state.foreign:
             return
         attempt(self._reports.fault, _ASKING, self._questions.ask, now)
@@ -222,9 +224,9 @@ class ReturnSite:
 
     def _choose(self, now: float, ordered: bool) -> None:
         if not self.views.seen or (not self._keeper.known and now < self._questions.unread_until):
-            return  # what holds is about to be read
+            return  # the list is about to be read
         if self._before.at == -math.inf:
-            return  # whether it flies is not known
+            return  # it is not known whether the aircraft flies
         arbiter, energy = self._authority.arbiter, self._energy()
         self._choice.take_up(self._keeper.held, energy, now)
         returning = self._state.flying and self._state.to_place
@@ -250,10 +252,10 @@ class ReturnSite:
     # ---- the list -------------------------------------------------------------------------------------------------
 
     def _held(self, _point: RallyPoint, now: float) -> None:
-        """The list holds that point."""
+        """The list holds the point that was written."""
         self._news.written()
         if self.choice is None or not self._keeper.settled:
-            return  # it is not the one any more: the next one is on its way
+            return  # another site is chosen by now: the next write follows
         name = self.choice.place.name
         self._news.place(self.choice, listed=True)
         self._bounce_due, self._bounces_to = self._bounces_to == name, ""
@@ -272,10 +274,10 @@ class ReturnSite:
     # ---- a return -------------------------------------------------------------------------------------------------
 
     def before_return(self, now: float, *, returning: bool) -> Callable[[], bool]:
-        """A return is about to be ordered: judge the places again, and write the chosen one if the list does not hold
-        it. `returning`: as in `bounces`.
+        """A return is about to be ordered: judge the candidates again, and write the chosen one if needed.
 
-        Returns a function that says whether the list holds it. A return does not wait long for that.
+        `returning`: as in `bounces`. Returns a function that says whether the list holds the chosen site. A return does
+        not wait long for that.
         """
         self._questions.hurry(now)
         attempt(self._reports.fault, LOOKING, self._look, now, returning)
@@ -284,7 +286,7 @@ class ReturnSite:
         return lambda: self._keeper.settled
 
     def bounces(self, now: float, *, returning: bool) -> bool:
-        """Whether the return must begin again now, because its place was changed in the list; told once.
+        """Whether the return must begin again now, because its site was changed in the list; true once.
 
         `returning`: the aircraft returns by an order of the companion.
         """
@@ -297,12 +299,12 @@ class ReturnSite:
         return True
 
     def _may_bounce(self, now: float) -> bool:
-        """Whether a return that was ordered here and is under way may begin again."""
+        """Whether a return that the companion has ordered may begin again."""
         state, view = self._state, self._authority.arbiter.view
         where = state.where
         breached = now - state.breached_at <= _BREACH_S
         outside = where is None or not self.candidates.finder.in_fence(where[:2]) or breached
         commanded = view.commander is not None and view.lease in _COMMANDED
         failsafe = state.telemetry.heartbeat.failsafe
-        # by a bounce what hovers already would fly off forwards once more
+        # after a bounce, a hovering QuadPlane would fly off forwards once more
         return commanded and not outside and not failsafe and not state.hovers
