@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Authority, as the parts that talk to the autopilot see it: to look at, and to tell what they have seen."""
+"""The authority rules, as the parts that talk to the autopilot use them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["Authority"]
 class Authority:
     """Of one vehicle. Times are monotonic seconds."""
 
-    #: to look at; what it is told goes through `handle`
+    #: only to be read; events go through `handle`
     arbiter: Arbiter
     #: puts an event into the queue
     handle: Callable[[Event, float], None]

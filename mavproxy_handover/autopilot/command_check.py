@@ -98,7 +98,7 @@ class _JudgementBudget:
     left: float = float(MOST)
     counted_at: float = -inf
 
-    def take(self, now: float) -> bool:
+    def use_one(self, now: float) -> bool:
         """Use one judgement; False: none is left."""
         self.left = min(float(MOST), self.left + max(0.0, now - self.counted_at) * PER_S)
         self.counted_at = now
@@ -298,7 +298,7 @@ class CommandCheck:
         limits = self.rules.looks_at(kind)
         if not limits or (self.here(now) is None and kind is not Kind.UNKNOWN):
             return _NOT_JUDGED
-        if not self._judgements.take(now):
+        if not self._judgements.use_one(now):
             self.rules.came(kind, copy.wish, port.sysid, now)
             return Ruling(Outcome.REFUSED, (), "too many commands at once")
         try:

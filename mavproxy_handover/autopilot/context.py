@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the parts that talk to the autopilot work with."""
+"""The objects that the parts that talk to the autopilot share."""
 
 from __future__ import annotations
 

@@ -1,18 +1,18 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The mission's cruise speed: the one that `handover check` walked with is the one that is flown.
+"""The mission's cruise speed: the aircraft flies at the speed that `handover check` has used.
 
-It is written as the autopilot's own parameter for the speed between waypoints, on the ground, with the mission. A
-DO_CHANGE_SPEED would do as well only until the aircraft leaves AUTO: after a while in GUIDED, or a return that was
-called off, the mission would go on at whatever the parameter says. The parameter holds in every mode, and when every
-computer above the autopilot is dead. A DO_CHANGE_SPEED in the mission stays what it is, an item, and the companion says
-it again when the aircraft comes back to AUTO behind it.
+On the ground, the cruise speed is written with the mission to the autopilot's parameter for the speed between
+waypoints. A DO_CHANGE_SPEED would hold only until the aircraft leaves AUTO. After GUIDED, or after a cancelled return,
+the mission would continue at the speed of the parameter. The parameter holds in every mode, and also if every computer
+above the autopilot fails. A DO_CHANGE_SPEED item of the mission stays an item. When the aircraft returns to AUTO after
+that item, the companion commands its speed again.
 
-A copter has a parameter of its own for the speed of a return. It is written with the cruise speed as well: check and
+A copter has another parameter for the speed of a return. The cruise speed is written there too, because check and
 energy rule count a return with that speed. At 0 a return is flown at the speed between waypoints.
 
-Of a plane it is an airspeed, and one between the least and the most that it is set up for: a wing that is told to fly
-slower than it can does not, and the check would have walked at a speed that nobody flies.
+For a plane the cruise speed is an airspeed, between the least and the greatest airspeed of its parameters. A plane does
+not fly slower than that, so the check would have used a speed that the aircraft does not fly.
 
 Sources: ArduPilot's AC_WPNav (`_check_wp_speed_change`) and ModeAuto::init, which forgets every DO_CHANGE_SPEED;
 ArduPlane's Mode::enter, which does too, and `do_change_speed`.
@@ -35,7 +35,7 @@ __all__ = ["held_cruise", "write_cruise"]
 #: parameters have 24 bits
 _ROUNDED: Final = 1e-4
 _ABOVE_ZERO: Final = 5e-324
-#: types of a parameter that holds whole numbers alone
+#: types of a parameter that holds only whole numbers
 _WHOLE: Final = frozenset(range(mavlink.MAV_PARAM_TYPE_UINT8, mavlink.MAV_PARAM_TYPE_INT64 + 1))
 
 
@@ -46,8 +46,7 @@ def held_cruise(sysid: int, vehicle: Vehicle = COPTER) -> Asking:
 
 
 def write_cruise(sysid: int, cruise_mps: float, vehicle: Vehicle = COPTER) -> Asking:
-    """Have the autopilot fly missions and returns at `cruise_mps`, and see that it will. Raises NoAnswer,
-    AutopilotError."""
+    """Make the autopilot fly missions and returns at `cruise_mps`, and check it. Raises NoAnswer, AutopilotError."""
     yield from _within(sysid, cruise_mps, vehicle)
     yield from _write(sysid, cruise_mps, vehicle.cruise, "the mission's cruise speed")
     if vehicle.back_speed:
@@ -55,7 +54,7 @@ def write_cruise(sysid: int, cruise_mps: float, vehicle: Vehicle = COPTER) -> As
 
 
 def _write(sysid: int, speed_mps: float, units: Mapping[str, float], what: str) -> Asking:
-    """Write one parameter, of which a firmware has one of these names, and see that the autopilot has it."""
+    """Write one parameter and check it; a firmware has one of these names."""
     message = yield from _read(sysid, units, least=0.0)
     name, wanted = message.param_id, speed_mps * units[message.param_id]
     if message.param_type in _WHOLE:
@@ -64,7 +63,7 @@ def _write(sysid: int, speed_mps: float, units: Mapping[str, float], what: str) 
         return
     order = mavlink.MAVLink_param_set_message(sysid, AUTOPILOT_COMPID, name.encode("ascii"), wanted, message.param_type)
     try:
-        # an answer with another value may be one to somebody else's question of before
+        # an answer with another value may belong to an earlier request of another program
         yield Ask(name, (order,), _value_of((name,), lambda value: _equal(value, wanted)))
     except NoAnswer:
         raise AutopilotError(f"the autopilot does not take {name} {wanted:g}, {what}") from None

@@ -26,8 +26,8 @@ class DeliveryPoint:
         self._numbers: frozenset[int] = frozenset()
         self._told = False
 
-    def adopt(self, package: MissionPackage | None) -> None:
-        """The autopilot flies the mission of this package; None: another mission, which has no delivery point."""
+    def set_mission(self, package: MissionPackage | None) -> None:
+        """Set the package whose mission the autopilot flies; None: another mission, which has no delivery point."""
         self._waypoint, self._numbers, self._told = None, frozenset(), False
         if package is None or package.delivery_waypoint is None:
             return
@@ -37,7 +37,7 @@ class DeliveryPoint:
         self._numbers = frozenset((self._waypoint, *(item.seq for item in done)))
 
     def reached(self, number: int) -> int | None:
-        """The autopilot announced this item: the delivery waypoint if that is reached by it, which is said once."""
+        """The autopilot announced this item. Returns the delivery waypoint if that is reached now, once."""
         if number not in self._numbers:
             self._told = False
             return None

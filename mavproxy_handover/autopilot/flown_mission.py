@@ -105,7 +105,7 @@ class FlownMission:
         `uploaded`: a station wrote it on the ground, and it is another mission than the package's.
         """
         self._keep(prepared.package)
-        self.adopt(prepared, now, uploaded=uploaded)
+        self.set_mission(prepared, now, uploaded=uploaded)
         package = prepared.package
         policy = package.policies.get("on_out_of_coverage")
         self._authority.handle(MissionLoaded(package.digest, prepared.commanders, policy), now)
@@ -114,24 +114,24 @@ class FlownMission:
         """This is the package that was loaded last."""
         self.latest = package
 
-    def adopt(self, prepared: Prepared, now: float, *, uploaded: bool = False) -> None:
+    def set_mission(self, prepared: Prepared, now: float, *, uploaded: bool = False) -> None:
         """The autopilot holds this mission. `uploaded`: as in `loaded`."""
         monitors, users, package = self._monitors, self._users, prepared.package
         self.package = package
-        monitors.zones.adopt(prepared.finder, package.route)
-        self.delivery.adopt(package)
-        energy = monitors.energy.adopt(package.energy, prepared.way, now, wings=package.kind.winged)
+        monitors.zones.set_mission(prepared.finder, package.route)
+        self.delivery.set_mission(package)
+        energy = monitors.energy.set_mission(package.energy, prepared.way, now, wings=package.kind.winged)
         self._dispatcher.dispatch(energy, now)
         self.changed_aloft, self._uploaded = False, uploaded
         self._flies(package.route, now)
         users.command_check.ahead = Ahead(package.route, package.zone_finder(), package.cruise_speed_mps)
-        self.lies_along(prepared.along)
-        monitors.waypoints.adopt(package.belonging, now)
+        self.set_along(prepared.along)
+        monitors.waypoints.set_owners(package.belonging, now)
         facts = plan_facts(package.route, package.cruise_speed_mps)
         monitors.plan_fit.planned(facts)
         users.preflight.planned(facts, monitors.gaps.longest_s, package.energy)
         self.judge(now)
-        users.return_site.adopt(package, now, keeps_rally=uploaded)
+        users.return_site.set_mission(package, now, keeps_rally=uploaded)
 
     def drop(self, now: float) -> None:
         """The mission that the autopilot holds is not known any more. The package stays: its zones still count."""
@@ -139,8 +139,8 @@ class FlownMission:
         self.changed_aloft, self._uploaded = False, False
         self._flies(None, now)
         users.command_check.ahead = None
-        self.lies_along(Along())
-        monitors.waypoints.adopt(None, now)
+        self.set_along(Along())
+        monitors.waypoints.set_owners(None, now)
         monitors.plan_fit.planned(None)
         users.preflight.planned(None, monitors.gaps.longest_s)
         self.judge(now)
@@ -149,11 +149,11 @@ class FlownMission:
         """The point that the rally list holds after a package was loaded."""
         return self._users.return_site.candidates.first_point(package)
 
-    def lies_along(self, along: Along) -> None:
+    def set_along(self, along: Along) -> None:
         """This lies along the route of the package."""
         self.foreseen = along.handovers
-        self._monitors.gaps.adopt(along.stretches)
-        self._monitors.borders.adopt(along.way)
+        self._monitors.gaps.set_gaps(along.stretches)
+        self._monitors.borders.set_way(along.way)
         if self._users.command_check.ahead is not None:
             self._users.command_check.ahead.gaps = along.stretches
 
@@ -163,10 +163,10 @@ class FlownMission:
         self.changed_aloft = True
         self.foreseen = ()
         # gaps, waypoints of stations and the delivery point belong to the package
-        monitors.gaps.adopt(())
-        monitors.waypoints.adopt(None, now)
-        self.delivery.adopt(None)
-        monitors.borders.adopt(None if rerouted is None else rerouted.way)
+        monitors.gaps.set_gaps(())
+        monitors.waypoints.set_owners(None, now)
+        self.delivery.set_mission(None)
+        monitors.borders.set_way(None if rerouted is None else rerouted.way)
         self._flies(None if rerouted is None else rerouted.ahead.route, now)
         users.command_check.ahead = None if rerouted is None else rerouted.ahead
         if rerouted is None:
@@ -181,10 +181,10 @@ class FlownMission:
 
     def _flies(self, route: Route | None, now: float) -> None:
         self.route = route
-        self._users.read_back.adopt(route, now)
+        self._users.read_back.set_route(route, now)
         self._monitors.plan_fit.flies(None if route is None else route.kind)
         self._state.ways_down.adopt(route)
-        self._monitors.route.adopt(route)
+        self._monitors.route.set_route(route)
         self._monitors.energy.released(None if route is None else released_at(route))
 
     def judge(self, now: float) -> None:

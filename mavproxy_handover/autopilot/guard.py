@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The guard on the flight controller: what it says of itself, and the leases that it gets."""
+"""The guard on the flight controller: its status, and the leases that it gets."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ __all__ = ["Guard"]
 
 
 class Guard:
-    """Of one vehicle. `leases`: of this companion; `link`: the guards that answer, and what leases must carry for them;
-    `clock`: monotonic seconds, as all times here."""
+    """The guard of one vehicle. `leases`: of this companion; `link`: the guards that answer, and the nonces of leases;
+    `clock` returns monotonic seconds, as all times here."""
 
     def __init__(
         self,
@@ -38,25 +38,25 @@ class Guard:
         self._link = link
         self._reports = reports
         self._clock = clock
-        #: what it said last of itself
+        #: its last status; None: none yet
         self.status: GuardStatus | None = None
-        #: what was told last of leases and guard that do not fit
+        #: the last text about leases and guard that do not fit
         self._misfit = ""
 
     @property
     def asks(self) -> bool:
-        """It has no lease of this companion, or a nonce that no lease has carried yet."""
+        """The guard has no lease of this companion, or a nonce that no lease has carried yet."""
         return self._link.asks
 
     def problem(self, now: float) -> str:
         """Why leases and guard do not fit, in words; "" if nothing is known."""
         return self._link.problem(now)
 
-    def take(self, message: Any, now: float) -> tuple[list[Event], GuardStatus | None]:
-        """A TUNNEL message of the autopilot: what it means for the rules, and the guard's status, if it is one."""
+    def on_tunnel(self, message: Any, now: float) -> tuple[list[Event], GuardStatus | None]:
+        """A TUNNEL message of the autopilot. Returns events for the rules, and the guard's status if it holds one."""
         if message.payload_type != GUARD_STATUS_TUNNEL:
             return [], None
-        status = self._link.take(bytes(message.payload)[: message.payload_length], now)
+        status = self._link.on_status(bytes(message.payload)[: message.payload_length], now)
         misfit = self._link.problem(now)
         self._tell_misfit(misfit)
         if status is None:
@@ -65,13 +65,13 @@ class Guard:
         return [GuardSeen(status.state, status.nonce == self._leases.nonce, misfit)], status
 
     def _tell_misfit(self, misfit: str) -> None:
-        """In flight the operators hear of it at once; on the ground the check before flight tells it."""
+        """Tell the operators in flight at once; on the ground the check before flight tells them."""
         if misfit and misfit != self._misfit and self._state.flying:
             self._reports.voice.say_to_all(misfit)
         self._misfit = misfit
 
     def send_lease(self, view: AuthorityView, alone_s: float) -> None:
-        """Tell it who has authority; `alone_s`: how long the aircraft may still fly on without a commander."""
+        """Send the lease. `alone_s`: for how long (s) the aircraft may still fly without a commander."""
         now = self._clock()
         two = self._link.withholds(now)
         for nonce in self._link.addressed(now):

@@ -2,12 +2,12 @@
 
 """The guards that answer on the autopilot's link, and the guard that the next lease is for.
 
-A guard draws a nonce when it starts and tells it in each status. A lease counts only with the nonce of the guard that
-reads it, so a lease recorded before a restart of the guard is refused. This module keeps the nonce, says when a lease
-must go out at once, and notices what does not fit: another version, another key, two guards on one card.
+A guard chooses a nonce when it starts and sends it in each status. A lease counts only with the nonce of the guard that
+reads it, so a lease recorded before a restart of the guard is refused. This module keeps the nonce and says when a
+lease must go out at once. It reports guards that do not fit: another version, another key, two guards on one card.
 
-A status that does not prove the key is not taken for the guard's, if this companion has a key. A recorded status proves
-the key, but it does not echo one of the last leases. A guard that does keeps its leases whatever else is heard.
+If this companion has a key, a status that does not prove the key is ignored. A recorded status proves the key, but it
+does not echo one of the last leases. A guard that echoes one keeps its leases, even if other statuses are heard.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _RUNS_S: Final = 3.0
 _TWO_S: Final = 10.0
 #: after a new nonce the guard of the former one has spoken twice within this time (s), if it still runs
 _DOUBT_S: Final = 1.2
-#: a status that echoes one of so many last leases is no recording; about 4 s of them
+#: a status that echoes one of this many last leases is not a recording (about 4 s of leases)
 _LAST_LEASES: Final = 100
 #: at most one lease in this time (s) is sent only because a status asked for it
 _ANSWER_S: Final = 0.04
@@ -46,7 +46,7 @@ _TWO: Final = "two guards answer: remove one of the two scripts from the card"
 
 
 def misfit_of(status: GuardStatus, *, keyed: bool) -> str:
-    """What a status shows by itself that does not fit, in words; "" if it fits. `keyed`: this companion has a key."""
+    """Why a single status does not fit, in words; "" if it fits. `keyed`: this companion has a key."""
     if status.version < LEASE_VERSION:
         return _OLDER
     if status.second:
@@ -57,7 +57,7 @@ def misfit_of(status: GuardStatus, *, keyed: bool) -> str:
 
 
 class GuardLink:
-    """What the guard's statuses say about leases. Times are monotonic seconds."""
+    """Collects the statuses of the guards. Times are monotonic seconds."""
 
     def __init__(self, vehicle: int, key: bytes | None, leases: LeaseSequence) -> None:
         """`vehicle`: its system id; `key`: of the tags, None without one; `leases`: of this companion."""
@@ -75,9 +75,8 @@ class GuardLink:
         #: a lease must go out at once
         self.asks = False
 
-    def take(self, payload: bytes, now: float) -> GuardStatus | None:
-        """A status, as it came. Returns it if it is the guard's; one with another layout, or without the tag of the
-        key, is none."""
+    def on_status(self, payload: bytes, now: float) -> GuardStatus | None:
+        """A status arrived. Returns it if it is the guard's; None: another layout, or no proof of the key."""
         status = unpack_guard_status(payload)
         if status is None:
             version = guard_status_version(payload)
@@ -96,7 +95,7 @@ class GuardLink:
         return status
 
     def problem(self, now: float) -> str:
-        """What does not fit, in words; "" if nothing is known."""
+        """Why guard and companion do not fit, in words; "" if nothing is known."""
         if self.two(now):
             return _TWO
         return self._misfit if now < self._misfit_until else ""
@@ -106,11 +105,11 @@ class GuardLink:
         return now < self._two_until
 
     def withholds(self, now: float) -> bool:
-        """Whether no guard may permit arming: two run, or the second nonce is so new that the first may still run."""
+        """Whether no guard may permit arming: two guards run, or the first may still run after a new nonce."""
         return self.two(now) or now < self._doubt_until
 
     def addressed(self, now: float) -> tuple[int, ...]:
-        """The nonces that the next leases go to, one lease each; (0,): none is known, and the lease asks for it."""
+        """The nonces for the next leases, one lease each; (0,): no nonce is known, and the lease asks for it."""
         if not self._heard:
             return (0,)
         nonces = list(self._heard)
@@ -135,12 +134,12 @@ class GuardLink:
         nonce = status.guard_nonce
         newest = next(reversed(self._heard), None)
         if newest is not None and nonce == newest % 0xFFFFFFFF + 1:
-            del self._heard[newest]  # the guard has taken the next one, see `own.change` there
+            del self._heard[newest]  # the guard has gone on to the next nonce (`own.change` in the guard)
             self._fresh_until = 0.0
         elif newest is not None and nonce != newest and now - self._heard[newest] < _RUNS_S:
             self._doubt_until = now + _DOUBT_S
             if now - self._heard.get(nonce, -_RUNS_S) < _RUNS_S:
-                self._two_until = now + _TWO_S  # the other one has spoken since, so it is no restart
+                self._two_until = now + _TWO_S  # the other guard was heard since, so this is not a restart
         if status.second:
             self._two_until = now + _TWO_S
         self._heard.pop(nonce, None)

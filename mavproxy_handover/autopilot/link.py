@@ -1,21 +1,20 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The way to the autopilot: MAVProxy's own link, with as little as possible between the gate and the wire.
+"""The link to the autopilot: MAVProxy's own link, with little work between the gate and the wire.
 
-Rules that live here:
+Rules:
 
-1. Which link it is, is MAVProxy's choice. To ask is a search through all links, so it is asked again twenty times
-   a second (`choose`), and at once when the link is no more.
-2. A serial line is written to directly, and never waited for (`link/line_writer.py`), also in what MAVProxy itself
-   writes. pyserial looks at the line again after each write, which costs as much as the write itself. Every fault is
-   for MAVProxy, which reports it and opens the line again. The new line is written to directly from the next choice of
-   the link on.
+1. MAVProxy chooses the link. The choice searches all links, so it is made twenty times a second (`choose`), and at once
+   when the link no longer exists.
+2. A serial line is written to directly, without waiting for it (`link/line_writer.py`), also by MAVProxy itself.
+   pyserial waits for the line again after each write, which costs as much as the write. MAVProxy handles every fault:
+   it reports the fault and opens the line again. The new line is written to directly after the next choice of the link.
 3. With a key of the autopilot, frames are signed here, once; ids and payload stay the sender's. The autopilot refuses a
-   stamp that is not newer than the last, so ours outlive a restart (`peer`'s state is kept), and follow those that its
-   heartbeats prove: one that has heard younger ones says so.
-4. What was written goes into MAVProxy's tlog too, as MAVProxy does with what it forwards itself. The way there leads
-   through a pipe, which costs several times what a frame costs elsewhere, so all frames of LOG_S take it at once:
-   they have their own time each, and stand that much behind their place in the file at most.
+   timestamp that is not newer than the last one. So the timestamps continue after a restart (the state of `peer` is
+   kept), and follow those that the autopilot's signed heartbeats prove.
+4. Written frames also go into MAVProxy's tlog, like those that MAVProxy forwards itself. They go through a pipe, which
+   costs several times the other costs of a frame, so all frames of LOG_S are sent together. Each frame has its own
+   time, and is at most LOG_S late in the file.
 """
 
 from __future__ import annotations
@@ -47,14 +46,14 @@ class AutopilotLink:
         self._find = find
         self._peer = peer
         self._master: Any = None
-        #: the serial line behind the link, if there is one and it has a descriptor (not so on Windows)
+        #: the serial line of the link, if it has one with a descriptor (Windows has none)
         self._line: LineWriter | None = None
-        #: what was written, and when (UTC s)
+        #: the written frames, with their times (UTC s)
         self._log: list[tuple[float, bytes]] = []
         self._log_at = 0.0
 
     def choose(self) -> None:
-        """Ask MAVProxy anew which link leads to the autopilot."""
+        """Ask MAVProxy again which link leads to the autopilot."""
         self._master = self._find()
         port = getattr(self._master, "port", None)
         if self._line is None or self._line.port is not port:
@@ -66,7 +65,7 @@ class AutopilotLink:
         return self._peer is not None
 
     def heard(self, message: Any) -> None:
-        """A message of the autopilot's side, as MAVProxy hands it over. Its key is nothing to us but for the stamps."""
+        """A message of the autopilot's side, from MAVProxy. The key serves only to follow its timestamps."""
         if self._peer is None or message.get_type() != "HEARTBEAT":
             return
         frame = parse_one(bytes(message.get_msgbuf()))
@@ -74,7 +73,7 @@ class AutopilotLink:
             self._peer.check(frame, self._clocks.utc(), self._clocks.monotonic())
 
     def write(self, data: bytes) -> None:
-        """Send a frame. Without a link it is gone; whatever a link raises is passed on."""
+        """Send a frame. Without a link the frame is lost. Raises what the link raises."""
         if self._peer is not None:
             data = self._peer.sign(data, _LINK_ID, self._clocks.utc(), self._clocks.monotonic()) or data
         if self._master not in self._mpstate.mav_master:
@@ -82,34 +81,34 @@ class AutopilotLink:
         master, line = self._master, self._line
         if master is None:  # after `link remove`
             return
-        # a line that was closed under its link: the number may be another file's by now
+        # after the line was closed, its descriptor may belong to another file
         written = False
         port: Any = getattr(master, "port", None)
         if line is not None and line.port is port and not master.portdead:
-            with suppress(OSError, TypeError):  # unplugged, or just being opened again
+            with suppress(OSError, TypeError):  # the line is unplugged, or being opened again
                 written = port.fd == master.fd and line.write(data) > 0
         if not written:
             master.write(data)
         self._log.append((self._clocks.utc(), data))
 
     def tick(self, now: float) -> None:
-        """Send what a line did not take, and hand what was sent in LOG_S to MAVProxy's tlog; to be called often."""
+        """Send what the line did not accept yet, and write the log each LOG_S; to be called often."""
         line = self._line
         if line is not None:
-            with suppress(OSError):  # the next frame finds out
+            with suppress(OSError):  # the next frame reports it
                 line.push()
         if now >= self._log_at:
             self._log_at = now + LOG_S
             self.log()
 
     def release(self) -> None:
-        """Give the line back as it was."""
+        """Return the line to MAVProxy in its former state."""
         if self._line is not None:
             self._line.release()
             self._line = None
 
     def log(self) -> None:
-        """The same at once."""
+        """Send the written frames to MAVProxy's tlog now."""
         frames, self._log = self._log, []
         queue = getattr(self._mpstate, "logqueue", None)
         if frames and queue:

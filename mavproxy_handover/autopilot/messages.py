@@ -88,21 +88,21 @@ class AutopilotMessages:
             "GLOBAL_POSITION_INT": self._on_position,
             "TUNNEL": self._on_tunnel,
             "STATUSTEXT": self._on_text,
-            "PARAM_VALUE": users.return_site.take,
-            "HOME_POSITION": users.return_site.take,
+            "PARAM_VALUE": users.return_site.on_message,
+            "HOME_POSITION": users.return_site.on_message,
             "BATTERY_STATUS": self._on_energy,
             "WIND": self._on_energy,
             "MISSION_ITEM_REACHED": self._on_reached,
         }
 
-    def take(self, message: Any, now: float) -> None:
+    def on_message(self, message: Any, now: float) -> None:
         """A message of the autopilot itself."""
         state, event_log, users = self._state, self._reports.event_log, self._users
         if self._monitors.reboots.seen(message, state.flying, now):
             self._tell_restart(now)
         waypoint, mode, known = state.waypoint, state.custom_mode, state.telemetry.heartbeat.at > -math.inf
         on_mission = state.flies_mission
-        state.take(message, now)
+        state.on_message(message, now)
         conversations = self._context.conversations
         if conversations and _for_companion(message, self._sysid):
             conversations.on_message(message, now)
@@ -141,7 +141,7 @@ class AutopilotMessages:
             self._reports.event_log.autopilot_restarted("the autopilot has started again")
 
     def _on_state(self, message: Any, now: float) -> None:
-        attempt(self._reports.fault, "return sites", self._users.return_site.take, message, now)
+        attempt(self._reports.fault, "return sites", self._users.return_site.on_message, message, now)
         # without a recent heartbeat, arming and mode may have changed
         if now - self._state.telemetry.heartbeat.at < _HEARTBEAT_S:
             # the mode comes first: what is flown already is not ordered again
@@ -149,7 +149,7 @@ class AutopilotMessages:
             self._context.authority.handle(self.autopilot_state(), now)
 
     def _tell_execution(self, now: float) -> None:
-        self._dispatcher.dispatch(self._monitors.execution.heard(self._state, now), now)
+        self._dispatcher.dispatch(self._monitors.execution.on_state(self._state, now), now)
 
     def autopilot_state(self) -> AutopilotState:
         """The event for the rules: armed, flying, the kind of aircraft, and the room that it needs to hold."""
@@ -167,7 +167,7 @@ class AutopilotMessages:
             self._users.streams.position_seen()
 
     def _on_tunnel(self, message: Any, now: float) -> None:
-        found, status = self._users.guard.take(message, now)
+        found, status = self._users.guard.on_tunnel(message, now)
         self._dispatcher.dispatch(found, now)
         if status is not None:
             self._dispatcher.dispatch(self._monitors.execution.guard(status), now)
@@ -175,7 +175,7 @@ class AutopilotMessages:
     def _on_energy(self, message: Any, now: float) -> None:
         state = self._state  # before the first heartbeat, arming is not known
         on_ground = not state.armed and state.telemetry.heartbeat.at > -math.inf
-        self._monitors.energy.take(message, now, on_ground=on_ground)
+        self._monitors.energy.on_message(message, now, on_ground=on_ground)
 
     def _on_reached(self, message: Any, _now: float) -> None:
         owner = self._monitors.waypoints.reached(self._state, message.seq)

@@ -73,11 +73,11 @@ class MissionOnBoard:
         computed at once, and the borders of zones when the restart is over.
         """
         self.flown.remember(package)
-        self.flown.adopt(Prepared(package, package.zone_finder(), (), way_of(package)), now)
+        self.flown.set_mission(Prepared(package, package.zone_finder(), (), way_of(package)), now)
 
         def found(along: Along) -> None:
             if self.flown.route is package.route:
-                self.flown.lies_along(along)
+                self.flown.set_along(along)
 
         self._later = lambda _now: self._sources.loader.walk_along(package, found)
         self._later_at = now if package.gaps else now + _RESTART_S
@@ -103,7 +103,7 @@ class MissionOnBoard:
 
     def replay(self, prepared: Prepared, now: float) -> None:
         """The autopilot of a recorded flight holds this mission; it cannot be asked."""
-        self.flown.adopt(prepared, now)
+        self.flown.set_mission(prepared, now)
 
     # ---- changes --------------------------------------------------------------------------------------------------
 

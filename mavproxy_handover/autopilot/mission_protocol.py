@@ -2,9 +2,9 @@
 
 """Mission, geofence and rally points, written to the autopilot and read back: three lists, one protocol.
 
-A list counts as written when it was read back equal. What ArduCopter does to it on the way is known here: it keeps its
-own home as item 0 of the mission, altitudes of rally points in whole metres, and of a fence neither altitude nor frame.
-A fence is swapped when it is whole and sound, and kept as it was when it is not; the other two are stored item by item.
+A list counts as written when it was read back equal. ArduCopter changes the lists: it keeps its own home as item 0 of
+the mission, altitudes of rally points in whole metres, and no altitude and frame of a fence. It replaces a fence only
+by a complete and valid one. It stores the other two lists item by item.
 
 Sources: mavlink.io, "Mission Protocol" and "Geofence/Rally"; ArduPilot's MissionItemProtocol*.cpp.
 """
@@ -44,18 +44,18 @@ _WORDS: Final = {_MISSION: "mission", _FENCE: "geofence", _RALLY: "rally points"
 _OUT_OF_TURN = mavlink.MAV_MISSION_INVALID_SEQUENCE
 #: tries at a mission that the autopilot has no room for, two seconds apart
 _PATIENCE: Final = 5
-#: so many items are asked for at once when a list is read
+#: number of items that are requested at once when a list is read
 _AT_ONCE: Final = 5
-#: tries at them in which nothing new comes
+#: tries without a new item before the reading fails
 _IN_VAIN: Final = 5
 
 
 class AutopilotError(NoAnswer):
-    """The autopilot answered, and the answer is no; the text says what and why."""
+    """The autopilot answered with a refusal; the text says what it refused, and why."""
 
 
 class RefusedError(AutopilotError):
-    """The autopilot refuses a command: it will not be done, and there is nothing to wait for."""
+    """The autopilot refused a command finally; there is nothing to wait for."""
 
 
 class NoRoomError(AutopilotError):
@@ -64,16 +64,16 @@ class NoRoomError(AutopilotError):
 
 @dataclass(frozen=True, slots=True)
 class MissionProtocol:
-    """What there is to ask the autopilot of system `sysid`. All of it raises AutopilotError."""
+    """Conversations with the autopilot of system `sysid` about its lists. All of them raise AutopilotError."""
 
     sysid: int
-    #: of aircraft: what it stores of an item
+    #: of aircraft; it decides which values of an item are stored
     kind: Kind = Kind.COPTER
 
     def write_mission(self, items: Sequence[MissionItem]) -> Asking:
         """Write a mission; `items` begins with home, item 0.
 
-        In its first seconds the autopilot has no room for missions and says so: it is asked again a little later.
+        In its first seconds the autopilot refuses missions for lack of room; then the write is tried again later.
         """
         for _ in range(_PATIENCE):
             try:
@@ -89,30 +89,30 @@ class MissionProtocol:
         yield from self._write(_FENCE, fence_items(parts))
 
     def write_rally(self, points: Sequence[RallyPoint]) -> Asking:
-        """Write rally points; none: those that the autopilot holds are cleared."""
+        """Write rally points; empty: clear the autopilot's rally points."""
         yield from self._write(_RALLY, rally_items(points))
 
     def compare_mission(self, items: Sequence[MissionItem]) -> Asking:
-        """Read the mission back; raises AutopilotError where it is another one."""
+        """Read the mission back; raises AutopilotError if it differs."""
         yield from self._compare(_MISSION, items, self._mission_difference)
 
     def compare_fence(self, parts: Sequence[FencePart]) -> Asking:
-        """Likewise the geofence."""
+        """Read the geofence back; raises AutopilotError if it differs."""
         yield from self._compare(_FENCE, fence_items(parts), _fence_difference)
 
     def compare_rally(self, points: Sequence[RallyPoint]) -> Asking:
-        """Likewise the rally points."""
+        """Read the rally points back; raises AutopilotError if they differ."""
         yield from self._compare(_RALLY, rally_items(points), _rally_difference)
 
     def held_fence(self) -> Asking:
-        """Returns the parts of the geofence that the autopilot holds; none for one that knows no geofences."""
+        """Returns the parts of the autopilot's geofence; empty if the autopilot has no geofences."""
         count = yield self._list_request(_FENCE, ("MISSION_COUNT", "MISSION_ACK"))
         if count.get_type() == "MISSION_ACK":
             return ()
         return fence_parts((yield from self._items_back(_FENCE, count.count)))
 
     def held_mission(self) -> Asking:
-        """Returns the items of the mission that the autopilot holds, its home first; none where it holds no mission."""
+        """Returns the items of the autopilot's mission, home first; empty if it holds no mission."""
         count = yield self._list_request(_MISSION, ("MISSION_COUNT", "MISSION_ACK"))
         if count.get_type() == "MISSION_ACK":
             raise AutopilotError("the autopilot does not send its mission now")
@@ -120,7 +120,7 @@ class MissionProtocol:
         return tuple(filled(item) for item in items)
 
     def held_rally(self) -> Asking:
-        """Returns the one rally point that the autopilot holds, None where it holds none or more than one."""
+        """Returns the autopilot's rally point; None if it holds none, or more than one."""
         count = yield self._list_request(_RALLY, ("MISSION_COUNT", "MISSION_ACK"))
         if count.get_type() == "MISSION_ACK":
             raise AutopilotError("the autopilot does not send its rally points now")
@@ -130,7 +130,7 @@ class MissionProtocol:
         return RallyPoint(item.lat_deg, item.lon_deg, item.alt_m)
 
     def home(self) -> Asking:
-        """Returns latitude and longitude of the autopilot's own home, which it gives as item 0 of its mission."""
+        """Returns latitude and longitude of the autopilot's home, which is item 0 of its mission."""
         item = yield from self._item_back(_MISSION, 0)
         return item.lat_deg, item.lon_deg
 
@@ -182,7 +182,7 @@ class MissionProtocol:
         return mavlink.MAVLink_mission_request_int_message(*self._target, seq, kind)
 
     def _items_back(self, kind: int, count: int) -> Asking:
-        """Returns the first `count` items of a list. Several are asked for at once, and anew only those that lack."""
+        """Returns the first `count` items of a list. It requests several at once, and again only the missing ones."""
         got: dict[int, MissionItem] = {}
         in_vain = 0
         while len(got) < count:
@@ -235,9 +235,9 @@ def fence_items(parts: Sequence[FencePart]) -> tuple[MissionItem, ...]:
 
 
 def fence_parts(items: Sequence[MissionItem]) -> tuple[FencePart, ...]:
-    """The same the other way round. A point to return to, which copters do not use, is no part of a fence.
+    """The parts of a geofence from its items. A fence return point, which copters do not use, is no part of a fence.
 
-    Raises AutopilotError for an incomplete polygon, and for a circle that is none.
+    Raises AutopilotError for an incomplete polygon, and for a circle without a radius.
     """
     parts: list[FencePart] = []
     corners: list[tuple[float, float]] = []
@@ -261,7 +261,7 @@ def fence_parts(items: Sequence[MissionItem]) -> tuple[FencePart, ...]:
 
 
 def same_fence(items: Sequence[MissionItem], parts: Sequence[FencePart]) -> bool:
-    """Whether items that came from elsewhere are this geofence."""
+    """Whether items from another source are this geofence."""
     own = fence_items(parts)
     return len(own) == len(items) and all(_fence_difference(*pair) is None for pair in zip(own, items, strict=True))
 
@@ -308,7 +308,7 @@ def _back(kind: int, seq: int) -> str:
 
 
 def _gathers(kind: int, wanted: Sequence[int], got: dict[int, MissionItem]) -> Callable[[Any], Any]:
-    """Puts items of a list into `got`; the answer is there when it has all that are wanted."""
+    """Collects items of a list in `got`; the answer is complete when `got` has all wanted items."""
     is_item = _of_kind(("MISSION_ITEM_INT",), kind)
 
     def answer(m: Any) -> Any:
@@ -325,7 +325,7 @@ def _upload_answer(kind: int) -> Callable[[Any], Any]:
     def answer(m: Any) -> Any:
         found = any_answer(m)
         doubled = found is not None and m.get_type() == "MISSION_ACK" and m.type == _OUT_OF_TURN
-        return None if doubled else found  # an item that came twice: the upload goes on
+        return None if doubled else found  # an item came twice: the upload continues
 
     return answer
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What monitors find: events for the rules, and news for people."""
+"""Sends the output of the monitors on: events to the rules, news to people."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ MonitorOutput = Event | RouteNews | BoxNews | EnergyNews | EnergyWarned
 
 
 class OutputDispatcher:
-    """Hands on what monitors find: events to `handle`, news to the journal and to the stations."""
+    """Sends events to `handle`, and news to the event log and to the stations."""
 
     def __init__(self, handle: Callable[[Event, float], None], reports: Reports) -> None:
         self._handle = handle
         self._reports = reports
 
     def dispatch(self, outputs: Iterable[MonitorOutput], now: float) -> None:
-        """In their order."""
+        """Send these on, in their order."""
         for output in outputs:
             match output:
                 case RouteNews():

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The check before flight: asks for the autopilot's parameters on the ground, has them judged, and tells what is found.
+"""The check before flight: reads the autopilot's parameters on the ground, judges them, and reports findings.
 
-`reading` asks (a conversation), `Preflight` decides when; the rules are in `monitors/preflight/rules.py`.
+`reading` is the conversation, `Preflight` decides when; the rules are in `monitors/preflight/rules.py`.
 
-ArduPilot does not answer a request for a parameter that it does not have, so the names that it lacks cost a time-out;
-they are asked for together, and again only those that have not come.
+ArduPilot does not answer a request for a parameter that it does not have, so each missing name costs a time-out. The
+parameters are requested together, and again only those that have not come.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def _request(sysid: int, name: str) -> Any:
 
 
 def _collector(wanted: list[str], values: dict[str, float], lacking: set[str]) -> Callable[[Any], Any]:
-    """Takes the answers in as they come; they are an answer when nothing is missing any more."""
+    """Collects the answers; the request is answered when no wanted name is missing."""
 
     def answer(m: Any) -> Any:
         kind = m.get_type()
@@ -91,10 +91,11 @@ def _batteries(energy: EnergySettings) -> int:
 
 
 class Preflight:
-    """Reads once the autopilot is up and on the ground; a START meanwhile does not stop it. Again every half minute
-    while something does not fit, and after a reboot.
+    """Reads once when the autopilot runs and is on the ground; a START does not stop the reading.
 
-    `report` is told each finding that is new (text, parameter to change, False), and once that all is well (True)."""
+    It reads again every half minute while there are findings, and after a restart of the autopilot. `report` gets each
+    new finding (text, parameter to change, False), and once that there is no finding (True).
+    """
 
     def __init__(
         self,
@@ -105,7 +106,7 @@ class Preflight:
         report: Callable[[str, str, bool], None],
         energy: EnergySettings = _UNSAID,
     ) -> None:
-        """`energy`: the vehicle's own, which says how many batteries it flies by where the mission does not."""
+        """`energy`: the vehicle's own settings, with the number of batteries if the mission does not set it."""
         self._sysid = sysid
         self._aircraft = aircraft
         self._limits = limits
@@ -125,10 +126,11 @@ class Preflight:
         self._replanned = False
 
     def planned(self, plan: PlanFacts | None, gap_s: float = 0.0, energy: EnergySettings | None = None) -> None:
-        """The autopilot holds another mission, or none: once it has been read, it is read again for one.
+        """The autopilot holds another mission, or none. For a mission, the parameters are read again.
 
-        `gap_s`: the longest limit of its gaps. `energy`: the mission's, which goes before the vehicle's; None: that
-        stays as it was."""
+        `gap_s`: the longest limit of its gaps. `energy`: the mission's settings, which override the vehicle's; None:
+        unchanged.
+        """
         self._plan, self._replanned = plan, plan is not None
         self._gap_s = gap_s
         if energy is not None:
@@ -151,7 +153,7 @@ class Preflight:
         """Time has passed. `grounded`: neither armed nor flying, or on the ground and always armed. `misfit`: why
         leases and guard do not fit."""
         aircraft, heartbeat_at = self._aircraft, self._aircraft.telemetry.heartbeat.at
-        if heartbeat_at - self._heard_at > _REBOOT_S:  # appeared, or came back: another one, for all that is known
+        if heartbeat_at - self._heard_at > _REBOOT_S:  # it may be another autopilot
             self._due_at = now + _SETTLE_S
             self._heard_on, self._unread = None, True
         self._heard_at = heartbeat_at

@@ -59,14 +59,14 @@ class RallyList:
         #: the sender of the open upload
         self._port: StationPort | None = None
 
-    def take(self, port: StationPort, message: Any, now: float) -> None:
+    def on_message(self, port: StationPort, message: Any, now: float) -> None:
         """A message about rally points, by the mission protocol or by file transfer.
 
         The gate has checked whether the station may send it.
         """
         sender = (message.get_srcSystem(), message.get_srcComponent())
         if message.get_type() == "FILE_TRANSFER_PROTOCOL":
-            self._take_file(port, message, sender, now)
+            self._on_file_message(port, message, sender, now)
             return
         if message.mission_type != _RALLY:  # clearing all lists at once is refused, as by ArduPilot
             refusal = mavlink.MAVLink_mission_ack_message(
@@ -86,7 +86,7 @@ class RallyList:
             self._replaced(tuple(map(_point, turn.whole.items)), port.name, now)
             self._reports.answer(port, _WORDS, self._server.conclude(mavlink.MAV_MISSION_ACCEPTED, now), now)
 
-    def _take_file(self, port: StationPort, message: Any, sender: tuple[int, int], now: float) -> None:
+    def _on_file_message(self, port: StationPort, message: Any, sender: tuple[int, int], now: float) -> None:
         self._give_up(now)
         turn = self.file.take(port.sysid, message, sender)
         if turn.whole is not None:

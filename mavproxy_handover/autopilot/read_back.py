@@ -85,7 +85,7 @@ class ReadBack:
         if _CHECK not in self._conversations:
             self._conversations.begin(_CHECK, self.asking(), self._done, now)
 
-    def adopt(self, route: Route | None, now: float) -> None:
+    def set_route(self, route: Route | None, now: float) -> None:
         """The autopilot holds another route; None: not known, or it is being written.
 
         What was read back before does not count, and no command that waits begins a flight.

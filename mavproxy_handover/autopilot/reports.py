@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Reports of the parts that talk to the autopilot: to the journal, to the stations, and of what breaks."""
+"""Reports of the parts that talk to the autopilot: to the event log, to the stations, and about faults."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ __all__ = ["Reports"]
 
 @dataclass(frozen=True, slots=True)
 class Reports:
-    """Of one vehicle. `fault` is told what broke, and where."""
+    """Of one vehicle. `fault` takes the place and the text of a fault."""
 
     event_log: EventLog
     voice: Voice
     fault: Callable[[str, str], None]
 
     def answer(self, port: StationPort, what: str, turn: Turn, now: float) -> None:
-        """What a program hears of its upload of `what`, in the autopilot's name, and people of what is not taken."""
+        """Answer a program about its upload of `what`, in the autopilot's name; tell people if it is rejected."""
         for answer in turn.answers:
             self.voice.as_autopilot(port, answer)
         if turn.words and self.event_log.upload_refused(port.name, what, turn.words, now):

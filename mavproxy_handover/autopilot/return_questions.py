@@ -50,7 +50,7 @@ class ReturnQuestions:
         #: until then a choice waits for the list to be read
         self.unread_until = -math.inf
 
-    def adopt(self, fence: bool, now: float) -> None:
+    def set_mission(self, fence: bool, now: float) -> None:
         """The autopilot holds another mission. `fence`: it has a geofence of its own."""
         self._home_at = self._parameters_at = now
         self._fence_at = math.inf if fence else now

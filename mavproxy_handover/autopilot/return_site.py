@@ -38,7 +38,7 @@ from mavproxy_handover.mission.plan import Route
 from mavproxy_handover.monitors.return_site.candidates import Candidates
 from mavproxy_handover.monitors.return_site.choice import SiteChoice
 from mavproxy_handover.monitors.return_site.margin import Margin
-from mavproxy_handover.monitors.return_site.views import LOOKING, Views
+from mavproxy_handover.monitors.return_site.views import JUDGING, Views
 from mavproxy_handover.schedule import attempt
 
 __all__ = ["ReturnSite"]
@@ -68,7 +68,7 @@ class ReturnSite:
         self.views = Views(state, self.candidates, reports.fault)
         self._margin = Margin(state, self.candidates, self.views)
         self._choice = SiteChoice(state, self.candidates, self.views, self._margin)
-        self._questions = ReturnQuestions(sysid, state, self.candidates, conversations, self._look_at_home)
+        self._questions = ReturnQuestions(sysid, state, self.candidates, conversations, self._update_home)
         self._keeper = RallyKeeper(sysid, conversations, self._held, self._not_held, self._overwritten)
         #: the rally list as stations see it
         self.list = RallyList(authority.commands, reports, lambda: self.candidates.rally, self._replaced)
@@ -134,7 +134,7 @@ class ReturnSite:
 
     # ---- changes --------------------------------------------------------------------------------------------------
 
-    def adopt(self, package: MissionPackage | None, now: float, *, keeps_rally: bool = False) -> None:
+    def set_mission(self, package: MissionPackage | None, now: float, *, keeps_rally: bool = False) -> None:
         """The autopilot holds this mission; None: not known, and the former candidates stay.
 
         `keeps_rally`: rally points that a station has sent still count.
@@ -142,8 +142,8 @@ class ReturnSite:
         if package is None:
             return
         self._keeper.forget()
-        self._questions.adopt(bool(package.route.fence), now)
-        self.candidates.adopt(package, keeps_rally=keeps_rally)
+        self._questions.set_mission(bool(package.route.fence), now)
+        self.candidates.set_mission(package, keeps_rally=keeps_rally)
         self.views.forget_others()
 
     def reroute(self, route: Route) -> None:
@@ -167,7 +167,7 @@ class ReturnSite:
         else:
             self._keeper.restarted(now)
 
-    def take(self, message: Any, now: float) -> None:
+    def on_message(self, message: Any, now: float) -> None:
         """A HEARTBEAT, PARAM_VALUE or HOME_POSITION of the autopilot, after the state was updated."""
         match message.get_type():
             case "HEARTBEAT":
@@ -175,7 +175,7 @@ class ReturnSite:
             case "PARAM_VALUE":
                 self._keeper.counted(message.param_id, now)
             case "HOME_POSITION":
-                self._look_at_home()
+                self._update_home()
 
     def _on_heartbeat(self, now: float) -> None:
         if now - self._before.at > _REBOOT_S:
@@ -192,8 +192,8 @@ class ReturnSite:
             self.views.forget_others()
         self._margin.update(self._energy())
 
-    def _look_at_home(self) -> None:
-        self.candidates.look_at_home()
+    def _update_home(self) -> None:
+        self.candidates.update_home()
         self.views.forget_others()
 
     # ---- each second ----------------------------------------------------------------------------------------------
@@ -208,18 +208,18 @@ class ReturnSite:
         if self.candidates.package is None or self._state.foreign:
             return
         attempt(self._reports.fault, _ASKING, self._questions.ask, now)
-        attempt(self._reports.fault, LOOKING, self._look, now, returning)
+        attempt(self._reports.fault, JUDGING, self._judge_candidates, now, returning)
 
-    def _look(self, now: float, ordered: bool) -> None:
+    def _judge_candidates(self, now: float, ordered: bool) -> None:
         state, chosen = self._state, self._choice.name
         self.candidates.gather_sent()
         self.views.forget_others()
         here, unseen_s = state.where, now - state.position.at
         if here is not None and unseen_s <= _FRESH_S:
-            self.views.measure(chosen, here, self._energy())
+            self.views.update(chosen, here, self._energy())
         elif here is not None and state.flying and not state.to_place:
             beyond_m = unseen_s * max(state.track[1], self.candidates.return_mps or 0.0)
-            self.views.measure(chosen, here, self._energy(), beyond_m)
+            self.views.update(chosen, here, self._energy(), beyond_m)
         self._choose(now, ordered)
 
     def _choose(self, now: float, ordered: bool) -> None:
@@ -280,7 +280,7 @@ class ReturnSite:
         not wait long for that.
         """
         self._questions.hurry(now)
-        attempt(self._reports.fault, LOOKING, self._look, now, returning)
+        attempt(self._reports.fault, JUDGING, self._judge_candidates, now, returning)
         if not self._keeper.settled:
             self._keeper.hurry(now)
         return lambda: self._keeper.settled

@@ -74,12 +74,12 @@ class Rounds:
         parts.mission.tick(now)
         self._attempt("return sites", parts.return_site.tick, now)
         self._attempt("way home", parts.orders.tick, now)
-        self._attempt("position box", self._look, self._monitors.positions.read, now)
+        self._attempt("position box", self._update, self._monitors.positions.read, now)
 
     def each_second(self, view: AuthorityView, grounded: bool, now: float) -> None:
         """`view`: the authority in force; `grounded`: neither armed nor about to be."""
         parts, monitors = self._parts, self._monitors
-        self._attempt("positions", self._look, monitors.positions.update, now)
+        self._attempt("positions", self._update, monitors.positions.update, now)
         self._attempt("telemetry", parts.telemetry.each_second, view, now)
         self._attempt("streams", parts.streams.each_second, self._state, now)
         self._attempt("the mission on board", parts.mission.load_on_board, grounded, now)
@@ -87,12 +87,12 @@ class Rounds:
         self._attempt("energy", self._watch_energy, grounded, now)
         self._attempt("the plan", parts.mission.flown.judge, now)
         self._attempt("the way ahead", parts.mission.do_later, now)
-        self._attempt("the way ahead", self._look, monitors.borders.update, now)
+        self._attempt("the way ahead", self._update, monitors.borders.update, now)
         self._attempt("return sites", self._judge_places, now)
-        self._attempt("motion", self._look, monitors.execution.update, now)
-        self._attempt("conditions", self._look, monitors.conditions.update, now)
+        self._attempt("motion", self._update, monitors.execution.update, now)
+        self._attempt("conditions", self._update, monitors.conditions.update, now)
 
-    def _look(self, update: Callable[[VehicleState, float], Sequence[MonitorOutput]], now: float) -> None:
+    def _update(self, update: Callable[[VehicleState, float], Sequence[MonitorOutput]], now: float) -> None:
         """Tell what a monitor finds in the state."""
         self._dispatcher.dispatch(update(self._state, now), now)
 

@@ -1,15 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The telemetry that the companion lives on, and how it is got back when somebody has slowed it down or ended it.
+"""The telemetry streams that the companion needs, and their restoration after a station has slowed or ended them.
 
-The autopilot keeps one set of rates for a link, and the commander may change it like everything else. Rules:
+The autopilot keeps one set of rates for a link, and the commander may change it. Rules:
 
-1. All streams are asked for once, when the autopilot is first heard and when it was silent.
-2. Fewer positions than the zone check can do with: they are asked for again; none at all for long: everything is.
-   The same for the word whether the aircraft has landed: the way home is not commanded to one on the ground.
-3. Else the rates are the commander's business. When it commands no more, everything is asked for again: nobody after it
-   has chosen what it had set, and the telemetry is the next one's too.
-4. Requests are `_PAUSE_S` apart, or a commander that insists would be answered in a storm.
+1. All streams are requested once, when the autopilot is first heard and after it was silent.
+2. If positions come too seldom for the zone check, they are requested again. If no position comes for long, all streams
+   are requested. EXTENDED_SYS_STATE is also requested if it is missing: an aircraft on the ground must not be commanded
+   to return.
+3. Otherwise the commander decides the rates. When it no longer commands, all streams are requested again: the next
+   commander has not chosen these rates, and uses the same telemetry.
+4. Requests are at least `_PAUSE_S` apart, so that a commander that repeats its rates does not cause a flood.
 """
 
 from __future__ import annotations
@@ -27,13 +28,13 @@ __all__ = ["Streams"]
 _PAUSE_S = 5.0
 _SILENT_S = 3.0
 _NO_POSITION_S = 2.0
-#: fewer than this: a ground station has asked for slower ones
+#: fewer positions than this: a ground station has requested a lower rate
 _POSITIONS_A_SECOND = 10
 _NO_LANDED_STATE_S = 3.0
 
 
 class Streams:
-    """`send` puts a message on its way to the autopilot."""
+    """The streams of one vehicle. `send` sends a message to the autopilot."""
 
     def __init__(self, procedures: Callable[[], Procedures], send: Callable[[Any], None]) -> None:
         self._procedures = procedures
@@ -47,11 +48,11 @@ class Streams:
         self._positions += 1
 
     def renew(self) -> None:
-        """Ask for everything again, within a second: whoever set the rates commands no more."""
+        """Request all streams again within a second: the station that set the rates no longer commands."""
         self._asked, self._again_at = False, 0.0
 
     def each_second(self, aircraft: VehicleState, now: float) -> None:
-        """Ask for what is missing."""
+        """Request the streams that are missing."""
         slow, self._positions = self._positions < _POSITIONS_A_SECOND, 0
         if now - aircraft.telemetry.heartbeat.at >= _SILENT_S:
             self._asked = False

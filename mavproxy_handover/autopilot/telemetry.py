@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""HANDOVER_TELEMETRY, once a second: to the commander, to the partner that is about to take over, and to the journal.
+"""HANDOVER_TELEMETRY, once a second: to the commander, to the partner, and to the journal.
 
-A position that is too old goes to nobody: to an operator it would look like the present one.
+A position that is too old is not sent: an operator would take it for the present one.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class Telemetry:
         self._stale_s = stale_s
 
     def each_second(self, view: AuthorityView, now: float) -> None:
-        """Send where the aircraft is and what it does; `view`: the one in force."""
+        """Send position and state of the aircraft. `view`: the authority in force."""
         aircraft, reports = self._aircraft, self._reports
         where = aircraft.where
         if where is None or now - aircraft.position.at > self._stale_s:

@@ -152,7 +152,7 @@ class Companion:
             return
         if frame.sysid == self.config.sysid and frame.known:
             if frame.compid == AUTOPILOT_COMPID:
-                self.autopilot.messages.take(message, now)
+                self.autopilot.messages.on_message(message, now)
                 if self.autopilot.guard.asks:
                     self._send_lease(now)
             if frame.msgid == _CONTROL_STATUS:

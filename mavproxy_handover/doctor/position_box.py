@@ -89,7 +89,7 @@ def _listen(context: CheckContext, line: BoxLine) -> _Heard:
         context.look_out()
         fix, raw = line.read(), line.raw()
         if raw:
-            heard.layout.look(raw, place, armed=False)
+            heard.layout.judge(raw, place, armed=False)
         if fix is not None:
             heard.fix = fix
             heard.latest_s = max(heard.latest_s, fix.late_s)
@@ -193,7 +193,7 @@ def _compared(context: CheckContext, vehicle: VehicleConfig, fix: Fix) -> Findin
         return unseen(what, f"{where}, and the autopilot has told none", do)
     check = CrossCheck(vehicle.position)
     theirs = Place(record.lat_deg, record.lon_deg, record.alt_m, record.north_mps, record.east_mps)
-    check.look(Difference.between(theirs, Place.by_autopilot(own)), context.clocks.monotonic())
+    check.compare(Difference.between(theirs, Place.by_autopilot(own)), patient.clocks.monotonic())
     assert check.last is not None
     if check.sound:
         height = "" if math.isnan(record.alt_m) else f" and {check.last.height_m:.1f} m in height"

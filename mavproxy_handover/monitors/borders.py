@@ -32,7 +32,7 @@ class BorderMonitor:
         self._route = 0
         self._told = BordersSeen(())
 
-    def adopt(self, way: WayAhead | None) -> None:
+    def set_way(self, way: WayAhead | None) -> None:
         """The autopilot holds a mission with this way; None: nobody knows which one."""
         self._way = way
         self._route += 1

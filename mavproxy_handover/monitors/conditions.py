@@ -68,23 +68,23 @@ class ConditionMonitor:
 
     def update(self, state: VehicleState, now: float) -> list[Event]:
         """Each second: what looks wrong, when that changes."""
-        attempt(self._fault, "energy condition", self._look_at_energy, state)
-        attempt(self._fault, "route condition", self._look_at_route, state)
-        attempt(self._fault, "fence condition", self._look_at_fence, state, now)
+        attempt(self._fault, "energy condition", self._check_energy, state)
+        attempt(self._fault, "route condition", self._check_route, state)
+        attempt(self._fault, "fence condition", self._check_fence, state, now)
         if self._seen == self._told:
             return []
         self._told = self._seen
         return [self._seen]
 
-    def _look_at_energy(self, state: VehicleState) -> None:
+    def _check_energy(self, state: VehicleState) -> None:
         short = self._energy() if state.flying else None
         self._seen = replace(self._seen, energy=short is not None, energy_words=short or "")
 
-    def _look_at_route(self, state: VehicleState) -> None:
+    def _check_route(self, state: VehicleState) -> None:
         track = self._route() if state.flying else None
         words = "" if track is None else f"off route: {track.text}"
         self._seen = replace(self._seen, off_route=track is not None, off_route_words=words)
 
-    def _look_at_fence(self, state: VehicleState, now: float) -> None:
+    def _check_fence(self, state: VehicleState, now: float) -> None:
         wrong = breach(state, now) if state.flying else ""
         self._seen = replace(self._seen, fence=bool(wrong), fence_words=wrong)

@@ -106,7 +106,7 @@ class _Estimate:
 
     # ---- what comes in --------------------------------------------------------------------------------------------
 
-    def take(self, message: Any, now: float, on_ground: bool) -> None:
+    def on_message(self, message: Any, now: float, on_ground: bool) -> None:
         """BATTERY_STATUS or WIND of the autopilot. `on_ground`: it is known to be disarmed."""
         kind = message.get_type()
         if kind == "WIND" and self._learner is not None:
@@ -119,7 +119,7 @@ class _Estimate:
         if self._batteries is not None:
             self._batteries.take(number, report, now, on_ground)
 
-    def adopt(self, settings: EnergySettings, now: float, *, wings: bool) -> None:
+    def set_settings(self, settings: EnergySettings, now: float, *, wings: bool) -> None:
         """A mission is loaded: its numbers go before the vehicle's. `wings`: it is flown on them."""
         self._use(settings.over(self._own), wings=wings)
         for number, (report, at) in self._reports.items():
@@ -236,7 +236,7 @@ class _Start:
         #: the operator has lifted what START lacks until then
         self.lifted_until = -inf
 
-    def adopt(self, way: Callable[[float], Sequence[Piece]]) -> None:
+    def set_way(self, way: Callable[[float], Sequence[Piece]]) -> None:
         """A mission is loaded, with this way."""
         self._way, self._counted = way, None
 
@@ -332,21 +332,21 @@ class EnergyMonitor:
 
     # ---- what comes in --------------------------------------------------------------------------------------------
 
-    def take(self, message: Any, now: float, on_ground: bool) -> None:
+    def on_message(self, message: Any, now: float, on_ground: bool) -> None:
         """BATTERY_STATUS or WIND of the autopilot. `on_ground`: it is known to be disarmed."""
         try:
-            self.estimate.take(message, now, on_ground)
+            self.estimate.on_message(message, now, on_ground)
         except Exception:
             self._tell_fault()
 
-    def adopt(
+    def set_mission(
         self, settings: EnergySettings, way: Callable[[float], Sequence[Piece]], now: float, *, wings: bool = False
     ) -> list[Output]:
         """A mission is loaded: its numbers go before the vehicle's. `way`: its pieces, at a height of return; `wings`:
         it is flown on them."""
-        self._start.adopt(way)
+        self._start.set_way(way)
         try:
-            self.estimate.adopt(settings, now, wings=wings)
+            self.estimate.set_settings(settings, now, wings=wings)
             self._follow()
             return self._start.judge(self.estimate.observe(now, grounded=True), now)
         except Exception:

@@ -37,7 +37,7 @@ class ExecutionMonitor:
 
     # ---- as it comes ----------------------------------------------------------------------------------------------
 
-    def heard(self, state: VehicleState, now: float) -> list[Event]:
+    def on_state(self, state: VehicleState, now: float) -> list[Event]:
         """A heartbeat, or whether it has landed."""
         found: list[Event] = []
         critical = state.telemetry.heartbeat.critical

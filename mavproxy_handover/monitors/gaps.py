@@ -72,7 +72,7 @@ class GapMonitor:
         """The longest limit (s) of a gap of the mission; 0 without one."""
         return max((stretch.declared.limit_s for stretch in self._stretches), default=0.0)
 
-    def adopt(self, stretches: Sequence[Stretch]) -> None:
+    def set_gaps(self, stretches: Sequence[Stretch]) -> None:
         """The autopilot holds a mission with these, or none that is known."""
         self._stretches = tuple(stretches)
 

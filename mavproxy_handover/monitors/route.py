@@ -47,7 +47,7 @@ class RouteMonitor:
             return ""
         return f"{self.track.text}{'' if self.deviation is None else ', OFF ROUTE'}"
 
-    def adopt(self, route: Route | None) -> None:
+    def set_route(self, route: Route | None) -> None:
         """The autopilot holds this route; None: nobody knows which one."""
         self._tracker = None if route is None else RouteTracker(route)
 

@@ -46,7 +46,7 @@ class WaypointMonitor:
         #: who awaited the aircraft of the position before
         self._awaited: frozenset[int] = frozenset()
 
-    def adopt(self, belonging: Belonging | None, now: float) -> None:
+    def set_owners(self, belonging: Belonging | None, now: float) -> None:
         """The autopilot holds a mission whose waypoints belong to stations; None: another one, or an unknown one."""
         self._belonging, self._since, self._reached = belonging, now, False
 

@@ -20,7 +20,7 @@ class ZoneMonitor:
         self._finder: ZoneFinder | None = None
         self._ahead: RouteAhead | None = None
 
-    def adopt(self, finder: ZoneFinder, route: Route) -> None:
+    def set_mission(self, finder: ZoneFinder, route: Route) -> None:
         """The autopilot holds a package with these zones and this route."""
         self._finder = finder
         self.reroute(route)

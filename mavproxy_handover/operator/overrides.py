@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""`handover override`: the operator lifts one limit of commands for a minute, at the commander's station or aboard.
+"""`handover override`: an operator lifts one limit of commands for a minute, at the commander's station or on board.
 
-By HANDOVER_OVERRIDE, which is answered in kind. A station repeats it until it is answered, so a copy (the same station,
-limit and nonce) is answered again and lifts nothing anew. Of whoever does not command it is refused.
+A station sends HANDOVER_OVERRIDE, and repeats it until the companion answers with the same message. A copy (the same
+station, limit and nonce) is answered again, but does not lift the limit again. A station that does not command is
+refused.
 """
 
 from __future__ import annotations
@@ -20,22 +21,23 @@ from mavproxy_handover.wire.ids import LIMITS
 
 __all__ = ["CONSOLE", "Overrides"]
 
-#: who lifts a limit at the vehicle's own console
+#: name of the vehicle's own console, for people
 CONSOLE: Final = "the vehicle's console"
 
 
 class Overrides:
-    """Takes them for one vehicle; `commander`: the system id of the station whose word counts, None: nobody's."""
+    """The overrides of one vehicle. `commander` returns the system id of the station that may lift limits; None: no
+    station may."""
 
     def __init__(self, command_check: CommandCheck, commander: Callable[[], int | None], vehicle: int) -> None:
         self._command_check = command_check
         self._commander = commander
         self._vehicle = vehicle
-        #: station and limit -> nonce of the last one that was carried out
+        #: station and limit -> nonce of the last override that was carried out
         self._last: dict[tuple[int, Limit], int] = {}
 
-    def take(self, port: StationPort, message: Any, now: float) -> Any:
-        """HANDOVER_OVERRIDE of a station, any; returns the answer."""
+    def on_message(self, port: StationPort, message: Any, now: float) -> Any:
+        """A HANDOVER_OVERRIDE of any station; returns the answer."""
         name = LIMITS.get(message.limit)
         limit = None if name is None else Limit(name)
         commands = port.sysid == self._commander()

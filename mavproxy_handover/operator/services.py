@@ -70,7 +70,7 @@ class OperatorServices:
             Access.RALLY_READ: self._rally,
             Access.RALLY_WRITE: self._rally,
             Access.CONTROL: self._control,
-            Access.TRANSFER: services.messages.take,
+            Access.TRANSFER: services.messages.on_message,
         }
 
     def follow_up(self, port: StationPort, frame: Frame, verdict: Verdict, now: float) -> None:

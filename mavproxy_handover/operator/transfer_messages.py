@@ -71,7 +71,7 @@ class TransferMessages:
 
     def _override(self, port: StationPort, message: Any, now: float) -> None:
         if message.vehicle == self._vehicle:
-            port.send(self._services.overrides.take(port, message, now))
+            port.send(self._services.overrides.on_message(port, message, now))
 
     def _to_rules(self, port: StationPort, message: Any, now: float) -> None:
         event_log, decoded = self._services.event_log, codec.decode(message)

@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The autopilot's parameters, as far as it has told them: the only copy that the companion keeps.
+"""The autopilot's parameters that have arrived: the only copy in the companion.
 
 Rules:
 
-1. Every PARAM_VALUE of the autopilot counts, whoever asked for it: the autopilot also sends one for each parameter that
-   is set. A value that is not a finite number is ignored.
-2. A value stays until another one comes. Each has the time at which the autopilot told it last.
-3. The check before flight reads them all (`autopilot/preflight.py`) and says when a reading has ended. `read` has what
-   was told since that reading began: a parameter that the autopilot no longer has is missing there.
-4. Only `VehicleState` takes values in. No other part keeps a parameter; each reads it when it needs it.
+1. Every PARAM_VALUE of the autopilot counts, for any request: the autopilot also sends one for each parameter that is
+   set. A value that is not a finite number is ignored.
+2. A value stays until another one arrives. Each value has the time of its last arrival.
+3. The check before flight reads all of them (`autopilot/preflight.py`) and reports the end of each reading. `read` has
+   only values since that reading began, so a parameter that the autopilot no longer has is missing there.
+4. Only `VehicleState` adds values. No other part keeps a parameter; each part reads it when it needs it.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _MOST: Final = 5000
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """A parameter as the autopilot told it: its value, its MAV_PARAM_TYPE, and when (monotonic s)."""
+    """A parameter: its value, its MAV_PARAM_TYPE, and its last arrival (monotonic s)."""
 
     value: float
     type: int
@@ -35,7 +35,7 @@ class Parameter:
 
 
 class Values(Mapping[str, float]):
-    """The values that the autopilot has told since a time; a view, so what it tells later shows here as well."""
+    """A view of the values that have arrived since a time; later values also show here."""
 
     __slots__ = ("_since", "_told")
 
@@ -61,13 +61,13 @@ class Parameters:
 
     def __init__(self) -> None:
         self._told: dict[str, Parameter] = {}
-        #: counts the values that were new or different, and the readings that have ended
+        #: counts new or changed values, and finished readings
         self.changes = 0
-        #: when the reading that ended last began; None: no reading has ended
+        #: when the last finished reading began; None: no reading has ended
         self._read_at: float | None = None
 
-    def take(self, message: Any, now: float) -> None:
-        """A PARAM_VALUE of the autopilot."""
+    def on_value(self, message: Any, now: float) -> None:
+        """A PARAM_VALUE of the autopilot arrived."""
         name, value = message.param_id, float(message.param_value)
         before = self._told.get(name)
         if not isfinite(value) or (before is None and len(self._told) >= _MOST):
@@ -77,19 +77,19 @@ class Parameters:
         self._told[name] = Parameter(value, message.param_type, now)
 
     def get(self, name: str) -> Parameter | None:
-        """What the autopilot told last of this parameter; None: nothing."""
+        """The last value of this parameter; None: it has not arrived."""
         return self._told.get(name)
 
     def reading_ended(self, began_at: float) -> None:
-        """A reading of all that the check before flight needs has ended; it began then (monotonic s)."""
+        """A reading of all parameters for the check before flight has ended; `began_at` in monotonic seconds."""
         self._read_at = began_at
         self.changes += 1
 
     @property
     def read(self) -> Values | None:
-        """What was told since the reading began that ended last; None before a reading has ended."""
+        """The values since the last finished reading began; None before a reading has ended."""
         return None if self._read_at is None else self.since(self._read_at)
 
     def since(self, at: float = -inf) -> Values:
-        """The values that it has told since `at` (monotonic s)."""
+        """The values that have arrived since `at` (monotonic s)."""
         return Values(self._told, at)

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""How the autopilot flies a return, by its own parameters: height, speed, and the fences around home and above it.
+"""The autopilot's parameters of a return: height, speed, and the fences around home and above it.
 
-Names and units differ by firmware; a firmware has one name of each kind. A return is flown at the speed of its own, and
-where that is 0 at the speed between waypoints. Both are written with the mission (`autopilot/cruise.py`) and read here:
-what the autopilot says that it has is what counts. Of wings it is the airspeed.
+Names and units differ by firmware; each firmware has one name of each kind. A return has its own speed parameter; at 0
+it is flown at the speed between waypoints. Both are written with the mission (`autopilot/cruise.py`). The values that
+the autopilot has sent count here. For aircraft with wings the speed is an airspeed.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ __all__ = ["BELOW_CEILING_M", "NAMES", "fence_limits", "return_alt_m", "return_m
 BELOW_CEILING_M: Final = 10.0
 #: parameter for the height of a return -> its units in a metre
 _RETURN_ALTS: Final = {"RTL_ALT_M": 1.0, "RTL_ALT": 100.0, "RTL_ALTITUDE": 1.0, "ALT_HOLD_RTL": 100.0}
-#: parameter for the speed of a return (0: the one behind it), then that of missions -> its units in one m/s
+#: parameters for the speed of a return (at 0 the next one counts), then of missions -> their units in one m/s
 _RETURN_SPEEDS: Final = {
     **{name: units for vehicle in VEHICLES for name, units in vehicle.back_speed.items()},
     **{name: units for vehicle in VEHICLES for name, units in vehicle.cruise.items()},
@@ -37,24 +37,24 @@ _CEILING, _CIRCLE = 1, 2
 
 
 def return_mps(state: VehicleState, cruise_mps: float) -> float:
-    """How fast a return is flown (m/s); `cruise_mps`: the mission's speed, while the autopilot has told none."""
+    """The speed of a return (m/s). `cruise_mps`: the mission's speed, used until the autopilot has sent its own."""
     values = state.parameters.since()
     held = (values[name] / units for name, units in _RETURN_SPEEDS.items() if name in values)
     return next((speed_mps for speed_mps in held if speed_mps > 0.0), cruise_mps)
 
 
 def return_alt_m(state: VehicleState) -> float:
-    """How high a return is flown (m above home)."""
+    """The height of a return (m above home)."""
     values = state.parameters.since()
     held = (values[name] / units for name, units in _RETURN_ALTS.items() if name in values)
     if not state.kind.winged:
         return next(held, RETURN_ALT_M)
     alt_m = next(held, WINGED_RETURN_ALT_M)
-    return alt_m if alt_m > 0.0 else WINGED_RETURN_ALT_M  # it stays as high as it is
+    return alt_m if alt_m > 0.0 else WINGED_RETURN_ALT_M  # 0 or less: it keeps its present height
 
 
 def fence_limits(state: VehicleState) -> FenceLimits:
-    """The autopilot's own fences around home and above it, as far as they are known to be on."""
+    """The autopilot's own fences around home and above it, if they are known to be enabled."""
     values = state.parameters.since()
     kinds = int(values.get("FENCE_TYPE", 0))
     if not values.get("FENCE_ENABLE", 0) and not values.get("FENCE_AUTOENABLE", 0):

@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the autopilot last said of the vehicle: telemetry, parameters and where it is, each value with its time.
+"""The vehicle state: telemetry, parameters and position as the autopilot last sent them, each value with its time.
 
 Rules:
 
-1. Every value is replaced as a whole when the autopilot says it again, and carries the time (monotonic s) at which it
-   did. A value that was never said is what MAVLink has for unknown, and its time is -inf.
-2. Only this module writes: `VehicleState.take` for what the autopilot says, and its other methods for what another
-   part has found out. Every other part reads, and keeps no copy.
-3. `telemetry` has the autopilot's own words. `position` is the position that counts, which the box may give instead
-   (`monitors/position/source.py`).
+1. Each value is replaced as a whole when the autopilot sends it again, and carries the time (monotonic s) of its
+   arrival. A value that never arrived is MAVLink's value for unknown, and its time is -inf.
+2. Only this module writes. `VehicleState.on_message` takes the autopilot's messages; the other methods take what other
+   parts have found out. Every other part reads, and keeps no copy.
+3. `telemetry` holds the autopilot's own values. `position` is the position that counts, which may come from the
+   position box instead (`monitors/position/source.py`).
 """
 
 from __future__ import annotations
@@ -35,28 +35,28 @@ T = TypeVar("T")
 _GEOFENCE: Final = mavlink.MAV_SYS_STATUS_GEOFENCE
 _ON_GROUND = mavlink.MAV_LANDED_STATE_ON_GROUND
 _HOVERS: Final = (mavlink.MAV_VTOL_STATE_TRANSITION_TO_MC, mavlink.MAV_VTOL_STATE_MC)
-#: what a copter never says: it is MC all the time
+#: states that a copter never reports: it always reports MC
 _ON_WINGS: Final = (
     mavlink.MAV_VTOL_STATE_TRANSITION_TO_FW,
     mavlink.MAV_VTOL_STATE_TRANSITION_TO_MC,
     mavlink.MAV_VTOL_STATE_FW,
 )
 
-#: the autopilot is asked for 20 positions a second; they come unevenly, so less than 50 ms is no reason to skip one
+#: the autopilot sends 20 positions a second, but unevenly: a position less than 50 ms after the last one still counts
 _COMPARE_S: Final = 0.03
-#: ArduPlane's circle, if it does not tell, or has none (m)
+#: radius of ArduPlane's circle (m), if it has not told one or has none
 _CIRCLE_M: Final = 60.0
-#: to circle takes a moment to be told, and then a circle and a half of room; no wing flies slower (s, m/s)
+#: to circle, a plane needs this reaction time (s), this many radii of room, and at least this speed (m/s)
 _REACTION_S: Final = 2.0
 _ROOM: Final = 1.5
 _SLOWEST_MPS: Final = 5.0
-#: parameters that say what an aircraft with wings can do
+#: parameters of aircraft with wings: has rotors, radii of the circles
 _HAS_ROTORS, _RADIUS, _RETURN_RADIUS = "Q_ENABLE", "WP_LOITER_RAD", "RTL_RADIUS"
 
 
 @dataclass(frozen=True, slots=True)
 class Said(Generic[T]):
-    """What the autopilot said last of one thing, and when (monotonic s)."""
+    """The last value of one thing that the autopilot has sent, and its time (monotonic s)."""
 
     value: T
     at: float = -math.inf
@@ -64,16 +64,16 @@ class Said(Generic[T]):
 
 @dataclass(frozen=True, slots=True)
 class Heartbeat:
-    """What a HEARTBEAT says. `at`: when it came (monotonic s)."""
+    """The content of a HEARTBEAT. `at`: its arrival (monotonic s)."""
 
     at: float = -math.inf
     armed: bool = False
     custom_mode: int = 0
     #: MAV_STATE
     status: int = mavlink.MAV_STATE_UNINIT
-    #: its firmware: ArduCopter until it is known, and where it is none of ours
+    #: its firmware; ArduCopter if it is not known or not supported
     vehicle: Vehicle = COPTER
-    #: what it is, in words, where that is nothing that is flown here: the numbers of its modes are not known
+    #: the kind of vehicle in words, if it is not supported (its mode numbers are not known); else ""
     foreign: str = ""
 
     @property
@@ -83,13 +83,13 @@ class Heartbeat:
 
     @property
     def failsafe(self) -> bool:
-        """A failsafe acts, or worse."""
+        """A failsafe acts, or a graver state is reported."""
         return bool(self.status >= mavlink.MAV_STATE_CRITICAL)
 
 
 @dataclass(frozen=True, slots=True)
 class Landed:
-    """What EXTENDED_SYS_STATE says: MAV_LANDED_STATE and MAV_VTOL_STATE. `at`: when it came (monotonic s)."""
+    """The content of EXTENDED_SYS_STATE: MAV_LANDED_STATE and MAV_VTOL_STATE. `at`: its arrival (monotonic s)."""
 
     at: float = -math.inf
     state: int = mavlink.MAV_LANDED_STATE_UNDEFINED
@@ -98,7 +98,7 @@ class Landed:
 
 @dataclass(frozen=True, slots=True)
 class Fix:
-    """Whether the receiver had a fix, and whether it has one now. `at`: when it said so last (monotonic s)."""
+    """Whether the GNSS receiver had a fix, and whether it has one now. `at`: the last report (monotonic s)."""
 
     at: float = -math.inf
     had: bool = False
@@ -109,7 +109,7 @@ _UNSAID: Final[Said[Any | None]] = Said(None)
 
 
 class Telemetry:
-    """The autopilot's own words, each with its time. Units are MAVLink's where a whole message is kept."""
+    """The autopilot's own values, each with its time. A value that is a whole message keeps MAVLink's units."""
 
     def __init__(self) -> None:
         self.heartbeat = Heartbeat()
@@ -117,7 +117,7 @@ class Telemetry:
         #: GLOBAL_POSITION_INT
         self.own_position = _UNSAID
         self.fix = Fix()
-        #: the item that is flown to, and how far away it is
+        #: the item that the aircraft flies to, and the distance to it
         self.waypoint: Said[int] = Said(0)
         self.to_waypoint_m: Said[float] = Said(math.nan)
         #: ATTITUDE, SYS_STATUS and FENCE_STATUS
@@ -127,8 +127,8 @@ class Telemetry:
         #: STATUSTEXT
         self.text = ""
 
-    def take_heartbeat(self, m: Any, now: float, known: Vehicle | None) -> None:
-        """HEARTBEAT; `known`: the firmware that it is of, None: nothing that is flown here."""
+    def on_heartbeat(self, m: Any, now: float, known: Vehicle | None) -> None:
+        """A HEARTBEAT arrived. `known`: its firmware; None: the vehicle is not supported."""
         self.heartbeat = Heartbeat(
             now,
             bool(m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED),
@@ -147,38 +147,38 @@ class VehicleState:
         self.parameters = Parameters()
         #: the position that counts, as GLOBAL_POSITION_INT
         self.position = _UNSAID
-        #: when that came of the positions that was compared to the zones last (monotonic s)
+        #: arrival (monotonic s) of the last position that was compared to the zones
         self._compared_at = -math.inf
         #: whether the position that counts is the autopilot's own (`monitors/position/source.py`)
         self.trusts_own = True
-        #: whether a plane in AUTO flies its mission, or has been sent down
+        #: whether a plane in AUTO flies its mission, or a landing that was commanded
         self.ways_down = WaysDown()
-        #: it has been heard disarmed
+        #: a heartbeat has said that it is disarmed
         self._was_disarmed = False
         #: it was an ArduPlane when it was armed, or has flown on wings since
         self._winged = False
-        #: when it said last that it hovers as well as flies on wings
+        #: when it last reported a state of a QuadPlane
         self._hovers_too_at = -math.inf
-        #: what it was stopped in, where that is done by a mode of its own
+        #: what it flew when it was stopped, if stopping is a change of mode
         self.stopped_in: ModeClass | None = None
-        #: when it said last that it is outside its fence
+        #: when it last reported a breach of its fence
         self.breached_at = -math.inf
 
-    def take(self, m: Any, now: float) -> None:
-        """Take in a message of the autopilot."""
-        take = _TAKE.get(m.get_type())
-        if take is not None:
-            take(self, m, now)
+    def on_message(self, m: Any, now: float) -> None:
+        """A message of the autopilot arrived."""
+        handler = _HANDLERS.get(m.get_type())
+        if handler is not None:
+            handler(self, m, now)
 
-    def _take_heartbeat(self, m: Any, now: float) -> None:
+    def _on_heartbeat(self, m: Any, now: float) -> None:
         armed = bool(m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
         self._was_disarmed |= not armed
-        # in the air it becomes no other aircraft, whatever it calls itself by then
+        # the kind of aircraft cannot change in the air, whatever its heartbeat says
         self._winged = armed and (self._winged or self.vehicle is PLANE)
-        self.telemetry.take_heartbeat(m, now, vehicle_of(m.autopilot, m.type, winged=self._winged))
+        self.telemetry.on_heartbeat(m, now, vehicle_of(m.autopilot, m.type, winged=self._winged))
         self.ways_down.mode(self.vehicle, m.custom_mode, now)
 
-    def _take_position(self, m: Any, now: float) -> None:
+    def _on_position(self, m: Any, now: float) -> None:
         if m.lat == 0 and m.lon == 0:  # no position yet
             return
         self.telemetry.own_position = Said(m, now)
@@ -186,67 +186,67 @@ class VehicleState:
             self.placed(m, now)
 
     def placed(self, position: Any, now: float) -> None:
-        """It is here, by the word that counts: a GLOBAL_POSITION_INT, of the autopilot or made of another's word."""
+        """Set the position that counts: a GLOBAL_POSITION_INT of the autopilot, or one made from another source."""
         self.position = Said(position, now)
 
     def compared(self) -> None:
-        """The position that counts is being compared to the zones."""
+        """Note that the position that counts is compared to the zones."""
         self._compared_at = self.position.at
 
     @property
     def uncompared(self) -> bool:
-        """The position that counts is due to be compared to the zones."""
+        """Whether the position that counts must be compared to the zones."""
         return self.position.at - self._compared_at >= _COMPARE_S
 
     def trust_own(self, trusted: bool) -> None:
-        """Whether the autopilot's own positions are the ones that count from now on."""
+        """Set whether the autopilot's own positions count from now on."""
         self.trusts_own = trusted
 
     def stop_from(self, flown: ModeClass) -> None:
-        """It flies this, and is about to be stopped."""
+        """Remember what the aircraft flies before it is stopped."""
         self.stopped_in = flown
 
     def has_home(self, lat_deg: float, lon_deg: float, now: float) -> None:
-        """Its home, by HOME_POSITION or item 0 of its mission; 0, 0: it has none yet."""
+        """Set its home, from HOME_POSITION or item 0 of its mission; 0, 0: it has none yet."""
         if (lat_deg, lon_deg) != (0.0, 0.0):
             self.telemetry.home = Said((lat_deg, lon_deg), now)
 
-    def _take_attitude(self, m: Any, now: float) -> None:
+    def _on_attitude(self, m: Any, now: float) -> None:
         self.telemetry.attitude = Said(m, now)
 
-    def _take_sys_status(self, m: Any, now: float) -> None:
+    def _on_sys_status(self, m: Any, now: float) -> None:
         self.telemetry.sys_status = Said(m, now)
         if m.onboard_control_sensors_enabled & ~m.onboard_control_sensors_health & _GEOFENCE:
             self.breached_at = now
 
-    def _take_landed(self, m: Any, now: float) -> None:
+    def _on_landed(self, m: Any, now: float) -> None:
         self.telemetry.landed = Landed(now, m.landed_state, m.vtol_state)
         self._winged = self._winged or (self.armed and m.vtol_state in _ON_WINGS)
         if m.vtol_state != mavlink.MAV_VTOL_STATE_UNDEFINED:
             self._hovers_too_at = now
 
-    def _take_parameter(self, m: Any, now: float) -> None:
-        self.parameters.take(m, now)
+    def _on_parameter(self, m: Any, now: float) -> None:
+        self.parameters.on_value(m, now)
 
-    def _take_waypoint(self, m: Any, now: float) -> None:
+    def _on_waypoint(self, m: Any, now: float) -> None:
         self.telemetry.waypoint = Said(m.seq, now)
         self.ways_down.waypoint(m.seq, now)
 
-    def _take_distance(self, m: Any, now: float) -> None:
+    def _on_distance(self, m: Any, now: float) -> None:
         self.telemetry.to_waypoint_m = Said(float(m.wp_dist), now)
 
-    def _take_fence(self, m: Any, now: float) -> None:
+    def _on_fence(self, m: Any, now: float) -> None:
         self.telemetry.fence_status = Said(m, now)
         if m.breach_status:
             self.breached_at = now
 
-    def _take_home(self, m: Any, now: float) -> None:
+    def _on_home(self, m: Any, now: float) -> None:
         self.has_home(m.latitude / 1e7, m.longitude / 1e7, now)
 
-    def _take_text(self, m: Any, _now: float) -> None:
+    def _on_text(self, m: Any, _now: float) -> None:
         self.telemetry.text = m.text
 
-    def _take_fix(self, m: Any, now: float) -> None:
+    def _on_fix(self, m: Any, now: float) -> None:
         has = m.fix_type >= mavlink.GPS_FIX_TYPE_3D_FIX
         self.telemetry.fix = Fix(now, self.telemetry.fix.had or has, has)
 
@@ -254,7 +254,7 @@ class VehicleState:
 
     @property
     def armed(self) -> bool:
-        """By its last heartbeat."""
+        """Whether it is armed, by its last heartbeat."""
         return self.telemetry.heartbeat.armed
 
     @property
@@ -264,31 +264,31 @@ class VehicleState:
 
     @property
     def vehicle(self) -> Vehicle:
-        """Its firmware, ArduCopter until it is known, and where it is none of ours."""
+        """Its firmware; ArduCopter if it is not known or not supported."""
         return self.telemetry.heartbeat.vehicle
 
     @property
     def foreign(self) -> str:
-        """What it is, in words, where that is nothing that is flown here; "" else."""
+        """The kind of vehicle in words, if it is not supported; else ""."""
         return self.telemetry.heartbeat.foreign
 
     @property
     def waypoint(self) -> int:
-        """The item of the mission that is flown to; 0 before it is known."""
+        """The mission item that it flies to; 0 before it is known."""
         return self.telemetry.waypoint.value
 
     # ---- what it is -----------------------------------------------------------------------------------------------
 
     @property
     def kind(self) -> Kind:
-        """What kind of aircraft it is; a copter where it is nothing that is flown here."""
+        """The kind of aircraft; a copter if the vehicle is not supported."""
         if self.vehicle is not PLANE:
             return Kind.COPTER
         return Kind.QUADPLANE if self._has_rotors else Kind.PLANE
 
     @property
     def _has_rotors(self) -> bool:
-        """It hovers too: by its own words or by its parameter, the later one."""
+        """Whether it is a QuadPlane: by its reports or by its parameter, whichever came later."""
         parameter = self.parameters.get(_HAS_ROTORS)
         if parameter is None or parameter.at < self._hovers_too_at:
             return self._hovers_too_at > -math.inf
@@ -301,14 +301,14 @@ class VehicleState:
 
     @property
     def flown(self) -> ModeClass | None:
-        """What it flies; None: nobody knows what its modes are."""
+        """What it flies; None: its modes are not known."""
         if self.foreign:
             return None
         return self.ways_down.flown or self.vehicle.flown(self.custom_mode)
 
     @property
     def judged_by(self) -> Modes:
-        """What the gate judges the numbers of its modes by."""
+        """The table of modes that the gate judges its mode numbers by."""
         return UNKNOWN if self.foreign else self.vehicle.judged_by
 
     @property
@@ -318,36 +318,36 @@ class VehicleState:
 
     @property
     def flies_mission(self) -> bool:
-        """It flies its mission, and is not on a way down that it was sent on."""
+        """Whether it flies its mission, and not a landing that was commanded."""
         return self.in_auto and self.ways_down.flown is None
 
     @property
     def to_place(self) -> bool:
-        """It flies to the place that its rally list held when it began to."""
+        """Whether it flies to the return site that its rally list held when the return began."""
         return self.custom_mode in self.vehicle.to_place
 
     @property
     def hovers(self) -> bool:
-        """It has wings, and is carried by its rotors, or about to be."""
+        """Whether it has wings and hovers, or is about to hover."""
         return self.kind.winged and self.telemetry.landed.vtol_state in _HOVERS
 
     @property
     def loiter_radius_m(self) -> float | None:
-        """The radius of the circle that wings fly where nothing else is asked for (m); None: it is not known. Up to 1
-        it is the firmware's own (`Plane::update_loiter`)."""
+        """The default radius (m) of the circles of an aircraft with wings; None: not known. Up to 1 m the firmware uses
+        its own radius (`Plane::update_loiter`)."""
         radius_m = self._radius_m(_RADIUS)
         return radius_m if radius_m is None or radius_m > 1.0 else _CIRCLE_M
 
     @property
     def return_circle_m(self) -> float:
-        """How far from the place of a return it stays while it circles there (m); 0 where it does not."""
+        """The radius (m) of its circle at the return site; 0 if it does not circle there."""
         if not self.kind.winged or self.hovers:
             return 0.0
         return self._radius_m(_RETURN_RADIUS) or self.loiter_radius_m or _CIRCLE_M
 
     @property
     def circles_s(self) -> float:
-        """So long before a border (s) it has to be told to circle, to stay inside; 0 where it can stand still."""
+        """The time (s) before a border when it must be commanded to circle; 0 if it can stand still."""
         if not self.kind.winged or self.hovers:
             return 0.0
         radius_m = self.loiter_radius_m or _CIRCLE_M
@@ -355,14 +355,14 @@ class VehicleState:
 
     @property
     def circle_m(self) -> float:
-        """Its circle crosses a border that is nearer than this (m); 0 where it can stand still."""
+        """Its circle crosses a border that is nearer than this (m); 0 if it can stand still."""
         if not self.kind.winged or self.hovers:
             return 0.0
         return _ROOM * (self.loiter_radius_m or _CIRCLE_M)
 
     @property
     def dead_reckoning(self) -> bool:
-        """The receiver had a fix and has it no more: positions come on, and are the estimator's guess."""
+        """Whether the receiver has lost its fix: positions still come, but they are estimates."""
         fix = self.telemetry.fix
         return fix.had and not fix.has
 
@@ -373,17 +373,17 @@ class VehicleState:
 
     @property
     def comes_down(self) -> bool:
-        """It says that it is landing, in whatever mode."""
+        """Whether it reports that it is landing, in any mode."""
         return bool(self.telemetry.landed.state == mavlink.MAV_LANDED_STATE_LANDING)
 
     @property
     def lands(self) -> bool:
-        """The same, or its mode lands."""
+        """Whether it reports that it is landing, or its mode lands."""
         return self.comes_down or self.flown is ModeClass.LAND
 
     @property
     def always_armed(self) -> bool:
-        """With wings, on the ground, and never heard disarmed: where ARMING_REQUIRE is 0 it never is."""
+        """Whether it has wings, is on the ground and was never reported disarmed, as with ARMING_REQUIRE 0."""
         return self.kind.winged and self.telemetry.landed.state == _ON_GROUND and not self._was_disarmed
 
     @property
@@ -397,7 +397,7 @@ class VehicleState:
 
     @property
     def own_speed_mps(self) -> float:
-        """Ground speed by the autopilot's own word."""
+        """Ground speed by the autopilot's own position."""
         position = self.telemetry.own_position.value
         return 0.0 if position is None else math.hypot(*_over_ground(position))
 
@@ -409,18 +409,18 @@ class VehicleState:
 
     @property
     def home_alt_m(self) -> float | None:
-        """Its home above the sea (m), as its own positions have it; None before they are known."""
+        """Its home above the sea (m), by its own positions; None before they are known."""
         position = self.telemetry.own_position.value
         return None if position is None else (position.alt - position.relative_alt) / 1000.0
 
     @property
     def _battery(self) -> tuple[int, int]:
-        """Voltage (mV) and charge (%), in MAVLink's words for unknown where they are not known."""
+        """Voltage (mV) and charge (%), as MAVLink's value for unknown if they are not known."""
         status = self.telemetry.sys_status.value
         return (0xFFFF, -1) if status is None else (status.voltage_battery, status.battery_remaining)
 
     def state(self) -> AircraftState:
-        """What HANDOVER_REQUEST tells."""
+        """The state for HANDOVER_REQUEST."""
         position = self.position.value
         if position is None:
             return AircraftState(waypoint=self.waypoint, custom_mode=self.custom_mode)
@@ -476,17 +476,17 @@ def _words(enum: str, value: int) -> str:
     return str(value) if entry is None else entry.name.removeprefix(f"{enum}_").lower().replace("_", " ")
 
 
-_TAKE: Final[dict[str, Callable[[VehicleState, Any, float], None]]] = {
-    "HEARTBEAT": VehicleState._take_heartbeat,
-    "GLOBAL_POSITION_INT": VehicleState._take_position,
-    "ATTITUDE": VehicleState._take_attitude,
-    "SYS_STATUS": VehicleState._take_sys_status,
-    "EXTENDED_SYS_STATE": VehicleState._take_landed,
-    "MISSION_CURRENT": VehicleState._take_waypoint,
-    "NAV_CONTROLLER_OUTPUT": VehicleState._take_distance,
-    "STATUSTEXT": VehicleState._take_text,
-    "FENCE_STATUS": VehicleState._take_fence,
-    "HOME_POSITION": VehicleState._take_home,
-    "GPS_RAW_INT": VehicleState._take_fix,
-    "PARAM_VALUE": VehicleState._take_parameter,
+_HANDLERS: Final[dict[str, Callable[[VehicleState, Any, float], None]]] = {
+    "HEARTBEAT": VehicleState._on_heartbeat,
+    "GLOBAL_POSITION_INT": VehicleState._on_position,
+    "ATTITUDE": VehicleState._on_attitude,
+    "SYS_STATUS": VehicleState._on_sys_status,
+    "EXTENDED_SYS_STATE": VehicleState._on_landed,
+    "MISSION_CURRENT": VehicleState._on_waypoint,
+    "NAV_CONTROLLER_OUTPUT": VehicleState._on_distance,
+    "STATUSTEXT": VehicleState._on_text,
+    "FENCE_STATUS": VehicleState._on_fence,
+    "HOME_POSITION": VehicleState._on_home,
+    "GPS_RAW_INT": VehicleState._on_fix,
+    "PARAM_VALUE": VehicleState._on_parameter,
 }

@@ -55,7 +55,7 @@ class Pilot:
         self._aircraft = VehicleState()
         self._now = 1000.0
         armed = mavlink.MAV_MODE_FLAG_SAFETY_ARMED
-        self._aircraft.take(mavlink.MAVLink_heartbeat_message(2, 3, armed, 3, 4, 3), self._now)
+        self._aircraft.on_message(mavlink.MAVLink_heartbeat_message(2, 3, armed, 3, 4, 3), self._now)
         self._attitude = mavlink.MAVLink_attitude_message(0, 0.0, -0.4, 1.0, 0.0, 0.0, 0.0)
         self._wind = mavlink.MAVLink_wind_message(100.0, 3.0, 0.0)
         self._batteries = [self._battery(number) for number in range(100)]
@@ -74,11 +74,11 @@ class Pilot:
         position = mavlink.MAVLink_global_position_int_message(
             0, 526_800_000, round(place * 1e7), 45_000, 30_000, 10, 700 + number % 7, 0, 9_000
         )
-        self._aircraft.take(position, self._now)
+        self._aircraft.on_message(position, self._now)
         for _ in range(4):
-            self._aircraft.take(self._attitude, self._now)
-        self.monitor.take(self._wind, self._now, False)
-        self.monitor.take(self._batteries[number], self._now, False)
+            self._aircraft.on_message(self._attitude, self._now)
+        self.monitor.on_message(self._wind, self._now, False)
+        self.monitor.on_message(self._batteries[number], self._now, False)
         self.monitor.update(self._aircraft, self._now, grounded=False)
 
     def ways_back(self, _place: float) -> None:

@@ -176,7 +176,7 @@ class _Flight:
         """The companion says something to the autopilot."""
         autopilot = self._autopilot
         for answer in self._stand_in.answers(frame):
-            self._at(self._now + _ANSWER_S, partial(autopilot.messages.take, answer))
+            self._at(self._now + _ANSWER_S, partial(autopilot.messages.on_message, answer))
 
     def _fault(self, where: str, text: str) -> None:
         self.replay.faults.append(f"{where}: {text}")
@@ -379,7 +379,7 @@ class _Flight:
             self._begin_by_log(message, was_armed, now)
         self._stand_in.sees(message)
         if message.get_type() not in ANSWERS:
-            autopilot.messages.take(message, now)
+            autopilot.messages.on_message(message, now)
         if autopilot.aircraft.uncompared:
             autopilot.zones.update(now)
 

@@ -39,7 +39,7 @@ class Cockpit:
         def told(written: list[bytes], now: float) -> list[Any]:
             said = step(written, now)
             for message in said:
-                self.aircraft.take(message, now)
+                self.aircraft.on_message(message, now)
             return said
 
         self.autopilot.step = told  # type: ignore[method-assign]

@@ -74,7 +74,7 @@ class Pair:
             for _, msgid, payload in messages[self._told :]:
                 kind, _, _, length = struct.unpack_from("<HBBB", payload)
                 if msgid == dialect.MAVLINK_MSG_ID_TUNNEL and kind == STATUS_TYPE and self.dice.random() >= self.loss:
-                    self.link.take(payload[5 : 5 + length], self.now_s)
+                    self.link.on_status(payload[5 : 5 + length], self.now_s)
             self._told = len(messages)
             if self.link.asks:
                 self.send()

@@ -110,7 +110,7 @@ def test_a_pilot_at_a_live_radio_is_not_fought(flown: Bench) -> None:
 def test_without_a_live_radio_nobody_is_a_pilot(flown: Bench, healthy: int) -> None:
     say_health(flown, enabled=RADIO, healthy=healthy)
     told = mavlink.MAVLink_param_value_message(b"FS_THR_ENABLE", float(healthy == 0), 2, 900, 65535)
-    flown.companion.autopilot.aircraft.take(told, flown.clock.now)
+    flown.companion.autopilot.aircraft.on_message(told, flown.clock.now)
     flown.run(2.0)
     flown.autopilot.position = OUTSIDE
     flown.until(lambda: flown.autopilot.mode == RTL)

@@ -57,7 +57,7 @@ HEALTHY: dict[str, Callable[[Bench, pytest.MonkeyPatch], None]] = {
     "asking what MAVProxy waits for": lambda b, patch: patch.setattr("mavproxy_handover.module.waited_for", broken),
     "measuring links": lambda b, patch: patch.setattr(b.companion.ports[252], "tick", broken),
     "the side doors": lambda b, patch: patch.setattr(b.module, "_close_side_doors", broken),
-    "the state of the aircraft": lambda b, patch: patch.setattr(b.companion.autopilot.aircraft, "take", broken),
+    "the state of the aircraft": lambda b, patch: patch.setattr(b.companion.autopilot.aircraft, "on_message", broken),
     "the downlink": lambda b, patch: patch.setattr(b.companion.gate, "down", broken),
     "the telemetry": lambda b, patch: patch.setattr(b.companion.autopilot.aircraft, "record", broken),
     "the zone finder": lambda b, patch: patch.setattr(b.companion.autopilot.zones, "facts", broken),
@@ -114,7 +114,7 @@ IN_FLIGHT: dict[str, tuple[Callable[[Bench, pytest.MonkeyPatch], None], str]] = 
         "fence condition",
     ),
     "what the autopilot says to the places": (
-        lambda b, patch: patch.setattr(b.companion.autopilot.return_site, "take", broken),
+        lambda b, patch: patch.setattr(b.companion.autopilot.return_site, "on_message", broken),
         "return sites",
     ),
 }

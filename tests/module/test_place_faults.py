@@ -63,7 +63,7 @@ PLANTS: dict[str, Callable[[pytest.MonkeyPatch], None]] = {
     "the map": lambda patch: patch.setattr(PlaceFinder, "look", broken),
     "the way back": lambda patch: patch.setattr(views, "way_back", broken),
     "what is asked": lambda patch: patch.setattr(ReturnQuestions, "ask", broken),
-    "a look": lambda patch: patch.setattr(ReturnSite, "_look", broken),
+    "a look": lambda patch: patch.setattr(ReturnSite, "_judge_candidates", broken),
     "the choice": lambda patch: patch.setattr(ReturnSiteChooser, "choose", broken),
 }
 
@@ -97,13 +97,13 @@ def test_what_is_asked_and_what_is_looked_at_do_not_stop_each_other(
 
 
 def test_a_place_that_cannot_be_looked_at_leaves_the_others(flying: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    see = Views._see
+    see = Views._evaluate
 
     def odd(self: Any, place: Any, *way: Any) -> Any:
         return broken() if place.name == "rally 1" else see(self, place, *way)
 
     with monkeypatch.context() as patch:
-        patch.setattr(Views, "_see", odd)
+        patch.setattr(Views, "_evaluate", odd)
         flying.autopilot.position = AWAY
         flying.run(3.0)
         facts = {name: seen.fact for name, seen in watch(flying).views.seen.items()}

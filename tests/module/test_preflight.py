@@ -519,11 +519,11 @@ def test_how_many_batteries_fly_it_is_the_missions_to_say_and_else_the_vehicles(
         preflight.planned(FLAT)  # a mission sent in flight says nothing of batteries
     for tick in range(300):
         now = 0.05 * tick
-        aircraft.take(mavlink.MAVLink_heartbeat_message(2, 3, 0, 0, 3, 3), now)
+        aircraft.on_message(mavlink.MAVLink_heartbeat_message(2, 3, 0, 0, 3, 3), now)
         preflight.each_second(True, GuardState.LIVE, (4, 7), now)
         waiting, written[:] = list(written), []
         for message in autopilot.step(waiting, now):
-            aircraft.take(message, now)
+            aircraft.on_message(message, now)
             talks.on_message(message, now)
         talks.tick(now)
     assert said == [text]

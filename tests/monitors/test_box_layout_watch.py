@@ -74,7 +74,7 @@ def watched(
 ) -> LayoutWatch:
     watch = LayoutWatch(configured)
     for record in records:
-        watch.look(sent.pack(record), autopilots(record) if own else None, armed=armed)
+        watch.judge(sent.pack(record), autopilots(record) if own else None, armed=armed)
     return watch
 
 
@@ -175,10 +175,10 @@ def test_what_was_recognised_stays_so_until_another_one_fits() -> None:
     watch = watched(FULL, FULL, [*[truth(90.0)] * 20, *[truth(0.0)] * 40], own=False)
     assert (watch.verdict, watch.known, watch.words) == (Verdict.UNDECIDED, True, "")
     for _ in range(20):
-        watch.look(THESIS.pack(truth(90.0)), autopilots(truth(90.0)), armed=True)
+        watch.judge(THESIS.pack(truth(90.0)), autopilots(truth(90.0)), armed=True)
     assert (watch.verdict, watch.known, watch.likely) == (Verdict.OTHER, False, THESIS)
     for _ in range(20):
-        watch.look(FULL.pack(truth(90.0)), autopilots(truth(90.0)), armed=True)
+        watch.judge(FULL.pack(truth(90.0)), autopilots(truth(90.0)), armed=True)
     assert (watch.verdict, watch.known, watch.likely) == (Verdict.RECOGNISED, True, None)
 
 
@@ -187,7 +187,7 @@ def test_a_few_bad_records_among_good_ones_change_nothing(configured: BoxLayout,
     records = [truth(90.0)] * 20
     watch = watched(configured, configured, records)
     for raw in (other.pack(records[0]), b"\xff" * 56, b"\x5a" * 56):
-        watch.look(raw, autopilots(records[0]), armed=False)
+        watch.judge(raw, autopilots(records[0]), armed=False)
         assert watch.known
         assert watch.likely is None
 
@@ -197,7 +197,7 @@ def test_another_layout_is_told_after_ten_records_in_flight() -> None:
     flies = truth(200.0, 10.0, agl_m=40.0)
     watch = watched(THESIS, THESIS, [flies] * 100, armed=True)
     for _ in range(10):
-        watch.look(FULL.pack(flies), autopilots(flies), armed=True)
+        watch.judge(FULL.pack(flies), autopilots(flies), armed=True)
     assert watch.likely is FULL
     assert 1 <= watch.counted <= 4
 
@@ -207,7 +207,7 @@ def test_a_box_that_drifts_is_no_other_layout() -> None:
     flies, says = truth(90.0, 5.0, agl_m=30.0), truth(90.0, 9.0, agl_m=30.0)
     watch = LayoutWatch(THESIS)
     for _ in range(40):
-        watch.look(THESIS.pack(says), autopilots(flies), armed=True)
+        watch.judge(THESIS.pack(says), autopilots(flies), armed=True)
         assert watch.verdict is not Verdict.OTHER
     assert watch.known
 
@@ -216,7 +216,7 @@ def test_a_compass_that_is_wrong_is_no_other_layout() -> None:
     says = replace(truth(90.0), heading_deg=270.0)
     watch = LayoutWatch(THESIS)
     for _ in range(20):
-        watch.look(THESIS.pack(says), autopilots(truth(90.0)), armed=False)
+        watch.judge(THESIS.pack(says), autopilots(truth(90.0)), armed=False)
     assert watch.known
 
 
@@ -272,6 +272,6 @@ def test_any_bytes_are_judged_and_never_raise(records: list[bytes], own: bool) -
     for layout in (THESIS, FULL):
         watch = LayoutWatch(layout)
         for raw in records:
-            watch.look(raw, autopilots(truth()) if own else None, armed=True)
+            watch.judge(raw, autopilots(truth()) if own else None, armed=True)
         assert isinstance(watch.words, str)
         assert (watch.verdict is Verdict.OTHER) == (watch.likely is not None)

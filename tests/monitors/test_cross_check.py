@@ -23,7 +23,7 @@ def looked(check: CrossCheck, difference: Difference, begin: float, end: float) 
     """Whether they disagree after each look, ten times a second."""
     found = []
     for step in range(round((end - begin) * 10) + 1):
-        check.look(difference, begin + step / 10)
+        check.compare(difference, begin + step / 10)
         found.append(check.apart)
     return found
 
@@ -44,12 +44,12 @@ def test_across_the_180th_meridian_they_are_as_near_as_anywhere() -> None:
 @pytest.mark.parametrize("beyond", BEYOND)
 def test_a_pair_beyond_one_limit_is_not_used_at_once(beyond: Difference) -> None:
     check = CrossCheck(SETTINGS)
-    check.look(NONE, 0.0)
+    check.compare(NONE, 0.0)
     assert check.sound
-    check.look(beyond, 0.1)
+    check.compare(beyond, 0.1)
     assert not check.sound
     assert not check.apart
-    check.look(NONE, 0.2)
+    check.compare(NONE, 0.2)
     assert check.sound, "one pair is no disagreement"
 
 
@@ -63,7 +63,7 @@ def test_pairs_that_stay_beyond_are_a_disagreement_after_their_time(beyond: Diff
 def test_what_is_beyond_now_and_then_is_not_used_and_no_disagreement() -> None:
     check = CrossCheck(SETTINGS)
     for second in range(120):
-        check.look(BEYOND[0], second)
+        check.compare(BEYOND[0], second)
         assert not check.sound
         assert True not in looked(check, NONE, second + 0.1, second + 0.9)
         assert check.sound
@@ -79,11 +79,11 @@ def test_one_that_tells_the_truth_now_and_then_is_found_out(lies: int, truths: i
     while not check.apart:
         assert now < after_s
         for pair in pairs:
-            check.look(pair, now)
+            check.compare(pair, now)
             now += 0.1
     for _ in range(20):
         for pair in pairs:
-            check.look(pair, now)
+            check.compare(pair, now)
             assert not check.sound, "no record of it is used any more"
             now += 0.1
 
@@ -91,7 +91,7 @@ def test_one_that_tells_the_truth_now_and_then_is_found_out(lies: int, truths: i
 def test_a_silence_between_two_pairs_counts_for_nothing() -> None:
     check = CrossCheck(SETTINGS)
     for minute in range(3):
-        check.look(BEYOND[0], 60.0 * minute)
+        check.compare(BEYOND[0], 60.0 * minute)
         assert not check.apart
 
 
@@ -115,18 +115,18 @@ def test_between_the_limit_and_two_thirds_of_it_nothing_changes() -> None:
 
 def test_a_pair_that_cannot_be_measured_is_beyond() -> None:
     check = CrossCheck(SETTINGS)
-    check.look(Difference(float("nan"), 0.0, 0.0), 0.0)
+    check.compare(Difference(float("nan"), 0.0, 0.0), 0.0)
     assert not check.sound
 
 
 def test_the_worst_measure_is_told() -> None:
     check = CrossCheck(SETTINGS)
     assert check.words == ""
-    check.look(Difference(30.0, 90.0, 1.0), 0.0)
+    check.compare(Difference(30.0, 90.0, 1.0), 0.0)
     assert check.words == "90 m apart in height (limit 30 m)"
-    check.look(Difference(80.0, 3.0, 1.0), 0.1)
+    check.compare(Difference(80.0, 3.0, 1.0), 0.1)
     assert check.words == "80 m apart (limit 25 m)"
-    check.look(Difference(1.0, 3.0, 14.0), 0.2)
+    check.compare(Difference(1.0, 3.0, 14.0), 0.2)
     assert check.words == "14.0 m/s apart in speed (limit 8 m/s)"
 
 
@@ -134,5 +134,5 @@ def test_the_worst_measure_is_told() -> None:
 def test_whatever_comes_no_pair_beyond_a_limit_is_used(distances: list[float]) -> None:
     check = CrossCheck(SETTINGS)
     for step, distance in enumerate(distances):
-        check.look(Difference(distance, 0.0, 0.0), step * 0.3)
+        check.compare(Difference(distance, 0.0, 0.0), step * 0.3)
         assert not (check.sound and distance > 25.0)

@@ -35,22 +35,22 @@ class Cockpit:
     def __init__(self, limits: Limits | None = None) -> None:
         self.aircraft = VehicleState()
         self.watch = GapMonitor(limits or Limits())
-        self.watch.adopt((RIDGE_GAP,))
+        self.watch.set_gaps((RIDGE_GAP,))
         self.say(AUTO)
         self.fly_to(2)
 
     def say(self, mode: int, *, armed: bool = True, kind: int = mavlink.MAV_TYPE_QUADROTOR) -> None:
         base = 128 if armed else 0
-        self.aircraft.take(mavlink.MAVLink_heartbeat_message(kind, 3, base, mode, 4, 3), 1.0)
+        self.aircraft.on_message(mavlink.MAVLink_heartbeat_message(kind, 3, base, mode, 4, 3), 1.0)
 
     def fly_to(self, waypoint: int) -> None:
-        self.aircraft.take(mavlink.MAVLink_mission_current_message(waypoint), 1.0)
+        self.aircraft.on_message(mavlink.MAVLink_mission_current_message(waypoint), 1.0)
 
     def at(self, east_m: float, beside_m: float = 0.0, speed_mps: float = 10.0) -> GapFact | None:
         """At so many metres behind the border."""
         lat, lon = LAT + beside_m / 111281.3, BEGINS + east_m * METRE
         values = round(lat * 1e7), round(lon * 1e7), 30000, 30000, 0, round(speed_mps * 100), 0, 0
-        self.aircraft.take(mavlink.MAVLink_global_position_int_message(1, *values), 1.0)
+        self.aircraft.on_message(mavlink.MAVLink_global_position_int_message(1, *values), 1.0)
         return self.watch.fact(self.aircraft)
 
 
@@ -114,7 +114,7 @@ def test_only_on_the_way_to_the_item_that_the_plan_flies_to_there(cockpit: Cockp
 def test_without_a_position_or_a_mission_there_is_none(cockpit: Cockpit) -> None:
     assert cockpit.watch.fact(cockpit.aircraft) is None
     assert cockpit.at(100.0) == IN_IT
-    cockpit.watch.adopt(())
+    cockpit.watch.set_gaps(())
     assert cockpit.at(100.0) is None
 
 
@@ -167,8 +167,8 @@ def test_the_arbiter_is_told_when_it_changes(cockpit: Cockpit) -> None:
     state.parameters.reading_ended(1.0)
     assert watch.update(state, 2.0) == [GapsJudged("the guard has no HNDO_ALONE_MAX: it knows no gaps")]
     assert watch.update(state, 3.0) == []
-    state.take(mavlink.MAVLink_param_value_message(b"HNDO_ALONE_MAX", 60.0, 9, 900, 65535), 4.0)
+    state.on_message(mavlink.MAVLink_param_value_message(b"HNDO_ALONE_MAX", 60.0, 9, 900, 65535), 4.0)
     assert watch.update(state, 4.0) == [GapsJudged("")]
     assert watch.update(state, 5.0) == []
-    cockpit.watch.adopt(())
+    cockpit.watch.set_gaps(())
     assert cockpit.watch.longest_s == 0.0

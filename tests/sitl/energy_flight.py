@@ -83,9 +83,9 @@ class Flight:
     def _take(self, message: Any) -> None:
         kind = message.get_type()
         self.now = max(self.now, getattr(message, "time_boot_ms", 0) / 1000.0)
-        self.aircraft.take(message, self.now)
+        self.aircraft.on_message(message, self.now)
         if kind in ("WIND", "BATTERY_STATUS"):
-            self.monitor.take(message, self.now, not self.aircraft.armed)
+            self.monitor.on_message(message, self.now, not self.aircraft.armed)
         if kind == "BATTERY_STATUS":
             self.used_wh = message.energy_consumed / 36.0
         elif kind == "MISSION_ITEM_REACHED":

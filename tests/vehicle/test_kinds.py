@@ -97,11 +97,11 @@ def test_the_modes_by_role_do_what_their_role_says(vehicle: Vehicle) -> None:
 def told(kind: int, vtol_state: int = 0, **parameters: float) -> VehicleState:
     """An aircraft that has said this of itself, in flight at 20 m/s."""
     aircraft = VehicleState()
-    aircraft.take(mavlink.MAVLink_heartbeat_message(kind, 3, 128, 10, 4, 3), 1.0)
-    aircraft.take(mavlink.MAVLink_extended_sys_state_message(vtol_state, 2), 1.0)
-    aircraft.take(mavlink.MAVLink_global_position_int_message(0, 526790000, 59240000, 0, 0, 2000, 0, 0, 0), 1.0)
+    aircraft.on_message(mavlink.MAVLink_heartbeat_message(kind, 3, 128, 10, 4, 3), 1.0)
+    aircraft.on_message(mavlink.MAVLink_extended_sys_state_message(vtol_state, 2), 1.0)
+    aircraft.on_message(mavlink.MAVLink_global_position_int_message(0, 526790000, 59240000, 0, 0, 2000, 0, 0, 0), 1.0)
     for name, value in parameters.items():
-        aircraft.take(mavlink.MAVLink_param_value_message(name.encode(), value, 9, 900, 0), 1.0)
+        aircraft.on_message(mavlink.MAVLink_param_value_message(name.encode(), value, 9, 900, 0), 1.0)
     return aircraft
 
 
@@ -110,7 +110,7 @@ def twice(kind: int, vtol_state: int) -> VehicleState:
     when it flies on its wings. The fault: a return was ordered by a copter's number, FBWB."""
     aircraft = told(kind, vtol_state)
     for at in (2.0, 3.0):
-        aircraft.take(mavlink.MAVLink_heartbeat_message(kind, 3, 128, 11, 4, 3), at)
+        aircraft.on_message(mavlink.MAVLink_heartbeat_message(kind, 3, 128, 11, 4, 3), at)
     assert (aircraft.foreign, aircraft.flown) == ("", ModeClass.RETURN)
     return aircraft
 
@@ -118,7 +118,7 @@ def twice(kind: int, vtol_state: int) -> VehicleState:
 def called_otherwise() -> VehicleState:
     """It hovers, and Q_MAV_TYPE is set in the air."""
     aircraft = told(mavlink.MAV_TYPE_FIXED_WING, 3)
-    aircraft.take(mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_QUADROTOR, 3, 128, 11, 4, 3), 2.0)
+    aircraft.on_message(mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_QUADROTOR, 3, 128, 11, 4, 3), 2.0)
     assert (aircraft.foreign, aircraft.flown) == ("", ModeClass.RETURN)
     return aircraft
 
@@ -181,7 +181,7 @@ def test_what_flies_on_wings_needs_room_for_a_circle(aircraft: VehicleState, cir
 
 def test_what_stands_on_its_wheels_does_not_need_for_ever_to_circle() -> None:
     aircraft = VehicleState()
-    aircraft.take(mavlink.MAVLink_heartbeat_message(1, 3, 0, 0, 4, 3), 1.0)
+    aircraft.on_message(mavlink.MAVLink_heartbeat_message(1, 3, 0, 0, 4, 3), 1.0)
     assert aircraft.circles_s == pytest.approx(20.0)
 
 

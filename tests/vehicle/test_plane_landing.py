@@ -32,12 +32,12 @@ class Cockpit:
 
     def mode(self, mode: int, kind: int = 1) -> ModeClass | None:
         self.now += 0.1
-        self.aircraft.take(mavlink.MAVLink_heartbeat_message(kind, 3, 128, mode, 4, 3), self.now)
+        self.aircraft.on_message(mavlink.MAVLink_heartbeat_message(kind, 3, 128, mode, 4, 3), self.now)
         return self.aircraft.flown
 
     def item(self, seq: int) -> ModeClass | None:
         self.now += 0.1
-        self.aircraft.take(mavlink.MAVLink_mission_current_message(seq), self.now)
+        self.aircraft.on_message(mavlink.MAVLink_mission_current_message(seq), self.now)
         return self.aircraft.flown
 
 

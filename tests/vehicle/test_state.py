@@ -33,7 +33,7 @@ def aircraft() -> VehicleState:
     ("north", "east", "course"), [(500, 0, 0.0), (0, 500, 90.0), (-500, 0, 180.0), (0, -500, 270.0), (300, 300, 45.0)]
 )
 def test_the_track_is_the_course_over_ground(aircraft: VehicleState, north: int, east: int, course: float) -> None:
-    aircraft.take(position(north, east), 1.0)
+    aircraft.on_message(position(north, east), 1.0)
     assert aircraft.track[0] == pytest.approx(course)
     assert aircraft.track[1] == pytest.approx(math.hypot(north, east) / 100)
 
@@ -56,18 +56,18 @@ def test_before_a_position_there_is_no_track(aircraft: VehicleState) -> None:
 def test_armed_and_not_known_to_be_on_the_ground_is_flying(
     aircraft: VehicleState, base_mode: int, landed: int, flying: bool
 ) -> None:
-    aircraft.take(mavlink.MAVLink_heartbeat_message(2, 3, base_mode, 4, 4, 3), 1.0)
-    aircraft.take(mavlink.MAVLink_extended_sys_state_message(0, landed), 1.0)
+    aircraft.on_message(mavlink.MAVLink_heartbeat_message(2, 3, base_mode, 4, 4, 3), 1.0)
+    aircraft.on_message(mavlink.MAVLink_extended_sys_state_message(0, landed), 1.0)
     assert aircraft.flying is flying
 
 
 def test_telemetry_has_the_fields_of_the_thesis_in_the_units_of_the_dialect(aircraft: VehicleState) -> None:
-    aircraft.take(mavlink.MAVLink_heartbeat_message(2, 3, 128, 3, 4, 3), 1.0)
-    aircraft.take(position(300, 400, -50, 12345), 1.0)
-    aircraft.take(mavlink.MAVLink_attitude_message(0, 0, 0, 0, 0.25, -0.5, 0.75), 1.0)
-    aircraft.take(mavlink.MAVLink_sys_status_message(0, 0, 0, 0, 11800, 0, 76, 0, 0, 0, 0, 0, 0), 1.0)
-    aircraft.take(mavlink.MAVLink_mission_current_message(8), 1.0)
-    aircraft.take(mavlink.MAVLink_nav_controller_output_message(0, 0, 0, 0, 120, 0, 0, 0), 1.0)
+    aircraft.on_message(mavlink.MAVLink_heartbeat_message(2, 3, 128, 3, 4, 3), 1.0)
+    aircraft.on_message(position(300, 400, -50, 12345), 1.0)
+    aircraft.on_message(mavlink.MAVLink_attitude_message(0, 0, 0, 0, 0.25, -0.5, 0.75), 1.0)
+    aircraft.on_message(mavlink.MAVLink_sys_status_message(0, 0, 0, 0, 11800, 0, 76, 0, 0, 0, 0, 0, 0), 1.0)
+    aircraft.on_message(mavlink.MAVLink_mission_current_message(8), 1.0)
+    aircraft.on_message(mavlink.MAVLink_nav_controller_output_message(0, 0, 0, 0, 120, 0, 0, 0), 1.0)
     m = aircraft.record((251, 190), 1_700_000_000_000_000, (252, 251))
     assert (m.target_system, m.target_component, m.time_usec, m.time_boot_ms) == (
         251,
@@ -94,9 +94,9 @@ def test_what_is_not_known_is_said_as_mavlink_says_unknown(aircraft: VehicleStat
 
 
 def test_the_state_in_a_request_is_that_of_the_last_position(aircraft: VehicleState) -> None:
-    aircraft.take(mavlink.MAVLink_heartbeat_message(2, 3, 128, 3, 4, 3), 1.0)
-    aircraft.take(position(300, 400, 0, 12345), 1.0)
-    aircraft.take(mavlink.MAVLink_mission_current_message(8), 1.0)
+    aircraft.on_message(mavlink.MAVLink_heartbeat_message(2, 3, 128, 3, 4, 3), 1.0)
+    aircraft.on_message(position(300, 400, 0, 12345), 1.0)
+    aircraft.on_message(mavlink.MAVLink_mission_current_message(8), 1.0)
     assert aircraft.state() == AircraftState(526790000, 59240000, 30000, 12345, 5.0, -1, 8, 3)
 
 
@@ -170,17 +170,17 @@ def test_each_lease_has_the_next_number_and_they_go_round() -> None:
 )
 def test_only_of_arducopter_and_arduplane_the_modes_are_known_here(kind: int, autopilot: int, foreign: str) -> None:
     aircraft = VehicleState()
-    aircraft.take(mavlink.MAVLink_heartbeat_message(kind, autopilot, 0, 4, 4, 3), 1.0)
+    aircraft.on_message(mavlink.MAVLink_heartbeat_message(kind, autopilot, 0, 4, 4, 3), 1.0)
     assert aircraft.foreign == foreign
 
 
 def test_every_value_has_the_time_at_which_the_autopilot_said_it() -> None:
     state = VehicleState()
-    state.take(mavlink.MAVLink_heartbeat_message(2, 3, 128, 3, 5, 3), 1.0)
-    state.take(position(), 2.0)
-    state.take(mavlink.MAVLink_mission_current_message(8), 3.0)
-    state.take(mavlink.MAVLink_nav_controller_output_message(0, 0, 0, 0, 120, 0, 0, 0), 4.0)
-    state.take(mavlink.MAVLink_extended_sys_state_message(0, 2), 5.0)
+    state.on_message(mavlink.MAVLink_heartbeat_message(2, 3, 128, 3, 5, 3), 1.0)
+    state.on_message(position(), 2.0)
+    state.on_message(mavlink.MAVLink_mission_current_message(8), 3.0)
+    state.on_message(mavlink.MAVLink_nav_controller_output_message(0, 0, 0, 0, 120, 0, 0, 0), 4.0)
+    state.on_message(mavlink.MAVLink_extended_sys_state_message(0, 2), 5.0)
     said = state.telemetry
     assert (said.heartbeat.at, said.heartbeat.armed, said.heartbeat.critical) == (1.0, True, True)
     assert (said.own_position.at, state.position.at) == (2.0, 2.0)
@@ -193,11 +193,11 @@ def test_every_value_has_the_time_at_which_the_autopilot_said_it() -> None:
 def test_a_position_that_does_not_count_is_the_autopilots_own_alone() -> None:
     state = VehicleState()
     state.trust_own(False)
-    state.take(position(), 2.0)
+    state.on_message(position(), 2.0)
     assert state.where is None
     assert state.telemetry.own_position.at == 2.0
     state.trust_own(True)
-    state.take(position(), 3.0)
+    state.on_message(position(), 3.0)
     assert state.position.at == 3.0
 
 
@@ -210,21 +210,21 @@ def test_home_at_0_0_is_no_home() -> None:
 
 def test_a_breach_of_the_fence_is_remembered_with_its_time() -> None:
     state = VehicleState()
-    state.take(mavlink.MAVLink_fence_status_message(1, 1, 3, 0, 0), 4.0)
-    state.take(mavlink.MAVLink_fence_status_message(0, 1, 3, 0, 0), 5.0)
+    state.on_message(mavlink.MAVLink_fence_status_message(1, 1, 3, 0, 0), 4.0)
+    state.on_message(mavlink.MAVLink_fence_status_message(0, 1, 3, 0, 0), 5.0)
     assert (state.breached_at, state.telemetry.fence_status.at) == (4.0, 5.0)
     fence = mavlink.MAV_SYS_STATUS_GEOFENCE
-    state.take(mavlink.MAVLink_sys_status_message(fence, fence, 0, 0, 11800, 0, 76, 0, 0, 0, 0, 0, 0), 6.0)
+    state.on_message(mavlink.MAVLink_sys_status_message(fence, fence, 0, 0, 11800, 0, 76, 0, 0, 0, 0, 0, 0), 6.0)
     assert state.breached_at == 6.0
-    state.take(mavlink.MAVLink_sys_status_message(fence, fence, fence, 0, 11800, 0, 76, 0, 0, 0, 0, 0, 0), 7.0)
-    state.take(mavlink.MAVLink_sys_status_message(fence, 0, 0, 0, 11800, 0, 76, 0, 0, 0, 0, 0, 0), 8.0)
+    state.on_message(mavlink.MAVLink_sys_status_message(fence, fence, fence, 0, 11800, 0, 76, 0, 0, 0, 0, 0, 0), 7.0)
+    state.on_message(mavlink.MAVLink_sys_status_message(fence, 0, 0, 0, 11800, 0, 76, 0, 0, 0, 0, 0, 0), 8.0)
     assert state.breached_at == 6.0
 
 
 @pytest.mark.parametrize(("status", "critical", "failsafe"), [(4, False, False), (5, True, True), (6, False, True)])
 def test_what_the_heartbeat_says_of_failsafes(status: int, critical: bool, failsafe: bool) -> None:
     state = VehicleState()
-    state.take(mavlink.MAVLink_heartbeat_message(2, 3, 128, 3, status, 3), 1.0)
+    state.on_message(mavlink.MAVLink_heartbeat_message(2, 3, 128, 3, status, 3), 1.0)
     said = state.telemetry.heartbeat
     assert (said.critical, said.failsafe) == (critical, failsafe)
 
@@ -232,11 +232,11 @@ def test_what_the_heartbeat_says_of_failsafes(status: int, critical: bool, fails
 def test_a_position_is_uncompared_until_it_is_compared_and_the_next_one_from_30_ms_on() -> None:
     state = VehicleState()
     assert not state.uncompared
-    state.take(position(), 10.0)
+    state.on_message(position(), 10.0)
     assert state.uncompared
     state.compared()
     assert not state.uncompared
-    state.take(position(), 10.02)
+    state.on_message(position(), 10.02)
     assert not state.uncompared
-    state.take(position(), 10.04)
+    state.on_message(position(), 10.04)
     assert state.uncompared

@@ -35,7 +35,7 @@ class BoxHeights:
         #: the autopilot's height above sea level when it was known last, and the box's then
         self._then: tuple[float, float] | None = None
 
-    def look(self, record: BoxRecord, own_alt_m: float, *, armed: bool) -> None:
+    def level(self, record: BoxRecord, own_alt_m: float, *, armed: bool) -> None:
         """Level them by the autopilot's height above sea level of the same moment."""
         for name in _BAROMETRIC:
             value = getattr(record, name)

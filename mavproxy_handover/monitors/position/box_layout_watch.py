@@ -117,7 +117,7 @@ class LayoutWatch:
             f"layout {configured!r} not recognised yet (the autopilot needs a position; or turn or move the aircraft)"
         )
 
-    def look(self, raw: bytes, own: Place | None, *, armed: bool) -> None:
+    def judge(self, raw: bytes, own: Place | None, *, armed: bool) -> None:
         """Judge one more record; `own`: the autopilot's word of the same moment, if it has one."""
         self._points.append(tuple(_points(layout, raw, own) for layout in self._layouts))
         if len(self._points) < _FEWEST:

@@ -122,7 +122,7 @@ class CrossCheck:
         worst = max(range(3), key=lambda each: measured[each] / self._limits[each])
         return _TEXTS[worst].format(measured[worst], self._limits[worst])
 
-    def look(self, difference: Difference, now: float) -> None:
+    def compare(self, difference: Difference, now: float) -> None:
         """Judge a new pair."""
         self.last = difference
         measured = (difference.over_ground_m, difference.height_m, difference.speed_mps)

@@ -173,7 +173,7 @@ class PositionMonitor:
     def _read(self, box: Box, state: VehicleState, now: float) -> None:
         fix, raw = box.read(), box.raw()
         if raw:
-            self._look_at_layout(raw, state, now)
+            self._judge_layout(raw, state, now)
         if fix is None:
             self._forget(state, now)
             return
@@ -183,13 +183,13 @@ class PositionMonitor:
         if self.by_box and self._counts(state, now):
             state.placed(self._position(fix.record, state), now)
 
-    def _look_at_layout(self, raw: bytes, state: VehicleState, now: float) -> None:
+    def _judge_layout(self, raw: bytes, state: VehicleState, now: float) -> None:
         armed = state.armed
         if now - self._raw_at > _LAYOUT_S and not armed:  # on the ground it may be another box by now
             self._layout = LayoutWatch(self._settings.layout)
         self._raw_at = now
         before = self._layout.verdict
-        self._layout.look(raw, self._own(state, now), armed=armed)
+        self._layout.judge(raw, self._own(state, now), armed=armed)
         if self._layout.verdict is Verdict.OTHER and before is not Verdict.OTHER:
             self._check = CrossCheck(self._settings)
             state.trust_own(not self.by_box)
@@ -206,12 +206,12 @@ class PositionMonitor:
             return Standing.LATE
         own, record = self._own(state, now), fix.record
         if own is not None:
-            self._heights.look(record, own.alt_m, armed=armed)
+            self._heights.level(record, own.alt_m, armed=armed)
         alt_m = self._heights.above_sea_m(record)
         theirs = Place(record.lat_deg, record.lon_deg, alt_m, record.north_mps, record.east_mps)
         if own is not None:
             slack = slack_m(record, own.alt_m - (self._home_alt_m or 0.0))
-            self._check.look(Difference.between(theirs, own, slack), now)
+            self._check.compare(Difference.between(theirs, own, slack), now)
             if self._check.sound:
                 self._agreement.note(theirs, now)
         if not self._check.sound:

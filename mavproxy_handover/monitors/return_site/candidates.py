@@ -57,7 +57,7 @@ class Candidates:
 
     # ---- what they rest on ----------------------------------------------------------------------------------------
 
-    def adopt(self, package: MissionPackage, *, keeps_rally: bool) -> None:
+    def set_mission(self, package: MissionPackage, *, keeps_rally: bool) -> None:
         """The autopilot holds this mission. `keeps_rally`: rally points that a station has sent go on to count."""
         self.package, self._flown = package, package.route
         self.finder = PlaceFinder(package.zones, Fence(package.route.fence), package.relief(self._home))
@@ -83,7 +83,7 @@ class Candidates:
             self._due = False
             self._gather()
 
-    def look_at_home(self) -> None:
+    def update_home(self) -> None:
         """Follow the autopilot's home, if that has moved."""
         home = self._state.telemetry.home.value
         if home != self._home:

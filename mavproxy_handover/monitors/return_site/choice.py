@@ -61,7 +61,7 @@ class SiteChoice:
         place = known or self._candidates.found_in_list(held)
         self._views.forget_others()
         if known is None and self._state.where is not None:
-            self._views.look(place, self._state.where, energy)
+            self._views.evaluate(place, self._state.where, energy)
         self._chooser.adopt(place.name)
 
     def update(

@@ -24,10 +24,10 @@ from mavproxy_handover.schedule import attempt
 from mavproxy_handover.vehicle.return_limits import fence_limits, return_alt_m, return_mps
 from mavproxy_handover.vehicle.state import VehicleState
 
-__all__ = ["LOOKING", "Seen", "Views"]
+__all__ = ["JUDGING", "Seen", "Views"]
 
 #: what people are told has broken
-LOOKING: Final = "return sites"
+JUDGING: Final = "return sites"
 #: places that are looked at in one second, besides the one that is chosen
 _AT_ONCE: Final = 4
 #: what a metre more of the way back costs is taken from so many
@@ -64,7 +64,7 @@ class Views:
         names = {place.name for place in self._candidates.places}
         self.seen = {name: seen for name, seen in self.seen.items() if name in names}
 
-    def measure(self, chosen: str | None, here: _Where, energy: EnergyFact, beyond_m: float = 0.0) -> None:
+    def update(self, chosen: str | None, here: _Where, energy: EnergyFact, beyond_m: float = 0.0) -> None:
         """Look at the place that is chosen, at home, and at some of the others in turn. `beyond_m`: so much farther it
         may be than from here, which is where it was seen last."""
         places = self._candidates.places
@@ -75,13 +75,13 @@ class Views:
             now.append(others[self._turn])
         now += [place for place in others if place.name not in self.seen and place not in now]
         for place in now:
-            self.look(place, here, energy, beyond_m)
+            self.evaluate(place, here, energy, beyond_m)
 
-    def look(self, place: Place, here: _Where, energy: EnergyFact, beyond_m: float = 0.0) -> None:
+    def evaluate(self, place: Place, here: _Where, energy: EnergyFact, beyond_m: float = 0.0) -> None:
         """Look at one place."""
-        attempt(self._fault, LOOKING, self._see, place, here, energy, beyond_m)
+        attempt(self._fault, JUDGING, self._evaluate, place, here, energy, beyond_m)
 
-    def _see(self, place: Place, here: _Where, energy: EnergyFact, beyond_m: float) -> None:
+    def _evaluate(self, place: Place, here: _Where, energy: EnergyFact, beyond_m: float) -> None:
         candidates, state, spot = self._candidates, self._state, (place.lat_deg, place.lon_deg)
         assert candidates.package is not None
         model, limits = energy.model, fence_limits(state)
