@@ -281,7 +281,7 @@ AT_5_MPS = "a return is flown at 5 m/s, handover check and START count the missi
         ),
         (
             {"BATT_LOW_VOLT": 0.0},
-            "BATT_LOW_VOLT is 0, and so is BATT_LOW_MAH: the battery's failsafe never acts",
+            "BATT_LOW_VOLT is 0, and BATT_LOW_MAH is 0: the battery's failsafe never acts",
         ),
         ({"BATT_FS_LOW_ACT": 3.0}, f"BATT_FS_LOW_ACT is 3: {SMART}"),
         ({"BATT_FS_LOW_ACT": 4.0}, f"BATT_FS_LOW_ACT is 4: {SMART}"),
@@ -451,7 +451,7 @@ def with_batteries(batteries: int, kind: Kind = Kind.COPTER, **changes: float) -
         ),
         (
             {"BATT2_LOW_VOLT": 0.0},
-            "BATT2_LOW_VOLT is 0, and so is BATT2_LOW_MAH: the battery's failsafe never acts",
+            "BATT2_LOW_VOLT is 0, and BATT2_LOW_MAH is 0: the battery's failsafe never acts",
         ),
         ({"BATT2_FS_LOW_ACT": 3.0}, f"BATT2_FS_LOW_ACT is 3: {SMART}"),
         ({"BATT2_FS_LOW_ACT": 6.0}, f"BATT2_FS_LOW_ACT is 6: {AUTO_RTL}"),
