@@ -197,8 +197,8 @@ def test_checksums_are_of_scripts_that_run() -> None:
         ({"HNDO_ENABLE": 0.0}, "the guard is switched off"),
         (
             {"foreign": "ardupilotmega ground rover"},
-            "ardupilotmega ground rover is neither ArduCopter nor ArduPlane: START is refused, and so is arming by the "
-            "guard",
+            "ardupilotmega ground rover is neither ArduCopter nor ArduPlane: START is refused, and the guard "
+            "refuses arming",
         ),
         ({"SCR_VM_I_COUNT": 2500.0}, "SCR_VM_I_COUNT is 2500: below 10000 the guard may be removed in flight"),
         (
