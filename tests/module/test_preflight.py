@@ -899,8 +899,7 @@ def test_a_plane_as_recommended_fits() -> None:
         ),
         (
             {"Q_OPTIONS": 0.0},
-            "Q_OPTIONS is 0: without bit 5 the failsafes land it out of hover where it is, and not at the place that "
-            "was chosen",
+            "Q_OPTIONS is 0: without bit 5 the failsafes land it out of hover where it is, not at the return site",
         ),
         *(
             (
