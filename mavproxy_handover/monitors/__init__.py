@@ -1,3 +1,3 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What is worked out from the vehicle's state: one folder or file for each question. No monitor imports another."""
+"""Monitors: each computes one thing from the vehicle state, in a file or folder. No monitor imports another."""

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Finds, each second, which borders of zones are ahead on the way of the mission.
+"""The border monitor: finds each second the borders of zones ahead on the mission's way.
 
-Only while that mission is flown, in AUTO, and the companion knows it: the package's that it has written itself, or the
-one that the commander has sent in flight and that was read back.
+It works only in AUTO with a mission that the companion knows: that of the package, or one that the commander has
+uploaded in flight and that was read back.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from mavproxy_handover.vehicle.state import VehicleState
 
 __all__ = ["BorderMonitor"]
 
-#: so much longer than an operator may take (s)
+#: borders are looked for this much (s) further ahead than an operator may take to answer
 _BEYOND_S: Final = 15.0
 
 
@@ -25,7 +25,7 @@ class BorderMonitor:
     """The way ahead of one vehicle. Times are monotonic seconds."""
 
     def __init__(self, operator_timeout_s: float) -> None:
-        """`operator_timeout_s`: as long as an operator who is asked may take."""
+        """`operator_timeout_s`: the time that an operator has to answer."""
         self._within_s = operator_timeout_s + _BEYOND_S
         self._way: WayAhead | None = None
         #: counts the missions
@@ -33,12 +33,12 @@ class BorderMonitor:
         self._told = BordersSeen(())
 
     def set_way(self, way: WayAhead | None) -> None:
-        """The autopilot holds a mission with this way; None: nobody knows which one."""
+        """Set the way of the autopilot's mission; None: not known."""
         self._way = way
         self._route += 1
 
     def update(self, state: VehicleState, now: float) -> list[Event]:
-        """What is ahead, each time; nothing ahead, once."""
+        """Returns the borders ahead each time; if there are none, once."""
         seen = BordersSeen(self._ahead(state, now), self._route)
         if not seen.borders and seen == self._told:
             return []

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What looks wrong in flight that only the vehicle's state shows: energy, route and fence. What becomes of it is
-`core/safety/conditions.py`.
+"""Conditions in flight that the vehicle state shows: energy, route and fence.
 
-A sign that cannot be worked out stays as it was.
+`core/safety/conditions.py` handles them. A condition that cannot be computed keeps its last value.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ from mavproxy_handover.vehicle.state import VehicleState
 
 __all__ = ["ConditionMonitor", "breach"]
 
-#: what comes once a second, or oftener, has stopped
+#: after this time (s) without a message, a stream of at least one message a second has stopped
 _STOPPED_S: Final = 3.0
 _BREACHES: Final = {
     mavlink.FENCE_BREACH_MINALT: "too low",
@@ -32,9 +31,9 @@ _BREACHES: Final = {
 
 
 def breach(state: VehicleState, now: float) -> str:
-    """What is wrong with the fence, in words; "" if nothing is known to be.
+    """The breach of the fence, in words; "" if none is known.
 
-    FENCE_STATUS comes only while a fence is on; where it does not, SYS_STATUS has a word of it.
+    FENCE_STATUS comes only while a fence is enabled; without it, SYS_STATUS shows the breach.
     """
     fence: Any = state.telemetry.fence_status.value
     if fence is not None and now - state.telemetry.fence_status.at < _STOPPED_S:
@@ -51,8 +50,11 @@ def breach(state: VehicleState, now: float) -> str:
 
 
 class ConditionMonitor:
-    """Of one aircraft. `energy`: what is left and needed, in words, None while some place of a return is in reach;
-    `route`: where the aircraft is while it is off its route; `fault` is told what broke, and where."""
+    """The conditions of one aircraft.
+
+    `energy` returns the energy left and needed, in words; None while a return site is in reach. `route` returns the
+    position on the leg while the aircraft is off its route. `fault` takes the place and the text of a fault.
+    """
 
     def __init__(
         self,
@@ -63,11 +65,11 @@ class ConditionMonitor:
         self._energy = energy
         self._route = route
         self._fault = fault
-        #: what looks wrong, and what was found last
+        #: the current conditions, and those that were returned last
         self._seen = self._told = ConditionsSeen()
 
     def update(self, state: VehicleState, now: float) -> list[Event]:
-        """Each second: what looks wrong, when that changes."""
+        """Returns the conditions when they change; to be called each second."""
         attempt(self._fault, "energy condition", self._check_energy, state)
         attempt(self._fault, "route condition", self._check_route, state)
         attempt(self._fault, "fence condition", self._check_fence, state, now)

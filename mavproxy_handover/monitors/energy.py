@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the autopilot says of its batteries, the wind and its motion, made into one fact about energy each second.
+"""The energy monitor: makes one energy fact each second from batteries, wind and motion.
 
-The rules are in `core/safety/`: what is left, what flying costs, what is learned. Here MAVLink's units and its ways to
-say "unknown" end. On the ground the way of the loaded mission is counted, and what START lacks becomes an event.
-Nothing in here raises: a message that breaks something costs that message, and a second that breaks goes on from what
-was known last, on the ground and in flight: by what the batteries say, else by what is drawn at the most once it is
-armed. Before anything was known the energy is unknown then. START is refused for a fault, or warned of it.
+The rules are in `core/safety/`: energy left, cost of flight, learning. This module converts MAVLink's units and its
+values for unknown. On the ground it counts the need of the loaded mission, and what START lacks becomes an event.
+
+Nothing in here raises. A message that causes a fault is lost. If the work of a second fails, the last fact continues:
+from the batteries' reports, or else, once armed, from the greatest power draw. If there was no fact yet, the energy is
+unknown. For a fault START is refused, or warned of, as the policy says.
 """
 
 from __future__ import annotations
@@ -28,30 +29,30 @@ from mavproxy_handover.vehicle.state import VehicleState
 
 __all__ = ["FAULT", "EnergyMonitor", "EnergyNews", "EnergyWarned", "pack_report"]
 
-#: journalled this often in flight
+#: interval of the journal entries in flight (s)
 _JOURNAL_S: Final = 10.0
-#: older attitudes and positions teach nothing
+#: the monitor does not learn from older attitudes and positions (s)
 _FRESH_S: Final = 1.5
-#: the need of a mission is counted again this often at most
+#: least interval between two counts of a mission's need (s)
 _COUNT_S: Final = 5.0
-#: more than the motors can ever draw, in powers of hover
+#: more than the motors can ever draw, as a multiple of the greatest of hover, cruise and climb power
 _MOST_HOVER: Final = 10.0
 _UNKNOWN_MV: Final = 0xFFFF
 _JOULES_A_HECTOJOULE, _JOULES_A_WH = 100.0, 3600.0
-#: START is refused for it, and that is not lifted by sending it again
+#: a reason to refuse START that is not lifted by sending START again
 FAULT: Final = "internal fault"
 _NOT_YET: Final = "not looked at yet"
-#: figures of a text, which change while its kind does not; the number behind the word is the battery's name
+#: figures of a text, which change while its kind stays the same; the number after "battery" is its name
 _FIGURES: Final = re.compile(r"(battery \d+)|[\d.]+")
 
 
 def _kind(trouble: str) -> str:
-    """What is odd, and of which battery, without its figures."""
+    """The kind of a trouble: its text without figures, with the battery."""
     return _FIGURES.sub(r"\1", trouble)
 
 
 def pack_report(m: Any) -> PackReport:
-    """A BATTERY_STATUS in the units of the rules. -1 and 65535 are MAVLink's words for unknown."""
+    """A BATTERY_STATUS in the units of the rules. -1 and 65535 are MAVLink's values for unknown."""
     cells_mv = [mv for mv in m.voltages if mv != _UNKNOWN_MV]
     cells_mv += [mv for mv in getattr(m, "voltages_ext", ()) if mv != _UNKNOWN_MV]
     volts = sum(cells_mv) / 1000.0
@@ -70,8 +71,7 @@ def pack_report(m: Any) -> PackReport:
 
 @dataclass(frozen=True, slots=True)
 class EnergyNews:
-    """What is known of energy, for people. `aloud`: something about it is odd, and that is news; `for_stations`: what
-    every station is told, "" if nothing."""
+    """The energy fact, for people. `aloud`: it has a new trouble; `for_stations`: text to every station, "" if none."""
 
     fact: EnergyFact
     aloud: bool
@@ -80,7 +80,7 @@ class EnergyNews:
 
 @dataclass(frozen=True, slots=True)
 class EnergyWarned:
-    """A budget that does not close, where START is not refused for it; "": it closes again."""
+    """The energy is too little for the mission, and START only warns of it; "": it is enough again."""
 
     shortfall: str
 
@@ -89,7 +89,7 @@ Output = Event | EnergyNews | EnergyWarned
 
 
 class _Estimate:
-    """What is left and what flying costs. `settings`: the vehicle's own numbers."""
+    """The estimate of the energy left and of the cost of flight. `settings`: the vehicle's own settings."""
 
     def __init__(self, settings: EnergySettings) -> None:
         self._own = settings
@@ -100,14 +100,14 @@ class _Estimate:
         self._reports: dict[int, tuple[PackReport, float]] = {}
         #: number of the item that drops the payload in the mission that the autopilot holds
         self.released_at: int | None = None
-        #: what is known of energy now
+        #: the current energy fact
         self.fact = EnergyFact(-inf, missing=settings.missing or _NOT_YET)
         self._use(settings)
 
     # ---- what comes in --------------------------------------------------------------------------------------------
 
     def on_message(self, message: Any, now: float, on_ground: bool) -> None:
-        """BATTERY_STATUS or WIND of the autopilot. `on_ground`: it is known to be disarmed."""
+        """A BATTERY_STATUS or WIND of the autopilot. `on_ground`: it is known to be disarmed."""
         kind = message.get_type()
         if kind == "WIND" and self._learner is not None:
             self._learner.wind_seen(message.speed, message.direction, now)
@@ -120,7 +120,7 @@ class _Estimate:
             self._batteries.take(number, report, now, on_ground)
 
     def set_settings(self, settings: EnergySettings, now: float, *, wings: bool) -> None:
-        """A mission is loaded: its numbers go before the vehicle's. `wings`: it is flown on them."""
+        """A mission is loaded: its settings override the vehicle's. `wings`: the aircraft flies on wings."""
         self._use(settings.over(self._own), wings=wings)
         for number, (report, at) in self._reports.items():
             if self._batteries is not None and now - at < _COUNT_S:
@@ -128,11 +128,11 @@ class _Estimate:
 
     @property
     def memory(self) -> tuple[PackMemory, ...]:
-        """What a run after this one needs to know of the batteries; empty on the ground."""
+        """The state of the batteries that a restart needs; empty on the ground."""
         return () if self._batteries is None else self._batteries.memory
 
     def resume(self, memory: Sequence[PackMemory], now: float) -> None:
-        """The run before has left this behind."""
+        """Continue with the batteries' state of the previous run."""
         if self._batteries is not None:
             self._batteries.resume(memory, now)
 
@@ -140,7 +140,7 @@ class _Estimate:
         if (settings, wings) == (self.settings, self.wings):
             return
         self.settings, self.wings = settings, wings
-        # what was known was by other numbers
+        # the former fact used other settings
         self.fact = EnergyFact(-inf, missing=settings.missing_for(wings=wings) or _NOT_YET)
         prior = settings.model(wings=wings)
         if prior is None:
@@ -154,7 +154,7 @@ class _Estimate:
     # ---- each second ----------------------------------------------------------------------------------------------
 
     def weigh(self, state: VehicleState) -> None:
-        """With the payload from the ground on, and without it once AUTO is past the item that drops it."""
+        """Count the payload from the ground on, until AUTO is past the item that drops it."""
         learner, released = self._learner, self.released_at
         if learner is None:
             return
@@ -164,7 +164,7 @@ class _Estimate:
             learner.carry(False)
 
     def learn(self, state: VehicleState, now: float) -> None:
-        """From how it moves, and what it draws."""
+        """Learn from motion and power draw."""
         position, attitude = state.telemetry.own_position.value, state.telemetry.attitude
         if self._learner is None or self._batteries is None or position is None:
             return
@@ -181,7 +181,7 @@ class _Estimate:
         self._learner.fly(Motion(*speeds, lean, towards, self._batteries.charge(now).power_w), now)
 
     def observe(self, now: float, *, grounded: bool) -> EnergyFact:
-        """Say what is known now; `grounded`: neither armed nor about to be."""
+        """Make the current fact. `grounded`: neither armed nor about to be."""
         if self._learner is None or self._batteries is None:
             self.fact = EnergyFact(now, missing=self.settings.missing_for(wings=self.wings))
             return self.fact
@@ -199,7 +199,7 @@ class _Estimate:
         return self.fact
 
     def go_on(self, now: float, *, grounded: bool) -> None:
-        """It broke: it goes on from what was known."""
+        """Continue from the last fact after a fault."""
         known = self.fact
         if known.model is None:
             self.fact = EnergyFact(now, missing=FAULT)
@@ -209,10 +209,10 @@ class _Estimate:
             self.fact = replace(known, at=now, left_wh=left_wh, trouble=trouble)
 
     def _left_wh(self, known: EnergyFact, model: EnergyModel, now: float, *, grounded: bool) -> float | None:
-        """By the batteries, if these still count; else by what was drawn since, at the most; on the ground nothing."""
+        """The energy left (Wh): by the batteries, else the last value less the greatest draw since."""
         try:
             counted = None if self._batteries is None else self._batteries.charge(now, on_ground=grounded).left_wh
-        except Exception:  # it has been told, or the same thing has
+        except Exception:  # the fault was reported already
             counted = None
         if counted is not None or known.left_wh is None or grounded:
             return known.left_wh if counted is None else counted
@@ -221,34 +221,36 @@ class _Estimate:
 
 
 class _Start:
-    """What START lacks of energy, on the ground, for the loaded mission."""
+    """The energy that START lacks on the ground, for the loaded mission."""
 
     def __init__(self) -> None:
-        #: of the loaded mission: counts its way, at a height of return
+        #: returns the pieces of the loaded mission, for a height of return
         self._way: Callable[[float], Sequence[Piece]] | None = None
         self._counted: tuple[EnergyModel, float] | None = None
         self._counted_at = -inf
         #: "off", "warn" or "refuse"
         self.policy = ""
         self.shortfall = ""
-        #: what the arbiter knows of it
+        #: the last shortfall that the arbiter was told
         self._judged = ""
-        #: the operator has lifted what START lacks until then
+        #: until then the operator has lifted the shortfall
         self.lifted_until = -inf
 
     def set_way(self, way: Callable[[float], Sequence[Piece]]) -> None:
-        """A mission is loaded, with this way."""
+        """Set the way of the loaded mission."""
         self._way, self._counted = way, None
 
     def judge(self, fact: EnergyFact, now: float) -> list[Output]:
-        """What START lacks, on the ground."""
+        """Judge what START lacks, on the ground."""
         if self.policy == "off" or self._way is None or fact.model is None:
             return self.lacks("", now)
         return self.lacks(fact.shortfall(self._need_wh(fact.model, self._way, now)), now)
 
     def lacks(self, shortfall: str, now: float) -> list[Output]:
-        """START lacks that, if nobody has lifted it: an event of what it is refused for, news of what it is warned of
-        when that turns."""
+        """Set what START lacks, unless an operator has lifted it.
+
+        Returns an event when the reason of a refusal changes, and news when a warning begins or ends.
+        """
         found: list[Output] = []
         lifted = self.policy == "off" or now < self.lifted_until
         before, self.shortfall = self.shortfall, "" if lifted else shortfall
@@ -261,7 +263,7 @@ class _Start:
 
     @property
     def refused(self) -> str:
-        """What START is refused for, in words; "" where it is not."""
+        """Why START is refused, in words; "" if it is not."""
         return self.shortfall if self.policy == "refuse" else ""
 
     def _need_wh(self, model: EnergyModel, way: Callable[[float], Sequence[Piece]], now: float) -> float:
@@ -275,30 +277,32 @@ class _Start:
 
 
 class _Told:
-    """What people know of it."""
+    """Decides which energy facts people are told."""
 
     def __init__(self) -> None:
         self._began_at: float | None = None
         self._known: tuple[object, ...] = ()
         self._kinds: tuple[str, ...] = ()
-        #: kinds told in this flight: each once, since what comes and goes would drown what is new; the journal has all
+        #: kinds of trouble told in this flight, each once; the journal has all
         self._said: set[str] = set()
         self._at = -inf
 
     def grounded(self) -> None:
-        """No flight is on: what was told in the last one may be told again."""
+        """The aircraft is on the ground: each kind of trouble may be told again."""
         self._said.clear()
 
     def news(self, fact: EnergyFact, flying: bool, now: float) -> list[Output]:
-        """At each change of what kind of thing is known, and every few seconds in flight. What is odd is told once a
-        flight; on the ground, where no station hears of it, each time that it comes."""
+        """News at each change of the kind of information, and every `_JOURNAL_S` in flight.
+
+        A trouble is told once a flight. On the ground it is told each time that it comes, but not to the stations.
+        """
         self._began_at = now if self._began_at is None else self._began_at
         if fact.model is not None and fact.left_wh is None and now - self._began_at < SILENT_S:
-            return []  # the streams have only just been asked for
+            return []  # the streams were requested just now
         kinds = tuple(_kind(text) for text in fact.trouble)
         known = (fact.missing, fact.left_wh is None, fact.learned, fact.wind_source, kinds)
         heard = self._said if flying else self._kinds
-        odd = any(kind not in heard for kind in kinds)  # what is left of it when a part is over is no news
+        odd = any(kind not in heard for kind in kinds)  # the end of one trouble is no reason to repeat the others
         late = flying and fact.model is not None and now - self._at >= _JOURNAL_S
         if not odd and known == self._known and not late:
             return []
@@ -310,8 +314,8 @@ class _Told:
 
 
 class EnergyMonitor:
-    """The energy of one aircraft. `settings`: the vehicle's own numbers; `fault` is told what broke, and where. Times
-    are monotonic seconds."""
+    """The energy of one aircraft. `settings`: the vehicle's own settings; `fault` takes the place and the text of a
+    fault. Times are monotonic seconds."""
 
     def __init__(self, settings: EnergySettings, fault: Callable[[str, str], None]) -> None:
         self._fault = fault
@@ -322,18 +326,18 @@ class EnergyMonitor:
 
     @property
     def fact(self) -> EnergyFact:
-        """What is known of energy now."""
+        """The current energy fact."""
         return self.estimate.fact
 
     @property
     def memory(self) -> tuple[PackMemory, ...]:
-        """What a run after this one needs to know of the batteries; empty on the ground."""
+        """The state of the batteries that a restart needs; empty on the ground."""
         return self.estimate.memory
 
-    # ---- what comes in --------------------------------------------------------------------------------------------
+    # ---- messages and missions ------------------------------------------------------------------------------------
 
     def on_message(self, message: Any, now: float, on_ground: bool) -> None:
-        """BATTERY_STATUS or WIND of the autopilot. `on_ground`: it is known to be disarmed."""
+        """A BATTERY_STATUS or WIND of the autopilot. `on_ground`: it is known to be disarmed."""
         try:
             self.estimate.on_message(message, now, on_ground)
         except Exception:
@@ -342,8 +346,8 @@ class EnergyMonitor:
     def set_mission(
         self, settings: EnergySettings, way: Callable[[float], Sequence[Piece]], now: float, *, wings: bool = False
     ) -> list[Output]:
-        """A mission is loaded: its numbers go before the vehicle's. `way`: its pieces, at a height of return; `wings`:
-        it is flown on them."""
+        """A mission is loaded: its settings override the vehicle's. `way` returns its pieces, for a height of return;
+        `wings`: the aircraft flies on wings."""
         self._start.set_way(way)
         try:
             self.estimate.set_settings(settings, now, wings=wings)
@@ -353,11 +357,14 @@ class EnergyMonitor:
             return self._broke(now, grounded=True)
 
     def released(self, seq: int | None) -> None:
-        """The item that drops the payload in the mission that the autopilot holds; None: there is none."""
+        """Set the item that drops the payload in the autopilot's mission; None: there is none."""
         self.estimate.released_at = seq
 
     def resume(self, memory: Sequence[PackMemory], now: float) -> None:
-        """The run before has left this behind. To be called when the mission is known again and nothing was said."""
+        """Continue with the batteries' state of the previous run.
+
+        To be called when the mission is known again, before the first message.
+        """
         self.estimate.resume(memory, now)
 
     def _follow(self) -> None:
@@ -366,7 +373,7 @@ class EnergyMonitor:
     # ---- each second ----------------------------------------------------------------------------------------------
 
     def update(self, state: VehicleState, now: float, *, grounded: bool) -> list[Output]:
-        """Learn, and say what is known now. `grounded`: neither armed nor about to be."""
+        """Learn, and make the current fact. `grounded`: neither armed nor about to be."""
         if grounded:
             self._told.grounded()
         found: list[Output] = []
@@ -382,12 +389,12 @@ class EnergyMonitor:
         return found
 
     def _broke(self, now: float, *, grounded: bool) -> list[Output]:
-        """Keep to what was known before; START is refused for the fault where it is refused for energy."""
+        """Continue from the last fact after a fault. START is refused for the fault if it is refused for energy."""
         self._tell_fault()
         self._follow()
         try:
             self.estimate.go_on(now, grounded=grounded)
-        except Exception:  # what was known stays, with its time
+        except Exception:  # the last fact stays, with its time
             self._tell_fault()
         return self._start.lacks(FAULT, now) if grounded else []
 
@@ -398,24 +405,24 @@ class EnergyMonitor:
 
     @property
     def shortfall(self) -> str:
-        """What START is refused for, in words; "" where it is not."""
+        """Why START is refused, in words; "" if it is not."""
         return self._start.refused
 
     @property
     def warned(self) -> str:
-        """The same where START is warned of it and not refused."""
+        """The shortfall, if START only warns of it; else ""."""
         return self._start.shortfall if self._start.policy == "warn" else ""
 
     @property
     def broken(self) -> bool:
-        """What START lacks is an internal fault: sending it again mends nothing."""
+        """START lacks the energy because of an internal fault: sending it again does not help."""
         return self._start.shortfall == FAULT
 
     def lift(self, until: float, now: float) -> list[Output]:
-        """The operator has START go on without the energy: so long, and at this moment."""
+        """The operator lets START pass without the energy, from now until `until` (monotonic s)."""
         self._start.lifted_until = until
         return self._start.lacks("", now)
 
     def lift_no_more(self) -> None:
-        """The station whose operator had START go on without the energy does not command any more."""
+        """The station whose operator has lifted the shortfall no longer commands."""
         self._start.lifted_until = -inf

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the autopilot does, for the rules that watch that it does what was decided: its mode, who may have chosen it,
-and motion.
+"""The execution monitor: mode, possible source of the mode, and motion, for the check that decisions are carried out.
 
-Nothing is concluded here: `core/safety/mode_source.py` and `core/safety/command_verification.py` do that.
+The rules that draw conclusions are `core/safety/mode_source.py` and `core/safety/command_verification.py`.
 """
 
 from __future__ import annotations
@@ -20,14 +19,14 @@ from mavproxy_handover.wire.lease import GuardStatus
 
 __all__ = ["ExecutionMonitor"]
 
-#: what comes once a second, or oftener, has stopped
+#: after this time (s) without a message, a stream of at least one message a second has stopped
 _STOPPED_S: Final = 3.0
-#: what was said of the radio counts so long: who takes a pilot for a stranger fights him
+#: a report about the radio counts for this time (s): the companion must not act against the pilot
 _RADIO_S: Final = 10.0
 
 
 class ExecutionMonitor:
-    """Of one aircraft. `place`: latitude and longitude (degrees) of where a return goes, None: not known. Times are
+    """Of one aircraft. `place` returns latitude and longitude (degrees) of the return site, None: not known. Times are
     monotonic seconds."""
 
     def __init__(self, place: Callable[[], tuple[float, float] | None]) -> None:
@@ -35,10 +34,10 @@ class ExecutionMonitor:
         self._critical = False
         self._moves = False
 
-    # ---- as it comes ----------------------------------------------------------------------------------------------
+    # ---- messages -------------------------------------------------------------------------------------------------
 
     def on_state(self, state: VehicleState, now: float) -> list[Event]:
-        """A heartbeat, or whether it has landed."""
+        """A HEARTBEAT or EXTENDED_SYS_STATE has arrived, and the state was updated."""
         found: list[Event] = []
         critical = state.telemetry.heartbeat.critical
         if critical and not self._critical:
@@ -50,7 +49,7 @@ class ExecutionMonitor:
 
     @staticmethod
     def radio_watched(state: VehicleState) -> bool:
-        """Losing the radio would be noticed, as far as is known."""
+        """Whether the autopilot would notice a loss of the radio, as far as is known."""
         parameters = state.parameters.read
         return parameters is None or parameters.get(state.vehicle.radio_failsafe, 1) != 0
 
@@ -67,13 +66,13 @@ class ExecutionMonitor:
 
     @staticmethod
     def guard(status: GuardStatus) -> list[Event]:
-        """A word of the guard."""
+        """A status of the guard."""
         return [ModeSourceSeen(ModeSource.GUARD)] if status.enforcing else []
 
     # ---- each second ----------------------------------------------------------------------------------------------
 
     def update(self, state: VehicleState, now: float) -> list[Event]:
-        """Motion."""
+        """Returns the motion, or once that it is not known any more."""
         own = state.telemetry.own_position
         moved, self._moves = self._moves, now - own.at < _STOPPED_S
         if not state.flying or own.value is None:
@@ -84,7 +83,7 @@ class ExecutionMonitor:
         return [MotionUnseen()] if moved else []
 
     def _left_m(self, state: VehicleState, now: float) -> float | None:
-        """How far it is to the place that it flies to (m), by the autopilot's word, or by where both are."""
+        """The distance (m) to the return site: by the autopilot's message, or by both positions; None: not known."""
         if not state.to_place:
             return None
         away_m = state.telemetry.to_waypoint_m.value
@@ -93,4 +92,4 @@ class ExecutionMonitor:
             if own is None or place is None:
                 return None
             away_m = distance_m(own.lat / 1e7, own.lon / 1e7, *place)
-        return max(0.0, away_m - state.return_circle_m)  # a circle around the place is at the place
+        return max(0.0, away_m - state.return_circle_m)  # on its circle the aircraft is at the site

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Declared gaps on the vehicle: is the aircraft in one now, and is everything there that crossing one takes?
+"""The gap monitor: is the aircraft in a declared gap, and is everything ready that a crossing needs?
 
-Only gaps of the package count that the companion itself has written to the autopilot, on the ground; they are gone as
-soon as somebody else begins to write a mission. They count in AUTO alone.
+Only gaps of the package count that the companion has written to the autopilot on the ground. They end as soon as
+another program begins to write a mission. They count only in AUTO.
 
-What START needs for them: a guard that lets them be crossed for long enough, and that has the autopilot's GCS failsafe
-watch the companion meanwhile. A gap that takes longer than its limit against the wind is none to fly into.
+START needs a guard that lets the gaps be crossed for long enough. The guard must also make the autopilot's GCS failsafe
+watch the companion meanwhile. START is refused if crossing a gap against the wind takes longer than its limit.
 """
 
 from __future__ import annotations
@@ -23,19 +23,19 @@ from mavproxy_handover.vehicle.state import VehicleState
 
 __all__ = ["ALONE_MAX", "GapMonitor", "lacking"]
 
-#: the guard's parameter: so long (s) it lets the aircraft be alone
+#: the guard's parameter for the time (s) that the aircraft may fly without a commander
 ALONE_MAX: Final = "HNDO_ALONE_MAX"
 _FOLLOWS: Final = "HNDO_SYSID_SW"
-#: a gap begins for the rules so much (s) before the border as they look ahead, and this
+#: for the rules a gap begins this time (s) plus their look-ahead before its border
 _EARLIER_S: Final = 3.0
-#: behind the far border there is so much time (s) for contact
+#: after the far border this time (s) is left to regain contact
 _CONTACT_S: Final = 5.0
 #: parameters have 24 bits
 _ROUNDED_S: Final = 1e-3
 
 
 def lacking(stretches: Sequence[Stretch], parameters: Mapping[str, float] | None, guarded: bool) -> str:
-    """What crossing these takes and is not there, in words; "" if nothing. `parameters` None: not read yet."""
+    """Why these gaps cannot be crossed, in words; "" if they can. `parameters` None: not read yet."""
     if not stretches:
         return ""
     for stretch in stretches:
@@ -73,11 +73,11 @@ class GapMonitor:
         return max((stretch.declared.limit_s for stretch in self._stretches), default=0.0)
 
     def set_gaps(self, stretches: Sequence[Stretch]) -> None:
-        """The autopilot holds a mission with these, or none that is known."""
+        """Set the gaps of the autopilot's mission; empty: none, or the mission is not known."""
         self._stretches = tuple(stretches)
 
     def fact(self, state: VehicleState) -> GapFact | None:
-        """The gap that the aircraft is in at its last position, or flies into in a moment; None: in none."""
+        """The gap that holds the last position, or that the aircraft enters soon; None: none."""
         where = state.where
         if not self._stretches or where is None or not state.flies_mission:
             return None
@@ -93,7 +93,7 @@ class GapMonitor:
         return None
 
     def update(self, state: VehicleState, _now: float) -> list[Event]:
-        """What START lacks for them, when that changes."""
+        """Returns what START lacks for the gaps, when that changes."""
         found = lacking(self._stretches, state.parameters.read, self._guarded)
         if found == self._lacking:
             return []

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The route check on the vehicle: the aircraft against the mission that the companion has written.
+"""The route check on the vehicle: compares the aircraft with the mission that the companion has written.
 
-It finds news for the journal, and offers what it knows; it orders nothing, and people are told by the safety
-decisions. A mission that somebody has written since is not known here, and so is nothing expected of the aircraft then.
+It returns news for the journal and orders nothing; the safety decisions tell people. If another program has written a
+mission since, the route is not known, and nothing is expected of the aircraft.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from mavproxy_handover.vehicle.state import VehicleState
 
 __all__ = ["RouteMonitor"]
 
-#: a position comes 20 times a second; what is judged over seconds needs fewer
+#: least interval (s) of the checks: a position comes 20 times a second, and a check over seconds needs fewer
 _LOOK_S: Final = 0.18
-#: what comes once a second, or oftener, has stopped
+#: after this time (s) without a message, a stream of at least one message a second has stopped
 _STOPPED_S: Final = 3.0
-#: so long (s) the last that is known is worth showing
+#: for this time (s) the last result is shown
 _SHOWN_S: Final = 5.0
 
 
@@ -33,28 +33,28 @@ class RouteMonitor:
         self._check = RouteCheck(limits)
         self._tracker: RouteTracker | None = None
         self._looked_at = -math.inf
-        #: where the aircraft is on its leg, as of the last look; None: no leg is flown
+        #: position on the leg at the last check; None: no leg is flown
         self.track: TrackFact | None = None
 
     @property
     def deviation(self) -> TrackFact | None:
-        """The same while the aircraft is off its route; None while it is not."""
+        """The position on the leg while the aircraft is off its route; else None."""
         return self._check.deviation
 
     def words(self, now: float) -> str:
-        """Where the aircraft is on its leg, for people; "" where that is not known, or none is flown."""
+        """The position on the leg, for people; "" if not known, or if no leg is flown."""
         if self.track is None or now - self._looked_at > _SHOWN_S:
             return ""
         return f"{self.track.text}{'' if self.deviation is None else ', OFF ROUTE'}"
 
     def set_route(self, route: Route | None) -> None:
-        """The autopilot holds this route; None: nobody knows which one."""
+        """Set the autopilot's route; None: not known."""
         self._tracker = None if route is None else RouteTracker(route)
 
     def update(self, state: VehicleState, now: float) -> list[RouteNews]:
-        """Compare the last position to the leg that is flown, if there was none just now."""
+        """Compare the last position with the leg that is flown, if the last check is old enough."""
         heard_at = min(state.telemetry.waypoint.at, state.telemetry.heartbeat.at)
-        if now - self._looked_at < _LOOK_S or now - heard_at > _STOPPED_S:  # what it flies to is not known
+        if now - self._looked_at < _LOOK_S or now - heard_at > _STOPPED_S:  # the target item is not known
             return []
         self._looked_at = now
         motion = self._motion(state)

@@ -372,7 +372,7 @@ AT_5_MPS = "a return is flown at 5 m/s, handover check and START count the missi
         ({"RTL_CLIMB_MIN_M": 15.0}, f"RTL_CLIMB_MIN_M is 15 m: {CLIMBS_FIRST}"),
         (
             {"RTL_LOIT_TIME": 60000.0},
-            "RTL_LOIT_TIME is 60 s: a return waits so long above its place, and the energy of 5 s is counted",
+            "RTL_LOIT_TIME is 60 s: a return waits this long above its site, but the energy of 5 s is counted",
         ),
         ({"RTL_ALT_FINAL_M": 5.0}, "RTL_ALT_FINAL_M is 5: a return ends hovering at 5 m, not landed"),
         (

@@ -2,10 +2,10 @@
 
 """Heights of a position box, made comparable with the autopilot's.
 
-A height above sea level is one. A barometric height is none: ISA pressure altitude is off it by the day's pressure
-(8 m for each hPa), and a barometric height above ground counts from the place where the box was set to zero. Their
-change in flight tells something. So they are levelled by the autopilot's height above sea level until the aircraft is
-armed; after a restart in flight, once. What they say later is compared.
+Only a height above sea level can be compared directly. ISA pressure altitude differs from it by the day's pressure (8 m
+for each hPa). A barometric height above ground counts from the place where the box was set to zero. Only their change
+in flight is useful. So they are levelled by the autopilot's height above sea level until the aircraft is armed; after a
+restart in flight, once. Later values are compared.
 
 The standard atmosphere has 15 degrees Celsius at sea level. In colder or warmer air a change of barometric height is
 up to 12 % larger or smaller than the true one (`slack_m`).
@@ -20,9 +20,9 @@ from mavproxy_handover.wire.box_layout import BoxRecord
 
 __all__ = ["BoxHeights", "slack_m"]
 
-#: this part of a change of barometric height is the temperature's: 288 K are 253 K at -20 degrees
+#: greatest error of a change of barometric height by the temperature: 253 K at -20 degrees instead of 288 K
 _AIR: Final = 0.12
-#: the pressure altitude first: it does not begin anew when the box does
+#: barometric heights; the pressure altitude first, because it does not restart with the box
 _BAROMETRIC: Final = ("baro_m", "agl_m")
 
 
@@ -30,13 +30,13 @@ class BoxHeights:
     """Of one box."""
 
     def __init__(self) -> None:
-        #: what is added to a barometric height for the one above sea level (m), by the record's attribute
+        #: offset (m) from a barometric height to the one above sea level, by the record's attribute
         self._level_m: dict[str, float] = {}
-        #: the autopilot's height above sea level when it was known last, and the box's then
+        #: the last known height of the autopilot above sea level, and the box's height at that time
         self._then: tuple[float, float] | None = None
 
     def level(self, record: BoxRecord, own_alt_m: float, *, armed: bool) -> None:
-        """Level them by the autopilot's height above sea level of the same moment."""
+        """Level the heights by the autopilot's height above sea level at the same moment."""
         for name in _BAROMETRIC:
             value = getattr(record, name)
             if not math.isnan(value) and (not armed or name not in self._level_m):
@@ -44,7 +44,7 @@ class BoxHeights:
         self._then = own_alt_m, self.above_sea_m(record)
 
     def above_sea_m(self, record: BoxRecord) -> float:
-        """Its height above sea level; NaN: it says none, or none that was levelled."""
+        """The box's height above sea level; NaN: it has none, or none that was levelled."""
         if not math.isnan(record.alt_m):
             return record.alt_m
         for name in _BAROMETRIC:
@@ -54,8 +54,11 @@ class BoxHeights:
         return math.nan
 
     def followed_m(self, record: BoxRecord, own_alt_m: float) -> float:
-        """The aircraft's height above sea level by this record. Where the box has none it is the autopilot's last one,
-        and goes on by the change of the box's; `own_alt_m`: the autopilot's where it was never compared."""
+        """The aircraft's height above sea level by this record.
+
+        If the box has no such height, it is the autopilot's last height plus the change of the box's height since.
+        `own_alt_m`: the autopilot's height, used if the heights were never compared.
+        """
         if not math.isnan(record.alt_m):
             return record.alt_m
         if self._then is None:
@@ -66,5 +69,5 @@ class BoxHeights:
 
 
 def slack_m(record: BoxRecord, above_home_m: float) -> float:
-    """How much of a difference to the autopilot's height is none, at this height above home."""
+    """The tolerated difference (m) from the autopilot's height, at this height above home."""
     return 0.0 if not math.isnan(record.alt_m) else _AIR * abs(above_home_m)

@@ -1,29 +1,29 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Is the position box's layout the one that is configured? Records of other layouts may have the same size.
+"""Does the position box send the configured layout? Records of other layouts may have the same size.
 
 Theory of operation
 -------------------
 Each record is read under the configured layout and under every rival: a known layout of the same size that has time,
-place or velocity elsewhere. Each reading gets points for what does not fit:
+place or velocity elsewhere. Each reading gets points for values that do not fit:
 
-* values out of their range; a place with a velocity or a height that is not known; a battery that is all but empty; a
-  ground speed that is not the length of the velocity; a true track that is not its direction while the aircraft moves
+* values out of their range; a place with an unknown velocity or height; a nearly empty battery; a ground speed that
+  differs from the length of the velocity; a true track that differs from its direction while the aircraft moves
   (`_inner`),
-* a velocity or a heading that is not the autopilot's, while the autopilot knows them (`_outer`).
+* a velocity or a heading that differs from the autopilot's, if the autopilot has them (`_outer`).
 
-Points are averaged over the newest records, so one bad record, or a pair that was not measured at one time, decides
-nothing. A layout is told apart when the others have more points than it has, by `_MARGIN`:
+The points are averaged over the newest records, so one bad record, or a pair of different times, does not decide. A
+layout is recognised when the others have more points, by `_MARGIN`:
 
-* the configured one fits: RECOGNISED,
-* a rival fits, and the configured one does not: OTHER, with the rival's name,
-* anything else: UNDECIDED. A box of an aircraft that stands still and points to the north sends little but zeros; while
-  the autopilot has no velocity either, they fit every layout.
+* the configured layout fits: RECOGNISED,
+* a rival fits, and the configured layout does not: OTHER, with the rival's name,
+* anything else: UNDECIDED. The box of an aircraft that stands still and points north sends mostly zeros. While the
+  autopilot has no velocity either, they fit every layout.
 
-On the ground a box counts once its layout was recognised, and until another one fits. In flight one that is undecided
-counts as well (after a restart there), and is held against the autopilot as ever.
+On the ground a box counts after its layout was recognised, until another layout fits. In flight an undecided layout
+counts too (after a restart there), and is compared with the autopilot as always.
 
-It only recognises: the layout never changes by itself. It is pure; what it keeps is bounded.
+This module only recognises a layout and never changes it. It is pure, and its memory is bounded.
 """
 
 from __future__ import annotations
@@ -39,26 +39,26 @@ from mavproxy_handover.wire.box_layout import LAYOUTS, REQUIRED, BoxLayout, BoxR
 
 __all__ = ["LayoutWatch", "Verdict", "rivals"]
 
-#: so many records decide at the earliest, and so many of the newest count
+#: least number of records for a verdict, and number of the newest records that count
 _FEWEST, _COUNTED = 5, 10
-#: the points that part one layout from the others; and a reading with so many does not fit
+#: least difference in points between two layouts; and the points of a reading that does not fit
 _MARGIN, _MISFIT = 0.5, 1.0
-#: the points of a value out of its range, the most of a velocity or a relation that is wrong, of a heading, a battery,
-#: of a place with an unknown velocity or height. A heading alone makes no misfit: a box may be mounted across, and a
-#: compass be wrong
+#: points of a value out of its range; greatest points of a wrong velocity or relation; points of a heading, a battery,
+#: and a place with an unknown velocity or height. A heading alone is no misfit: a box may be mounted across, and a
+#: compass may be wrong
 _RANGE_POINTS, _MOST, _HEADING_POINTS, _BATTERY_POINTS, _HALF_POINTS = 4.0, 2.0, 0.6, 1.0, 1.0
-#: velocities are the same within this, and within this part of the speed
+#: velocities are equal within this, plus this fraction of the speed
 _SAME_MPS, _SAME_PART = 1.0, 0.2
-#: ground speed and velocity of one record are the same within this, and within this part
+#: ground speed and velocity of one record are equal within this, plus this fraction
 _LENGTH_MPS, _LENGTH_PART = 0.05, 0.1
-#: angles are the same within this; below this speed a track is none
+#: angles are equal within this; below this speed a track does not count
 _SAME_DEG, _MOVES_MPS = 20.0, 1.0
 #: no aircraft flies with fewer volts
 _EMPTY_V: Final = 3.0
 
 
 class Verdict(Enum):
-    """What the records say of the configured layout."""
+    """The verdict of the records about the configured layout."""
 
     UNDECIDED = "undecided"
     RECOGNISED = "recognised"
@@ -66,7 +66,7 @@ class Verdict(Enum):
 
 
 def rivals(layout: BoxLayout, known: Mapping[str, BoxLayout] = LAYOUTS) -> tuple[BoxLayout, ...]:
-    """Known layouts that a box of this one could be taken for: as long, and with something needed elsewhere."""
+    """Known layouts that could be confused with this one: of the same size, with a required field elsewhere."""
 
     def where(of: BoxLayout) -> set[tuple[object, ...]]:
         needed = (field for field in of.fields if field.meaning in REQUIRED)
@@ -80,31 +80,31 @@ class LayoutWatch:
 
     def __init__(self, layout: BoxLayout) -> None:
         self._layouts = (layout, *rivals(layout))
-        #: of each record: the points of each layout, inner and all
+        #: for each record: the points of each layout, inner and total
         self._points: deque[tuple[tuple[float, float], ...]] = deque(maxlen=_COUNTED)
         self.verdict = Verdict.UNDECIDED
-        #: it was recognised, and no other one fits since
+        #: the layout was recognised, and no other one has fitted since
         self.known = False
-        #: records of another layout in flight
+        #: number of records of another layout in flight
         self.counted = 0
-        #: the layout that fits in place of the configured one; None unless the verdict is OTHER
+        #: the layout that fits instead of the configured one; None unless the verdict is OTHER
         self.likely: BoxLayout | None = None
-        #: no known layout fits what has come
+        #: no known layout fits the records
         self.misfit = False
 
     @property
     def enough(self) -> bool:
-        """As many records have come as count."""
+        """Enough records have come for a full average."""
         return len(self._points) == _COUNTED
 
     @property
     def count_words(self) -> str:
-        """How many records of another layout came in flight, for people; "" if none did."""
+        """The number of records of another layout in flight, for people; "" if none."""
         return f" ({self.counted} records of another layout in flight)" if self.counted else ""
 
     @property
     def words(self) -> str:
-        """What it says of the box, for people; "" if the layout is the configured one."""
+        """The verdict, for people; "" if the layout is the configured one."""
         configured = self._layouts[0].name
         if self.likely is not None:
             likely = self.likely.name
@@ -118,7 +118,7 @@ class LayoutWatch:
         )
 
     def judge(self, raw: bytes, own: Place | None, *, armed: bool) -> None:
-        """Judge one more record; `own`: the autopilot's word of the same moment, if it has one."""
+        """Judge one more record. `own`: the autopilot's position at the same moment, if it has one."""
         self._points.append(tuple(_points(layout, raw, own) for layout in self._layouts))
         if len(self._points) < _FEWEST:
             return
@@ -138,7 +138,7 @@ class LayoutWatch:
 
 
 def _points(layout: BoxLayout, raw: bytes, own: Place | None) -> tuple[float, float]:
-    """What does not fit in one reading: in the record itself, and in all."""
+    """The points of one reading: inner and total."""
     values = layout.struct.unpack(raw)
     if layout.wrong(values):
         return _RANGE_POINTS, _RANGE_POINTS
@@ -149,7 +149,7 @@ def _points(layout: BoxLayout, raw: bytes, own: Place | None) -> tuple[float, fl
 
 
 def _inner(record: BoxRecord) -> float:
-    """What does not fit in a reading by itself."""
+    """The points of a reading by itself."""
     length_mps = math.hypot(record.north_mps, record.east_mps)
     slack_mps = _LENGTH_MPS + _LENGTH_PART * length_mps
     points = _beyond(abs(record.speed_mps - length_mps), slack_mps, _MOST)
@@ -160,7 +160,7 @@ def _inner(record: BoxRecord) -> float:
 
 
 def _outer(record: BoxRecord, own: Place) -> float:
-    """What is not as the autopilot has it."""
+    """The points of differences from the autopilot."""
     north, east, down = record.north_mps - own.north_mps, record.east_mps - own.east_mps, record.down_mps - own.down_mps
     slack_mps = _SAME_MPS + _SAME_PART * math.hypot(own.north_mps, own.east_mps, own.down_mps)
     return (
@@ -171,10 +171,10 @@ def _outer(record: BoxRecord, own: Place) -> float:
 
 
 def _beyond(value: float, limit: float, most: float) -> float:
-    """The points of a value: none up to its limit, one at twice the limit; and none if it is not known."""
+    """The points of a value: 0 up to its limit, 1 at twice the limit; 0 if it is not known."""
     return 0.0 if math.isnan(value) else min(most, max(0.0, value / limit - 1.0))
 
 
 def _turn(difference_deg: float) -> float:
-    """How far two directions are apart."""
+    """The angle between two directions (degrees)."""
     return abs(math.remainder(difference_deg, 360.0))

@@ -1,19 +1,19 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Two words of where the aircraft is, held against each other: the position box's and the autopilot's.
+"""The cross-check: compares the position of the position box with the autopilot's.
 
 Theory of operation
 -------------------
-Nobody can tell which of the two is wrong, only that one is. So:
+The comparison shows that one of two sources is wrong, but not which one. So:
 
-* A pair that is further apart than a limit is not used, neither for `apart_s` nor at all: one wrong position would be
-  enough to enter a zone by.
-* Pairs that stay so for `apart_s` are a disagreement. It is over when they are within CLOSE of every limit for
-  `agree_s`: what wanders along a limit does not flicker.
-* Pairs that are beyond a limit and within it by turns are a disagreement too, if they are beyond it for more than a
-  fifth of the time: the time beyond counts up, the time within counts down at a quarter of that speed. So a box that
-  tells the truth now and then cannot keep it quiet that it lies.
-* While there is nothing to compare nothing changes: a disagreement is not forgotten because one of them falls silent.
+* A pair that differs by more than a limit is never used, from the first pair on: one wrong position would be enough to
+  enter a zone.
+* Pairs that differ for `apart_s` are a disagreement. It ends when they are within CLOSE of every limit for `agree_s`,
+  so a difference near a limit does not make it flicker.
+* Pairs that are alternately beyond and within a limit are also a disagreement, if they are beyond it for more than a
+  fifth of the time. The time beyond counts up, the time within counts down at a quarter of that speed. So a few correct
+  positions do not hide a faulty box.
+* While there is no pair nothing changes: a disagreement continues if one source falls silent.
 * A place without a height (NaN) is compared without it.
 
 It is pure: time is an argument.
@@ -30,13 +30,13 @@ from mavproxy_handover.mission.geodesy import distance_m
 
 __all__ = ["CLOSE", "UNKNOWN_HEADING", "CrossCheck", "Difference", "Place"]
 
-#: of a GLOBAL_POSITION_INT
+#: GLOBAL_POSITION_INT: heading not known
 UNKNOWN_HEADING: Final = 0xFFFF
-#: how fast the time beyond a limit is forgotten within it
+#: speed at which the time beyond a limit counts down within it
 _FORGETS: Final = 0.25
-#: a pause between two pairs counts for no more than this (s); and sums of pauses are this exact (s)
+#: a pause between two pairs counts for at most this (s); accuracy of sums of pauses (s)
 _PAUSE_S, _EXACT_S = 0.5, 1e-6
-#: this part of a limit is well within it
+#: fraction of a limit for a good agreement
 CLOSE: Final = 2.0 / 3.0
 _TEXTS: Final = (
     "{:.0f} m apart (limit {:g} m)",
@@ -47,7 +47,8 @@ _TEXTS: Final = (
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """One word of it: degrees, metres above sea level, metres a second over ground and downwards. NaN: not known."""
+    """A position of one source: degrees, metres above sea level, metres a second over ground and downwards. NaN: not
+    known."""
 
     lat_deg: float
     lon_deg: float
@@ -59,7 +60,7 @@ class Place:
 
     @classmethod
     def by_autopilot(cls, message: Any) -> Place:
-        """The autopilot's word: a GLOBAL_POSITION_INT."""
+        """The autopilot's position, from a GLOBAL_POSITION_INT."""
         return cls(
             message.lat / 1e7,
             message.lon / 1e7,
@@ -73,7 +74,7 @@ class Place:
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """How far two places are apart."""
+    """The difference of two places."""
 
     over_ground_m: float
     height_m: float
@@ -81,7 +82,7 @@ class Difference:
 
     @classmethod
     def between(cls, one: Place, other: Place, height_slack_m: float = 0.0) -> Difference:
-        """Of these two. `height_slack_m`: so much of the difference in height is none."""
+        """The difference of these two. `height_slack_m`: tolerated difference in height."""
         apart_m = abs(one.alt_m - other.alt_m) - height_slack_m
         return cls(
             distance_m(one.lat_deg, one.lon_deg, other.lat_deg, other.lon_deg),
@@ -99,12 +100,12 @@ class CrossCheck:
         self._agree_s = settings.agree_s
         #: the last pair was beyond a limit
         self.beyond = False
-        #: they disagree
+        #: there is a disagreement
         self.apart = False
         self.last: Difference | None = None
-        #: how long they were beyond a limit, less what is forgotten of it (s)
+        #: time beyond a limit (s), less the count-down
         self._beyond_s = 0.0
-        #: since when they are well together again
+        #: since when the pairs agree well again
         self._since: float | None = None
         self._looked_at: float | None = None
 
@@ -115,7 +116,7 @@ class CrossCheck:
 
     @property
     def words(self) -> str:
-        """What was measured last that is worst, with its limit; "" before anything was."""
+        """The worst of the last differences, with its limit; "" before the first pair."""
         if self.last is None:
             return ""
         measured = (self.last.over_ground_m, self.last.height_m, self.last.speed_mps)

@@ -1,28 +1,28 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Where the aircraft is: by the autopilot's word, or by the position box's, and whether that word counts.
+"""The position monitor: which source of the position counts (autopilot or position box), and whether it counts now.
 
 Rules:
 
-1. One source counts, the one that is configured (`[position]`). There is no falling back to the other one: when two
-   disagree nobody knows which is right, and when one falls silent people have to know.
-2. A position that does not count is not used at all: no zone, route, gap or border is judged by it, no station is told
-   it. The position grows old by that, and what is done about that is the cause `position_stale`'s matter, as ever.
-3. The box counts while its records come, in time, with a position, and agree with the autopilot's own
-   (`cross_check.py`); for `unchecked_s` without anything to compare, once they have agreed, and only where the aircraft
-   can have come since. A position of the autopilot without a fix is nothing to compare: it is a guess.
-4. Where the autopilot is the source and there is a box, a disagreement takes the autopilot's word away as well. A box
-   that is silent does not: nothing says that anything is wrong. What a silent box said last is forgotten on the ground.
-5. The box counts only in the layout that is configured (`box_layout_watch.py`). On the ground that has to be recognised
-   first; where the box is the source START is refused until then. Records of another layout are not used, START is
-   refused, and in flight they are counted. They take nothing away from the autopilot, and what was compared before
-   they were recognised is forgotten.
-6. `check = "armed"`: a box is believed without the autopilot as long as the autopilot says that it is disarmed, for an
-   aircraft that is carried, or stands under a roof.
-7. A box without height above sea level leaves that to the autopilot; while the autopilot has no position, its last
-   height goes on by the change of the box's (`box_heights.py`).
-8. What keeps the autopilot's own motion (does it do what was ordered, what does it draw) goes by its own word.
-9. Everybody is told when a source stops counting, and when it counts again.
+1. Only the configured source counts (`[position]`). There is no fallback to the other one: if two sources disagree, it
+   is not known which is right, and if one falls silent, people must know.
+2. A position that does not count is not used: not for zones, route, gaps and borders, and no station gets it. So the
+   position grows old, and the cause `position_stale` handles it.
+3. The box counts while its records come in time, hold a position, and agree with the autopilot's position
+   (`cross_check.py`). Once they have agreed, the box counts for `unchecked_s` without a comparison, if the aircraft can
+   have reached the place since. A position of the autopilot without a fix is an estimate, and is not compared.
+4. If the autopilot is the source and there is a box, the autopilot's position does not count during a disagreement
+   either. A silent box is no disagreement. On the ground the last record of a silent box is forgotten.
+5. The box counts only in the configured layout (`box_layout_watch.py`). On the ground the layout must be recognised
+   first; if the box is the source, START is refused until then. Records of another layout are not used, and START is
+   refused; in flight they are counted. They do not affect the autopilot's position. Comparisons made before the other
+   layout was recognised are forgotten.
+6. `check = "armed"`: the box is believed without the autopilot while the autopilot reports that it is disarmed, for an
+   aircraft that is carried or stands under a roof.
+7. A box without height above sea level uses the autopilot's height. While the autopilot has no position, its last
+   height follows the change of the box's height (`box_heights.py`).
+8. Checks of the autopilot's own motion (orders carried out, power draw) use the autopilot's own position.
+9. Every station is told when a source stops counting, and when it counts again.
 """
 
 from __future__ import annotations
@@ -48,18 +48,18 @@ __all__ = ["Box", "BoxNews", "PositionMonitor", "Standing"]
 
 #: positions of the autopilot come 20 times a second; one older than this is no match for a record that has just come
 _FRESH_S: Final = 0.5
-#: as `autopilot/messages.py`: what an older heartbeat has said of arming does not count
+#: arming by a heartbeat older than this (s) does not count, as in `autopilot/messages.py`
 _HEARTBEAT_S: Final = 2.5
-#: without a record for so long a box is silent
+#: without a record for this time (s) a box is silent
 _SILENT_S: Final = 1.0
-#: what has changed is told so long after the last word at the earliest; and so long a box is waited for at first
+#: least interval (s) of the messages; and the time (s) to wait for a box at first
 _PAUSE_S: Final = 5.0
-#: what bytes said of the layout counts for so long: a box whose records break the rules is connected to anew for each
+#: a judgement of the layout counts for this time (s): the line to a box with invalid records is reopened each time
 _LAYOUT_S: Final = 5.0
 
 
 class Box(Protocol):
-    """The line to the box, as far as it is needed here (`link/box_line.py`)."""
+    """The part of the line to the box that is needed here (`link/box_line.py`)."""
 
     trouble: str
 
@@ -71,7 +71,7 @@ class Box(Protocol):
 
 
 class Standing(Enum):
-    """How it stands with the box; in the words of the journal."""
+    """The state of the box, in the words of the journal."""
 
     WAITED_FOR = "waited_for"
     SILENT = "silent"
@@ -80,7 +80,7 @@ class Standing(Enum):
     OTHER_LAYOUT = "other_layout"
     UNRECOGNISED = "unrecognised"
     UNCHECKED = "unchecked"
-    #: the last pair was too far apart, and not for long enough yet to be a disagreement
+    #: the last pair was too far apart, but not yet long enough for a disagreement
     BEYOND = "beyond"
     APART = "apart"
     SOUND = "sound"
@@ -88,8 +88,8 @@ class Standing(Enum):
 
 @dataclass(frozen=True, slots=True)
 class BoxNews:
-    """It stands otherwise with the box; `source`: whose position counts. `severity`: of the text to the stations, None:
-    they are told nothing."""
+    """The state of the box has changed. `source`: the source that counts; `severity`: of the text to the stations,
+    None: they are not told."""
 
     text: str
     source: str
@@ -98,7 +98,7 @@ class BoxNews:
 
 
 class _Agreement:
-    """Where the box had the aircraft when both sources agreed last, and when that was."""
+    """The position of the box when both sources last agreed, with its time."""
 
     def __init__(self, settings: PositionSettings) -> None:
         self._settings = settings
@@ -106,12 +106,14 @@ class _Agreement:
         self._place: Place | None = None
 
     def note(self, place: Place, now: float) -> None:
-        """They agree."""
+        """Note that both sources agree."""
         self._at, self._place = now, place
 
     def covers(self, there: Place, now: float) -> bool:
-        """Whether it is no longer ago than `unchecked_s`, and the aircraft can be there by now: as fast as it was then,
-        or faster by twice the limit for its speed."""
+        """Whether the last agreement is at most `unchecked_s` old, and the aircraft can have reached this place.
+
+        It may have flown at its speed of then, plus twice the limit for the speed.
+        """
         before, settings = self._place, self._settings
         for_s, faster_mps = now - self._at, 2.0 * settings.apart_mps
         if before is None or for_s > settings.unchecked_s:
@@ -123,7 +125,7 @@ class _Agreement:
 
 
 class _Told:
-    """What people and the rules know of the box."""
+    """The state of the box that people and the rules were told last."""
 
     def __init__(self) -> None:
         self.standing = Standing.WAITED_FOR
@@ -146,21 +148,23 @@ class PositionMonitor:
         #: the box is the source
         self.by_box = settings.source == BOX
         self._standing = Standing.WAITED_FOR
-        #: it is waited for until then, if it is not heard before
+        #: until then a box that was never heard is waited for
         self._waits_until = math.inf
         self._heard_at = -math.inf
-        #: the same of a record that need not have been believed
+        #: time of the last record, valid or not
         self._raw_at = -math.inf
         self._late_s = 0.0
         #: home, in metres above sea level, by the autopilot
         self._home_alt_m: float | None = None
         state.trust_own(not self.by_box)
 
-    # ---- what comes -------------------------------------------------------------------------------------------------
+    # ---- records ----------------------------------------------------------------------------------------------------
 
     def read(self, state: VehicleState, now: float) -> list[Event]:
-        """Read the box: where it counts, the state has its position afterwards. To be called often. Returns what START
-        lacks for it, when that changes."""
+        """Read the box, and set the position of the state if the box counts; to be called often.
+
+        Returns what START lacks for the box, when that changes.
+        """
         if self._box is None:
             return []
         self._read(self._box, state, now)
@@ -185,7 +189,7 @@ class PositionMonitor:
 
     def _judge_layout(self, raw: bytes, state: VehicleState, now: float) -> None:
         armed = state.armed
-        if now - self._raw_at > _LAYOUT_S and not armed:  # on the ground it may be another box by now
+        if now - self._raw_at > _LAYOUT_S and not armed:  # on the ground the box may have been replaced
             self._layout = LayoutWatch(self._settings.layout)
         self._raw_at = now
         before = self._layout.verdict
@@ -219,13 +223,13 @@ class PositionMonitor:
         return Standing.SOUND if self._agreement.covers(theirs, now) else Standing.UNCHECKED
 
     def _counts(self, state: VehicleState, now: float) -> bool:
-        """Whether the box's last record is where the aircraft is."""
+        """Whether the box's last record counts."""
         if self._standing in (Standing.UNCHECKED, Standing.BEYOND, Standing.APART):
             return self._lenient(state, now)
         return self._standing is Standing.SOUND
 
     def _own(self, state: VehicleState, now: float) -> Place | None:
-        """The autopilot's word, where it is one to go by."""
+        """The autopilot's position, if it can be compared; else None."""
         position = state.telemetry.own_position.value
         if position is None or now - state.telemetry.own_position.at > _FRESH_S or state.dead_reckoning:
             return None
@@ -233,12 +237,12 @@ class PositionMonitor:
         return Place.by_autopilot(position)
 
     def _lenient(self, state: VehicleState, now: float) -> bool:
-        """Whether the box is believed whatever the autopilot says of the position."""
+        """Whether the box is believed without a comparison."""
         known = now - state.telemetry.heartbeat.at < _HEARTBEAT_S
         return self._settings.check == ARMED and known and not state.armed
 
     def _forget(self, state: VehicleState, now: float) -> None:
-        """Rule 4: a box that only checks, and is silent, on the ground."""
+        """Forget the comparisons with a silent box that is not the source, on the ground (rule 4)."""
         if self.by_box or self._check.sound or now - self._heard_at < _SILENT_S or state.armed:
             return
         self._check = CrossCheck(self._settings)
@@ -247,9 +251,9 @@ class PositionMonitor:
     def _position(self, record: BoxRecord, state: VehicleState) -> Any:
         """The record in the form of the autopilot's own message, with the autopilot's home and time."""
         own = state.telemetry.own_position.value
-        # before the autopilot has told a height it is 0
+        # before the autopilot has sent a height, 0 is used
         alt_m = self._heights.followed_m(record, 0.0 if own is None else own.alt / 1000.0)
-        if self._home_alt_m is None:  # the first that is known: it stands on the ground
+        if self._home_alt_m is None:  # the first known height: the aircraft stands on the ground
             self._home_alt_m = alt_m
         heading, down_mps = record.heading_deg, record.down_mps
         if math.isnan(down_mps):
@@ -266,10 +270,10 @@ class PositionMonitor:
             UNKNOWN_HEADING if math.isnan(heading) else round(heading * 100.0) % 36_000,
         )
 
-    # ---- what is told -----------------------------------------------------------------------------------------------
+    # ---- messages ---------------------------------------------------------------------------------------------------
 
     def standing(self, now: float) -> Standing:
-        """How it stands with the box now."""
+        """The state of the box now."""
         if self._layout.verdict is Verdict.OTHER and now - self._raw_at <= _LAYOUT_S:
             return Standing.OTHER_LAYOUT
         if now - self._heard_at <= _SILENT_S:
@@ -277,7 +281,7 @@ class PositionMonitor:
         return Standing.WAITED_FOR if self._heard_at == -math.inf and now < self._waits_until else Standing.SILENT
 
     def update(self, state: VehicleState, now: float) -> list[BoxNews]:
-        """Each second: what has changed."""
+        """Returns news when the state of the box has changed; to be called each second."""
         if self._box is None:
             return []
         if self._waits_until == math.inf:
@@ -289,7 +293,7 @@ class PositionMonitor:
             return []
         self._told.standing, self._told.at = standing, now
         severity: int | None = mavlink.MAV_SEVERITY_WARNING
-        if standing is Standing.SOUND:  # as it should be: at first nobody has to be told
+        if standing is Standing.SOUND:  # normal: the first time is not news
             severity = None if before is Standing.WAITED_FOR else mavlink.MAV_SEVERITY_NOTICE
         return [BoxNews(self.words(state, now), self._settings.source, standing.value, severity)]
 
@@ -300,7 +304,7 @@ class PositionMonitor:
         return f"position box {self._layout.words}" if refused and self._layout.words else ""
 
     def words(self, state: VehicleState, now: float) -> str:
-        """How it stands with the box, for people; "" without one."""
+        """The state of the box, for people; "" without a box."""
         if self._box is None:
             return ""
         standing = self.standing(now)

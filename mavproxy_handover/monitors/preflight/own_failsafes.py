@@ -1,22 +1,23 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the autopilot does by itself when something is wrong: battery, geofence, the way home. Do its parameters fit?
+"""Checks the parameters of the autopilot's own failsafes: battery, geofence and return.
 
-Rules for `autopilot/preflight.py`, each one of a table. What they rest on: plain RTL alone goes to the place that was
-chosen for a return, the one point of the rally list (SMART_RTL flies back the way it came, AUTO_RTL along the mission's
-landing sequence), and only where home is no choice beside it; a fence that is stored and not switched on keeps nothing
-in; and ArduCopter's own fences, around home and above it, end a mission that leaves them.
+The rules are a table for `autopilot/preflight.py`. They rest on these facts:
 
-Each battery monitor has failsafes of its own, which act on the whole aircraft: those of the packs that it flies by
-(`batteries` of [energy]) are read and judged alike.
-
-A plane that returns circles at the place for ever unless something ends that: the mission's landing sequence
-(RTL_AUTOLAND), or its rotors (Q_RTL_MODE). Without, no START (`circles_for_ever`).
+* Only plain RTL goes to the return site, the one point of the rally list, and only if home is no alternative to it.
+  SMART_RTL flies back along its track, AUTO_RTL along the mission's landing sequence.
+* A fence that is stored but not enabled has no effect.
+* ArduCopter's own fences, around home and above it, end a mission that leaves them.
+* Each battery monitor has failsafes of its own, which act on the whole aircraft. Those of all packs in flight
+  (`batteries` of [energy]) are read and judged alike.
+* A plane that returns circles for ever, unless the mission's landing sequence (RTL_AUTOLAND) or its rotors (Q_RTL_MODE)
+  end that. Otherwise START is refused (`circles_for_ever`).
 
 Names and units differ by firmware: RTL_ALT, RTL_ALT_FINAL, RTL_CLIMB_MIN of copters and RTL_SPEED are centimetres (a
-second), RTL_ALT_M, RTL_ALT_FINAL_M, RTL_CLIMB_MIN_M and RTL_SPEED_MS (from 4.7 on) metres; WPNAV_SPEED* and WP_SPD*,
-LAND_SPEED and LAND_SPD_MS likewise. What the energy rule counts by fixed numbers (climb, descent, landing) is compared
-to them: what is slower in the autopilot costs more than is counted.
+second), RTL_ALT_M, RTL_ALT_FINAL_M, RTL_CLIMB_MIN_M and RTL_SPEED_MS (from 4.7 on) metres. The same holds for
+WPNAV_SPEED* and WP_SPD*, LAND_SPEED and LAND_SPD_MS. The energy rule counts climb, descent and landing by fixed
+numbers. They are compared with the parameters: a slower autopilot needs more energy than is counted.
+
 Sources: ArduCopter's and ArduPlane's Parameters.cpp, Plane.h (`_failsafe_priorities`), events.cpp, mode_rtl.cpp and
 fence.cpp of the latter, AP_BattMonitor (`check_failsafes`), AC_Fence; docs of the parameters.
 """
@@ -62,9 +63,9 @@ __all__ = [
     "plan_facts",
 ]
 
-#: what the switches of the pilot's transmitter do; a station's RC override moves them as well
+#: functions of the switches of the pilot's transmitter; a station's RC override moves them too
 _SWITCHED: Final = tuple(f"RC{channel}_OPTION" for channel in range(5, 17))
-#: what is read for these rules; of two names in a row a firmware has one
+#: parameters that these rules read; of two names in a row a firmware has one
 NAMES: Final = (
     *_SWITCHED,
     "BATT_MONITOR", "BATT_FS_LOW_ACT", "BATT_FS_CRT_ACT", "BATT_LOW_VOLT", "BATT_LOW_MAH",
@@ -75,7 +76,7 @@ NAMES: Final = (
     "WPNAV_SPEED", "WP_SPD", "WPNAV_SPEED_UP", "WP_SPD_UP", "WPNAV_SPEED_DN", "WP_SPD_DN", "LAND_SPEED", "LAND_SPD_MS",
     "LAND_ALT_LOW", "LAND_ALT_LOW_M", "WPNAV_ACCEL", "WP_ACC", "OA_TYPE", "GRIP_ENABLE",
 )  # fmt: skip
-#: the same of an aircraft with wings
+#: parameters that these rules read from an aircraft with wings
 PLANE_NAMES: Final = (
     *_SWITCHED,
     "BATT_MONITOR", "BATT_FS_LOW_ACT", "BATT_FS_CRT_ACT", "BATT_LOW_VOLT", "BATT_LOW_MAH",
@@ -84,13 +85,13 @@ PLANE_NAMES: Final = (
     "FS_SHORT_ACTN", "FS_LONG_ACTN", "RTL_AUTOLAND", "RTL_CLIMB_MIN", "FLIGHT_OPTIONS", "TERRAIN_FOLLOW",
     "Q_ENABLE", "Q_RTL_MODE", "Q_RTL_ALT", "Q_OPTIONS", "TERRAIN_ENABLE", "TRIM_ARSPD_CM", "AIRSPEED_CRUISE",
 )  # fmt: skip
-#: of those that begin with BATT_, what each further monitor has as well
+#: the parameters of BATT_ that each further monitor has too
 _OF_MONITOR: Final = ("MONITOR", "FS_LOW_ACT", "FS_CRT_ACT", "LOW_VOLT", "LOW_MAH")
 
-#: parameters have 24 bits, and settings are rounded: no difference (degrees a second)
+#: tolerance (degrees a second): parameters have 24 bits, and settings are rounded
 _ROUNDED_DEG_S: Final = 0.01
 
-#: for which kinds a rule is
+#: the kinds of aircraft that a rule is for
 COPTERS: Final = frozenset({Kind.COPTER})
 WINGED: Final = frozenset({Kind.PLANE, Kind.QUADPLANE})
 _HOVERING: Final = frozenset({Kind.QUADPLANE})
@@ -99,18 +100,18 @@ EVERY: Final = COPTERS | WINGED
 
 @dataclass(frozen=True, slots=True)
 class PlanFacts:
-    """What of a plan concerns the autopilot's own limits."""
+    """The facts of a plan that concern the autopilot's own limits."""
 
     #: it has a geofence
     fence: bool
-    #: areas of that to stay inside
+    #: number of its inclusion areas
     inclusions: int
-    #: how far from home the route goes, and how high above it: metres
+    #: greatest distance of the route from home, and greatest height above home (m)
     farthest_m: float
     highest_m: float
-    #: it has a landing sequence, and whichever is the nearest lands
+    #: it has a landing sequence, and the nearest one always lands
     lands: bool = False
-    #: the number of a DO_LAND_START that comes to no landing; None: it has none
+    #: the number of a DO_LAND_START without a landing after it; None: there is none
     aloft: int | None = None
     #: home above the sea (m)
     home_alt_m: float = 0.0
@@ -119,19 +120,18 @@ class PlanFacts:
     above_terrain: tuple[MissionItem, ...] = ()
     #: it brings heights of the ground
     ground: bool = False
-    #: how fast its circles are counted to be flown, at the most (degrees a second); 0: it has none
+    #: the greatest rate of its circles in the energy rule (degrees a second); 0: it has no circles
     circle_deg_s: float = 0.0
-    #: the speed that it was checked with (m/s), of wings through the air; None: not known
+    #: the speed that it was checked with (m/s), an airspeed for wings; None: not known
     cruise_mps: float | None = None
-    #: which ways are at home's height or near it, in words; "": none
+    #: the ways at or near home's height, in words; "": none
     low: str = ""
     #: number of its first DO_GRIPPER; None: it has none
     gripper: int | None = None
 
 
 def plan_facts(route: Route, cruise_mps: float | None = None) -> PlanFacts:
-    """The facts of a route, checked with that speed. It has at most MAX_ITEMS items, so this takes a few
-    milliseconds."""
+    """The facts of a route, checked with that speed. Takes a few milliseconds for up to MAX_ITEMS items."""
     home = route.home.lat_deg, route.home.lon_deg
     legs = legs_of(route, cruise_mps)
     farthest_m = max(distance_m(*home, *leg.end[:2]) for leg in legs)
@@ -157,7 +157,7 @@ def plan_facts(route: Route, cruise_mps: float | None = None) -> PlanFacts:
 
 
 def _circle_deg_s(route: Route, legs: Sequence[Leg]) -> float:
-    """How fast a copter is counted to fly its circles, at the most."""
+    """The greatest rate of a copter's circles in the energy rule."""
     items = ((route.items[leg.seq - 1], leg.speed_mps) for leg in legs if leg.curved)
     return max(
         (
@@ -234,9 +234,9 @@ _BY_SEQUENCE, _BY_ROTORS = (1, 2), (1, 2, 3)
 
 
 def circles_for_ever(p: Parameters | None, plan: PlanFacts | None, kind: Kind) -> str:
-    """Why a return of this aircraft does not end in a landing, in words; "" if it does, or no mission is known.
+    """Why a return does not end in a landing, in words; "" if it does, or if no mission is known.
 
-    `p` None: not read yet. It is what START asks: an aircraft that circles is not back.
+    `p` None: not read yet. START asks this: an aircraft that circles has not come back.
     """
     if not kind.winged or plan is None:
         return ""
@@ -255,7 +255,7 @@ def circles_for_ever(p: Parameters | None, plan: PlanFacts | None, kind: Kind) -
 
 
 def no_terrain(p: Parameters | None, plan: PlanFacts | None) -> str:
-    """Why the autopilot cannot fly heights above terrain that the plan has, in words; "" if it can, or has none to fly.
+    """Why the autopilot cannot fly the plan's heights above terrain, in words; "" if it can, or if there are none.
 
     `p` None: not read yet. Without heights of the ground the autopilot turns back (`failsafe_terrain_on_event`).
     """
@@ -286,14 +286,14 @@ def _low_way(p: Parameters, plan: PlanFacts | None) -> str | None:
 
 
 def _gripper(p: Mapping[str, float], plan: PlanFacts | None) -> str | None:
-    """ArduPilot without a gripper says `Gripper Released` all the same, and keeps the load."""
+    """ArduPilot without a gripper still reports `Gripper Released`, and keeps the load."""
     if plan is None or plan.gripper is None or p.get("GRIP_ENABLE", 1) != 0:
         return None
     return f"is 0: item {plan.gripper} (DO_GRIPPER) moves no gripper, and the load stays on board"
 
 
 def _circle_rate(p: Parameters, plan: PlanFacts | None) -> str | None:
-    """A circle at a lower rate takes longer, and with none it never ends (`AC_Circle::calc_velocities`)."""
+    """A circle at a lower rate takes longer, and at rate 0 it never ends (`AC_Circle::calc_velocities`)."""
     rate = abs(p.get("CIRCLE_RATE", inf))
     if plan is None or rate >= plan.circle_deg_s - _ROUNDED_DEG_S:
         return None
@@ -328,7 +328,7 @@ def _cruise_speed(name: str) -> Rule:
 
 
 def _slower(name: str, unit: float, counted: float, what: str) -> Rule:
-    """Slower than the energy rule counts. 0 is another parameter's value, or the firmware's own."""
+    """Speeds that are slower than the energy rule counts. 0 means another parameter's value, or the firmware's own."""
 
     def rule(p: Parameters, plan: PlanFacts | None) -> str | None:
         value = p.get(name, 0.0) * unit
@@ -369,7 +369,7 @@ def _flies_around(p: Parameters, plan: PlanFacts | None) -> str | None:
 
 
 def _return_speed(name: str, unit_mps: float) -> Rule:
-    """0 is the speed of missions (ModeRTL::init). The companion writes both where the plan names a speed."""
+    """0 is the speed of missions (ModeRTL::init). The companion writes both if the plan names a speed."""
 
     def rule(p: Parameters, plan: PlanFacts | None) -> str | None:
         speed = p.get(name, 0.0)
@@ -393,7 +393,7 @@ def _return_height(name: str, unit_m: float) -> Rule:
 
 
 def _first_climb(name: str, unit_m: float) -> Rule:
-    """A copter's RTL climbs by so much first, as far as the fence lets it (`ModeRTL::build_path`)."""
+    """A copter's RTL first climbs by this height, up to the fence (`ModeRTL::build_path`)."""
 
     def rule(p: Parameters, plan: PlanFacts | None) -> str | None:
         climb_m = p.get(name, 0.0) * unit_m
@@ -408,11 +408,11 @@ def _loiter(p: Parameters, plan: PlanFacts | None) -> str | None:
     waits_s = p.get("RTL_LOIT_TIME", 0.0) / 1000.0
     if waits_s <= LOITER_S:
         return None
-    return f"is {waits_s:g} s: a return waits so long above its place, and the energy of {LOITER_S:g} s is counted"
+    return f"is {waits_s:g} s: a return waits this long above its site, but the energy of {LOITER_S:g} s is counted"
 
 
 def _climb(p: Parameters, plan: PlanFacts | None) -> str | None:
-    """RTL climbs by so much first, wherever it begins (`ModeRTL::update`)."""
+    """RTL first climbs by this height, from any place (`ModeRTL::update`)."""
     climb_m, most_m = p.get("RTL_CLIMB_MIN", 0.0), p.get("FENCE_ALT_MAX", 0.0)
     if plan is None or not _fence_on(p, _CEILING) or climb_m <= 0.0 or plan.highest_m + climb_m <= most_m:
         return None
@@ -421,8 +421,10 @@ def _climb(p: Parameters, plan: PlanFacts | None) -> str | None:
 
 
 def _approach(p: Parameters, plan: PlanFacts | None) -> str | None:
-    """QRTL comes in higher than its place by RTL_ALTITUDE - Q_RTL_ALT (`ModeQRTL::update_target_altitude`), and the
-    place in the list is as high as RTL_ALTITUDE already."""
+    """QRTL arrives RTL_ALTITUDE - Q_RTL_ALT higher than its site (`ModeQRTL::update_target_altitude`).
+
+    The point in the rally list is already as high as RTL_ALTITUDE.
+    """
     return_m, most_m = p.get("RTL_ALTITUDE", p.get("ALT_HOLD_RTL", 0.0) / 100.0), p.get("FENCE_ALT_MAX", 0.0)
     if not _fence_on(p, _CEILING) or "Q_RTL_ALT" not in p:
         return None
@@ -477,8 +479,8 @@ def _home(p: Parameters, plan: PlanFacts | None) -> str | None:
 
 # ---- battery ------------------------------------------------------------------------------------------------------
 
-#: ArduCopter's order of actions, the gravest first; what is not in it comes behind all of them. A later failsafe acts
-#: only if it is as grave as the one before
+#: ArduCopter's order of actions, the gravest first; other actions come last. A later failsafe acts only if it is at
+#: least as grave as the one before
 _GRAVITY: Final = {5: 0, 1: 1, 2: 2, 4: 3, 3: 4, 0: 5}
 _WINGED_GRAVITY: Final = {3: 0, 5: 1, 4: 2, 2: 3, 1: 4, 0: 5}
 _LEAST: Final = 6
@@ -521,7 +523,7 @@ def _critical(battery: str, gravity: Mapping[int, int]) -> Rule:
 
 
 def _rules_of(battery: str) -> tuple[Row, ...]:
-    """The rules of one monitor. `battery`: what its parameters begin with."""
+    """The rules of one monitor. `battery`: the prefix of its parameters."""
     low, critical = f"{battery}_FS_LOW_ACT", f"{battery}_FS_CRT_ACT"
     return (
         (f"{battery}_MONITOR", _monitor(battery), EVERY),
@@ -535,17 +537,17 @@ def _rules_of(battery: str) -> tuple[Row, ...]:
 
 
 def _further(batteries: int) -> tuple[str, ...]:
-    """What the parameters of the further monitors begin with: those of monitor 1 with BATT2_."""
+    """The prefixes of the parameters of the further monitors: BATT2_ for monitor 1."""
     return tuple(f"BATT{number}" for number in range(2, batteries + 1))
 
 
 def further_names(batteries: int) -> tuple[str, ...]:
-    """What is read besides of an aircraft that flies by so many batteries."""
+    """The further parameters to read from an aircraft with this many batteries."""
     return tuple(f"{battery}_{name}" for battery in _further(batteries) for name in _OF_MONITOR)
 
 
 def further_rules(batteries: int) -> tuple[Row, ...]:
-    """And how it is judged."""
+    """The rules for the further parameters."""
     return tuple(row for battery in _further(batteries) for row in _rules_of(battery))
 
 
@@ -556,7 +558,7 @@ _UNION: Final = 0b10
 
 
 def _fence_on(p: Parameters, kind: int = 0) -> bool:
-    """Whether the fence is on in flight, and this kind of it configured."""
+    """Whether the fence is enabled in flight, with this type of fence."""
     on = p.get("FENCE_ENABLE", 0) != 0 or p.get("FENCE_AUTOENABLE", 0) != 0
     return on and int(p.get("FENCE_TYPE", 0)) & kind == kind
 

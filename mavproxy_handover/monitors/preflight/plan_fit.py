@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Does the mission fit the aircraft, its parameters and its home? Else START is refused."""
+"""Does the mission fit the aircraft, its parameters and its home? If not, START is refused."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from mavproxy_handover.vehicle.state import VehicleState
 
 __all__ = ["PlanFitMonitor", "not_as_checked"]
 
-#: by these a return of wings ends on the ground
+#: with these parameters a return of an aircraft with wings ends in a landing
 _LANDS: Final = {"Q_RTL_MODE": 1.0, "RTL_AUTOLAND": 1.0}
 
 
 def not_as_checked(facts: PlanFacts, state: VehicleState) -> str:
-    """Why a plan that is sent in flight is not for this aircraft, in words; "": it is."""
+    """Why a plan that is uploaded in flight does not fit this aircraft, in words; "" if it fits."""
     parameters = state.parameters.read
-    # after a restart in flight they are not read: START has asked for these
+    # after a restart in flight the parameters are not read; START required these
     circles = circles_for_ever(_LANDS if parameters is None else parameters, facts, state.kind)
     if circles:
         return f"a return would not land: {circles}"
@@ -36,19 +36,19 @@ class PlanFitMonitor:
         self._facts: PlanFacts | None = None
         #: the kind of aircraft that the mission was checked for
         self._kind: Kind | None = None
-        #: what was found last: of the aircraft, of the heights, of a return that lands
+        #: the last findings: about the aircraft, the heights, and a return that lands
         self._aircraft = self._heights = self._return = ""
 
     def planned(self, facts: PlanFacts | None) -> None:
-        """The autopilot holds another mission; None: none that is known."""
+        """Set the facts of the autopilot's mission; None: not known."""
         self._facts = facts
 
     def flies(self, kind: Kind | None) -> None:
-        """The mission was checked for this kind of aircraft; None: nobody knows which mission it is."""
+        """Set the kind of aircraft that the mission was checked for; None: the mission is not known."""
         self._kind = kind
 
     def update(self, state: VehicleState, _now: float) -> list[Event]:
-        """What START lacks of the aircraft, for the heights, and for a return that lands, where that changes."""
+        """Returns what START lacks for aircraft, heights and a return that lands, when that changes."""
         parameters, found = state.parameters.read, list[Event]()
         aircraft = other_type(parameters or {}) or self._other_kind(state)
         if aircraft != self._aircraft:
@@ -65,7 +65,7 @@ class PlanFitMonitor:
         return found
 
     def _other_kind(self, state: VehicleState) -> str:
-        """Which kind of aircraft the mission was checked for, in words; "" if it is this one, or not known."""
+        """The kind of aircraft that the mission was checked for, in words; "" if it fits, or is not known."""
         if self._kind is None or state.telemetry.heartbeat.at == -math.inf or self._kind is state.kind:
             return ""
         return f"the mission is for a {self._kind.value}, and this is a {state.kind.value}"

@@ -2,14 +2,12 @@
 
 """Do guard, parameters and firmware of the autopilot fit?
 
-Nothing here refuses a flight: what START needs is the arbiter's to say. These are the settings that make a flight end
-otherwise than planned when something fails: a failsafe that is off, one that acts before its turn, rally points that
-are ignored, a guard that listens at the wrong port.
+These rules do not refuse a flight; the arbiter decides about START. They find settings that change the end of a flight
+after a failure. Examples are a failsafe that is disabled or acts too early, ignored rally points, and a guard that
+listens at the wrong port. `own_failsafes.py` has the rules for the autopilot's own failsafes.
 
-What concerns the autopilot's own failsafes is in `own_failsafes.py`.
-
-A table of pure rules: `judge` knows. `autopilot/preflight.py` asks, and decides when. Sources of the rules: the reasons
-in `ardupilot_lua/handover.parm`.
+The rules are a table of pure functions, which `judge` applies. `autopilot/preflight.py` reads the parameters and
+decides when. Sources: the reasons in `ardupilot_lua/handover.parm`.
 """
 
 from __future__ import annotations
@@ -49,18 +47,18 @@ __all__ = [
     "other_type",
 ]
 
-#: of the guard, of the station that the autopilot obeys, and of what it says that it is
+#: parameters of the guard, and of the type that the autopilot reports
 _SHARED: Final = (
     "SCR_ENABLE", "HNDO_ENABLE", "HNDO_CHAN", "HNDO_COMPID", "HNDO_TIMEOUT", "HNDO_LOST_T", "HNDO_SYSID_SW",
     "HNDO_ALONE_MAX", "Q_MAV_TYPE",
 )  # fmt: skip
-#: what is read of ArduCopter; of two names in a row a firmware has one (up to 4.6, from 4.7)
+#: parameters to read from ArduCopter; of two names in a row a firmware has one (up to 4.6, from 4.7)
 NAMES = (
     *_SHARED, "FS_GCS_ENABLE", "FS_GCS_TIMEOUT", "FS_OPTIONS", "RALLY_LIMIT_KM",
     "SYSID_ENFORCE", "MAV_OPTIONS", "FS_THR_ENABLE", "RC_PROTOCOLS", "SCR_VM_I_COUNT", "SCR_LD_CHECKSUM",
     "ARMING_CHECK", "ARMING_SKIPCHK", *own_failsafes.NAMES,
 )  # fmt: skip
-#: what is read of ArduPlane
+#: parameters to read from ArduPlane
 PLANE_NAMES = (
     *_SHARED, "FS_GCS_ENABL", "FS_LONG_TIMEOUT", "RALLY_LIMIT_KM",
     "SYSID_ENFORCE", "MAV_OPTIONS", "THR_FAILSAFE", "RC_PROTOCOLS", "SCR_VM_I_COUNT", "SCR_LD_CHECKSUM",
@@ -72,18 +70,18 @@ _MOST_BATTERIES: Final = int(ENERGY_RANGES["batteries"][1])
 KNOWN: Final = frozenset((*NAMES, *PLANE_NAMES, *own_failsafes.further_names(_MOST_BATTERIES)))
 OLDEST, NEWEST = (4, 5), (4, 7)
 
-#: a forced transfer behind a recovery needs that much of the guard's patience; parameters have 24 bits
+#: time (s) that a forced transfer needs after a recovery before the guard may act; parameters have 24 bits
 _FORCED_S, _ROUNDED_S = 0.5, 1e-4
 _CONTINUE_AUTO, _CONTINUE_PILOT = 0b10, 0b10000
 #: FS_GCS_ENABL
 _IN_AUTO_ONLY = 3
-#: Q_MAV_TYPE: as it comes, and FIXED_WING, which is the same (`QuadPlane::get_mav_type`)
+#: allowed values of Q_MAV_TYPE: the default, and FIXED_WING, which is the same (`QuadPlane::get_mav_type`)
 _OWN_TYPES = (0, mavlink.MAV_TYPE_FIXED_WING)
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing that does not fit; `parameter` is what to change ("" if it is none)."""
+    """One thing that does not fit. `parameter`: the parameter to change, "" if there is none."""
 
     parameter: str
     text: str
@@ -91,23 +89,23 @@ class Finding:
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """What is known of the autopilot. `parameters` lacks those that it does not have."""
+    """The facts known about the autopilot. `parameters` lacks those that it does not have."""
 
     parameters: Mapping[str, float]
     guard: GuardState
     #: major and minor version that the guard gives; None while it is silent
     firmware: tuple[int, int] | None = None
-    #: what the vehicle is, in words, if that is nothing that is flown here
+    #: the kind of vehicle in words, if it is not supported; else ""
     foreign: str = ""
-    #: the channel that the guard says leases come in on, when it refuses them for that
+    #: the channel of the leases, by the guard, if it refuses them because of it
     heard_on: int | None = None
-    #: of the mission that the autopilot holds; None without one
+    #: facts of the autopilot's mission; None without one
     plan: PlanFacts | None = None
-    #: the longest that it may be alone in a gap (s); 0 without gaps
+    #: the longest limit of a gap (s); 0 without gaps
     gap_s: float = 0.0
-    #: what kind of aircraft it is
+    #: the kind of aircraft
     kind: Kind = Kind.COPTER
-    #: how many it flies by: monitors 0 and up
+    #: number of battery monitors in use, from monitor 0 on
     batteries: int = 1
     #: its home above the sea (m); None: not known
     home_alt_m: float | None = None
@@ -121,13 +119,13 @@ class Found:
 
 
 def names_of(vehicle: Vehicle, batteries: int = 1) -> tuple[str, ...]:
-    """The parameters that are read of an autopilot with this firmware, which flies by so many batteries."""
+    """The parameters to read from an autopilot with this firmware and this many batteries."""
     return (*_NAMES_OF[vehicle], *own_failsafes.further_names(batteries))
 
 
 # ---- judging ------------------------------------------------------------------------------------------------------
 
-#: fewer, and a script that is slow once is removed
+#: with fewer instructions, ArduPilot removes a script that is slow once
 _INSTRUCTIONS = 10000
 
 Rule = Callable[[Mapping[str, float], Found, Limits], "str | None"]
@@ -339,8 +337,7 @@ _RULES: tuple[tuple[str, Rule, bool, frozenset[Kind]], ...] = (
 
 
 def judge(found: Found, limits: Limits) -> tuple[Finding, ...]:
-    """Everything that does not fit, the gravest first. An autopilot that answers nothing is one finding, and so is one
-    that is not flown here."""
+    """All findings, the gravest first. An autopilot that does not answer, or is not supported, is a single finding."""
     if found.foreign:
         what = f"{found.foreign} is neither ArduCopter nor ArduPlane"
         return (Finding("", f"{what}: START is refused, and the guard refuses arming"),)
@@ -365,8 +362,10 @@ def _finding(parameter: str, text: str) -> Finding:
 
 
 def heights_lack(p: Mapping[str, float] | None, plan: PlanFacts | None, home_alt_m: float | None) -> str:
-    """Why a plan would not be flown at the heights that were checked, in words; "" if it would. `p`: the parameters,
-    None: not read yet; `home_alt_m`: the autopilot's home above the sea, None: not known."""
+    """Why a plan would not be flown at the checked heights, in words; "" if it would.
+
+    `p`: the parameters, None: not read yet; `home_alt_m`: the autopilot's home above the sea, None: not known.
+    """
     if plan is None:
         return ""
     lacks = home_disagrees(plan.above_sea, plan.home_alt_m, home_alt_m), no_terrain(p, plan)

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The places that a return may be sent to: home, the rally points, and where the mission lands.
+"""The candidates for the return site: home, the rally points, and the mission's landing point.
 
 Rules:
 
-1. Home is where the autopilot has it, which moves when it arms; until it has told, where the plan has it.
+1. Home is the autopilot's home, which moves when it arms. Until the autopilot has sent it, home is that of the plan.
 2. The commander may replace the rally points (`autopilot/rally_list.py`), for this flight.
-3. A place that was found in the autopilot's list after a restart is kept, whoever put it there.
-4. A plane without rotors comes down by the landing sequences of the mission that is flown now.
+3. A site that was found in the autopilot's list after a restart is kept.
+4. A plane without rotors lands by the landing sequences of the mission that is flown now.
 """
 
 from __future__ import annotations
@@ -33,32 +33,32 @@ _FOUND: Final = "place found in the list"
 
 
 class Candidates:
-    """The candidates of one vehicle. `places` and `finder` are made anew when something that they rest on changes."""
+    """The candidates of one vehicle. `places` and `finder` are rebuilt when their inputs change."""
 
     def __init__(self, state: VehicleState) -> None:
         self._state = state
-        #: of the mission that is flown; None before there is one
+        #: the package of the mission; None before there is one
         self.package: MissionPackage | None = None
-        #: its route, or the one that the commander has sent since
+        #: the package's route, or the one that the commander has uploaded since
         self._flown: Route | None = None
         self.rally: tuple[RallyPoint, ...] = ()
-        #: a station has sent these
+        #: the rally points come from a station
         self._rally_sent = False
-        #: and they are not among the places yet: uploads may come in a row
+        #: these rally points are not in `places` yet, because several uploads may follow each other
         self._due = False
         self._found: Place | None = None
-        #: home as it is among the places
+        #: home in `places`
         self._home: tuple[float, float] | None = None
         self.places: tuple[Place, ...] = ()
-        #: what the map and the fence say of a place
+        #: judges a place by map and fence
         self.finder = PlaceFinder((), Fence(()))
-        #: the item after which the mission returns, and where that is; None: it does not
+        #: the item after which the mission returns, and its position; None: the mission does not return
         self.last: tuple[int, tuple[float, float]] | None = None
 
-    # ---- what they rest on ----------------------------------------------------------------------------------------
+    # ---- inputs ---------------------------------------------------------------------------------------------------
 
     def set_mission(self, package: MissionPackage, *, keeps_rally: bool) -> None:
-        """The autopilot holds this mission. `keeps_rally`: rally points that a station has sent go on to count."""
+        """Set the autopilot's mission. `keeps_rally`: rally points that a station has sent still count."""
         self.package, self._flown = package, package.route
         self.finder = PlaceFinder(package.zones, Fence(package.route.fence), package.relief(self._home))
         self._rally_sent = self._rally_sent and keeps_rally
@@ -69,7 +69,7 @@ class Candidates:
         self._gather()
 
     def reroute(self, route: Route) -> None:
-        """Another route is flown than the package's."""
+        """The aircraft flies another route than the package's."""
         self._flown = route
         self._gather()
 
@@ -78,13 +78,13 @@ class Candidates:
         self._rally_sent, self._due, self.rally = True, True, points
 
     def gather_sent(self) -> None:
-        """Take the rally points that were sent among the places."""
+        """Add the rally points that were sent to `places`."""
         if self._due:
             self._due = False
             self._gather()
 
     def update_home(self) -> None:
-        """Follow the autopilot's home, if that has moved."""
+        """Follow the autopilot's home if it has moved."""
         home = self._state.telemetry.home.value
         if home != self._home:
             self._home = home
@@ -92,12 +92,12 @@ class Candidates:
             self._gather()
 
     def fence_read(self, parts: tuple[FencePart, ...]) -> None:
-        """The geofence that the autopilot holds, for a plan that has none."""
+        """Set the autopilot's geofence, for a plan that has none."""
         if self.package is not None:
             self.finder = PlaceFinder(self.package.zones, Fence(parts), self.package.relief(self._home))
 
     def found_in_list(self, held: RallyPoint) -> Place:
-        """The place that the autopilot's list holds after a restart: one that is known, or one that is kept now."""
+        """The place in the autopilot's list after a restart: a known place, or a new one that is kept."""
         known = self.like(held)
         if known is not None:
             return known
@@ -106,7 +106,7 @@ class Candidates:
         return self.places[-1]
 
     def landed(self) -> None:
-        """The flight is over, and with it what the commander has sent for it."""
+        """The flight is over, and the rally points that the commander has sent for it end."""
         self._found = None
         if self.package is not None:
             self.rally, self._rally_sent = self.package.route.rally, False
@@ -126,24 +126,27 @@ class Candidates:
             places.append(self._found)
         self.places = with_ways_down(places, self._flown, self.package.cruise_speed_mps)
 
-    # ---- what is asked of them ------------------------------------------------------------------------------------
+    # ---- queries --------------------------------------------------------------------------------------------------
 
     def named(self, name: str | None) -> Place | None:
-        """The place of this name; None: there is none."""
+        """The candidate of this name; None: there is none."""
         return next((place for place in self.places if place.name == name), None)
 
     def like(self, held: RallyPoint) -> Place | None:
-        """The place that is this point in the autopilot's list; None: there is none."""
+        """The candidate that equals this point of the autopilot's list; None: there is none."""
         return next((place for place in self.places if alike(self.point(place), held)), None)
 
     def first_point(self, package: MissionPackage) -> RallyPoint:
-        """What is written with a plan: home. Where a return goes is judged when the plan is there."""
+        """The rally point that is written with a plan: home. The return site is judged after the plan was loaded."""
         home = self._home or (package.route.home.lat_deg, package.route.home.lon_deg)
         return self.point(Place(HOME, *home, 0.0))
 
     def point(self, place: Place) -> RallyPoint:
-        """A place as the autopilot's list holds it, heights in whole metres. What has wings flies there at that height,
-        on its wings, so home is no lower than the return that the autopilot would fly without a list."""
+        """A place as a rally point, with its height in whole metres.
+
+        An aircraft with wings flies to the point at that height. So the point is at least as high as a return without a
+        rally list.
+        """
         alt_m = place.alt_m
         if self._state.kind.winged:
             ceiling_m, return_m = fence_limits(self._state).ceiling_m, return_alt_m(self._state)
@@ -151,7 +154,7 @@ class Candidates:
         return RallyPoint(place.lat_deg, place.lon_deg, float(int(alt_m)))
 
     def within(self, limits: FenceLimits, place: Place) -> bool:
-        """Whether the autopilot's own fences around home and above it hold the place."""
+        """Whether the place is inside the autopilot's own fences around home and above it."""
         if limits.ceiling_m is not None and place.alt_m > limits.ceiling_m:
             return False
         home = next(entry for entry in self.places if entry.name == HOME)
@@ -159,7 +162,7 @@ class Candidates:
         return limits.radius_m is None or away <= limits.radius_m
 
     def inside_fence(self) -> tuple[Place, ...] | None:
-        """Places that a return could be sent to, wherever it begins: those inside the fence; None: not known yet."""
+        """The candidates inside the fence; None: not known yet."""
         if not self.places:
             return None
         limits = fence_limits(self._state)
@@ -171,5 +174,5 @@ class Candidates:
 
     @property
     def return_mps(self) -> float | None:
-        """How fast a return is flown (m/s), of wings the airspeed; None: there is no mission."""
+        """The speed of a return (m/s), an airspeed for wings; None: there is no mission."""
         return None if self.package is None else return_mps(self._state, self.package.cruise_speed_mps)

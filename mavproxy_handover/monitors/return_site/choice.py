@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Which of the candidates a return goes to. What makes one better than another is `core/safety/return_site.py`.
+"""Chooses the return site among the candidates. `core/safety/return_site.py` compares them.
 
 Rules:
 
-1. After the companion has started, the place that the list holds stays until the stations had time to be heard.
-2. On its way to a place the aircraft reads no list. The choice stays fixed then, unless the return may be begun anew.
-3. Shortly before the mission ends with a return, its place is the best one of that moment.
+1. After a start of the companion, the place in the list stays until the stations had time to be heard.
+2. During a return the autopilot does not read the list. The choice is fixed then, unless the return may begin again.
+3. Shortly before the mission ends with a return, the best place of that moment is chosen.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from mavproxy_handover.vehicle.state import VehicleState
 
 __all__ = ["SiteChoice"]
 
-#: after this run began, so long (s) the stations may take to be heard: what was found in the list stays meanwhile
+#: time (s) for the stations to be heard after the start of this run; the place found in the list stays meanwhile
 _SETTLE_S: Final = 5.0
-#: so long (s) before the mission ends with a return its place is the best one of that moment: it is in the list by then
+#: this time (s) before the mission ends with a return, the best place is chosen, early enough to be written
 _LAST_S: Final = 12.0
 
 
@@ -41,17 +41,17 @@ class SiteChoice:
         self._views = views
         self._margin = margin
         self._chooser = ReturnSiteChooser()
-        #: where a return goes now; None while there are no places
+        #: the current choice; None while there are no candidates
         self.now: Choice | None = None
         self._settled_at = math.inf
 
     @property
     def name(self) -> str | None:
-        """The place that is chosen; None: none is."""
+        """The name of the chosen place; None: none is chosen."""
         return None if self.now is None else self.now.place.name
 
     def take_up(self, held: RallyPoint | None, energy: EnergyFact, now: float) -> None:
-        """The list has been read for the first time: in flight the place that it holds is where a return goes."""
+        """The list was read for the first time: in flight, the place that it holds becomes the choice."""
         if self._settled_at != math.inf:
             return
         self._settled_at = now + _SETTLE_S
@@ -67,9 +67,11 @@ class SiteChoice:
     def update(
         self, usable: Set[int], energy: EnergyFact, now: float, *, recovering: bool, returning: bool, may_bounce: bool
     ) -> str:
-        """Choose. `usable`: stations that could take the aircraft; `recovering`: who commands is not settled;
-        `returning`: it flies to a place, `may_bounce`: and may be sent to another one. Returns the name of the place
-        that it has to be sent to instead; "": none."""
+        """Choose. Returns the name of the place that a return must be sent to instead; "": none.
+
+        `usable`: stations that could take the aircraft; `recovering`: the commander is not certain yet; `returning`:
+        the aircraft flies a return; `may_bounce`: the return may be sent to another place.
+        """
         fixed = now < self._settled_at or recovering or (returning and not may_bounce)
         before, seen = self.now, self._views.seen
         places = self._candidates.places
@@ -80,7 +82,7 @@ class SiteChoice:
         return self.now.place.name if self.now is not None and returning and moved else ""
 
     def _mission_returns(self) -> bool:
-        """The mission flies to where it ends with a return, and is nearly there."""
+        """Whether the mission has nearly reached the point where it ends with a return."""
         state, last = self._state, self._candidates.last
         if last is None or not state.flies_mission or state.where is None:
             return False

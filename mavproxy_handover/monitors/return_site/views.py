@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What each place is worth from where the aircraft is: distance, time, energy, zones and fence.
+"""Evaluates the candidates from the aircraft's position: distance, time, energy, zones and fence.
 
-What the map says of a place is `mission/return_paths.py`. One look at a place takes up to a millisecond, so the chosen
-place and home are looked at each second, and some of the others in turn. A look that breaks leaves what was seen
-before.
+`mission/return_paths.py` judges a place on the map. An evaluation takes up to a millisecond, so the chosen site and
+home are evaluated each second, and some of the others in turn. If an evaluation fails, the former result stays.
 """
 
 from __future__ import annotations
@@ -26,21 +25,21 @@ from mavproxy_handover.vehicle.state import VehicleState
 
 __all__ = ["JUDGING", "Seen", "Views"]
 
-#: what people are told has broken
+#: name of the job in reports of faults
 JUDGING: Final = "return sites"
-#: places that are looked at in one second, besides the one that is chosen
+#: further places that are evaluated in one second
 _AT_ONCE: Final = 4
-#: what a metre more of the way back costs is taken from so many
+#: length (m) from which the energy of one more metre of the way back is computed
 _FARTHER_M: Final = 1000.0
 _Where = tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """What was seen of a place, and what that rests on.
+    """The result of an evaluation, and its inputs.
 
-    `at`: monotonic seconds, of the energy by which it was judged; `left_wh`: what was left then, None: not known;
-    `metre_wh`: what each metre that the way back is longer by takes from its margin.
+    `at`: the time (monotonic s) of the energy fact; `left_wh`: the energy left then, None: not known; `metre_wh`: the
+    part of the margin that each further metre of the way back takes.
     """
 
     fact: PlaceFact
@@ -50,7 +49,7 @@ class Seen:
 
 
 class Views:
-    """The candidates as they were seen last, by name. `fault` is told what broke, and where."""
+    """The last evaluation of each candidate, by name. `fault` takes the place and the text of a fault."""
 
     def __init__(self, state: VehicleState, candidates: Candidates, fault: Callable[[str, str], None]) -> None:
         self._state = state
@@ -60,13 +59,15 @@ class Views:
         self._turn = 0
 
     def forget_others(self) -> None:
-        """The candidates have changed: what is none any more is not known any more."""
+        """The candidates have changed: drop the results of former candidates."""
         names = {place.name for place in self._candidates.places}
         self.seen = {name: seen for name, seen in self.seen.items() if name in names}
 
     def update(self, chosen: str | None, here: _Where, energy: EnergyFact, beyond_m: float = 0.0) -> None:
-        """Look at the place that is chosen, at home, and at some of the others in turn. `beyond_m`: so much farther it
-        may be than from here, which is where it was seen last."""
+        """Evaluate the chosen place, home, and some of the others in turn.
+
+        `beyond_m`: the aircraft may be this much farther away than `here`, its last position.
+        """
         places = self._candidates.places
         others = [place for place in places if place.name not in (chosen, HOME)]
         now = [place for place in places if place.name in (chosen, HOME)]
@@ -78,7 +79,7 @@ class Views:
             self.evaluate(place, here, energy, beyond_m)
 
     def evaluate(self, place: Place, here: _Where, energy: EnergyFact, beyond_m: float = 0.0) -> None:
-        """Look at one place."""
+        """Evaluate one place."""
         attempt(self._fault, JUDGING, self._evaluate, place, here, energy, beyond_m)
 
     def _evaluate(self, place: Place, here: _Where, energy: EnergyFact, beyond_m: float) -> None:
@@ -92,7 +93,7 @@ class Views:
         height = max(here[2], place.alt_m, return_alt)
         if limits.ceiling_m is not None:
             height = max(here[2], min(height, limits.ceiling_m))
-        if state.kind.winged:  # it glides all the way down to the height of the place in the list
+        if state.kind.winged:  # it descends all the way to the height of the rally point
             height = candidates.point(place).alt_m
         view = candidates.finder.look(here[:2], spot, height)
         inside = view.inside and candidates.within(limits, place)
