@@ -2,8 +2,8 @@
 
 """The mission that the autopilot holds, as far as it is known, and everything that depends on it.
 
-The monitors that compare the aircraft with its mission, the check before flight, the return site, the energy and the
-check of commands must know the mission. They are told here only.
+Only this module tells the other parts the mission: the monitors that compare the aircraft with it, the check before
+flight, the return site, the energy, and the check of commands.
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ class FlownMission:
         return self.changed_aloft or self._uploaded
 
     def loaded(self, prepared: Prepared, now: float, *, uploaded: bool = False) -> None:
-        """The autopilot was loaded with a mission, which was read back: adopt it, save it and tell the rules.
+        """The autopilot was loaded with a mission, which was read back: set it, save it and tell the rules.
 
         `uploaded`: a station wrote it on the ground, and it is another mission than the package's.
         """
@@ -111,11 +111,11 @@ class FlownMission:
         self._authority.handle(MissionLoaded(package.digest, prepared.commanders, policy), now)
 
     def remember(self, package: MissionPackage) -> None:
-        """This is the package that was loaded last."""
+        """Remember the package that was loaded last."""
         self.latest = package
 
     def set_mission(self, prepared: Prepared, now: float, *, uploaded: bool = False) -> None:
-        """The autopilot holds this mission. `uploaded`: as in `loaded`."""
+        """Tell all parts the mission that the autopilot holds. `uploaded`: as in `loaded`."""
         monitors, users, package = self._monitors, self._users, prepared.package
         self.package = package
         monitors.zones.set_mission(prepared.finder, package.route)
@@ -150,7 +150,7 @@ class FlownMission:
         return self._users.return_site.candidates.first_point(package)
 
     def set_along(self, along: Along) -> None:
-        """This lies along the route of the package."""
+        """Set what lies along the route of the package."""
         self.foreseen = along.handovers
         self._monitors.gaps.set_gaps(along.stretches)
         self._monitors.borders.set_way(along.way)

@@ -59,8 +59,10 @@ class MissionOnBoard:
 
     @property
     def kept(self) -> tuple[bool, bytes]:
-        """Whether the autopilot holds a mission that a station wrote on the ground, and the digest of the package by
-        which that mission is judged; empty: there is none."""
+        """Whether a station wrote the autopilot's mission on the ground, and the digest of the package that judges it.
+
+        The digest is empty if there is no such package.
+        """
         package, kept = self.flown.latest, self._sources.readiness.kept
         return kept, package.digest if kept and package is not None else b""
 
@@ -126,8 +128,7 @@ class MissionOnBoard:
         self._sources.uploads.changed(port, change, now)
 
     def check_read_back(self, now: float) -> None:
-        """If the mission was read back and differs, it does not count any more; to be called after each conversation
-        with the autopilot."""
+        """Drop the mission if it was read back and differs; to be called after each conversation with the autopilot."""
         difference = self._sources.read_back.take_difference()
         if difference:
             self._sources.loader.changed_past(difference, now)

@@ -2,9 +2,9 @@
 
 """Mission, geofence and rally points, written to the autopilot and read back: three lists, one protocol.
 
-A list counts as written when it was read back equal. ArduCopter changes the lists: it keeps its own home as item 0 of
-the mission, altitudes of rally points in whole metres, and no altitude and frame of a fence. It replaces a fence only
-by a complete and valid one. It stores the other two lists item by item.
+A list counts as written when it was read back equal. ArduCopter changes the lists. It keeps its own home as item 0 of
+the mission. It keeps altitudes of rally points in whole metres, and neither altitude nor frame of a fence. It replaces
+a fence only by a complete and valid one, and stores the other two lists item by item.
 
 Sources: mavlink.io, "Mission Protocol" and "Geofence/Rally"; ArduPilot's MissionItemProtocol*.cpp.
 """

@@ -48,7 +48,7 @@ _ON_BOARD: Final = "on board"
 
 @dataclass(frozen=True, slots=True)
 class MissionSurroundings:
-    """What the mission needs of the rest of the companion."""
+    """The functions of the companion that the mission needs."""
 
     #: saves the mission package that the autopilot holds
     keep: Callable[[MissionPackage], None]

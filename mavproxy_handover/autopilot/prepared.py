@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Missions that were read and walked through the zones, ready to be adopted.
+"""Missions that were read and walked through the zones, ready to be used.
 
 To walk a route takes time. `prepare` and `way_of` are for a worker thread, not for the main loop.
 """
@@ -29,7 +29,7 @@ Way = Callable[[float], Sequence[Piece]]
 
 @dataclass(frozen=True, slots=True)
 class Along:
-    """What lies along the route of a mission."""
+    """Gaps, borders and handovers along the route of a mission."""
 
     #: the declared gaps in coverage that the route crosses
     stretches: tuple[Stretch, ...] = ()

@@ -42,8 +42,8 @@ _COUNTER: Final = "RALLY_TOTAL"
 class RallyKeeper:
     """Keeps the wanted point in the autopilot's rally list. Times are monotonic seconds.
 
-    `holds` is called with each point that was written and read back, `failed` with the reason of a failed write, and
-    `changed` when another program has written the list.
+    `holds` is called with each point that was written and read back. `failed` is called with the reason of a failed
+    write, `changed` when another program has written the list.
     """
 
     def __init__(

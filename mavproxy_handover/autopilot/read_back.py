@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Before a flight begins: the autopilot still holds the mission and the geofence that were loaded or judged.
+"""Reads mission and geofence back before a flight, to check that they are those that were loaded or judged.
 
-A program can write them past the companion: by USB, by another telemetry port, by a switch of the pilot. So START, and
-each command that arms or takes off, reads them back first. ArduPilot 4.5 to 4.7 gives no digest of a list: it sends
-none of MAVLink's opaque ids. So the lists themselves are read, several items at once.
+They can be changed without the companion: by USB, by another telemetry port, by a switch of the pilot. So START, and
+each command that arms or takes off, reads them back first. ArduPilot 4.5 to 4.7 sends no digest of a list (none of
+MAVLink's opaque ids). So the lists themselves are read, several items at once.
 
-* What was read back equal counts for `GOOD_S`, so that AUTO right after arming is not held up.
-* A command that arms waits `WAIT_S` at most: motors must not start long after somebody asked for it. The reading goes
-  on, and the same command sent again finds it done.
-* A later disarm of the commander withdraws what waits: the motors stay off.
+* Lists that were read back equal count for `GOOD_S`, so that AUTO right after arming is not delayed.
+* A command that arms waits at most `WAIT_S`: motors must not start long after the command. The reading continues, and
+  the same command sent again finds it complete.
+* A later disarm of the commander withdraws the commands that wait: the motors stay off.
 * The rally list is the companion's own and is read every ten seconds anyway (`rally.py`).
 
 Times are monotonic seconds.
@@ -36,7 +36,7 @@ _MOST: Final = 8
 #: name of the conversation
 _CHECK: Final = "mission read back"
 
-#: is told what is wrong, in words, "" if nothing is
+#: is called with the trouble in words, "" if there is none
 Then = Callable[[str, float], None]
 
 
@@ -50,13 +50,13 @@ class ReadBack:
     def __init__(self, conversations: Conversations, procedures: Callable[[], Procedures]) -> None:
         self._conversations = conversations
         self._procedures = procedures
-        #: what the autopilot must hold; None: it is not known, so nothing is compared
+        #: the route that the autopilot must hold; None: not known, so nothing is compared
         self._route: Route | None = None
-        #: how the autopilot's lists differed when they were compared last; "": not, or that was taken
+        #: how the autopilot's lists differed at the last comparison; "": they did not, or the difference was taken
         self._difference = ""
         #: when the lists were read back equal last
         self._equal_at = -inf
-        #: commands that wait: who is told, and since when
+        #: commands that wait: their callbacks, and since when
         self._waiting: dict[Hashable, tuple[Then, float]] = {}
 
     def asking(self) -> Asking:
@@ -88,7 +88,7 @@ class ReadBack:
     def set_route(self, route: Route | None, now: float) -> None:
         """The autopilot holds another route; None: not known, or it is being written.
 
-        What was read back before does not count, and no command that waits begins a flight.
+        Earlier results do not count, and no command that waits begins a flight.
         """
         self._route, self._difference = route, ""
         self._equal_at = -inf

@@ -5,9 +5,9 @@
 `monitors/return_site/` has the candidates, their value, the energy margin and the choice. `vehicle/return_limits.py`
 says how the autopilot flies a return, `rally.py` writes the rally list. This module connects them. Rules:
 
-* While no position comes, the battery still empties. Until the aircraft returns, the way back is counted from the last
-  position, and from as far beyond it as the aircraft may have flown since. During a return the aircraft comes nearer,
-  so the last values stay.
+* While no position comes, the battery still empties. Until the aircraft returns, the way back begins at the last
+  position, plus the distance that the aircraft may have flown since. During a return the aircraft comes nearer, so the
+  last values stay.
 * During a return the autopilot does not read the list: RTL has read it at its beginning. If the choice changes then,
   the companion bounces the aircraft: GUIDED, then RTL again.
 * A bounce needs a return that the companion ordered and a commander that is heard. The aircraft must be inside the

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What is done about the autopilot at fixed intervals: in each tick, and each second.
+"""Jobs with the autopilot at fixed intervals: in each tick, and each second.
 
 A fault in one job costs that job only.
 """
@@ -93,7 +93,7 @@ class Rounds:
         self._attempt("conditions", self._update, monitors.conditions.update, now)
 
     def _update(self, update: Callable[[VehicleState, float], Sequence[MonitorOutput]], now: float) -> None:
-        """Tell what a monitor finds in the state."""
+        """Update a monitor, and dispatch its output."""
         self._dispatcher.dispatch(update(self._state, now), now)
 
     def _attempt(self, where: str, job: Callable[..., None], *arguments: object) -> None:

@@ -3,7 +3,7 @@
 """The speed of the mission and of a return, restored after a change of mode.
 
 ArduPilot forgets the speed of a DO_CHANGE_SPEED item when the aircraft leaves AUTO. Back in AUTO, the companion sends
-that speed again. A speed of the commander that arrives just after a return has begun would slow the return down, so the
+that speed again. A speed of the commander may arrive just after a return has begun, and would slow it down. So the
 companion sends the speed of the return again.
 """
 

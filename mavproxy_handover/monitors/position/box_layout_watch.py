@@ -171,7 +171,7 @@ def _outer(record: BoxRecord, own: Place) -> float:
 
 
 def _beyond(value: float, limit: float, most: float) -> float:
-    """The points of a value: 0 up to its limit, 1 at twice the limit; 0 if it is not known."""
+    """The points of a value: 0 up to its limit or if not known, 1 at twice the limit."""
     return 0.0 if math.isnan(value) else min(most, max(0.0, value / limit - 1.0))
 
 

@@ -10,8 +10,8 @@ The comparison shows that one of two sources is wrong, but not which one. So:
   enter a zone.
 * Pairs that differ for `apart_s` are a disagreement. It ends when they are within CLOSE of every limit for `agree_s`,
   so a difference near a limit does not make it flicker.
-* Pairs that are alternately beyond and within a limit are also a disagreement, if they are beyond it for more than a
-  fifth of the time. The time beyond counts up, the time within counts down at a quarter of that speed. So a few correct
+* Alternating pairs, beyond and within a limit, are also a disagreement if they are beyond it for more than a fifth of
+  the time. The time beyond counts up, the time within counts down at a quarter of that speed. So a few correct
   positions do not hide a faulty box.
 * While there is no pair nothing changes: a disagreement continues if one source falls silent.
 * A place without a height (NaN) is compared without it.

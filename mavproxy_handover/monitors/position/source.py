@@ -17,8 +17,8 @@ Rules:
    first; if the box is the source, START is refused until then. Records of another layout are not used, and START is
    refused; in flight they are counted. They do not affect the autopilot's position. Comparisons made before the other
    layout was recognised are forgotten.
-6. `check = "armed"`: the box is believed without the autopilot while the autopilot reports that it is disarmed, for an
-   aircraft that is carried or stands under a roof.
+6. `check = "armed"`: the box is believed without a comparison while the autopilot reports that it is disarmed. This is
+   for an aircraft that is carried or stands under a roof.
 7. A box without height above sea level uses the autopilot's height. While the autopilot has no position, its last
    height follows the change of the box's height (`box_heights.py`).
 8. Checks of the autopilot's own motion (orders carried out, power draw) use the autopilot's own position.
@@ -293,7 +293,7 @@ class PositionMonitor:
             return []
         self._told.standing, self._told.at = standing, now
         severity: int | None = mavlink.MAV_SEVERITY_WARNING
-        if standing is Standing.SOUND:  # normal: the first time is not news
+        if standing is Standing.SOUND:  # normal: not told the first time
             severity = None if before is Standing.WAITED_FOR else mavlink.MAV_SEVERITY_NOTICE
         return [BoxNews(self.words(state, now), self._settings.source, standing.value, severity)]
 

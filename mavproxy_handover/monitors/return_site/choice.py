@@ -6,7 +6,7 @@ Rules:
 
 1. After a start of the companion, the place in the list stays until the stations had time to be heard.
 2. During a return the autopilot does not read the list. The choice is fixed then, unless the return may begin again.
-3. Shortly before the mission ends with a return, the best place of that moment is chosen.
+3. Shortly before the mission ends with a return, the best site of that moment is chosen.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ __all__ = ["SiteChoice"]
 
 #: time (s) for the stations to be heard after the start of this run; the place found in the list stays meanwhile
 _SETTLE_S: Final = 5.0
-#: this time (s) before the mission ends with a return, the best place is chosen, early enough to be written
+#: this time (s) before the mission ends with a return, the best site is chosen, early enough to be written
 _LAST_S: Final = 12.0
 
 
@@ -47,7 +47,7 @@ class SiteChoice:
 
     @property
     def name(self) -> str | None:
-        """The name of the chosen place; None: none is chosen."""
+        """The name of the chosen site; None: none is chosen."""
         return None if self.now is None else self.now.place.name
 
     def take_up(self, held: RallyPoint | None, energy: EnergyFact, now: float) -> None:

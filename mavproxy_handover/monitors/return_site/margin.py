@@ -56,7 +56,7 @@ class Margin:
         return margin_wh is not None and margin_wh <= 0.0
 
     def margin_wh(self, energy: EnergyFact) -> float | None:
-        """The energy (Wh) left beyond need and reserve at the best place; None: not known.
+        """The energy (Wh) left beyond need and reserve at the best site; None: not known.
 
         Before a place was evaluated, it is the energy left beyond the reserve.
         """
@@ -91,7 +91,7 @@ class Margin:
         )
 
     def words(self, energy: EnergyFact) -> str:
-        """The energy left and the need of the way to the best place, for people; "" if not known."""
+        """The energy left and the need of the way to the best site, for people; "" if not known."""
         left_wh, margin_wh = energy.left_wh, self.margin_wh(energy)
         if left_wh is None or margin_wh is None or not math.isfinite(margin_wh):
             return ""

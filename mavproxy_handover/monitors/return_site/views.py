@@ -64,7 +64,7 @@ class Views:
         self.seen = {name: seen for name, seen in self.seen.items() if name in names}
 
     def update(self, chosen: str | None, here: _Where, energy: EnergyFact, beyond_m: float = 0.0) -> None:
-        """Evaluate the chosen place, home, and some of the others in turn.
+        """Evaluate the chosen site, home, and some of the others in turn.
 
         `beyond_m`: the aircraft may be this much farther away than `here`, its last position.
         """
