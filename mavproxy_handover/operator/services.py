@@ -70,7 +70,7 @@ class OperatorServices:
             Access.RALLY_READ: self._rally,
             Access.RALLY_WRITE: self._rally,
             Access.CONTROL: self._control,
-            Access.TRANSFER: services.messages.on_message,
+            Access.TRANSFER: services.messages.take,
         }
 
     def follow_up(self, port: StationPort, frame: Frame, verdict: Verdict, now: float) -> None:
@@ -97,7 +97,7 @@ class OperatorServices:
     def _rally(self, port: StationPort, frame: Frame, _verdict: Verdict, now: float) -> None:
         message = codec.decode_bytes(frame.raw)
         if message is not None:
-            self._services.rally.take(port, message, now)
+            self._services.rally.on_message(port, message, now)
 
     def _control(self, port: StationPort, frame: Frame, _verdict: Verdict, now: float) -> None:
         message = codec.decode_bytes(frame.raw)
