@@ -128,7 +128,7 @@ class _Visit:
 
     def _heed(self, message: Any, _frame: Frame) -> None:
         """A message of the autopilot."""
-        self._aircraft.on_message(message, self._patient.clocks.monotonic())
+        self._aircraft.on_message(message, self._context.clocks.monotonic())
         match message.get_type():
             case "HEARTBEAT":
                 self._heartbeat = message

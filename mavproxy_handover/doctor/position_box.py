@@ -193,7 +193,7 @@ def _compared(context: CheckContext, vehicle: VehicleConfig, fix: Fix) -> Findin
         return unseen(what, f"{where}, and the autopilot has told none", do)
     check = CrossCheck(vehicle.position)
     theirs = Place(record.lat_deg, record.lon_deg, record.alt_m, record.north_mps, record.east_mps)
-    check.compare(Difference.between(theirs, Place.by_autopilot(own)), patient.clocks.monotonic())
+    check.compare(Difference.between(theirs, Place.by_autopilot(own)), context.clocks.monotonic())
     assert check.last is not None
     if check.sound:
         height = "" if math.isnan(record.alt_m) else f" and {check.last.height_m:.1f} m in height"
