@@ -74,7 +74,8 @@ local ACTION = {NONE=0, RTL=1, SMART_RTL=2, LAND=3, DISARM=4}
 -- reasons of a mode that mean the same on every vehicle (ModeReason of the firmware)
 local REASON = {EKF=6, AVOIDANCE=14, AVOIDANCE_RECOVERY=15}
 
--- What numbers mean on each kind of vehicle, by FWVersion:type().
+-- What numbers mean on each kind of vehicle, by FWVersion:type(). The companion's profile of the same kind
+-- (vehicle/profiles/) has the same numbers; a test compares the two.
 --   radio_failsafe  parameter that switches the radio failsafe on
 --   auto            mode that flies the mission
 --   rtl             plain return, for last_resort
@@ -101,17 +102,18 @@ do
         return members
     end
 
-    local function rung(mode, name, action, wait_ms)
-        return {mode=mode, name=name, action=action, wait_ms=wait_ms}
-    end
+    -- FWVersion:type()
+    local COPTER, PLANE = 2, 3
 
     local orders = {[2]="command", [32]="script", [52]="DDS command"}
 
-    local rtl_1, rtl_2, rtl_3 = rung(6, "RTL", ACTION.RTL, 1000), rung(6, "RTL", ACTION.RTL, 2000),
-        rung(6, "RTL", ACTION.RTL, 0)
-    local land = rung(9, "LAND", ACTION.LAND, 2000)
+    local rtl_1 = {mode=6, name="RTL", action=ACTION.RTL, wait_ms=1000}
+    local rtl_2 = {mode=6, name="RTL", action=ACTION.RTL, wait_ms=2000}
+    local rtl_3 = {mode=6, name="RTL", action=ACTION.RTL, wait_ms=0}
+    local smart = {mode=21, name="SMART_RTL", action=ACTION.SMART_RTL, wait_ms=0}
+    local land = {mode=9, name="LAND", action=ACTION.LAND, wait_ms=2000}
     -- ArduCopter. A helicopter (13) has the same numbers, but must not be taken out of AUTOROTATE.
-    VEHICLES[2] = {
+    VEHICLES[COPTER] = {
         radio_failsafe = "FS_THR_ENABLE",
         auto = 3,
         rtl = 6,
@@ -128,7 +130,7 @@ do
         resumed = {},
         ladder = {
             [ACTION.RTL] = {rtl_1, rtl_2, rtl_3, land},
-            [ACTION.SMART_RTL] = {rung(21, "SMART_RTL", ACTION.SMART_RTL, 0), rtl_1, rtl_2, rtl_3, land},
+            [ACTION.SMART_RTL] = {smart, rtl_1, rtl_2, rtl_3, land},
             [ACTION.LAND] = {land},
         },
         lacks = {},
@@ -136,12 +138,14 @@ do
     }
 
     -- RTL for ever: an aircraft with wings has no landing in place. QRTL climbs where it hovers, then returns.
-    local home = {rung(11, "RTL", ACTION.RTL, 1000), rung(11, "RTL", ACTION.RTL, 2000)}
-    local qland = rung(20, "QLAND", ACTION.LAND, 2000)
-    local qhome = {rung(21, "QRTL", ACTION.RTL, 1000), rung(21, "QRTL", ACTION.RTL, 2000),
-                   rung(21, "QRTL", ACTION.RTL, 0), qland}
+    local home = {{mode=11, name="RTL", action=ACTION.RTL, wait_ms=1000},
+                  {mode=11, name="RTL", action=ACTION.RTL, wait_ms=2000}}
+    local qland = {mode=20, name="QLAND", action=ACTION.LAND, wait_ms=2000}
+    local qhome = {{mode=21, name="QRTL", action=ACTION.RTL, wait_ms=1000},
+                   {mode=21, name="QRTL", action=ACTION.RTL, wait_ms=2000},
+                   {mode=21, name="QRTL", action=ACTION.RTL, wait_ms=0}, qland}
     -- ArduPlane, QuadPlanes included
-    VEHICLES[3] = {
+    VEHICLES[PLANE] = {
         radio_failsafe = "THR_FAILSAFE",
         auto = 10,
         rtl = 11,

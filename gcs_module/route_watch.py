@@ -24,7 +24,7 @@ from gcs_module.events import Notice
 from mavproxy_handover.core.safety.route import RouteCheck, RouteLimits, TrackFact
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.mission.track import Motion, RouteTracker
-from mavproxy_handover.wire.ids import COPTER_AUTO, PLANE_AUTO, WINGED_TYPES
+from mavproxy_handover.vehicle.profiles import ASSUMED, profile_of
 
 __all__ = ["StationRouteWatch"]
 
@@ -45,7 +45,7 @@ class StationRouteWatch:
         self._tracker: RouteTracker | None = None
         self._telemetry_at = self._looked_at = -math.inf
         #: the number of the mode that flies the mission, by the last heartbeat
-        self.auto = COPTER_AUTO
+        self.auto = ASSUMED.auto
         #: of the autopilot's own messages
         self._in_auto, self._mode_at = False, -math.inf
         self._waypoint, self._waypoint_at = 0, -math.inf
@@ -75,7 +75,7 @@ class StationRouteWatch:
         kind = m.get_type()
         if kind == "HEARTBEAT":
             armed = bool(m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
-            self.auto = PLANE_AUTO if m.type in WINGED_TYPES else COPTER_AUTO
+            self.auto = (profile_of(m.autopilot, m.type) or ASSUMED).auto
             self._in_auto, self._mode_at = armed and m.custom_mode == self.auto, now
         elif kind == "MISSION_CURRENT":
             self._waypoint, self._waypoint_at = m.seq, now

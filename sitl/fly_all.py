@@ -19,8 +19,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mavproxy_handover.core.common.model import Kind
 from mavproxy_handover.mission import package as packages
+from mavproxy_handover.vehicle.profiles import ASSUMED, Profile
 from sitl.script.places import mission_folder
 from sitl.script.scenario import known_scenarios, load_scenario
 from sitl.vehicles import KINDS, LaunchError, find_arducopter, find_arduplane, flies
@@ -86,11 +86,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     stamp = time.strftime("%Y%m%d-%H%M%S")
     flights = []
     for name in names:
-        kind = _kind_of(name)
-        if kind.winged and plane is None:
-            print(f"{name:<22} skipped: it is flown by a {kind.value}, and no arduplane is found", flush=True)
+        profile = _profile_of(name)
+        if profile is not ASSUMED and plane is None:
+            print(f"{name:<22} skipped: it is flown by a {profile.name}, and no arduplane is found", flush=True)
             continue
-        for vehicle in (each for each in vehicles if flies(each) is kind):
+        for vehicle in (each for each in vehicles if flies(each) is profile):
             flights.append(_fly(name, vehicle, arguments.out / f"{stamp}-{name}-{vehicle}", programs))
             print(flights[-1].row, flush=True)
             for line in flights[-1].failed:
@@ -103,10 +103,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 1 if bad or differing or missing else 0
 
 
-def _kind_of(name: str) -> Kind:
+def _profile_of(name: str) -> Profile:
     """What the mission of a scenario is for; one that is not known is told by the flight that does not begin."""
     path = known_scenarios().get(name)
-    return Kind.COPTER if path is None else packages.load(mission_folder(load_scenario(path).mission)).kind
+    return ASSUMED if path is None else packages.load(mission_folder(load_scenario(path).mission)).profile
 
 
 def _fly(scenario: str, vehicle: str, folder: Path, programs: Sequence[str]) -> Flight:

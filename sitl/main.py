@@ -18,10 +18,10 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, Final, TextIO
 
-from mavproxy_handover.core.common.model import Kind
 from mavproxy_handover.mission import package as packages
 from mavproxy_handover.mission.check import Severity, check
 from mavproxy_handover.mission.errors import MissionError
+from mavproxy_handover.vehicle.profiles import ASSUMED
 from sitl.report.page import write_report
 from sitl.report.record import RecordError, load_run
 from sitl.run.fleet import others_of
@@ -59,7 +59,7 @@ DEFAULT_SPEEDUP = 8.0
 #: no computer of today simulates three programs of MAVProxy and an aircraft faster
 MAX_SPEEDUP = 20.0
 #: what is played where no scenario is named
-USUAL_SCENARIO: Final = {Kind.COPTER: "nominal", Kind.QUADPLANE: "ferry", Kind.PLANE: "dike"}
+USUAL_SCENARIO: Final = {"copter": "nominal", "quadplane": "ferry", "plane": "dike"}
 #: what MAVProxy's command line splits or eats
 UNUSABLE = " ;'\"\\"
 _BAD_USAGE = 2
@@ -126,7 +126,7 @@ def _parser() -> argparse.ArgumentParser:
         epilog="Exit code: 0 every expectation held, 1 one did not, 2 wrong usage or nothing could be set up.",
     )
     what = parser.add_mutually_exclusive_group()
-    usual = ", ".join(f"{name} for a {kind.value}" for kind, name in USUAL_SCENARIO.items())
+    usual = ", ".join(f"{name} for a {kind}" for kind, name in USUAL_SCENARIO.items())
     what.add_argument("--scenario", metavar="NAME", help=f"what to play (default: {usual})")
     what.add_argument("--mission", type=Path, metavar="DIR", help="fly this mission package as its check says")
     parser.add_argument("--faults", type=int, metavar="SEED", help="with --mission: something goes wrong, by chance")
@@ -237,8 +237,8 @@ def _vehicle(arguments: argparse.Namespace, package: packages.MissionPackage) ->
     """The vehicle that flies the mission. Raises SetupError: it is not for it, or is not there."""
     vehicle: str = arguments.vehicle
     if vehicle == "auto":
-        if package.kind.winged:
-            vehicle = package.kind.value
+        if package.profile is not ASSUMED:
+            vehicle = package.profile.name
         else:
             vehicle = "arducopter" if find_arducopter(arguments.arducopter) else "builtin"
     check_vehicle(vehicle, package, arguments.arducopter, arguments.arduplane)
@@ -255,17 +255,17 @@ def check_vehicle(
             "no arducopter found: give --arducopter PATH, set $ARDUCOPTER, bring one with --fetch-arducopter, or "
             "take --vehicle builtin"
         )
-    if package.kind.winged and find_arduplane(arduplane) is None:
+    if package.profile is not ASSUMED and find_arduplane(arduplane) is None:
         raise SetupError("no arduplane found: give --arduplane PATH, set $ARDUPLANE, or build it in ~/ardupilot")
 
 
 def _check_kind(vehicle: str, package: packages.MissionPackage) -> None:
     """A mission is flown by the kind of aircraft that it is for. Raises SetupError."""
-    if flies(vehicle) is not package.kind:
-        fitting = " or ".join(kind for kind in KINDS if flies(kind) is package.kind)
+    if flies(vehicle) is not package.profile:
+        fitting = " or ".join(kind for kind in KINDS if flies(kind) is package.profile)
         raise SetupError(
-            f"mission {package.name} is for a {package.kind.value}, and --vehicle {vehicle} is a "
-            f"{flies(vehicle).value}: take --vehicle {fitting}"
+            f"mission {package.name} is for a {package.profile.name}, and --vehicle {vehicle} is a "
+            f"{flies(vehicle).name}: take --vehicle {fitting}"
         )
 
 
@@ -275,8 +275,8 @@ def _scenario(arguments: argparse.Namespace) -> Scenario:
     if arguments.faults is not None or arguments.anyway:
         raise SetupError("--faults and --anyway go with --mission")
     scenarios = known_scenarios()
-    kind = Kind.COPTER if arguments.vehicle == "auto" else flies(arguments.vehicle)
-    name = USUAL_SCENARIO[kind] if arguments.scenario is None else arguments.scenario
+    profile = ASSUMED if arguments.vehicle == "auto" else flies(arguments.vehicle)
+    name = USUAL_SCENARIO[profile.name] if arguments.scenario is None else arguments.scenario
     if name not in scenarios:
         raise ScenarioError(f"no scenario {name!r}; known are {', '.join(scenarios) or 'none'}")
     return load_scenario(scenarios[name])

@@ -4,13 +4,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from mavproxy_handover.autopilot.authority import Authority
 from mavproxy_handover.autopilot.command_check import CommandCheck
 from mavproxy_handover.autopilot.context import Context
-from mavproxy_handover.autopilot.copter import Copter
 from mavproxy_handover.autopilot.flight_uploads import FlightUploads
 from mavproxy_handover.autopilot.flown_mission import FlownMission, MissionMonitors, MissionUsers
 from mavproxy_handover.autopilot.ground_uploads import GroundUploads
@@ -23,7 +21,6 @@ from mavproxy_handover.autopilot.orders import Orders
 from mavproxy_handover.autopilot.output_dispatcher import OutputDispatcher
 from mavproxy_handover.autopilot.package_loading import MissionSurroundings, PackageLoader
 from mavproxy_handover.autopilot.package_reader import PackageReader
-from mavproxy_handover.autopilot.plane import Plane
 from mavproxy_handover.autopilot.preflight import Preflight
 from mavproxy_handover.autopilot.procedures import Procedures
 from mavproxy_handover.autopilot.read_back import ReadBack
@@ -48,7 +45,6 @@ from mavproxy_handover.monitors.reboots import RebootMonitor
 from mavproxy_handover.monitors.route import RouteMonitor
 from mavproxy_handover.monitors.waypoints import WaypointMonitor
 from mavproxy_handover.monitors.zones import ZoneMonitor
-from mavproxy_handover.vehicle.kinds import COPTER, PLANE, Vehicle
 from mavproxy_handover.vehicle.state import VehicleState
 from mavproxy_handover.wire.conversation import Conversations
 from mavproxy_handover.wire.status import LeaseSequence
@@ -102,7 +98,8 @@ def assemble(
     config, key = running.config, running.guard_key
     state = VehicleState()
     conversations = Conversations(reports.voice.to_autopilot, reports.fault)
-    context = Context(state, conversations, _procedures(config.sysid, state), authority, reports)
+    procedures = Procedures(config.sysid, state)
+    context = Context(state, conversations, lambda: procedures, authority, reports)
     dispatcher = OutputDispatcher(authority.handle, reports)
 
     leases = LeaseSequence(nonce, key)
@@ -178,16 +175,3 @@ def assemble(
         messages,
         rounds,
     )
-
-
-def _procedures(sysid: int, state: VehicleState) -> Callable[[], Procedures]:
-    """The procedures of the kind of aircraft that the autopilot last said."""
-
-    def text() -> str:
-        return state.telemetry.text
-
-    by_kind: dict[Vehicle, Procedures] = {
-        COPTER: Copter(sysid, text, lambda: state.foreign),
-        PLANE: Plane(sysid, text, state),
-    }
-    return lambda: by_kind[state.vehicle]

@@ -187,20 +187,17 @@ class CommandCheck:
         """Why a change of speed is always refused, in words; "" if it is not."""
         aircraft = self._aircraft
         if aircraft.flown in _COMES_HOME:
-            return "a return keeps the speed that its energy is calculated with"
-        if not aircraft.kind.winged:
-            return ""
-        if intent.speed_type == mavlink.SPEED_TYPE_GROUNDSPEED:
-            return "it would set MIN_GROUNDSPEED, which also applies to a return"
-        if not intent.throttle <= 0.0:
-            return "it would set TRIM_THROTTLE, which also applies to a return"
-        return ""
+            return "a return keeps the speed that its energy is counted with"
+        lasting = aircraft.profile.lasting_speeds.get(intent.speed_type, "")
+        return lasting or ("" if intent.throttle <= 0.0 else aircraft.profile.lasting_throttle)
 
     def _slow(self, intent: Intent) -> str:
         """Why a speed of climb or descent is too slow for the energy, in words; "" if it is not."""
         counted_mps = _VERTICAL.get(intent.speed_type)
         speed_mps = intent.speed_mps
-        if counted_mps is None or speed_mps is None or self._aircraft.kind.winged or not 0.0 < speed_mps < counted_mps:
+        if counted_mps is None or speed_mps is None or not self._aircraft.profile.takes_vertical_speed:
+            return ""
+        if not 0.0 < speed_mps < counted_mps:
             return ""
         return f"slower than the {counted_mps:g} m/s that the energy is calculated with"
 
@@ -215,7 +212,7 @@ class CommandCheck:
 
     def mode_changed(self) -> None:
         """The autopilot flies another mode than before."""
-        if self._aircraft.custom_mode != self._aircraft.vehicle.guided:
+        if self._aircraft.custom_mode != self._aircraft.profile.guided:
             self._kept_radius_m, self._kept_mps, self._kept_aim = 0.0, None, None
 
     def target(self, aim: Aim, station: int, now: float) -> bool:
@@ -336,9 +333,8 @@ class CommandCheck:
         """
         try:
             legs = way()
-            ceiling_m = (
-                fence_limits(self._aircraft).ceiling_m if kind in _GUIDED and self._aircraft.kind.winged else None
-            )
+            passes = kind in _GUIDED and self._aircraft.profile.guided_passes_ceiling
+            ceiling_m = fence_limits(self._aircraft).ceiling_m if passes else None
         except Exception:
             self._broke()
             strict = [limit for limit in limits if self.rules.policy(limit) == "refuse"] or limits
@@ -442,7 +438,7 @@ class CommandCheck:
         if here is None or there is None:
             return ()
         speed_mps = told_mps or self._kept_mps or (_GUIDED_MPS if self.ahead is None else self.ahead.speed_mps)
-        if not self._aircraft.kind.winged:
+        if not self._aircraft.profile.holds_by_circling:
             return straight(here, there, speed_mps)
         if aim.here:
             return to_height(here, there[2], speed_mps)

@@ -25,9 +25,8 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.mission_protocol import AutopilotError
-from mavproxy_handover.vehicle.kinds import COPTER, Vehicle
-from mavproxy_handover.wire.conversation import Ask, Asking, NoAnswer
+from mavproxy_handover.vehicle.profiles import Profile
+from mavproxy_handover.wire.conversation import Ask, Asking, AutopilotError, NoAnswer
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID
 
 __all__ = ["held_cruise", "write_cruise"]
@@ -39,18 +38,19 @@ _ABOVE_ZERO: Final = 5e-324
 _WHOLE: Final = frozenset(range(mavlink.MAV_PARAM_TYPE_UINT8, mavlink.MAV_PARAM_TYPE_INT64 + 1))
 
 
-def held_cruise(sysid: int, vehicle: Vehicle = COPTER) -> Asking:
+def held_cruise(sysid: int, profile: Profile) -> Asking:
     """Returns the speed between waypoints (m/s) that the autopilot has. Raises NoAnswer."""
-    message = yield from _read(sysid, vehicle.cruise)
-    return message.param_value / vehicle.cruise[message.param_id]
+    message = yield from _read(sysid, profile.cruise)
+    return message.param_value / profile.cruise[message.param_id]
 
 
-def write_cruise(sysid: int, cruise_mps: float, vehicle: Vehicle = COPTER) -> Asking:
-    """Make the autopilot fly missions and returns at `cruise_mps`, and check it. Raises NoAnswer, AutopilotError."""
-    yield from _within(sysid, cruise_mps, vehicle)
-    yield from _write(sysid, cruise_mps, vehicle.cruise, "the mission's cruise speed")
-    if vehicle.back_speed:
-        yield from _write(sysid, cruise_mps, vehicle.back_speed, "the speed of a return")
+def write_cruise(sysid: int, cruise_mps: float, profile: Profile) -> Asking:
+    """Have the autopilot fly missions and returns at `cruise_mps`, and see that it will. Raises NoAnswer,
+    AutopilotError."""
+    yield from _within(sysid, cruise_mps, profile)
+    yield from _write(sysid, cruise_mps, profile.cruise, "the mission's cruise speed")
+    if profile.back_speed:
+        yield from _write(sysid, cruise_mps, profile.back_speed, "the speed of a return")
 
 
 def _write(sysid: int, speed_mps: float, units: Mapping[str, float], what: str) -> Asking:
@@ -69,8 +69,8 @@ def _write(sysid: int, speed_mps: float, units: Mapping[str, float], what: str) 
         raise AutopilotError(f"the autopilot does not take {name} {wanted:g}, {what}") from None
 
 
-def _within(sysid: int, cruise_mps: float, vehicle: Vehicle) -> Asking:
-    for limits, too in ((vehicle.slowest, "slower"), (vehicle.fastest, "faster")):
+def _within(sysid: int, cruise_mps: float, profile: Profile) -> Asking:
+    for limits, too in ((profile.slowest, "slower"), (profile.fastest, "faster")):
         if not limits:
             continue
         message = yield from _read(sysid, limits)

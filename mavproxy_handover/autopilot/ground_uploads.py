@@ -266,7 +266,7 @@ def _is_own(package: MissionPackage, held: HeldPlan) -> bool:
     if len(items) != len(held.items) or (route.fence and not same_fence(fence_items(held.fence), route.fence)):
         return False
     return all(
-        difference(sent, replace(got, seq=sent.seq), package.kind) is None
+        difference(sent, replace(got, seq=sent.seq), package.profile) is None
         for sent, got in zip(items[1:], held.items[1:], strict=True)
     )
 

@@ -108,7 +108,7 @@ class AutopilotMessages:
             conversations.on_message(message, now)
             self._mission.check_read_back(now)
         if state.custom_mode != mode:
-            event_log.mode(state.vehicle.mode_name(state.custom_mode))
+            event_log.mode(state.profile.mode_name(state.custom_mode))
             if known:
                 users.orders.mode_changed()
                 users.command_check.mode_changed()
@@ -156,7 +156,7 @@ class AutopilotMessages:
         state = self._state
         is_one = state.armed, state.flying, state.foreign
         room = (state.circles_s, state.circle_m) if state.flying else (0.0, 0.0)
-        return AutopilotState(*is_one, state.kind, *room)
+        return AutopilotState(*is_one, state.profile.handling, *room)
 
     def _on_text(self, message: Any, now: float) -> None:
         self._users.preflight.text(message.text)

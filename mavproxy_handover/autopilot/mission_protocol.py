@@ -18,15 +18,14 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.common.model import Kind
 from mavproxy_handover.gate.mission_items import filled, item_message, item_of
 from mavproxy_handover.mission.items import FRAME_ABOVE_SEA, MissionItem, RallyPoint, difference
 from mavproxy_handover.mission.plan import FenceCircle, FencePart, FencePolygon
-from mavproxy_handover.wire.conversation import Ask, Asking, NoAnswer
+from mavproxy_handover.vehicle.profiles import ASSUMED, Profile
+from mavproxy_handover.wire.conversation import Ask, Asking, AutopilotError, NoAnswer
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID
 
 __all__ = [
-    "AutopilotError",
     "MissionProtocol",
     "NoRoomError",
     "fence_items",
@@ -50,14 +49,6 @@ _AT_ONCE: Final = 5
 _IN_VAIN: Final = 5
 
 
-class AutopilotError(NoAnswer):
-    """The autopilot answered with a refusal; the text says what it refused, and why."""
-
-
-class RefusedError(AutopilotError):
-    """The autopilot refused a command finally; there is nothing to wait for."""
-
-
 class NoRoomError(AutopilotError):
     """The autopilot has no room for a list of that length, or none yet."""
 
@@ -67,8 +58,8 @@ class MissionProtocol:
     """Conversations with the autopilot of system `sysid` about its lists. All of them raise AutopilotError."""
 
     sysid: int
-    #: of aircraft; it decides which values of an item are stored
-    kind: Kind = Kind.COPTER
+    #: of aircraft: what it stores of an item
+    profile: Profile = ASSUMED
 
     def write_mission(self, items: Sequence[MissionItem]) -> Asking:
         """Write a mission; `items` begins with home, item 0.
@@ -155,7 +146,7 @@ class MissionProtocol:
         _accepted(answer, kind)
 
     def _mission_difference(self, sent: MissionItem, got: MissionItem) -> str | None:
-        return None if sent.seq == 0 else difference(sent, got, self.kind)  # the autopilot keeps its own home
+        return None if sent.seq == 0 else difference(sent, got, self.profile)  # the autopilot keeps its own home
 
     def _compare(
         self, kind: int, items: Sequence[MissionItem], differs: Callable[[MissionItem, MissionItem], str | None]

@@ -21,7 +21,6 @@ from typing import Any, Final
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.context import Context
-from mavproxy_handover.autopilot.mission_protocol import RefusedError
 from mavproxy_handover.autopilot.read_back import WITHDRAWN, NotHeldError, ReadBack
 from mavproxy_handover.autopilot.return_site import ReturnSite
 from mavproxy_handover.core.authority.start import refused
@@ -34,7 +33,7 @@ from mavproxy_handover.gate.refusals import OncePerCause
 from mavproxy_handover.gate.words import called, how_to_lift, subject_of
 from mavproxy_handover.monitors.energy import FAULT
 from mavproxy_handover.stations.port import StationPort
-from mavproxy_handover.wire.conversation import Ask, Asking, Conversation, NoAnswer
+from mavproxy_handover.wire.conversation import Ask, Asking, Conversation, NoAnswer, RefusedError
 from mavproxy_handover.wire.frames import Frame, field_float, field_int
 from mavproxy_handover.wire.ids import MISSION_START
 
@@ -189,7 +188,7 @@ class Orders:
             result = mavlink.MAV_RESULT_ACCEPTED if talk.failure is None else mavlink.MAV_RESULT_FAILED
             self._answer(asker, result, f"START failed: {text}" if text else "")
 
-        procedures = self._procedures()
+        procedures = self._procedures().flight
         undoing = self._conversations.drop(_CALLED_OFF)
 
         def steps() -> Asking:
@@ -198,7 +197,7 @@ class Orders:
             yield from self._read_back.asking()
             yield from procedures.start()
 
-        self._reports.event_log.start_begun(asker.port.name, procedures.vehicle.starts_by)
+        self._reports.event_log.start_begun(asker.port.name, procedures.firmware.starts_by)
         self._conversations.begin(_START, steps(), done, now)
 
     def refuse_start(self, station: int, needs: tuple[str, ...], now: float) -> None:
@@ -213,7 +212,7 @@ class Orders:
         command = commanded(frame)
         if command is not None and not (needs == (WITHDRAWN,) and self._answered_by_disarm(frame)):
             voice.acknowledge(port, sender, command, mavlink.MAV_RESULT_TEMPORARILY_REJECTED)
-        modes = self._procedures().vehicle.judged_by
+        modes = self._procedures().profile.gate
         self._tell_needs(port, called(subject_of(frame), modes=modes), needs, now)
 
     def _answered_by_disarm(self, frame: Frame) -> bool:
@@ -240,7 +239,8 @@ class Orders:
         if self._conversations.drop(_START) and asker is not None:
             self._authority.handle(StartFinished(False, why), now)
             self._answer(asker, mavlink.MAV_RESULT_FAILED, f"START failed: {why}")
-            self._conversations.begin(_CALLED_OFF, self._procedures().call_off_start(), lambda _talk, _now: None, now)
+            asking = self._procedures().flight.call_off_start()
+            self._conversations.begin(_CALLED_OFF, asking, lambda _talk, _now: None, now)
 
     def disarmed(self, port: StationPort, frame: Frame, armed: bool, now: float) -> None:
         """The commander's disarm went to the autopilot. It ends a START. `armed`: by the autopilot's heartbeat.
@@ -294,7 +294,7 @@ class Orders:
     def takes_over(self, frame: Frame) -> bool:
         """Whether the companion carries out this command of the commander in flight, instead of the autopilot."""
         pauses = frame.msgid in _CARRIERS and commanded(frame) == _PAUSE_CONTINUE
-        return pauses and self._procedures().holds_by(pause=True) is not None
+        return pauses and self._procedures().flight.holds_by(pause=True) is not None
 
     def pause_asked(self, port: StationPort, frame: Frame, now: float) -> None:
         """The commander's STOP or CONTINUE, which the autopilot does not know."""
@@ -302,8 +302,8 @@ class Orders:
         if which not in (_STOP, _CONTINUE):
             self._reply(asker, _PAUSE_CONTINUE, mavlink.MAV_RESULT_DENIED)
             return
-        pause, procedures = which == _STOP, self._procedures()
-        if self._stopper == (asker, pause):  # a repetition
+        pause, procedures = which == _STOP, self._procedures().flight
+        if self._stopper == (asker, pause):  # asked again: it is on its way
             self._reply(asker, _PAUSE_CONTINUE, mavlink.MAV_RESULT_IN_PROGRESS)
             return
         if _HOME in self._conversations:
@@ -345,7 +345,7 @@ class Orders:
         def done(talk: Conversation, _now: float) -> None:
             self._reports.event_log.speed(speed_mps, talk.failure)
 
-        self._conversations.begin(_SPEED, self._procedures().set_speed(speed_mps), done, now)
+        self._conversations.begin(_SPEED, self._procedures().flight.set_speed(speed_mps), done, now)
 
     # ---- safety orders --------------------------------------------------------------------------------------------
 
@@ -383,7 +383,7 @@ class Orders:
         return waits or (self._given is FlightAction.LAND and _HOME in self._conversations)
 
     def _holding(self, pause: bool, now: float) -> Asking:
-        procedures = self._procedures()
+        procedures = self._procedures().flight
         flown = procedures.holds_by(pause)
         if flown is not None:  # nothing else shows that the companion chose this mode
             self._authority.handle(ModeSourceSeen(ModeSource.COMPANION, flown), now)
@@ -398,7 +398,7 @@ class Orders:
             self._begin_again(now)
 
     def _begin_again(self, now: float) -> None:
-        self._begin_home(FlightAction.RETURN, self._procedures().return_anew(), now)
+        self._begin_home(FlightAction.RETURN, self._procedures().flight.return_anew(), now)
 
     def mode_changed(self) -> None:
         """The autopilot flies another mode than before."""
@@ -407,8 +407,8 @@ class Orders:
 
     def _begin_home(self, action: FlightAction, asking: Asking, now: float) -> None:
         def done(talk: Conversation, now: float) -> None:
-            vehicle = self._procedures().vehicle
-            to_place = {vehicle.mode_name(mode) for mode in vehicle.to_place}
+            profile = self._procedures().profile
+            to_place = {profile.mode_name(mode) for mode in profile.to_place}
             self.returning = action is FlightAction.RETURN and talk.result in to_place
             self._reports.event_log.flown(action, talk.result, talk.failure)
             if isinstance(talk.error, RefusedError):
@@ -421,8 +421,8 @@ class Orders:
         """Wait a moment until the rally list holds the return site, then return."""
         if not written():
             with suppress(NoAnswer):
-                yield Ask("the return site to be written", (), lambda _m: written() or None, _PLACE_S, tries=1)
-        return (yield from self._procedures().bring_home(action))
+                yield Ask("the place to be written", (), lambda _m: written() or None, _PLACE_S, tries=1)
+        return (yield from self._procedures().flight.bring_home(action))
 
     def _place(self, now: float) -> Callable[[], bool]:
         try:

@@ -21,7 +21,7 @@ from mavproxy_handover.core.common.limits import Limits
 from mavproxy_handover.core.common.model import GuardState
 from mavproxy_handover.core.safety.energy_prior import EnergySettings
 from mavproxy_handover.monitors.preflight.own_failsafes import PlanFacts
-from mavproxy_handover.monitors.preflight.rules import KNOWN, NAMES, Finding, Found, judge, names_of
+from mavproxy_handover.monitors.preflight.rules import KNOWN, Finding, Found, judge, names_of
 from mavproxy_handover.vehicle.state import VehicleState
 from mavproxy_handover.wire.conversation import Ask, Asking, Conversation, Conversations, NoAnswer
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID
@@ -42,7 +42,7 @@ _WRONG_CHANNEL = re.compile(r"HNDO: lease refused, channel (\d+) not (-?\d+)")
 # ---- reading ------------------------------------------------------------------------------------------------------
 
 
-def reading(sysid: int, names: tuple[str, ...] = NAMES) -> Asking:
+def reading(sysid: int, names: tuple[str, ...]) -> Asking:
     """Ask the autopilot of system `sysid` for parameters. Returns name -> value of those that it answered."""
     values: dict[str, float] = {}
     for start in range(0, len(names), _AT_ONCE):
@@ -172,11 +172,11 @@ class Preflight:
             aircraft.parameters.reading_ended(asked_at)
             values = aircraft.parameters.since(asked_at)
             parameters = {name: values[name] for name in KNOWN if name in values}
-            told = aircraft.foreign, self._heard_on, self._plan, self._gap_s, aircraft.kind, batteries
+            told = aircraft.foreign, self._heard_on, self._plan, self._gap_s, aircraft.profile, batteries
             found = Found(parameters, guard, firmware, *told, aircraft.home_alt_m, self._misfit)
             self._conclude(judge(found, self._limits), now)
 
-        self._conversations.begin("preflight", reading(self._sysid, names_of(aircraft.vehicle, batteries)), done, now)
+        self._conversations.begin("preflight", reading(self._sysid, names_of(aircraft.profile, batteries)), done, now)
 
     def _conclude(self, findings: tuple[Finding, ...], now: float) -> None:
         before, self.findings = self.findings, findings

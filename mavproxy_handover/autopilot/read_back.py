@@ -21,10 +21,9 @@ from collections.abc import Callable, Hashable
 from math import inf
 from typing import Final
 
-from mavproxy_handover.autopilot.mission_protocol import AutopilotError
 from mavproxy_handover.autopilot.procedures import Procedures
 from mavproxy_handover.mission.plan import Route
-from mavproxy_handover.wire.conversation import Asking, Conversation, Conversations
+from mavproxy_handover.wire.conversation import Asking, AutopilotError, Conversation, Conversations
 
 __all__ = ["GOOD_S", "WAIT_S", "WITHDRAWN", "NotHeldError", "ReadBack"]
 

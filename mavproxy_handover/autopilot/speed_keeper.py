@@ -46,5 +46,6 @@ class SpeedKeeper:
     def mode_changed(self, now: float) -> None:
         """The aircraft flies another mode; to be called after `mission_flown`, which ends a change of speed that is
         under way."""
-        if self._state.to_place and not self._state.kind.winged and self._command_check.sped_lately(now):
+        takes_speed = self._state.profile.return_takes_speed
+        if self._state.to_place and takes_speed and self._command_check.sped_lately(now):
             self._orders.resume_speed(self._return_site.candidates.return_mps, now)

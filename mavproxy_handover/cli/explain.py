@@ -15,14 +15,24 @@ from mavproxy_handover.config.toml import ConfigError
 from mavproxy_handover.config.vehicle import load_vehicle
 from mavproxy_handover.core.common.causes import CAUSES, Cause
 from mavproxy_handover.core.common.limits import Limits
-from mavproxy_handover.core.safety.explain import HEAD, assumed, facts_table, kinds_table, story, table
+from mavproxy_handover.core.safety.explain import (
+    HEAD,
+    assumed,
+    carried_out_table,
+    facts_table,
+    story,
+    table,
+)
 from mavproxy_handover.core.safety.strategy import Fact
 from mavproxy_handover.gate.explain import columns, markdown_table
+from mavproxy_handover.vehicle.profiles import PROFILES
 
 __all__ = ["main", "markdown"]
 
 _YES, _NO = ("yes", "true", "1", "on"), ("no", "false", "0", "off")
 _CAUSES: Final[Mapping[str, Cause]] = {cause.value: cause for cause in Cause}
+#: how each kind of aircraft carries out what is decided
+_WORDS: Final = {profile.name: profile.carried_out for profile in PROFILES}
 _FACTS: Final[Mapping[str, Fact]] = {fact.name.lower(): fact for fact in Fact}
 
 
@@ -74,7 +84,7 @@ def markdown() -> str:
     """The tables for the documentation, of the defaults."""
     causes = markdown_table([HEAD, *table(Limits())])
     facts = markdown_table([("fact", "it holds when", "what it does"), *facts_table()])
-    return f"{causes}\n\n{facts}\n\n{markdown_table(kinds_table())}"
+    return f"{causes}\n\n{facts}\n\n{markdown_table(carried_out_table(_WORDS))}"
 
 
 def main(argv: Sequence[str]) -> int:
@@ -120,5 +130,5 @@ def main(argv: Sequence[str]) -> int:
     print()
     print(columns([("fact", "it holds when", "what it does"), *facts_table()]))
     print()
-    print(columns(kinds_table()))
+    print(columns(carried_out_table(_WORDS)))
     return 0

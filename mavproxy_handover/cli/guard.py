@@ -26,13 +26,14 @@ from pathlib import Path
 from mavproxy_handover.resources import shipped
 from mavproxy_handover.store.durable import discard, sync_folder
 from mavproxy_handover.store.keys import KeysError, load_key
+from mavproxy_handover.vehicle.profiles import ASSUMED, PROFILES
 from mavproxy_handover.wire.signing import fingerprint
 
 __all__ = ["Finding", "main", "survey", "version_of"]
 
 _SCRIPT, _KEY = "handover_guard.lua", "handover.key"
 #: kind of vehicle -> its recommended parameters; the script is the same
-_PARAMETERS = {"copter": "handover.parm", "plane": "handover_plane.parm"}
+_PARAMETERS = {profile.name: profile.parameter_file for profile in PROFILES if profile.refines is None}
 #: ArduPilot's folder of scripts, from the root of the card
 _FOLDER = Path("APM", "scripts")
 _MAX_SCRIPT_BYTES = 1_000_000
@@ -71,7 +72,7 @@ def main(argv: Sequence[str]) -> int:
     parser.add_argument(
         "--vehicle",
         choices=tuple(_PARAMETERS),
-        default="copter",
+        default=ASSUMED.name,
         help="whose parameters: copter (default), or plane for ArduPlane, QuadPlanes included",
     )
     parser.add_argument("--key", type=Path, metavar="FILE", help="guard_key of the vehicle's configuration")

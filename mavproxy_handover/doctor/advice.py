@@ -13,13 +13,14 @@ from functools import cache
 from typing import Final
 
 from mavproxy_handover.resources import shipped
+from mavproxy_handover.vehicle.profiles import PROFILES, Profile
 from mavproxy_handover.wire.ids import COMPANION_COMPID
 
 __all__ = ["advice"]
 
-#: parameter files for a vehicle that hovers, and for one with wings
-_ROTORS, _WINGS = "handover.parm", "handover_plane.parm"
-#: the guard's defaults, which are the recommended values; its port depends on the wiring
+#: files with recommended parameters -> which aircraft each is for, in words
+_FILES: Final = {profile.parameter_file: profile.parameter_file_for for profile in PROFILES}
+#: the guard's own defaults, which are the recommended values; which port it listens at nobody else can know
 _GUARD: Final = {
     "HNDO_ENABLE": "1",
     "HNDO_COMPID": str(COMPANION_COMPID),
@@ -85,23 +86,22 @@ _WORDS: Final = (
 )
 
 
-def advice(parameter: str, text: str, *, winged: bool | None = None) -> str:
-    """Advice in one sentence. `parameter`: the one to change, "" for none. `text`: the finding.
-
-    `winged`: True if the aircraft has wings, None: not known.
-    """
+def advice(parameter: str, text: str, *, profile: Profile | None = None) -> str:
+    """One sentence. `parameter`: the one to change, "" for none; `text`: what was found; `profile`: of the aircraft,
+    None: not known."""
     further = _FURTHER.match(parameter)
     if further is not None:
-        return advice(parameter.replace(further[0], "BATT_"), text, winged=winged).replace("BATT_", further[0])
+        return advice(parameter.replace(further[0], "BATT_"), text, profile=profile).replace("BATT_", further[0])
     if parameter in _OWN:
         return _OWN[parameter]
     if parameter in _GUARD:
         return f"Set {parameter} to {_GUARD[parameter]}; handover_guard.md says why."
-    rotors, wings = _recommended(_ROTORS).get(parameter), _recommended(_WINGS).get(parameter)
-    if winged is None and None not in (rotors, wings) and rotors != wings:
-        return f"Set {parameter} to {rotors}, with wings to {wings}; {_ROTORS} and {_WINGS} say why."
-    value, file = (wings, _WINGS) if winged or rotors is None else (rotors, _ROTORS)
-    if value is not None:
+    files = _FILES if profile is None else (profile.parameter_file,)
+    found = {file: values[parameter] for file in files if parameter in (values := _recommended(file))}
+    if len(set(found.values())) > 1:
+        each = ", ".join(f"{_FILES[file]} to {value}".lstrip() for file, value in found.items())
+        return f"Set {parameter} {each}; {' and '.join(found)} say why."
+    for file, value in found.items():
         return f"Set {parameter} to {value}; {file} and handover_guard.md say why."
     if parameter:
         return f"Change {parameter}; the autopilot's documentation has its values."

@@ -19,7 +19,6 @@ from mavproxy_handover.autopilot.mission_protocol import MissionProtocol
 from mavproxy_handover.autopilot.preflight import reading
 from mavproxy_handover.cli.guard import version_of
 from mavproxy_handover.config.vehicle import VehicleConfig
-from mavproxy_handover.core.common import model
 from mavproxy_handover.core.common.model import GuardState
 from mavproxy_handover.doctor.advice import advice
 from mavproxy_handover.doctor.check_context import CheckContext
@@ -33,6 +32,7 @@ from mavproxy_handover.mission.heights import above_sea
 from mavproxy_handover.monitors.preflight import rules
 from mavproxy_handover.monitors.preflight.own_failsafes import plan_facts
 from mavproxy_handover.store.keys import KeysError, load_key
+from mavproxy_handover.vehicle.profiles import Profile
 from mavproxy_handover.wire.conversation import Ask, Asking, NoAnswer, command_long
 from mavproxy_handover.wire.file_transfer import checksum
 from mavproxy_handover.wire.frames import Frame
@@ -149,7 +149,7 @@ class _Visit:
             yield from self._silent()
             return
         state = "armed" if self._aircraft.armed else "disarmed"
-        kind = self._aircraft.foreign or self._aircraft.vehicle.name
+        kind = self._aircraft.foreign or self._aircraft.profile.firmware
         yield ok(_NAME, f"heartbeat of system {self._vehicle.sysid} on {self._spec.text}: {kind}, {state}")
         if not self._grounded():
             yield self._is_armed()
@@ -227,8 +227,8 @@ class _Visit:
         if (high or self._vehicle.position.box) and self._aircraft.telemetry.own_position.value is None:
             self.talk.ask(_message(sysid, "GLOBAL_POSITION_INT"))
         yield self._time()
-        names = rules.names_of(self._aircraft.vehicle, self._batteries)
-        self._context.tell(f"reading {len(names)} parameters")
+        names = rules.names_of(self._aircraft.profile, self._batteries)
+        self._patient.tell(f"reading {len(names)} parameters")
         parameters = self.talk.ask(reading(sysid, names)).result or {}
         self.talk.listen(_GUARD_S, lambda: self._guard is not None or not self._grounded())
         if not self._grounded():
@@ -258,7 +258,7 @@ class _Visit:
             self._aircraft.foreign,
             plan=None if package is None else plan_facts(package.route, package.cruise_speed_mps),
             gap_s=0.0 if package is None else max((gap.limit_s for gap in package.gaps), default=0.0),
-            kind=self._aircraft.kind,
+            profile=self._aircraft.profile,
             batteries=self._batteries,
             home_alt_m=self._aircraft.home_alt_m,
         )
@@ -268,7 +268,7 @@ class _Visit:
             yield error(
                 each.parameter or "guard and firmware",
                 found_text,
-                advice(each.parameter, each.text, winged=self._aircraft.kind.winged),
+                advice(each.parameter, each.text, profile=self._aircraft.profile),
             )
         if not wrong:
             yield ok("parameters", f"{len(parameters)} read, all of them fit")
@@ -320,8 +320,8 @@ class _Visit:
         if len(items) > _MOST_ITEMS:
             yield ok("mission in the autopilot", f"not compared: {len(items)} items take too long to read")
             return
-        self._context.tell(f"reading {len(items)} items of the mission")
-        talk = self.talk.ask(_same(self._vehicle.sysid, items, self._aircraft.kind))
+        self._patient.tell(f"reading {len(items)} items of the mission")
+        talk = self.talk.ask(_same(self._vehicle.sysid, items, self._aircraft.profile))
         if talk.failure is None:
             yield ok("mission in the autopilot", f"is that of the package {package.name!r}")
         else:
@@ -344,5 +344,5 @@ def _message(sysid: int, kind: str) -> Asking:
         return None
 
 
-def _same(sysid: int, items: Any, kind: model.Kind) -> Asking:
-    yield from MissionProtocol(sysid, kind).compare_mission(items)
+def _same(sysid: int, items: Any, profile: Profile) -> Asking:
+    yield from MissionProtocol(sysid, profile).compare_mission(items)

@@ -22,9 +22,9 @@ from mavproxy_handover.gate.judge import Fate, GateReason, Verdict, outcome
 from mavproxy_handover.gate.latent import arms
 from mavproxy_handover.gate.passed import PassedFrames
 from mavproxy_handover.gate.policy.access import Access
-from mavproxy_handover.gate.policy.modes import Modes
 from mavproxy_handover.gate.port import Port
 from mavproxy_handover.gate.targets import TargetStreams
+from mavproxy_handover.vehicle.profiles import Modes
 from mavproxy_handover.wire.frames import Frame
 
 __all__ = ["CompanionMatters", "Filter", "Filters"]

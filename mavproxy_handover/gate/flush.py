@@ -183,13 +183,13 @@ class FlushTracker:
         elif frame.msgid == _FTP:
             self._heard_file(frame)
 
-    def flush(self, station_sysid: int, *, wings: bool = False) -> list[Closing]:
-        """Close everything that a station has open. `wings`: it is a plane, so no stream is stopped (rule 4)."""
+    def flush(self, station_sysid: int, *, ends_streams: bool = True) -> list[Closing]:
+        """Close everything that a station has open, and forget it. Guided streams only with `ends_streams` (rule 4)."""
         opened = self._open.pop(station_sysid, None)
         if opened is None:
             return []
         closings = [self._close_sticks(sender, at) for sender, at in opened.sticks.items()]
-        if not wings:
+        if ends_streams:
             closings += [self._close_stream(sender, at) for sender, at in opened.streams.items()]
         closings += [self._close_upload(sender, kind, at) for (sender, kind), at in opened.uploads.items()]
         # One session may have had several files: overwrite those that closing would apply, before anything closes them.

@@ -224,7 +224,7 @@ class Gate:
             self.downloads.forget()
             passed.latent.authority_ends(before.commander, now)
             if before.commander is not None:
-                left_open = passed.flusher.flush(before.commander, wings=self._matters.modes().wings)
+                left_open = passed.flusher.flush(before.commander, ends_streams=self._matters.modes().takes_velocities)
                 closed += passed.close(before.commander, left_open)
             successor = None if view.commander is None else self._ports.get(view.commander)
             if successor is not None and now - successor.heartbeat_at < _HEARTBEAT_FRESH_S:

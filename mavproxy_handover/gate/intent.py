@@ -18,7 +18,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.safety.commands import QUIET_S, Kind
 from mavproxy_handover.gate.policy.commands import JUDGED_RULES, MODE_BITS, JudgedRule
-from mavproxy_handover.gate.policy.modes import COPTER, Modes
+from mavproxy_handover.vehicle.profiles import ASSUMED, Modes
 from mavproxy_handover.wire.frames import Frame, field_bytes, field_float, field_int
 
 __all__ = [
@@ -133,9 +133,9 @@ def _by_command() -> dict[int, tuple[JudgedRule, ...]]:
 _RULES: Final[Mapping[int, tuple[JudgedRule, ...]]] = _by_command()
 
 
-def intent_of(frame: Frame, modes: Modes = COPTER) -> Intent | None:
-    """The act that a frame asks of an aircraft with these modes; None: no act that is judged. The dialect must know the
-    frame."""
+def intent_of(frame: Frame, modes: Modes = ASSUMED.gate) -> Intent | None:
+    """What the frame wants of an aircraft with these modes; None: nothing that is judged. The frame is known to the
+    dialect."""
     read = _READERS.get(frame.msgid)
     return None if read is None else read(frame, modes)
 
@@ -161,8 +161,8 @@ def _of_command(frame: Frame, modes: Modes) -> Intent | None:
 
 
 def _is_one(frame: Frame, rule: JudgedRule, modes: Modes) -> bool:
-    """Whether this rule judges the command."""
-    if rule.height is not None and not modes.wings:
+    """Whether a command that has such a rule is judged by it."""
+    if rule.height is not None and not modes.takes_heights:
         return False
     values = rule.values
     if rule.mode:
@@ -179,7 +179,7 @@ def _speed_type(asked: float, modes: Modes) -> int:
     """The kind of speed, as the autopilot reads it. A NaN is the first kind."""
     if not isfinite(asked):
         return 0
-    if modes.wings:
+    if modes.speed_type_bits:
         return int(asked) & 0xFF
     return 3 if asked > 2.9 else int(asked + 0.1)  # as ArduCopter up to 4.6 compares it
 
@@ -217,7 +217,7 @@ def _of_current(frame: Frame, _modes: Modes) -> Intent | None:
 
 def _of_item(frame: Frame, modes: Modes) -> Intent | None:
     current = field_int(frame, "current")
-    if current != GUIDED_ITEM and not (current == _HEIGHT_ITEM and modes.wings):
+    if current != GUIDED_ITEM and not (current == _HEIGHT_ITEM and modes.takes_heights):
         return None
     aim = _aim_of_item(frame)
     if current == GUIDED_ITEM:
@@ -232,8 +232,8 @@ def _aim_of_item(frame: Frame) -> Aim:
     return Aim(number, *(field_float(frame, name) for name in ("x", "y", "z")))
 
 
-def aim_of(frame: Frame, modes: Modes = COPTER) -> Aim | None:
-    """The place in a frame of TARGET_MESSAGES; for a plane also a height without a place. None: the frame has neither.
+def aim_of(frame: Frame, modes: Modes = ASSUMED.gate) -> Aim | None:
+    """The place in a frame of TARGET_MESSAGES, of wings a height without one too; None where it holds none.
 
     A plane takes the height of SET_POSITION_TARGET_GLOBAL_INT. ArduPlane 4.7 ignores the height if the mask says so; up
     to 4.6 it looks at other bits of the mask. So the height counts, whatever the mask says.
@@ -241,12 +241,12 @@ def aim_of(frame: Frame, modes: Modes = COPTER) -> Aim | None:
     height. If the stream goes on, the height has no bound, so it is judged as `_NO_BOUND_M`."""
     if frame.msgid == _FOLLOW_TARGET:
         return Aim(0, _signed(frame, "lat") / 1e7, _signed(frame, "lon") / 1e7, field_float(frame, "alt"))
-    if modes.wings and frame.msgid == _LOCAL:
+    if modes.takes_heights and frame.msgid == _LOCAL:
         adds = field_int(frame, "coordinate_frame") == _LOCAL_OFFSET and field_float(frame, "z") != 0.0
         return Aim(_ABOVE_HOME, 0.0, 0.0, _NO_BOUND_M, here=True) if adds else None
     mask, number = field_int(frame, "type_mask"), field_int(frame, "coordinate_frame")
     if mask & NO_PLACE:
-        height = modes.wings and frame.msgid == _GLOBAL
+        height = modes.takes_heights and frame.msgid == _GLOBAL
         return Aim(number, 0.0, 0.0, field_float(frame, "alt"), here=True) if height else None
     if frame.msgid == _GLOBAL:
         place = _signed(frame, "lat_int") / 1e7, _signed(frame, "lon_int") / 1e7

@@ -43,9 +43,9 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.common.model import AuthorityView, Phase
 from mavproxy_handover.gate.intent import INTENT_MESSAGES, intent_of
-from mavproxy_handover.gate.policy.modes import COPTER, Modes
 from mavproxy_handover.gate.policy.parts import MISSION_TYPE_MESSAGES
 from mavproxy_handover.gate.policy.rows import MESSAGE_ROWS, TAKE_OFF_MESSAGES, Access, Row, classify, moves, takes_off
+from mavproxy_handover.vehicle.profiles import ASSUMED, Modes
 from mavproxy_handover.wire.frames import Frame, field_int, target, target_places
 from mavproxy_handover.wire.ids import COMPANION_COMPID, MISSION_START, STATION_COMPIDS
 
@@ -180,7 +180,7 @@ def outcome(access: Access, commands: bool, armed: bool) -> tuple[Fate, GateReas
 
 
 def judge(
-    frame: Frame, station: StationIdentity, view: AuthorityView, vehicle_sysid: int, modes: Modes = COPTER
+    frame: Frame, station: StationIdentity, view: AuthorityView, vehicle_sysid: int, modes: Modes = ASSUMED.gate
 ) -> Verdict:
     """Judge one frame that arrived on a link of `station`. Never raises, whatever the frame holds. `modes`: those of
     the aircraft's firmware.
@@ -285,8 +285,8 @@ def _decide(
     return fate, reason
 
 
-def uploads(frame: Frame, modes: Modes = COPTER) -> bool:
-    """Whether a frame is part of an upload that ends at the companion in flight (rule 7)."""
+def uploads(frame: Frame, modes: Modes = ASSUMED.gate) -> bool:
+    """Whether a frame is a part of an upload that ends at the companion in flight (rule 7)."""
     if frame.msgid not in _WRITERS or field_int(frame, "mission_type") not in STAGED:
         return False
     return frame.msgid not in INTENT_MESSAGES or intent_of(frame, modes) is None

@@ -28,7 +28,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.gate.intent import NO_PLACE, Aim, aim_of
 from mavproxy_handover.gate.judge import Fate, GateReason, Verdict
-from mavproxy_handover.gate.policy.modes import COPTER, Modes
+from mavproxy_handover.vehicle.profiles import ASSUMED, Modes
 from mavproxy_handover.wire.frames import Frame, field_offset
 
 __all__ = ["HOLDS_S", "NEAR_M", "PAUSE_S", "TargetStreams"]
@@ -77,17 +77,17 @@ class TargetStreams:
         self._passes = passes
         self._streams: dict[tuple[int, int], _Judged] = {}
 
-    def limit(self, frame: Frame, verdict: Verdict, station: int, now: float, modes: Modes = COPTER) -> Verdict:
+    def limit(self, frame: Frame, verdict: Verdict, station: int, now: float, modes: Modes = ASSUMED.gate) -> Verdict:
         """The verdict on a frame of TARGET_MESSAGES that stands. `modes`: those of the aircraft's firmware."""
         msgid, payload = frame.msgid, frame.payload
         number = -1
-        # a plane adds the height of a local target to its own, whatever the mask says: no target is near another
-        adds = modes.wings and msgid == _LOCAL
+        # wings add the height of a local target to their own, whatever its mask says: none is near another
+        adds = modes.takes_heights and msgid == _LOCAL
         if msgid != _FOLLOW:
             if _senseless(msgid, payload):
                 return verdict._replace(fate=Fate.DROP, reason=GateReason.NO_NUMBER)
             number = payload[_FRAME]
-            if not modes.wings and payload[_MASK] & NO_PLACE:
+            if not modes.takes_heights and payload[_MASK] & NO_PLACE:
                 return verdict
         judged = self._streams.get((station, msgid))
         if judged is None:

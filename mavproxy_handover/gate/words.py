@@ -23,11 +23,11 @@ from mavproxy_handover.core.safety.commands import Limit
 from mavproxy_handover.gate.intent import GUIDED_ITEM
 from mavproxy_handover.gate.judge import GateReason
 from mavproxy_handover.gate.policy.commands import MODE_BITS
-from mavproxy_handover.gate.policy.modes import COPTER, Modes
 from mavproxy_handover.gate.policy.parts import MISSION_TYPE_MESSAGES
 from mavproxy_handover.gate.policy.rows import special_value
 from mavproxy_handover.gate.policy.switches import switch_name
 from mavproxy_handover.gate.tongues import Tongue
+from mavproxy_handover.vehicle.profiles import ASSUMED, Modes
 from mavproxy_handover.wire.frames import Frame, field_bytes, field_float, field_int
 from mavproxy_handover.wire.ids import FTP_CREATE, FTP_OPEN_WRITE, FTP_RENAME, FTP_RESET, FTP_TERMINATE, FTP_WRITE
 
@@ -230,8 +230,8 @@ def _of_switch(which: float) -> str:
     return f"{COMMANDS['DO_AUX_FUNCTION']} {'' if name is None else _plain(name)}".rstrip()
 
 
-def called(subject: Subject, *, modes: Modes = COPTER) -> str:
-    """The name of a subject for people. `modes`: those of the aircraft's firmware."""
+def called(subject: Subject, *, modes: Modes = ASSUMED.gate) -> str:
+    """What people call it. `modes`: those of the aircraft's firmware."""
     if isinstance(subject, str):
         return subject
     if isinstance(subject, int):
@@ -254,8 +254,8 @@ _REASONS: Final[Mapping[GateReason, str]] = {
 }
 
 
-def unsaid(frame: Frame, *, modes: Modes = COPTER) -> str:
-    """The mode, parameter or switch that the name of a refused frame does not tell; "" if the name tells all."""
+def unsaid(frame: Frame, *, modes: Modes = ASSUMED.gate) -> str:
+    """What the name of a refused frame leaves open: which mode, parameter or switch; "" if the name says all."""
     subject = subject_of(frame) if frame.known else ""
     particular = not isinstance(subject, str) or subject in _PARTICULAR or subject.startswith(_SWITCH)
     return called(subject, modes=modes) if particular else ""
@@ -267,8 +267,10 @@ def thesis_command(frame: Frame) -> str:
     return subject if isinstance(subject, str) and subject in _THESIS_COMMANDS else ""
 
 
-def sentence(subject: Subject, reason: GateReason, commander: str, tongue: Tongue, *, modes: Modes = COPTER) -> str:
-    """The text of a refusal. `commander`: its name, "" if no station commands; `tongue`: the sender's dialect."""
+def sentence(
+    subject: Subject, reason: GateReason, commander: str, tongue: Tongue, *, modes: Modes = ASSUMED.gate
+) -> str:
+    """What is said of a refusal. `commander`: its name, "" if nobody commands; `tongue`: what the sender speaks."""
     return f"{called(subject, modes=modes)} refused: {_why(reason, commander, tongue)}"
 
 

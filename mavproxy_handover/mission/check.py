@@ -17,9 +17,8 @@ from math import cos, inf, isclose, isfinite, radians, sin
 
 from mavproxy_handover.core.authority.consent import refused_on_route, without_consent
 from mavproxy_handover.core.common.limits import Limits
-from mavproxy_handover.core.common.model import Kind, Station
+from mavproxy_handover.core.common.model import Station
 from mavproxy_handover.core.safety.energy import Wind
-from mavproxy_handover.core.safety.energy_prior import RETURN_ALT_M, WINGED_RETURN_ALT_M
 from mavproxy_handover.mission.addresses import ADDRESSES_FILE, without_addresses
 from mavproxy_handover.mission.curves import WITHIN_M
 from mavproxy_handover.mission.energy import Budget, budget_of, places_inside, places_of, released_at
@@ -128,11 +127,10 @@ def check(
     """
     walk = package.walk(wind)
     path = package.path(wind)
-    model = package.energy.model(wind, wings=package.kind.winged)
+    model = package.energy.model(wind, package.profile.energy)
     energy = None if model is None else budget_of(package.route, package.cruise_speed_mps, model)
     crossed = package.stretches(walk, wind)
-    usual_alt_m = WINGED_RETURN_ALT_M if package.kind.winged else RETURN_ALT_M
-    return_alt_m = usual_alt_m if model is None else model.return_alt_m
+    return_alt_m = package.profile.energy.return_alt_m if model is None else model.return_alt_m
     findings = [
         *_start(package, walk),
         *_gaps(package, walk, path),
@@ -217,13 +215,10 @@ def _turns(path: Path) -> Iterator[Finding]:
 
 
 def _returns(package: MissionPackage) -> Iterator[Finding]:
-    """How the return of an aircraft with wings ends: hovering, or in a landing sequence; by itself it circles."""
-    if package.kind is Kind.QUADPLANE:
-        text = (
-            "a return ends in a hovering landing at its place: it needs Q_RTL_MODE 1 to 3 (RTL alone circles for ever)"
-        )
-        yield Finding(Severity.INFO, text)
-    if package.kind is not Kind.PLANE:
+    """How a return ends, if it does not just come down at its place."""
+    if package.profile.return_note:
+        yield Finding(Severity.INFO, package.profile.return_note)
+    if not package.profile.lands_by_sequence:
         return
     starts = [(*sequence_place(each), each[0].seq) for each in landing_sequences(package.route)]
     finder = package.zone_finder()
@@ -363,7 +358,7 @@ def _rally(package: MissionPackage, walk: Walk, reach_m: float, return_alt_m: fl
         if nearest > reach_m:
             text = f"{name} is out of reach: {nearest:.0f} m off the route, {reach_m:g} m are allowed (--reach)"
             yield Finding(Severity.ERROR, text)
-        if package.kind.winged and point.alt_m < return_alt_m:
+        if package.profile.returns_level and point.alt_m < return_alt_m:
             text = f"{name} is flown to at RTL_ALTITUDE, not at {point.alt_m:g} m: wings have to stay up on the way"
             yield Finding(Severity.INFO, text)
     places = [
@@ -417,8 +412,8 @@ def _ground(package: MissionPackage, return_alt_m: float) -> Iterator[Finding]:
             yield Finding(Severity.WARNING if way >= 0.0 else Severity.ERROR, text)
     ends = {leg.seq: leg.end for leg in legs if leg.length_m > 0.0}
     for seq, (lat, lon, end_m) in ends.items():
-        # the return of wings leads down to the height of the return, if it starts higher
-        alt = return_alt_m if package.kind.winged else end_m
+        # a level return leads down to its height, from wherever it is higher
+        alt = return_alt_m if package.profile.returns_level else end_m
         backs = [
             (relief.above_m((lat, lon), (p.lat_deg, p.lon_deg), max(alt, p.alt_m, return_alt_m)), p.name)
             for p in places
@@ -551,8 +546,8 @@ def _wings_lines(report: CheckReport) -> Iterator[str]:
         blows = f"wind {air.wind.speed_mps:g} m/s from {air.wind.from_deg:g} degrees"
     radius = wings.turn_radius_m(air.fastest_mps)
     yield (
-        f"wings       {package.kind.value}, airspeed {air.airspeed_mps:g} m/s, {blows}: up to {air.fastest_mps:g} m/s "
-        f"over ground, turns of {radius:.0f} m at {wings.bank_deg:g} degrees"
+        f"wings       {package.profile.name}, airspeed {air.airspeed_mps:g} m/s, {blows}: up to "
+        f"{air.fastest_mps:g} m/s over ground, turns of {radius:.0f} m at {wings.bank_deg:g} degrees"
     )
 
 

@@ -81,21 +81,21 @@ class _Spot:
 class WayAhead:
     """The path of one mission, with its borders.
 
-    `winged`: it is flown by an aircraft with wings; `rests`: the items before which a copter comes to rest.
+    `flies_past`: the aircraft does not stop at waypoints; `rests`: else the items before which it comes to rest.
     """
 
     @classmethod
     def of(cls, walk: Walk, route: Route) -> WayAhead:
         """The path of a simulated route."""
         rests = frozenset(item.seq for item in route.items if item.command in (*LANDINGS, RETURN_TO_LAUNCH))
-        return cls(walk, winged=route.kind.winged, rests=rests)
+        return cls(walk, flies_past=route.profile.flies_past, rests=rests)
 
-    def __init__(self, walk: Walk, *, winged: bool = False, rests: frozenset[int] = frozenset()) -> None:
+    def __init__(self, walk: Walk, *, flies_past: bool = False, rests: frozenset[int] = frozenset()) -> None:
         samples = walk.samples
         self._samples = samples
-        self._winged = winged
+        self._flies_past = flies_past
         self._alongs = [sample.distance_along_m for sample in samples]
-        if winged:
+        if flies_past:
             self._times = [sample.time_s for sample in samples]
             self._speeds = _walked_speeds(samples)
         else:
@@ -193,7 +193,7 @@ class WayAhead:
         slower = self._slower(seen, here_m, planned_mps)
         lacks_mps = planned_mps - seen.speed_mps
         late_s = 0.0
-        if slower == 1.0 and lacks_mps > 0.0 and not self._winged:
+        if slower == 1.0 and lacks_mps > 0.0 and not self._flies_past:
             late_s = lacks_mps**2 / (2.0 * speed_up_mps2() * planned_mps)
         return here_s, late_s, slower
 

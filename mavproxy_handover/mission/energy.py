@@ -24,7 +24,6 @@ from dataclasses import dataclass, replace
 from itertools import accumulate
 from math import inf, isfinite
 
-from mavproxy_handover.core.common.model import Kind
 from mavproxy_handover.core.safety.energy import (
     LANDING_BELOW_M,
     SINK_MPS,
@@ -153,8 +152,8 @@ def places_inside(route: Route, cruise_speed_mps: float | None = None) -> tuple[
 
 
 def with_ways_down(places: Iterable[Place], route: Route, cruise_speed_mps: float | None = None) -> tuple[Place, ...]:
-    """The return sites with their paths down by the landing sequences of this route. Takes milliseconds."""
-    sequences = landing_sequences(route) if route.kind is Kind.PLANE else ()
+    """The same places, with the way down from each by the landing sequences of this route. Takes milliseconds."""
+    sequences = landing_sequences(route) if route.profile.lands_by_sequence else ()
     if not sequences:
         return tuple(replace(place, down=None, down_from_m=0.0) for place in places)
     speed_mps = cruise_of(route, cruise_speed_mps)
@@ -211,7 +210,7 @@ class PreparedWay:
         legs = legs_of(route, cruise_speed_mps)
         released = released_at(route)
         self._drops = released is not None
-        self._wings = route.kind.winged
+        self._climbs_on_way = route.profile.energy.holds_airspeed
         self._pieces = _pieces(legs, released)
         self._end = legs[-1].end if legs and not _lands(route, legs[-1]) else None
         self._home = places_of(route, cruise_speed_mps)[0]
@@ -221,7 +220,7 @@ class PreparedWay:
         """All pieces, with the return to home at that height if the route does not end on the ground."""
         if self._end is None:
             return self._pieces
-        back = way_back(self._end, self._home, return_alt_m, self._return_mps, wings=self._wings)
+        back = way_back(self._end, self._home, return_alt_m, self._return_mps, climbs_on_way=self._climbs_on_way)
         return (*self._pieces, *_loaded_as(back, unloaded=self._drops))
 
 
@@ -244,7 +243,10 @@ def pieces_along(
     pieces = _pieces(legs, released)
     if not legs or legs[-1].end[2] <= 0.0:
         return pieces
-    backs = (way_back(legs[-1].end, place, model.return_alt_m, return_mps, wings=model.wings) for place in places)
+    backs = (
+        way_back(legs[-1].end, place, model.return_alt_m, return_mps, climbs_on_way=model.holds_airspeed)
+        for place in places
+    )
     ways = (_loaded_as(back, unloaded=pieces[-1].unloaded) for back in backs)
     return (*pieces, *min(ways, key=model.need_wh, default=()))
 
@@ -280,13 +282,13 @@ def way_back(
     return_alt_m: float,
     return_mps: float | None,
     *,
-    wings: bool = False,
+    climbs_on_way: bool = False,
     beyond_m: float = 0.0,
 ) -> tuple[Piece, ...]:
     """The path of a return, as RTL flies it, from here (degrees, degrees, metres above home) to a return site.
 
-    `return_mps`: speed of RTL, of wings the airspeed; None: the cruise speed of the model. `beyond_m`: distance by
-    which it may be farther.
+    `return_mps`: how fast RTL flies, of wings the airspeed; None: at the cruise speed of the model.
+    `climbs_on_way`: see `way_home`. `beyond_m`: so much farther than that it may be.
     """
     there = (place.lat_deg, place.lon_deg)
     distance = distance_m(*here[:2], *there)
@@ -298,7 +300,7 @@ def way_back(
         max(place.alt_m, place.down_from_m),
         return_alt_m,
         speed_mps=return_mps,
-        wings=wings or place.down is not None,
+        climbs_on_way=climbs_on_way or place.down is not None,
         down=place.down,
     )
 
@@ -323,7 +325,9 @@ class _Route:
         """The best return from here, as heavy as `model` is; None: there is none."""
         found = []
         for place in self.places:
-            need = model.need_wh(way_back(here, place, model.return_alt_m, self.return_mps, wings=model.wings))
+            need = model.need_wh(
+                way_back(here, place, model.return_alt_m, self.return_mps, climbs_on_way=model.holds_airspeed)
+            )
             found.append(Return(place.name, need, left_wh - model.budget_wh(need)))
         return max(found, key=lambda way: way.margin_wh, default=None)
 

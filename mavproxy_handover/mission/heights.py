@@ -25,9 +25,7 @@ from mavproxy_handover.mission.items import (
     COMMANDS,
     FRAME_ABOVE_SEA,
     FRAME_ABOVE_TERRAIN,
-    LAND,
     LANDINGS,
-    PAYLOAD_PLACE,
     RETURN_TO_LAUNCH,
     TAKEOFFS,
     MissionItem,
@@ -58,19 +56,18 @@ LOW_M: Final = 5.0
 _GROUND_STEP_M: Final = 25.0
 #: most item numbers in a list
 _MOST_LISTED: Final = 8
-#: where ArduCopter takes no height from the item
-_HEIGHT_UNUSED: Final = frozenset((LAND, PAYLOAD_PLACE))
-#: a copter's height that is stored as none (m)
+#: a height that is stored as none, by autopilots that do that (m)
 _NO_HEIGHT_M: Final = 0.01
 
 
 def above_sea(route: Route) -> tuple[MissionItem, ...]:
     """The items that are flown at a height above the sea."""
-    winged = route.kind.winged
+    profile = route.profile
     return tuple(
         item
         for item in _flown(route, FRAME_ABOVE_SEA)
-        if winged or (item.command not in _HEIGHT_UNUSED and abs(item.alt_m) >= _NO_HEIGHT_M)
+        if item.command not in profile.height_unused
+        and not (profile.height_zero_unused and abs(item.alt_m) < _NO_HEIGHT_M)
     )
 
 
@@ -168,12 +165,12 @@ class Low:
 def low_ways(route: Route, legs: Iterable[Leg]) -> tuple[Low, ...]:
     """The legs at home's height or below, and low ones, if the mission has no heights of the ground."""
     lands = {item.seq for way in ways_from_land_starts(route.items) for item in way}
-    free = frozenset((*TAKEOFFS, *LANDINGS, RETURN_TO_LAUNCH, *(() if route.kind.winged else (PAYLOAD_PLACE,))))
+    free = frozenset((*TAKEOFFS, *LANDINGS, RETURN_TO_LAUNCH, *route.profile.height_unused))
     lowest: dict[int, float] = {}
     for leg in legs:
         item = route.items[leg.seq - 1]
         known = route.ground is not None and route.ground.rise_m(*leg.end[:2]) is not None
-        if item.command in free or known or (route.kind.winged and leg.seq in lands):
+        if item.command in free or known or (route.profile.flies_past and leg.seq in lands):
             continue
         lowest[leg.seq] = min(lowest.get(leg.seq, inf), round(leg.end[2], 3))
     below = {seq: height for seq, height in lowest.items() if height <= 0.0}

@@ -21,7 +21,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from mavproxy_handover.core.common.model import Kind
+from mavproxy_handover.vehicle.profiles import ASSUMED, Profile
 
 __all__ = [
     "CHANGE_ALTITUDE",
@@ -91,63 +91,43 @@ LANDINGS = frozenset((LAND, VTOL_LAND))
 #: what wings fly as circles
 LOITERS = frozenset((LOITER_UNLIMITED, LOITER_TURNS, LOITER_TIME, LOITER_TO_ALTITUDE))
 
-_ALL = frozenset(Kind)
-_COPTER = frozenset((Kind.COPTER,))
-_WINGED = frozenset(kind for kind in Kind if kind.winged)
-_QUADPLANE = frozenset((Kind.QUADPLANE,))
-#: why others do not fly those
-_BOTH = "it takes an aircraft that hovers and has wings"
-_PASSED_OVER = "ArduPlane passes over it"
-
 
 @dataclass(frozen=True, slots=True)
 class Command:
     """One MAV_CMD of a mission.
 
-    `kept` has a letter for each of the parameters 1 to 4, for what ArduPilot stores of it. `f`: the value; `i`: its
-    whole part; `s`: its sign; `b`: 1 if it is above zero; `-`: nothing; `y`: its whole part up to 255; `t`: its whole
-    part up to 255, below 1 in parts of 256; `r`: a radius in metres up to 255, beyond that in tens of metres up to
-    2550. `kept_by_plane`: where ArduPlane stores something else. `flown` marks the commands that move the aircraft or
-    make it wait; the rest are done on the way. `located` commands carry a place. `kinds` of aircraft fly it, and the
-    others do not because of `why`.
+    `kept` has a letter for each of the parameters 1 to 4, saying what ArduPilot stores of it: `f` the value, `i` its
+    whole part, `s` its sign, `b` whether it is above zero, `-` nothing; `y` its whole part up to 255, `t` the same but
+    below 1 in parts of 256, `r` a radius up to 255 in metres, beyond in tens of them up to 2550. `flown` marks the
+    commands that move the aircraft or make it wait; the rest are done on the way. `located` commands carry a place.
+    A profile says which commands its aircraft does not fly, and where its autopilot stores something else.
     """
 
     name: str
     located: bool
     flown: bool
     kept: str
-    kinds: frozenset[Kind] = _ALL
-    why: str = ""
-    kept_by_plane: str | None = None
-
-    def kept_by(self, kind: Kind) -> str:
-        """What the autopilot of such an aircraft stores of the parameters."""
-        return self.kept if self.kept_by_plane is None or not kind.winged else self.kept_by_plane
 
 
 COMMANDS: Mapping[int, Command] = {
-    WAYPOINT: Command("NAV_WAYPOINT", True, True, "i---", kept_by_plane="-yy-"),
+    WAYPOINT: Command("NAV_WAYPOINT", True, True, "i---"),
     LOITER_UNLIMITED: Command("NAV_LOITER_UNLIM", True, True, "--i-"),
     LOITER_TURNS: Command("NAV_LOITER_TURNS", True, True, "t-rb"),
     LOITER_TIME: Command("NAV_LOITER_TIME", True, True, "i-sb"),
     RETURN_TO_LAUNCH: Command("NAV_RETURN_TO_LAUNCH", False, True, "----"),
     LAND: Command("NAV_LAND", True, True, "i--s"),
     TAKEOFF: Command("NAV_TAKEOFF", True, True, "i---"),
-    CHANGE_ALTITUDE: Command("NAV_CONTINUE_AND_CHANGE_ALT", True, True, "i---", _WINGED, "ArduCopter passes over it"),
+    CHANGE_ALTITUDE: Command("NAV_CONTINUE_AND_CHANGE_ALT", True, True, "i---"),
     LOITER_TO_ALTITUDE: Command("NAV_LOITER_TO_ALT", True, True, "-i-b"),
-    SPLINE_WAYPOINT: Command("NAV_SPLINE_WAYPOINT", True, True, "i---", _COPTER, "ArduPlane does not store it"),
-    VTOL_TAKEOFF: Command("NAV_VTOL_TAKEOFF", True, True, "----", _QUADPLANE, _BOTH),
-    VTOL_LAND: Command("NAV_VTOL_LAND", True, True, "i---", _QUADPLANE, _BOTH),
-    DELAY: Command(
-        "NAV_DELAY", False, True, "fiii", _COPTER, "ArduPlane does not wait in flight: take NAV_LOITER_TIME"
-    ),
-    PAYLOAD_PLACE: Command(
-        "NAV_PAYLOAD_PLACE", True, True, "f---", _COPTER, "ArduPlane lands there, and need not go on after it"
-    ),
+    SPLINE_WAYPOINT: Command("NAV_SPLINE_WAYPOINT", True, True, "i---"),
+    VTOL_TAKEOFF: Command("NAV_VTOL_TAKEOFF", True, True, "----"),
+    VTOL_LAND: Command("NAV_VTOL_LAND", True, True, "i---"),
+    DELAY: Command("NAV_DELAY", False, True, "fiii"),
+    PAYLOAD_PLACE: Command("NAV_PAYLOAD_PLACE", True, True, "f---"),
     112: Command("CONDITION_DELAY", False, False, "f---"),
     114: Command("CONDITION_DISTANCE", False, False, "f---"),
-    115: Command("CONDITION_YAW", False, False, "ffib", _COPTER, _PASSED_OVER),
-    JUMP: Command("DO_JUMP", False, False, "ii--", _COPTER, "the jumps of wings are not walked"),
+    115: Command("CONDITION_YAW", False, False, "ffib"),
+    JUMP: Command("DO_JUMP", False, False, "ii--"),
     CHANGE_SPEED: Command("DO_CHANGE_SPEED", False, False, "iff-"),
     181: Command("DO_SET_RELAY", False, False, "ii--"),
     182: Command("DO_REPEAT_RELAY", False, False, "iif-"),
@@ -162,8 +142,8 @@ COMMANDS: Mapping[int, Command] = {
     GRIPPER: Command("DO_GRIPPER", False, False, "ii--"),
     2000: Command("IMAGE_START_CAPTURE", False, False, "ifii"),
     2001: Command("IMAGE_STOP_CAPTURE", False, False, "i---"),
-    VTOL_TRANSITION: Command("DO_VTOL_TRANSITION", False, False, "i---", _QUADPLANE, _BOTH),
-    42600: Command("DO_WINCH", False, False, "iiff", _COPTER, _PASSED_OVER),
+    VTOL_TRANSITION: Command("DO_VTOL_TRANSITION", False, False, "i---"),
+    42600: Command("DO_WINCH", False, False, "iiff"),
 }
 
 
@@ -243,8 +223,9 @@ def stored_turns(turns: float) -> float:
     return _stored(turns, "t")
 
 
-def difference(sent: MissionItem, got: MissionItem, kind: Kind = Kind.COPTER) -> str | None:
-    """Text about how an item read back from an aircraft differs from the sent one; None if it does not.
+def difference(sent: MissionItem, got: MissionItem, profile: Profile = ASSUMED) -> str | None:
+    """How an item read back from an aircraft of that profile differs from the one sent, as words for a log line; None:
+    it does not.
 
     Rounding and values that the autopilot does not store are no difference. Item 0 is home, which the autopilot sets
     itself, so comparing it is meaningless.
@@ -252,7 +233,7 @@ def difference(sent: MissionItem, got: MissionItem, kind: Kind = Kind.COPTER) ->
     if got.command != sent.command:
         return f"item {sent.seq}: command {sent.command} came back as {got.command}"
     command = COMMANDS[sent.command]
-    kept = command.kept_by(kind)
+    kept = profile.stores.get(sent.command, command.kept)
     for number, letter, ours, theirs in zip((1, 2, 3, 4), kept, sent.params, got.params, strict=True):
         want, have = _stored(ours, letter), _stored(theirs, letter)
         if not abs(want - have) <= 0.01 + 1e-6 * abs(want):

@@ -26,7 +26,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 
-from mavproxy_handover.core.common.model import Kind
 from mavproxy_handover.core.safety.energy import Wind
 from mavproxy_handover.core.safety.energy_prior import (
     ENERGY_KEYS,
@@ -49,7 +48,6 @@ from mavproxy_handover.mission.route_simulation import (
     Leg,
     Walk,
     commanders_along,
-    default_speed_mps,
     legs_of,
     walk_legs,
 )
@@ -57,6 +55,7 @@ from mavproxy_handover.mission.terrain import Relief, Terrain, read_terrain, rel
 from mavproxy_handover.mission.waypoint_ownership import Belonging, belonging_of
 from mavproxy_handover.mission.wings import WINGS_RANGES, Air, Wings
 from mavproxy_handover.mission.zones import Zone, ZoneFinder
+from mavproxy_handover.vehicle.profiles import ASSUMED, PROFILES, Profile, named
 from mavproxy_handover.vehicle_address import Addresses
 
 if sys.version_info >= (3, 11):
@@ -76,7 +75,7 @@ __all__ = [
 ]
 
 MISSION_FILE = "mission.toml"
-AIRCRAFT = tuple(kind.value for kind in Kind)
+AIRCRAFT = tuple(profile.name for profile in PROFILES)
 DETECTORS = ("circles", "polygons", "waypoints", "reached")
 #: those for which stations list waypoints
 _LISTED = ("waypoints", "reached")
@@ -138,8 +137,8 @@ class MissionPackage:
 
     name: str
     description: str
-    #: kind of aircraft that flies it
-    kind: Kind
+    #: of aircraft, that flies it
+    profile: Profile
     #: in the order of mission.toml; the first is the parent, which starts the flight
     stations: tuple[StationEntry, ...]
     #: "circles", "polygons", "waypoints" or "reached"
@@ -198,8 +197,8 @@ class MissionPackage:
         return Air(self.cruise_speed_mps, wind, model.headwind_mps)
 
     def path(self, wind: Wind | None = None) -> FlownPath | None:
-        """Path of wings in that wind, see `air`; None: the aircraft has none."""
-        return path_of(self.route, self.air(wind)) if self.kind.winged else None
+        """The path that wings fly in that wind, see `air`; None: the aircraft has none."""
+        return path_of(self.route, self.air(wind)) if self.profile.flies_past else None
 
     def legs(self, wind: Wind | None = None) -> tuple[Leg, ...]:
         """The flown path as straight pieces: the lines of the route, or the path of wings."""
@@ -207,11 +206,9 @@ class MissionPackage:
         return legs_of(self.route, self.cruise_speed_mps) if path is None else path.legs
 
     def walk(self, wind: Wind | None = None) -> Walk:
-        """Simulate the flight through the zones: commanders in order, handovers, gaps.
-
-        `wind`: see `air`; copters are simulated without it.
-        """
-        if self.kind.winged:
+        """What is flown, walked through the zones: commanders in order, handovers, gaps. `wind`: see `air`; copters are
+        walked without it."""
+        if self.profile.flies_past:
             finder = self.zone_finder()
             return walk_legs(self.legs(wind), finder, self.parent.sysid, belonging=self.belonging)
         return commanders_along(
@@ -223,8 +220,9 @@ class MissionPackage:
         )
 
     def stretches(self, walk: Walk, wind: Wind | None = None) -> tuple[Stretch, ...]:
-        """The declared gaps on the simulated route. `wind` None: that of [energy] for an unknown wind."""
-        stops = not self.kind.winged
+        """Where the declared gaps are on the route, which was walked; `wind` None: what [energy] has for one that is
+        not known."""
+        stops = not self.profile.flies_past
         return stretches(self.gaps, self.legs(wind), walk, self.energy, wind, stops=stops)
 
     def with_mission(
@@ -247,7 +245,7 @@ class MissionPackage:
             delivery_waypoint=None,
             cruise_speed_mps=cruise_mps,
             cruise_speed_named=False,
-            energy=self.energy.over(_flown_at(cruise_mps)) if self.kind.winged else self.energy,
+            energy=self.energy.over(_flown_at(cruise_mps)) if self.profile.energy.holds_airspeed else self.energy,
         )
 
     def with_addresses(self, addresses: Addresses) -> MissionPackage:
@@ -405,11 +403,11 @@ def _build(texts: Mapping[str, str]) -> MissionPackage:
     detector = where.choice(where.need(mission, "detector"), "detector", DETECTORS)
     stations = _stations(where, where.need(mission, "stations"), detector)
     route_file = str(mission["route"])
-    kind = Kind(where.choice(mission.get("aircraft", Kind.COPTER.value), "aircraft", AIRCRAFT))
-    route = read_route(route_file, texts[route_file], kind)
+    profile = named(where.choice(mission.get("aircraft", ASSUMED.name), "aircraft", AIRCRAFT))
+    route = read_route(route_file, texts[route_file], profile)
     terrain = _terrain(mission.get("terrain"), texts)
-    route = replace(route, wings=_wings(where, mission.get("wings"), kind), ground=relief_of(terrain, route.home))
-    speed = mission.get("cruise_speed_mps", route.cruise_speed_mps or default_speed_mps(kind))
+    route = replace(route, wings=_wings(where, mission.get("wings"), profile), ground=relief_of(terrain, route.home))
+    speed = mission.get("cruise_speed_mps", route.cruise_speed_mps or profile.energy.cruise_mps)
     speed_mps = where.number(speed, "cruise_speed_mps", 0.1, 100.0)
     energy = _energy(where, mission.get("energy", {}))
     description = mission.get("description")
@@ -420,7 +418,7 @@ def _build(texts: Mapping[str, str]) -> MissionPackage:
     return MissionPackage(
         name=where.text(where.need(mission, "name"), "name", 40),
         description="" if description is None else where.text(description, "description", 400),
-        kind=kind,
+        profile=profile,
         stations=stations,
         detector=detector,
         zones=zones,
@@ -432,7 +430,7 @@ def _build(texts: Mapping[str, str]) -> MissionPackage:
         delivery_waypoint=_delivery(where, mission.get("delivery_waypoint"), route),
         policies=_policies(where, mission.get("policy", {})),
         gaps=read_gaps(where, mission.get("gap", []), {each.name: each.sysid for each in stations}, route),
-        energy=energy.over(_flown_at(speed_mps)) if kind.winged else energy,
+        energy=energy.over(_flown_at(speed_mps)) if profile.energy.holds_airspeed else energy,
         terrain=terrain,
         files=MappingProxyType(files),
         digest=hashlib.sha256(_plain_form(files)).digest(),
@@ -524,11 +522,12 @@ def _policies(where: Where, value: object) -> Mapping[str, str]:
     return MappingProxyType({key: inside.choice(word, key, _POLICIES[key]) for key, word in table.items()})
 
 
-def _wings(where: Where, value: object, kind: Kind) -> Wings:
+def _wings(where: Where, value: object, profile: Profile) -> Wings:
     if value is None:
         return Wings()
-    if not kind.winged:
-        raise where.error(f"[wings] does not go with aircraft '{kind.value}' (allowed: with plane, quadplane)")
+    if not profile.flies_past:
+        allowed = ", ".join(each.name for each in PROFILES if each.flies_past)
+        raise where.error(f"[wings] does not go with aircraft '{profile.name}' (allowed: with {allowed})")
     inside = where.at("[wings]")
     table = inside.table(value, "wings")
     inside.known_keys(table, WINGS_RANGES)

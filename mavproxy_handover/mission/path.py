@@ -18,7 +18,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Final
 
-from mavproxy_handover.core.common.model import Kind
 from mavproxy_handover.mission.geodesy import east_north_m, offset
 from mavproxy_handover.mission.items import (
     LOITER_TIME,
@@ -148,7 +147,7 @@ class _Tracer:
             return item.seq not in self._hovering
         if item.command == VTOL_LAND:
             return item.param1 == 1.0
-        return item.command == RETURN_TO_LAUNCH and self._route.kind is Kind.PLANE
+        return item.command == RETURN_TO_LAUNCH and not self._route.profile.vertical
 
     def _corners(self, item: MissionItem, following: Leg | None) -> bool:
         """Whether the aircraft is on its wings there, and goes on to another place."""

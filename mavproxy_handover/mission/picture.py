@@ -325,7 +325,7 @@ class MapSheet:
     def _ends(self) -> dict[int, tuple[float, float]]:
         """Where each item ends. Wings fly past it: there it is the place of the item."""
         ends = {sample.seq: self.place(sample.lat_deg, sample.lon_deg) for sample in self._walk.samples}
-        if self._package.kind.winged:
+        if self._package.profile.flies_past:
             ends |= {
                 item.seq: self.place(item.lat_deg, item.lon_deg)
                 for item in self._package.route.items

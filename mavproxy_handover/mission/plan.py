@@ -16,11 +16,9 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Protocol, TypeAlias
 
-from mavproxy_handover.core.common.model import Kind
 from mavproxy_handover.mission.errors import Where, parse_json
 from mavproxy_handover.mission.items import (
     CHANGE_ALTITUDE,
-    CHANGE_SPEED,
     COMMANDS,
     DELAY,
     FRAME_ABOVE_HOME,
@@ -31,15 +29,11 @@ from mavproxy_handover.mission.items import (
     LAND,
     LAND_START,
     LANDINGS,
-    LOITER_TIME,
     LOITER_TURNS,
     LOITER_UNLIMITED,
     RETURN_TO_LAUNCH,
     SPLINE_WAYPOINT,
-    TAKEOFF,
     TAKEOFFS,
-    VTOL_LAND,
-    VTOL_TRANSITION,
     WAYPOINT,
     Command,
     MissionItem,
@@ -48,6 +42,7 @@ from mavproxy_handover.mission.items import (
 )
 from mavproxy_handover.mission.jumps import as_flown, check_jumps
 from mavproxy_handover.mission.wings import AS_IT_COMES, Wings
+from mavproxy_handover.vehicle.profiles import ASSUMED, Profile
 
 __all__ = [
     "FenceCircle",
@@ -82,48 +77,14 @@ _FRAMES = {
     10: FRAME_ABOVE_TERRAIN,
     11: FRAME_ABOVE_TERRAIN,
 }
-_COPTER_TYPES = {2, 3, 4, 13, 14, 15, 29, 35}
-#: MAV_TYPE of a plan -> what it was made for, and the kinds of aircraft that fly it
-_WINGS = frozenset((Kind.PLANE, Kind.QUADPLANE))
-_MADE_FOR: Mapping[int, tuple[str, frozenset[Kind]]] = {
-    **dict.fromkeys(_COPTER_TYPES, ("a multicopter", frozenset((Kind.COPTER,)))),
-    1: ("a fixed-wing aircraft", _WINGS),
-    **dict.fromkeys(range(19, 26), ("a VTOL aircraft", _WINGS)),
-    10: ("a rover", frozenset()),
-    11: ("a boat", frozenset()),
-    12: ("a submarine", frozenset()),
-}
-#: command and parameter -> lowest and highest number for wings, and that in words: what ArduPlane can store and fly
-_WING_NUMBERS: Mapping[tuple[int, int], tuple[float, float, str]] = {
-    (WAYPOINT, 1): (0, 0, "0: wings do not wait at a place, NAV_LOITER_TIME circles there"),
-    (WAYPOINT, 2): (0, 255, "0 to 255 m"),
-    (WAYPOINT, 3): (0, 255, "0 to 255 m"),
-    (LOITER_TURNS, 1): (1 / 256, 255, "more than 0, up to 255 turns"),
-    (LOITER_TURNS, 3): (-2550, 2550, "a radius up to 2550 m, below 0 to the left"),
-    (CHANGE_SPEED, 1): (0, 0, "0, airspeed: another one changes a parameter of ArduPlane permanently"),
-    (CHANGE_SPEED, 2): (1, 100, "1 to 100 m/s"),
-    (VTOL_LAND, 1): (0, 1, "0, or 1 for a circle down before it"),
-    (VTOL_TRANSITION, 1): (3, 4, "3 to hover, 4 to fly on its wings"),
-}
-#: command and parameter -> lowest and highest number for copters: what ArduCopter can store and fly
-_COPTER_NUMBERS: Mapping[tuple[int, int], tuple[float, float, str]] = {
-    (WAYPOINT, 1): (0, LONGEST_WAIT_S, _WAIT),
-    (SPLINE_WAYPOINT, 1): (0, LONGEST_WAIT_S, _WAIT),
-    (LOITER_TIME, 1): (0, LONGEST_WAIT_S, _WAIT),
-    (DELAY, 1): (0, LONGEST_WAIT_S, _WAIT),
-    (LOITER_TURNS, 1): (0, 255, "0 to 255 turns"),
-    (LOITER_TURNS, 3): (-2000, 2000, "a radius up to 2000 m, below 0 to the left"),
-}
-#: what a route of each kind begins with, and ends with besides a return
-_BEGINS: Mapping[Kind, tuple[str, frozenset[int]]] = {
-    Kind.COPTER: ("NAV_TAKEOFF", frozenset((TAKEOFF,))),
-    Kind.PLANE: ("NAV_TAKEOFF", frozenset((TAKEOFF,))),
-    Kind.QUADPLANE: ("NAV_VTOL_TAKEOFF", TAKEOFFS),
-}
-_ENDS: Mapping[Kind, tuple[str, frozenset[int]]] = {
-    Kind.COPTER: ("NAV_LAND", frozenset((LAND,))),
-    Kind.PLANE: ("NAV_LAND", frozenset((LAND,))),
-    Kind.QUADPLANE: ("NAV_VTOL_LAND", LANDINGS),
+#: MAV_TYPE of a plan -> what it was made for, in words
+_MADE_FOR: Mapping[int, str] = {
+    **dict.fromkeys((2, 3, 4, 13, 14, 15, 29, 35), "a multicopter"),
+    1: "a fixed-wing aircraft",
+    **dict.fromkeys(range(19, 26), "a VTOL aircraft"),
+    10: "a rover",
+    11: "a boat",
+    12: "a submarine",
 }
 #: after these the aircraft flies nothing by itself
 _LAST = LANDINGS | {RETURN_TO_LAUNCH, LOITER_UNLIMITED}
@@ -186,8 +147,8 @@ class Route:
     warnings: tuple[str, ...] = ()
     #: latitude and longitude where its RTL item ends (`returns.py`); None: not known, or it has none
     return_to: tuple[float, float] | None = None
-    #: kind of aircraft that the route is for
-    kind: Kind = Kind.COPTER
+    #: of the aircraft that the route is for
+    profile: Profile = ASSUMED
     #: how it turns, where it has wings
     wings: Wings = AS_IT_COMES
     #: the ground below it; None: the mission has no heights of it
@@ -210,21 +171,21 @@ class Route:
         return (home, *self.items)
 
 
-def read_route(file: str, text: str, kind: Kind = Kind.COPTER) -> Route:
-    """Read the route in `text`, for an aircraft of that kind; the ending of `file` tells the format. Raises
+def read_route(file: str, text: str, profile: Profile = ASSUMED) -> Route:
+    """Read the route in `text`, for an aircraft of that profile; the ending of `file` tells the format. Raises
     MissionError."""
     where = Where(file)
     if file.endswith(".plan"):
-        return _read_plan(where, text, kind)
+        return _read_plan(where, text, profile)
     if file.endswith(".waypoints"):
-        return _read_waypoints(where, text, kind)
+        return _read_waypoints(where, text, profile)
     raise where.error("not a route (allowed: a file named *.plan or *.waypoints)")
 
 
 # --- QGroundControl .plan ---
 
 
-def _read_plan(where: Where, text: str, kind: Kind) -> Route:
+def _read_plan(where: Where, text: str, profile: Profile) -> Route:
     plan = where.table(parse_json(text, where), "the file")
     if plan.get("fileType") != "Plan":
         raise where.error("not a QGroundControl plan (fileType is not 'Plan')")
@@ -234,7 +195,7 @@ def _read_plan(where: Where, text: str, kind: Kind) -> Route:
     _version(inside, mission, "version", 2)
     home = Home(*_coordinate(inside, inside.need(mission, "plannedHomePosition"), "plannedHomePosition", 3))
     listed = inside.array(inside.need(mission, "items"), "items")
-    items = tuple(_plan_item(where, seq, entry, kind) for seq, entry in enumerate(listed, 1))
+    items = tuple(_plan_item(where, seq, entry, profile) for seq, entry in enumerate(listed, 1))
     fence = plan.get("geoFence")
     rally = plan.get("rallyPoints")
     return _finish(
@@ -244,8 +205,8 @@ def _read_plan(where: Where, text: str, kind: Kind) -> Route:
         rally=() if rally is None else _rally_points(where.at("rallyPoints"), rally),
         fence=() if fence is None else _fence(where.at("geoFence"), fence),
         cruise_speed_mps=_plan_speed(inside, mission),
-        warnings=_plan_warnings(mission, kind),
-        kind=kind,
+        warnings=_plan_warnings(mission, profile),
+        profile=profile,
     )
 
 
@@ -266,7 +227,7 @@ def _coordinate(where: Where, value: object, name: str, length: int) -> tuple[fl
     )
 
 
-def _plan_item(where: Where, seq: int, entry: object, aircraft: Kind) -> MissionItem:
+def _plan_item(where: Where, seq: int, entry: object, profile: Profile) -> MissionItem:
     inside = where.at(f"item {seq}")
     item = inside.table(entry, "the item")
     kind = inside.need(item, "type")
@@ -287,7 +248,7 @@ def _plan_item(where: Where, seq: int, entry: object, aircraft: Kind) -> Mission
         frame=inside.need(item, "frame"),
         numbers=numbers,
         auto_continue=item.get("autoContinue") is not False,
-        kind=aircraft,
+        profile=profile,
     )
 
 
@@ -327,26 +288,26 @@ def _fence(where: Where, value: object) -> tuple[FencePart, ...]:
 def _plan_speed(where: Where, mission: Mapping[str, object]) -> float | None:
     # QGroundControl plans copters by the hover speed; its cruise speed is for wings
     kind = mission.get("vehicleType", 2)
-    key = "hoverSpeed" if isinstance(kind, int) and kind in _COPTER_TYPES else "cruiseSpeed"
+    key = "hoverSpeed" if isinstance(kind, int) and _MADE_FOR.get(kind) == "a multicopter" else "cruiseSpeed"
     value = mission.get(key)
     return None if value is None else where.number(value, key, 0.1, 100.0)
 
 
-def _plan_warnings(mission: Mapping[str, object], kind: Kind) -> tuple[str, ...]:
+def _plan_warnings(mission: Mapping[str, object], profile: Profile) -> tuple[str, ...]:
     found = []
     if mission.get("firmwareType", 3) != 3:
         found.append("the plan was made for another autopilot than ArduPilot (firmwareType is not 3)")
     made_for = mission.get("vehicleType")
-    name, flown_by = _MADE_FOR.get(made_for if type(made_for) is int else 0, ("", frozenset((kind,))))
-    if kind not in flown_by:
-        found.append(f"the plan was made for {name} (vehicleType {made_for}), the mission is for a {kind.value}")
+    name = _MADE_FOR.get(made_for) if type(made_for) is int else None
+    if name is not None and made_for not in profile.types:
+        found.append(f"the plan was made for {name} (vehicleType {made_for}), the mission is for a {profile.name}")
     return tuple(found)
 
 
 # --- QGC WPL 110 .waypoints ---
 
 
-def _read_waypoints(where: Where, text: str, kind: Kind) -> Route:
+def _read_waypoints(where: Where, text: str, profile: Profile) -> Route:
     lines = text.splitlines()
     if not lines or lines[0].split() != ["QGC", "WPL", "110"]:
         raise where.error("not a waypoint file (allowed: a first line 'QGC WPL 110')")
@@ -373,11 +334,11 @@ def _read_waypoints(where: Where, text: str, kind: Kind) -> Route:
         command = inside.whole(values[1], "command", 0, 65535)
         goes_on = fields[11] != "0"
         items.append(
-            _item(inside, seq, command, frame=values[0], numbers=values[2:9], auto_continue=goes_on, kind=kind)
+            _item(inside, seq, command, frame=values[0], numbers=values[2:9], auto_continue=goes_on, profile=profile)
         )
     if home is None:
         raise where.error("no items (allowed: item 0 is home, item 1 the first one flown)")
-    return _finish(where, home, tuple(items), kind=kind)
+    return _finish(where, home, tuple(items), profile=profile)
 
 
 def _field(where: Where, field: str, number: int) -> float | None:
@@ -399,19 +360,19 @@ def _item(
     frame: object,
     numbers: Sequence[object],
     auto_continue: bool,
-    kind: Kind,
+    profile: Profile,
     jumps: bool = False,
 ) -> MissionItem:
     """Check one item. `numbers` are parameters 1 to 4, latitude, longitude, altitude; None where left open. `jumps`: it
     may be a DO_JUMP."""
     known = COMMANDS.get(command)
     if known is None or (command == JUMP and not jumps):
-        raise where.error(f"command {command} is not one a mission package may hold (allowed: {_allowed(kind)})")
-    if kind not in known.kinds:
-        raise where.error(f"{known.name} is not for a {kind.value}: {known.why}")
+        raise where.error(f"command {command} is not one a mission package may hold (allowed: {_allowed(profile)})")
+    if command in profile.not_flown:
+        raise where.error(f"{known.name} is not for a {profile.name}: {profile.not_flown[command]}")
     item = _item_of(where, seq, command, known, frame=frame, numbers=numbers, auto_continue=auto_continue)
-    _check_numbers(where, known, item, _WING_NUMBERS if kind.winged else _COPTER_NUMBERS)
-    if not kind.winged:
+    _check_numbers(where, known, item, profile.item_ranges)
+    if not profile.flies_past:
         _check_circle(where, item)
         _check_delay(where, item)
     return item
@@ -454,9 +415,11 @@ def _item_of(
     )
 
 
-def _allowed(kind: Kind) -> str:
+def _allowed(profile: Profile) -> str:
     return ", ".join(
-        f"{number} {command.name}" for number, command in COMMANDS.items() if kind in command.kinds and number != JUMP
+        f"{number} {command.name}"
+        for number, command in COMMANDS.items()
+        if number not in profile.not_flown and number != JUMP
     )
 
 
@@ -520,11 +483,11 @@ def with_items(route: Route, items: Sequence[MissionItem]) -> Route:
     where = Where("the upload")
     if len(items) - 1 > MAX_ITEMS:
         raise where.error(f"{len(items) - 1} items (allowed: at most {MAX_ITEMS})")
-    checked = _checked(where, items[1:], route.kind)
+    checked = _checked(where, items[1:], route.profile)
     if not any(COMMANDS[item.command].flown for item in checked):
         raise where.error("nothing is flown (allowed: at least one item that is)")
-    if route.kind.winged:
-        _check_landings(where, checked, route.kind)
+    if route.profile.flies_past:
+        _check_landings(where, checked, route.profile)
     else:
         _check_splines(where, checked)
     return replace(route, items=checked, return_to=None)
@@ -537,7 +500,7 @@ def on_ground(route: Route, items: Sequence[MissionItem], fence: tuple[FencePart
     """
     where = Where("")
     home = Home(items[0].lat_deg, items[0].lon_deg, items[0].alt_m)
-    checked = _checked(where, items[1:], route.kind, jumps=True)
+    checked = _checked(where, items[1:], route.profile, jumps=True)
     check_jumps(where, checked)
     found = _finish(
         where,
@@ -546,12 +509,14 @@ def on_ground(route: Route, items: Sequence[MissionItem], fence: tuple[FencePart
         rally=route.rally,
         fence=fence,
         cruise_speed_mps=route.cruise_speed_mps,
-        kind=route.kind,
+        profile=route.profile,
     )
     return replace(found, wings=route.wings)
 
 
-def _checked(where: Where, items: Sequence[MissionItem], kind: Kind, *, jumps: bool = False) -> tuple[MissionItem, ...]:
+def _checked(
+    where: Where, items: Sequence[MissionItem], profile: Profile, *, jumps: bool = False
+) -> tuple[MissionItem, ...]:
     """Items that came from a station or from the autopilot, numbered from 1. Raises MissionError."""
     return tuple(
         _item(
@@ -561,7 +526,7 @@ def _checked(where: Where, items: Sequence[MissionItem], kind: Kind, *, jumps: b
             frame=item.frame,
             numbers=(*item.params, item.lat_deg, item.lon_deg, item.alt_m),
             auto_continue=item.auto_continue,
-            kind=kind,
+            profile=profile,
             jumps=jumps,
         )
         for seq, item in enumerate(items, 1)
@@ -587,7 +552,7 @@ def _finish(
     fence: tuple[FencePart, ...] = (),
     cruise_speed_mps: float | None = None,
     warnings: tuple[str, ...] = (),
-    kind: Kind = Kind.COPTER,
+    profile: Profile = ASSUMED,
 ) -> Route:
     """Check the route as a whole: raise if it makes no flight, warn if it makes an odd one."""
     if len(items) > MAX_ITEMS:
@@ -595,13 +560,13 @@ def _finish(
     if home.lat_deg == home.lon_deg == 0.0:
         raise where.error("home is at latitude 0, longitude 0: it was never set (allowed: the place of the take-off)")
     flown = [item for item in items if COMMANDS[item.command].flown]
-    name, begins = _BEGINS[kind]
+    name, begins = profile.begins
     if not flown or flown[0].command not in begins:
         first = f"the first flown item is {COMMANDS[flown[0].command].name}" if flown else "nothing is flown"
         raise where.error(f"{first} (allowed: {name} first)")
-    _check_takeoff(where, home, flown[0], kind)
+    _check_takeoff(where, home, flown[0], profile)
     found = list(warnings)
-    name, ends = _ENDS[kind]
+    name, ends = profile.ends
     if flown[-1].command not in (*ends, RETURN_TO_LAUNCH):
         last = COMMANDS[flown[-1].command].name
         found.append(f"the route ends with {last}, not with {name} or NAV_RETURN_TO_LAUNCH")
@@ -611,39 +576,38 @@ def _finish(
             break
     for item in flown:
         if item.command == LOITER_UNLIMITED:
-            if kind.winged:
+            if profile.holds_by_circling:
                 circles = "it would circle there for ever (allowed: NAV_LOITER_TIME, NAV_LOITER_TURNS)"
                 raise where.at(f"item {item.seq}").error(f"NAV_LOITER_UNLIM: {circles}")
             found.append(f"item {item.seq} is NAV_LOITER_UNLIM: the aircraft waits there until told to go on")
-    if kind.winged:
-        _check_landings(where, items, kind)
+    if profile.flies_past:
+        _check_landings(where, items, profile)
     else:
         _check_splines(where, as_flown(items))
     if not rally:
         found.append("no rally point: the aircraft can only return to home")
-    return Route(home, items, rally, fence, cruise_speed_mps, tuple(found), kind=kind)
+    return Route(home, items, rally, fence, cruise_speed_mps, tuple(found), profile=profile)
 
 
-def _check_takeoff(where: Where, home: Home, item: MissionItem, kind: Kind) -> None:
+def _check_takeoff(where: Where, home: Home, item: MissionItem, profile: Profile) -> None:
+    if item.command not in TAKEOFFS:
+        return
     inside = where.at(f"item {item.seq}")
     ground = home.alt_m if item.frame == FRAME_ABOVE_SEA else 0.0
     if item.alt_m <= ground:
         raise inside.error(f"take-off to {item.alt_m:g} m (allowed: above home)")
-    if kind is Kind.QUADPLANE and item.frame == FRAME_ABOVE_SEA:
+    if not profile.takeoff_above_sea and item.frame == FRAME_ABOVE_SEA:
         raise inside.error(
             "take-off to a height above the sea, which ArduPlane adds to where it stands (allowed: above home)"
         )
-    if kind is Kind.PLANE and not item.has_place:
+    if profile.takeoff_needs_place and not item.has_place:
         raise inside.error("take-off without a place (allowed: one ahead on the runway, to where it climbs)")
 
 
-def _check_landings(where: Where, items: Sequence[MissionItem], kind: Kind) -> None:
-    """Check that each landing sequence lands, and that a landing that is broken off finds a path down.
-
-    A return goes on to the nearest DO_LAND_START. After the end of a mission ArduPlane returns, so a sequence that does
-    not land begins again. A landing that is broken off goes on with a change of altitude right after it, if there is
-    one. Otherwise it goes on to the nearest DO_LAND_START, which leads down again.
-    """
+def _check_landings(where: Where, items: Sequence[MissionItem], profile: Profile) -> None:
+    """Where a return goes on to a DO_LAND_START, ArduPlane takes the nearest of all, and behind the end of a mission it
+    returns: a sequence that does not land begins itself again. A landing that is broken off goes on with a change of
+    altitude right behind it, where there is one, and else to the nearest DO_LAND_START, which is a way down again."""
     for way in ways_from_land_starts(items):
         last = way[-1]
         if last.command in LANDINGS:
@@ -651,7 +615,7 @@ def _check_landings(where: Where, items: Sequence[MissionItem], kind: Kind) -> N
         ends = f"item {last.seq}, {COMMANDS[last.command].name}" if last.command in _LAST else "the end of the mission"
         raise where.at(f"item {way[0].seq}").error(
             f"DO_LAND_START leads to {ends}, and to no landing before: a return that goes there may never end "
-            f"(allowed: {_ENDS[kind][0]} before that)"
+            f"(allowed: {profile.ends[0]} before that)"
         )
     for item, behind in pairwise(items):
         if item.command == LAND and behind.command == CHANGE_ALTITUDE:

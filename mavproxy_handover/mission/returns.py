@@ -15,7 +15,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
-from mavproxy_handover.core.safety.energy_prior import WINGED_RETURN_ALT_M
 from mavproxy_handover.core.safety.return_site import PlaceFact, best
 from mavproxy_handover.mission.energy import LANDING, places_of
 from mavproxy_handover.mission.fence import Fence
@@ -47,8 +46,8 @@ def with_return(route: Route, zones: Sequence[Zone], terrain: Terrain | None) ->
         return route
     legs = legs_of(replace(route, items=route.items[:number]))
     lat, lon, alt = legs[-1].end if legs else (route.home.lat_deg, route.home.lon_deg, 0.0)
-    if route.kind.winged:
-        alt = WINGED_RETURN_ALT_M
+    if route.profile.returns_level:
+        alt = route.profile.energy.return_alt_m
     finder = PlaceFinder(zones, Fence(route.fence), relief_of(terrain, route.home))
     # the landing is the result of the search
     far = [(distance_m(lat, lon, p.lat_deg, p.lon_deg), p) for p in places_of(route) if p.name != LANDING]

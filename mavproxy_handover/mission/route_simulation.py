@@ -28,7 +28,6 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from mavproxy_handover.core.common.model import Kind
 from mavproxy_handover.mission.copter_path import copter_legs, pieces_lacking
 from mavproxy_handover.mission.geodesy import distance_m, east_north_m, offset
 from mavproxy_handover.mission.items import (
@@ -45,7 +44,6 @@ from mavproxy_handover.mission.items import (
 )
 from mavproxy_handover.mission.jumps import as_flown
 from mavproxy_handover.mission.leg import (
-    DEFAULT_CRUISE_MPS,
     Leg,
     above_home_m,
     down,
@@ -55,7 +53,7 @@ from mavproxy_handover.mission.leg import (
 )
 from mavproxy_handover.mission.plan import Route, ways_from_land_starts
 from mavproxy_handover.mission.waypoint_ownership import Belonging
-from mavproxy_handover.mission.wings import DEFAULT_AIRSPEED_MPS, HOVER_MPS
+from mavproxy_handover.mission.wings import HOVER_MPS
 from mavproxy_handover.mission.zones import ZoneFinder
 
 __all__ = [
@@ -68,7 +66,6 @@ __all__ = [
     "commanders_along",
     "cruise_of",
     "curves_lacking",
-    "default_speed_mps",
     "hovers_at",
     "landing_sequences",
     "legs_from",
@@ -193,8 +190,8 @@ def legs_of(route: Route, cruise_speed_mps: float | None = None) -> tuple[Leg, .
 
 
 def curves_lacking(route: Route, cruise_speed_mps: float | None = None) -> float:
-    """Factor by which a copter's curves have too few legs: 1 if there are enough."""
-    if route.kind.winged:
+    """How many times too few legs stand for the curves of a copter's route: 1 where there are enough."""
+    if route.profile.flies_past:
         return 1.0
     cruise_mps = cruise_of(route, cruise_speed_mps)
     here = (route.home.lat_deg, route.home.lon_deg, 0.0)
@@ -202,16 +199,9 @@ def curves_lacking(route: Route, cruise_speed_mps: float | None = None) -> float
 
 
 def cruise_of(route: Route, cruise_speed_mps: float | None = None) -> float:
-    """Speed (m/s) of a route where it sets none, and of every return.
-
-    It is the given one, else the plan's own, else the autopilot's default.
-    """
-    return cruise_speed_mps or route.cruise_speed_mps or default_speed_mps(route.kind)
-
-
-def default_speed_mps(kind: Kind) -> float:
-    """Default speed of that kind of aircraft, if neither mission nor plan names one."""
-    return DEFAULT_AIRSPEED_MPS if kind.winged else DEFAULT_CRUISE_MPS
+    """The speed (m/s) at which a route is flown where it sets none itself, and every return: the one given, or the
+    plan's own, or what the autopilot comes with."""
+    return cruise_speed_mps or route.cruise_speed_mps or route.profile.energy.cruise_mps
 
 
 def legs_from(
@@ -265,7 +255,7 @@ def _legs(
     speed_mps = speed_at(route, first) or cruise_mps
     here = start_at or (route.home.lat_deg, route.home.lon_deg, 0.0)
     items = as_flown(route.items, first)
-    if not route.kind.winged:
+    if not route.profile.flies_past:
         yield from copter_legs(route, list(_copter_items(items, speed_mps, cruise_mps)), here)
         return
     end = next((n for n, item in enumerate(items) if item.command == RETURN_TO_LAUNCH), len(items))
@@ -288,7 +278,7 @@ def _wing_legs(
             time_s = length / made_mps if length > 0.0 else duration_s(here, end, made_mps)
             yield Leg(item.seq, here, end, time_s, hold_s, made_mps)
         before, here = (here if here[:2] != end[:2] else before), end
-        if item.command in (*LANDINGS, RETURN_TO_LAUNCH) and route.kind is Kind.QUADPLANE:
+        if item.command in (*LANDINGS, RETURN_TO_LAUNCH) and route.profile.vertical:
             yield from down(item.seq, here)
             here = (*here[:2], 0.0)
         elif item.command == RETURN_TO_LAUNCH:
@@ -316,9 +306,9 @@ def _wing_end(
     if item.command == RETURN_TO_LAUNCH:
         return (*return_place(route, lat, lon), alt)
     if item.command in LANDINGS:
-        return (*place, alt if route.kind is Kind.QUADPLANE else 0.0)
+        return (*place, alt if route.profile.vertical else 0.0)
     to_alt = above_home_m(route, item, place)
-    if item.command in TAKEOFFS and route.kind is Kind.QUADPLANE:
+    if item.command in TAKEOFFS and route.profile.vertical:
         return lat, lon, to_alt
     if item.command == CHANGE_ALTITUDE:  # straight on until it is there
         east, north = east_north_m(*before[:2], lat, lon)

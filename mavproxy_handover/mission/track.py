@@ -111,11 +111,12 @@ class RouteTracker:
         self._places: dict[int, tuple[float, float]] = {}
         for item in flown:
             place = self._places[item.seq] = ends.get(item.seq, place)
-        self._wings = route.wings if route.kind.winged else None
-        self._left_elsewhere = LOITERS | {CHANGE_ALTITUDE} if route.kind.winged else _LEFT_ELSEWHERE
-        self._straight = _STRAIGHT | LOITERS if route.kind.winged else _STRAIGHT
+        flies_past = route.profile.flies_past
+        self._wings = route.wings if flies_past else None
+        self._left_elsewhere = LOITERS | {CHANGE_ALTITUDE} if flies_past else _LEFT_ELSEWHERE
+        self._straight = _STRAIGHT | LOITERS if flies_past else _STRAIGHT
         #: of the circles of wings: they are left from and flown to that far from their middle
-        self._circles = {item.seq: _circle_m(item) for item in flown if route.kind.winged and item.command in LOITERS}
+        self._circles = {item.seq: _circle_m(item) for item in flown if flies_past and item.command in LOITERS}
         #: circles and splines of copters: what is flown of them, with the way there
         self._curves = _curves(legs)
         #: the one that is flown now, as the route has it

@@ -32,7 +32,6 @@ from mavproxy_handover.core.safety.energy import Wind
 
 __all__ = [
     "AS_IT_COMES",
-    "DEFAULT_AIRSPEED_MPS",
     "HOVER_MPS",
     "ROLL_IN_S",
     "WINGS_RANGES",
@@ -42,8 +41,8 @@ __all__ = [
     "bend",
 ]
 
-#: AIRSPEED_CRUISE and Q_WP_SPD of ArduPlane
-DEFAULT_AIRSPEED_MPS, HOVER_MPS = 12.0, 5.0
+#: Q_WP_SPD of ArduPlane
+HOVER_MPS: Final = 5.0
 _GRAVITY_MPSS: Final = 9.80665
 #: NAVL1_PERIOD x NAVL1_DAMPING / pi: so many seconds ahead the navigation looks
 _AHEAD_S: Final = 17.0 * 0.75 / math.pi

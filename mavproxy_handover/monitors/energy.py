@@ -23,7 +23,7 @@ from mavproxy_handover.core.common.events import EnergyJudged, Event
 from mavproxy_handover.core.common.snapshot import PackMemory
 from mavproxy_handover.core.safety.battery import SILENT_S, Batteries, Charge, PackReport
 from mavproxy_handover.core.safety.energy import EnergyFact, EnergyModel, Piece
-from mavproxy_handover.core.safety.energy_prior import EnergySettings
+from mavproxy_handover.core.safety.energy_prior import ON_ROTORS, EnergyPrior, EnergySettings
 from mavproxy_handover.core.safety.learning import Learner, Motion, thrust_direction
 from mavproxy_handover.vehicle.state import VehicleState
 
@@ -93,7 +93,7 @@ class _Estimate:
 
     def __init__(self, settings: EnergySettings) -> None:
         self._own = settings
-        self.settings, self.wings = EnergySettings(), False
+        self.settings, self.prior = EnergySettings(), ON_ROTORS
         self._learner: Learner | None = None
         self._batteries: Batteries | None = None
         #: the last report of each monitor
@@ -119,9 +119,9 @@ class _Estimate:
         if self._batteries is not None:
             self._batteries.take(number, report, now, on_ground)
 
-    def set_settings(self, settings: EnergySettings, now: float, *, wings: bool) -> None:
-        """A mission is loaded: its settings override the vehicle's. `wings`: the aircraft flies on wings."""
-        self._use(settings.over(self._own), wings=wings)
+    def adopt(self, settings: EnergySettings, now: float, prior: EnergyPrior) -> None:
+        """A mission is loaded: its numbers go before the vehicle's. `prior`: what counts where both say nothing."""
+        self._use(settings.over(self._own), prior)
         for number, (report, at) in self._reports.items():
             if self._batteries is not None and now - at < _COUNT_S:
                 self._batteries.take(number, report, at, True)
@@ -136,20 +136,20 @@ class _Estimate:
         if self._batteries is not None:
             self._batteries.resume(memory, now)
 
-    def _use(self, settings: EnergySettings, *, wings: bool = False) -> None:
-        if (settings, wings) == (self.settings, self.wings):
+    def _use(self, settings: EnergySettings, prior: EnergyPrior = ON_ROTORS) -> None:
+        if (settings, prior) == (self.settings, self.prior):
             return
-        self.settings, self.wings = settings, wings
-        # the former fact used other settings
-        self.fact = EnergyFact(-inf, missing=settings.missing_for(wings=wings) or _NOT_YET)
-        prior = settings.model(wings=wings)
-        if prior is None:
+        self.settings, self.prior = settings, prior
+        # what was known was by other numbers
+        self.fact = EnergyFact(-inf, missing=settings.missing_for(prior) or _NOT_YET)
+        model = settings.model(prior=prior)
+        if model is None:
             self._learner = self._batteries = None
             return
-        self._learner = Learner(settings, wings=wings)
-        flies_w = max(prior.hover_w, prior.cruise_w)
-        most_w = _MOST_HOVER * max(flies_w, prior.climb_w)
-        self._batteries = Batteries(prior.battery_wh, int(settings.batteries or 1), settings.cells, most_w, flies_w)
+        self._learner = Learner(settings, prior)
+        flies_w = max(model.hover_w, model.cruise_w)
+        most_w = _MOST_HOVER * max(flies_w, model.climb_w)
+        self._batteries = Batteries(model.battery_wh, int(settings.batteries or 1), settings.cells, most_w, flies_w)
 
     # ---- each second ----------------------------------------------------------------------------------------------
 
@@ -183,7 +183,7 @@ class _Estimate:
     def observe(self, now: float, *, grounded: bool) -> EnergyFact:
         """Make the current fact. `grounded`: neither armed nor about to be."""
         if self._learner is None or self._batteries is None:
-            self.fact = EnergyFact(now, missing=self.settings.missing_for(wings=self.wings))
+            self.fact = EnergyFact(now, missing=self.settings.missing_for(self.prior))
             return self.fact
         charge: Charge = self._batteries.charge(now, on_ground=grounded)
         model, source = self._learner.model(now)
@@ -343,14 +343,14 @@ class EnergyMonitor:
         except Exception:
             self._tell_fault()
 
-    def set_mission(
-        self, settings: EnergySettings, way: Callable[[float], Sequence[Piece]], now: float, *, wings: bool = False
+    def adopt(
+        self, settings: EnergySettings, way: Callable[[float], Sequence[Piece]], now: float, prior: EnergyPrior
     ) -> list[Output]:
-        """A mission is loaded: its settings override the vehicle's. `way` returns its pieces, for a height of return;
-        `wings`: the aircraft flies on wings."""
-        self._start.set_way(way)
+        """A mission is loaded: its numbers go before the vehicle's. `way`: its pieces, at a height of return; `prior`:
+        what counts where both say nothing."""
+        self._start.adopt(way)
         try:
-            self.estimate.set_settings(settings, now, wings=wings)
+            self.estimate.adopt(settings, now, prior)
             self._follow()
             return self._start.judge(self.estimate.observe(now, grounded=True), now)
         except Exception:
@@ -368,7 +368,7 @@ class EnergyMonitor:
         self.estimate.resume(memory, now)
 
     def _follow(self) -> None:
-        self._start.policy = self.estimate.settings.start_policy_for(wings=self.estimate.wings)
+        self._start.policy = self.estimate.settings.start_policy_for(self.estimate.prior)
 
     # ---- each second ----------------------------------------------------------------------------------------------
 

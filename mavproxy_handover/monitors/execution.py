@@ -43,7 +43,7 @@ class ExecutionMonitor:
         if critical and not self._critical:
             found.append(ModeSourceSeen(ModeSource.FAILSAFE))
         self._critical = critical
-        name = state.vehicle.mode_name(state.custom_mode)
+        name = state.profile.mode_name(state.custom_mode)
         found.append(ModeSeen(state.flown, name, state.comes_down, self._radio(state, now)))
         return found
 
@@ -51,7 +51,7 @@ class ExecutionMonitor:
     def radio_watched(state: VehicleState) -> bool:
         """Whether the autopilot would notice a loss of the radio, as far as is known."""
         parameters = state.parameters.read
-        return parameters is None or parameters.get(state.vehicle.radio_failsafe, 1) != 0
+        return parameters is None or parameters.get(state.profile.radio_failsafe, 1) != 0
 
     def _radio(self, state: VehicleState, now: float) -> bool:
         status = state.telemetry.sys_status.value
@@ -61,7 +61,7 @@ class ExecutionMonitor:
     @staticmethod
     def text(state: VehicleState, text: str) -> list[Event]:
         """A STATUSTEXT of the autopilot."""
-        hand = mode_requests.of_text(text, state.vehicle)
+        hand = mode_requests.of_text(text, state.profile)
         return [] if hand is None else [hand]
 
     @staticmethod

@@ -37,6 +37,6 @@ class ZoneMonitor:
         lat_deg, lon_deg, alt_m = where
         way = self._ahead.places(state.waypoint, where[:2]) if state.flies_mission else ()
         course_deg, speed_mps = state.track
-        if state.kind.winged and state.flown is ModeClass.STOP:
+        if state.profile.holds_by_circling and state.flown is ModeClass.STOP:
             speed_mps = 0.0  # it circles: its course changes all the time
         return self._finder.facts(lat_deg, lon_deg, course_deg, speed_mps, alt_m, way)

@@ -56,7 +56,7 @@ class AcceptedCommands:
             on_ground = self._in_force.view.phase is Phase.ON_LOAD
             self._autopilot.mission.list_changed(port, change, on_ground, now)
         aircraft = self._autopilot.aircraft
-        source = mode_requests.of_command(frame, aircraft.vehicle, aircraft.ways_down.leads_to)
+        source = mode_requests.of_command(frame, aircraft.profile, aircraft.ways_down.leads_to)
         if source is not None:
             self._handle(source, now)
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
 """Who may have chosen the flight mode: the autopilot's words and the commander's commands in the words of the rules
-(`core/safety/mode_source.py`). What differs by firmware is in `vehicle/kinds.py`, with the sources.
+(`core/safety/mode_source.py`). What differs by firmware is in its profile, with the sources.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.common.events import ModeSourceSeen
 from mavproxy_handover.core.common.model import ModeClass, ModeSource
-from mavproxy_handover.vehicle.kinds import COPTER, Vehicle
+from mavproxy_handover.vehicle.profiles import ASSUMED, Profile
 from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.frames import Frame
 
@@ -24,7 +24,7 @@ _OF_GUARD: Final = "Handover:"
 _ANY: Final = None
 #: MAV_CMD_DO_RETURN_PATH_START, which older pymavlinks do not have
 _RETURN_PATH: Final = 188
-#: command -> the mode that it leads to; None: any. Where a firmware does otherwise, `Vehicle.commands` says so
+#: command -> the mode that it leads to; None: any. Where a firmware does otherwise, `Profile.commands` says so
 _COMMANDS: Final[Mapping[int, ModeClass | None]] = {
     mavlink.MAV_CMD_MISSION_START: ModeClass.MISSION,
     mavlink.MAV_CMD_DO_PAUSE_CONTINUE: ModeClass.MISSION,
@@ -50,18 +50,18 @@ _RADIO: Final[int] = mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
 _FENCE: Final[int] = mavlink.MAV_SYS_STATUS_GEOFENCE
 
 
-def of_text(text: str, vehicle: Vehicle = COPTER) -> ModeSourceSeen | None:
+def of_text(text: str, profile: Profile = ASSUMED) -> ModeSourceSeen | None:
     """What a STATUSTEXT of the autopilot tells: a failsafe acts, or is over and gives back the mode of before, or the
     mission has come to its end; None: nothing of the kind."""
     if text.startswith(_OF_GUARD):
         return None
-    if vehicle.by_mission is not None and vehicle.by_mission.search(text):
+    if profile.by_mission is not None and profile.by_mission.search(text):
         return ModeSourceSeen(ModeSource.MISSION)
-    restored = vehicle.restored and vehicle.restored.search(text)
+    restored = profile.restored and profile.restored.search(text)
     if restored:
-        flown = [mode.flown for mode in vehicle.modes.values() if mode.name == restored[1]]
+        flown = [mode.flown for mode in profile.modes.values() if mode.name == restored[1]]
         return ModeSourceSeen(ModeSource.FAILSAFE, flown[0]) if flown else None
-    return ModeSourceSeen(ModeSource.FAILSAFE) if vehicle.by_itself.search(text) else None
+    return ModeSourceSeen(ModeSource.FAILSAFE) if profile.by_itself.search(text) else None
 
 
 def _nowhere(_seq: int) -> ModeClass | None:
@@ -69,7 +69,7 @@ def _nowhere(_seq: int) -> ModeClass | None:
 
 
 def of_command(
-    frame: Frame, vehicle: Vehicle = COPTER, leads_to: Callable[[int], ModeClass | None] = _nowhere
+    frame: Frame, profile: Profile = ASSUMED, leads_to: Callable[[int], ModeClass | None] = _nowhere
 ) -> ModeSourceSeen | None:
     """What a frame of the commander asks of the flight mode; None: nothing.
 
@@ -83,7 +83,7 @@ def of_command(
     if frame.msgid == _SET_ITEM:
         return _of_item(leads_to(message.seq))
     if frame.msgid == _SET_MODE:
-        return ModeSourceSeen(ModeSource.COMMANDER, vehicle.flown(message.custom_mode))
+        return ModeSourceSeen(ModeSource.COMMANDER, profile.flown(message.custom_mode))
     if message.command == mavlink.MAV_CMD_DO_PAUSE_CONTINUE and message.param1 == 0.0:
         return ModeSourceSeen(ModeSource.COMMANDER, ModeClass.STOP)
     if message.command == mavlink.MAV_CMD_DO_SET_MISSION_CURRENT:
@@ -91,8 +91,8 @@ def of_command(
         return _of_item(leads_to(int(item)) if 0.0 <= item < 65536.0 else None)
     if message.command == mavlink.MAV_CMD_DO_SET_MODE:
         mode = message.param2
-        return ModeSourceSeen(ModeSource.COMMANDER, vehicle.flown(int(mode)) if 0.0 <= mode < 256.0 else _ANY)
-    commands = {**_COMMANDS, **vehicle.commands}
+        return ModeSourceSeen(ModeSource.COMMANDER, profile.flown(int(mode)) if 0.0 <= mode < 256.0 else _ANY)
+    commands = {**_COMMANDS, **profile.commands}
     if message.command not in commands:
         return None
     return ModeSourceSeen(ModeSource.COMMANDER, commands[message.command])

@@ -25,7 +25,7 @@ from typing import Final
 from mavproxy_handover.core.common.model import ModeClass
 from mavproxy_handover.mission.items import COMMANDS, LANDINGS
 from mavproxy_handover.mission.plan import Route, ways_from_land_starts
-from mavproxy_handover.vehicle.kinds import PLANE, Vehicle
+from mavproxy_handover.vehicle.profiles import Profile
 
 __all__ = ["WaysDown", "ways_down"]
 
@@ -50,7 +50,7 @@ class WaysDown:
         self.flown: ModeClass | None = None
         self._route: Route | None = None
         self._ways: tuple[range, ...] = ()
-        self._vehicle: Vehicle | None = None
+        self._profile: Profile | None = None
         self._mode: int | None = None
         #: what was flown before AUTO was entered, and since when that is to be told from the mission
         self._before = ModeClass.OTHER
@@ -60,19 +60,24 @@ class WaysDown:
         self._left: tuple[int | None, ModeClass | None] = None, None
 
     @property
+    def _may_land(self) -> bool:
+        """Its mode flies missions, and landing sequences too."""
+        profile = self._profile
+        return profile is not None and profile.lands_in_auto and self._mode == profile.auto
+
+    @property
     def may_be(self) -> bool:
         """It is in AUTO at an item of a way down, or at one of a mission that nobody knows."""
-        in_auto = self._vehicle is PLANE and self._mode == PLANE.auto
-        return in_auto and (self._route is None or self._is_down(self._seq))
+        return self._may_land and (self._route is None or self._is_down(self._seq))
 
     @property
     def is_on(self) -> bool:
         """It is in AUTO on a way down that is known, whoever has sent it there: the mission itself comes there too."""
-        return self._vehicle is PLANE and self._mode == PLANE.auto and self._is_down(self._seq)
+        return self._may_land and self._is_down(self._seq)
 
     def leads_to(self, seq: int) -> ModeClass | None:
         """What will be flown where AUTO is told now to go on with this item; None: what is flown already."""
-        if self._vehicle is not PLANE or self._mode != PLANE.auto or not self._ways:
+        if not self._may_land or not self._ways:
             return None
         if not self._is_down(seq):
             return None if self.flown is None else ModeClass.MISSION
@@ -90,16 +95,16 @@ class WaysDown:
         """It was told to land, and may be on a way down: whatever that was before, it is a landing now."""
         self.flown, self._entered_at = ModeClass.LAND, None
 
-    def mode(self, vehicle: Vehicle, mode: int, now: float) -> None:
+    def mode(self, profile: Profile, mode: int, now: float) -> None:
         """The mode of a heartbeat."""
-        before, self._vehicle, self._mode = self._mode, vehicle, mode
-        if vehicle is not PLANE or mode != vehicle.auto:
-            if before == vehicle.auto:
+        before, self._profile, self._mode = self._mode, profile, mode
+        if not self._may_land:
+            if before == profile.auto:
                 self._left = self._seq, self.flown
             self.flown = self._entered_at = None
         elif before not in (None, mode) and self._ways:
             assert before is not None
-            self._before = vehicle.flown(before)
+            self._before = profile.flown(before)
             self.flown, self._entered_at = self._before, now
         elif self._entered_at is not None and now - self._entered_at > _WAIT_S:
             self.flown = self._entered_at = None
@@ -107,7 +112,7 @@ class WaysDown:
     def waypoint(self, seq: int, now: float) -> None:
         """The item that is flown to."""
         before, self._seq = self._seq, seq
-        if self._vehicle is not PLANE or self._mode != self._vehicle.auto or not self._ways:
+        if not self._may_land or not self._ways:
             return
         entered, self._entered_at = self._entered_at is not None, None
         if not self._is_down(seq):

@@ -11,9 +11,8 @@ from __future__ import annotations
 
 from typing import Final
 
-from mavproxy_handover.core.safety.energy_prior import RETURN_ALT_M, WINGED_RETURN_ALT_M
 from mavproxy_handover.mission.return_paths import FenceLimits
-from mavproxy_handover.vehicle.kinds import VEHICLES
+from mavproxy_handover.vehicle.profiles import PROFILES
 from mavproxy_handover.vehicle.state import VehicleState
 
 __all__ = ["BELOW_CEILING_M", "NAMES", "fence_limits", "return_alt_m", "return_mps"]
@@ -21,11 +20,11 @@ __all__ = ["BELOW_CEILING_M", "NAMES", "fence_limits", "return_alt_m", "return_m
 #: how far below a ceiling the companion keeps the return of an ArduPlane (m)
 BELOW_CEILING_M: Final = 10.0
 #: parameter for the height of a return -> its units in a metre
-_RETURN_ALTS: Final = {"RTL_ALT_M": 1.0, "RTL_ALT": 100.0, "RTL_ALTITUDE": 1.0, "ALT_HOLD_RTL": 100.0}
-#: parameters for the speed of a return (at 0 the next one counts), then of missions -> their units in one m/s
+_RETURN_ALTS: Final = {name: units for profile in PROFILES for name, units in profile.return_alt.items()}
+#: parameter for the speed of a return (0: the one behind it), then that of missions -> its units in one m/s
 _RETURN_SPEEDS: Final = {
-    **{name: units for vehicle in VEHICLES for name, units in vehicle.back_speed.items()},
-    **{name: units for vehicle in VEHICLES for name, units in vehicle.cruise.items()},
+    **{name: units for profile in PROFILES for name, units in profile.back_speed.items()},
+    **{name: units for profile in PROFILES for name, units in profile.cruise.items()},
 }
 #: the parameters that count here
 NAMES: Final = (
@@ -47,10 +46,11 @@ def return_alt_m(state: VehicleState) -> float:
     """The height of a return (m above home)."""
     values = state.parameters.since()
     held = (values[name] / units for name, units in _RETURN_ALTS.items() if name in values)
-    if not state.kind.winged:
-        return next(held, RETURN_ALT_M)
-    alt_m = next(held, WINGED_RETURN_ALT_M)
-    return alt_m if alt_m > 0.0 else WINGED_RETURN_ALT_M  # 0 or less: it keeps its present height
+    profile = state.profile
+    usual_m = profile.energy.return_alt_m
+    alt_m = next(held, usual_m)
+    stays = profile.returns_level and alt_m <= 0.0  # as high as it is
+    return usual_m if stays else alt_m
 
 
 def fence_limits(state: VehicleState) -> FenceLimits:

@@ -21,11 +21,10 @@ from typing import Any, Final, Generic, TypeVar
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.common.model import Kind, ModeClass
-from mavproxy_handover.gate.policy.modes import UNKNOWN, Modes
-from mavproxy_handover.vehicle.kinds import COPTER, PLANE, Vehicle, vehicle_of
+from mavproxy_handover.core.common.model import ModeClass
 from mavproxy_handover.vehicle.parameters import Parameters
 from mavproxy_handover.vehicle.plane_landing import WaysDown
+from mavproxy_handover.vehicle.profiles import ASSUMED, UNKNOWN_MODES, Modes, Profile, profile_of, proven, refined
 from mavproxy_handover.wire.codec import AircraftState
 
 __all__ = ["Fix", "Heartbeat", "Landed", "Said", "Telemetry", "VehicleState"]
@@ -34,13 +33,7 @@ T = TypeVar("T")
 
 _GEOFENCE: Final = mavlink.MAV_SYS_STATUS_GEOFENCE
 _ON_GROUND = mavlink.MAV_LANDED_STATE_ON_GROUND
-_HOVERS: Final = (mavlink.MAV_VTOL_STATE_TRANSITION_TO_MC, mavlink.MAV_VTOL_STATE_MC)
-#: states that a copter never reports: it always reports MC
-_ON_WINGS: Final = (
-    mavlink.MAV_VTOL_STATE_TRANSITION_TO_FW,
-    mavlink.MAV_VTOL_STATE_TRANSITION_TO_MC,
-    mavlink.MAV_VTOL_STATE_FW,
-)
+_NEAR_GROUND: Final = (mavlink.MAV_LANDED_STATE_TAKEOFF, mavlink.MAV_LANDED_STATE_LANDING)
 
 #: the autopilot sends 20 positions a second, but unevenly: a position less than 50 ms after the last one still counts
 _COMPARE_S: Final = 0.03
@@ -50,8 +43,8 @@ _CIRCLE_M: Final = 60.0
 _REACTION_S: Final = 2.0
 _ROOM: Final = 1.5
 _SLOWEST_MPS: Final = 5.0
-#: parameters of aircraft with wings: has rotors, radii of the circles
-_HAS_ROTORS, _RADIUS, _RETURN_RADIUS = "Q_ENABLE", "WP_LOITER_RAD", "RTL_RADIUS"
+#: radius of a circle where nothing else is asked for, and of the one above the place of a return
+_RADIUS, _RETURN_RADIUS = "WP_LOITER_RAD", "RTL_RADIUS"
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,9 +64,9 @@ class Heartbeat:
     custom_mode: int = 0
     #: MAV_STATE
     status: int = mavlink.MAV_STATE_UNINIT
-    #: its firmware; ArduCopter if it is not known or not supported
-    vehicle: Vehicle = COPTER
-    #: the kind of vehicle in words, if it is not supported (its mode numbers are not known); else ""
+    #: the profile that its MAV_TYPE stands for; `ASSUMED` until it is known, and if there is none
+    profile: Profile = ASSUMED
+    #: what it is, in words, where that is nothing that is flown here: the numbers of its modes are not known
     foreign: str = ""
 
     @property
@@ -127,14 +120,14 @@ class Telemetry:
         #: STATUSTEXT
         self.text = ""
 
-    def on_heartbeat(self, m: Any, now: float, known: Vehicle | None) -> None:
-        """A HEARTBEAT arrived. `known`: its firmware; None: the vehicle is not supported."""
+    def take_heartbeat(self, m: Any, now: float, known: Profile | None) -> None:
+        """HEARTBEAT; `known`: the profile that it stands for, None: there is none."""
         self.heartbeat = Heartbeat(
             now,
             bool(m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED),
             m.custom_mode,
             m.system_status,
-            COPTER if known is None else known,
+            ASSUMED if known is None else known,
             "" if known else f"{_words('MAV_AUTOPILOT', m.autopilot)} {_words('MAV_TYPE', m.type)}",
         )
 
@@ -155,9 +148,9 @@ class VehicleState:
         self.ways_down = WaysDown()
         #: a heartbeat has said that it is disarmed
         self._was_disarmed = False
-        #: it was an ArduPlane when it was armed, or has flown on wings since
-        self._winged = False
-        #: when it last reported a state of a QuadPlane
+        #: the profile that it has until it is disarmed, whatever MAV_TYPE it reports; None: MAV_TYPE counts
+        self._stays: Profile | None = None
+        #: when it said last that it hovers as well as flies on wings
         self._hovers_too_at = -math.inf
         #: what it flew when it was stopped, if stopping is a change of mode
         self.stopped_in: ModeClass | None = None
@@ -173,10 +166,14 @@ class VehicleState:
     def _on_heartbeat(self, m: Any, now: float) -> None:
         armed = bool(m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
         self._was_disarmed |= not armed
-        # the kind of aircraft cannot change in the air, whatever its heartbeat says
-        self._winged = armed and (self._winged or self.vehicle is PLANE)
-        self.telemetry.on_heartbeat(m, now, vehicle_of(m.autopilot, m.type, winged=self._winged))
-        self.ways_down.mode(self.vehicle, m.custom_mode, now)
+        # in the air it becomes no other aircraft, whatever it calls itself by then
+        last = self.telemetry.heartbeat.profile
+        self._stays = (self._stays or (last if last.proven_by else None)) if armed else None
+        known = profile_of(m.autopilot, m.type)
+        if self._stays is not None and m.autopilot == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA:
+            known = self._stays
+        self.telemetry.take_heartbeat(m, now, known)
+        self.ways_down.mode(self.telemetry.heartbeat.profile, m.custom_mode, now)
 
     def _on_position(self, m: Any, now: float) -> None:
         if m.lat == 0 and m.lon == 0:  # no position yet
@@ -221,7 +218,8 @@ class VehicleState:
 
     def _on_landed(self, m: Any, now: float) -> None:
         self.telemetry.landed = Landed(now, m.landed_state, m.vtol_state)
-        self._winged = self._winged or (self.armed and m.vtol_state in _ON_WINGS)
+        if self.armed:
+            self._stays = self._stays or proven(m.vtol_state)
         if m.vtol_state != mavlink.MAV_VTOL_STATE_UNDEFINED:
             self._hovers_too_at = now
 
@@ -263,11 +261,6 @@ class VehicleState:
         return self.telemetry.heartbeat.custom_mode
 
     @property
-    def vehicle(self) -> Vehicle:
-        """Its firmware; ArduCopter if it is not known or not supported."""
-        return self.telemetry.heartbeat.vehicle
-
-    @property
     def foreign(self) -> str:
         """The kind of vehicle in words, if it is not supported; else ""."""
         return self.telemetry.heartbeat.foreign
@@ -280,16 +273,14 @@ class VehicleState:
     # ---- what it is -----------------------------------------------------------------------------------------------
 
     @property
-    def kind(self) -> Kind:
-        """The kind of aircraft; a copter if the vehicle is not supported."""
-        if self.vehicle is not PLANE:
-            return Kind.COPTER
-        return Kind.QUADPLANE if self._has_rotors else Kind.PLANE
+    def profile(self) -> Profile:
+        """Its profile; `ASSUMED` until it is known, and if there is none."""
+        profile = self.telemetry.heartbeat.profile
+        return refined(profile) if profile.refined_by and self._is_refined(profile.refined_by) else profile
 
-    @property
-    def _has_rotors(self) -> bool:
-        """Whether it is a QuadPlane: by its reports or by its parameter, whichever came later."""
-        parameter = self.parameters.get(_HAS_ROTORS)
+    def _is_refined(self, name: str) -> bool:
+        """It hovers too: by its own words or by the parameter of that name, the later one."""
+        parameter = self.parameters.get(name)
         if parameter is None or parameter.at < self._hovers_too_at:
             return self._hovers_too_at > -math.inf
         return parameter.value > 0.0
@@ -304,17 +295,17 @@ class VehicleState:
         """What it flies; None: its modes are not known."""
         if self.foreign:
             return None
-        return self.ways_down.flown or self.vehicle.flown(self.custom_mode)
+        return self.ways_down.flown or self.telemetry.heartbeat.profile.flown(self.custom_mode)
 
     @property
     def judged_by(self) -> Modes:
-        """The table of modes that the gate judges its mode numbers by."""
-        return UNKNOWN if self.foreign else self.vehicle.judged_by
+        """What the gate judges the numbers of its modes by."""
+        return UNKNOWN_MODES if self.foreign else self.telemetry.heartbeat.profile.gate
 
     @property
     def in_auto(self) -> bool:
         """Its mode is the one that flies missions."""
-        return self.custom_mode == self.vehicle.auto
+        return self.custom_mode == self.telemetry.heartbeat.profile.auto
 
     @property
     def flies_mission(self) -> bool:
@@ -323,13 +314,23 @@ class VehicleState:
 
     @property
     def to_place(self) -> bool:
-        """Whether it flies to the return site that its rally list held when the return began."""
-        return self.custom_mode in self.vehicle.to_place
+        """It flies to the place that its rally list held when it began to."""
+        return self.custom_mode in self.telemetry.heartbeat.profile.to_place
 
     @property
     def hovers(self) -> bool:
-        """Whether it has wings and hovers, or is about to hover."""
-        return self.kind.winged and self.telemetry.landed.vtol_state in _HOVERS
+        """It can fly forwards, and is carried by its rotors, or about to be."""
+        return self.telemetry.landed.vtol_state in self.telemetry.heartbeat.profile.hovers_in
+
+    @property
+    def near_ground(self) -> bool:
+        """It takes off, or lands."""
+        return self.telemetry.landed.state in _NEAR_GROUND
+
+    @property
+    def _circles(self) -> bool:
+        """It flies, and can hold only by circling."""
+        return self.telemetry.heartbeat.profile.holds_by_circling and not self.hovers
 
     @property
     def loiter_radius_m(self) -> float | None:
@@ -340,23 +341,23 @@ class VehicleState:
 
     @property
     def return_circle_m(self) -> float:
-        """The radius (m) of its circle at the return site; 0 if it does not circle there."""
-        if not self.kind.winged or self.hovers:
+        """How far from the place of a return it stays while it circles there (m); 0 where it does not."""
+        if not self._circles:
             return 0.0
         return self._radius_m(_RETURN_RADIUS) or self.loiter_radius_m or _CIRCLE_M
 
     @property
     def circles_s(self) -> float:
-        """The time (s) before a border when it must be commanded to circle; 0 if it can stand still."""
-        if not self.kind.winged or self.hovers:
+        """So long before a border (s) it has to be told to circle, to stay inside; 0 where it can stand still."""
+        if not self._circles:
             return 0.0
         radius_m = self.loiter_radius_m or _CIRCLE_M
         return _REACTION_S + _ROOM * radius_m / max(self.own_speed_mps, _SLOWEST_MPS)
 
     @property
     def circle_m(self) -> float:
-        """Its circle crosses a border that is nearer than this (m); 0 if it can stand still."""
-        if not self.kind.winged or self.hovers:
+        """Its circle crosses a border that is nearer than this (m); 0 where it can stand still."""
+        if not self._circles:
             return 0.0
         return _ROOM * (self.loiter_radius_m or _CIRCLE_M)
 
@@ -383,8 +384,9 @@ class VehicleState:
 
     @property
     def always_armed(self) -> bool:
-        """Whether it has wings, is on the ground and was never reported disarmed, as with ARMING_REQUIRE 0."""
-        return self.kind.winged and self.telemetry.landed.state == _ON_GROUND and not self._was_disarmed
+        """On the ground, and never heard disarmed: with ARMING_REQUIRE 0 it never is."""
+        may_be = self.telemetry.heartbeat.profile.may_be_always_armed
+        return may_be and self.telemetry.landed.state == _ON_GROUND and not self._was_disarmed
 
     @property
     def track(self) -> tuple[float, float]:

@@ -16,11 +16,29 @@ from typing import Any
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-__all__ = ["Ask", "Asking", "Conversation", "Conversations", "Done", "NoAnswer", "command_long"]
+__all__ = [
+    "Ask",
+    "Asking",
+    "AutopilotError",
+    "Conversation",
+    "Conversations",
+    "Done",
+    "NoAnswer",
+    "RefusedError",
+    "command_long",
+]
 
 
 class NoAnswer(Exception):
     """The autopilot did not answer; the text says what was asked."""
+
+
+class AutopilotError(NoAnswer):
+    """The autopilot answered, and the answer is no; the text says what and why."""
+
+
+class RefusedError(AutopilotError):
+    """The autopilot refuses a command: it will not be done, and there is nothing to wait for."""
 
 
 @dataclass(frozen=True, slots=True)

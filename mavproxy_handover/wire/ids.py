@@ -14,9 +14,6 @@ from pymavlink.dialects.v20 import handover as mavlink
 __all__ = [
     "AUTOPILOT_COMPID",
     "COMPANION_COMPID",
-    "COPTER_AUTO",
-    "PLANE_AUTO",
-    "WINGED_TYPES",
     "DOCTOR_COMPID",
     "EVERYBODY",
     "FTP_ACK",
@@ -81,17 +78,6 @@ AVAILABLE_MODES_MONITOR: Final = 437
 
 #: ids of the messages of `handover.xml`
 OUR_MESSAGES: Final = range(47100, 47132)
-
-#: mission mode of ArduCopter, and of ArduPlane
-COPTER_AUTO: Final = 3
-PLANE_AUTO: Final = 10
-#: MAV_TYPEs that ArduPlane uses for itself
-WINGED_TYPES: Final = frozenset(
-    {
-        mavlink.MAV_TYPE_FIXED_WING,
-        *range(mavlink.MAV_TYPE_VTOL_DUOROTOR, mavlink.MAV_TYPE_VTOL_RESERVED5 + 1),
-    }
-)
 
 #: TUNNEL payload types: the lease (companion to guard) and the guard's status (guard to companion)
 LEASE_TUNNEL: Final = 47116

@@ -17,7 +17,7 @@ from typing import Any, Final
 
 from pymavlink import DFReader
 
-from mavproxy_handover.vehicle.kinds import Vehicle
+from mavproxy_handover.vehicle.profiles import Profile
 from sitl.replay.recording import Recording, RecordingError
 from sitl.replay.samples import Sample, recorded
 
@@ -36,7 +36,7 @@ _LEAST_S: Final = 0.045
 _EPOCH: Final = 946_684_800.0
 
 
-def read_dataflash(path: Path, vehicle: Vehicle) -> Recording:
+def read_dataflash(path: Path, profile: Profile) -> Recording:
     """Read a log of this vehicle. Raises RecordingError."""
     try:
         if path.stat().st_size == 0:
@@ -60,7 +60,7 @@ def read_dataflash(path: Path, vehicle: Vehicle) -> Recording:
     ]
     if samples[0].at < _EPOCH:
         assumed.append("the time: the log has no GPS time; no journal can be compared with it")
-    return recorded(path, "dataflash log", samples, assumed, vehicle)
+    return recorded(path, "dataflash log", samples, assumed, profile)
 
 
 def _entries(path: Path) -> list[tuple[float, Any]]:

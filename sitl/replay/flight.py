@@ -46,7 +46,7 @@ from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.schedule import TICK_S
 from mavproxy_handover.stations.voice import Voice
 from mavproxy_handover.store.journal import Journal
-from mavproxy_handover.vehicle.kinds import vehicle_of
+from mavproxy_handover.vehicle.profiles import profile_of
 from sitl.replay.ground import Ground, silences
 from sitl.replay.happened import Decision, Happened, decision_of
 from sitl.replay.recording import Recording
@@ -389,8 +389,8 @@ class _Flight:
         commander = self._view.commander
         if armed and not was_armed and commander is not None:
             self._handle(events.StartRequested(commander), now)
-        vehicle = vehicle_of(message.autopilot, message.type)
-        if armed and vehicle is not None and message.custom_mode == vehicle.auto:
+        profile = profile_of(message.autopilot, message.type)
+        if armed and profile is not None and message.custom_mode == profile.auto:
             self._handle(events.StartFinished(True), now)
 
 

@@ -19,7 +19,6 @@ from mavproxy_handover.config.vehicle import VehicleConfig
 from mavproxy_handover.mission import package as packages
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.package import MissionPackage
-from mavproxy_handover.vehicle.kinds import COPTER, PLANE
 from sitl.replay.compare import Comparison, compare
 from sitl.replay.flight import Replay, replay
 from sitl.replay.happened import Decision, Happened, journal_beside, read_journal
@@ -115,7 +114,7 @@ def _replay(arguments: argparse.Namespace) -> _Told:
     other = changed(other, arguments.set)
     vehicle(other, package, 1)  # what is wrong with it is told before anything is read
     happened = _journal(arguments)
-    recording = read_recording(arguments.file, PLANE if package.kind.winged else COPTER)
+    recording = read_recording(arguments.file, package.profile)
     flown = vehicle(settings, package, recording.sysid)
     inputs = _inputs(happened, package)
     first = replay(recording, inputs, package, flown, flown)

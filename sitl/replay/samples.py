@@ -17,7 +17,7 @@ from typing import Any, Final
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.mission.geodesy import distance_m
-from mavproxy_handover.vehicle.kinds import COPTER, Vehicle
+from mavproxy_handover.vehicle.profiles import Profile
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID
 from sitl.replay.recording import Recording
 
@@ -55,9 +55,9 @@ class Sample:
     consumed_mah: float | None = None
 
 
-def recorded(path: Path, kind: str, samples: Sequence[Sample], assumed: Iterable[str], vehicle: Vehicle) -> Recording:
+def recorded(path: Path, kind: str, samples: Sequence[Sample], assumed: Iterable[str], profile: Profile) -> Recording:
     """The recording that these samples of a vehicle are; they rise in time, and there are two at least."""
-    maker = _Maker(vehicle)
+    maker = _Maker(profile)
     first = samples[0]
     begin = first.at - PRELUDE_S
     for number in range(int(PRELUDE_S / _STEP_S)):
@@ -70,9 +70,9 @@ def recorded(path: Path, kind: str, samples: Sequence[Sample], assumed: Iterable
 class _Maker:
     """Collects messages."""
 
-    def __init__(self, vehicle: Vehicle) -> None:
-        self._auto = vehicle.auto
-        self._type = mavlink.MAV_TYPE_QUADROTOR if vehicle is COPTER else mavlink.MAV_TYPE_FIXED_WING
+    def __init__(self, profile: Profile) -> None:
+        self._auto = profile.auto
+        self._type = min(profile.types)  # the commonest of a firmware
         self.messages: list[tuple[float, Any]] = []
         self._encoder = mavlink.MAVLink(None, srcSystem=_SYSID, srcComponent=AUTOPILOT_COMPID)
         self._decoder = mavlink.MAVLink(None)

@@ -16,7 +16,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import Final
 
-from mavproxy_handover.vehicle.kinds import Vehicle
+from mavproxy_handover.vehicle.profiles import Profile
 from sitl.replay.recording import Recording, RecordingError
 from sitl.replay.samples import Sample, recorded
 
@@ -35,7 +35,7 @@ _RANGES: Final = {
 }
 
 
-def read_table(path: Path, vehicle: Vehicle) -> Recording:
+def read_table(path: Path, profile: Profile) -> Recording:
     """Read a table of this vehicle's flight. Raises RecordingError."""
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
@@ -44,7 +44,7 @@ def read_table(path: Path, vehicle: Vehicle) -> Recording:
             lacking = [name for name in _NEEDED if name not in names]
             if lacking:
                 raise RecordingError(f"{path}: no column {', '.join(lacking)}; it has {', '.join(names) or 'none'}")
-            samples = [_sample(path, number, row, vehicle) for number, row in enumerate(rows, 2)]
+            samples = [_sample(path, number, row, profile) for number, row in enumerate(rows, 2)]
     except OSError as error:
         raise RecordingError(f"{path}: {error.strerror}") from None
     except (UnicodeDecodeError, csv.Error) as error:
@@ -54,7 +54,7 @@ def read_table(path: Path, vehicle: Vehicle) -> Recording:
     for number, (one, other) in enumerate(itertools.pairwise(samples), 3):
         if other.at <= one.at:
             raise RecordingError(f"{path}: line {number}: time: not later than the line before")
-    return recorded(path, "table", samples, _assumed(names), vehicle)
+    return recorded(path, "table", samples, _assumed(names), profile)
 
 
 def _assumed(names: tuple[str, ...]) -> list[str]:
@@ -70,7 +70,7 @@ def _assumed(names: tuple[str, ...]) -> list[str]:
     return found
 
 
-def _sample(path: Path, line: int, row: dict[str, str | None], vehicle: Vehicle) -> Sample:
+def _sample(path: Path, line: int, row: dict[str, str | None], profile: Profile) -> Sample:
     def number(name: str) -> float | None:
         text = (row.get(name) or "").strip()
         if not text:
@@ -98,7 +98,7 @@ def _sample(path: Path, line: int, row: dict[str, str | None], vehicle: Vehicle)
         needed("alt_m"),
         armed=None if armed is None else bool(armed),
         flying=False if armed == 0.0 else None,
-        mode=_mode(path, line, (row.get("mode") or "").strip(), vehicle),
+        mode=_mode(path, line, (row.get("mode") or "").strip(), profile),
         waypoint=None if waypoint is None else int(waypoint),
         remaining=number("battery_percent"),
         voltage_v=number("voltage_v"),
@@ -122,11 +122,11 @@ def _time(path: Path, line: int, text: str) -> float:
     return seconds
 
 
-def _mode(path: Path, line: int, text: str, vehicle: Vehicle) -> int | None:
+def _mode(path: Path, line: int, text: str, profile: Profile) -> int | None:
     if not text:
         return None
-    names = {mode.name: number for number, mode in vehicle.modes.items()}
+    names = {mode.name: number for number, mode in profile.modes.items()}
     number = int(text) if text.isdecimal() else names.get(text.upper())
-    if number not in vehicle.modes:
-        raise RecordingError(f"{path}: line {line}: mode: {text!r} is no flight mode of {vehicle.name}")
+    if number not in profile.modes:
+        raise RecordingError(f"{path}: line {line}: mode: {text!r} is no flight mode of {profile.firmware}")
     return number

@@ -305,7 +305,7 @@ class _Flight:
     ) -> tuple[RunningVehicle, Observer]:
         """`leads`: simulated time is this vehicle's."""
         order, home = self.order, craft.package.route.home
-        script, parameters = guard_files(craft.package.kind)
+        script, parameters = guard_files(craft.package.profile)
         spec = VehicleSpec(
             home=(home.lat_deg, home.lon_deg, home.alt_m, order.heading_deg),
             sysid=craft.sysid,

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Collection
 
 from mavproxy_handover.mission.package import MissionPackage
+from mavproxy_handover.vehicle.profiles import ASSUMED
 from sitl.report.matching import Match
 from sitl.script.steps import Deed, Pause, Type, Wait, WaitReady
 
@@ -51,7 +52,7 @@ def opening(
         for station in package.stations
     ]
     steps.append((_vehicle("authority", parent, since="begin"), _CONNECT_S, ""))
-    winged = package.kind.winged
+    winged = package.profile is not ASSUMED
     steps.append((WaitReady(True), _READY_S, ""))
     if winged:
         steps.append((Pause(_GYROS_S), _READY_S, ""))

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import sitl
 from mavproxy_handover import resources
-from mavproxy_handover.core.common.model import Kind
+from mavproxy_handover.vehicle.profiles import ASSUMED, Profile
 
 __all__ = ["SCENARIOS", "SetupError", "guard_files", "mission_folder"]
 
@@ -29,16 +29,16 @@ def mission_folder(name: str) -> Path:
     raise SetupError(f"no mission {name!r} (known: {known}; or the path of a folder with a mission.toml)")
 
 
-def guard_files(kind: Kind = Kind.COPTER) -> tuple[Path, tuple[Path, ...]]:
-    """The guard's script and its parameter files for a kind of aircraft. Raises SetupError.
+def guard_files(profile: Profile = ASSUMED) -> tuple[Path, tuple[Path, ...]]:
+    """The guard's script and its parameter files for an aircraft of that profile. Raises SetupError.
 
     Where none ships for wings, the base parameters of the simulated plane switch scripting on, and the guard's own have
     their defaults.
     """
     folder = resources.shipped("ardupilot_lua")
     script = folder / "handover_guard.lua"
-    parameters = folder / ("handover_plane.parm" if kind.winged else "handover.parm")
-    if kind.winged and not parameters.is_file():
+    parameters = folder / profile.parameter_file
+    if profile is not ASSUMED and not parameters.is_file():
         parameters = script
     for path in (script, parameters):
         if not path.is_file():

@@ -19,8 +19,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from mavproxy_handover.core.common.model import Kind
 from mavproxy_handover.resources import DEPLOY
+from mavproxy_handover.vehicle.profiles import COPTER, PLANE, QUADPLANE, Profile
 from sitl.vehicles import arducopter, arduplane
 from sitl.vehicles.builtin import launcher
 from sitl.vehicles.parent_death import die_with_parent
@@ -40,15 +40,15 @@ class _Kind:
     """What makes its command line, what kind of aircraft it is, and its parameters before all others."""
 
     command: Command
-    aircraft: Kind
+    aircraft: Profile
     base: tuple[Path, ...]
 
 
 _KINDS: Mapping[str, _Kind] = {
-    "builtin": _Kind(launcher.command, Kind.COPTER, (BASE_PARAMETERS,)),
-    "arducopter": _Kind(arducopter.command, Kind.COPTER, (BASE_PARAMETERS,)),
-    "quadplane": _Kind(arduplane.flying("quadplane"), Kind.QUADPLANE, (_PLANE_BASE, _QUADPLANE_BASE)),
-    "plane": _Kind(arduplane.flying("plane"), Kind.PLANE, (_PLANE_BASE,)),
+    "builtin": _Kind(launcher.command, COPTER, (BASE_PARAMETERS,)),
+    "arducopter": _Kind(arducopter.command, COPTER, (BASE_PARAMETERS,)),
+    "quadplane": _Kind(arduplane.flying("quadplane"), QUADPLANE, (_PLANE_BASE, _QUADPLANE_BASE)),
+    "plane": _Kind(arduplane.flying("plane"), PLANE, (_PLANE_BASE,)),
 }
 KINDS = tuple(_KINDS)
 
@@ -102,8 +102,8 @@ class RunningVehicle:
             self._process.wait()
 
 
-def flies(kind: str) -> Kind:
-    """The kind of aircraft that a vehicle of `kind` is."""
+def flies(kind: str) -> Profile:
+    """The profile of the aircraft that a vehicle of `kind` is."""
     return _KINDS[kind].aircraft
 
 

@@ -9,8 +9,9 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.copter import Copter
 from mavproxy_handover.core.common.model import FlightAction
+from mavproxy_handover.vehicle.profiles.copter import CopterProcedures
+from mavproxy_handover.vehicle.state import VehicleState
 from mavproxy_handover.wire.conversation import Ask, Asking, Conversation, NoAnswer
 from tests.module.vehicle import GUIDED, LAND, RTL, Autopilot
 
@@ -41,29 +42,31 @@ def autopilot() -> Autopilot:
 
 
 @pytest.fixture
-def copter() -> Copter:
-    return Copter(1, lambda: "PreArm: why")
+def copter() -> CopterProcedures:
+    return CopterProcedures(1, lambda: "PreArm: why", VehicleState())
 
 
 # ---- the way home -------------------------------------------------------------------------------------------------
 
 
-def test_the_way_home_is_rtl_seen_in_a_heartbeat(autopilot: Autopilot, copter: Copter) -> None:
+def test_the_way_home_is_rtl_seen_in_a_heartbeat(autopilot: Autopilot, copter: CopterProcedures) -> None:
     autopilot.mode = GUIDED
     made = talk(copter.bring_home(FlightAction.RETURN), autopilot)
     assert (made.result, made.failure, autopilot.mode) == ("RTL", None, RTL)
 
 
 def test_what_is_no_arducopter_is_told_no_mode_but_to_return(autopilot: Autopilot) -> None:
-    """Mode 6 is FBWB for a plane, and CIRCLE for a rover."""
-    copter = Copter(1, str, lambda: "ardupilotmega fixed wing")
+    """Mode 6 is FBWB for a plane, and FOLLOW for a rover."""
+    aircraft = VehicleState()
+    aircraft.take(mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_GROUND_ROVER, 3, 0, 0, 4, 3), 1.0)
+    copter = CopterProcedures(1, str, aircraft)
     made = talk(copter.bring_home(FlightAction.LAND), autopilot)
     assert made.result == "return to launch"
     assert [m.command for m in autopilot.got("COMMAND_LONG")] == [mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH]
 
 
 @pytest.mark.parametrize("how", ["refused", "not answered", "not done"])
-def test_where_rtl_cannot_be_had_it_lands(autopilot: Autopilot, copter: Copter, how: str) -> None:
+def test_where_rtl_cannot_be_had_it_lands(autopilot: Autopilot, copter: CopterProcedures, how: str) -> None:
     original = autopilot._command
 
     def only_land(m: Any) -> None:
@@ -82,13 +85,13 @@ def test_where_rtl_cannot_be_had_it_lands(autopilot: Autopilot, copter: Copter, 
     assert (made.result, made.failure, autopilot.mode) == ("LAND", None, LAND)
 
 
-def test_an_order_to_land_does_not_fly_home_first(autopilot: Autopilot, copter: Copter) -> None:
+def test_an_order_to_land_does_not_fly_home_first(autopilot: Autopilot, copter: CopterProcedures) -> None:
     made = talk(copter.bring_home(FlightAction.LAND), autopilot)
     assert made.result == "LAND"
     assert [m.param2 for m in autopilot.got("COMMAND_LONG")] == [float(LAND)]
 
 
-def test_an_autopilot_that_does_neither_is_told(autopilot: Autopilot, copter: Copter) -> None:
+def test_an_autopilot_that_does_neither_is_told(autopilot: Autopilot, copter: CopterProcedures) -> None:
     autopilot.script[MODE] = DENIED
     made = talk(copter.bring_home(FlightAction.RETURN), autopilot)
     assert made.failure == ("the autopilot does not obey: mode LAND refused (MAV_RESULT_DENIED): PreArm: why")
@@ -97,7 +100,7 @@ def test_an_autopilot_that_does_neither_is_told(autopilot: Autopilot, copter: Co
 # ---- commands -----------------------------------------------------------------------------------------------------
 
 
-def test_a_command_in_progress_is_waited_for(copter: Copter) -> None:
+def test_a_command_in_progress_is_waited_for(copter: CopterProcedures) -> None:
     conversation = copter.start()
     ask = next(conversation)
     in_progress = mavlink.MAVLink_command_ack_message(MODE, IN_PROGRESS, 0, 0, 1, 191)
@@ -106,14 +109,16 @@ def test_a_command_in_progress_is_waited_for(copter: Copter) -> None:
     assert ask.answer(mavlink.MAVLink_command_ack_message(MODE, 0, 0, 0, 1, 191)) == 0
 
 
-def test_a_result_that_mavlink_has_no_name_for_is_shown_as_its_number(autopilot: Autopilot, copter: Copter) -> None:
+def test_a_result_that_mavlink_has_no_name_for_is_shown_as_its_number(
+    autopilot: Autopilot, copter: CopterProcedures
+) -> None:
     autopilot.script[MODE] = 77
     assert talk(copter.start(), autopilot).failure == "mode GUIDED refused (77): PreArm: why"
 
 
 def test_a_refusal_without_a_reason_ends_with_the_result(autopilot: Autopilot) -> None:
     autopilot.script[ARM] = DENIED
-    made = talk(Copter(1, lambda: "").start(), autopilot)
+    made = talk(CopterProcedures(1, lambda: "", VehicleState()).start(), autopilot)
     assert made.failure == "arming refused (MAV_RESULT_DENIED)"
 
 

@@ -12,12 +12,12 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as stock
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.copter import Copter
-from mavproxy_handover.autopilot.mission_protocol import AutopilotError, fence_items, fence_parts
-from mavproxy_handover.autopilot.procedures import Loaded, Plan
+from mavproxy_handover.autopilot.mission_protocol import fence_items, fence_parts
+from mavproxy_handover.autopilot.procedures import Loaded, Plan, Procedures
 from mavproxy_handover.mission.items import MissionItem, RallyPoint
 from mavproxy_handover.mission.plan import FenceCircle, FencePolygon
-from mavproxy_handover.wire.conversation import NoAnswer
+from mavproxy_handover.vehicle.state import VehicleState
+from mavproxy_handover.wire.conversation import AutopilotError, NoAnswer
 from tests.autopilot.test_copter import talk
 from tests.module.vehicle import Autopilot
 
@@ -41,14 +41,14 @@ def autopilot() -> Autopilot:
 
 
 @pytest.fixture
-def copter() -> Copter:
-    return Copter(1, lambda: "PreArm: why")
+def copter() -> Procedures:
+    return Procedures(1, VehicleState())
 
 
 # ---- mission and rally points -------------------------------------------------------------------------------------
 
 
-def test_a_plan_is_written_and_read_back(autopilot: Autopilot, copter: Copter) -> None:
+def test_a_plan_is_written_and_read_back(autopilot: Autopilot, copter: Procedures) -> None:
     made = talk(copter.load(Plan((HOME, TAKEOFF, WAYPOINT), (RALLY,), (PYLON,), 10.0)), autopilot)
     assert (made.finished, made.failure) == (True, None)
     sent = [m.get_type() for m in autopilot.received]
@@ -67,7 +67,7 @@ def test_a_plan_is_written_and_read_back(autopilot: Autopilot, copter: Copter) -
     assert (waypoint.x, waypoint.y, waypoint.z, waypoint.autocontinue) == (526795000, 59250000, 40.0, 1)
 
 
-def test_without_rally_points_those_of_the_last_flight_are_cleared(autopilot: Autopilot, copter: Copter) -> None:
+def test_without_rally_points_those_of_the_last_flight_are_cleared(autopilot: Autopilot, copter: Procedures) -> None:
     autopilot.items[2] = [object()]
     made = talk(copter.load(SHORT), autopilot)
     assert made.failure is None
@@ -76,7 +76,7 @@ def test_without_rally_points_those_of_the_last_flight_are_cleared(autopilot: Au
     assert clear.mission_type == mavlink.MAV_MISSION_TYPE_RALLY
 
 
-def test_home_is_the_autopilots_own_business(autopilot: Autopilot, copter: Copter) -> None:
+def test_home_is_the_autopilots_own_business(autopilot: Autopilot, copter: Procedures) -> None:
     def spoil(item: Any) -> Any:
         if item.seq == 0 and item.mission_type == 0:
             item.x, item.z = 1, 584.0
@@ -86,20 +86,22 @@ def test_home_is_the_autopilots_own_business(autopilot: Autopilot, copter: Copte
     assert talk(copter.load(SHORT), autopilot).failure is None
 
 
-def test_an_autopilot_that_holds_another_number_of_items_is_not_believed(autopilot: Autopilot, copter: Copter) -> None:
+def test_an_autopilot_that_holds_another_number_of_items_is_not_believed(
+    autopilot: Autopilot, copter: Procedures
+) -> None:
     autopilot.count_error = 1
     made = talk(copter.load(SHORT), autopilot)
     assert made.failure == "the autopilot holds 3 mission items of 2 written"
 
 
-def test_an_autopilot_that_asks_for_an_item_that_is_not_there_ends_the_upload(copter: Copter) -> None:
+def test_an_autopilot_that_asks_for_an_item_that_is_not_there_ends_the_upload(copter: Procedures) -> None:
     conversation = copter.load(SHORT)
     next(conversation)
     with pytest.raises(NoAnswer, match="the autopilot asks for mission item 2 of 2"):
         conversation.send(mavlink.MAVLink_mission_request_int_message(1, 191, 2, 0))
 
 
-def test_rally_altitudes_may_come_back_in_whole_metres(autopilot: Autopilot, copter: Copter) -> None:
+def test_rally_altitudes_may_come_back_in_whole_metres(autopilot: Autopilot, copter: Procedures) -> None:
     def spoil(item: Any) -> Any:
         item.z = float(int(item.z))
         return item
@@ -108,14 +110,14 @@ def test_rally_altitudes_may_come_back_in_whole_metres(autopilot: Autopilot, cop
     assert talk(copter.load(replace(SHORT, rally=(RallyPoint(52.679, 5.923, 30.9),))), autopilot).failure is None
 
 
-def test_a_rally_altitude_that_is_another_is_told(autopilot: Autopilot, copter: Copter) -> None:
+def test_a_rally_altitude_that_is_another_is_told(autopilot: Autopilot, copter: Procedures) -> None:
     autopilot.spoil = lambda item: setattr(item, "z", 55.0) or item if item.mission_type == 2 else item
     made = talk(copter.load(replace(SHORT, rally=(RALLY,))), autopilot)
     assert made.failure == "rally point 0: altitude 30 m came back as 55 m"
 
 
 def test_rally_points_that_the_autopilot_refuses_are_told_apart_from_the_mission(
-    autopilot: Autopilot, copter: Copter
+    autopilot: Autopilot, copter: Procedures
 ) -> None:
     conversation = copter.load(Plan((HOME,), (RALLY,)))
     next(conversation)
@@ -124,7 +126,7 @@ def test_rally_points_that_the_autopilot_refuses_are_told_apart_from_the_mission
         conversation.send(mavlink.MAVLink_mission_ack_message(1, 191, mavlink.MAV_MISSION_NO_SPACE, 2))
 
 
-def test_items_in_the_other_form_of_the_mission_protocol_are_asked_for_and_sent(copter: Copter) -> None:
+def test_items_in_the_other_form_of_the_mission_protocol_are_asked_for_and_sent(copter: Procedures) -> None:
     """Older autopilots ask with MISSION_REQUEST; the answer is the same."""
     conversation = copter.load(SHORT)
     next(conversation)
@@ -173,7 +175,7 @@ def test_a_circle_without_a_radius_is_no_fence(radius_m: float) -> None:
         fence_parts([replace(fence_items((PYLON,))[0], param1=radius_m)])
 
 
-def test_the_fence_of_a_plan_takes_the_place_of_another_one(autopilot: Autopilot, copter: Copter) -> None:
+def test_the_fence_of_a_plan_takes_the_place_of_another_one(autopilot: Autopilot, copter: Procedures) -> None:
     autopilot.items[FENCE] = [object()]
     made = talk(copter.load(replace(SHORT, fence=(FIELD, PYLON), cruise_mps=10.0)), autopilot)
     assert (made.failure, made.result) == (None, Loaded((FIELD, PYLON), 10.0))
@@ -186,7 +188,9 @@ def test_the_fence_of_a_plan_takes_the_place_of_another_one(autopilot: Autopilot
     ]
 
 
-def test_a_plan_without_a_fence_leaves_the_vehicle_s_own_and_tells_of_it(autopilot: Autopilot, copter: Copter) -> None:
+def test_a_plan_without_a_fence_leaves_the_vehicle_s_own_and_tells_of_it(
+    autopilot: Autopilot, copter: Procedures
+) -> None:
     assert talk(copter.load(replace(SHORT, fence=(FIELD,))), autopilot).failure is None
     autopilot.received.clear()
     made = talk(copter.load(SHORT), autopilot)
@@ -195,7 +199,9 @@ def test_a_plan_without_a_fence_leaves_the_vehicle_s_own_and_tells_of_it(autopil
     assert [m for m in autopilot.got("MISSION_COUNT") if m.mission_type == FENCE] == []
 
 
-def test_an_autopilot_that_knows_no_geofences_takes_a_plan_without_one(autopilot: Autopilot, copter: Copter) -> None:
+def test_an_autopilot_that_knows_no_geofences_takes_a_plan_without_one(
+    autopilot: Autopilot, copter: Procedures
+) -> None:
     original = autopilot._take
 
     def take(m: Any) -> None:
@@ -222,7 +228,7 @@ def test_an_autopilot_that_knows_no_geofences_takes_a_plan_without_one(autopilot
     ],
 )
 def test_a_fence_that_comes_back_as_another_is_not_loaded(
-    autopilot: Autopilot, copter: Copter, field: str, value: float, text: str
+    autopilot: Autopilot, copter: Procedures, field: str, value: float, text: str
 ) -> None:
     autopilot.spoil = lambda item: setattr(item, field, value) or item if item.mission_type == FENCE else item
     assert talk(copter.load(replace(SHORT, fence=(PYLON,))), autopilot).failure == text
@@ -237,7 +243,7 @@ def test_a_fence_that_comes_back_as_another_is_not_loaded(
     ids=["up to 4.6, in cm/s", "from 4.7, in m/s"],
 )
 def test_the_cruise_speed_becomes_the_autopilot_s_own(
-    autopilot: Autopilot, copter: Copter, names: tuple[str, str], before: float, after: float
+    autopilot: Autopilot, copter: Procedures, names: tuple[str, str], before: float, after: float
 ) -> None:
     """And so does the speed of a return, which was 0."""
     autopilot.parameters = {names[0]: before, names[1]: 0.0}
@@ -246,13 +252,13 @@ def test_the_cruise_speed_becomes_the_autopilot_s_own(
     assert autopilot.parameters == dict.fromkeys(names, after)
 
 
-def test_a_speed_that_the_autopilot_has_already_is_not_written(autopilot: Autopilot, copter: Copter) -> None:
+def test_a_speed_that_the_autopilot_has_already_is_not_written(autopilot: Autopilot, copter: Procedures) -> None:
     autopilot.parameters = {"WPNAV_SPEED": 1000.0, "RTL_SPEED": 1000.0}
     assert talk(copter.load(replace(SHORT, cruise_mps=10.0)), autopilot).failure is None
     assert autopilot.got("PARAM_SET") == []
 
 
-def test_a_plan_that_names_no_speed_is_flown_at_the_vehicle_s_own(autopilot: Autopilot, copter: Copter) -> None:
+def test_a_plan_that_names_no_speed_is_flown_at_the_vehicle_s_own(autopilot: Autopilot, copter: Procedures) -> None:
     autopilot.parameters = {"WPNAV_SPEED": 500.0}
     made = talk(copter.load(SHORT), autopilot)
     assert (made.failure, made.result.cruise_mps) == (None, 5.0)
@@ -260,14 +266,14 @@ def test_a_plan_that_names_no_speed_is_flown_at_the_vehicle_s_own(autopilot: Aut
 
 
 def test_a_speed_that_the_autopilot_does_not_take_is_a_plan_that_is_not_loaded(
-    autopilot: Autopilot, copter: Copter
+    autopilot: Autopilot, copter: Procedures
 ) -> None:
     autopilot.fixed.add("WPNAV_SPEED")
     made = talk(copter.load(replace(SHORT, cruise_mps=6.5)), autopilot)
     assert made.failure == "the autopilot does not take WPNAV_SPEED 650, the mission's cruise speed"
 
 
-def test_nor_is_one_whose_speed_of_a_return_it_does_not_take(autopilot: Autopilot, copter: Copter) -> None:
+def test_nor_is_one_whose_speed_of_a_return_it_does_not_take(autopilot: Autopilot, copter: Procedures) -> None:
     autopilot.fixed.add("RTL_SPEED")
     made = talk(copter.load(replace(SHORT, cruise_mps=6.5)), autopilot)
     assert made.failure == "the autopilot does not take RTL_SPEED 650, the speed of a return"
@@ -275,7 +281,7 @@ def test_nor_is_one_whose_speed_of_a_return_it_does_not_take(autopilot: Autopilo
 
 @pytest.mark.parametrize("parameters", [{}, {"WPNAV_SPEED": math.nan}, {"WPNAV_SPEED": 0.0}, {"WP_SPD": math.inf}])
 def test_an_autopilot_without_a_speed_takes_no_plan(
-    autopilot: Autopilot, copter: Copter, parameters: dict[str, float]
+    autopilot: Autopilot, copter: Procedures, parameters: dict[str, float]
 ) -> None:
     autopilot.parameters = parameters
     made = talk(copter.load(SHORT), autopilot)

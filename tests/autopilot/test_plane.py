@@ -10,9 +10,8 @@ import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.cruise import held_cruise, write_cruise
-from mavproxy_handover.autopilot.plane import Plane
 from mavproxy_handover.core.common.model import FlightAction, ModeClass
-from mavproxy_handover.vehicle.kinds import PLANE
+from mavproxy_handover.vehicle.profiles import PLANE, QUADPLANE
 from mavproxy_handover.vehicle.state import VehicleState
 from mavproxy_handover.wire.conversation import Asking, Conversation, NoAnswer
 from tests.autopilot.test_copter import talk
@@ -33,7 +32,7 @@ class Cockpit:
         self.autopilot = PlaneAutopilot(rotors)
         self.autopilot.guard_state = None
         self.aircraft = VehicleState()
-        self.plane = Plane(1, lambda: "PreArm: why", self.aircraft)
+        self.plane = (QUADPLANE if rotors else PLANE).procedures(1, lambda: "PreArm: why", self.aircraft)
         step = self.autopilot.step
 
         def told(written: list[bytes], now: float) -> list[Any]:
@@ -103,9 +102,9 @@ def test_refused_arming_leaves_nothing_behind_that_takes_off(cockpit: Cockpit, b
 def test_the_reason_counts_that_the_autopilot_says_behind_its_answer(cockpit: Cockpit) -> None:
     """The fault: "arming refused: Mission: 1 VTOLTakeoff", which it says of the mode; why came a moment later."""
     said = ["Mission: 1 VTOLTakeoff"]
-    cockpit.plane = Plane(1, lambda: said[-1], cockpit.aircraft)
+    plane = PLANE.procedures(1, lambda: said[-1], cockpit.aircraft)
     cockpit.autopilot.script[ARM] = DENIED
-    asking = cockpit.plane.start()
+    asking = plane.start()
 
     def told() -> Asking:
         answer: Any = None

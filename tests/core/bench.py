@@ -34,6 +34,7 @@ from mavproxy_handover.core.common.events import (
     Tick,
     ViewChanged,
 )
+from mavproxy_handover.core.common.handling import STANDS_STILL
 from mavproxy_handover.core.common.limits import Limits
 from mavproxy_handover.core.common.messages import (
     Connect,
@@ -52,7 +53,6 @@ from mavproxy_handover.core.common.model import (
     Consent,
     GapFact,
     GuardState,
-    Kind,
     Outcome,
     Phase,
     Reason,
@@ -166,8 +166,8 @@ class Bench:
         self.guard: GuardSeen | None = GuardSeen(GuardState.LIVE, ours=True)
         #: the gap that the mission declares where the aircraft is
         self.gap: GapFact | None = None
-        #: what kind of aircraft it is, and the room that it needs to circle: ahead (s), and on both sides (m)
-        self.kind, self.circles_s, self.circle_m = Kind.COPTER, 0.0, 0.0
+        #: how it carries out an order, and the room that it needs to circle: ahead (s), and on both sides (m)
+        self.handling, self.circles_s, self.circle_m = STANDS_STILL, 0.0, 0.0
         self.facts: tuple[ZoneFact, ...] | None = (inside(A), outside(B), outside(C), outside(D))
         #: everything the arbiter asked for, with its time
         self.log: list[tuple[float, Action]] = []
@@ -249,7 +249,8 @@ class Bench:
 
     @property
     def _state(self) -> AutopilotState:
-        return AutopilotState(self.armed, self.flying, kind=self.kind, circles_s=self.circles_s, circle_m=self.circle_m)
+        room = self.circles_s, self.circle_m
+        return AutopilotState(self.armed, self.flying, "", self.handling, *room)
 
     def run(self, duration_s: float) -> list[tuple[float, Action]]:
         """Let time pass; returns what the arbiter asked for meanwhile."""

@@ -22,9 +22,9 @@ from mavproxy_handover.gate.latent import News
 from mavproxy_handover.gate.observers import ObserverLimits
 from mavproxy_handover.gate.passed import PassedFrames
 from mavproxy_handover.gate.policy.access import Access
-from mavproxy_handover.gate.policy.modes import COPTER, Modes
 from mavproxy_handover.gate.replies import GateReports
 from mavproxy_handover.gate.tongues import Tongues
+from mavproxy_handover.vehicle.profiles import COPTER, Modes
 from mavproxy_handover.wire.frames import Frame
 from tests.gate.ledger import GCSA, GCSB, GCSC, VEHICLE, A, B, C
 
@@ -96,7 +96,7 @@ class Door:
             lambda station, text, _now: self.said.append((station, text)),
         )
         #: what the companion says to the questions of the gate
-        self.modes: Modes = COPTER
+        self.modes: Modes = COPTER.gate
         self.target_passes: Callable[[Aim, int, float], bool] = lambda _aim, _station, _now: True
         self.takes_over: Callable[[Frame], bool] = lambda _frame: False
         self.served_file: Callable[[int, Frame], Access | None] = lambda _station, _frame: None

@@ -15,7 +15,7 @@ from mavproxy_handover.core.common.model import AuthorityView, LeaseState, Phase
 from mavproxy_handover.gate.flush import FlushTracker
 from mavproxy_handover.gate.gate import UNNOTED
 from mavproxy_handover.gate.judge import Fate, GateReason
-from mavproxy_handover.gate.policy.modes import COPTER, PLANE, Modes
+from mavproxy_handover.vehicle.profiles import COPTER, PLANE, Modes
 from mavproxy_handover.wire.frames import Frame, parse_one
 from mavproxy_handover.wire.ids import GUARD_STATUS_TUNNEL
 from tests.gate.door import Door
@@ -433,7 +433,7 @@ def test_no_frame_comes_out_of_the_door_changed(door: Door) -> None:
         ("SET_POSITION_TARGET_GLOBAL_INT", {"type_mask": 0b110111000111, "coordinate_frame": 6, "alt": 120.0}),
     ],
 )
-@pytest.mark.parametrize(("modes", "sent"), [(COPTER, 1), (PLANE, 0)])
+@pytest.mark.parametrize(("modes", "sent"), [(COPTER.gate, 1), (PLANE.gate, 0)])
 def test_wings_are_sent_no_zero_velocity_by_a_handover(
     door: Door, make: Make, stream: str, fields: dict[str, Any], modes: Modes, sent: int
 ) -> None:
@@ -450,7 +450,7 @@ def test_wings_are_sent_no_zero_velocity_by_a_handover(
 
 
 def test_wings_get_back_their_sticks_by_a_handover(door: Door, make: Make) -> None:
-    door.modes = PLANE
+    door.modes = PLANE.gate
     door.change(replace(OF_A, armed=True))
     door.up(A, make("RC_CHANNELS_OVERRIDE", chan1_raw=1500))
     closed = door.change(replace(OF_B, armed=True))

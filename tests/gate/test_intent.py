@@ -16,7 +16,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.safety.commands import Kind
 from mavproxy_handover.gate.intent import INTENT_MESSAGES, TARGET_MESSAGES, Aim, aim_of, intent_of, repeats, wish_of
-from mavproxy_handover.gate.policy.modes import COPTER, PLANE
+from mavproxy_handover.vehicle.profiles import COPTER, PLANE
 from mavproxy_handover.wire.frames import Frame
 
 Make = Callable[..., Frame]
@@ -124,16 +124,16 @@ OF_WINGS: list[tuple[str, dict[str, Any], str, Aim]] = [
 
 @pytest.mark.parametrize(("name", "fields", "word", "aim"), OF_WINGS)
 def test_what_a_frame_wants_of_wings(make: Make, name: str, fields: dict[str, Any], word: str, aim: Aim) -> None:
-    intent = intent_of(make(name, **fields), PLANE)
+    intent = intent_of(make(name, **fields), PLANE.gate)
     assert intent is not None
     assert (intent.kind, intent.word, intent.aim) == (FLY_TO, word, aim)
     if word == "altitude":
-        assert intent_of(make(name, **fields), COPTER) is None
+        assert intent_of(make(name, **fields), COPTER.gate) is None
 
 
 @pytest.mark.parametrize("name", ["COMMAND_LONG", "COMMAND_INT"])
 def test_a_heading_leads_to_no_place_and_is_judged_no_more_than_a_velocity(make: Make, name: str) -> None:
-    assert intent_of(make(name, command=43002, param2=90.0), PLANE) is None
+    assert intent_of(make(name, command=43002, param2=90.0), PLANE.gate) is None
 
 
 def test_a_repetition_is_told_by_its_counter_and_is_the_same_wish(make: Make) -> None:
@@ -168,17 +168,17 @@ def test_what_leads_where_nothing_can_tell(make: Make, name: str, fields: dict[s
 
 
 def test_a_plane_has_no_mode_follow(make: Make) -> None:
-    assert intent_of(make("SET_MODE", base_mode=1, custom_mode=23), PLANE) is None
-    assert intent_of(make("COMMAND_LONG", command=176, param1=1.0, param2=23.0), PLANE) is None
+    assert intent_of(make("SET_MODE", base_mode=1, custom_mode=23), PLANE.gate) is None
+    assert intent_of(make("COMMAND_LONG", command=176, param1=1.0, param2=23.0), PLANE.gate) is None
 
 
 def test_of_wings_the_item_that_is_a_height_alone_is_judged(make: Make) -> None:
     """The fault: ArduPlane takes the height of MISSION_ITEM with current 3, and nothing looked at it."""
     frame = make("MISSION_ITEM_INT", current=3, frame=6, x=525000000, y=62500000, z=600.0)
-    intent = intent_of(frame, PLANE)
+    intent = intent_of(frame, PLANE.gate)
     assert intent is not None
     assert (intent.kind, intent.word, intent.aim) == (FLY_TO, "altitude", Aim(6, 0.0, 0.0, 600.0, here=True))
-    assert intent_of(frame, COPTER) is None
+    assert intent_of(frame, COPTER.gate) is None
 
 
 PLACE = {"command": 192, "param1": -1.0, "param2": 1.0, "param4": math.nan}
@@ -270,9 +270,9 @@ def test_of_a_stream_wings_take_the_height_alone(make: Make, mask: int) -> None:
     """Up to ArduPlane 4.6 it flies to the height though the mask leaves that out, in nearly every mask."""
     fields = {"type_mask": mask, "coordinate_frame": 6, "lat_int": 525000000, "alt": 300.0}
     frame = make("SET_POSITION_TARGET_GLOBAL_INT", **fields)
-    assert aim_of(frame, PLANE) == Aim(6, 0.0, 0.0, 300.0, here=True)
+    assert aim_of(frame, PLANE.gate) == Aim(6, 0.0, 0.0, 300.0, here=True)
     assert aim_of(frame) is None
-    assert aim_of(make("SET_POSITION_TARGET_LOCAL_NED", type_mask=mask, z=-300.0), PLANE) is None
+    assert aim_of(make("SET_POSITION_TARGET_LOCAL_NED", type_mask=mask, z=-300.0), PLANE.gate) is None
 
 
 @pytest.mark.parametrize(
@@ -299,8 +299,8 @@ def test_whatever_a_frame_holds_nothing_raises(msgid: int, contents: bytes, comm
     frame = Frame(b"", 2, msgid, 251, 190, 0, False, bytes(payload), True)
     if msgid in TARGET_MESSAGES:
         aim_of(frame)
-        aim_of(frame, PLANE)
+        aim_of(frame, PLANE.gate)
     else:
         intent_of(frame)
-        intent_of(frame, PLANE)
+        intent_of(frame, PLANE.gate)
         wish_of(frame)

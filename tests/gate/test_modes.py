@@ -10,9 +10,9 @@ import pytest
 
 from mavproxy_handover.core.common.model import AuthorityView, LeaseState, Phase
 from mavproxy_handover.gate.judge import Fate, judge
-from mavproxy_handover.gate.policy.modes import COPTER, PLANE, UNKNOWN, Modes
 from mavproxy_handover.gate.policy.parameters import parameter_rule
 from mavproxy_handover.gate.policy.tables import Access
+from mavproxy_handover.vehicle.profiles import COPTER, PLANE, UNKNOWN_MODES, Modes
 from mavproxy_handover.wire.frames import Frame
 from tests.gate.ledger import GCSA, VEHICLE, A
 
@@ -41,7 +41,7 @@ def looked_at(make: Make, view: AuthorityView, modes: Modes) -> tuple[set[int], 
 
 @pytest.mark.parametrize(
     ("modes", "in_flight", "on_ground"),
-    [(COPTER, {3, 23}, {28}), (PLANE, {10}, {10, 13}), (UNKNOWN, {3, 23}, {28})],
+    [(COPTER.gate, {3, 23}, {28}), (PLANE.gate, {10}, {10, 13}), (UNKNOWN_MODES, {3, 23}, {28})],
     ids=["copter", "plane", "unknown"],
 )
 def test_of_every_mode_the_companion_looks_at_those_that_fly_on_follow_or_take_off(
@@ -53,7 +53,7 @@ def test_of_every_mode_the_companion_looks_at_those_that_fly_on_follow_or_take_o
 
 @pytest.mark.parametrize(
     ("modes", "switches"),
-    [(COPTER, {41, 151, 153, 154, 165}), (PLANE, {16, 41, 77, 151, 153, 154, 165})],
+    [(COPTER.gate, {41, 151, 153, 154, 165}), (PLANE.gate, {16, 41, 77, 151, 153, 154, 165})],
     ids=["copter", "plane"],
 )
 def test_of_every_switch_it_looks_at_those_that_arm_or_take_off(make: Make, modes: Modes, switches: set[int]) -> None:

@@ -14,8 +14,8 @@ import pytest
 from mavproxy_handover.core.common.model import AuthorityView, LeaseState, Phase
 from mavproxy_handover.gate.intent import Aim
 from mavproxy_handover.gate.judge import Fate, GateReason
-from mavproxy_handover.gate.policy.modes import PLANE
 from mavproxy_handover.gate.targets import HOLDS_S
+from mavproxy_handover.vehicle.profiles import PLANE
 from mavproxy_handover.wire.frames import Frame
 from tests.gate.door import Door
 from tests.gate.ledger import GCSA, GCSB, A, B
@@ -73,7 +73,7 @@ def test_of_wings_a_height_without_a_place_is_judged_too(make: Make) -> None:
     frame = target(make, 520_000_000, mask=ONLY_PLACE | 0b011)
     watched.door.up(A, frame)
     assert watched.asked == []
-    watched.door.modes = PLANE
+    watched.door.modes = PLANE.gate
     watched.door.up(A, frame)
     assert watched.asked == [(Aim(6, 0.0, 0.0, 40.0, here=True), GCSA)]
 
@@ -82,14 +82,14 @@ def test_of_wings_a_height_without_a_place_is_judged_too(make: Make) -> None:
 def test_of_wings_the_height_is_judged_though_the_mask_leaves_it_out(make: Make, mask: int) -> None:
     """The fault: ArduPlane up to 4.6 flies to the height of nearly every such frame, whatever its mask leaves out."""
     watched = Watched(step_s=0.2)
-    watched.door.modes = PLANE
+    watched.door.modes = PLANE.gate
     watched.door.up(A, target(make, 520_000_000, mask=mask))
     assert watched.asked == [(Aim(6, 0.0, 0.0, 40.0, here=True), GCSA)]
 
 
 def test_of_wings_a_height_that_is_left_out_and_no_number_is_dropped(make: Make) -> None:
     watched = Watched(step_s=0.2)
-    watched.door.modes = PLANE
+    watched.door.modes = PLANE.gate
     frame = make(GLOBAL, type_mask=ONLY_VELOCITY, coordinate_frame=6, alt=math.nan)
     assert watched.door.up(A, frame).verdict.fate is Fate.DROP
 
@@ -173,7 +173,7 @@ IGNORES_ALL = 0b110111111111
 def test_of_wings_an_offset_of_the_height_has_no_bound_whatever_is_masked(make: Make, mask: int) -> None:
     """The fault: ArduPlane adds the z of each such frame to its height, and does not look at the mask."""
     watched = Watched(step_s=0.2)
-    watched.door.modes = PLANE
+    watched.door.modes = PLANE.gate
     watched.door.up(A, make(LOCAL, type_mask=mask, coordinate_frame=7, z=-3.0))
     assert watched.asked == [(Aim(3, 0.0, 0.0, 100_000.0, here=True), GCSA)]
     watched.door.up(A, make(LOCAL, type_mask=mask, coordinate_frame=7, z=0.0))
@@ -184,7 +184,7 @@ def test_of_wings_an_offset_of_the_height_has_no_bound_whatever_is_masked(make: 
 def test_of_wings_no_offset_of_the_height_is_near_another(make: Make) -> None:
     """0 m leads nowhere and passes; 2.9 m right after it would climb 145 m in a second of such frames."""
     watched = Watched(step_s=0.2)
-    watched.door.modes = PLANE
+    watched.door.modes = PLANE.gate
     watched.door.up(A, make(LOCAL, type_mask=ONLY_PLACE, coordinate_frame=7, z=0.0))
     assert watched.asked == []
     watched.door.up(A, make(LOCAL, type_mask=ONLY_PLACE, coordinate_frame=7, z=-2.9))

@@ -14,10 +14,10 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.common.model import AuthorityView, LeaseState, Phase
 from mavproxy_handover.gate.judge import Fate, GateReason, judge
-from mavproxy_handover.gate.policy.modes import PLANE, UNKNOWN
 from mavproxy_handover.gate.policy.tables import COMMAND_RULES, MESSAGE_RULES
 from mavproxy_handover.gate.tongues import Tongue
 from mavproxy_handover.gate.words import COMMANDS, MESSAGES, SWITCHES, called, sentence, subject_of
+from mavproxy_handover.vehicle.profiles import PLANE, UNKNOWN_MODES
 from mavproxy_handover.wire.frames import Frame
 from tests.gate.door import Door
 from tests.gate.frames import ftp_request
@@ -212,13 +212,13 @@ def test_a_flood_is_told_of_once_and_makes_no_words(make: Make, monkeypatch: pyt
 
 
 def test_another_vehicles_modes_have_no_copters_names(door: Door, make: Make) -> None:
-    door.modes = UNKNOWN
+    door.modes = UNKNOWN_MODES
     door.up(B, make("SET_MODE", sysid=GCSB, custom_mode=6))
     assert door.said == [(GCSB, "mode refused: GCSA commands")]
 
 
 def test_a_planes_modes_have_their_own_names(door: Door, make: Make) -> None:
-    door.modes = PLANE
+    door.modes = PLANE.gate
     for number in (11, 21, 26):
         door.up(B, make("SET_MODE", sysid=GCSB, custom_mode=number))
     names = ("RTL", "QRTL", "AUTOLAND")
@@ -255,6 +255,6 @@ def test_every_refusal_of_the_dialect_has_words_without_numbers(make: Make) -> N
 def test_a_subject_says_what_it_is_called() -> None:
     assert called("arm") == "arm"
     assert called(6) == "mode RTL"
-    assert called(6, modes=UNKNOWN) == "mode"
-    assert called(6, modes=PLANE) == "mode FLY_BY_WIRE_B"
+    assert called(6, modes=UNKNOWN_MODES) == "mode"
+    assert called(6, modes=PLANE.gate) == "mode FLY_BY_WIRE_B"
     assert called(b"RTL_ALT\0\0\0\0\0\0\0\0\0") == "parameter RTL_ALT"

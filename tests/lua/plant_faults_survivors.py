@@ -23,10 +23,10 @@ KNOWN_SURVIVORS: dict[str, str] = {
     "elapsed: edge: if d < 0 or d > 0x7FFFFFFF then (number 2)": _FIRST,
     "elapsed: one more: return 0": _MILLISECOND,
     "elapsed: one more: if d < 0 or d > 0x7FFFFFFF then": _MILLISECOND,
-    'VEHICLES: one more: rung(6, "RTL", ACTION.RTL, 0) (number 2)': _MILLISECOND,
-    'VEHICLES: one more: [ACTION.SMART_RTL] = {rung(21, "SMART_RTL", ACTION.SMART_RTL, 0), rtl_1, rtl_2, rtl_3, land}, '
+    'VEHICLES: one more: local rtl_3 = {mode=6, name="RTL", action=ACTION.RTL, wait_ms=0} (number 2)': _MILLISECOND,
+    'VEHICLES: one more: local smart = {mode=21, name="SMART_RTL", action=ACTION.SMART_RTL, wait_ms=0} '
     "(number 2)": _MILLISECOND,
-    'VEHICLES: one more: rung(21, "QRTL", ACTION.RTL, 0), qland} (number 2)': _MILLISECOND,
+    'VEHICLES: one more: {mode=21, name="QRTL", action=ACTION.RTL, wait_ms=0}, qland} (number 2)': _MILLISECOND,
     "follow_sequence: one more: local item = mission ~= nil and mission:get_current_nav_index() or 0": _DIFFERS,
     "follow_sequence: edge: if elapsed(now, craft.before) >= MS.SEQUENCE then": _MILLISECOND,
     "authority_missing: edge: return enforcement ~= ENFORCEMENT.CALM or elapsed(now, since.lost) >= config.lost_ms": (

@@ -16,7 +16,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mavproxy_handover.core.common.model import Kind
 from mavproxy_handover.mission import load, read_route
 from mavproxy_handover.mission.check import Severity, check
 from mavproxy_handover.mission.copter_path import MOST_PIECES
@@ -27,6 +26,7 @@ from mavproxy_handover.mission.leg import round_by_round
 from mavproxy_handover.mission.pieces import Line
 from mavproxy_handover.mission.plan import Home, Route
 from mavproxy_handover.mission.route_simulation import curves_lacking, legs_from, legs_of
+from mavproxy_handover.vehicle.profiles import COPTER
 
 DATA = Path(__file__).resolve().parents[1] / "data" / "missions"
 HOME = (52.0, 5.0)
@@ -173,7 +173,7 @@ def written(seq: int, command: int, *numbers: float, then: str = "") -> Route:
         "1\t0\t3\t22\t0\t0\t0\t0\t0\t0\t30\t1\n"
         f"{seq}\t0\t3\t{command}\t{fields}\t1\n{then}"
     )
-    return read_route("route.waypoints", text, Kind.COPTER)
+    return read_route("route.waypoints", text, COPTER)
 
 
 # ---- splines ------------------------------------------------------------------------------------------------------

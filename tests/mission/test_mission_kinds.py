@@ -9,10 +9,10 @@ from dataclasses import replace
 
 import pytest
 
-from mavproxy_handover.core.common.model import Kind
 from mavproxy_handover.mission import MissionError, MissionItem, difference, load, read_route
 from mavproxy_handover.mission.items import COMMANDS
 from mavproxy_handover.mission.plan import with_items
+from mavproxy_handover.vehicle.profiles import COPTER, PLANE, PROFILES, QUADPLANE
 from tests.mission.conftest import PLAN
 
 
@@ -39,12 +39,12 @@ def hovering(small):
 
 def test_a_mission_that_names_no_aircraft_is_for_a_copter(small):
     package = load(small.write())
-    assert (package.kind, package.route.kind) == (Kind.COPTER, Kind.COPTER)
+    assert (package.profile, package.route.profile) == (COPTER, COPTER)
 
 
 def test_a_mission_says_what_kind_of_aircraft_flies_it(small):
     package = load(hovering(small).write())
-    assert (package.kind, package.route.kind) == (Kind.QUADPLANE, Kind.QUADPLANE)
+    assert (package.profile, package.route.profile) == (QUADPLANE, QUADPLANE)
     assert [item.command for item in package.route.items] == [84, 16, 85]
     assert package.route.warnings == ()
     assert package.cruise_speed_mps == 15.0, "the plan's cruise speed, not its hover speed"
@@ -71,10 +71,10 @@ def test_a_kind_that_is_none_is_refused_with_file_key_and_values(small):
 )
 def test_a_copter_has_no_items_of_wings(small, command, name, why):
     small.items[1]["command"] = command
-    assert refusal(small.plan, Kind.COPTER) == f"small.plan: item 2: {name} is not for a copter: {why}"
+    assert refusal(small.plan, COPTER) == f"small.plan: item 2: {name} is not for a copter: {why}"
 
 
-@pytest.mark.parametrize("kind", [Kind.PLANE, Kind.QUADPLANE])
+@pytest.mark.parametrize("kind", [PLANE, QUADPLANE])
 @pytest.mark.parametrize(
     ("command", "name", "why"),
     [
@@ -87,25 +87,25 @@ def test_a_copter_has_no_items_of_wings(small, command, name, why):
 )
 def test_wings_have_no_items_of_a_copter(small, kind, command, name, why):
     small.items[1]["command"] = command
-    assert refusal(small.plan, kind) == f"small.plan: item 2: {name} is not for a {kind.value}: {why}"
+    assert refusal(small.plan, kind) == f"small.plan: item 2: {name} is not for a {kind.name}: {why}"
 
 
 def test_a_plane_does_not_take_off_by_hovering(small):
     small.items[0]["command"] = 84
-    assert refusal(small.plan, Kind.PLANE) == (
+    assert refusal(small.plan, PLANE) == (
         "small.plan: item 1: NAV_VTOL_TAKEOFF is not for a plane: it takes an aircraft that hovers and has wings"
     )
 
 
 def test_the_list_of_what_is_allowed_is_that_of_the_kind(small):
     small.items[1]["command"] = 177
-    assert "84 NAV_VTOL_TAKEOFF" not in refusal(small.plan, Kind.COPTER)
-    assert "84 NAV_VTOL_TAKEOFF" in refusal(small.plan, Kind.QUADPLANE)
-    assert "82 NAV_SPLINE_WAYPOINT" not in refusal(small.plan, Kind.QUADPLANE)
+    assert "84 NAV_VTOL_TAKEOFF" not in refusal(small.plan, COPTER)
+    assert "84 NAV_VTOL_TAKEOFF" in refusal(small.plan, QUADPLANE)
+    assert "82 NAV_SPLINE_WAYPOINT" not in refusal(small.plan, QUADPLANE)
 
 
 def test_an_upload_in_flight_is_read_for_the_same_kind(small):
-    route = read(small.plan, Kind.PLANE)
+    route = read(small.plan, PLANE)
     delay = MissionItem(1, 93, 2, 5.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     with pytest.raises(MissionError, match="the upload: item 1: NAV_DELAY is not for a plane"):
         with_items(route, (delay, delay))
@@ -144,20 +144,20 @@ def test_an_upload_in_flight_is_read_for_the_same_kind(small):
 def test_numbers_that_arduplane_takes_for_something_else_are_refused(small, command, params, words):
     hovering(small).items[1]["command"] = command
     small.items[1]["params"][:3] = params
-    assert refusal(small.plan, Kind.QUADPLANE).startswith(f"small.plan: item 2: {words}")
+    assert refusal(small.plan, QUADPLANE).startswith(f"small.plan: item 2: {words}")
 
 
 def test_a_commander_may_send_an_endless_circle_in_flight(small):
     """It ends by the next command; a mission of which it is a part would not."""
     circle = MissionItem(1, 17, 3, 0.0, 0.0, 80.0, 0.0, 0.0, 10.003, 30.0)
-    assert with_items(read(small.plan, Kind.PLANE), (circle, circle)).items[0].command == 17
+    assert with_items(read(small.plan, PLANE), (circle, circle)).items[0].command == 17
 
 
 def test_hovering_up_to_a_height_above_the_sea_is_refused(small):
     """ArduPlane takes the number for a height above where it stands, whatever the frame."""
     hovering(small).items[0].update(frame=0)
     small.items[0]["params"][6] = 130
-    assert refusal(small.plan, Kind.QUADPLANE) == (
+    assert refusal(small.plan, QUADPLANE) == (
         "small.plan: item 1: take-off to a height above the sea, which ArduPlane adds to where it stands "
         "(allowed: above home)"
     )
@@ -165,20 +165,20 @@ def test_hovering_up_to_a_height_above_the_sea_is_refused(small):
 
 def test_a_plane_takes_off_towards_a_place(small):
     small.items[0]["params"][4:6] = [0, 0]
-    assert refusal(small.plan, Kind.PLANE) == (
+    assert refusal(small.plan, PLANE) == (
         "small.plan: item 1: take-off without a place (allowed: one ahead on the runway, to where it climbs)"
     )
 
 
 def test_a_quadplane_that_ends_in_the_air_is_a_warning(small):
     del hovering(small).items[2]
-    assert read(small.plan, Kind.QUADPLANE).warnings == (
+    assert read(small.plan, QUADPLANE).warnings == (
         "the route ends with NAV_WAYPOINT, not with NAV_VTOL_LAND or NAV_RETURN_TO_LAUNCH",
     )
 
 
 def test_a_plan_for_a_multicopter_is_a_warning(small):
-    assert read(small.plan, Kind.PLANE).warnings == (
+    assert read(small.plan, PLANE).warnings == (
         "the plan was made for a multicopter (vehicleType 2), the mission is for a plane",
     )
 
@@ -203,7 +203,7 @@ def uploaded(plan, kind):
     return str(caught.value)
 
 
-@pytest.mark.parametrize("kind", [Kind.PLANE, Kind.QUADPLANE])
+@pytest.mark.parametrize("kind", [PLANE, QUADPLANE])
 @pytest.mark.parametrize(
     ("commands", "ends"),
     [
@@ -216,7 +216,7 @@ def uploaded(plan, kind):
 )
 def test_a_landing_sequence_that_comes_to_no_landing_is_refused(small, kind, commands, ends):
     """ArduPlane returns behind the end of a mission, and a return goes to the nearest DO_LAND_START again."""
-    landing = "NAV_LAND" if kind is Kind.PLANE else "NAV_VTOL_LAND"
+    landing = "NAV_LAND" if kind is PLANE else "NAV_VTOL_LAND"
     words = (
         f"item 2: DO_LAND_START leads to {ends}, and to no landing before: a return that goes there may never end "
         f"(allowed: {landing} before that)"
@@ -227,28 +227,28 @@ def test_a_landing_sequence_that_comes_to_no_landing_is_refused(small, kind, com
 
 
 def test_an_endless_circle_in_a_landing_sequence_is_refused_in_flight_too(small):
-    assert uploaded(going_down(small, 16, 17, 21), Kind.PLANE) == (
+    assert uploaded(going_down(small, 16, 17, 21), PLANE) == (
         "the upload: item 2: DO_LAND_START leads to item 4, NAV_LOITER_UNLIM, and to no landing before: a return that "
         "goes there may never end (allowed: NAV_LAND before that)"
     )
 
 
 def test_the_second_of_two_landing_sequences_is_judged_too(small):
-    assert refusal(going_down(small, 21, 189, 16), Kind.PLANE).startswith(
+    assert refusal(going_down(small, 21, 189, 16), PLANE).startswith(
         "small.plan: item 4: DO_LAND_START leads to the end of the mission, "
     )
 
 
 def test_landing_sequences_that_land_are_taken(small):
     for commands in ((21,), (16, 189, 16, 21), (16, 21, 189, 16, 21), (16, 21, 20)):
-        assert len(read(going_down(small, *commands), Kind.PLANE).items) == 2 + len(commands)
+        assert len(read(going_down(small, *commands), PLANE).items) == 2 + len(commands)
 
 
 def test_a_copter_is_not_asked_where_its_landing_sequence_leads(small):
-    assert len(read(going_down(small, 16, 20), Kind.COPTER).items) == 4
+    assert len(read(going_down(small, 16, 20), COPTER).items) == 4
 
 
-@pytest.mark.parametrize("kind", [Kind.PLANE, Kind.QUADPLANE])
+@pytest.mark.parametrize("kind", [PLANE, QUADPLANE])
 def test_what_a_landing_that_is_broken_off_would_climb_to_is_refused(small, kind):
     """AP_Landing::restart_landing_sequence goes there instead of to the DO_LAND_START."""
     words = (
@@ -268,7 +268,7 @@ def item(command, *params):
     return MissionItem(4, command, 3, *params, 52.679, 5.924, 30.0, True)
 
 
-@pytest.mark.parametrize("kind", [Kind.PLANE, Kind.QUADPLANE])
+@pytest.mark.parametrize("kind", [PLANE, QUADPLANE])
 def test_of_a_waypoint_arduplane_keeps_how_near_and_how_far_past_it_is_flown(kind):
     sent = item(16, 0.0, 60.7, 40.0, 90.0)
     assert difference(sent, item(16, 0.0, 60.0, 40.0, 0.0), kind) is None
@@ -278,15 +278,15 @@ def test_of_a_waypoint_arduplane_keeps_how_near_and_how_far_past_it_is_flown(kin
 
 def test_parts_of_a_turn_are_kept_in_parts_of_256():
     sent = item(18, 0.3, 0.0, 80.0, 1.0)
-    assert difference(sent, item(18, 76 / 256, 0.0, 80.0, 1.0), Kind.PLANE) is None
-    assert difference(sent, item(18, 0.0, 0.0, 80.0, 1.0), Kind.PLANE) == "item 4: parameter 1 0.296875 came back as 0"
+    assert difference(sent, item(18, 76 / 256, 0.0, 80.0, 1.0), PLANE) is None
+    assert difference(sent, item(18, 0.0, 0.0, 80.0, 1.0), PLANE) == "item 4: parameter 1 0.296875 came back as 0"
 
 
 def test_a_wide_circle_is_kept_in_tens_of_metres_and_its_direction():
     sent = item(18, 3.0, 0.0, -307.0, 0.0)
-    assert difference(sent, item(18, 3.0, 0.0, -300.0, 0.0), Kind.PLANE) is None
-    assert difference(sent, item(18, 3.0, 0.0, 300.0, 0.0), Kind.PLANE) == ("item 4: parameter 3 -300 came back as 300")
-    assert difference(item(18, 3.0, 0.0, 2550.0, 0.0), item(18, 3.0, 0.0, 2550.0, 0.0), Kind.PLANE) is None
+    assert difference(sent, item(18, 3.0, 0.0, -300.0, 0.0), PLANE) is None
+    assert difference(sent, item(18, 3.0, 0.0, 300.0, 0.0), PLANE) == ("item 4: parameter 3 -300 came back as 300")
+    assert difference(item(18, 3.0, 0.0, 2550.0, 0.0), item(18, 3.0, 0.0, 2550.0, 0.0), PLANE) is None
 
 
 @pytest.mark.parametrize("command", [84, 85, 3000, 30, 31, 189])
@@ -296,15 +296,21 @@ def test_the_items_of_wings_come_back_as_they_are_stored(command):
     back = tuple(float(value) for value in kept)
     sent = replace(item(command, 3.0, -60.0, 7.0, 1.0), frame=3)
     assert (
-        difference(sent, replace(sent, param1=back[0], param2=back[1], param3=back[2], param4=back[3]), Kind.PLANE)
-        is None
+        difference(sent, replace(sent, param1=back[0], param2=back[1], param3=back[2], param4=back[3]), PLANE) is None
     )
 
 
-@pytest.mark.parametrize("kind", list(Kind))
+@pytest.mark.parametrize("profile", PROFILES)
 @pytest.mark.parametrize("command", sorted(COMMANDS))
-def test_each_command_compares_equal_to_itself_for_each_kind(command, kind):
-    assert difference(item(command, 1.0, 2.0, 3.0, 4.0), item(command, 1.0, 2.0, 3.0, 4.0), kind) is None
-    assert len(COMMANDS[command].kept_by(kind)) == 4
-    assert set(COMMANDS[command].kept_by(kind)) <= set("fisbytr-")
-    assert (COMMANDS[command].why == "") == (len(COMMANDS[command].kinds) == len(Kind))
+def test_each_command_compares_equal_to_itself_for_each_profile(command, profile):
+    assert difference(item(command, 1.0, 2.0, 3.0, 4.0), item(command, 1.0, 2.0, 3.0, 4.0), profile) is None
+    kept = profile.stores.get(command, COMMANDS[command].kept)
+    assert len(kept) == 4
+    assert set(kept) <= set("fisbytr-")
+
+
+@pytest.mark.parametrize("profile", PROFILES)
+def test_a_profile_names_commands_of_missions_alone(profile):
+    named = {*profile.not_flown, *profile.stores, *(command for command, _number in profile.item_ranges)}
+    assert named <= COMMANDS.keys()
+    assert all(profile.not_flown.values())

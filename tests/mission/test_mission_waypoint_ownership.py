@@ -162,7 +162,7 @@ def test_a_hold_at_the_waypoint_is_over_when_it_is_reached(line):
 def test_the_borders_ahead_are_the_waypoints(line):
     """Both operators are asked ahead of the waypoint, not of the place where the next zone begins."""
     package = load(line.write())
-    way = WayAhead(package.walk(), winged=True)  # with the times of the walk
+    way = WayAhead(package.walk(), flies_past=True)  # with the times of the walk
     borders = way.borders(Seen(2, 0.0, 10.001, 40.0, 0.0, 0.0), 1e9)
     assert [set(border.holding) for border in borders] == [{A, B}, {B}, {A, B}]
     # from 10.001 to 10.005, and to 10.006, at 10 m/s

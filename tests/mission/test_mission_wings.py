@@ -13,7 +13,6 @@ import math
 import pytest
 
 from mavproxy_handover.cli.check import main
-from mavproxy_handover.core.common.model import Kind
 from mavproxy_handover.core.safety.energy import Piece, Wind, landing
 from mavproxy_handover.mission import MissionError, MissionItem, RallyPoint, load
 from mavproxy_handover.mission.check import Severity, check, report_text
@@ -23,6 +22,7 @@ from mavproxy_handover.mission.path import path_of
 from mavproxy_handover.mission.plan import Home, Route
 from mavproxy_handover.mission.route_simulation import hovers_at, landing_sequences, legs_of
 from mavproxy_handover.mission.wings import Air, Wings, bend
+from mavproxy_handover.vehicle.profiles import PLANE, QUADPLANE
 
 CALM = Air(20.0)
 
@@ -36,8 +36,8 @@ def item(seq, command, north=0.0, east=0.0, alt=60.0, params=(0, 0, 0, 0)):
     return MissionItem(seq, command, 3, *map(float, params), north / 1000, 10.0 + east / 1000, alt)
 
 
-def route(*items, kind=Kind.QUADPLANE, **more):
-    return Route(Home(0.0, 10.0, 0.0), items, kind=kind, **more)
+def route(*items, profile=QUADPLANE, **more):
+    return Route(Home(0.0, 10.0, 0.0), items, profile=profile, **more)
 
 
 #: up, east to 10.02, north to 0.02, down there
@@ -202,20 +202,20 @@ RUNWAY = (item(1, 22, 0, 3), item(2, 16, 0, 30), item(3, 189, 5, 8), item(4, 16,
 
 
 def test_a_plane_climbs_along_its_runway_and_lands_on_a_straight_way_down():
-    legs = legs_of(route(*RUNWAY, kind=Kind.PLANE), 20.0)
+    legs = legs_of(route(*RUNWAY, profile=PLANE), 20.0)
     assert [(leg.seq, leg.end) for leg in legs] == [
         (1, (0.0, 10.003, 60.0)),
         (2, (0.0, 10.03, 60.0)),
         (4, (0.005, 10.008, 60.0)),
         (5, (0.0, 10.0, 0.0)),
     ]
-    assert [place.name for place in places_of(route(*RUNWAY, kind=Kind.PLANE))] == ["home"]
+    assert [place.name for place in places_of(route(*RUNWAY, profile=PLANE))] == ["home"]
 
 
 def test_a_return_of_a_plane_circles_at_its_place_and_flies_the_nearest_landing_sequence():
     home = MissionItem(3, 20, 2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     rest = (item(4, 189, 5, 8), item(5, 16, 5, 8), item(6, 21, 0, 0, 0.0))
-    flown = route(*RUNWAY[:2], home, *rest, kind=Kind.PLANE)
+    flown = route(*RUNWAY[:2], home, *rest, profile=PLANE)
     legs = legs_of(flown, 20.0)
     assert [leg.seq for leg in legs] == [1, 2, 3, 5, 6]
     assert legs[-1].end == (0.0, 10.0, 0.0)
@@ -228,34 +228,34 @@ AWAY_M, TOWARDS_DEG = near(1048.2, 0.1), near(58.17, 0.05)
 
 def test_a_return_of_a_plane_comes_down_by_its_landing_sequence():
     """The fault: a landing of rotors at the place was counted, which it has not, and the sequence was not."""
-    (home,) = places_of(route(*RUNWAY, kind=Kind.PLANE), 20.0)
+    (home,) = places_of(route(*RUNWAY, profile=PLANE), 20.0)
     assert home.down == (
         Piece(length_m=AWAY_M, bearing_deg=TOWARDS_DEG, speed_mps=20.0),
         Piece(length_m=AWAY_M, bearing_deg=near(238.17, 0.05), descent_m=60.0, speed_mps=20.0),
     )
     assert home.down_from_m == 60.0
-    there, *down = way_back((0.0, 10.03, 60.0), home, 50.0, 20.0, wings=True)
+    there, *down = way_back((0.0, 10.03, 60.0), home, 50.0, 20.0, climbs_on_way=True)
     # at 60 m, where the sequence begins, and not at the 50 m of the return
     assert there == Piece(length_m=near(3339.6, 0.1), bearing_deg=near(270.0), hold_s=30.0, speed_mps=20.0)
     assert tuple(down) == home.down
 
 
 def test_what_comes_down_hovering_counts_no_landing_sequence():
-    flown = route(*RUNWAY, kind=Kind.QUADPLANE)
+    flown = route(*RUNWAY, profile=QUADPLANE)
     assert [place.down for place in places_of(flown, 20.0)] == [None]
-    assert way_back((0.0, 10.03, 60.0), places_of(flown)[0], 50.0, 20.0, wings=True)[-1] == landing(60.0)
+    assert way_back((0.0, 10.03, 60.0), places_of(flown)[0], 50.0, 20.0, climbs_on_way=True)[-1] == landing(60.0)
 
 
 def test_a_plane_without_a_landing_sequence_has_no_way_down_of_its_own():
     """A return of it circles for ever: the check says so, and START is refused."""
-    flown = route(RUNWAY[0], RUNWAY[1], item(3, 21, 0, 0, 0.0), kind=Kind.PLANE)
+    flown = route(RUNWAY[0], RUNWAY[1], item(3, 21, 0, 0, 0.0), profile=PLANE)
     assert [place.down for place in places_of(flown)] == [None]
 
 
 def test_each_place_has_the_sequence_that_begins_nearest_to_it():
     """AP_Mission's get_landing_sequence_start."""
     more = (item(6, 189, 0, 40), item(7, 16, 0, 40, 80.0), item(8, 21, 0, 50, 0.0))
-    flown = route(*RUNWAY, *more, kind=Kind.PLANE, rally=(RallyPoint(0.0, 10.038, 60.0),))
+    flown = route(*RUNWAY, *more, profile=PLANE, rally=(RallyPoint(0.0, 10.038, 60.0),))
     home, rally, end = places_of(flown, 20.0)
     assert (home.down_from_m, rally.down_from_m) == (60.0, 80.0)
     assert rally.down[0] == Piece(length_m=near(222.64), bearing_deg=near(90.0), speed_mps=20.0)
@@ -266,7 +266,7 @@ def test_in_its_landing_sequence_a_plane_goes_straight_down_by_circling():
     """20 m at 2 m/s; and a speed that is set there is flown there."""
     slower = MissionItem(4, 178, 2, 0.0, 15.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     rest = (slower, item(5, 16, 5, 8, 60.0), item(6, 16, 5, 8, 40.0), item(7, 21, 0, 0, 0.0))
-    (home,) = places_of(route(*RUNWAY[:3], *rest, kind=Kind.PLANE), 20.0)
+    (home,) = places_of(route(*RUNWAY[:3], *rest, profile=PLANE), 20.0)
     assert home.down == (
         Piece(length_m=AWAY_M, bearing_deg=TOWARDS_DEG, speed_mps=20.0),
         Piece(hold_s=10.0),
@@ -277,7 +277,7 @@ def test_in_its_landing_sequence_a_plane_goes_straight_down_by_circling():
 def test_a_return_in_its_own_landing_sequence_ends_the_lines_of_a_route():
     """No package has one: it would be flown for ever."""
     back = MissionItem(5, 20, 2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    flown = route(*RUNWAY[:4], back, item(6, 21, 0, 0, 0.0), kind=Kind.PLANE)
+    flown = route(*RUNWAY[:4], back, item(6, 21, 0, 0, 0.0), profile=PLANE)
     assert landing_sequences(flown) == ()
     assert [leg.seq for leg in legs_of(flown, 20.0)] == [1, 2, 4, 5]
 
@@ -474,7 +474,7 @@ def test_a_copter_flies_the_lines_of_its_route_and_no_wind_changes_that(small):
 
 def test_ferry_passes_three_stations_with_two_handovers(missions):
     package = load(missions / "ferry")
-    assert (package.kind, package.cruise_speed_mps) == (Kind.QUADPLANE, 22.0)
+    assert (package.profile, package.cruise_speed_mps) == (QUADPLANE, 22.0)
     walk = package.walk()
     assert walk.commanders == (251, 252, 253)
     assert walk.gaps == ()
@@ -489,7 +489,7 @@ def test_dike_returns_by_its_landing_sequence(missions):
     counted."""
     package = load(missions / "dike")
     home, rally = places_of(package.route, package.cruise_speed_mps)
-    model = package.energy.model(wings=True)
+    model = package.energy.model(prior=PLANE.energy)
     lengths = [sum(piece.length_m for piece in place.down) for place in (home, rally)]
     needs = [model.need_wh(place.down) for place in (home, rally)]
     assert all(4000.0 < length < 4700.0 for length in lengths)

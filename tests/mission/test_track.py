@@ -12,7 +12,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mavproxy_handover.core.common.model import Kind
 from mavproxy_handover.core.safety.route import TrackFact
 from mavproxy_handover.mission import Circle, Zone, ZoneFinder
 from mavproxy_handover.mission.geodesy import bearing_deg, offset
@@ -22,6 +21,7 @@ from mavproxy_handover.mission.plan import Home, Route
 from mavproxy_handover.mission.route_simulation import legs_of, walk_legs
 from mavproxy_handover.mission.track import Motion, RouteTracker
 from mavproxy_handover.mission.wings import Air
+from mavproxy_handover.vehicle.profiles import QUADPLANE
 
 HOME = (52.679, 5.924)
 TAKEOFF, WAYPOINT, SPLINE, TURNS, TIME, DELAY, PLACE, LAND, RTL, SPEED = 22, 16, 82, 18, 19, 93, 94, 21, 20, 178
@@ -352,7 +352,7 @@ WINGED = Route(
         MissionItem(4, TURNS, 3, 1, 0, 100, 0, *at(1000, 2000), 100.0),
         MissionItem(5, 85, 3, 0, 0, 0, 0, *at(1000, 0), 0.0),
     ),
-    kind=Kind.QUADPLANE,
+    profile=QUADPLANE,
 )
 
 

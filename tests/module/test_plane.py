@@ -14,8 +14,9 @@ import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.common.events import Fly
-from mavproxy_handover.core.common.model import FlightAction, Kind, ModeClass, ModeSource, Phase, Reason
+from mavproxy_handover.core.common.model import FlightAction, ModeClass, ModeSource, Phase, Reason
 from mavproxy_handover.mission.package import MissionPackage, load
+from mavproxy_handover.vehicle.profiles import QUADPLANE
 from tests.module.conftest import Bench
 from tests.module.test_commands_in_flight import along_the_dike
 from tests.module.test_flight_uploads import Program
@@ -115,10 +116,10 @@ def test_a_mission_item_that_leads_down_is_the_commanders_word(flight: Bench, me
 
 def test_the_rules_are_told_what_it_is_and_the_room_that_it_needs(flight: Bench) -> None:
     aircraft = flight.companion.autopilot.aircraft
-    assert (aircraft.kind, aircraft.foreign, aircraft.flown) == (Kind.QUADPLANE, "", ModeClass.MISSION)
+    assert (aircraft.profile, aircraft.foreign, aircraft.flown) == (QUADPLANE, "", ModeClass.MISSION)
     state = flight.companion.autopilot.messages.autopilot_state()
-    assert (state.kind, state.circles_s) == (Kind.QUADPLANE, 20.0)
-    aircraft.on_message(mavlink.MAVLink_param_value_message(b"WP_LOITER_RAD", 30.0, 9, 900, 0), flight.clock.now)
+    assert (state.handling, state.circles_s) == (QUADPLANE.handling, 20.0)
+    aircraft.take(mavlink.MAVLink_param_value_message(b"WP_LOITER_RAD", 30.0, 9, 900, 0), flight.clock.now)
     assert flight.companion.autopilot.messages.autopilot_state().circles_s == 11.0
 
 

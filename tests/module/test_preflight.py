@@ -16,20 +16,18 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.preflight import Preflight, reading
 from mavproxy_handover.core.common.limits import Limits
-from mavproxy_handover.core.common.model import GuardState, Kind
+from mavproxy_handover.core.common.model import GuardState
 from mavproxy_handover.core.safety.energy_prior import EnergySettings
 from mavproxy_handover.mission.items import MissionItem
 from mavproxy_handover.mission.package import MissionPackage, load
 from mavproxy_handover.monitors.preflight.own_failsafes import PlanFacts, circles_for_ever, plan_facts
 from mavproxy_handover.monitors.preflight.rules import (
-    NAMES,
-    PLANE_NAMES,
     Finding,
     Found,
     judge,
     names_of,
 )
-from mavproxy_handover.vehicle.kinds import COPTER, PLANE
+from mavproxy_handover.vehicle.profiles import COPTER, PLANE, QUADPLANE, Profile
 from mavproxy_handover.vehicle.state import VehicleState
 from mavproxy_handover.wire.conversation import Conversations
 from tests.autopilot.test_copter import talk
@@ -102,7 +100,7 @@ class ParameterAutopilot(Autopilot):
         if m.get_type() != "PARAM_REQUEST_READ":
             super()._take(m)
             return
-        if m.param_id not in NAMES:
+        if m.param_id not in COPTER.reads:
             self._say_parameter(m.param_id)
             return
         self.asked.append(m.param_id)
@@ -119,7 +117,7 @@ class ParameterAutopilot(Autopilot):
 
 def test_every_parameter_that_is_there_is_read_and_a_missing_one_costs_a_time_out() -> None:
     autopilot = ParameterAutopilot(dict(GOOD))
-    ended = talk(reading(1), autopilot, limit_s=10.0)
+    ended = talk(reading(1, COPTER.reads), autopilot, limit_s=10.0)
     assert ended.finished
     assert ended.result == {**GOOD, **SPEEDS}
     assert {name: autopilot.asked.count(name) for name in ("SYSID_ENFORCE", "HNDO_CHAN")} == {
@@ -129,27 +127,27 @@ def test_every_parameter_that_is_there_is_read_and_a_missing_one_costs_a_time_ou
 
 
 def test_a_request_that_got_lost_is_repeated() -> None:
-    autopilot = ParameterAutopilot(dict.fromkeys(NAMES, 7.0))
+    autopilot = ParameterAutopilot(dict.fromkeys(COPTER.reads, 7.0))
     autopilot.deaf_for = 8
-    ended = talk(reading(1), autopilot, limit_s=10.0)
-    assert ended.result == dict.fromkeys(NAMES, 7.0)
+    ended = talk(reading(1, COPTER.reads), autopilot, limit_s=10.0)
+    assert ended.result == dict.fromkeys(COPTER.reads, 7.0)
 
 
 def test_a_firmware_that_says_that_it_lacks_a_name_is_not_asked_again() -> None:
     autopilot = ParameterAutopilot({"SCR_ENABLE": 1.0})
     autopilot.says_error = True
-    ended = talk(reading(1), autopilot, limit_s=1.0)
+    ended = talk(reading(1, COPTER.reads), autopilot, limit_s=1.0)
     assert ended.result == {"SCR_ENABLE": 1.0, **SPEEDS}
-    assert sorted(autopilot.asked) == sorted(NAMES)
+    assert sorted(autopilot.asked) == sorted(COPTER.reads)
 
 
 def test_other_parameters_and_nonsense_are_no_answers() -> None:
     autopilot = ParameterAutopilot({"SCR_ENABLE": float("nan"), "HNDO_ENABLE": float("inf")})
-    assert talk(reading(1), autopilot, limit_s=10.0).result == SPEEDS
+    assert talk(reading(1, COPTER.reads), autopilot, limit_s=10.0).result == SPEEDS
 
 
 def test_no_more_is_asked_at_once_than_the_autopilot_keeps() -> None:
-    first = next(reading(1))
+    first = next(reading(1, COPTER.reads))
     assert len(first.messages) <= 20
 
 
@@ -171,7 +169,7 @@ def test_what_is_recommended_fits() -> None:
 
 def test_the_parameter_file_that_ships_fits() -> None:
     lines = [line.split() for line in PARAMETER_FILE.read_text().splitlines() if line and not line.startswith("#")]
-    shipped = {name: float(value) for name, value in lines if name in NAMES}
+    shipped = {name: float(value) for name, value in lines if name in COPTER.reads}
     assert len(shipped) >= 6
     assert judge(found(**shipped), Limits()) == ()
 
@@ -435,9 +433,9 @@ SECOND = {
 FITS, SECOND_IS_SMART = "guard, parameters and firmware fit", f"BATT2_FS_LOW_ACT is 3: {SMART}"
 
 
-def with_batteries(batteries: int, kind: Kind = Kind.COPTER, **changes: float) -> list[str]:
-    good = GOOD if kind is Kind.COPTER else GOOD_PLANE
-    state = Found({**good, **changes}, GuardState.LIVE, (4, 7), plan=FLAT, kind=kind, batteries=batteries)
+def with_batteries(batteries: int, kind: Profile = COPTER, **changes: float) -> list[str]:
+    good = GOOD if kind is COPTER else GOOD_PLANE
+    state = Found({**good, **changes}, GuardState.LIVE, (4, 7), plan=FLAT, profile=kind, batteries=batteries)
     return [finding.text for finding in judge(state, Limits())]
 
 
@@ -472,16 +470,16 @@ def test_the_eighth_battery_is_judged_and_an_autopilot_without_it_hears_nothing_
 
 def test_a_second_battery_of_a_plane_is_judged_by_what_a_plane_does() -> None:
     plane = {**SECOND, "BATT2_FS_LOW_ACT": 1.0, "BATT2_FS_CRT_ACT": 4.0}
-    assert with_batteries(2, Kind.QUADPLANE, **plane) == []
-    assert with_batteries(2, Kind.QUADPLANE, **{**plane, "BATT2_FS_CRT_ACT": 7.0}) == [
-        "BATT2_FS_CRT_ACT is 7: AUTOLAND lands at home, not at the return site",
+    assert with_batteries(2, QUADPLANE, **plane) == []
+    assert with_batteries(2, QUADPLANE, **{**plane, "BATT2_FS_CRT_ACT": 7.0}) == [
+        "BATT2_FS_CRT_ACT is 7: AUTOLAND lands at home, and not at the place that was chosen",
         "BATT2_FS_CRT_ACT is 7: never acts after BATT2_FS_LOW_ACT 1",
     ]
 
 
 def test_what_is_read_of_further_batteries() -> None:
-    assert names_of(COPTER) == NAMES
-    assert names_of(PLANE, 3)[len(PLANE_NAMES) :] == (
+    assert names_of(COPTER) == COPTER.reads
+    assert names_of(PLANE, 3)[len(PLANE.reads) :] == (
         "BATT2_MONITOR",
         "BATT2_FS_LOW_ACT",
         "BATT2_FS_CRT_ACT",
@@ -562,7 +560,7 @@ def test_a_plan_lands_where_each_of_its_landing_sequences_does(
     commands: tuple[int, ...], lands: bool, aloft: int | None
 ) -> None:
     """A return goes to the nearest, whichever that is."""
-    facts = plan_facts(replace(route(*commands), kind=Kind.PLANE))
+    facts = plan_facts(replace(route(*commands), profile=PLANE))
     assert (facts.lands, facts.aloft) == (lands, aloft)
 
 
@@ -644,13 +642,13 @@ def test_circles_take_as_long_as_they_were_counted(changes: dict[str, float], te
     assert judge(found(plan=PlanFacts(True, 1, 200.0, 50.0), **changes), Limits()) == ()
 
 
-@pytest.mark.parametrize("kind", [Kind.COPTER, Kind.PLANE])
-def test_a_mission_that_opens_a_gripper_needs_one(kind: Kind) -> None:
+@pytest.mark.parametrize("kind", [COPTER, PLANE])
+def test_a_mission_that_opens_a_gripper_needs_one(kind: Profile) -> None:
     """The fault: nothing was said, the autopilot says `Gripper Released`, and the load comes home."""
     plan = PlanFacts(True, 1, 200.0, 50.0, gripper=9, lands=True)
 
     def said(changes: dict[str, float], plan: PlanFacts) -> list[str]:
-        findings = judge(replace(found(plan=plan, **changes), kind=kind), Limits())
+        findings = judge(replace(found(plan=plan, **changes), profile=kind), Limits())
         return [finding.text for finding in findings if finding.parameter == "GRIP_ENABLE"]
 
     text = "GRIP_ENABLE is 0: item 9 (DO_GRIPPER) moves no gripper, and the load stays on board"
@@ -825,14 +823,14 @@ FLAT = PlanFacts(fence=True, inclusions=1, farthest_m=800.0, highest_m=60.0)
 WITH_LANDING = PlanFacts(fence=True, inclusions=1, farthest_m=800.0, highest_m=60.0, lands=True)
 
 
-def on_wings(kind: Kind = Kind.QUADPLANE, plan: PlanFacts | None = FLAT, **changes: float) -> list[str]:
+def on_wings(kind: Profile = QUADPLANE, plan: PlanFacts | None = FLAT, **changes: float) -> list[str]:
     parameters = {**GOOD_PLANE, **changes}
-    return [each.text for each in judge(Found(parameters, GuardState.LIVE, (4, 7), plan=plan, kind=kind), Limits())]
+    return [each.text for each in judge(Found(parameters, GuardState.LIVE, (4, 7), plan=plan, profile=kind), Limits())]
 
 
 def test_a_plane_as_recommended_fits() -> None:
     assert on_wings() == []
-    assert on_wings(Kind.PLANE, WITH_LANDING, RTL_AUTOLAND=1.0) == []
+    assert on_wings(PLANE, WITH_LANDING, RTL_AUTOLAND=1.0) == []
 
 
 @pytest.mark.parametrize(
@@ -930,17 +928,17 @@ def test_what_does_not_fit_a_plane_is_said(changes: dict[str, float], text: str)
 @pytest.mark.parametrize(
     ("kind", "changes"),
     [
-        (Kind.QUADPLANE, {"RTL_CLIMB_MIN": 40.0, "FENCE_TYPE": 5.0}),
-        (Kind.QUADPLANE, {"RTL_CLIMB_MIN": 50.0, "FENCE_TYPE": 4.0}),
-        (Kind.QUADPLANE, {"Q_RTL_ALT": 60.0, "FENCE_TYPE": 5.0}),
-        (Kind.QUADPLANE, {"Q_RTL_ALT": 15.0, "FENCE_TYPE": 4.0}),
-        (Kind.PLANE, {"Q_RTL_ALT": 15.0, "FENCE_TYPE": 5.0, "RTL_AUTOLAND": 1.0}),
-        (Kind.QUADPLANE, {"FLIGHT_OPTIONS": 15.0, "TERRAIN_FOLLOW": 14.0, "Q_MAV_TYPE": 1.0}),
-        (Kind.QUADPLANE, {"Q_OPTIONS": float(1 << 20)}),  # they return on its wings
-        (Kind.PLANE, {"Q_OPTIONS": 6.0, "RTL_AUTOLAND": 1.0}),
+        (QUADPLANE, {"RTL_CLIMB_MIN": 40.0, "FENCE_TYPE": 5.0}),
+        (QUADPLANE, {"RTL_CLIMB_MIN": 50.0, "FENCE_TYPE": 4.0}),
+        (QUADPLANE, {"Q_RTL_ALT": 60.0, "FENCE_TYPE": 5.0}),
+        (QUADPLANE, {"Q_RTL_ALT": 15.0, "FENCE_TYPE": 4.0}),
+        (PLANE, {"Q_RTL_ALT": 15.0, "FENCE_TYPE": 5.0, "RTL_AUTOLAND": 1.0}),
+        (QUADPLANE, {"FLIGHT_OPTIONS": 15.0, "TERRAIN_FOLLOW": 14.0, "Q_MAV_TYPE": 1.0}),
+        (QUADPLANE, {"Q_OPTIONS": float(1 << 20)}),  # they return on its wings
+        (PLANE, {"Q_OPTIONS": 6.0, "RTL_AUTOLAND": 1.0}),
     ],
 )
-def test_a_return_that_stays_below_the_ceiling_fits(kind: Kind, changes: dict[str, float]) -> None:
+def test_a_return_that_stays_below_the_ceiling_fits(kind: Profile, changes: dict[str, float]) -> None:
     assert on_wings(kind, WITH_LANDING, **changes) == []
 
 
@@ -951,10 +949,10 @@ def test_what_says_that_it_is_a_copter_and_has_that_parameter_is_none() -> None:
 
 def test_the_parameter_file_for_wings_that_ships_fits() -> None:
     lines = [line.split() for line in PLANE_FILE.read_text().splitlines() if line and not line.startswith("#")]
-    shipped = {name: float(value) for name, value in lines if name in PLANE_NAMES}
+    shipped = {name: float(value) for name, value in lines if name in PLANE.reads}
     assert len(shipped) >= 14
     assert on_wings(**shipped) == []
-    assert on_wings(Kind.PLANE, WITH_LANDING, **shipped) == []
+    assert on_wings(PLANE, WITH_LANDING, **shipped) == []
 
 
 def test_a_copters_rules_do_not_judge_a_plane() -> None:
@@ -965,27 +963,27 @@ def test_a_copters_rules_do_not_judge_a_plane() -> None:
 @pytest.mark.parametrize(
     ("kind", "plan", "changes", "lacks"),
     [
-        (Kind.COPTER, FLAT, {}, ""),
-        (Kind.PLANE, None, {}, ""),
-        (Kind.PLANE, WITH_LANDING, {"RTL_AUTOLAND": 1.0}, ""),
-        (Kind.PLANE, WITH_LANDING, {"RTL_AUTOLAND": 2.0}, ""),
-        (Kind.PLANE, WITH_LANDING, {"RTL_AUTOLAND": 0.0}, "it would circle for ever: RTL_AUTOLAND is not 1"),
-        (Kind.PLANE, WITH_LANDING, {"RTL_AUTOLAND": 3.0}, "it would circle for ever: RTL_AUTOLAND is not 1"),
+        (COPTER, FLAT, {}, ""),
+        (PLANE, None, {}, ""),
+        (PLANE, WITH_LANDING, {"RTL_AUTOLAND": 1.0}, ""),
+        (PLANE, WITH_LANDING, {"RTL_AUTOLAND": 2.0}, ""),
+        (PLANE, WITH_LANDING, {"RTL_AUTOLAND": 0.0}, "it would circle for ever: RTL_AUTOLAND is not 1"),
+        (PLANE, WITH_LANDING, {"RTL_AUTOLAND": 3.0}, "it would circle for ever: RTL_AUTOLAND is not 1"),
         (
-            Kind.PLANE,
+            PLANE,
             FLAT,
             {"RTL_AUTOLAND": 1.0, "Q_RTL_MODE": 1.0},
             "it would circle for ever: the mission has no landing sequence (DO_LAND_START)",
         ),
-        *((Kind.QUADPLANE, FLAT, {"Q_RTL_MODE": mode}, "") for mode in (1.0, 2.0, 3.0)),
-        (Kind.QUADPLANE, WITH_LANDING, {"RTL_AUTOLAND": 1.0}, ""),
+        *((QUADPLANE, FLAT, {"Q_RTL_MODE": mode}, "") for mode in (1.0, 2.0, 3.0)),
+        (QUADPLANE, WITH_LANDING, {"RTL_AUTOLAND": 1.0}, ""),
         (
-            Kind.QUADPLANE,
+            QUADPLANE,
             WITH_LANDING,
             {},
             "it would circle for ever: RTL_AUTOLAND is not 1, and Q_RTL_MODE is 0",
         ),
-        (Kind.PLANE, WITH_LANDING, None, "its parameters are not read yet"),
+        (PLANE, WITH_LANDING, None, "its parameters are not read yet"),
         *(
             (
                 kind,
@@ -993,11 +991,11 @@ def test_a_copters_rules_do_not_judge_a_plane() -> None:
                 {"RTL_AUTOLAND": 1.0, "Q_RTL_MODE": 1.0},
                 "it would never land: the landing sequence of item 12 (DO_LAND_START) comes to no landing",
             )
-            for kind in (Kind.PLANE, Kind.QUADPLANE)
+            for kind in (PLANE, QUADPLANE)
         ),
     ],
 )
 def test_a_return_ends_in_a_landing_or_it_lacks_something(
-    kind: Kind, plan: PlanFacts | None, changes: dict[str, float] | None, lacks: str
+    kind: Profile, plan: PlanFacts | None, changes: dict[str, float] | None, lacks: str
 ) -> None:
     assert circles_for_ever(changes, plan, kind) == lacks

@@ -188,6 +188,7 @@ FIRST = {
         "test_control.py",
         "test_restart.py",
     ),
+    "common.handling": ("safety/test_wings.py", "safety/test_command_verification.py"),
     "common.snapshot": ("test_restart.py",),
     "authority.foresight": ("test_foresight.py",),
     "station.core": ("test_core.py", "test_ahead.py", "test_core_hostile.py"),

@@ -170,9 +170,6 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
         "tell_return: dropped from and/or: told is not None: told is not None and told.action is FlightAction.RETURN": (
             "what is to be told has been decided; the type checker wants it said"
         ),
-        "_fly: dropped from and/or: action in _CIRCLED: self._flight.kind.winged and action in _CIRCLED": (
-            "what else is commanded has been looked at before; the type checker wants it said"
-        ),
         "look: truth turned: False in return False": "to decide once more in the same moment decides the same",
         "look: truth turned: False in return False (number 2)": "the same",
     },

@@ -185,7 +185,7 @@ def _world(found: SimpleNamespace) -> Any:
 
         def obey(self, order: Any) -> None:
             modes = {action.RETURN: flown.RETURN, action.LAND: flown.LAND}
-            if self.kind is not found.model.Kind.COPTER:
+            if self.handling.by_mode:
                 modes |= {action.HOLD: flown.STOP, action.CONTINUE: flown.MISSION}
             if order in modes:
                 self.flies(modes[order])

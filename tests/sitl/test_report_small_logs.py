@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.vehicle.kinds import COPTER
+from mavproxy_handover.vehicle.profiles import COPTER
 from sitl.replay.reading import read_recording
 from sitl.replay.recording import RecordingError
 from sitl.report.page import main_report

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from mavproxy_handover.core.common.model import Kind
+from mavproxy_handover.vehicle.profiles import COPTER, PLANE, QUADPLANE
 from sitl import fly_all, main
 from sitl.run.runner import Order, Result
 from sitl.script.places import guard_files
@@ -46,10 +46,10 @@ def refusal(capsys: pytest.CaptureFixture[str], *argv: str) -> str:
 
 def test_what_kind_of_aircraft_each_vehicle_is() -> None:
     assert {kind: flies(kind) for kind in KINDS} == {
-        "builtin": Kind.COPTER,
-        "arducopter": Kind.COPTER,
-        "quadplane": Kind.QUADPLANE,
-        "plane": Kind.PLANE,
+        "builtin": COPTER,
+        "arducopter": COPTER,
+        "quadplane": QUADPLANE,
+        "plane": PLANE,
     }
 
 
@@ -116,7 +116,7 @@ def test_the_command_line_says_what_is_simulated(program: Path) -> None:
 
 
 def test_the_guard_of_wings_has_parameters_of_its_own_once_they_ship() -> None:
-    script, parameters = guard_files(Kind.QUADPLANE)
+    script, parameters = guard_files(QUADPLANE)
     assert script.name == "handover_guard.lua"
     ships = (ROOT / "ardupilot_lua" / "handover_plane.parm").exists()
     assert [path.name for path in parameters] == (["handover_plane.parm"] if ships else [])

@@ -2,7 +2,8 @@
 
 """Who imports whom, read from the sources, and the floors that `docs/architecture.md` gives to the parts.
 
-A part is a folder of `mavproxy_handover/`, a file at its top, or another package. Imports count wherever they stand: at
+A part is a folder of `mavproxy_handover/`, a file at its top, a folder within a folder that the table names, or another
+package. Imports count wherever they stand: at
 the top of a file, in a function, behind TYPE_CHECKING. What is loaded by a name in a string (`handover sim`) does not.
 """
 
@@ -60,7 +61,8 @@ def part_of(module: str) -> str:
     package, *rest = module.split(".")
     if package != "mavproxy_handover" or not rest:
         return f"{package}/"
-    return _named(ROOT / package, rest[0])
+    inner = f"{'/'.join(rest[:2])}/"
+    return inner if inner in {part.name for part in floors()} else _named(ROOT / package, rest[0])
 
 
 def simulation_part_of(module: str) -> str | None:

@@ -20,7 +20,7 @@ from mavproxy_handover.config.toml import ConfigError
 from mavproxy_handover.config.vehicle import load_vehicle
 from mavproxy_handover.mission import gaps, package
 from mavproxy_handover.mission.errors import MissionError
-from mavproxy_handover.monitors.preflight.rules import NAMES
+from mavproxy_handover.vehicle.profiles import COPTER
 from tests.structure.imports import ROOT
 from tests.structure.reference.configuration import Key, keys_of_missions, keys_of_stations, keys_of_vehicles
 from tests.structure.reference.files import REFERENCE, generated
@@ -93,7 +93,7 @@ def test_every_parameter_of_guard_and_preflight_is_told() -> None:
     lua = (ROOT / "ardupilot_lua" / "handover_guard.lua").read_text(encoding="utf-8")
     own = {f"HNDO_{name}" for name in re.findall(r'bind_add_param\("(\w+)", \d', lua)}
     assert len(own) == 8
-    assert {name for name in own | set(NAMES) if f"\n| `{name}` |" not in text} == set()
+    assert {name for name in own | set(COPTER.reads) if f"\n| `{name}` |" not in text} == set()
 
 
 @pytest.mark.parametrize("file", ["handover.parm", "handover_plane.parm"])

@@ -52,8 +52,8 @@ def test_a_second_copy_would_be_found() -> None:
 #: a class of these parts has no more fields
 MOST_FIELDS = 15
 PARTS = ("mavproxy_handover.vehicle.", "mavproxy_handover.monitors.")
-#: data of a firmware, a table and no state
-TABLES = {"mavproxy_handover.vehicle.kinds:Vehicle"}
+#: data of a kind of aircraft: tables and no state
+TABLES = {"mavproxy_handover.vehicle.profiles.profile:Profile"}
 
 
 def fields(cls: ast.ClassDef) -> set[str]:

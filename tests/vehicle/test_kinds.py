@@ -8,9 +8,9 @@ import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.common.events import ModeSourceSeen
-from mavproxy_handover.core.common.model import Kind, ModeClass, ModeSource
+from mavproxy_handover.core.common.model import ModeClass, ModeSource
 from mavproxy_handover.vehicle import mode_requests
-from mavproxy_handover.vehicle.kinds import COPTER, PLANE, VEHICLES, Vehicle
+from mavproxy_handover.vehicle.profiles import COPTER, PLANE, PROFILES, QUADPLANE, Profile
 from mavproxy_handover.vehicle.state import VehicleState
 from mavproxy_handover.wire.frames import parse_one
 
@@ -80,15 +80,14 @@ def test_the_names_are_those_of_the_dialect() -> None:
     assert {name: number for name, number in ours.items() if name not in newer}.items() <= known.items()
 
 
-@pytest.mark.parametrize("vehicle", VEHICLES, ids=[vehicle.name for vehicle in VEHICLES])
-def test_the_modes_by_role_do_what_their_role_says(vehicle: Vehicle) -> None:
-    assert vehicle.flown(vehicle.auto) is ModeClass.MISSION
-    assert vehicle.flown(vehicle.guided) is ModeClass.GUIDED
-    assert vehicle.flown(vehicle.back) is ModeClass.RETURN
-    assert vehicle.flown(vehicle.land) is ModeClass.LAND
-    assert vehicle.hold is None or vehicle.flown(vehicle.hold) is ModeClass.STOP
-    assert vehicle.back in vehicle.to_place
-    assert {vehicle.flown(mode) for mode in vehicle.to_place} == {ModeClass.RETURN}
+@pytest.mark.parametrize("profile", PROFILES, ids=[profile.name for profile in PROFILES])
+def test_the_modes_by_role_do_what_their_role_says(profile: Profile) -> None:
+    assert profile.flown(profile.auto) is ModeClass.MISSION
+    assert profile.flown(profile.guided) is ModeClass.GUIDED
+    assert profile.flown(profile.back) is ModeClass.RETURN
+    assert profile.flown(profile.land) is ModeClass.LAND
+    assert profile.back in profile.to_place
+    assert {profile.flown(mode) for mode in profile.to_place} == {ModeClass.RETURN}
 
 
 # ---- what it says of itself ---------------------------------------------------------------------------------------
@@ -126,18 +125,18 @@ def called_otherwise() -> VehicleState:
 @pytest.mark.parametrize(
     ("aircraft", "kind"),
     [
-        (told(mavlink.MAV_TYPE_QUADROTOR), Kind.COPTER),
-        (told(mavlink.MAV_TYPE_HELICOPTER, 3, Q_ENABLE=1.0), Kind.COPTER),
-        (told(mavlink.MAV_TYPE_FIXED_WING), Kind.PLANE),
-        (told(mavlink.MAV_TYPE_FIXED_WING, Q_ENABLE=0.0), Kind.PLANE),
-        (told(mavlink.MAV_TYPE_FIXED_WING, Q_ENABLE=1.0), Kind.QUADPLANE),
-        (told(mavlink.MAV_TYPE_FIXED_WING, 4), Kind.QUADPLANE),
-        (told(21, 3), Kind.QUADPLANE),
-        (twice(mavlink.MAV_TYPE_QUADROTOR, 4), Kind.QUADPLANE),
-        (twice(mavlink.MAV_TYPE_GROUND_ROVER, 1), Kind.QUADPLANE),
-        (called_otherwise(), Kind.QUADPLANE),
-        (told(mavlink.MAV_TYPE_QUADROTOR, 3), Kind.COPTER),
-        (told(mavlink.MAV_TYPE_GROUND_ROVER), Kind.COPTER),
+        (told(mavlink.MAV_TYPE_QUADROTOR), COPTER),
+        (told(mavlink.MAV_TYPE_HELICOPTER, 3, Q_ENABLE=1.0), COPTER),
+        (told(mavlink.MAV_TYPE_FIXED_WING), PLANE),
+        (told(mavlink.MAV_TYPE_FIXED_WING, Q_ENABLE=0.0), PLANE),
+        (told(mavlink.MAV_TYPE_FIXED_WING, Q_ENABLE=1.0), QUADPLANE),
+        (told(mavlink.MAV_TYPE_FIXED_WING, 4), QUADPLANE),
+        (told(21, 3), QUADPLANE),
+        (twice(mavlink.MAV_TYPE_QUADROTOR, 4), QUADPLANE),
+        (twice(mavlink.MAV_TYPE_GROUND_ROVER, 1), QUADPLANE),
+        (called_otherwise(), QUADPLANE),
+        (told(mavlink.MAV_TYPE_QUADROTOR, 3), COPTER),
+        (told(mavlink.MAV_TYPE_GROUND_ROVER), COPTER),
     ],
     ids=[
         "copter",
@@ -154,9 +153,9 @@ def called_otherwise() -> VehicleState:
         "rover",
     ],
 )
-def test_a_plane_hovers_too_where_it_says_so(aircraft: VehicleState, kind: Kind) -> None:
+def test_a_plane_hovers_too_where_it_says_so(aircraft: VehicleState, kind: Profile) -> None:
     """ArduPlane's MAV_TYPE is FIXED_WING with rotors and without, unless Q_MAV_TYPE says otherwise."""
-    assert aircraft.kind is kind
+    assert aircraft.profile is kind
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.core.common.events import ModeSourceSeen
 from mavproxy_handover.core.common.model import ModeClass, ModeSource
 from mavproxy_handover.vehicle import mode_requests
-from mavproxy_handover.vehicle.kinds import COPTER, PLANE, Vehicle
+from mavproxy_handover.vehicle.profiles import COPTER, PLANE, Profile
 from mavproxy_handover.wire.frames import Frame, parse_one
 
 SET_MODE, PAUSE = mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_CMD_DO_PAUSE_CONTINUE
@@ -52,7 +52,7 @@ def command_int(command: int, *parameters: float) -> Any:
     ],
 )
 def test_a_mode_is_the_commanders_in_whatever_message_it_comes(
-    message: Any, vehicle: Vehicle, flown: ModeClass
+    message: Any, vehicle: Profile, flown: ModeClass
 ) -> None:
     assert mode_requests.of_command(frame(message), vehicle) == ModeSourceSeen(ModeSource.COMMANDER, flown)
 
@@ -67,7 +67,7 @@ def test_to_go_on_with_an_item_is_what_it_leads_to(message: Any) -> None:
 
 
 @pytest.mark.parametrize("vehicle", [COPTER, PLANE])
-def test_no_frame_of_a_commander_breaks_it(vehicle: Vehicle) -> None:
+def test_no_frame_of_a_commander_breaks_it(vehicle: Profile) -> None:
     """Every message that there is, with nothing but zeros in it."""
     for kind in mavlink.mavlink_map.values():
         empty = kind(*[_zero(kind, name) for name in kind.fieldnames])

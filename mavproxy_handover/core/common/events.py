@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntEnum
 
+from mavproxy_handover.core.common.handling import STANDS_STILL, Handling
 from mavproxy_handover.core.common.messages import Message
 from mavproxy_handover.core.common.model import (
     AuthorityView,
@@ -18,7 +19,6 @@ from mavproxy_handover.core.common.model import (
     FlightAction,
     GapFact,
     GuardState,
-    Kind,
     ModeClass,
     ModeSource,
     Reason,
@@ -120,15 +120,15 @@ class BordersSeen:
 class AutopilotState:
     """A heartbeat of the autopilot. `flying`: off the ground as far as the autopilot knows.
 
-    `foreign`: an aircraft that is not supported, in words; "": `kind` counts.
-    An aircraft with wings holds by circling. To stay inside a zone it needs the order `circles_s` (s) before it would
-    fly over a border, at a place that is `circle_m` (m) away from every border. Both are 0 for a copter.
+    `foreign`: an aircraft that is not supported, in words; "": `handling` counts.
+    An aircraft may hold by circling. To stay inside a zone it needs the order `circles_s` (s) before it would
+    fly over a border, at a place that is `circle_m` (m) away from every border. Both are 0 if it stands still.
     """
 
     armed: bool
     flying: bool
     foreign: str = ""
-    kind: Kind = Kind.COPTER
+    handling: Handling = STANDS_STILL
     circles_s: float = 0.0
     circle_m: float = 0.0
 

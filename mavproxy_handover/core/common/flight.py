@@ -20,8 +20,9 @@ from mavproxy_handover.core.common.events import (
     MissionJudged,
     ReturnJudged,
 )
+from mavproxy_handover.core.common.handling import STANDS_STILL
 from mavproxy_handover.core.common.limits import Limits
-from mavproxy_handover.core.common.model import GuardState, Kind
+from mavproxy_handover.core.common.model import GuardState
 from mavproxy_handover.core.common.never import assert_never
 
 __all__ = ["Flight", "StartJudgement"]
@@ -52,8 +53,8 @@ class Flight:
         "energy_short",
         "foreign",
         "gaps_lack",
+        "handling",
         "heights_lack",
-        "kind",
         "mission_lacks",
         "rehearsing",
         "return_lacks",
@@ -69,7 +70,8 @@ class Flight:
         self.rehearsing = False
         #: an aircraft that is not supported, in words; "": `kind` counts
         self.foreign = ""
-        self.kind = Kind.COPTER
+        #: how the aircraft carries out an order
+        self.handling = STANDS_STILL
         #: the order to circle has to come this time before a border (s), and this far from every border (m)
         self.circles_s = self.circle_m = 0.0
         #: what the loaded mission lacks in energy, in words
@@ -105,7 +107,7 @@ class Flight:
         self.armed = event.armed
         self.aloft = event.armed and event.flying
         self.foreign = event.foreign
-        self.kind, self.circles_s, self.circle_m = event.kind, event.circles_s, event.circle_m
+        self.handling, self.circles_s, self.circle_m = event.handling, event.circles_s, event.circle_m
 
     def judged(self, event: StartJudgement) -> None:
         """What START lacks, by a monitor. It counts until the next event of its kind."""

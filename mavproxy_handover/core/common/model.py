@@ -28,7 +28,6 @@ __all__ = [
     "GapFact",
     "GuardState",
     "ModeSource",
-    "Kind",
     "LeaseState",
     "Mission",
     "Outcome",
@@ -84,19 +83,6 @@ class FlightAction(IntEnum):
     CONTINUE = 3  #: fly on through a gap that the mission declares
     RETURN = 4  #: to the return site
     LAND = 5  #: here and now
-
-
-class Kind(Enum):
-    """Kind of aircraft, as far as it changes what the aircraft can do."""
-
-    COPTER = "copter"  #: ArduCopter: can stand still in the air
-    PLANE = "plane"  #: ArduPlane without hover motors: never stands still, and needs room to land
-    QUADPLANE = "quadplane"  #: ArduPlane that hovers as well: flies like a plane, takes off and lands like a copter
-
-    @property
-    def winged(self) -> bool:
-        """Whether it flies on wings, and so holds by circling."""
-        return self is not Kind.COPTER
 
 
 class ModeClass(Enum):

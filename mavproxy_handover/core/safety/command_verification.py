@@ -4,20 +4,20 @@
 
 Theory of operation
 -------------------
-An acknowledged command is not yet carried out. `FOLLOW` says for each action which mode and which motion show it. The
-limits say how long each may take:
+An acknowledged command is not yet carried out. `Handling.shows` says for each action which mode and which motion show
+it. The limits say how long each may take:
 
 * HOLD shows only by rest: ArduCopter pauses within its mode. The time for it follows from the speed at the command.
 * RETURN shows by the mode, then by a smaller distance to the destination of RTL, or by a climb, which comes first.
   During the climb the destination is above the aircraft; a destination that is suddenly far away is another one. An
   aircraft that has not got nearer by NEARER_M within `stuck_s` is blown backwards, or flies somewhere else. At the
-  destination (AT_PLACE_M) no more motion is expected: the aircraft waits, or comes down.
+  destination (`at_place_m`) no more motion is expected: the aircraft waits, or comes down.
 * LAND shows by the mode, then by a descent.
 * CONTINUE, which ends a hold, shows only by motion: the mode of a paused mission is the mode of a flown one.
 
 This is the table for copters. An aircraft with wings never rests. It holds by circling, in a mode for that, and goes on
 by leaving that mode. After a return it circles some way from the return site. A plane without hover motors lands by a
-landing sequence. Only the mode can show that. So each kind of aircraft has its own table in `FOLLOW`.
+landing sequence. Only the mode can show that. So each profile has its own `Handling`.
 
 A climb, a breached fence or an unknown destination can hide the progress of a return or a landing. The time does not
 run while one of them lasts. It starts with the first look after that. So the result does not depend on how often `look`
@@ -48,37 +48,30 @@ mode gives ArduCopter's fence ten seconds of "manual recovery", in which it does
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Set
-from dataclasses import dataclass
+from collections.abc import Set
 from enum import Enum
 from math import inf
 from typing import Final
 
 from mavproxy_handover.core.common.events import MotionSeen
+from mavproxy_handover.core.common.handling import STANDS_STILL, Handling
 from mavproxy_handover.core.common.limits import Limits
-from mavproxy_handover.core.common.model import FlightAction, Kind, ModeClass, ModeSource
+from mavproxy_handover.core.common.model import FlightAction, ModeSource
 from mavproxy_handover.core.safety.mode_source import ModeTracker
 from mavproxy_handover.core.safety.strategy import Fact
 
 __all__ = [
-    "AT_PLACE_M",
-    "CIRCLES_THERE_M",
-    "FOLLOW",
     "NEARER_M",
     "REFUSED_AGAIN_S",
     "TRIES",
-    "Follow",
     "Seen",
     "CommandVerification",
 ]
 
 #: number of commands before an order is given up
 TRIES: Final = 2
-#: limits that count as nearer (m), as at the return site (m; an aircraft with wings circles there), as a climb or a
-#: descent (m/s), and as rest (m/s)
+#: limits that count as nearer (m), as a climb or a descent (m/s), and as rest (m/s)
 NEARER_M: Final = 5.0
-AT_PLACE_M: Final = 15.0
-CIRCLES_THERE_M: Final = 250.0
 CLIMBS_MPS: Final = 0.3
 RESTS_MPS: Final = 1.0
 #: a stop loses at least so much speed each second (m/s2), once the command has arrived (s)
@@ -96,38 +89,6 @@ _SHOWS_AS: Final = {FlightAction.RETURN: _COMING_HOME, FlightAction.LAND: frozen
 _ENDLESS: Final = (FlightAction.CONTINUE, FlightAction.LAND)
 #: orders to stand still, or to move again
 _STANDING: Final = (FlightAction.HOLD, FlightAction.CONTINUE)
-
-
-@dataclass(frozen=True, slots=True)
-class Follow:
-    """Evidence of an action: its modes (empty: any), and the name of its motion ("": none is checked)."""
-
-    modes: frozenset[ModeClass]
-    motion: str
-
-
-#: A landing is more than a return: an aircraft that cannot return lands.
-_COMES_BACK: Final = Follow(frozenset({ModeClass.RETURN, ModeClass.LAND}), "gets nearer to the place, or climbs")
-_COMES_DOWN: Final = Follow(frozenset({ModeClass.LAND}), "comes down")
-_CIRCLES: Final[Mapping[FlightAction, Follow]] = {
-    FlightAction.HOLD: Follow(frozenset({ModeClass.STOP}), ""),
-    FlightAction.CONTINUE: Follow(frozenset({ModeClass.MISSION, ModeClass.GUIDED}), ""),
-    FlightAction.RETURN: _COMES_BACK,
-}
-FOLLOW: Final[Mapping[Kind, Mapping[FlightAction, Follow]]] = {
-    Kind.COPTER: {
-        FlightAction.HOLD: Follow(frozenset(), "comes to rest"),
-        FlightAction.CONTINUE: Follow(frozenset(), "moves"),
-        FlightAction.RETURN: _COMES_BACK,
-        FlightAction.LAND: _COMES_DOWN,
-    },
-    Kind.QUADPLANE: {**_CIRCLES, FlightAction.LAND: _COMES_DOWN},
-    # the landing sequence is a part of a mission, or comes at the end of a return
-    Kind.PLANE: {
-        **_CIRCLES,
-        FlightAction.LAND: Follow(frozenset({ModeClass.LAND, ModeClass.MISSION, ModeClass.RETURN}), ""),
-    },
-}
 
 
 class Seen(Enum):
@@ -158,7 +119,7 @@ class CommandVerification:
         "_since",
         "_tries",
         "due_at",
-        "kind",
+        "handling",
         "order",
         "stands",
         "unable",
@@ -166,8 +127,8 @@ class CommandVerification:
 
     def __init__(self, limits: Limits) -> None:
         self._limits = limits
-        #: kind of the aircraft
-        self.kind = Kind.COPTER
+        #: how the aircraft carries out an order
+        self.handling = STANDS_STILL
         #: the order in force; None: none
         self.order: FlightAction | None = None
         #: orders that the autopilot did not follow since the first cause
@@ -227,9 +188,9 @@ class CommandVerification:
         """The aircraft is on the ground: it does not stand by an order."""
         self.stands = False
 
-    def watch(self, kind: Kind) -> None:
-        """The kind of aircraft that is watched."""
-        self.kind = kind
+    def watch(self, handling: Handling) -> None:
+        """How the aircraft that is watched carries out an order."""
+        self.handling = handling
 
     def refused(self, action: FlightAction) -> None:
         """The autopilot has refused this. It counts only for the order in force, and only before that shows."""
@@ -330,7 +291,7 @@ class CommandVerification:
     def _is_so(self, mode: ModeTracker) -> bool:
         """Whether the refused order still shows."""
         assert self.order is not None
-        if FOLLOW[self.kind][self.order].modes:
+        if self.handling.shows[self.order].modes:
             return self._follows(mode)
         return self._motion is not None and self._motion.speed_mps < RESTS_MPS
 
@@ -351,7 +312,7 @@ class CommandVerification:
 
     def _follows(self, mode: ModeTracker) -> bool:
         assert self.order is not None
-        modes = FOLLOW[self.kind][self.order].modes
+        modes = self.handling.shows[self.order].modes
         return not modes or mode.flown in modes or (self.order is FlightAction.LAND and mode.landing)
 
     def _astray(self, was_deaf: bool, home: bool, now: float) -> Seen | None:
@@ -371,7 +332,7 @@ class CommandVerification:
         self, order: FlightAction, mode: ModeTracker, facts: Set[Fact], breached: bool, now: float
     ) -> Seen | None:
         """The mode is right: check the motion."""
-        if not FOLLOW[self.kind][order].motion:
+        if not self.handling.shows[order].motion:
             return self._shows(order)
         if order is FlightAction.HOLD:
             return self._rests(now)
@@ -438,7 +399,7 @@ class CommandVerification:
         if Fact.LANDING in facts:  # a gust may hold the aircraft up: landing is enough for a return
             return order is FlightAction.RETURN or motion.climb_mps < -CLIMBS_MPS
         # a climb, an unknown destination, or at the destination
-        there_m = CIRCLES_THERE_M if self.kind.winged else AT_PLACE_M
+        there_m = self.handling.at_place_m
         return motion.climb_mps > CLIMBS_MPS or motion.left_m is None or motion.left_m <= there_m
 
     def _give_up(self, order: FlightAction) -> Seen | None:

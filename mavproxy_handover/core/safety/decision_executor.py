@@ -43,8 +43,6 @@ _TAKES: Final = {
 #: the modes of an order: in one of them no command is needed
 _SAME: Final = {FlightAction.RETURN: (ModeClass.RETURN,), FlightAction.LAND: (ModeClass.LAND,)}
 _COMES_HOME: Final = (ModeClass.RETURN, ModeClass.LAND)
-#: orders that an aircraft with wings flies in a mode of their own, and a copter within its present mode
-_CIRCLED: Final = {FlightAction.HOLD: ModeClass.STOP, FlightAction.CONTINUE: ModeClass.MISSION}
 #: actions that are commanded
 _COMMANDED: Final = (FlightAction.HOLD, FlightAction.CONTINUE, FlightAction.RETURN, FlightAction.LAND)
 #: pause between two messages that an order is repeated (s)
@@ -262,14 +260,14 @@ class DecisionExecutor:
     def _fly(self, action: FlightAction, reason: Reason, now: float, actions: list[Action]) -> None:
         if action in _SAME:
             self._mode.heard(ModeSourceSeen(ModeSource.COMPANION), now)
-        elif self._flight.kind.winged and action in _CIRCLED:
-            self._mode.heard(ModeSourceSeen(ModeSource.COMPANION, _CIRCLED[action]), now)
+        elif action in self._flight.handling.by_mode:
+            self._mode.heard(ModeSourceSeen(ModeSource.COMPANION, self._flight.handling.by_mode[action]), now)
         actions.append(Fly(action, reason))
 
     def look(self, facts: Situation, now: float, actions: list[Action]) -> bool:
         """Compare the aircraft to the order in force; returns whether a new decision is needed."""
         verification, decision = self._verification, self._emergency.told
-        verification.watch(self._flight.kind)
+        verification.watch(self._flight.handling)
         order, breached = verification.order, self._conditions.reported.fence
         seen = verification.look(self._mode, facts, breached, now)
         if seen is None:

@@ -13,7 +13,7 @@ A way is a list of straight pieces (`Piece`). The energy of a piece is power tim
   be flown at all, its need is infinite. A tail wind counts as calm: on the way back it is a head wind.
 * Each piece is flown from rest to rest: speeding up and braking cost speed / `ACCELERATION_MPSS` seconds.
 * Climb, descent and waiting stand against the same wind.
-* An aircraft with wings (`wings`) holds the commanded airspeed, and the power for it. The wind adds to its ground
+* An aircraft that `holds_airspeed` keeps the commanded airspeed, and the power for it. The wind adds to its ground
   speed, or takes from it, and it flies against a cross wind at an angle. It waits by circling. It goes straight up or
   down on rotors, as a copter does. Each change between wings and rotors takes TRANSITION_S with the power of both.
 * A lighter aircraft, once its payload is dropped: hover, climb and descent cost the part of what they did that is left
@@ -123,7 +123,7 @@ class EnergyModel:
     Powers in W: `cruise_w` at airspeed `cruise_mps` in level flight, the others at rest in calm air. `airspeed_mps` is
     the fastest airspeed that it can hold. `wind` None: it is not known, and `headwind_mps` blows from ahead wherever it
     flies. `unloaded_part`: what its mass is without the payload, as a part of what it is now; 1 where there is none.
-    `wings`: it flies on them, and what it is told is an airspeed; the powers of hovering are those of its rotors.
+    `holds_airspeed`: it flies on wings, and what it is told is an airspeed; the powers of hovering are its rotors'.
     """
 
     battery_wh: float
@@ -141,7 +141,7 @@ class EnergyModel:
     return_alt_m: float
     wind: Wind | None = None
     unloaded_part: float = 1.0
-    wings: bool = False
+    holds_airspeed: bool = False
 
     @property
     def unloaded(self) -> EnergyModel:
@@ -149,7 +149,7 @@ class EnergyModel:
         if self.unloaded_part == 1.0:
             return self
         part = self.unloaded_part
-        if self.wings:  # what a lighter wing saves is not counted on
+        if self.holds_airspeed:  # what a lighter wing saves is not counted on
             return replace(
                 self,
                 hover_w=self.hover_w * part,
@@ -169,7 +169,7 @@ class EnergyModel:
 
     def power_w(self, airspeed_mps: float) -> float:
         """Power in level flight at that airspeed; never less than that of hovering, or on wings that of cruising."""
-        if self.wings:
+        if self.holds_airspeed:
             return self.cruise_w * max(1.0, airspeed_mps / self.cruise_mps) ** 3
         more_w = max(0.0, self.cruise_w - self.hover_w)
         return self.hover_w + more_w * (airspeed_mps / self.cruise_mps) ** 3
@@ -181,13 +181,13 @@ class EnergyModel:
         """
         told = self.cruise_mps if speed_mps is None else speed_mps
         ahead, across = (self.headwind_mps, 0.0) if self.wind is None else self.wind.against(bearing_deg)
-        airspeed = min(told, self.airspeed_mps) if self.wings else self.airspeed_mps
+        airspeed = min(told, self.airspeed_mps) if self.holds_airspeed else self.airspeed_mps
         if across >= airspeed:
             return MadeGood(0.0, inf)
         speed = min(told, sqrt(airspeed**2 - across**2) - ahead)
         if speed <= 0.0:
             return MadeGood(0.0, inf)
-        if self.wings:
+        if self.holds_airspeed:
             return MadeGood(speed, self.power_w(airspeed))
         return MadeGood(speed, self.power_w(hypot(speed + ahead, across)))
 
@@ -236,7 +236,7 @@ class EnergyModel:
         total = 0.0
         for piece in way:
             model, hanging_w = (light, light_still_w) if piece.unloaded else (self, still_w)
-            total += model._on_wings_wh(piece) if self.wings else model._hanging_wh(piece, hanging_w)
+            total += model._on_wings_wh(piece) if self.holds_airspeed else model._hanging_wh(piece, hanging_w)
         return total
 
     def budget_wh(self, need_wh: float) -> float:
@@ -269,18 +269,18 @@ def way_home(
     return_alt_m: float,
     *,
     speed_mps: float | None = None,
-    wings: bool = False,
+    climbs_on_way: bool = False,
     down: Sequence[Piece] | None = None,
 ) -> tuple[Piece, ...]:
     """The way of RTL to a return site: up to the return height, straight there, a pause, and down.
 
     Heights above home. `place_alt_m`: that of a rally point is a floor for the return, as `return_alt_m` is; where the
     aircraft is higher, it stays there. The ground at the place is taken to be as high as home. `speed_mps`: as in
-    `Piece`. `wings`: it climbs on its way, and circles once above the place. `down`: so it comes down from there, on
+    `Piece`. `climbs_on_way`: and it circles once above the place. `down`: so it comes down from there, on
     its wings, once it has circled down to these floors; None: straight.
     """
     height = max(alt_m, place_alt_m, return_alt_m)
-    if wings:
+    if climbs_on_way:
         sinks_s = 0.0 if down is None else (height - max(place_alt_m, return_alt_m)) / SINK_MPS
         there = Piece(
             length_m=distance_m,

@@ -21,10 +21,11 @@ from mavproxy_handover.core.safety.energy import EnergyModel, Wind
 __all__ = [
     "ENERGY_KEYS",
     "ENERGY_RANGES",
-    "RETURN_ALT_M",
+    "ON_ROTORS",
+    "ON_WINGS",
     "START_POLICIES",
     "WHOLE_KEYS",
-    "WINGED_RETURN_ALT_M",
+    "EnergyPrior",
     "EnergySettings",
     "hover_power_w",
 ]
@@ -42,10 +43,8 @@ _WORST_W_PER_KG: Final = 165.0
 _CRUISE_TO_HOVER: Final = 1.1
 #: 3DR Solo; descending it drew a tenth less than in hover, which is not counted on
 _CLIMB_TO_HOVER: Final = 1.2
-#: ArduCopter's WPNAV_SPEED (m/s), RTL_ALT (m) and lean limit (ANGLE_MAX, degrees)
-_WPNAV_SPEED_MPS, RETURN_ALT_M, _ANGLE_MAX_DEG = 10.0, 15.0, 30.0
-#: ArduPlane's AIRSPEED_CRUISE (m/s; before 4.5 TRIM_ARSPD_CM) and RTL_ALTITUDE (m; before 4.5 ALT_HOLD_RTL)
-_AIRSPEED_MPS, WINGED_RETURN_ALT_M = 12.0, 100.0
+#: ArduCopter's lean limit (ANGLE_MAX, degrees)
+_ANGLE_MAX_DEG: Final = 30.0
 #: a gentle breeze (Beaufort 3): the head wind if the wind is not known
 _HEADWIND_MPS: Final = 3.0
 #: PX4's rule for its return: a tenth more than was computed
@@ -87,6 +86,23 @@ def hover_power_w(mass_kg: float, rotor_area_m2: float) -> float:
     2.2.
     """
     return float((mass_kg * _GRAVITY_MPSS) ** 1.5 / (_EFFICIENCY * sqrt(2.0 * _AIR_KG_M3 * rotor_area_m2)))
+
+
+@dataclass(frozen=True, slots=True)
+class EnergyPrior:
+    """What counts for an aircraft where [energy] says nothing."""
+
+    #: the speed that its missions are flown at (m/s), and the height above home of its returns (m)
+    cruise_mps: float
+    return_alt_m: float
+    #: it is told an airspeed and holds that, with the power that goes with it (`EnergyModel`)
+    holds_airspeed: bool
+
+
+#: ArduCopter's WPNAV_SPEED and RTL_ALT
+ON_ROTORS: Final = EnergyPrior(10.0, 15.0, holds_airspeed=False)
+#: ArduPlane's AIRSPEED_CRUISE (before 4.5 TRIM_ARSPD_CM) and RTL_ALTITUDE (before 4.5 ALT_HOLD_RTL)
+ON_WINGS: Final = EnergyPrior(12.0, 100.0, holds_airspeed=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,19 +151,19 @@ class EnergySettings:
 
     @property
     def missing(self) -> str:
-        """What a copter has no budget without, in words; "" where all of it is there."""
-        return self.missing_for(wings=False)
+        """What an aircraft on rotors has no budget without, in words; "" if nothing is missing."""
+        return self.missing_for(ON_ROTORS)
 
-    def missing_for(self, *, wings: bool) -> str:
-        """The same of an aircraft that has wings, or has none."""
-        power = self._hover_w if self._hover_w is not None or not wings else self.cruise_w
+    def missing_for(self, prior: EnergyPrior) -> str:
+        """What an aircraft with this prior has no budget without, in words; "" if nothing is missing."""
+        power = self._hover_w if self._hover_w is not None or not prior.holds_airspeed else self.cruise_w
         if self.battery_wh is None and power is None:
             return "no [energy] numbers"
         if self.battery_wh is None:
             return "[energy] has no battery_wh"
         if power is not None:
             return ""
-        return "[energy] has neither cruise_w nor hover_w" if wings else "[energy] has neither hover_w nor mass_kg"
+        return f"[energy] has neither {'cruise_w nor hover_w' if prior.holds_airspeed else 'hover_w nor mass_kg'}"
 
     @property
     def unloaded_part(self) -> float:
@@ -167,9 +183,9 @@ class EnergySettings:
             return f"{self.payload_kg:g} must be less than mass_kg, {self.mass_kg:g}"
         return ""
 
-    def start_policy_for(self, *, wings: bool) -> str:
-        """What START does: refuse where there is a budget, and nothing was said."""
-        return "off" if self.missing_for(wings=wings) else self.start or "refuse"
+    def start_policy_for(self, prior: EnergyPrior) -> str:
+        """What START does: refuse if there is a budget and nothing else is configured."""
+        return "off" if self.missing_for(prior) else self.start or "refuse"
 
     @property
     def lean_limit_deg(self) -> float:
@@ -184,23 +200,21 @@ class EnergySettings:
             return self.mass_kg * _WORST_W_PER_KG
         return hover_power_w(self.mass_kg, self.rotor_area_m2)
 
-    def model(self, wind: Wind | None = None, *, wings: bool = False) -> EnergyModel | None:
-        """The model before anything is learned; None where something is `missing_for` it."""
-        battery_wh, hover_w = self.battery_wh, self._hover_w
-        if hover_w is None and wings:
+    def model(self, wind: Wind | None = None, prior: EnergyPrior = ON_ROTORS) -> EnergyModel | None:
+        """The model before anything is learned; None if something is `missing_for` it."""
+        battery_wh, hover_w, holds_airspeed = self.battery_wh, self._hover_w, prior.holds_airspeed
+        if hover_w is None and holds_airspeed:
             hover_w = self.cruise_w
         if battery_wh is None or hover_w is None:
             return None
-        usual_mps = _AIRSPEED_MPS if wings else _WPNAV_SPEED_MPS
-        usual_alt_m = WINGED_RETURN_ALT_M if wings else RETURN_ALT_M
-        cruise_mps = usual_mps if self.cruise_mps is None else self.cruise_mps
-        usual_w = hover_w if wings else hover_w * _CRUISE_TO_HOVER
+        cruise_mps = prior.cruise_mps if self.cruise_mps is None else self.cruise_mps
+        usual_w = hover_w if holds_airspeed else hover_w * _CRUISE_TO_HOVER
         cruise_w = usual_w if self.cruise_w is None else self.cruise_w
         reserve_wh = _RESERVE_PART * battery_wh + hover_w * _RESERVE_HOVER_S / 3600.0
         return EnergyModel(
             battery_wh=battery_wh,
             hover_w=hover_w,
-            cruise_w=cruise_w if wings else max(hover_w, cruise_w),
+            cruise_w=cruise_w if holds_airspeed else max(hover_w, cruise_w),
             climb_w=hover_w * (_CLIMB_TO_HOVER if self.climb_factor is None else self.climb_factor),
             descent_w=hover_w * (1.0 if self.descent_factor is None else self.descent_factor),
             cruise_mps=cruise_mps,
@@ -208,8 +222,8 @@ class EnergySettings:
             headwind_mps=_HEADWIND_MPS if self.headwind_mps is None else self.headwind_mps,
             reserve_factor=_FACTOR if self.reserve_factor is None else self.reserve_factor,
             reserve_wh=reserve_wh if self.reserve_wh is None else self.reserve_wh,
-            return_alt_m=usual_alt_m if self.return_alt_m is None else self.return_alt_m,
+            return_alt_m=prior.return_alt_m if self.return_alt_m is None else self.return_alt_m,
             wind=wind,
             unloaded_part=self.unloaded_part,
-            wings=wings,
+            holds_airspeed=holds_airspeed,
         )

@@ -13,9 +13,8 @@ from typing import Final
 
 from mavproxy_handover.core.common.causes import CAUSES, Cause, Ends
 from mavproxy_handover.core.common.limits import Limits
-from mavproxy_handover.core.common.model import Kind
+from mavproxy_handover.core.common.model import FlightAction
 from mavproxy_handover.core.safety.strategy import (
-    CARRIED_OUT,
     MILDER_THAN,
     OVERRULE,
     POLICY_LADDERS,
@@ -29,7 +28,7 @@ from mavproxy_handover.core.safety.strategy import (
     withheld,
 )
 
-__all__ = ["HEAD", "Considered", "assumed", "consider", "facts_table", "kinds_table", "story", "table"]
+__all__ = ["HEAD", "Considered", "assumed", "carried_out_table", "consider", "facts_table", "story", "table"]
 
 Row = tuple[str, ...]
 #: facts that hold in the air unless something else is said,
@@ -90,10 +89,12 @@ def facts_table() -> list[Row]:
     return rows
 
 
-def kinds_table() -> list[Row]:
-    """How each kind of aircraft does what is decided: what the columns are, and a row for each action."""
-    rows: list[Row] = [("action", *(kind.value for kind in Kind))]
-    return rows + [(action.name.lower(), *(row[kind] for kind in Kind)) for action, row in CARRIED_OUT.items()]
+def carried_out_table(profiles: Mapping[str, Mapping[FlightAction, str]]) -> list[Row]:
+    """How each kind of aircraft does what is decided: what the columns are, and a row for each action. `profiles`: the
+    words of each kind of aircraft, by its name."""
+    actions = dict.fromkeys(action for words in profiles.values() for action in words)
+    rows: list[Row] = [("action", *profiles)]
+    return rows + [(action.name.lower(), *(words[action] for words in profiles.values())) for action in actions]
 
 
 _ALL: Final = [*(ladder(cause, "warn") for cause in Cause), *POLICY_LADDERS.values()]

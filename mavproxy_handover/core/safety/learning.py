@@ -33,7 +33,7 @@ from statistics import median
 from typing import Final
 
 from mavproxy_handover.core.safety.energy import EnergyModel, Wind
-from mavproxy_handover.core.safety.energy_prior import EnergySettings
+from mavproxy_handover.core.safety.energy_prior import ON_ROTORS, EnergyPrior, EnergySettings
 
 __all__ = [
     "LEAST_PART",
@@ -180,11 +180,11 @@ class _Winds:
 class Learner:
     """Learns one flight after the other, from the numbers of `settings` on. Times are monotonic seconds."""
 
-    def __init__(self, settings: EnergySettings, *, wings: bool = False) -> None:
-        """`wings`: the aircraft flies on them. Raises ValueError if there is no model to learn from."""
-        prior = settings.model(wings=wings)
+    def __init__(self, settings: EnergySettings, usual: EnergyPrior = ON_ROTORS) -> None:
+        """`usual`: what counts where the settings say nothing. Raises ValueError if there is no model to learn from."""
+        prior = settings.model(prior=usual)
         if prior is None:
-            raise ValueError(settings.missing_for(wings=wings))
+            raise ValueError(settings.missing_for(usual))
         self._prior: EnergyModel = prior
         self._configured = prior
         self._lean_limit_deg = settings.lean_limit_deg
@@ -242,7 +242,7 @@ class Learner:
             return
         changes = (motion.north_mps - before.north_mps, motion.east_mps - before.east_mps)
         steady = hypot(*changes) <= _STEADY_MPS and abs(motion.up_mps) <= _VERTICAL_MPS
-        if steady and not self._prior.wings:
+        if steady and not self._prior.holds_airspeed:
             self._learn_wind(motion, now)
         self._learn_power(motion, steady, now)
 
@@ -272,7 +272,7 @@ class Learner:
         watts = motion.power_w
         if watts is None or not isfinite(watts) or not 0.0 < watts <= _MOST_W:
             return
-        if self._prior.wings and motion.ground_mps >= _HOVER_MPS:
+        if self._prior.holds_airspeed and motion.ground_mps >= _HOVER_MPS:
             if steady:  # whatever the wind, it flies at the airspeed that it was told
                 self._cruise.add(watts)
         elif motion.up_mps > _VERTICAL_MPS:
@@ -311,7 +311,7 @@ class Learner:
         model = replace(
             prior,
             hover_w=hover_w,
-            cruise_w=self._cruise.value if prior.wings else max(hover_w, self._cruise.value),
+            cruise_w=self._cruise.value if prior.holds_airspeed else max(hover_w, self._cruise.value),
             climb_w=max(hover_w, self._climb.value),
             descent_w=self._descent.value,
             airspeed_mps=self._airspeed.value,

@@ -17,8 +17,8 @@ Four facts overrule the ladders: on the ground, with a pilot who steers, with a 
 while the autopilot is not heard. Then nothing is commanded, and every action except to wait becomes a warning. Two more
 facts limit them: an aircraft that returns is not stopped, and one that lands is not sent anywhere (MILDER_THAN).
 
-The decision is the same for every kind of aircraft. The way it is carried out is not (`CARRIED_OUT`). An aircraft with
-wings cannot stand still, so it circles and needs room for it. `authority/coverage.py` counts with that room.
+The decision is the same for every kind of aircraft. The way it is carried out is in the profile (`vehicle/profiles/`).
+An aircraft that cannot stand still circles, and needs room for it. `authority/coverage.py` counts with that room.
 
 `Strategy` remembers two things:
 
@@ -38,10 +38,9 @@ from types import MappingProxyType
 from typing import Final
 
 from mavproxy_handover.core.common.causes import CAUSES, Cause
-from mavproxy_handover.core.common.model import FlightAction, Kind
+from mavproxy_handover.core.common.model import FlightAction
 
 __all__ = [
-    "CARRIED_OUT",
     "FIRST",
     "MILDER_THAN",
     "OVERRULE",
@@ -115,31 +114,6 @@ _GOES_ON: Final = (FlightAction.TRANSFER, FlightAction.CONTINUE)
 #: Actions that the commander can overrule: those that change the flight.
 OVERRULED: Final = (FlightAction.HOLD, FlightAction.RETURN, FlightAction.LAND)
 MILDER_THAN: Final[Mapping[Fact, FlightAction]] = {Fact.LANDING: FlightAction.LAND, Fact.RETURNING: FlightAction.RETURN}
-
-
-#: How an aircraft of each kind carries out an action, for people; `vehicle/kinds.py` has the autopilot's commands.
-CARRIED_OUT: Final[Mapping[FlightAction, Mapping[Kind, str]]] = {
-    FlightAction.HOLD: {
-        Kind.COPTER: "stops, its mission paused",
-        Kind.PLANE: "circles, in LOITER",
-        Kind.QUADPLANE: "circles, in LOITER",
-    },
-    FlightAction.CONTINUE: {
-        Kind.COPTER: "flies on, its mission resumed",
-        Kind.PLANE: "flies on, in AUTO",
-        Kind.QUADPLANE: "flies on, in AUTO",
-    },
-    FlightAction.RETURN: {
-        Kind.COPTER: "RTL to the chosen place, and down",
-        Kind.PLANE: "RTL to the chosen place, and down by the landing sequence there",
-        Kind.QUADPLANE: "RTL to the chosen place, and down by its rotors",
-    },
-    FlightAction.LAND: {
-        Kind.COPTER: "LAND, where it is",
-        Kind.PLANE: "the next landing sequence: it cannot come down where it is",
-        Kind.QUADPLANE: "QLAND, where it is",
-    },
-}
 
 
 @dataclass(frozen=True, slots=True)

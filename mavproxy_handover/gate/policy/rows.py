@@ -30,7 +30,6 @@ from mavproxy_handover.gate.policy.commands import (
     ValueRule,
 )
 from mavproxy_handover.gate.policy.files import file_rule
-from mavproxy_handover.gate.policy.modes import COPTER, Modes
 from mavproxy_handover.gate.policy.parameters import PARAMETER_MESSAGES, parameter_name, parameter_rule
 from mavproxy_handover.gate.policy.parts import MISSION_READ_MESSAGES, MISSION_TYPE_MESSAGES
 from mavproxy_handover.gate.policy.switches import switch_name, switch_rule
@@ -46,6 +45,7 @@ from mavproxy_handover.gate.policy.tables import (
     Access,
     Rule,
 )
+from mavproxy_handover.vehicle.profiles import ASSUMED, Modes
 from mavproxy_handover.wire.frames import Frame, field_bytes, field_float, field_int
 from mavproxy_handover.wire.ids import FTP_OPCODES, GUARD_STATUS_TUNNEL, LEASE_TUNNEL, MISSION_START
 
@@ -224,8 +224,8 @@ _TURNING: Final = frozenset(
 TAKE_OFF_MESSAGES: Final = frozenset({mavlink.MAVLINK_MSG_ID_SET_MODE})
 
 
-def takes_off(frame: Frame, row: Row, modes: Modes = COPTER) -> bool:
-    """Whether a frame with this row arms an aircraft on the ground, or makes it take off. `modes`: its flight modes."""
+def takes_off(frame: Frame, row: Row, modes: Modes = ASSUMED.gate) -> bool:
+    """Whether a frame, whose row this is, arms an aircraft with these modes on the ground, or has it take off."""
     if frame.msgid == mavlink.MAVLINK_MSG_ID_SET_MODE:
         return _keeps(field_int(frame, "custom_mode"), MODE_BITS) in modes.take_off
     rule = None if row.part is None else _TAKE_OFFS.get(row.part)
@@ -251,8 +251,9 @@ def _values(rule: TakeOffRule, modes: Modes) -> tuple[int, ...]:
     return (*rule.values, *modes.take_off_switches) if rule.switch else rule.values
 
 
-def moves(frame: Frame, row: Row, modes: Modes = COPTER) -> bool:
-    """Whether a frame with this row may turn motors while people carry the aircraft: START, arming, take-off, tests."""
+def moves(frame: Frame, row: Row, modes: Modes = ASSUMED.gate) -> bool:
+    """Whether motors may turn by a frame, whose row this is, of an aircraft that is carried: by START, by what arms or
+    takes off, and by tests."""
     if row.access is not Access.COMMAND:
         return False
     turns = frame.msgid in _COMMANDS and (row.part == MISSION_START or row.part in _TURNING)

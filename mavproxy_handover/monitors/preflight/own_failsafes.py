@@ -29,7 +29,6 @@ from dataclasses import dataclass
 from math import degrees, inf
 from typing import Final
 
-from mavproxy_handover.core.common.model import Kind
 from mavproxy_handover.core.safety.energy import (
     ACCELERATION_MPSS,
     CLIMB_MPS,
@@ -46,15 +45,11 @@ from mavproxy_handover.mission.items import GRIPPER, LANDINGS, LOITER_TURNS, Mis
 from mavproxy_handover.mission.leg import Leg
 from mavproxy_handover.mission.plan import Route, ways_from_land_starts
 from mavproxy_handover.mission.route_simulation import legs_of
+from mavproxy_handover.vehicle.profiles import SWITCHED, Profile, Rules
 from mavproxy_handover.vehicle.return_limits import BELOW_CEILING_M
 
 __all__ = [
-    "COPTERS",
-    "EVERY",
-    "NAMES",
-    "PLANE_NAMES",
     "RULES",
-    "WINGED",
     "PlanFacts",
     "circles_for_ever",
     "further_names",
@@ -63,39 +58,11 @@ __all__ = [
     "plan_facts",
 ]
 
-#: functions of the switches of the pilot's transmitter; a station's RC override moves them too
-_SWITCHED: Final = tuple(f"RC{channel}_OPTION" for channel in range(5, 17))
-#: parameters that these rules read; of two names in a row a firmware has one
-NAMES: Final = (
-    *_SWITCHED,
-    "BATT_MONITOR", "BATT_FS_LOW_ACT", "BATT_FS_CRT_ACT", "BATT_LOW_VOLT", "BATT_LOW_MAH",
-    "FENCE_ENABLE", "FENCE_AUTOENABLE", "FENCE_TYPE", "FENCE_ACTION", "FENCE_OPTIONS", "FENCE_RADIUS", "FENCE_ALT_MAX",
-    "RTL_ALT", "RTL_ALT_M", "RTL_ALT_FINAL", "RTL_ALT_FINAL_M", "RTL_SPEED", "RTL_SPEED_MS", "RALLY_INCL_HOME",
-    "RTL_CLIMB_MIN", "RTL_CLIMB_MIN_M", "RTL_LOIT_TIME", "HNDO_ACTION", "FS_DR_ENABLE",
-    "TERRAIN_ENABLE", "WPNAV_RFND_USE", "RNGFND1_TYPE", "CIRCLE_RATE",
-    "WPNAV_SPEED", "WP_SPD", "WPNAV_SPEED_UP", "WP_SPD_UP", "WPNAV_SPEED_DN", "WP_SPD_DN", "LAND_SPEED", "LAND_SPD_MS",
-    "LAND_ALT_LOW", "LAND_ALT_LOW_M", "WPNAV_ACCEL", "WP_ACC", "OA_TYPE", "GRIP_ENABLE",
-)  # fmt: skip
-#: parameters that these rules read from an aircraft with wings
-PLANE_NAMES: Final = (
-    *_SWITCHED,
-    "BATT_MONITOR", "BATT_FS_LOW_ACT", "BATT_FS_CRT_ACT", "BATT_LOW_VOLT", "BATT_LOW_MAH",
-    "FENCE_ENABLE", "FENCE_AUTOENABLE", "FENCE_TYPE", "FENCE_ACTION", "FENCE_OPTIONS", "FENCE_RADIUS", "FENCE_ALT_MAX",
-    "RTL_ALTITUDE", "ALT_HOLD_RTL", "RALLY_INCL_HOME", "HNDO_ACTION", "MIS_RESTART", "GRIP_ENABLE",
-    "FS_SHORT_ACTN", "FS_LONG_ACTN", "RTL_AUTOLAND", "RTL_CLIMB_MIN", "FLIGHT_OPTIONS", "TERRAIN_FOLLOW",
-    "Q_ENABLE", "Q_RTL_MODE", "Q_RTL_ALT", "Q_OPTIONS", "TERRAIN_ENABLE", "TRIM_ARSPD_CM", "AIRSPEED_CRUISE",
-)  # fmt: skip
-#: the parameters of BATT_ that each further monitor has too
+#: of those that begin with BATT_, what each further monitor has as well
 _OF_MONITOR: Final = ("MONITOR", "FS_LOW_ACT", "FS_CRT_ACT", "LOW_VOLT", "LOW_MAH")
 
 #: tolerance (degrees a second): parameters have 24 bits, and settings are rounded
 _ROUNDED_DEG_S: Final = 0.01
-
-#: the kinds of aircraft that a rule is for
-COPTERS: Final = frozenset({Kind.COPTER})
-WINGED: Final = frozenset({Kind.PLANE, Kind.QUADPLANE})
-_HOVERING: Final = frozenset({Kind.QUADPLANE})
-EVERY: Final = COPTERS | WINGED
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,7 +116,7 @@ def plan_facts(route: Route, cruise_mps: float | None = None) -> PlanFacts:
         above_sea(route),
         above_terrain(route),
         route.ground is not None,
-        0.0 if route.kind.winged else _circle_deg_s(route, legs),
+        0.0 if route.profile.flies_past else _circle_deg_s(route, legs),
         cruise_mps,
         next((low.text for low in low_ways(route, legs)), ""),
         next((item.seq for item in route.items if item.command == GRIPPER), None),
@@ -171,8 +138,8 @@ def _circle_deg_s(route: Route, legs: Sequence[Leg]) -> float:
 
 Parameters = Mapping[str, float]
 Rule = Callable[[Parameters, "PlanFacts | None"], "str | None"]
-#: parameter to change, rule, kinds of aircraft that it is for
-Row = tuple[str, Rule, frozenset[Kind]]
+#: parameter to change, rule, and the group that it belongs to
+Row = tuple[str, Rule, Rules]
 
 # ---- the way home -------------------------------------------------------------------------------------------------
 
@@ -233,24 +200,24 @@ def _way(name: str, ways: Mapping[int, str]) -> Rule:
 _BY_SEQUENCE, _BY_ROTORS = (1, 2), (1, 2, 3)
 
 
-def circles_for_ever(p: Parameters | None, plan: PlanFacts | None, kind: Kind) -> str:
-    """Why a return does not end in a landing, in words; "" if it does, or if no mission is known.
+def circles_for_ever(p: Parameters | None, plan: PlanFacts | None, profile: Profile) -> str:
+    """Why a return of this aircraft does not end in a landing, in words; "" if it does, or no mission is known.
 
     `p` None: not read yet. START asks this: an aircraft that circles has not come back.
     """
-    if not kind.winged or plan is None:
+    if not profile.holds_by_circling or plan is None:
         return ""
     if plan.aloft is not None:
         return f"it would never land: the landing sequence of item {plan.aloft} (DO_LAND_START) comes to no landing"
     if p is None:
         return "its parameters are not read yet"
-    if kind is Kind.QUADPLANE and int(p.get("Q_RTL_MODE", 0)) in _BY_ROTORS:
+    if profile.vertical and int(p.get("Q_RTL_MODE", 0)) in _BY_ROTORS:
         return ""
     sequence = int(p.get("RTL_AUTOLAND", 0)) in _BY_SEQUENCE
     if plan.lands and sequence:
         return ""
     missing = "RTL_AUTOLAND is not 1" if plan.lands else "the mission has no landing sequence (DO_LAND_START)"
-    rotors = ", and Q_RTL_MODE is 0" if kind is Kind.QUADPLANE else ""
+    rotors = ", and Q_RTL_MODE is 0" if profile.vertical else ""
     return f"it would circle for ever: {missing}{rotors}"
 
 
@@ -526,13 +493,13 @@ def _rules_of(battery: str) -> tuple[Row, ...]:
     """The rules of one monitor. `battery`: the prefix of its parameters."""
     low, critical = f"{battery}_FS_LOW_ACT", f"{battery}_FS_CRT_ACT"
     return (
-        (f"{battery}_MONITOR", _monitor(battery), EVERY),
-        (low, _low(battery), EVERY),
-        (f"{battery}_LOW_VOLT", _low_when(battery), EVERY),
-        *((name, _way(name, _ACTIONS), COPTERS) for name in (low, critical)),
-        *((name, _way(name, _WINGED_ACTIONS), WINGED) for name in (low, critical)),
-        (critical, _critical(battery, _GRAVITY), COPTERS),
-        (critical, _critical(battery, _WINGED_GRAVITY), WINGED),
+        (f"{battery}_MONITOR", _monitor(battery), Rules.EVERY),
+        (low, _low(battery), Rules.EVERY),
+        (f"{battery}_LOW_VOLT", _low_when(battery), Rules.EVERY),
+        *((name, _way(name, _ACTIONS), Rules.ARDUCOPTER) for name in (low, critical)),
+        *((name, _way(name, _WINGED_ACTIONS), Rules.ARDUPLANE) for name in (low, critical)),
+        (critical, _critical(battery, _GRAVITY), Rules.ARDUCOPTER),
+        (critical, _critical(battery, _WINGED_GRAVITY), Rules.ARDUPLANE),
     )
 
 
@@ -603,10 +570,10 @@ def _ceiling(p: Parameters, plan: PlanFacts | None) -> str | None:
 
 
 _CRUISES: Final = (
-    ("WPNAV_SPEED", COPTERS),
-    ("WP_SPD", COPTERS),
-    ("TRIM_ARSPD_CM", WINGED),
-    ("AIRSPEED_CRUISE", WINGED),
+    ("WPNAV_SPEED", Rules.ARDUCOPTER),
+    ("WP_SPD", Rules.ARDUCOPTER),
+    ("TRIM_ARSPD_CM", Rules.ARDUPLANE),
+    ("AIRSPEED_CRUISE", Rules.ARDUPLANE),
 )
 _CLIMBS, _SINKS, _TOUCHES, _SPEEDS_UP = (
     "a return climbs at {value} m/s, and the energy of {counted} m/s is counted",
@@ -629,40 +596,40 @@ _COUNTED: Final = (
 #: the gravest first
 RULES: Final[tuple[Row, ...]] = (
     *_rules_of("BATT"),
-    *((name, _way(name, ways), COPTERS) for name, ways in _WAYS.items()),
-    *((name, _way(name, ways), WINGED) for name, ways in _WINGED_WAYS.items()),
-    ("GRIP_ENABLE", _gripper, EVERY),
-    ("FENCE_ENABLE", _enabled, EVERY),
-    ("FENCE_TYPE", _kinds, EVERY),
-    ("FENCE_ACTION", _reported, EVERY),
-    ("FENCE_OPTIONS", _union, EVERY),
-    ("FENCE_RADIUS", _radius, EVERY),
-    ("FENCE_ALT_MAX", _ceiling, EVERY),
-    ("RTL_ALT", _return_height("RTL_ALT", 0.01), COPTERS),
-    ("RTL_ALT_M", _return_height("RTL_ALT_M", 1.0), COPTERS),
-    ("RTL_ALTITUDE", _return_height("RTL_ALTITUDE", 1.0), WINGED),
-    ("ALT_HOLD_RTL", _return_height("ALT_HOLD_RTL", 0.01), WINGED),
-    ("RTL_CLIMB_MIN", _climb, WINGED),
-    ("FLIGHT_OPTIONS", _climbs_first, WINGED),
-    ("TERRAIN_FOLLOW", _follows_ground, WINGED),
-    ("Q_RTL_ALT", _approach, _HOVERING),
-    ("Q_OPTIONS", _lands_in_hover, _HOVERING),
-    ("Q_OPTIONS", _on_wings, _HOVERING),
-    ("RTL_ALT_FINAL", _hover("RTL_ALT_FINAL", 0.01), COPTERS),
-    ("RTL_ALT_FINAL_M", _hover("RTL_ALT_FINAL_M", 1.0), COPTERS),
-    ("RTL_SPEED", _return_speed("RTL_SPEED", 0.01), COPTERS),
-    ("RTL_SPEED_MS", _return_speed("RTL_SPEED_MS", 1.0), COPTERS),
-    ("RTL_CLIMB_MIN", _first_climb("RTL_CLIMB_MIN", 0.01), COPTERS),
-    ("RTL_CLIMB_MIN_M", _first_climb("RTL_CLIMB_MIN_M", 1.0), COPTERS),
-    ("RTL_LOIT_TIME", _loiter, COPTERS),
-    *((name, _cruise_speed(name), kinds) for name, kinds in _CRUISES),
-    *((name, _slower(name, unit, counted, what), COPTERS) for name, unit, counted, what in _COUNTED),
-    ("LAND_ALT_LOW", _lands_slowly_from("LAND_ALT_LOW", 0.01), COPTERS),
-    ("LAND_ALT_LOW_M", _lands_slowly_from("LAND_ALT_LOW_M", 1.0), COPTERS),
-    ("OA_TYPE", _flies_around, COPTERS),
-    *((name, _switched(name), EVERY) for name in _SWITCHED),
-    ("RALLY_INCL_HOME", _home, EVERY),
-    ("TERRAIN_ENABLE", _terrain, EVERY),
-    ("CIRCLE_RATE", _circle_rate, COPTERS),
-    ("", _low_way, EVERY),
+    *((name, _way(name, ways), Rules.ARDUCOPTER) for name, ways in _WAYS.items()),
+    *((name, _way(name, ways), Rules.ARDUPLANE) for name, ways in _WINGED_WAYS.items()),
+    ("GRIP_ENABLE", _gripper, Rules.EVERY),
+    ("FENCE_ENABLE", _enabled, Rules.EVERY),
+    ("FENCE_TYPE", _kinds, Rules.EVERY),
+    ("FENCE_ACTION", _reported, Rules.EVERY),
+    ("FENCE_OPTIONS", _union, Rules.EVERY),
+    ("FENCE_RADIUS", _radius, Rules.EVERY),
+    ("FENCE_ALT_MAX", _ceiling, Rules.EVERY),
+    ("RTL_ALT", _return_height("RTL_ALT", 0.01), Rules.ARDUCOPTER),
+    ("RTL_ALT_M", _return_height("RTL_ALT_M", 1.0), Rules.ARDUCOPTER),
+    ("RTL_ALTITUDE", _return_height("RTL_ALTITUDE", 1.0), Rules.ARDUPLANE),
+    ("ALT_HOLD_RTL", _return_height("ALT_HOLD_RTL", 0.01), Rules.ARDUPLANE),
+    ("RTL_CLIMB_MIN", _climb, Rules.ARDUPLANE),
+    ("FLIGHT_OPTIONS", _climbs_first, Rules.ARDUPLANE),
+    ("TERRAIN_FOLLOW", _follows_ground, Rules.ARDUPLANE),
+    ("Q_RTL_ALT", _approach, Rules.ARDUPLANE_ROTORS),
+    ("Q_OPTIONS", _lands_in_hover, Rules.ARDUPLANE_ROTORS),
+    ("Q_OPTIONS", _on_wings, Rules.ARDUPLANE_ROTORS),
+    ("RTL_ALT_FINAL", _hover("RTL_ALT_FINAL", 0.01), Rules.ARDUCOPTER),
+    ("RTL_ALT_FINAL_M", _hover("RTL_ALT_FINAL_M", 1.0), Rules.ARDUCOPTER),
+    ("RTL_SPEED", _return_speed("RTL_SPEED", 0.01), Rules.ARDUCOPTER),
+    ("RTL_SPEED_MS", _return_speed("RTL_SPEED_MS", 1.0), Rules.ARDUCOPTER),
+    ("RTL_CLIMB_MIN", _first_climb("RTL_CLIMB_MIN", 0.01), Rules.ARDUCOPTER),
+    ("RTL_CLIMB_MIN_M", _first_climb("RTL_CLIMB_MIN_M", 1.0), Rules.ARDUCOPTER),
+    ("RTL_LOIT_TIME", _loiter, Rules.ARDUCOPTER),
+    *((name, _cruise_speed(name), group) for name, group in _CRUISES),
+    *((name, _slower(name, unit, counted, what), Rules.ARDUCOPTER) for name, unit, counted, what in _COUNTED),
+    ("LAND_ALT_LOW", _lands_slowly_from("LAND_ALT_LOW", 0.01), Rules.ARDUCOPTER),
+    ("LAND_ALT_LOW_M", _lands_slowly_from("LAND_ALT_LOW_M", 1.0), Rules.ARDUCOPTER),
+    ("OA_TYPE", _flies_around, Rules.ARDUCOPTER),
+    *((name, _switched(name), Rules.EVERY) for name in SWITCHED),
+    ("RALLY_INCL_HOME", _home, Rules.EVERY),
+    ("TERRAIN_ENABLE", _terrain, Rules.EVERY),
+    ("CIRCLE_RATE", _circle_rate, Rules.ARDUCOPTER),
+    ("", _low_way, Rules.EVERY),
 )

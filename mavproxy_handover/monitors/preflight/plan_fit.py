@@ -8,9 +8,9 @@ import math
 from typing import Final
 
 from mavproxy_handover.core.common.events import AircraftJudged, Event, HeightsJudged, ReturnJudged
-from mavproxy_handover.core.common.model import Kind
 from mavproxy_handover.monitors.preflight.own_failsafes import PlanFacts, circles_for_ever
 from mavproxy_handover.monitors.preflight.rules import heights_lack, other_type
+from mavproxy_handover.vehicle.profiles import Profile
 from mavproxy_handover.vehicle.state import VehicleState
 
 __all__ = ["PlanFitMonitor", "not_as_checked"]
@@ -22,8 +22,8 @@ _LANDS: Final = {"Q_RTL_MODE": 1.0, "RTL_AUTOLAND": 1.0}
 def not_as_checked(facts: PlanFacts, state: VehicleState) -> str:
     """Why a plan that is uploaded in flight does not fit this aircraft, in words; "" if it fits."""
     parameters = state.parameters.read
-    # after a restart in flight the parameters are not read; START required these
-    circles = circles_for_ever(_LANDS if parameters is None else parameters, facts, state.kind)
+    # after a restart in flight they are not read: START has asked for these
+    circles = circles_for_ever(_LANDS if parameters is None else parameters, facts, state.profile)
     if circles:
         return f"a return would not land: {circles}"
     return heights_lack(parameters, facts, state.home_alt_m)
@@ -34,18 +34,18 @@ class PlanFitMonitor:
 
     def __init__(self) -> None:
         self._facts: PlanFacts | None = None
-        #: the kind of aircraft that the mission was checked for
-        self._kind: Kind | None = None
-        #: the last findings: about the aircraft, the heights, and a return that lands
+        #: the profile that the mission was checked with
+        self._profile: Profile | None = None
+        #: what was found last: of the aircraft, of the heights, of a return that lands
         self._aircraft = self._heights = self._return = ""
 
     def planned(self, facts: PlanFacts | None) -> None:
         """Set the facts of the autopilot's mission; None: not known."""
         self._facts = facts
 
-    def flies(self, kind: Kind | None) -> None:
-        """Set the kind of aircraft that the mission was checked for; None: the mission is not known."""
-        self._kind = kind
+    def flies(self, profile: Profile | None) -> None:
+        """The mission was checked with this profile; None: it is not known which mission it is."""
+        self._profile = profile
 
     def update(self, state: VehicleState, _now: float) -> list[Event]:
         """Returns what START lacks for aircraft, heights and a return that lands, when that changes."""
@@ -58,14 +58,14 @@ class PlanFitMonitor:
         if heights != self._heights:
             self._heights = heights
             found.append(HeightsJudged(heights))
-        lacks = circles_for_ever(parameters, self._facts, state.kind)
+        lacks = circles_for_ever(parameters, self._facts, state.profile)
         if lacks != self._return:
             self._return = lacks
             found.append(ReturnJudged(lacks))
         return found
 
     def _other_kind(self, state: VehicleState) -> str:
-        """The kind of aircraft that the mission was checked for, in words; "" if it fits, or is not known."""
-        if self._kind is None or state.telemetry.heartbeat.at == -math.inf or self._kind is state.kind:
+        """Which kind of aircraft the mission was checked for, in words; "" if it is this one, or not known."""
+        if self._profile is None or state.telemetry.heartbeat.at == -math.inf or self._profile is state.profile:
             return ""
-        return f"the mission is for a {self._kind.value}, and this is a {state.kind.value}"
+        return f"the mission is for a {self._profile.name}, and this is a {state.profile.name}"

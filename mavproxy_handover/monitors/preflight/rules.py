@@ -20,25 +20,21 @@ from typing import Final
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.common.limits import Limits
-from mavproxy_handover.core.common.model import GuardState, Kind
+from mavproxy_handover.core.common.model import GuardState
 from mavproxy_handover.core.safety.energy_prior import ENERGY_RANGES
 from mavproxy_handover.mission.heights import home_disagrees
 from mavproxy_handover.monitors.preflight import own_failsafes
 from mavproxy_handover.monitors.preflight.own_failsafes import (
-    COPTERS,
-    EVERY,
-    WINGED,
     PlanFacts,
     circles_for_ever,
     no_terrain,
 )
-from mavproxy_handover.vehicle.kinds import COPTER, PLANE, Vehicle
+from mavproxy_handover.vehicle.profiles import ASSUMED, PROFILES, Profile, Rules
 from mavproxy_handover.wire.ids import COMPANION_COMPID
 
 __all__ = [
     "KNOWN",
-    "NAMES",
-    "PLANE_NAMES",
+    "RULES",
     "Finding",
     "Found",
     "heights_lack",
@@ -47,35 +43,17 @@ __all__ = [
     "other_type",
 ]
 
-#: parameters of the guard, and of the type that the autopilot reports
-_SHARED: Final = (
-    "SCR_ENABLE", "HNDO_ENABLE", "HNDO_CHAN", "HNDO_COMPID", "HNDO_TIMEOUT", "HNDO_LOST_T", "HNDO_SYSID_SW",
-    "HNDO_ALONE_MAX", "Q_MAV_TYPE",
-)  # fmt: skip
-#: parameters to read from ArduCopter; of two names in a row a firmware has one (up to 4.6, from 4.7)
-NAMES = (
-    *_SHARED, "FS_GCS_ENABLE", "FS_GCS_TIMEOUT", "FS_OPTIONS", "RALLY_LIMIT_KM",
-    "SYSID_ENFORCE", "MAV_OPTIONS", "FS_THR_ENABLE", "RC_PROTOCOLS", "SCR_VM_I_COUNT", "SCR_LD_CHECKSUM",
-    "ARMING_CHECK", "ARMING_SKIPCHK", *own_failsafes.NAMES,
-)  # fmt: skip
-#: parameters to read from ArduPlane
-PLANE_NAMES = (
-    *_SHARED, "FS_GCS_ENABL", "FS_LONG_TIMEOUT", "RALLY_LIMIT_KM",
-    "SYSID_ENFORCE", "MAV_OPTIONS", "THR_FAILSAFE", "RC_PROTOCOLS", "SCR_VM_I_COUNT", "SCR_LD_CHECKSUM",
-    "ARMING_CHECK", "ARMING_SKIPCHK", "ARMING_REQUIRE", "WP_LOITER_RAD", "RTL_RADIUS", *own_failsafes.PLANE_NAMES,
-)  # fmt: skip
-_NAMES_OF: Final = {COPTER: NAMES, PLANE: PLANE_NAMES}
 _MOST_BATTERIES: Final = int(ENERGY_RANGES["batteries"][1])
 #: all names that may be read
-KNOWN: Final = frozenset((*NAMES, *PLANE_NAMES, *own_failsafes.further_names(_MOST_BATTERIES)))
+KNOWN: Final = frozenset(
+    (*(name for profile in PROFILES for name in profile.reads), *own_failsafes.further_names(_MOST_BATTERIES))
+)
 OLDEST, NEWEST = (4, 5), (4, 7)
 
 #: time (s) that a forced transfer needs after a recovery before the guard may act; parameters have 24 bits
 _FORCED_S, _ROUNDED_S = 0.5, 1e-4
 _CONTINUE_AUTO, _CONTINUE_PILOT = 0b10, 0b10000
-#: FS_GCS_ENABL
-_IN_AUTO_ONLY = 3
-#: allowed values of Q_MAV_TYPE: the default, and FIXED_WING, which is the same (`QuadPlane::get_mav_type`)
+#: Q_MAV_TYPE: as it comes, and FIXED_WING, which is the same (`QuadPlane::get_mav_type`)
 _OWN_TYPES = (0, mavlink.MAV_TYPE_FIXED_WING)
 
 
@@ -103,24 +81,18 @@ class Found:
     plan: PlanFacts | None = None
     #: the longest limit of a gap (s); 0 without gaps
     gap_s: float = 0.0
-    #: the kind of aircraft
-    kind: Kind = Kind.COPTER
-    #: number of battery monitors in use, from monitor 0 on
+    profile: Profile = ASSUMED
+    #: how many it flies by: monitors 0 and up
     batteries: int = 1
     #: its home above the sea (m); None: not known
     home_alt_m: float | None = None
     #: why leases and guard do not fit, in words
     misfit: str = ""
 
-    @property
-    def vehicle(self) -> Vehicle:
-        """Its firmware."""
-        return PLANE if self.kind.winged else COPTER
 
-
-def names_of(vehicle: Vehicle, batteries: int = 1) -> tuple[str, ...]:
-    """The parameters to read from an autopilot with this firmware and this many batteries."""
-    return (*_NAMES_OF[vehicle], *own_failsafes.further_names(batteries))
+def names_of(profile: Profile, batteries: int = 1) -> tuple[str, ...]:
+    """The parameters that are read of an aircraft of this profile, which flies by so many batteries."""
+    return (*profile.reads, *own_failsafes.further_names(batteries))
 
 
 # ---- judging ------------------------------------------------------------------------------------------------------
@@ -169,7 +141,7 @@ def _timeout(p: Mapping[str, float], found: Found, limits: Limits) -> str | None
     timeout_s = p.get("HNDO_TIMEOUT", 3.0)
     if timeout_s < 1.0:
         return f"is {timeout_s:g} s: a few lost leases (there are five a second) end the flight"
-    enabled, timeout = found.vehicle.gcs_failsafe, found.vehicle.gcs_timeout
+    enabled, timeout = found.profile.gcs_failsafe, found.profile.gcs_timeout
     if p.get(enabled, 0) and p.get(timeout, math.inf) <= timeout_s:
         return f"is {timeout_s:g} s, not shorter than {timeout}: the guard would not be the first to act"
     return None
@@ -203,7 +175,7 @@ def _checksum(p: Mapping[str, float], found: Found, limits: Limits) -> str | Non
 
 
 def _pilot(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:
-    if p.get(found.vehicle.radio_failsafe, 1) != 0 or p.get("RC_PROTOCOLS", 1) == 0:
+    if p.get(found.profile.radio_failsafe, 1) != 0 or p.get("RC_PROTOCOLS", 1) == 0:
         return None
     return "is 0: the guard believes no pilot then; on a vehicle without radio control set RC_PROTOCOLS 0 as well"
 
@@ -222,16 +194,17 @@ def _alone(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:
 
 
 def _gcs_failsafe(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:
-    enabled = p.get(found.vehicle.gcs_failsafe, 1)
-    if enabled == _IN_AUTO_ONLY and found.kind.winged:
-        return "is 3: it acts only in AUTO, and nothing brings the aircraft home from LOITER or GUIDED"
+    enabled = p.get(found.profile.gcs_failsafe, 1)
+    lacks = found.profile.gcs_failsafe_lacks.get(int(enabled))
+    if lacks is not None:
+        return f"is {enabled:.0f}: {lacks}"
     return None if enabled != 0 else "is 0: nothing brings the aircraft home if companion and guard both fail"
 
 
 def _gcs_timeout(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:
-    timeout_s = p.get(found.vehicle.gcs_timeout, math.inf)
+    timeout_s = p.get(found.profile.gcs_timeout, math.inf)
     needed_s = limits.heartbeat_lost_s + limits.forced_timeout_s
-    if p.get(found.vehicle.gcs_failsafe, 0) == 0 or timeout_s > needed_s:
+    if p.get(found.profile.gcs_failsafe, 0) == 0 or timeout_s > needed_s:
         return None
     return f"is {timeout_s:g} s: the autopilot returns before a partner can take over ({needed_s:g} s)"
 
@@ -274,7 +247,7 @@ def _arming_required(p: Mapping[str, float], found: Found, limits: Limits) -> st
 
 
 def _lands(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:
-    lacks = circles_for_ever(p, found.plan, found.kind)
+    lacks = circles_for_ever(p, found.plan, found.profile)
     return f"a return does not land: {lacks}; START is refused" if lacks else None
 
 
@@ -305,53 +278,54 @@ def _firmware(p: Mapping[str, float], found: Found, limits: Limits) -> str | Non
     return f"firmware {major}.{minor} is {what} that this was made for, {edge[0]}.{edge[1]}"
 
 
-_BY_VEHICLE: Final = ((COPTER, COPTERS), (PLANE, WINGED))
-#: parameter to change ("" for none), rule, whether it concerns the guard, kinds of aircraft that it is for
-_RULES: tuple[tuple[str, Rule, bool, frozenset[Kind]], ...] = (
-    ("Q_MAV_TYPE", _type, False, EVERY),
-    ("", _lands, False, WINGED),
-    ("", _home_height, False, EVERY),
-    ("ARMING_REQUIRE", _arming_required, False, WINGED),
-    ("", _guard_there, True, EVERY),
-    ("HNDO_ENABLE", _guard_on, True, EVERY),
-    ("", _fits, True, EVERY),
-    ("HNDO_CHAN", _channel, True, EVERY),
-    ("HNDO_COMPID", _component, True, EVERY),
-    ("HNDO_TIMEOUT", _timeout, True, EVERY),
-    ("HNDO_LOST_T", _lost_time, True, EVERY),
-    ("HNDO_SYSID_SW", _follows, True, EVERY),
-    ("HNDO_ALONE_MAX", _alone, True, EVERY),
-    ("SCR_VM_I_COUNT", _instructions, True, EVERY),
-    ("SCR_LD_CHECKSUM", _checksum, True, EVERY),
-    *((vehicle.radio_failsafe, _pilot, True, kinds) for vehicle, kinds in _BY_VEHICLE),
-    *((vehicle.gcs_failsafe, _gcs_failsafe, False, kinds) for vehicle, kinds in _BY_VEHICLE),
-    *((vehicle.gcs_timeout, _gcs_timeout, False, kinds) for vehicle, kinds in _BY_VEHICLE),
-    ("FS_OPTIONS", _options, False, COPTERS),
-    ("RALLY_LIMIT_KM", _rally, False, EVERY),
-    ("SYSID_ENFORCE", _enforce, False, EVERY),
-    ("MAV_OPTIONS", _mav_options, False, EVERY),
-    ("ARMING_CHECK", _arming_check, True, EVERY),
-    ("ARMING_SKIPCHK", _arming_skip, True, EVERY),
-    ("", _firmware, True, EVERY),
+#: parameter to change ("" for none; or how the profile calls it), rule, whether it concerns the guard, its group
+RULES: Final[tuple[tuple[str | Callable[[Profile], str], Rule, bool, Rules], ...]] = (
+    ("Q_MAV_TYPE", _type, False, Rules.EVERY),
+    ("", _lands, False, Rules.ARDUPLANE),
+    ("", _home_height, False, Rules.EVERY),
+    ("ARMING_REQUIRE", _arming_required, False, Rules.ARDUPLANE),
+    ("", _guard_there, True, Rules.EVERY),
+    ("HNDO_ENABLE", _guard_on, True, Rules.EVERY),
+    ("", _fits, True, Rules.EVERY),
+    ("HNDO_CHAN", _channel, True, Rules.EVERY),
+    ("HNDO_COMPID", _component, True, Rules.EVERY),
+    ("HNDO_TIMEOUT", _timeout, True, Rules.EVERY),
+    ("HNDO_LOST_T", _lost_time, True, Rules.EVERY),
+    ("HNDO_SYSID_SW", _follows, True, Rules.EVERY),
+    ("HNDO_ALONE_MAX", _alone, True, Rules.EVERY),
+    ("SCR_VM_I_COUNT", _instructions, True, Rules.EVERY),
+    ("SCR_LD_CHECKSUM", _checksum, True, Rules.EVERY),
+    (lambda profile: profile.radio_failsafe, _pilot, True, Rules.EVERY),
+    (lambda profile: profile.gcs_failsafe, _gcs_failsafe, False, Rules.EVERY),
+    (lambda profile: profile.gcs_timeout, _gcs_timeout, False, Rules.EVERY),
+    ("FS_OPTIONS", _options, False, Rules.ARDUCOPTER),
+    ("RALLY_LIMIT_KM", _rally, False, Rules.EVERY),
+    ("SYSID_ENFORCE", _enforce, False, Rules.EVERY),
+    ("MAV_OPTIONS", _mav_options, False, Rules.EVERY),
+    ("ARMING_CHECK", _arming_check, True, Rules.EVERY),
+    ("ARMING_SKIPCHK", _arming_skip, True, Rules.EVERY),
+    ("", _firmware, True, Rules.EVERY),
 )
 
 
 def judge(found: Found, limits: Limits) -> tuple[Finding, ...]:
     """All findings, the gravest first. An autopilot that does not answer, or is not supported, is a single finding."""
     if found.foreign:
-        what = f"{found.foreign} is neither ArduCopter nor ArduPlane"
-        return (Finding("", f"{what}: START is refused, and the guard refuses arming"),)
+        firmware = dict.fromkeys(profile.firmware for profile in PROFILES)
+        what = f"{found.foreign} is neither {' nor '.join(firmware)}"
+        return (Finding("", f"{what}: START is refused, and so is arming by the guard"),)
     if not found.parameters:
         return (Finding("", "the autopilot answers no request for parameters: nothing could be checked"),)
     findings = []
-    for parameter, rule, of_guard, kinds in _RULES:
-        if found.kind not in kinds or (of_guard and not limits.guard_required):
+    for name, rule, of_guard, group in RULES:
+        if group not in found.profile.rules or (of_guard and not limits.guard_required):
             continue
+        parameter = name if isinstance(name, str) else name(found.profile)
         text = rule(found.parameters, found, limits)
         if text is not None:
             findings.append(_finding(parameter, text))
-    for parameter, own, kinds in (*own_failsafes.RULES, *own_failsafes.further_rules(found.batteries)):
-        text = own(found.parameters, found.plan) if found.kind in kinds else None
+    for parameter, own, group in (*own_failsafes.RULES, *own_failsafes.further_rules(found.batteries)):
+        text = own(found.parameters, found.plan) if group in found.profile.rules else None
         if text is not None:
             findings.append(_finding(parameter, text))
     return tuple(findings)

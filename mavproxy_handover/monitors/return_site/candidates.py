@@ -142,13 +142,10 @@ class Candidates:
         return self.point(Place(HOME, *home, 0.0))
 
     def point(self, place: Place) -> RallyPoint:
-        """A place as a rally point, with its height in whole metres.
-
-        An aircraft with wings flies to the point at that height. So the point is at least as high as a return without a
-        rally list.
-        """
+        """A place as the autopilot's list holds it, heights in whole metres. A level return is flown there at
+        that height, so home is no lower than the return that the autopilot would fly without a list."""
         alt_m = place.alt_m
-        if self._state.kind.winged:
+        if self._state.profile.returns_level:
             ceiling_m, return_m = fence_limits(self._state).ceiling_m, return_alt_m(self._state)
             alt_m = max(alt_m, return_m if ceiling_m is None else min(return_m, ceiling_m - BELOW_CEILING_M))
         return RallyPoint(place.lat_deg, place.lon_deg, float(int(alt_m)))

@@ -16,7 +16,6 @@ import math
 from dataclasses import replace
 from typing import Final
 
-from mavproxy_handover.core.common.model import Kind
 from mavproxy_handover.core.safety.energy import EnergyFact
 from mavproxy_handover.core.safety.return_site import PlaceFact
 from mavproxy_handover.monitors.return_site.candidates import Candidates
@@ -46,11 +45,9 @@ class Margin:
             self._turned = energy
 
     def short(self, energy: EnergyFact) -> bool:
-        """Whether no place is in reach with the reserve any more, as far as is known.
-
-        False for a plane that is landing: a return would lead it away, and to the same landing.
-        """
-        if self._state.kind is Kind.PLANE and self._state.ways_down.is_on:
+        """No place is in reach any more with the reserve left, as far as is known. Not of a plane on its way down: a
+        return would lead it away from there, and to the same landing."""
+        if self._state.profile.lands_by_sequence and self._state.ways_down.is_on:
             return False
         margin_wh = self.margin_wh(energy)
         return margin_wh is not None and margin_wh <= 0.0

@@ -88,12 +88,12 @@ class Views:
         model, limits = energy.model, fence_limits(state)
         return_alt = max(return_alt_m(state), 0.0 if model is None else model.return_alt_m)
         speed_mps = return_mps(state, candidates.package.cruise_speed_mps)
-        winged = model is not None and model.wings
-        way = way_back(here, place, return_alt, speed_mps, wings=winged, beyond_m=beyond_m)
+        climbs = model is not None and model.holds_airspeed
+        way = way_back(here, place, return_alt, speed_mps, climbs_on_way=climbs, beyond_m=beyond_m)
         height = max(here[2], place.alt_m, return_alt)
         if limits.ceiling_m is not None:
             height = max(here[2], min(height, limits.ceiling_m))
-        if state.kind.winged:  # it descends all the way to the height of the rally point
+        if state.profile.returns_level:  # it comes down to the height of the place in the list, and flies there at that
             height = candidates.point(place).alt_m
         view = candidates.finder.look(here[:2], spot, height)
         inside = view.inside and candidates.within(limits, place)

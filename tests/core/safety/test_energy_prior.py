@@ -9,7 +9,13 @@ from dataclasses import fields, replace
 import pytest
 
 from mavproxy_handover.core.safety.energy import EnergyModel, Wind
-from mavproxy_handover.core.safety.energy_prior import ENERGY_KEYS, ENERGY_RANGES, EnergySettings, hover_power_w
+from mavproxy_handover.core.safety.energy_prior import (
+    ENERGY_KEYS,
+    ENERGY_RANGES,
+    ON_ROTORS,
+    EnergySettings,
+    hover_power_w,
+)
 
 GIVEN = EnergySettings(battery_wh=41.0, hover_w=354.0)
 
@@ -138,7 +144,7 @@ def test_what_there_is_no_budget_without(settings: EnergySettings, missing: str)
 def test_start_is_refused_where_there_are_numbers_and_nothing_else_was_said(
     settings: EnergySettings, policy: str
 ) -> None:
-    assert settings.start_policy_for(wings=False) == policy
+    assert settings.start_policy_for(ON_ROTORS) == policy
 
 
 def test_key_by_key_the_first_goes_before_the_second() -> None:

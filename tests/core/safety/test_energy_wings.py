@@ -14,7 +14,7 @@ from math import inf
 import pytest
 
 from mavproxy_handover.core.safety.energy import EnergyModel, MadeGood, Piece, Wind, landing, way_home
-from mavproxy_handover.core.safety.energy_prior import EnergySettings
+from mavproxy_handover.core.safety.energy_prior import ON_ROTORS, ON_WINGS, EnergyPrior, EnergySettings
 from mavproxy_handover.core.safety.learning import Learner, Motion
 
 MODEL = EnergyModel(
@@ -30,7 +30,7 @@ MODEL = EnergyModel(
     reserve_wh=20.0,
     return_alt_m=50.0,
     wind=Wind(0.0, 0.0),
-    wings=True,
+    holds_airspeed=True,
 )
 NORTH, EAST, SOUTH = 0.0, 90.0, 180.0
 #: north-going pieces of 3600 m in so much wind from the north: time made good at 15, 8 and 12 m/s less
@@ -92,7 +92,7 @@ def test_nothing_costs_nothing() -> None:
 
 
 def test_it_comes_home_climbing_on_its_way_and_circles_once_above_the_place() -> None:
-    assert way_home(3600.0, SOUTH, 40.0, 30.0, 50.0, wings=True) == (
+    assert way_home(3600.0, SOUTH, 40.0, 30.0, 50.0, climbs_on_way=True) == (
         Piece(length_m=3600.0, bearing_deg=SOUTH, climb_m=10.0, hold_s=30.0),
         landing(50.0),
     )
@@ -103,7 +103,7 @@ DOWN = (Piece(length_m=1000.0, bearing_deg=EAST, speed_mps=20.0), Piece(length_m
 
 def test_without_rotors_it_comes_down_by_its_landing_sequence() -> None:
     """The fault: its return was counted with a landing of rotors, which it has not, and without the sequence."""
-    way = way_home(3600.0, SOUTH, 40.0, 30.0, 50.0, speed_mps=20.0, wings=True, down=DOWN)
+    way = way_home(3600.0, SOUTH, 40.0, 30.0, 50.0, speed_mps=20.0, climbs_on_way=True, down=DOWN)
     there = Piece(length_m=3600.0, bearing_deg=SOUTH, climb_m=10.0, hold_s=30.0, speed_mps=20.0)
     assert way == (there, *DOWN)
     # 180 s there and 30 s around it, 50 s and 75 s down, at 360 W; 4 s of climb take 360 W more
@@ -113,7 +113,7 @@ def test_without_rotors_it_comes_down_by_its_landing_sequence() -> None:
 @pytest.mark.parametrize(("alt", "climb_m", "hold_s"), [(100.0, 0.0, 55.0), (50.0, 0.0, 30.0), (20.0, 30.0, 30.0)])
 def test_from_above_it_circles_down_to_the_height_of_its_place(alt: float, climb_m: float, hold_s: float) -> None:
     """Below that ArduPlane does not go on to the sequence (RTL_AUTOLAND 1): 50 m at 2 m/s."""
-    there, *_down = way_home(3600.0, SOUTH, alt, 30.0, 50.0, wings=True, down=DOWN)
+    there, *_down = way_home(3600.0, SOUTH, alt, 30.0, 50.0, climbs_on_way=True, down=DOWN)
     assert (there.climb_m, there.hold_s) == (climb_m, hold_s)
 
 
@@ -128,19 +128,19 @@ def test_without_its_payload_its_rotors_take_less_and_its_wings_as_much() -> Non
 
 def test_the_wings_may_take_less_than_the_rotors() -> None:
     settings = EnergySettings(battery_wh=500.0, hover_w=1800.0, cruise_w=360.0)
-    model = settings.model(wings=True)
+    model = settings.model(prior=ON_WINGS)
     assert model is not None
-    assert (model.hover_w, model.cruise_w, model.cruise_mps, model.wings) == (1800.0, 360.0, 12.0, True)
+    assert (model.hover_w, model.cruise_w, model.cruise_mps, model.holds_airspeed) == (1800.0, 360.0, 12.0, True)
     copter = settings.model()
     assert copter is not None
-    assert (copter.cruise_w, copter.cruise_mps, copter.wings) == (1800.0, 10.0, False)
+    assert (copter.cruise_w, copter.cruise_mps, copter.holds_airspeed) == (1800.0, 10.0, False)
 
 
 def test_its_return_is_as_high_as_arduplanes_unless_that_is_said() -> None:
     settings = EnergySettings(battery_wh=500.0, hover_w=1800.0)
-    heights = {wings: settings.model(wings=wings).return_alt_m for wings in (False, True)}  # type: ignore[union-attr]
-    assert heights == {False: 15.0, True: 100.0}
-    said = replace(settings, return_alt_m=60.0).model(wings=True)
+    heights = {on: settings.model(prior=on).return_alt_m for on in (ON_ROTORS, ON_WINGS)}  # type: ignore[union-attr]
+    assert heights == {ON_ROTORS: 15.0, ON_WINGS: 100.0}
+    said = replace(settings, return_alt_m=60.0).model(prior=ON_WINGS)
     assert said is not None
     assert said.return_alt_m == 60.0
 
@@ -156,28 +156,28 @@ def test_its_return_is_as_high_as_arduplanes_unless_that_is_said() -> None:
 def test_a_power_that_nobody_says_is_as_large_as_the_other(
     settings: EnergySettings, watts: tuple[float, float]
 ) -> None:
-    model = settings.model(wings=True)
+    model = settings.model(prior=ON_WINGS)
     assert model is not None
     assert (model.hover_w, model.cruise_w) == watts
 
 
 def test_what_is_missing_for_wings() -> None:
-    assert EnergySettings().missing_for(wings=True) == "no [energy] numbers"
-    assert EnergySettings(cruise_w=360.0).missing_for(wings=True) == "[energy] has no battery_wh"
-    assert EnergySettings(battery_wh=500.0).missing_for(wings=True) == "[energy] has neither cruise_w nor hover_w"
-    assert EnergySettings(battery_wh=500.0, cruise_w=360.0).missing_for(wings=True) == ""
+    assert EnergySettings().missing_for(ON_WINGS) == "no [energy] numbers"
+    assert EnergySettings(cruise_w=360.0).missing_for(ON_WINGS) == "[energy] has no battery_wh"
+    assert EnergySettings(battery_wh=500.0).missing_for(ON_WINGS) == "[energy] has neither cruise_w nor hover_w"
+    assert EnergySettings(battery_wh=500.0, cruise_w=360.0).missing_for(ON_WINGS) == ""
     assert EnergySettings(battery_wh=500.0, cruise_w=360.0).missing == "[energy] has neither hover_w nor mass_kg"
-    assert EnergySettings(battery_wh=500.0).model(wings=True) is None
+    assert EnergySettings(battery_wh=500.0).model(prior=ON_WINGS) is None
     with pytest.raises(ValueError, match="neither cruise_w nor hover_w"):
-        Learner(EnergySettings(battery_wh=500.0), wings=True)
+        Learner(EnergySettings(battery_wh=500.0), ON_WINGS)
 
 
 # ---- what is learned ----------------------------------------------------------------------------------------------
 
 
-def flown(seconds: int, motion: Motion, *, wings: bool = True) -> EnergyModel:
+def flown(seconds: int, motion: Motion, prior: EnergyPrior = ON_WINGS) -> EnergyModel:
     """What is known behind so many seconds of this."""
-    learner = Learner(EnergySettings(battery_wh=500.0, hover_w=1800.0, cruise_w=360.0), wings=wings)
+    learner = Learner(EnergySettings(battery_wh=500.0, hover_w=1800.0, cruise_w=360.0), prior)
     for second in range(seconds):
         learner.fly(motion, float(second))
     return learner.model(float(seconds))[0]

@@ -25,8 +25,9 @@ from mavproxy_handover.core.common.events import (
     PlaceJudged,
 )
 from mavproxy_handover.core.common.limits import Limits
-from mavproxy_handover.core.common.model import FlightAction, Kind, ModeClass, ModeSource, Reason
+from mavproxy_handover.core.common.model import FlightAction, ModeClass, ModeSource, Reason
 from mavproxy_handover.core.safety.strategy import Fact, decide
+from mavproxy_handover.vehicle.profiles import QUADPLANE
 from tests.core.bench import A, B, Bench, inside, outside
 from tests.core.safety.test_conditions import ends
 from tests.core.safety.test_decision_executor import (
@@ -318,7 +319,7 @@ def test_who_turns_away_or_flies_on_slowly_has_the_same_border_ahead() -> None:
 
 def test_what_has_wings_is_away_by_a_circle_more() -> None:
     bench = passes_a_border()
-    bench.kind, bench.circles_s, bench.circle_m = Kind.QUADPLANE, 8.0, 120.0
+    bench.handling, bench.circles_s, bench.circle_m = QUADPLANE.handling, 8.0, 120.0
     bench.motion = HOMEWARD
     for margin_m in (100.0, 389.0, 100.0):
         bench.facts = (inside(A, margin_m=margin_m), outside(B))

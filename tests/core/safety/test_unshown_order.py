@@ -15,7 +15,8 @@ import pytest
 from mavproxy_handover.core.common.causes import Cause
 from mavproxy_handover.core.common.events import ConditionsSeen, Fly, ModeSeen, ModeSourceSeen, MotionSeen, OrderRefused
 from mavproxy_handover.core.common.limits import Limits
-from mavproxy_handover.core.common.model import FlightAction, Kind, ModeClass, ModeSource, Phase, Reason
+from mavproxy_handover.core.common.model import FlightAction, ModeClass, ModeSource, Phase, Reason
+from mavproxy_handover.vehicle.profiles import COPTER, PROFILES, Profile
 from tests.core.bench import A, B, Bench, Consent, DroneConnected, OnHandover, TransferKey, inside, outside
 from tests.core.safety.test_conditions import ends
 from tests.core.safety.test_decision_executor import HOLD, HOMEWARD, LAND, RTL, aloft
@@ -110,14 +111,14 @@ def test_a_return_is_not_replaced_by_a_hold() -> None:
     assert actions(bench) == [RETURN]
 
 
-def held(kind: Kind) -> Bench:
+def held(kind: Profile) -> Bench:
     """GCSA's zone ends ahead: it is held, and stands, or circles."""
     bench = aloft()
-    bench.kind = kind
+    bench.handling = kind.handling
     bench.run(1.0)
     bench.position(ends(4.0, A, B), outside(B))
     assert bench.flights() == [HOLD]
-    if kind.winged:
+    if kind.holds_by_circling:
         bench.mode = ModeSeen(ModeClass.STOP, "LOITER")
     else:
         bench.motion = MotionSeen(0.0, 0.0, 300.0)
@@ -126,8 +127,8 @@ def held(kind: Kind) -> Bench:
     return bench
 
 
-@pytest.mark.parametrize("kind", Kind)
-def test_a_return_out_of_a_hold_is_not_followed_by_an_order_to_go_on(kind: Kind) -> None:
+@pytest.mark.parametrize("kind", PROFILES)
+def test_a_return_out_of_a_hold_is_not_followed_by_an_order_to_go_on(kind: Profile) -> None:
     """What has wings goes on by AUTO: that would end the return."""
     bench = held(kind)
     bench.alive = {A, B}
@@ -142,7 +143,7 @@ def test_a_return_out_of_a_hold_is_not_followed_by_an_order_to_go_on(kind: Kind)
 
 
 def test_what_was_held_and_did_not_return_goes_on_when_that_time_is_over() -> None:
-    bench = held(Kind.COPTER)
+    bench = held(COPTER)
     bench.alive = {A, B}
     bench.run(1.0)
     taken_from_a_lost_commander(bench)

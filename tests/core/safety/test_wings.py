@@ -9,8 +9,9 @@ from dataclasses import replace
 import pytest
 
 from mavproxy_handover.core.common.events import Fly, ModeSeen, ModeSourceSeen, MotionSeen
-from mavproxy_handover.core.common.model import FlightAction, Kind, ModeClass, ModeSource, Reason, ZoneFact
-from mavproxy_handover.core.safety.command_verification import FOLLOW, Seen
+from mavproxy_handover.core.common.model import FlightAction, ModeClass, ModeSource, Reason, ZoneFact
+from mavproxy_handover.core.safety.command_verification import Seen
+from mavproxy_handover.vehicle.profiles import PLANE, PROFILES, QUADPLANE, Profile
 from tests.core.bench import A, B, Bench, inside, outside
 from tests.core.safety.test_command_verification import CONTINUE, HOLD, LAND, RETURN, Watched
 from tests.core.safety.test_conditions import ends, mission
@@ -25,19 +26,19 @@ AUTO, LOITER, RTL = (
 CIRCLE = Fly(FlightAction.HOLD, Reason.COVERAGE_ENDS)
 GO_ON = Fly(FlightAction.CONTINUE, Reason.NONE)
 HOME = Fly(FlightAction.RETURN, Reason.COVERAGE_ENDS)
-WINGED = (Kind.PLANE, Kind.QUADPLANE)
+WINGED = (PLANE, QUADPLANE)
 
 
-def winged(kind: Kind = Kind.QUADPLANE, flown: ModeClass = ModeClass.MISSION, speed_mps: float = 20.0) -> Watched:
+def winged(kind: Profile = QUADPLANE, flown: ModeClass = ModeClass.MISSION, speed_mps: float = 20.0) -> Watched:
     watched = Watched(flown, speed_mps)
-    watched.supervision.kind = kind
+    watched.supervision.handling = kind.handling
     return watched
 
 
 def flying(circles_s: float = 8.0, circle_m: float = 90.0) -> Bench:
     """A quadplane over GCSA's zone on its mission, nobody but GCSA there."""
     bench = mission()
-    bench.kind, bench.circles_s, bench.circle_m = Kind.QUADPLANE, circles_s, circle_m
+    bench.handling, bench.circles_s, bench.circle_m = QUADPLANE.handling, circles_s, circle_m
     bench.mode, bench.motion = AUTO, MotionSeen(20.0, 0.0, 900.0)
     bench.run(1.0)
     bench.log.clear()
@@ -47,13 +48,13 @@ def flying(circles_s: float = 8.0, circle_m: float = 90.0) -> Bench:
 # ---- what shows ---------------------------------------------------------------------------------------------------
 
 
-def test_each_kind_says_of_each_order_how_it_shows() -> None:
+def test_each_profile_says_of_each_order_how_it_shows() -> None:
     orders = {HOLD, CONTINUE, RETURN, LAND}
-    assert {kind: set(rows) for kind, rows in FOLLOW.items()} == dict.fromkeys(Kind, orders)
+    assert all(set(profile.handling.shows) == orders for profile in PROFILES)
 
 
 @pytest.mark.parametrize("kind", WINGED)
-def test_to_hold_shows_by_the_mode_however_fast_it_flies(kind: Kind) -> None:
+def test_to_hold_shows_by_the_mode_however_fast_it_flies(kind: Profile) -> None:
     watched = winged(kind).order(HOLD)
     assert watched.look() is None
     watched.flies(ModeClass.STOP)
@@ -63,7 +64,7 @@ def test_to_hold_shows_by_the_mode_however_fast_it_flies(kind: Kind) -> None:
 
 
 @pytest.mark.parametrize("kind", WINGED)
-def test_what_does_not_circle_is_told_once_more_and_then_cannot_hold(kind: Kind) -> None:
+def test_what_does_not_circle_is_told_once_more_and_then_cannot_hold(kind: Profile) -> None:
     watched = winged(kind, speed_mps=0.2).order(HOLD)
     assert watched.look(5.9) is None
     assert watched.look(0.1) is AGAIN
@@ -73,7 +74,7 @@ def test_what_does_not_circle_is_told_once_more_and_then_cannot_hold(kind: Kind)
 
 @pytest.mark.parametrize("back", [ModeClass.MISSION, ModeClass.GUIDED])
 @pytest.mark.parametrize("kind", WINGED)
-def test_to_go_on_shows_by_the_mode_and_is_commanded_without_end(kind: Kind, back: ModeClass) -> None:
+def test_to_go_on_shows_by_the_mode_and_is_commanded_without_end(kind: Profile, back: ModeClass) -> None:
     watched = winged(kind).order(HOLD)
     watched.flies(ModeClass.STOP)
     assert watched.look(1.0) is OBEYED
@@ -87,7 +88,7 @@ def test_to_go_on_shows_by_the_mode_and_is_commanded_without_end(kind: Kind, bac
 
 
 @pytest.mark.parametrize("kind", WINGED)
-def test_it_circles_at_the_place_of_its_return_and_that_is_no_hanging(kind: Kind) -> None:
+def test_it_circles_at_the_place_of_its_return_and_that_is_no_hanging(kind: Profile) -> None:
     watched = winged(kind, ModeClass.RETURN).order(RETURN)
     watched.moves(20.0, 0.0, 250.0)
     assert watched.look() is OBEYED
@@ -97,7 +98,7 @@ def test_it_circles_at_the_place_of_its_return_and_that_is_no_hanging(kind: Kind
 
 
 @pytest.mark.parametrize("kind", WINGED)
-def test_what_gets_no_nearer_farther_away_hangs(kind: Kind) -> None:
+def test_what_gets_no_nearer_farther_away_hangs(kind: Profile) -> None:
     watched = winged(kind, ModeClass.RETURN).order(RETURN)
     watched.moves(20.0, 0.0, 251.0)
     assert watched.look() is OBEYED
@@ -107,7 +108,7 @@ def test_what_gets_no_nearer_farther_away_hangs(kind: Kind) -> None:
 
 
 def test_what_hovers_lands_like_a_copter() -> None:
-    watched = winged(Kind.QUADPLANE, ModeClass.RETURN).order(LAND)
+    watched = winged(QUADPLANE, ModeClass.RETURN).order(LAND)
     assert watched.look(6.0) is AGAIN
     watched.flies(ModeClass.LAND)
     watched.moves(1.0, -0.5)
@@ -116,13 +117,13 @@ def test_what_hovers_lands_like_a_copter() -> None:
 
 @pytest.mark.parametrize("flown", [ModeClass.LAND, ModeClass.MISSION, ModeClass.RETURN])
 def test_what_cannot_hover_flies_its_landing_sequence_in_whatever_mode_has_it(flown: ModeClass) -> None:
-    watched = winged(Kind.PLANE, flown).order(LAND)
+    watched = winged(PLANE, flown).order(LAND)
     assert watched.look() is OBEYED
     assert watched.look(300.0) is None
 
 
 def test_what_cannot_hover_and_circles_does_not_land() -> None:
-    watched = winged(Kind.PLANE, ModeClass.STOP).order(LAND)
+    watched = winged(PLANE, ModeClass.STOP).order(LAND)
     assert watched.look(5.9) is None
     assert watched.look(0.1) is AGAIN
 

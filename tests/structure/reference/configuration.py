@@ -25,6 +25,7 @@ from mavproxy_handover.core.safety.commands import POLICIES, Limit
 from mavproxy_handover.core.safety.energy_prior import (
     ENERGY_KEYS,
     ENERGY_RANGES,
+    ON_ROTORS,
     START_POLICIES,
     WHOLE_KEYS,
     EnergySettings,
@@ -32,7 +33,7 @@ from mavproxy_handover.core.safety.energy_prior import (
 from mavproxy_handover.gate.tongues import POLICIES as TONGUES
 from mavproxy_handover.mission import gaps
 from mavproxy_handover.mission import package as packages
-from mavproxy_handover.mission.route_simulation import DEFAULT_CRUISE_MPS
+from mavproxy_handover.mission.leg import DEFAULT_CRUISE_MPS
 from mavproxy_handover.mission.wings import AS_IT_COMES, WINGS_RANGES
 from mavproxy_handover.wire.box_layout import LAYOUTS, BoxLayout
 from tests.structure.imports import ROOT
@@ -201,7 +202,7 @@ def _energy_defaults() -> dict[str, str]:
         "climb_factor": _shown(model.climb_w / model.hover_w),
         "descent_factor": _shown(model.descent_w / model.hover_w),
         "lean_deg": _shown(known.lean_limit_deg),
-        "start": _shown(known.start_policy_for(wings=False)),
+        "start": _shown(known.start_policy_for(ON_ROTORS)),
     }
 
 

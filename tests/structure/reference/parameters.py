@@ -8,10 +8,11 @@ import re
 from collections.abc import Iterator
 
 from mavproxy_handover.core.common.limits import Limits
-from mavproxy_handover.core.common.model import GuardState, Kind
+from mavproxy_handover.core.common.model import GuardState
 from mavproxy_handover.mission.items import MissionItem
 from mavproxy_handover.monitors.preflight.own_failsafes import PlanFacts
-from mavproxy_handover.monitors.preflight.rules import NAMES, PLANE_NAMES, Found, judge
+from mavproxy_handover.monitors.preflight.rules import Found, judge
+from mavproxy_handover.vehicle.profiles import COPTER, PLANE, QUADPLANE, Profile
 from tests.structure.imports import ROOT
 from tests.structure.reference.markdown import cell, code, page, table
 
@@ -30,7 +31,7 @@ _COLUMNS = ("parameter", "value", "why")
 def parameters() -> str:
     """The page."""
     guard = list(_guard())
-    copter, wings = list(_recommended(Kind.COPTER)), list(_recommended(Kind.PLANE))
+    copter, wings = list(_recommended(COPTER)), list(_recommended(PLANE))
     assert min(len(guard), len(copter), len(wings)) > 0, "no parameters found: have the files another form?"
     return page(
         "Parameters of the autopilot",
@@ -54,7 +55,7 @@ def parameters() -> str:
         "values that do not fit, tried one after another; what has none is read for the sake of the others. "
         "Of an aircraft that flies by several `batteries` ([energy]) what is read of `BATT_` is read of `BATT2_` and "
         "so on as well, and the same is said of it.",
-        table(("parameter", "what is said of it"), ((code(name), cell(_said(name))) for name in NAMES)),
+        table(("parameter", "what is said of it"), ((code(name), cell(_said(name))) for name in COPTER.reads)),
         "## What it reads of a plane besides",
         "Of ArduPlane, hovering or not. What is said of both in the same words stands above.",
         table(
@@ -65,9 +66,9 @@ def parameters() -> str:
 
 
 def _of_wings_alone() -> Iterator[tuple[str, str]]:
-    for name in PLANE_NAMES:
-        said = _said(name, Kind.QUADPLANE)
-        if name not in NAMES or said not in ("", _said(name)):
+    for name in PLANE.reads:
+        said = _said(name, QUADPLANE)
+        if name not in COPTER.reads or said not in ("", _said(name)):
             yield name, said
 
 
@@ -79,9 +80,8 @@ def _guard() -> Iterator[tuple[str, str, str, str]]:
         yield name, default, allowed, tags["Description"]
 
 
-def _recommended(kind: Kind) -> Iterator[tuple[str, str, str]]:
-    file = "handover_plane.parm" if kind.winged else "handover.parm"
-    for found in _SET.finditer((_LUA / file).read_text(encoding="utf-8")):
+def _recommended(profile: Profile) -> Iterator[tuple[str, str, str]]:
+    for found in _SET.finditer((_LUA / profile.parameter_file).read_text(encoding="utf-8")):
         yield found["name"], found["value"], found["why"].replace("#", " ")
 
 
@@ -93,16 +93,16 @@ _PLAN = PlanFacts(
 )
 
 
-def _said(name: str, kind: Kind = Kind.COPTER) -> str:
+def _said(name: str, profile: Profile = COPTER) -> str:
     """What preflight says of it, one sentence of each kind, where all others are as recommended."""
     fits = {each: float(default) for each, default, *_rest in _guard()}
-    fits |= {each: float(value) for each, value, _why in _recommended(kind)}
+    fits |= {each: float(value) for each, value, _why in _recommended(profile)}
     fits |= {"HNDO_ALONE_MAX": 120.0, "BATT_MONITOR": 4.0, "BATT_LOW_VOLT": 10.5, "BATT_LOW_MAH": 0.0}
     fits |= {"FENCE_ENABLE": 1.0, "FENCE_TYPE": 7.0, "FENCE_RADIUS": 2000.0, "FENCE_ALT_MAX": 100.0}
     found: dict[str, str] = {}
     for guard in (GuardState.LIVE, GuardState.SILENT):
         for value in _TRIED:
-            state = Found(fits | {name: float(value)}, guard, plan=_PLAN, gap_s=120.0, kind=kind)
+            state = Found(fits | {name: float(value)}, guard, plan=_PLAN, gap_s=120.0, profile=profile)
             for finding in judge(state, Limits()):
                 if finding.parameter == name:
                     found.setdefault(re.sub(r"[\d.-]+", "", finding.text), finding.text)
