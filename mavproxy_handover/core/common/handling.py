@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""How an aircraft carries out an order, and how the rules see that it does: plain values for the pure rules.
+"""Plain values that tell the rules how an aircraft carries out an order.
 
 The profile of each kind of aircraft (`vehicle/profiles/`) has one `Handling`. The event `AutopilotState` brings it, so
 no rule asks what kind of aircraft it commands.
@@ -27,13 +27,13 @@ class Follow:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Handling:
-    """What the rules have to know of an aircraft. Two are the same only if they are one object."""
+    """Properties of an aircraft that the rules need. Two are the same only if they are one object."""
 
     #: how each order shows: HOLD, CONTINUE, RETURN and LAND
     shows: Mapping[FlightAction, Follow]
     #: orders that the autopilot carries out by a mode of their own, with that mode; the others keep the mode
     by_mode: Mapping[FlightAction, ModeClass] = field(default_factory=dict)
-    #: nearer to the place of a return than this (m) it is there
+    #: the return site is reached at this distance from it (m)
     at_place_m: float = 15.0
 
 
@@ -50,7 +50,7 @@ STANDS_STILL: Final = Handling(
         FlightAction.LAND: COMES_DOWN,
     },
 )
-#: It never rests: it holds by circling, in a mode for that, and circles above the place of a return.
+#: It never rests: it holds by circling, in a mode for that, and circles above the return site.
 CIRCLES: Final = Handling(
     shows={
         FlightAction.HOLD: Follow(frozenset({ModeClass.STOP}), ""),

@@ -90,7 +90,7 @@ def hover_power_w(mass_kg: float, rotor_area_m2: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class EnergyPrior:
-    """What counts for an aircraft where [energy] says nothing."""
+    """Values that count for an aircraft where [energy] says nothing."""
 
     #: the speed that its missions are flown at (m/s), and the height above home of its returns (m)
     cruise_mps: float

@@ -28,10 +28,10 @@ __all__ = [
 class TakeOffRule:
     """A command that arms an aircraft on the ground or makes it take off, and the reason.
 
-    `unless_zero`: the number of the parameter that must not be 0 for that. `values`: the values of parameter `which`
-    for that, if there are any; the autopilot keeps only its last `bits` bits. `mode`: the parameter is the number of a
-    flight mode, `switch`: of an auxiliary function, so those of the firmware count too. `midway`: the command begins
-    the mission at another item than its take-off, which START never does: on the ground it is refused.
+    `unless_zero`: the number of the parameter that must not be 0 for that. `values`: what parameter `which` must be, if
+    there are any; the autopilot keeps the last `bits` bits of it, whatever stands above them. `mode`: it is the number
+    of a flight mode, `switch`: of an auxiliary function, so the firmware's own count too (`Modes`). `midway`: it
+    begins the mission elsewhere than at its take-off, which START never does: on the ground it is refused.
     """
 
     name: str
@@ -74,12 +74,12 @@ TURNING: Final = names("DO_MOTOR_TEST ACTUATOR_TEST ACTUATOR_GROUP_TEST DO_ENGIN
 class JudgedRule:
     """A command that the situation judges in flight: its effect, its name for people, and the reason.
 
-    `which` and `values`: the rule applies only if that parameter has such a value, of which the autopilot keeps the
-    last 8 bits; `also`: a second parameter with its values. `mode`: the value is the mode of that name. `item`: the
-    parameter with an item of the mission; `speed`: the parameter with a speed, whose kind is in the first parameter.
-    `Kind.FLY_TO`: parameters 5 to 7 are the place. `radius`: the parameter that a plane uses as the radius of its
-    circle. `height`: the parameter of a command that is only a height, which only planes accept. 7 is the height of
-    the place; after any other parameter comes its MAV_FRAME.
+    `which` and `values`: it is one only where that parameter has such a value, of which the autopilot keeps the last
+    8 bits; a second pair likewise. `mode`: such a value is the mode of that name in `Modes`. `item`: the parameter
+    that names an item of the mission, `speed`: the one that is a speed, of which the first parameter says the kind. Of
+    `Kind.FLY_TO` parameters 5 to 7 are the place; `radius`: the parameter that wings take for the radius of the circle
+    there; `height`: it is a height alone, which nothing but wings takes, and this its parameter: 7 is the one of the
+    place, behind any other stands its MAV_FRAME.
     """
 
     name: str

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""One profile for each kind of aircraft, and how a profile is found: by MAV_TYPE, by its name in a mission, by what the
-aircraft reports in flight.
+"""One profile for each kind of aircraft, and the ways to find it.
+
+A profile is found by MAV_TYPE, by its name in a mission, or by a report of the aircraft in flight.
 """
 
 from __future__ import annotations
@@ -64,5 +65,5 @@ def proven(vtol_state: int) -> Profile | None:
 
 
 def refined(profile: Profile) -> Profile:
-    """The profile of the same firmware that an aircraft has if it reports that property; the same if there is none."""
+    """The profile that refines this one; the same if there is none."""
     return _REFINED.get(profile, profile)

@@ -110,7 +110,7 @@ COPTER: Final = Profile(
     ),
     modes=modes_of(
         {
-            # of FOLLOW and THROW nobody knows better than the pilot who chose them
+            # the pilot who chose FOLLOW or THROW keeps the aircraft
             ModeClass.HANDS: {
                 0: "STABILIZE", 1: "ACRO", 2: "ALT_HOLD", 5: "LOITER", 11: "DRIFT", 13: "SPORT", 14: "FLIP",
                 15: "AUTOTUNE", 16: "POSHOLD", 18: "THROW", 22: "FLOWHOLD", _FOLLOW: "FOLLOW", 24: "ZIGZAG",

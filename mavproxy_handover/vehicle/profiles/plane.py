@@ -4,16 +4,16 @@
 
 What the companion says to ArduPlane for START, hold, return and landing:
 
-* START is the mode AUTO first and arming behind it: a plane is armed in the mode that it takes off in, and its mission
+* START is the mode AUTO first, and then arming: a plane is armed in the mode that it takes off in, and its mission
   begins with the take-off. A mission that was flown before is at its end still where it ended in AUTO, so it is set to
   its first item. If it does not arm, refused, unanswered or called off, the mode of before is set again: AUTO would
-  take off by whoever arms it next. Unless a heartbeat shows it armed, or none comes: it may be in the air.
+  take off at the next arming. Unless a heartbeat shows it armed, or none comes: it may be in the air.
 * There is no DO_PAUSE_CONTINUE. It stops by LOITER, a circle around where it is, and goes on by AUTO, which takes up
   the item that was flown (MIS_RESTART 0); where it was stopped in GUIDED by that, which circles where it begins and
-  waits for its commander: nobody has ordered the mission. While it hovers there is no stop: QLOITER sinks half a metre
+  waits for its commander: the mission was not ordered. While it hovers there is no stop: QLOITER sinks half a metre
   a second without a radio (`get_pilot_desired_climb_rate_cms`), and with one it does what the throttle stick says,
-  wherever that was left; LOITER flies off forwards from a take-off or a landing. Nor is there one in a return, or by
-  hand.
+  wherever that was left; LOITER flies off forwards from a take-off or a landing. A return is not stopped either, and
+  a mode flown by hand is not.
 * To return is RTL. It may show as QRTL (Q_RTL_MODE), as QLAND (during a guided take-off), or, where it goes on to the
   landing at once (RTL_AUTOLAND 2), as AUTO on a way down (`vehicle/plane_landing.py`).
 * To land now is QLAND with rotors. Without it is, of what can be had, the mission's nearest way down (DO_LAND_START),
@@ -105,12 +105,12 @@ class PlaneProcedures(FlightProcedures):
                 yield from self._leave_auto(_MANUAL if before == PLANE.auto else before)
             if self.aircraft.armed and self.aircraft.in_auto:
                 return  # the answer alone was lost
-            # why is said behind the answer, and before the answer what is flown in AUTO
+            # the reason comes after the answer; the text before it is about AUTO
             why = self._why if isinstance(error, AutopilotError) else ""
             raise AutopilotError(f"{str(error).partition(':')[0]}{why}") from None
 
     def call_off_start(self) -> Asking:
-        """Leave nothing behind that takes off by whoever arms it next."""
+        """Leave AUTO, so that the next arming does not take off."""
         yield from self._leave_auto(_MANUAL)
 
     def _leave_auto(self, mode: int) -> Asking:
@@ -282,7 +282,7 @@ PLANE: Final = Profile(
         guesses=True,
     ),
     restored=re.compile(r"^Flight mode (\w+) restored"),
-    # behind its last item, and at one that says so
+    # after its last item, and at an item that returns
     by_mission=re.compile(r"^Mission complete, changing mode|^Mission: \d+ RTL$"),
     commands={
         mavlink.MAV_CMD_NAV_LOITER_UNLIM: ModeClass.STOP,

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the companion asks an autopilot to do in flight: START, hold, return, landing.
+"""Procedures of the companion with an autopilot: START, hold, return, landing.
 
 Each profile has a subclass of `FlightProcedures`, in its own file. Each procedure is an `Asking`
 (`wire/conversation.py`), and each checks that the autopilot did what it acknowledged: a mode counts when a heartbeat
@@ -28,7 +28,7 @@ _SHOWS_S: Final = 3.0
 
 
 class Firmware(Protocol):
-    """What the procedures of every firmware need of its profile."""
+    """Part of a profile that the procedures of every firmware need."""
 
     @property
     def starts_by(self) -> str:
@@ -50,20 +50,20 @@ class LandingSequence(Protocol):
 
     @property
     def may_be(self) -> bool:
-        """It is at an item of a landing sequence, or at one of a mission that is not known."""
+        """Whether it is at an item of a landing sequence, or at one of a mission that is not known."""
         ...
 
     @property
     def is_on(self) -> bool:
-        """It is at an item of a landing sequence that is known."""
+        """Whether it is at an item of a landing sequence that is known."""
         ...
 
     def lands(self) -> None:
-        """It was told to land."""
+        """Note that it was told to land."""
 
 
 class Aircraft(Protocol):
-    """What the procedures read of the vehicle's state (`vehicle/state.py`), and the one thing that they note there."""
+    """Part of the vehicle's state that the procedures read, and one thing that they note there (`vehicle/state.py`)."""
 
     @property
     def foreign(self) -> str:
@@ -92,12 +92,12 @@ class Aircraft(Protocol):
 
     @property
     def hovers(self) -> bool:
-        """It can fly forwards, and hovers."""
+        """Whether it can fly forwards, and hovers."""
         ...
 
     @property
     def near_ground(self) -> bool:
-        """It takes off, or lands."""
+        """Whether it takes off, or lands."""
         ...
 
     @property
@@ -111,12 +111,12 @@ class Aircraft(Protocol):
         ...
 
     def stop_from(self, flown: ModeClass) -> None:
-        """It flies this, and is about to be stopped."""
+        """Note what it flies, because it is about to be stopped."""
 
 
 @dataclass(frozen=True, slots=True)
 class FlightProcedures(ABC):
-    """What there is to ask the autopilot of system `sysid`; `heard` returns its last STATUSTEXT, for reasons.
+    """Questions and orders to the autopilot of system `sysid`. `heard` returns its last STATUSTEXT, for reasons.
     `aircraft`: its state, which has each message before the procedures have it."""
 
     sysid: int

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What a profile is: all that depends on the kind of aircraft, as data and as one class of procedures.
+"""The form of a profile: all that depends on the kind of aircraft, as data and as procedures.
 
 There is one `Profile` object for each kind of aircraft (`copter.py`, `plane.py`, `quadplane.py`). Every other part asks
 the aircraft or the mission for its profile, and the profile for the property that counts there. No other part asks what
@@ -68,7 +68,7 @@ class Mode:
 
 @dataclass(frozen=True, slots=True)
 class Modes:
-    """What the gate judges modes and targets by: which modes begin a flight on the ground, which go on with one."""
+    """Modes and targets of an aircraft, as the gate judges them."""
 
     #: number -> name; a number that is not here is just a mode
     names: Mapping[int, str]
@@ -170,7 +170,7 @@ class Profile:
 
     # ---- how it flies -----------------------------------------------------------------------------------------
 
-    #: it cannot stand still: it holds by circling, and circles above the place of a return
+    #: it cannot stand still: it holds by circling, and circles above the return site
     holds_by_circling: bool = False
     #: it does not stop at waypoints: it flies past them in turns (`mission/wings.py`)
     flies_past: bool = False
@@ -220,9 +220,9 @@ class Profile:
     speed_type: int = mavlink.SPEED_TYPE_GROUNDSPEED
     #: the parameter of that -> its units in one m/s; a firmware has one of them
     cruise: Mapping[str, float] = field(default_factory=dict)
-    #: the parameter of the speed of a return -> its units likewise; none: a return is flown at the speed of missions
+    #: the parameter of the speed of a return -> its units in one m/s; none: a return is flown at the speed of missions
     back_speed: Mapping[str, float] = field(default_factory=dict)
-    #: the parameters of the least and of the most that it may be -> units likewise; none: any speed above 0
+    #: the parameters of the least and of the most that it may be -> units in one m/s; none: any speed above 0
     slowest: Mapping[str, float] = field(default_factory=dict)
     fastest: Mapping[str, float] = field(default_factory=dict)
     #: the parameter of the height of a return -> its units in a metre

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The profile of a plane with rotors (QuadPlane): it flies like a plane, and takes off and lands like a copter.
+"""The profile of a plane with rotors (QuadPlane).
+
+It flies like a plane, and takes off and lands like a copter.
 
 ArduPlane gives it the MAV_TYPE of a plane. It shows itself by Q_ENABLE, or by the MAV_VTOL_STATE that it reports.
 """
