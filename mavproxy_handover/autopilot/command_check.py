@@ -187,7 +187,7 @@ class CommandCheck:
         """Why a change of speed is always refused, in words; "" if it is not."""
         aircraft = self._aircraft
         if aircraft.flown in _COMES_HOME:
-            return "a return keeps the speed that its energy is counted with"
+            return "a return keeps the speed that its energy is calculated with"
         lasting = aircraft.profile.lasting_speeds.get(intent.speed_type, "")
         return lasting or ("" if intent.throttle <= 0.0 else aircraft.profile.lasting_throttle)
 

@@ -118,8 +118,8 @@ class FlownMission:
         """Tell all parts the mission that the autopilot holds. `uploaded`: as in `loaded`."""
         monitors, users, package = self._monitors, self._users, prepared.package
         self.package = package
-        monitors.zones.adopt(prepared.finder, package.route)
-        self.delivery.adopt(package)
+        monitors.zones.set_mission(prepared.finder, package.route)
+        self.delivery.set_mission(package)
         energy = monitors.energy.adopt(package.energy, prepared.way, now, package.profile.energy)
         self._dispatcher.dispatch(energy, now)
         self.changed_aloft, self._uploaded = False, uploaded
@@ -181,7 +181,7 @@ class FlownMission:
 
     def _flies(self, route: Route | None, now: float) -> None:
         self.route = route
-        self._users.read_back.adopt(route, now)
+        self._users.read_back.set_route(route, now)
         self._monitors.plan_fit.flies(None if route is None else route.profile)
         self._state.ways_down.adopt(route)
         self._monitors.route.set_route(route)

@@ -421,7 +421,7 @@ class Orders:
         """Wait a moment until the rally list holds the return site, then return."""
         if not written():
             with suppress(NoAnswer):
-                yield Ask("the place to be written", (), lambda _m: written() or None, _PLACE_S, tries=1)
+                yield Ask("the return site to be written", (), lambda _m: written() or None, _PLACE_S, tries=1)
         return (yield from self._procedures().flight.bring_home(action))
 
     def _place(self, now: float) -> Callable[[], bool]:

@@ -228,7 +228,7 @@ class _Visit:
             self.talk.ask(_message(sysid, "GLOBAL_POSITION_INT"))
         yield self._time()
         names = rules.names_of(self._aircraft.profile, self._batteries)
-        self._patient.tell(f"reading {len(names)} parameters")
+        self._context.tell(f"reading {len(names)} parameters")
         parameters = self.talk.ask(reading(sysid, names)).result or {}
         self.talk.listen(_GUARD_S, lambda: self._guard is not None or not self._grounded())
         if not self._grounded():
@@ -320,7 +320,7 @@ class _Visit:
         if len(items) > _MOST_ITEMS:
             yield ok("mission in the autopilot", f"not compared: {len(items)} items take too long to read")
             return
-        self._patient.tell(f"reading {len(items)} items of the mission")
+        self._context.tell(f"reading {len(items)} items of the mission")
         talk = self.talk.ask(_same(self._vehicle.sysid, items, self._aircraft.profile))
         if talk.failure is None:
             yield ok("mission in the autopilot", f"is that of the package {package.name!r}")

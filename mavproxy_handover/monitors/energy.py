@@ -348,7 +348,7 @@ class EnergyMonitor:
     ) -> list[Output]:
         """A mission is loaded: its numbers go before the vehicle's. `way`: its pieces, at a height of return; `prior`:
         what counts where both say nothing."""
-        self._start.adopt(way)
+        self._start.set_way(way)
         try:
             self.estimate.adopt(settings, now, prior)
             self._follow()

@@ -472,7 +472,7 @@ def test_a_second_battery_of_a_plane_is_judged_by_what_a_plane_does() -> None:
     plane = {**SECOND, "BATT2_FS_LOW_ACT": 1.0, "BATT2_FS_CRT_ACT": 4.0}
     assert with_batteries(2, QUADPLANE, **plane) == []
     assert with_batteries(2, QUADPLANE, **{**plane, "BATT2_FS_CRT_ACT": 7.0}) == [
-        "BATT2_FS_CRT_ACT is 7: AUTOLAND lands at home, and not at the place that was chosen",
+        "BATT2_FS_CRT_ACT is 7: AUTOLAND lands at home, not at the return site",
         "BATT2_FS_CRT_ACT is 7: never acts after BATT2_FS_LOW_ACT 1",
     ]
 

@@ -313,7 +313,7 @@ def judge(found: Found, limits: Limits) -> tuple[Finding, ...]:
     if found.foreign:
         firmware = dict.fromkeys(profile.firmware for profile in PROFILES)
         what = f"{found.foreign} is neither {' nor '.join(firmware)}"
-        return (Finding("", f"{what}: START is refused, and so is arming by the guard"),)
+        return (Finding("", f"{what}: START is refused, and the guard refuses arming"),)
     if not found.parameters:
         return (Finding("", "the autopilot answers no request for parameters: nothing could be checked"),)
     findings = []

@@ -136,7 +136,7 @@ COPTER: Final = Profile(
     carried_out={
         FlightAction.HOLD: "stops, its mission paused",
         FlightAction.CONTINUE: "flies on, its mission resumed",
-        FlightAction.RETURN: "RTL to the chosen place, and down",
+        FlightAction.RETURN: "RTL to the return site, and down",
         FlightAction.LAND: "LAND, where it is",
     },
     handling=STANDS_STILL,

@@ -78,7 +78,7 @@ _ON_WINGS: Final = frozenset(
 )
 _BOTH: Final = "it takes an aircraft that hovers and has wings"
 _LANDS_IN: Final = frozenset({ModeClass.LAND, ModeClass.MISSION, ModeClass.RETURN})
-_OUTLASTS: Final = "which outlasts the mode: a return is flown by it too"
+_OUTLASTS: Final = "which also applies to a return"
 
 
 @dataclass(frozen=True, slots=True)
@@ -254,7 +254,7 @@ PLANE: Final = Profile(
     carried_out={
         FlightAction.HOLD: "circles, in LOITER",
         FlightAction.CONTINUE: "flies on, in AUTO",
-        FlightAction.RETURN: "RTL to the chosen place, and down by the landing sequence there",
+        FlightAction.RETURN: "RTL to the return site, and down by the landing sequence there",
         FlightAction.LAND: "the next landing sequence: it cannot come down where it is",
     },
     # its landing sequence is a part of a mission, or waits at the end of a return

@@ -49,7 +49,7 @@ QUADPLANE: Final = replace(
     refined_by="",
     carried_out={
         **PLANE.carried_out,
-        FlightAction.RETURN: "RTL to the chosen place, and down by its rotors",
+        FlightAction.RETURN: "RTL to the return site, and down by its rotors",
         FlightAction.LAND: "QLAND, where it is",
     },
     handling=CIRCLES,
