@@ -20,7 +20,7 @@ __all__ = ["advice"]
 
 #: files with recommended parameters -> which aircraft each is for, in words
 _FILES: Final = {profile.parameter_file: profile.parameter_file_for for profile in PROFILES}
-#: the guard's own defaults, which are the recommended values; which port it listens at nobody else can know
+#: the guard's defaults, which are the recommended values; its port depends on the wiring
 _GUARD: Final = {
     "HNDO_ENABLE": "1",
     "HNDO_COMPID": str(COMPANION_COMPID),
@@ -87,8 +87,10 @@ _WORDS: Final = (
 
 
 def advice(parameter: str, text: str, *, profile: Profile | None = None) -> str:
-    """One sentence. `parameter`: the one to change, "" for none; `text`: what was found; `profile`: of the aircraft,
-    None: not known."""
+    """Advice in one sentence. `parameter`: the one to change, "" for none. `text`: the finding.
+
+    `profile`: of the aircraft, None: not known.
+    """
     further = _FURTHER.match(parameter)
     if further is not None:
         return advice(parameter.replace(further[0], "BATT_"), text, profile=profile).replace("BATT_", further[0])

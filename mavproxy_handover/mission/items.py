@@ -96,11 +96,12 @@ LOITERS = frozenset((LOITER_UNLIMITED, LOITER_TURNS, LOITER_TIME, LOITER_TO_ALTI
 class Command:
     """One MAV_CMD of a mission.
 
-    `kept` has a letter for each of the parameters 1 to 4, saying what ArduPilot stores of it: `f` the value, `i` its
-    whole part, `s` its sign, `b` whether it is above zero, `-` nothing; `y` its whole part up to 255, `t` the same but
-    below 1 in parts of 256, `r` a radius up to 255 in metres, beyond in tens of them up to 2550. `flown` marks the
-    commands that move the aircraft or make it wait; the rest are done on the way. `located` commands carry a place.
-    A profile says which commands its aircraft does not fly, and where its autopilot stores something else.
+    `kept` has a letter for each of the parameters 1 to 4, for what ArduPilot stores of it. `f`: the value; `i`: its
+    whole part; `s`: its sign; `b`: 1 if it is above zero; `-`: nothing; `y`: its whole part up to 255; `t`: its whole
+    part up to 255, below 1 in parts of 256; `r`: a radius in metres up to 255, beyond that in tens of metres up to
+    2550. `flown` marks the commands that move the aircraft or make it wait; the rest are done on the way. `located`
+    commands carry a place. A profile says which commands its aircraft does not fly, and where its autopilot stores
+    something else.
     """
 
     name: str
@@ -224,8 +225,7 @@ def stored_turns(turns: float) -> float:
 
 
 def difference(sent: MissionItem, got: MissionItem, profile: Profile = ASSUMED) -> str | None:
-    """How an item read back from an aircraft of that profile differs from the one sent, as words for a log line; None:
-    it does not.
+    """Text about how an item read back from an aircraft differs from the sent one; None if it does not.
 
     Rounding and values that the autopilot does not store are no difference. Item 0 is home, which the autopilot sets
     itself, so comparing it is meaningless.

@@ -220,8 +220,7 @@ class MissionPackage:
         )
 
     def stretches(self, walk: Walk, wind: Wind | None = None) -> tuple[Stretch, ...]:
-        """Where the declared gaps are on the route, which was walked; `wind` None: what [energy] has for one that is
-        not known."""
+        """The declared gaps on the simulated route. `wind` None: that of [energy] for an unknown wind."""
         stops = not self.profile.flies_past
         return stretches(self.gaps, self.legs(wind), walk, self.energy, wind, stops=stops)
 

@@ -605,9 +605,12 @@ def _check_takeoff(where: Where, home: Home, item: MissionItem, profile: Profile
 
 
 def _check_landings(where: Where, items: Sequence[MissionItem], profile: Profile) -> None:
-    """Where a return goes on to a DO_LAND_START, ArduPlane takes the nearest of all, and behind the end of a mission it
-    returns: a sequence that does not land begins itself again. A landing that is broken off goes on with a change of
-    altitude right behind it, where there is one, and else to the nearest DO_LAND_START, which is a way down again."""
+    """Check that each landing sequence lands, and that a landing that is broken off finds a path down.
+
+    A return goes on to the nearest DO_LAND_START. After the end of a mission ArduPlane returns, so a sequence that does
+    not land begins again. A landing that is broken off goes on with a change of altitude right after it, if there is
+    one. Otherwise it goes on to the nearest DO_LAND_START, which leads down again.
+    """
     for way in ways_from_land_starts(items):
         last = way[-1]
         if last.command in LANDINGS:

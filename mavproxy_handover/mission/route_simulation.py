@@ -199,8 +199,8 @@ def curves_lacking(route: Route, cruise_speed_mps: float | None = None) -> float
 
 
 def cruise_of(route: Route, cruise_speed_mps: float | None = None) -> float:
-    """The speed (m/s) at which a route is flown where it sets none itself, and every return: the one given, or the
-    plan's own, or what the autopilot comes with."""
+    """The speed (m/s) of a return, and of a route that sets none: the given one, or the plan's, or the default of the
+    aircraft's profile."""
     return cruise_speed_mps or route.cruise_speed_mps or route.profile.energy.cruise_mps
 
 

@@ -58,7 +58,7 @@ def test_the_way_home_is_rtl_seen_in_a_heartbeat(autopilot: Autopilot, copter: C
 def test_what_is_no_arducopter_is_told_no_mode_but_to_return(autopilot: Autopilot) -> None:
     """Mode 6 is FBWB for a plane, and FOLLOW for a rover."""
     aircraft = VehicleState()
-    aircraft.take(mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_GROUND_ROVER, 3, 0, 0, 4, 3), 1.0)
+    aircraft.on_message(mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_GROUND_ROVER, 3, 0, 0, 4, 3), 1.0)
     copter = CopterProcedures(1, str, aircraft)
     made = talk(copter.bring_home(FlightAction.LAND), autopilot)
     assert made.result == "return to launch"

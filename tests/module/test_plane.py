@@ -119,7 +119,7 @@ def test_the_rules_are_told_what_it_is_and_the_room_that_it_needs(flight: Bench)
     assert (aircraft.profile, aircraft.foreign, aircraft.flown) == (QUADPLANE, "", ModeClass.MISSION)
     state = flight.companion.autopilot.messages.autopilot_state()
     assert (state.handling, state.circles_s) == (QUADPLANE.handling, 20.0)
-    aircraft.take(mavlink.MAVLink_param_value_message(b"WP_LOITER_RAD", 30.0, 9, 900, 0), flight.clock.now)
+    aircraft.on_message(mavlink.MAVLink_param_value_message(b"WP_LOITER_RAD", 30.0, 9, 900, 0), flight.clock.now)
     assert flight.companion.autopilot.messages.autopilot_state().circles_s == 11.0
 
 

@@ -310,7 +310,7 @@ PLANE: Final = Profile(
         mavlink.MAV_CMD_NAV_VTOL_TAKEOFF: _BOTH,
         mavlink.MAV_CMD_NAV_VTOL_LAND: _BOTH,
         mavlink.MAV_CMD_NAV_DELAY: "ArduPlane does not wait in flight: take NAV_LOITER_TIME",
-        mavlink.MAV_CMD_NAV_PAYLOAD_PLACE: "ArduPlane lands there, and need not go on behind it",
+        mavlink.MAV_CMD_NAV_PAYLOAD_PLACE: "ArduPlane lands there, and need not go on after it",
         mavlink.MAV_CMD_CONDITION_YAW: "ArduPlane passes over it",
         mavlink.MAV_CMD_DO_WINCH: "ArduPlane passes over it",
         mavlink.MAV_CMD_DO_JUMP: "the jumps of wings are not walked",
@@ -338,7 +338,7 @@ PLANE: Final = Profile(
     radio_failsafe="THR_FAILSAFE",
     gcs_failsafe="FS_GCS_ENABL",
     gcs_timeout="FS_LONG_TIMEOUT",
-    gcs_failsafe_lacks={3: "it acts in AUTO alone, and nothing brings home what circles or flies to a place"},
+    gcs_failsafe_lacks={3: "it acts only in AUTO, and nothing brings the aircraft home from LOITER or GUIDED"},
     reads=(
         *READ_OF_EVERY, "FS_GCS_ENABL", "FS_LONG_TIMEOUT", "RALLY_LIMIT_KM",
         "SYSID_ENFORCE", "MAV_OPTIONS", "THR_FAILSAFE", "RC_PROTOCOLS", "SCR_VM_I_COUNT", "SCR_LD_CHECKSUM",
