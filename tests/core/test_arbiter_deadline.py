@@ -220,6 +220,12 @@ COMES_HOME: list[tuple[float, Event | Word]] = [
     (0.0, MotionSeen(7.3, 0.0, 400.0)),
     (1.8, AutopilotState(True, True)),
 ]
+#: the commander is back, and the aircraft lands before the return that was ordered has to show
+OVER_ON_THE_GROUND: list[tuple[float, Event | Word]] = [
+    (0.37, StationHeard(A)),
+    (0.37, StationHeard(A)),
+    (0.0, AutopilotState(True, False)),
+]
 SUPERVISED = replace(LIMITS, policies={}, obey_s=2.3, stuck_s=3.7, hold_s=4.1, autopilot_lost_s=20.0)
 
 
@@ -254,6 +260,7 @@ def test_ticks_between_the_deadlines_change_nothing(story: list[tuple[float, Eve
 @example([(0.1, ModeSeen(ModeClass.RETURN, "RTL")), (1.0, MotionSeen(0.0, 2.0, 400.0))], 0.05)
 @example([(0.0, ModeSeen(ModeClass.LAND, "LAND")), (0.01, ModeSeen(ModeClass.RETURN, "RTL"))], 0.05)
 @example([(0.0, ModeSeen(ModeClass.HANDS, "LOITER")), (0.0, AutopilotState(True, False))], 0.05)  # lands in doubt
+@example(OVER_ON_THE_GROUND, 0.05)
 def test_the_same_while_an_order_is_watched(story: list[tuple[float, Event | Word]], every_s: float) -> None:
     told_before = COMES_HOME + story
     assert told(told_before, SUPERVISED, every_s) == told(told_before, SUPERVISED, None)

@@ -687,6 +687,7 @@ class Packer:
             due_at=_Time(0.0),
             handling=plain,
             order=plain,
+            shows_by=_Time(0.0),
             stands=plain,
             unable=plain,
         )

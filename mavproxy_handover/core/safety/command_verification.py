@@ -121,6 +121,7 @@ class CommandVerification:
         "due_at",
         "handling",
         "order",
+        "shows_by",
         "stands",
         "unable",
     )
@@ -157,6 +158,8 @@ class CommandVerification:
         self._motion: MotionSeen | None = None
         #: when `look` has to be called at the latest; None: no time runs
         self.due_at: float | None = None
+        #: until when an order need not show yet, so that nothing milder is news; None: that time does not run
+        self.shows_by: float | None = None
 
     # ---- what happens ---------------------------------------------------------------------------------------------
 
@@ -253,9 +256,14 @@ class CommandVerification:
         None: there is none, or the mode is not known.
         """
         shows_as = _SHOWS_AS.get(self.order) if self.order is not None else None
+        self.shows_by = None
         if shows_as is None or mode.flown is None or mode.facts() & shows_as:
             return None
-        return self.order if now < self._commanded_at + self._limits.obey_s else None
+        shows_by = self._commanded_at + self._limits.obey_s
+        if now >= shows_by:
+            return None
+        self.shows_by = shows_by
+        return self.order
 
     def look(self, mode: ModeTracker, facts: Set[Fact], breached: bool, now: float) -> Seen | None:
         """Compare the aircraft to the order; returns what is new about it.

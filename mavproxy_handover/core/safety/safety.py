@@ -177,7 +177,7 @@ class Safety:
 
     def due_at(self) -> list[float]:
         """When something is due though no event comes."""
-        others = (self.emergency.due_at(), self.executor.tells_at(), self.mode.due_at())
+        others = (self.emergency.due_at(), self.executor.tells_at(), self.mode.due_at(), self.verification.shows_by)
         times = [time for time in others if time is not None]
         if not self._flight.flying:
             return times
