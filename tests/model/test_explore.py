@@ -16,7 +16,8 @@ import pytest
 
 from gcs_module import core as gcs
 from mavproxy_handover.core.arbiter import Arbiter
-from mavproxy_handover.core.authority.authority import Authority, presence, transfer, transfer_manager, zones
+from mavproxy_handover.core.authority import presence, transfer, transfer_manager, zones
+from mavproxy_handover.core.authority.authority import Authority
 from mavproxy_handover.core.authority.candidates import Candidates
 from mavproxy_handover.core.authority.transfer import Cause, End, Step
 from mavproxy_handover.core.authority.transfer_manager import TransferManager
