@@ -32,8 +32,8 @@ from tests.model.plans import BLANK, CRASHES, MESSAGES, QUICK
 from tests.model.setting import IMPATIENT, PARENT, Fault, Setting
 from tests.model.steps import Graph
 
-#: of each setting in a test run: a planted fault shows in the first few hundred
-STATES = 1000
+#: of each setting in a test run; a commit without the word of the partner shows after 4,543 states
+STATES = 5000
 GCSA, GCSB = PARENT, PARENT + 1
 COMMITTED = End(Outcome.COMMITTED, Reason.NONE)
 
