@@ -199,8 +199,10 @@ def curves_lacking(route: Route, cruise_speed_mps: float | None = None) -> float
 
 
 def cruise_of(route: Route, cruise_speed_mps: float | None = None) -> float:
-    """The speed (m/s) of a return, and of a route that sets none: the given one, or the plan's, or the default of the
-    aircraft's profile."""
+    """The speed (m/s) of a return, and of a route that sets none.
+
+    It is the given one, or else the plan's, or else the default of the aircraft's profile.
+    """
     return cruise_speed_mps or route.cruise_speed_mps or route.profile.energy.cruise_mps
 
 
