@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The border ahead where this station will be asked, and what its operator has said of it beforehand. Pure.
+"""The border ahead at which this station will be asked, and its operator's early answer. Pure.
 
 Rules that live here
 --------------------
-* The vehicle says each second which border, between which two stations, and in how many seconds (HANDOVER_AHEAD); the
-  same question gets the same answer (OK_AHEAD). Consent is automatic where it would be at the border.
-* What was said counts for that border alone: number, two stations, epoch. It ends with the epoch, with an emergency,
-  and with another border. Until then it may be taken back, and given after all.
-* A question that the vehicle does not repeat is over: another route is flown, or the border is not expected any more.
+* The vehicle sends each second which border it foresees, between which two stations, and in how many seconds
+  (HANDOVER_AHEAD). The same question gets the same answer (OK_AHEAD). Consent is automatic if it is at the border.
+* An answer counts for one border only: number, two stations, epoch. It ends with the epoch, with an emergency, and with
+  another border. Until then the operator may change it.
+* A question that the vehicle does not repeat is over: the route has changed, or the border is not expected any more.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from mavproxy_handover.core.common.model import Consent, Reason
 
 __all__ = ["Ahead", "EarlyConsent"]
 
-#: a question that was not repeated for so long is over (s)
+#: a question is over if the vehicle has not repeated it for this long (s)
 _SILENT_S: Final = 5.0
-#: so long behind the moment when the border should have been reached nobody waits for it (s)
+#: an answer is forgotten this long (s) after the time at which the border was expected
 _LATE_S: Final = 20.0
 
 
 @dataclass(slots=True)
 class Ahead:
-    """A border ahead. `at`: when it is reached (monotonic s); `other`: what the other station has said, None: nothing
+    """A border ahead. `at`: expected time of reaching it (monotonic s); `other`: the other station's answer, None: none
     yet."""
 
     key: CrossingKey
@@ -40,17 +40,17 @@ class Ahead:
     at: float
     heard_at: float
     other: Consent | None = None
-    #: the operator was told last that so much time is left (s)
+    #: the time left (s) that the operator was told last
     told_left_s: float = inf
 
     @property
     def waits(self) -> bool:
-        """For this station's operator."""
+        """Whether it waits for this station's operator."""
         return self.consent is Consent.WAITING
 
 
 class EarlyConsent:
-    """What one station knows of the border ahead. Times are monotonic seconds; not safe for threads."""
+    """One station's knowledge of the border ahead. Times are monotonic seconds; not safe for threads."""
 
     __slots__ = ("_own", "ahead")
 
@@ -60,19 +60,20 @@ class EarlyConsent:
 
     @property
     def waits(self) -> bool:
-        """This station's operator is asked."""
+        """Whether this station's operator is asked."""
         return self.ahead is not None and self.ahead.waits
 
     def fits(self, message: HandoverAhead, epoch: int, commander: int | None) -> bool:
-        """Whether it concerns this station now, and is no older than what it has heard of."""
+        """Whether the message concerns this station now, and is not older than the known border."""
         key, ahead = message.key, self.ahead
         if self._own not in (key.from_station, key.to_station) or (key.epoch, key.from_station) != (epoch, commander):
             return False
         older = ahead is not None and ahead.key.epoch == epoch and (ahead.key.crossing - key.crossing) % 0x10000
         return not (older and older < 0x8000)
 
-    def heard(self, message: HandoverAhead, now: float, *, agrees: bool) -> bool:
-        """The vehicle's word, which `fits`; whether it is news. `agrees`: its operator need not be asked."""
+    def update(self, message: HandoverAhead, now: float, *, agrees: bool) -> bool:
+        """Store a message for which `fits` is true; returns whether the border is new. `agrees`: the operator need not
+        be asked."""
         as_partner, known = message.key.to_station == self._own, self.ahead
         other = message.commander if as_partner else message.partner
         if known is None or known.key != message.key:
@@ -84,34 +85,35 @@ class EarlyConsent:
         known.at, known.heard_at, known.other = now + message.in_s, now, other
         return False
 
-    def said(self, key: TransferKey, why: Reason, crossing: int, *, as_partner: bool) -> Consent | None:
-        """What was said beforehand of this transfer; None: nothing, or nothing that counts for it."""
+    def answer_for(self, key: TransferKey, why: Reason, crossing: int, *, as_partner: bool) -> Consent | None:
+        """The early answer that counts for this transfer; None: there is none."""
         ahead = self.ahead
         if ahead is None or why not in FORESEEN or ahead.waits or as_partner is not ahead.as_partner:
             return None
         named = CrossingKey(key.from_station, key.to_station, crossing, key.epoch)
         return ahead.consent if named == ahead.key else None
 
-    def used(self, key: TransferKey, crossing: int) -> None:
-        """The question is asked at the border itself. Consent stays, for a try that comes to nothing is made again; who
-        has denied is asked again then, as everybody is who denies."""
+    def on_asked_at_border(self, key: TransferKey, crossing: int) -> None:
+        """The question is asked at the border itself. Consent stays, because a failed transfer is tried again. A denial
+        is forgotten, so that the operator is asked again, as after any denial."""
         ahead = self.ahead
         named = CrossingKey(key.from_station, key.to_station, crossing, key.epoch)
         if ahead is not None and ahead.key == named and ahead.consent is not Consent.GRANTED:
             self.ahead = None
 
-    def over(self) -> bool:
-        """The border is not ahead any more, or not for this commander; whether an operator was still being asked."""
+    def end(self) -> bool:
+        """Forget the border; returns whether the operator was still being asked."""
         waited, self.ahead = self.waits, None
         return waited
 
-    def lapsed(self, now: float) -> bool:
-        """Whether a question is over because nobody repeats it. What was said stays, but not for ever."""
+    def expire(self, now: float) -> bool:
+        """Forget an answer _LATE_S after its border; returns whether a question is over because the vehicle repeats it
+        no more."""
         ahead = self.ahead
         if ahead is None:
             return False
         if ahead.waits and now >= ahead.heard_at + _SILENT_S:
-            return self.over()
+            return self.end()
         if now >= ahead.at + _LATE_S:
             self.ahead = None
         return False

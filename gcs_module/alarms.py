@@ -1,17 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""How grave is what an operator is told, how he notices it, and what is said again until he has.
+"""The levels of lines to the operator, how each level looks and sounds, and the alarms that are repeated.
 
 Theory of operation
 -------------------
-Every line has a level, from one table: EVENTS by what it is about, DECISIONS by what is done about what is wrong. The
-level alone says how the line looks and sounds (LOOKS): colour, bell of the terminal, speech, and after how long it is
-said again.
+Every line has a level, from a table: EVENTS by the kind of line, DECISIONS by the vehicle's action. The level alone
+decides how the line looks and sounds (LOOKS): colour, terminal bell, speech, and the interval at which it is repeated.
 
-An alarm is a line that stays true: nobody commands, the aircraft comes home, the vehicle is not heard, a question
-waits. It is raised under a name, said again while it stands, and silenced by `handover ack`, by its end, or by another
-line under its name. What has been acknowledged stays shown in `handover status` until it is over; if it becomes graver,
-it is said anew.
+An alarm is a line that stays true: no station commands, the aircraft returns, the vehicle is not heard, a question
+waits. It is raised under a name and repeated while it stands. `handover ack`, its end, or another line under its name
+silences it. An acknowledged alarm stays in `handover status` until it is over; if its level rises, it is told again.
 
 Pure: time is an argument.
 """
@@ -30,21 +28,21 @@ __all__ = ["DECISIONS", "ENDS", "EVENTS", "LOOKS", "STANDS", "Alarm", "Alarms", 
 
 
 class Level(IntEnum):
-    """How grave it is; the higher the graver."""
+    """How serious a line is; a higher value is more serious."""
 
     INFO = 0
-    #: to be known: nothing has to be done at once
+    #: for information: no action is needed at once
     ADVISORY = 1
     #: something is about to go wrong, or waits for the operator
     WARNING = 2
-    #: the aircraft is not where its mission has it, or nobody commands it
+    #: the aircraft has left its mission, or no station commands it
     EMERGENCY = 3
 
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """How a level is noticed: colours of MAVProxy's console, bell, speech, and after how long (s) an alarm is said
-    again."""
+    """How a level is shown: colours of MAVProxy's console, bell, speech, and the interval (s) at which an alarm is
+    repeated."""
 
     colour: str
     ground: str
@@ -62,7 +60,7 @@ LOOKS: Final[Mapping[Level, Look]] = {
 
 _INFO, _ADVISORY, _WARNING, _EMERGENCY = Level
 
-#: what a line is about, and how grave that is
+#: kind of line -> its level
 EVENTS: Final[Mapping[str, Level]] = {
     "connected": _INFO,
     "address": _ADVISORY,
@@ -97,7 +95,7 @@ EVENTS: Final[Mapping[str, Level]] = {
     "stream": _WARNING,
 }
 
-#: what stays true behind such a line: the name of its alarm, and the lines behind which it is true no more
+#: kind of line -> the alarm that it raises (STANDS), or ends (ENDS)
 STANDS: Final[Mapping[str, str]] = {
     "lost": "link",
     "no_commander": "commander",
@@ -119,7 +117,7 @@ ENDS: Final[Mapping[str, str]] = {
     "rerouted": "route",
 }
 
-#: what is done about what is wrong
+#: the vehicle's action -> the level of its line
 DECISIONS: Final[Mapping[FlightAction, Level]] = {
     FlightAction.WARN: _ADVISORY,
     FlightAction.TRANSFER: _ADVISORY,
@@ -132,7 +130,8 @@ DECISIONS: Final[Mapping[FlightAction, Level]] = {
 
 @dataclass(slots=True)
 class Alarm:
-    """One that stands. `again_at`: monotonic seconds; inf once it is acknowledged, or said once only."""
+    """A standing alarm. `again_at`: time of the next repetition (monotonic s); inf after it is acknowledged, or for a
+    level that is told only once."""
 
     level: Level
     text: str
@@ -141,41 +140,41 @@ class Alarm:
 
 
 class Alarms:
-    """What stands for one vehicle, by name. Times are monotonic seconds; not safe for threads."""
+    """The standing alarms of one vehicle, by name. Times are monotonic seconds; not safe for threads."""
 
     def __init__(self) -> None:
         self._standing: dict[str, Alarm] = {}
 
     @property
     def standing(self) -> tuple[Alarm, ...]:
-        """All of them, the gravest first."""
+        """All of them, the most serious first."""
         return tuple(sorted(self._standing.values(), key=lambda alarm: -alarm.level))
 
     def begin(self, name: str, level: Level, text: str, now: float) -> None:
-        """It is so from now on. Who has acknowledged it as grave as it is now is not told again."""
+        """Raise an alarm. If it was acknowledged at this level or a higher one, it stays silent."""
         known = self._standing.get(name)
         quiet = known is not None and known.acknowledged and level <= known.level
         self._standing[name] = Alarm(level, text, inf if quiet else now + LOOKS[level].again_s, quiet)
 
-    def heard(self, event: str, level: Level, text: str, now: float) -> None:
-        """A line of this kind was told: what stands or ends with it."""
+    def on_line(self, event: str, level: Level, text: str, now: float) -> None:
+        """A line of this kind was told: raise or end the alarm that belongs to it."""
         self.end(ENDS.get(event, ""))
         if event in STANDS:
             self.begin(STANDS[event], level, text, now)
 
     def end(self, name: str) -> None:
-        """It is so no more."""
+        """End an alarm."""
         self._standing.pop(name, None)
 
     def due(self, now: float) -> tuple[Alarm, ...]:
-        """Those that are to be said again now, the gravest first; they count as said."""
+        """The alarms to repeat now, the most serious first; their next repetition is set."""
         found = tuple(alarm for alarm in self.standing if now >= alarm.again_at)
         for alarm in found:
             alarm.again_at = now + LOOKS[alarm.level].again_s
         return found
 
     def acknowledge(self) -> tuple[Alarm, ...]:
-        """The operator has noticed everything that stands; returns what that silences."""
+        """The operator has noticed all standing alarms; returns those that this silences."""
         loud = tuple(alarm for alarm in self.standing if not alarm.acknowledged)
         for alarm in loud:
             alarm.again_at, alarm.acknowledged = inf, True

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What stands first in the console's status row: who commands, and what is going on. Pure.
+"""The first words of the console's status row: which station commands, and what is going on. Pure.
 
-Mode, phase and the age of what is known are looked at together: who has not been heard for a while is not said to fly
-its mission, and an aircraft in RTL is not said to be on it.
+Mode, phase and age are combined: a vehicle that is not heard is not shown as flying its mission, and neither is an
+aircraft in RTL.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from mavproxy_handover.core.common.model import FlightAction, Phase
 
 __all__ = ["OLD_S", "Situation", "age", "banner", "named", "tag"]
 
-#: what is older than this (s) is said to be
+#: a value older than this (s) is marked as old
 OLD_S: Final = 3.0
 #: the modes in which the mission is flown, and the phases in which it should be
 _MISSION_MODES: Final = ("AUTO", "")
@@ -26,13 +26,14 @@ _ON_MISSION: Final = (Phase.ON_MISSION, Phase.ON_HANDOVER)
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """What a station knows of a vehicle at one moment. Names of stations are "" where there is nobody.
+    """What a station knows of a vehicle at one moment. Names of stations are "" if there is none.
 
-    `heard_s`: how long ago the vehicle was heard, inf: never; `mode`: of the autopilot, "" not known or too old;
-    `action`: what is done about what is wrong; `left_s`: what is left for an operator who is asked, inf: nobody is;
-    `alone`: nobody commands because the mission declares a gap there; `ahead`: who is to take the aircraft at a border
-    ahead, `ahead_s`: how soon, `asked`: this station's operator is asked beforehand; `of`: what the station calls the
-    vehicle, "" where there is no other one; `rehearsal`: the aircraft is carried, and nothing is commanded.
+    `heard_s`: time since the vehicle was heard, inf: never; `mode`: of the autopilot, "" not known or too old;
+    `action`: what the vehicle does about what is wrong; `left_s`: time left for an operator who is asked, inf: none is;
+    `alone`: no station commands, because the mission declares a gap there; `ahead`: the station that is to take the
+    aircraft at the border ahead, `ahead_s`: in how many seconds, `asked`: this station's operator is asked early; `of`:
+    the vehicle's name, "" if the station has no other one; `rehearsal`: the aircraft is carried, and nothing is
+    commanded.
     """
 
     vehicle: str
@@ -53,12 +54,12 @@ class Situation:
 
     @property
     def old(self) -> bool:
-        """Whether what is shown was so a while ago."""
+        """Whether the values are older than OLD_S."""
         return self.heard_s > OLD_S
 
 
 def age(seconds: float) -> str:
-    """How old something is, for people; "" while it is fresh."""
+    """The age of a value, for people; "" if it is fresh."""
     if seconds <= OLD_S:
         return ""
     if seconds < 120.0:
@@ -67,7 +68,7 @@ def age(seconds: float) -> str:
 
 
 def banner(now: Situation) -> tuple[str, Level]:
-    """The words of the status row, and how grave they are."""
+    """The text of the status row, and its level."""
     words, level = _banner(now)
     if now.rehearsal and not now.old:
         words, level = f"REHEARSAL - {words}", max(level, Level.ADVISORY)
@@ -75,7 +76,7 @@ def banner(now: Situation) -> tuple[str, Level]:
 
 
 def named(name: str, text: str) -> str:
-    """A text with the vehicle's name before it, unless it is in it already; "" always is."""
+    """A text with the vehicle's name before it, unless the text contains the name."""
     return text if name in text else f"{name}: {text}"
 
 
@@ -106,7 +107,7 @@ def _banner(now: Situation) -> tuple[str, Level]:
 
 def tag(now: Situation) -> str:
     """The words in brackets before each line, in the form of the thesis: "ONMISSION", "ONMISSION RTL", "ONMISSION 12 s
-    old"; where there are several vehicles "drone-2 ONMISSION"."""
+    old"; with several vehicles "drone-2 ONMISSION"."""
     words = f"{now.of} {now.phase.name.replace('_', '')}".lstrip()
     if now.phase in _ON_MISSION and now.mode not in _MISSION_MODES:
         words += f" {now.mode}"

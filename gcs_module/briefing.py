@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The briefing with the question whether this station will take the aircraft: lines of HANDOVER_BRIEFING. Pure.
+"""The briefing with the question whether this station takes the aircraft: lines of HANDOVER_BRIEFING. Pure.
 
-Lines of one number belong together; a briefing counts when all of them are there. It is shown once for each question,
-and again when the operator asks for it.
+Lines with the same number belong together; a briefing counts when it is complete. It is shown once for each question,
+and again if the operator asks for it.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Final
 
 __all__ = ["NAMES", "Briefing"]
 
-#: what stands before each line
+#: the label of each line
 NAMES: Final = ("leg", "battery", "wind", "links", "alerts", "next")
 
 
@@ -23,14 +23,14 @@ class Briefing:
     def __init__(self) -> None:
         self._number: int | None = None
         self._parts: dict[int, str] = {}
-        #: whole, and when it came
+        #: the lines of the last complete briefing, and when it was complete
         self.lines: tuple[str, ...] = ()
         self.at = -inf
-        #: the question for which it was shown last
+        #: the question with which it was last shown
         self._shown_for: object = None
 
     def add_line(self, number: int, line: int, lines: int, text: str, now: float) -> None:
-        """One line has come."""
+        """One line has arrived."""
         if number != self._number:
             self._number, self._parts = number, {}
         if 1 <= line <= lines:
@@ -41,7 +41,8 @@ class Briefing:
             self.at, self._parts = now, {}
 
     def due(self, question: object, asked_at: float) -> tuple[str, ...]:
-        """What is to be shown with this question, which was asked then; none if it was, or nothing has come since."""
+        """The lines to show with this question, asked at `asked_at`; none if they were shown, or if no briefing has
+        come since."""
         if question is None or question == self._shown_for or self.at < asked_at:
             return ()
         self._shown_for = question

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""`handover ...` typed at a ground station. The table is the help, the completion and the dispatch in one."""
+"""The commands `handover ...` at a ground station. One table serves help, completion and dispatch."""
 
 from __future__ import annotations
 
@@ -39,23 +39,23 @@ from mavproxy_handover.wire.ids import (
 
 __all__ = ["StationCommands"]
 
-#: Words of one matter: the last one that was typed counts, and those before it are not repeated any more.
+#: Commands that replace each other: after a new one the earlier ones of its group are not repeated any more.
 _MATTERS: Final = (("START", "STOP", "CONTINUE", "RESUME"), ("REQUEST", "RELEASE", "GIVE"))
-#: answers that are left to commands of before, at most: the last of three copies has to be answerable
+#: answers that may belong to earlier commands, at most: the last of three copies must be answerable
 _MOST_OWED: Final = 2
-#: what may stand behind `handover rehearse`
+#: arguments of `handover rehearse`
 _REHEARSAL: Final = ("end", "report")
-#: what that asks for: nothing that is accepted or refused
+#: the request for a report, which is neither accepted nor refused
 _REPORT: Final = "REPORT"
 
 _PAUSE = mavlink.MAV_CMD_DO_PAUSE_CONTINUE
-#: a second answer so soon is one key pressed twice
+#: a second answer within this time (s) is the same key pressed twice
 _PRESS_S: Final = 0.7
-#: less than texts of the companion wait (`texts.py`)
+#: shorter than texts of the companion wait (`texts.py`)
 _WHY_S = 0.4
 
 
-#: what the companion calls a command that it refuses, where that is not the operator's word for it
+#: the companion's names for a refused command, if they differ from the operator's
 _SAID: Final = {"RESUME": ("AUTO", "mode AUTO")}
 
 
@@ -86,25 +86,25 @@ class Host(Protocol):
 
 
 class StationCommands:
-    """The operator's commands to one aircraft. One that goes to it is asked again until it is acknowledged.
+    """The operator's commands to one aircraft. A command is repeated until it is acknowledged.
 
-    A command that was not answered yet is not repeated after the operator's next word of the same matter: its copy
-    would undo that. Nor is its late answer taken for the new one's: COMMAND_ACK names the command alone, and STOP and
-    CONTINUE are one command, as are REQUEST, RELEASE and GIVE.
+    A command without an answer is not repeated after the operator's next command of the same group: its copy would undo
+    that. Its late answer does not count for the new command: COMMAND_ACK names only the MAVLink command, and STOP and
+    CONTINUE are the same one, as are REQUEST, RELEASE and GIVE.
     """
 
     def __init__(self, module: Host, settings: Any) -> None:
-        """`settings`: those of `fleet.our_settings`."""
+        """`settings`: from `fleet.our_settings`."""
         self._module = module
         self.settings = settings
         self._talks: dict[str, Conversation] = {}
-        #: the command and parameters of each word that was sent
+        #: command and parameters that each operator's command was sent with
         self._sent: dict[str, tuple[int, tuple[float, ...]]] = {}
-        #: of the last question about a limit or a rehearsal
+        #: the number of the last request about a limit or a rehearsal
         self._nonce = 0
-        #: when a question was answered last
+        #: when the operator last answered a question
         self._answered_at = -inf
-        #: refused, and until when words that say why may still come
+        #: refused commands, and until when a text with the reason may still arrive
         self._refused: dict[str, tuple[str, float]] = {}
         self._table: dict[str, tuple[str, Callable[[], None]]] = {
             "status": ("who commands, this station's part, telemetry, links", self._status),
@@ -134,7 +134,7 @@ class StationCommands:
             ),
         }
 
-        #: those that take a name: of what, text, what is done
+        #: commands with an argument: argument and help text, function
         self._named: dict[str, tuple[str, Callable[[str], None]]] = {
             "give": ("STATION: hand the aircraft to it now", self._give),
             "override": ("energy|fence|coverage: let commands leave this limit for a minute", self._override),
@@ -147,7 +147,7 @@ class StationCommands:
         }
 
     def takes(self, args: list[str]) -> bool:
-        """Whether these words are a command to the aircraft, or about it."""
+        """Whether these words are a command for one aircraft."""
         return args[:1] != [] and (args[0] in self._table or args[0] in self._named)
 
     def completions(self) -> list[str]:
@@ -165,7 +165,7 @@ class StationCommands:
         ]
 
     def listed(self) -> list[tuple[str, str]]:
-        """What can be typed, and what it does."""
+        """The commands, and what each does."""
         named = [
             (f"{name} {text.partition(': ')[0]}", text.partition(": ")[2]) for name, (text, _) in self._named.items()
         ]
@@ -209,7 +209,8 @@ class StationCommands:
         self._module.narrator.command_sent(word)
 
     def _replace(self, word: str, sent: tuple[int, tuple[float, ...]]) -> int:
-        """End what was not answered yet of the same matter; returns how many answers to the same command may be its."""
+        """End the commands of the same group that wait for an answer; returns how many answers to this MAVLink command
+        may be theirs."""
         owed = 0
         for before in next((matter for matter in _MATTERS if word in matter), ()):
             talk = self._talks.get(before)
@@ -232,7 +233,7 @@ class StationCommands:
         return result
 
     def _answer(self, yes: bool) -> None:
-        """The operator's answer. The same key pressed twice answers one question, not one that came in between."""
+        """The operator's answer. A key pressed twice answers one question, not one that has just replaced it."""
         core, now = self._module.core, time.monotonic()
         asked = core.question is not None or core.asked_ahead is not None
         if asked and now - self._answered_at < _PRESS_S:
@@ -243,7 +244,7 @@ class StationCommands:
         self._module.handle(Answer(yes))
 
     def _resume(self) -> None:
-        """The vehicle judges it as any AUTO of its commander: leg, fence, coverage, energy."""
+        """The vehicle checks it as any AUTO of its commander: leg, fence, coverage, energy."""
         if self._module.decisions.text:
             self._module.view.line(f"RESUME not sent: {self._module.decisions.text}", Level.ADVISORY)
             return
@@ -251,14 +252,14 @@ class StationCommands:
         self._command("RESUME", mavlink.MAV_CMD_DO_SET_MODE, custom, float(self._module.route.auto))
 
     def _request(self) -> None:
-        """Whoever commands is asked; the answer of the vehicle says that, AUTHORITY_STATUS who commands."""
+        """The commander is asked. COMMAND_ACK tells that; AUTHORITY_STATUS tells which station commands."""
         own = self._module.config.station.sysid
         self._module.handle(Wish(own))
         self._command("REQUEST", OPERATOR_CONTROL, 1, 0, self.settings.request_timeout, own)
 
     def _release(self) -> None:
         own = self._module.config.station.sysid
-        self._module.handle(WishAnswered(own, False))  # what was asked for before is not wanted any more
+        self._module.handle(WishAnswered(own, False))  # withdraws an earlier request
         self._command("RELEASE", OPERATOR_CONTROL, 0, 0, 0, own)
 
     def _give(self, name: str) -> None:
@@ -272,7 +273,7 @@ class StationCommands:
         self._module.view.show(f"handover give: no station {name!r}; known are {known}")
 
     def _override(self, limit: str) -> None:
-        """Whoever commands may; the vehicle answers how long it holds."""
+        """Only the commander may override; the vehicle answers for how long."""
         number = next((number for number, name in LIMITS.items() if name == limit), None)
         if number is None:
             self._module.view.show(f"handover override: no limit {limit!r}; there are {', '.join(LIMITS.values())}")
@@ -284,12 +285,12 @@ class StationCommands:
         self._module.narrator.command_sent(word)
 
     def _next_nonce(self, now: float) -> int:
-        """The number of a question: a new one each time, even within one step of a coarse clock."""
+        """The number of a request: a new one each time, also within one step of a coarse clock."""
         self._nonce = max(self._nonce + 1, int(now * 1e6))
         return self._nonce & 0xFFFFFFFF
 
     def _rehearse(self) -> None:
-        """Whoever commands may begin one; while one is under way, anybody is told of it."""
+        """Only the commander may begin a rehearsal; while one is under way, the command shows its report."""
         if self._module.state.rehearsal:
             self.rehearsal_report()
         else:
@@ -304,7 +305,7 @@ class StationCommands:
             self._module.view.show(f"handover rehearse: no {word!r}; there are {', '.join(_REHEARSAL)}")
 
     def rehearsal_report(self) -> None:
-        """What was seen in the rehearsal under way, or in the last one; the lines come when all of them are here."""
+        """Ask for the report of the present or the last rehearsal; it is shown when all its lines have arrived."""
         self._ask_rehearsal(_REPORT, mavlink.HANDOVER_REHEARSAL_WISH_REPORT)
 
     def _ask_rehearsal(self, word: str, wish: int) -> None:
@@ -320,7 +321,7 @@ class StationCommands:
             talk.on_message(message, now)
 
     def tick(self, now: float) -> None:
-        """Time has passed: repeats what was not answered, tells what was."""
+        """Time has passed: repeats commands without an answer, and tells the outcome of those with one."""
         for word, talk in list(self._talks.items()):
             talk.tick(now)
             if talk.finished:
@@ -339,7 +340,7 @@ class StationCommands:
         if word == "REQUEST":
             accepted = talk.failure is None and talk.result in (
                 mavlink.MAV_RESULT_ACCEPTED,
-                mavlink.MAV_RESULT_FAILED,  # the commander is being asked
+                mavlink.MAV_RESULT_FAILED,  # the vehicle asks the commander
             )
             self._module.handle(WishAnswered(self._module.config.station.sysid, accepted))
         if word == _REPORT:
@@ -351,11 +352,11 @@ class StationCommands:
             narrator.command_ended(word, "accepted", f"{word} accepted.")
         elif word in ("REQUEST", "GIVE") and talk.result == mavlink.MAV_RESULT_FAILED:
             narrator.command_ended(word, "pending", f"{word}: the commander is being asked.")
-        else:  # why is said in words of its own, which come before or behind the answer
+        else:  # a text with the reason comes before or after the answer
             self._refused[word] = _result_name(talk.result), now + _WHY_S
 
     def _hint(self, word: str) -> str:
-        """What brings the mission back where STOP and CONTINUE cannot."""
+        """The command that resumes the mission if STOP and CONTINUE cannot."""
         mode = self._module.situation().mode
         if word in ("STOP", "CONTINUE") and mode not in ("", "AUTO"):
             return f" The aircraft is in {mode}: 'handover resume' brings it back to its mission."
@@ -392,7 +393,7 @@ class StationCommands:
             module.view.show(row)
 
     def _briefing(self) -> None:
-        """The last one, however old."""
+        """Show the last briefing, of any age."""
         module, book = self._module, self._module.briefing
         if not book.lines:
             module.view.show(
@@ -475,7 +476,7 @@ def _override_asking(vehicle: int, limit: int, nonce: int) -> Asking:
 
 
 def _rehearsal_asking(vehicle: int, wish: int, nonce: int) -> Asking:
-    """Its end is a result, or the lines of the report."""
+    """Returns a result, or the lines of the report."""
     message = mavlink.MAVLink_handover_rehearse_message(vehicle, COMPANION_COMPID, vehicle, wish, nonce)
     lines: dict[int, str] = {}
 
@@ -492,7 +493,8 @@ def _rehearsal_asking(vehicle: int, wish: int, nonce: int) -> Asking:
 
 
 def _ack(command: int, own: int, *, final: bool = False, owed: int = 0) -> Callable[[Any], Any]:
-    """`own`: this station; `owed`: so many answers may be to a command of before."""
+    """A filter for the COMMAND_ACK of a command. `own`: this station; `owed`: this many answers may belong to earlier
+    commands."""
     left = owed
 
     def answer(m: Any) -> Any:

@@ -1,36 +1,37 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The rules of a ground station, without I/O: the mirror of `mavproxy_handover.core`.
+"""The rules of a ground station, without I/O: the counterpart of `mavproxy_handover.core`.
 
 Rules that live here
 --------------------
-* The vehicle decides who commands; a station believes the newest epoch it has heard and nothing else. Within an epoch
-  there is one order of news: no station commands yet (the vehicle has restarted and waits for its commander), a station
-  commands, no station commands any more. An epoch above EPOCH_MAX is none of any flight: after it the station believes
-  the vehicle's next word that is not above EPOCH_MAX.
-* A station only answers. It never retransmits: the vehicle asks again, and the same question gets the same answer.
-  What comes late from a transfer before the vehicle's latest, or from one that it has aborted, is no question any
-  more.
-* As partner it answers HANDOVER_REQUEST with ON_HANDOVER, to the commander over the ground link and to the vehicle;
-  CONNECT_HANDOVER with DRONE_CONNECTED, likewise. With no ground link to the commander it asks the vehicle to pass
-  its word on.
-* As commander it answers ON_HANDOVER with OK_HANDOVER, and DRONE_CONNECTED with DISCONNECT_HANDOVER, but that only
-  for a transfer it has consented to. What the vehicle passes on it takes at its word. Over the ground link it hears
-  this from the partner itself, while it commands, and only of a transfer that the vehicle has announced
-  (AUTHORITY_STATUS, or what it passed on): a peer's word speeds up what the vehicle does, and opens or replaces no
-  question. One that comes a moment before the vehicle's waits for it.
-* Whoever gets authority says so in the words of a positive exchange of control, "I have drone-1", and who has given it
-  away "GCSB has drone-1", when the vehicle says that it is so. The vehicle's name is what it calls itself.
-* Where the vehicle foresees the border at which it will ask, the operator may answer beforehand (`ahead.py`): there his
-  answer stands, until he takes it back, an emergency, or another border.
-* Consent is automatic for the reasons that the configuration names (`automatic`), and the operator's for all others:
-  then the answer is "waiting" until there is one. It is the vehicle that says why it asks; what it has not said is no
-  reason. The same question for a reason that needs no operator is answered by that.
-* An operator who has asked for control is not asked again: for a minute, in one transfer. Before the vehicle has
-  answered that request, it counts only if the vehicle gives it as the reason. A refused request is no consent.
+* The vehicle decides which station commands. A station believes only the newest epoch that it has heard. Within an
+  epoch the order is: no station commands yet (the vehicle has restarted and waits for its commander), a station
+  commands, no station commands any more. No flight has an epoch above EPOCH_MAX: after such an epoch the station
+  believes the vehicle's next message with an epoch up to EPOCH_MAX.
+* A station only answers and never retransmits: the vehicle asks again, and the same question gets the same answer. Late
+  messages of a transfer before the vehicle's latest one, or of an aborted one, are ignored.
+* As partner the station answers HANDOVER_REQUEST with ON_HANDOVER, to the commander over the ground link and to the
+  vehicle, and CONNECT_HANDOVER with DRONE_CONNECTED likewise. Without a ground link to the commander it asks the
+  vehicle to relay the answer.
+* As commander the station answers ON_HANDOVER with OK_HANDOVER, and DRONE_CONNECTED with DISCONNECT_HANDOVER, the last
+  only for a transfer that it has consented to. It believes what the vehicle relays. Over the ground link it accepts
+  these messages only from the partner itself, while this station commands, and only for a transfer that the vehicle has
+  announced (AUTHORITY_STATUS, or a relayed message). So a message of a peer only speeds up what the vehicle does; it
+  neither opens nor replaces a question. If it arrives just before the vehicle's message, it waits for that.
+* A change of control is told in the words of a positive exchange of control, after the vehicle has confirmed it: "I
+  have drone-1" at the station that has got it, "GCSB has drone-1" at the one that has given it. The vehicle's name is
+  the one that it uses for itself.
+* If the vehicle foresees the border at which it will ask, the operator may answer early (`ahead.py`). The answer stands
+  at the border, until the operator changes it, an emergency begins, or another border comes first.
+* Consent is automatic for the reasons that the configuration names (`automatic`). For all others the operator consents,
+  and until then the answer is "waiting". The reason is what the vehicle has said; if it has said none, there is none.
+  If the same question comes for a reason that needs no operator, it is answered by that.
+* After an operator has asked for control, a transfer to this station needs no further question: for one minute, and for
+  one transfer. Before the vehicle has answered the request, it counts only if the vehicle gives it as the reason. A
+  refused request is no consent.
 
-Events and actions are in `events`. Steps and messages: docs/architecture.md; names and console lines follow the thesis,
-section 4.5.
+Events and actions are in `events`. Steps and messages: docs/architecture.md. Names and console lines follow section 4.5
+of the thesis.
 """
 
 from __future__ import annotations
@@ -101,7 +102,7 @@ __all__ = [
 
 
 class Role(Enum):
-    """What this station is to the vehicle now."""
+    """The station's role for the vehicle now."""
 
     COMMANDER = "commander"
     PARTNER = "partner"
@@ -109,7 +110,7 @@ class Role(Enum):
 
 
 class _Stage(IntEnum):
-    """How far authority has come within an epoch."""
+    """How authority has developed within an epoch."""
 
     NOBODY_YET = 0
     COMMANDED = 1
@@ -123,20 +124,20 @@ class _Part:
     key: TransferKey
     as_partner: bool
     consent: Consent
-    #: the border for which it is, if that was foreseen; else 0
+    #: the number of the border that it was begun for, if the vehicle foresaw that border; else 0
     crossing: int
-    #: DRONE_CONNECTED was said (partner) or heard (commander)
+    #: DRONE_CONNECTED was sent (partner) or received (commander)
     connected: bool = False
-    #: the partner has said that it is ready
+    #: the partner has sent that it is ready
     ready: bool = False
-    #: the vehicle asked because the commander is lost
+    #: the vehicle asks because the commander is lost
     forced: bool = False
-    #: the operator was told last that so much time is left (s)
+    #: the time left (s) that the operator was told last
     told_left_s: float = inf
 
 
 def _about(why: Reason) -> str:
-    """What a question is about, for people."""
+    """The reason of a question, in brackets, for people."""
     return f" ({QUESTIONS[why]})" if why in QUESTIONS else ""
 
 
@@ -145,56 +146,58 @@ class StationCore:
 
     PEER_LOST_S = 3.0
     VEHICLE_LOST_S = 5.0
-    #: how long what the operator asked for stands
+    #: a request for control counts for this long (s)
     WISH_S = 60.0
-    #: how long a peer's word waits for the vehicle's
+    #: a message of a peer waits this long (s) for the vehicle's
     TOO_SOON_S = 0.125
-    #: at so many seconds the operator who has not answered is told what is left
+    #: the operator is told the time left when it falls below these values (s)
     LEFT_S = (10.0, 5.0)
-    #: so long before its end the operator is told that the commander's zone ends; and not again before it was so long
+    #: the operator is told that the commander's zone ends when ENDS_S are left; and again only after more than AGAIN_S
+    #: were left
     ENDS_S, AGAIN_S = 15.0, 18.0
 
     def __init__(
         self, station: Station, vehicle_name: str, peers: tuple[Station, ...], *, automatic: Collection[str]
     ) -> None:
-        """`automatic`: what needs no operator here, in the words of `model.QUESTIONS`."""
+        """`automatic`: the reasons that need no operator's consent here, in the words of `model.QUESTIONS`."""
         self._station = station
-        #: as it calls itself; until then as the configuration has it
+        #: the name that the vehicle uses for itself; before it has said one, the configured name
         self.vehicle_name = vehicle_name
         self._automatic = frozenset(automatic)
         self._names = {peer.sysid: peer.name for peer in peers} | {station.sysid: station.name}
         self._peers_heard = {peer.sysid: -inf for peer in peers}
-        #: those whose ground link is known to work
+        #: the peers whose ground link works
         self._peers_up: frozenset[int] = frozenset()
         self._vehicle_heard = -inf
         self._vehicle_lost = True
-        #: whose zone holds the aircraft, the commander's first; and the commander whose zone is about to end
+        #: the station whose zone holds the aircraft (the commander's first), and the commander whose zone is about to
+        #: end
         self._zone: int | None = None
         self._zone_ending: int | None = None
-        #: no station commands because the mission declares a gap there
+        #: no station commands, because the mission declares a gap there
         self.alone = False
-        #: until when an operator who is asked may answer
+        #: the end of the time in which an operator may answer, here or at the other station
         self._answer_until = inf
         self._part: _Part | None = None
         self._early_consent = EarlyConsent(station.sysid)
-        #: since when the operator is asked what he is asked now
+        #: when the operator's present question was first asked
         self.asked_at = -inf
-        #: when a question was last over unanswered, and until when an answer may be meant for that one
+        #: when a question last ended without an answer, and until when an answer may be meant for that question
         self._unanswered_at = -inf
         self._read_until = -inf
-        #: until when this station's operator wants control for having asked for it
+        #: until when this station's own request for control counts
         self._wished_until = -inf
-        #: the vehicle has accepted that request, or asks the commander about it
+        #: the vehicle has accepted that request, or is asking the commander
         self._wish_accepted = False
-        #: the newest transfer that the vehicle has spoken of itself, and the one that it says is under way
+        #: the newest transfer in messages of the vehicle itself, and the one that it announces as under way
         self._latest: TransferKey | None = None
         self._announced: TransferKey | None = None
-        #: the last one that the vehicle has aborted
+        #: the last transfer that the vehicle has aborted
         self._over: TransferKey | None = None
-        #: a peer's word of a transfer that the vehicle has not spoken of yet, and until when it counts
+        #: a peer's message about a transfer that the vehicle has not named yet, and until when it counts
         self._too_soon: OnHandover | None = None
         self._too_soon_until = -inf
-        #: why that was begun, and for which border
+        #: the reason of the announced transfer, and the number of its border
         self._why, self._crossing = Reason.NONE, 0
         self.digest = b""
         self.vehicle_digest = b""
@@ -208,36 +211,36 @@ class StationCore:
 
     @property
     def role(self) -> Role:
-        """What this station is to the vehicle, as far as it has heard."""
+        """This station's role for the vehicle, as far as it has heard."""
         if self.commander == self._station.sysid:
             return Role.COMMANDER
         return Role.PARTNER if self.partner == self._station.sysid else Role.OBSERVER
 
     @property
     def question(self) -> TransferKey | None:
-        """The transfer that waits for this station's operator."""
+        """The transfer that waits for the answer of this station's operator."""
         part = self._part
         return part.key if part is not None and part.consent is Consent.WAITING else None
 
     @property
     def ahead(self) -> Ahead | None:
-        """The border ahead at which this station is to hand the aircraft over, or to take it; None: none is known."""
+        """The next foreseen border at which this station hands the aircraft over or takes it; None: none is known."""
         return self._early_consent.ahead
 
     @property
     def asked_ahead(self) -> CrossingKey | None:
-        """The border ahead of which this station's operator is asked beforehand."""
+        """The foreseen border about which this station's operator is asked early."""
         ahead = self._early_consent.ahead
         return None if ahead is None or not ahead.waits or self.question is not None else ahead.key
 
     @property
     def asked_to_take(self) -> tuple[int, ...] | None:
-        """What this station's operator is asked as the partner's, beforehand or at the border; None: nothing."""
-        matter = self._matter()
+        """Identifies the open question to this operator whether the station takes the aircraft; None: there is none."""
+        matter = self._open_question()
         return matter if matter is not None and matter[1] == self._station.sysid else None
 
-    def _matter(self) -> tuple[int, ...] | None:
-        """What the operator is asked, whether beforehand or at the border; None: nothing."""
+    def _open_question(self) -> tuple[int, ...] | None:
+        """Identifies the question to the operator, asked early or at the border; None: there is none."""
         part, ahead = self._part, self._early_consent.ahead
         if part is not None and part.consent is Consent.WAITING:
             key, number = part.key, (part.crossing, -1) if part.crossing else (0, part.key.handover_id)
@@ -247,7 +250,8 @@ class StationCore:
         return ahead.key.from_station, ahead.key.to_station, ahead.key.epoch, ahead.key.crossing, -1
 
     def answer_left_s(self, now: float) -> float:
-        """What is left (s) for an operator who is asked, here or elsewhere; inf: nobody is, as far as is known."""
+        """The time left (s) for an operator who is asked, here or at the other station; inf: none is asked, as far as
+        is known."""
         ahead = self._early_consent.ahead
         if self.partner is None and ahead is not None and ahead.waits:
             return ahead.at - now
@@ -258,7 +262,7 @@ class StationCore:
         return "no station" if not sysid else self._names.get(sysid, f"station {sysid}")
 
     def zone_name(self, zone: int, other_zone: int) -> str:
-        """Where the aircraft is, for people: two stations' zones at once are the handover zone."""
+        """The aircraft's zone, for people; the zones of two stations together are the handover zone."""
         if zone and other_zone:
             return f"Handover Zone ({self.name(zone)} and {self.name(other_zone)})"
         return self.name(zone) if zone else "none"
@@ -268,45 +272,45 @@ class StationCore:
         return now - self._peers_heard.get(peer, -inf) < self.PEER_LOST_S
 
     def vehicle_silent_s(self, now: float) -> float:
-        """How long the vehicle's companion has not been heard; inf if it never was."""
+        """The time (s) since the vehicle's companion was last heard; inf if it never was."""
         return now - self._vehicle_heard
 
     def vehicle_alive(self, now: float) -> bool:
-        """Whether the vehicle's companion is heard."""
+        """Whether the vehicle's companion was heard within VEHICLE_LOST_S."""
         return self.vehicle_silent_s(now) < self.VEHICLE_LOST_S
 
     # ---- entry points ---------------------------------------------------------------------------------------------
 
     def handle(self, event: Event, now: float) -> list[Action]:
-        """Take in one event at monotonic time `now` (s); returns what to do, in order."""
+        """Handle one event at monotonic time `now` (s); returns the actions, in order."""
         actions: list[Action] = []
-        before = self._matter()
+        before = self._open_question()
         if now >= self._too_soon_until:
             self._too_soon = None
-        self._take(event, now, actions)
-        if self._matter() != before:
+        self._dispatch(event, now, actions)
+        if self._open_question() != before:
             self._question_changed(before, isinstance(event, (Answer, Wish)), now)
         return actions
 
     def _question_changed(self, before: tuple[int, ...] | None, answered: bool, now: float) -> None:
         if before is not None and not answered:
             self._unanswered_at = now
-        if self._matter() is not None:
+        if self._open_question() is not None:
             self.asked_at = now
             self._read_until = now + READ_S if now - self._unanswered_at < READ_S else -inf
 
-    def _take(self, event: Event, now: float, actions: list[Action]) -> None:
+    def _dispatch(self, event: Event, now: float, actions: list[Action]) -> None:
         match event:
             case FromVehicle():
-                self._heard_vehicle(now, actions)
+                self._on_vehicle_heard(now, actions)
                 self._on_vehicle(event.message, now, actions)
             case VehicleHeard():
-                self._heard_vehicle(now, actions)
+                self._on_vehicle_heard(now, actions)
             case FromPeer():
                 self._peers_heard[event.peer] = now
                 self._on_peer(event.peer, event.message, now, actions)
             case PeerHeard():
-                self._heard_peer(event.peer, now, actions)
+                self._on_peer_heard(event.peer, now, actions)
             case AuthorityHeard():
                 self._on_authority(event, now, actions)
             case MissionHeld():
@@ -321,7 +325,7 @@ class StationCore:
                 assert_never(event)
 
     def tick(self, now: float) -> list[Action]:
-        """Time has passed: notices that the vehicle, or another station, has fallen silent."""
+        """Time has passed: returns notices about a vehicle or stations that are silent now, and the count-down."""
         actions: list[Action] = []
         if not self._vehicle_lost and not self.vehicle_alive(now):
             self._vehicle_lost = True
@@ -329,19 +333,19 @@ class StationCore:
         for peer in [peer for peer in self._peers_up if not self.peer_alive(peer, now)]:
             self._peers_up -= {peer}
             actions.append(Notice("peer_lost", f"Ground link to {self.name(peer)} is down."))
-        if self._early_consent.lapsed(now):
+        if self._early_consent.expire(now):
             actions.append(Notice("aborted", "The question is over: that border is not expected any more."))
         self._count_down(now, actions)
         return actions
 
     def _asked(self) -> _Part | Ahead | None:
-        """The question that waits for the operator: of a transfer first, else of the border ahead."""
+        """The question that waits for the operator: about a transfer first, else about the border ahead."""
         if self.question is not None:
             return self._part
         return self._early_consent.ahead if self._early_consent.waits else None
 
     def _count_down(self, now: float, actions: list[Action]) -> None:
-        """Tell an operator who has not answered what is left, and what comes of it if he does not."""
+        """Tell an operator who has not answered the time left, and what happens without an answer."""
         asked = self._asked()
         if asked is None:
             return
@@ -357,7 +361,7 @@ class StationCore:
 
     # ---- the vehicle ----------------------------------------------------------------------------------------------
 
-    def _heard_vehicle(self, now: float, actions: list[Action]) -> None:
+    def _on_vehicle_heard(self, now: float, actions: list[Action]) -> None:
         self._vehicle_heard = now
         if self._vehicle_lost:
             self._vehicle_lost = False
@@ -369,9 +373,9 @@ class StationCore:
                 if message.name.isprintable() and message.name.strip():
                     self.vehicle_name = message.name.strip()
                 self.vehicle_digest = message.mission_digest
-                # of nobody it does not say whether that is before or after somebody: AUTHORITY_STATUS does
-                self._believe(message.commander, message.epoch, actions, over=False)
-                actions.append(ToVehicle(self._state(message.nonce)))
+                # without a commander CONNECT does not say whether a station has commanded yet: AUTHORITY_STATUS does
+                self._update_authority(message.commander, message.epoch, actions, over=False)
+                actions.append(ToVehicle(self._connect_ack(message.nonce)))
             case HandoverResult():
                 self._on_result(message, actions)
             case HandoverAhead():
@@ -382,19 +386,19 @@ class StationCore:
                 self._on_connect_handover(message, now, actions)
             case OnHandover() | DroneConnected():
                 self._as_commander(message, now, actions, of_vehicle=True)
-            case ConnectAck() | OkAhead() | OkHandover() | DisconnectHandover():  # what stations say, and no vehicle
+            case ConnectAck() | OkAhead() | OkHandover() | DisconnectHandover():  # only stations send these
                 pass
             case _:
                 assert_never(message)
 
-    def _state(self, nonce: int) -> ConnectAck:
+    def _connect_ack(self, nonce: int) -> ConnectAck:
         return ConnectAck(
             self._station.sysid, PROTOCOL_VERSION, nonce, self.epoch, self.commander, self._station.name, self.digest
         )
 
-    def _believe(self, commander: int | None, epoch: int, actions: list[Action], *, over: bool) -> None:
-        """Take over what the vehicle says of commander and epoch, unless it is stale."""
-        self._doubt(epoch)
+    def _update_authority(self, commander: int | None, epoch: int, actions: list[Action], *, over: bool) -> None:
+        """Accept the commander and epoch of a message of the vehicle, unless they are stale."""
+        self._drop_invalid_epoch(epoch)
         nobody = _Stage.NOBODY_ANY_MORE if over else _Stage.NOBODY_YET
         stage = nobody if commander is None else _Stage.COMMANDED
         if (epoch, stage) <= (self.epoch, self._stage):
@@ -404,10 +408,10 @@ class StationCore:
         if known:
             return
         forced = self._part is not None and self._part.as_partner and self._part.forced
-        self._wished_until = -inf  # it was about another commander
+        self._wished_until = -inf  # the request was to another commander
         if self._part is not None and self._part.key.epoch < epoch:
-            self._part = None  # over, whatever became of it: no question of it is open any more
-        self._early_consent.over()
+            self._part = None  # the transfer is over, with any outcome, so its question is closed
+        self._early_consent.end()
         if commander is None and self.alone:
             text = f"No station commands {self.vehicle_name}: it crosses a gap that its mission declares."
             notice = Notice("authority", text)
@@ -429,22 +433,22 @@ class StationCore:
             notice = Notice("control_lost", f"no station commands now, epoch {epoch}.")
         actions.append(notice)
 
-    def _doubt(self, epoch: int) -> None:
-        """The vehicle says `epoch`. If the epoch heard before is of no flight, believe everything anew."""
+    def _drop_invalid_epoch(self, epoch: int) -> None:
+        """The vehicle sends `epoch`. If only the epoch known here is above EPOCH_MAX, start afresh."""
         if self.epoch > EPOCH_MAX >= epoch:
             self.epoch, self._stage = 0, _Stage.NOBODY_YET
             self._part = self._latest = self._announced = self._over = None
 
     def _on_authority(self, event: AuthorityHeard, now: float, actions: list[Action]) -> None:
-        self._doubt(event.epoch)
+        self._drop_invalid_epoch(event.epoch)
         self._answer_until = now + event.answer_left_s
         self.alone = event.alone
-        if event.phase is Phase.EMERGENCY and self._early_consent.over():
+        if event.phase is Phase.EMERGENCY and self._early_consent.end():
             actions.append(Notice("aborted", "The question is over: there is an emergency."))
         if event.phase is not self.phase:
             self.phase = event.phase
             phase = event.phase.name.replace("_", " ").lower()
-            if event.phase is not Phase.EMERGENCY:  # what is wrong and what is done is told with the decision
+            if event.phase is not Phase.EMERGENCY:  # the decision tells what is wrong and what is done
                 actions.append(Notice("phase", f"{self.vehicle_name} is {phase}."))
         self._on_zone(event, actions)
         self.partner = event.partner
@@ -454,13 +458,13 @@ class StationCore:
             if event.commander is not None:
                 self._announced = TransferKey(event.commander, event.partner, event.handover_id, event.epoch)
                 self._why, self._crossing = event.why, event.crossing
-        self._believe(event.commander, event.epoch, actions, over=not event.recovering)
+        self._update_authority(event.commander, event.epoch, actions, over=not event.recovering)
         word, self._too_soon = self._too_soon, None
         if word is not None:
             self._on_peer(word.key.to_station, word, now, actions)
 
     def _on_zone(self, event: AuthorityHeard, actions: list[Action]) -> None:
-        """Coverage of whoever commands: about to end, or left."""
+        """Tell the operator that the commander's zone is about to end, or was left."""
         commander, flying = event.commander, event.phase is not Phase.ON_LOAD
         ending = flying and commander is not None and event.zone == commander and event.zone_ends_s <= self.ENDS_S
         if ending and self._zone_ending != commander:
@@ -478,7 +482,7 @@ class StationCore:
         self._zone = event.zone
 
     def _supersede(self, handover_id: int, epoch: int, actions: list[Action]) -> None:
-        """The vehicle is about another transfer: one before it is over, and its question with it."""
+        """The vehicle has begun another transfer: an earlier one is over, and so is its question."""
         part = self._part
         if part is None or not part.key.before(replace(part.key, handover_id=handover_id, epoch=epoch)):
             return
@@ -496,13 +500,13 @@ class StationCore:
                 why = ended(message.reason, self.name(key.from_station), self.name(key.to_station))
                 actions.append(Notice("aborted", f"Handover {key.handover_id} aborted: {why}"))
         self.partner = None
-        self._believe(message.commander, key.epoch, actions, over=True)
-        actions.append(ToVehicle(self._state(0)))
+        self._update_authority(message.commander, key.epoch, actions, over=True)
+        actions.append(ToVehicle(self._connect_ack(0)))
 
     def _stale(self, key: TransferKey, *, of_vehicle: bool) -> bool:
-        """Whether this is about a transfer of an older epoch, one before the vehicle's latest, or one aborted.
+        """Whether this transfer has an older epoch, is before the vehicle's latest one, or was aborted.
 
-        Only the vehicle's own word makes a transfer the latest: a peer could name any number.
+        Only a message of the vehicle makes a transfer the latest one: a peer could send any number.
         """
         later = any(latest is not None and key.before(latest) for latest in (self._latest, self._announced))
         if key.epoch < self.epoch or later or key == self._over:
@@ -516,35 +520,35 @@ class StationCore:
     def _consent(
         self, key: TransferKey, why: Reason, crossing: int, now: float, *, as_partner: bool
     ) -> tuple[_Part, bool]:
-        """This station's part in a transfer, with its answer, and whether that is news."""
+        """This station's part in a transfer, with its answer; and whether the answer is new."""
         part, automatic = self._part, QUESTIONS.get(why) in self._automatic
         if part is not None and part.key == key and part.as_partner is as_partner:
             if part.consent is Consent.WAITING and automatic:
                 part.consent = Consent.GRANTED
                 return part, True
             return part, False
-        wished = as_partner and self._wishes(now, requested=why is Reason.REQUESTED)
+        wished = as_partner and self._wants_control(now, requested=why is Reason.REQUESTED)
         if wished:
             self._wished_until = -inf
-        said = self._early_consent.said(key, why, crossing, as_partner=as_partner)
+        said = self._early_consent.answer_for(key, why, crossing, as_partner=as_partner)
         consent = Consent.GRANTED if automatic or wished else Consent.WAITING
         self._part = part = _Part(key, as_partner, consent if said is None else said, crossing)
-        self._early_consent.used(key, crossing)
+        self._early_consent.on_asked_at_border(key, crossing)
         return part, True
 
-    def _announced_as(self, key: TransferKey) -> tuple[Reason, int]:
-        """Why the vehicle has begun this transfer, and for which border, as far as it has said so to everybody."""
+    def _announced_reason(self, key: TransferKey) -> tuple[Reason, int]:
+        """The reason and the border of this transfer as the vehicle announces them to all stations."""
         return (self._why, self._crossing) if key == self._announced else (Reason.NONE, 0)
 
     def _on_ahead(self, message: HandoverAhead, now: float, actions: list[Action]) -> None:
-        """The vehicle foresees a border: this station's operator may answer before it is reached."""
+        """The vehicle foresees a border: this station's operator may answer before the border is reached."""
         if self.phase is Phase.EMERGENCY or not self._early_consent.fits(message, self.epoch, self.commander):
             return
         key, partner = message.key, message.key.to_station == self._station.sysid
-        agrees = QUESTIONS[Reason.ZONE] in self._automatic or (partner and self._wishes(now))
+        agrees = QUESTIONS[Reason.ZONE] in self._automatic or (partner and self._wants_control(now))
         known = self._early_consent.ahead
         other = None if known is None or known.key != key else known.other
-        new = self._early_consent.heard(message, now, agrees=agrees)
+        new = self._early_consent.update(message, now, agrees=agrees)
         ahead = self._early_consent.ahead
         assert ahead is not None
         actions.append(ToVehicle(OkAhead(key, ahead.consent)))
@@ -569,7 +573,7 @@ class StationCore:
             text = f"{what}: {self.name(key.from_station)} -> {self._station.name}."
             event = "requested" if consent is Consent.WAITING else "announced"
             actions.append(Notice(event, text + self._hint(consent)))
-        self._say_ready(key, consent, now, actions)
+        self._send_readiness(key, consent, now, actions)
 
     def _in_words(self, key: TransferKey | CrossingKey) -> str:
         return f"{self.name(key.from_station)} -> {self.name(key.to_station)}"
@@ -578,7 +582,7 @@ class StationCore:
     def _hint(consent: Consent) -> str:
         return " Type 'handover accept' or 'handover deny'." if consent is Consent.WAITING else ""
 
-    def _say_ready(self, key: TransferKey, consent: Consent, now: float, actions: list[Action]) -> None:
+    def _send_readiness(self, key: TransferKey, consent: Consent, now: float, actions: list[Action]) -> None:
         reason = Reason.OPERATOR if consent is Consent.DENIED else Reason.NONE
         ground = self.peer_alive(key.from_station, now)
         word = OnHandover(key, consent, reason, relay=not ground and consent is Consent.GRANTED)
@@ -588,10 +592,10 @@ class StationCore:
         part = self._part
         if consent is Consent.GRANTED and part is not None and part.key == key and not part.ready:
             part.ready = True
-            self._told(part, f"ready to take {self.vehicle_name}", ground, actions)
+            self._tell_commander_informed(part, f"ready to take {self.vehicle_name}", ground, actions)
 
-    def _told(self, part: _Part, what: str, ground: bool, actions: list[Action]) -> None:
-        """How the commander learns it; a commander that is lost does not."""
+    def _tell_commander_informed(self, part: _Part, what: str, ground: bool, actions: list[Action]) -> None:
+        """Tell the operator how the commander is informed. A commander that is lost is not."""
         if not part.forced and self.commander == part.key.from_station:
             way = "over the ground link" if ground else "by the vehicle"
             actions.append(Notice("told", f"{self.name(part.key.from_station)} is told {way}: {what}."))
@@ -601,10 +605,10 @@ class StationCore:
         if key.to_station != self._station.sysid or self._stale(key, of_vehicle=True):
             return
         if (self._part is None or self._part.key != key) and key != self._announced:
-            return  # this station is new to it, and why it is asked comes with AUTHORITY_STATUS
-        part, _new = self._consent(key, *self._announced_as(key), now, as_partner=True)
+            return  # the station knows nothing of this transfer; AUTHORITY_STATUS brings the reason
+        part, _new = self._consent(key, *self._announced_reason(key), now, as_partner=True)
         if part.consent is not Consent.GRANTED:
-            self._say_ready(key, part.consent, now, actions)
+            self._send_readiness(key, part.consent, now, actions)
             return
         ground = self.peer_alive(key.from_station, now)
         word = DroneConnected(key, relay=not ground)
@@ -614,11 +618,11 @@ class StationCore:
         if not part.connected:
             part.connected = True
             actions.append(Notice("set_up", "Set up as commander: Drone Connected."))
-            self._told(part, "Drone Connected", ground, actions)
+            self._tell_commander_informed(part, "Drone Connected", ground, actions)
 
     # ---- as commander ---------------------------------------------------------------------------------------------
 
-    def _heard_peer(self, peer: int, now: float, actions: list[Action]) -> None:
+    def _on_peer_heard(self, peer: int, now: float, actions: list[Action]) -> None:
         was_up = peer in self._peers_up and self.peer_alive(peer, now)
         self._peers_heard[peer] = now
         if not was_up:
@@ -631,11 +635,11 @@ class StationCore:
         if self.role is not Role.COMMANDER or message.key.epoch != self.epoch:
             return
         if message.key not in (self._announced, self._latest):
-            if isinstance(message, OnHandover):  # it may be quicker than what the vehicle says to everybody
+            if isinstance(message, OnHandover):  # this message may overtake the vehicle's AUTHORITY_STATUS
                 self._too_soon, self._too_soon_until = message, now + self.TOO_SOON_S
             return
         if isinstance(message, OnHandover):
-            reason, crossing = self._announced_as(message.key)  # that is the vehicle's to say
+            reason, crossing = self._announced_reason(message.key)  # only the vehicle says these
             message = replace(message, reason=reason, crossing=crossing)
         self._as_commander(message, now, actions, of_vehicle=False)
 
@@ -650,7 +654,7 @@ class StationCore:
             return
         part, new = self._consent(key, message.reason, message.crossing, now, as_partner=False)
         consent = part.consent
-        actions.append(ToVehicle(self._ok(key, consent)))
+        actions.append(ToVehicle(self._ok_handover(key, consent)))
         if not new:
             return
         text = f"{self.name(key.to_station)} is ready to take {self.vehicle_name}{_about(message.reason)}."
@@ -664,7 +668,7 @@ class StationCore:
         actions.append(Notice("asked", text + self._hint(consent)))
 
     def _release(self, key: TransferKey, actions: list[Action]) -> None:
-        """The partner has the aircraft: this station lets go of it, if it has consented to that."""
+        """The partner has connected: send DISCONNECT_HANDOVER if this station has consented."""
         part = self._part
         if part is None or part.as_partner or part.key != key or part.consent is not Consent.GRANTED:
             return
@@ -674,7 +678,7 @@ class StationCore:
             actions.append(Notice("released", f"{self.name(key.to_station)} has the drone: Disconnect."))
 
     @staticmethod
-    def _ok(key: TransferKey, consent: Consent) -> OkHandover:
+    def _ok_handover(key: TransferKey, consent: Consent) -> OkHandover:
         return OkHandover(key, consent, Reason.OPERATOR if consent is Consent.DENIED else Reason.NONE)
 
     # ---- the operator ---------------------------------------------------------------------------------------------
@@ -682,11 +686,11 @@ class StationCore:
     def _on_wish(self, station: int, now: float, actions: list[Action]) -> None:
         part = self._part
         if part is not None and part.consent is Consent.WAITING and part.key.to_station == station:
-            self._settle(part, True, now, actions)
+            self._answer_transfer(part, True, now, actions)
             return
         ahead = self._early_consent.ahead
         if ahead is not None and ahead.waits and ahead.key.to_station == station:
-            self._settle_ahead(ahead, True, actions)
+            self._answer_ahead(ahead, True, actions)
             return
         if station == self._station.sysid:
             self._wished_until, self._wish_accepted = now + self.WISH_S, False
@@ -697,13 +701,13 @@ class StationCore:
             if not answer.accepted:
                 self._wished_until = -inf
 
-    def _wishes(self, now: float, *, requested: bool = False) -> bool:
-        """Whether this station's operator has asked for control; `requested`: the vehicle says that it acts on it."""
+    def _wants_control(self, now: float, *, requested: bool = False) -> bool:
+        """Whether this station's own request for control counts. `requested`: the vehicle gives it as the reason."""
         return now < self._wished_until and (self._wish_accepted or requested)
 
     def _on_answer(self, yes: bool, now: float, actions: list[Action]) -> None:
         asked = self._asked()
-        if asked is None and not self._thinks_again(yes, actions):
+        if asked is None and not self._change_early_answer(yes, actions):
             actions.append(Notice("question", "There is no question to answer."))
         if asked is None:
             return
@@ -712,30 +716,31 @@ class StationCore:
             actions.append(Notice("question", text))
             return
         if isinstance(asked, Ahead):
-            self._settle_ahead(asked, yes, actions)
+            self._answer_ahead(asked, yes, actions)
         else:
-            self._settle(asked, yes, now, actions)
+            self._answer_transfer(asked, yes, now, actions)
 
-    def _thinks_again(self, yes: bool, actions: list[Action]) -> bool:
-        """What was said of the border ahead is taken back, or given after all; whether there is anything to change."""
+    def _change_early_answer(self, yes: bool, actions: list[Action]) -> bool:
+        """Change the early answer for the border ahead; returns whether there was one to change."""
         ahead, consent = self._early_consent.ahead, Consent.GRANTED if yes else Consent.DENIED
         if ahead is None or self._part is not None or ahead.consent is consent:
             return False
-        self._settle_ahead(ahead, yes, actions)
+        self._answer_ahead(ahead, yes, actions)
         return True
 
-    def _settle_ahead(self, ahead: Ahead, yes: bool, actions: list[Action]) -> None:
-        """The operator's answer to the question of the border ahead."""
+    def _answer_ahead(self, ahead: Ahead, yes: bool, actions: list[Action]) -> None:
+        """Store and send the operator's answer to the question about the border ahead."""
         ahead.consent = Consent.GRANTED if yes else Consent.DENIED
         words = "accepted" if yes else "denied"
         text = f"{self._in_words(ahead.key)} {words} beforehand; 'handover {'deny' if yes else 'accept'}' changes that."
         actions.append(Notice("consent", text))
         actions.append(ToVehicle(OkAhead(ahead.key, ahead.consent)))
 
-    def _settle(self, part: _Part, yes: bool, now: float, actions: list[Action]) -> None:
+    def _answer_transfer(self, part: _Part, yes: bool, now: float, actions: list[Action]) -> None:
+        """Store and send the operator's answer to the question of a transfer."""
         part.consent = Consent.GRANTED if yes else Consent.DENIED
         actions.append(Notice("consent", "Handover Authorized." if yes else "Handover Denied."))
         if part.as_partner:
-            self._say_ready(part.key, part.consent, now, actions)
+            self._send_readiness(part.key, part.consent, now, actions)
         else:
-            actions.append(ToVehicle(self._ok(part.key, part.consent)))
+            actions.append(ToVehicle(self._ok_handover(part.key, part.consent)))

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the vehicle has decided about what is wrong: told the operator once, with what he may do, and shown while it is
-in force.
+"""The vehicle's decision about what is wrong: told to the operator once, with the possible commands, and shown while it
+is in force.
 
-The sentence is the vehicle's, one for every operator: action, place, figures, why something is withheld. How it is
-done differs with the kind of aircraft, of which nothing is said here. HANDOVER_DECISION is repeated with the same
-number while the decision lasts. After a restart of the companion the numbers begin anew, so a number counts as known
-together with its words.
+The sentence is the vehicle's and the same for every operator: action, place, figures, why something is withheld. The
+way in which a kind of aircraft carries it out is not told here. HANDOVER_DECISION is repeated with the same number
+while the decision lasts. After a restart of the companion the numbers start again, so a decision is known by its number
+and its text together.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ from mavproxy_handover.core.common.model import FlightAction
 
 __all__ = ["Decisions", "Who", "told"]
 
-#: how the vehicle begins what it says in a rehearsal
+#: the beginning of the vehicle's sentences in a rehearsal
 _REHEARSED: Final = "REHEARSAL: "
 _OVER: Final[int] = mavlink.HANDOVER_ACTION_NONE
-#: words that were told of late, as STATUSTEXT brings them too
+#: texts told recently, which STATUSTEXT repeats
 _TOLD: Final = 8
-#: so many bytes of a sentence may be all that its message could hold: 160, less what a cut character leaves free
+#: a sentence with this many bytes may be cut: 160 fit, less the rest of a cut character
 _CUT: Final = 157
 
 
 class Who(Enum):
-    """Who commands, as seen from a station."""
+    """Which station commands, seen from this one."""
 
     NOBODY = "nobody"
     THIS = "this station"
@@ -42,7 +42,7 @@ class Who(Enum):
 
 
 _TAKE: Final = "'handover request' takes over when it is in your zone."
-#: what an operator may do about it, by who commands
+#: the possible commands, by the action and by which station commands
 _MAY: Final[Mapping[tuple[FlightAction, Who], str]] = {
     (FlightAction.HOLD, Who.THIS): "'handover give STATION' hands it over.",
     (FlightAction.HOLD, Who.OTHER): _TAKE,
@@ -65,28 +65,28 @@ def _text(raw: bytes | str) -> str:
 
 
 class Decisions:
-    """The last one of one vehicle. `said`: its words in STATUSTEXT that begin so and are not told yet, "" if there are
-    none."""
+    """The last decision of one vehicle. `said`: takes the text with this beginning from the STATUSTEXTs that wait; ""
+    if there is none."""
 
     def __init__(self, said: Callable[[str], str]) -> None:
         self._said = said
         self._known: tuple[int, str] | None = None
         self._told: deque[str] = deque(maxlen=_TOLD)
-        #: the vehicle's sentence of what is in force; "": nothing is wrong
+        #: the vehicle's sentence about the decision in force; "": nothing is wrong
         self.text = ""
-        #: what is done; None: nothing is wrong, or not known by its number here
+        #: the action in force; None: nothing is wrong, or the action's number is not known here
         self.action: FlightAction | None = None
 
     def told(self, text: str) -> bool:
-        """Whether these are the words of a decision that was told of late."""
+        """Whether this is the text of a recent decision."""
         return text in self._told
 
     def _whole(self, text: str) -> str:
-        """All of a sentence. What is longer than its message is whole in STATUSTEXT, which is said first."""
+        """The complete sentence. If it is longer than its message, STATUSTEXT has brought it completely before."""
         return text if len(text.encode()) < _CUT else self._said(text) or f"{text}..."
 
     def on_message(self, m: Any, who: Who) -> Notice | None:
-        """A HANDOVER_DECISION; returns what to tell the operator, None if it is told already."""
+        """A HANDOVER_DECISION; returns the line for the operator, None if it is told already."""
         text = _text(m.text)
         known = m.number, text
         if known == self._known:
@@ -99,8 +99,8 @@ class Decisions:
             return Notice("decision_over", text)
         self.text = text
         self.action = action = FlightAction(m.action) if m.action in list(FlightAction) else None
-        if action is None:  # of a newer version: its own words have to do
+        if action is None:  # an action of a newer version: use its text alone
             return Notice("decision", text, DECISIONS[FlightAction.RETURN])
-        if text.startswith(_REHEARSED):  # of what is not done, they say it best
+        if text.startswith(_REHEARSED):  # in a rehearsal nothing is done: no command to offer
             return Notice("decision", text, DECISIONS[action])
         return Notice("decision", told(action, text, who), DECISIONS[action])

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What a station's rules are told, and what they ask for: the events and actions of `core`. Pure, as `core` is."""
+"""The events and actions of the station's rules (`core`). Pure, as `core` is."""
 
 from __future__ import annotations
 
@@ -68,19 +68,19 @@ class AuthorityHeard:
     partner: int | None
     epoch: int
     handover_id: int = 0
-    #: nobody commands yet, and one may, in this very epoch
+    #: no station commands yet, and one may do so in this epoch
     recovering: bool = False
-    #: why the transfer under way was begun
+    #: the reason of the transfer under way
     why: Reason = Reason.NONE
-    #: whose zone holds the aircraft, the commander's first; None: nobody's
+    #: the station whose zone holds the aircraft, the commander's first; None: the zone of no station
     zone: int | None = None
-    #: how soon the known way leaves the commander's zone (s); inf: no end in sight
+    #: time (s) until the known route leaves the commander's zone; inf: no end is in sight
     zone_ends_s: float = inf
-    #: nobody commands because the mission declares a gap there
+    #: no station commands, because the mission declares a gap there
     alone: bool = False
-    #: what is left for an operator who is asked (s); inf: nobody is
+    #: the time left (s) for an operator who is asked; inf: none is asked
     answer_left_s: float = inf
-    #: for which border the transfer under way was begun, if that was foreseen; else 0
+    #: the number of the border of the transfer under way, if the vehicle foresaw it; else 0
     crossing: int = 0
 
 
@@ -93,21 +93,21 @@ class MissionHeld:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """The operator's answer to the question that is open."""
+    """The operator's answer to the open question."""
 
     yes: bool
 
 
 @dataclass(frozen=True, slots=True)
 class Wish:
-    """The operator asked that this station shall command: a transfer to it needs no further question here."""
+    """The operator asks that `station` commands: a transfer to it needs no further question here."""
 
     station: int
 
 
 @dataclass(frozen=True, slots=True)
 class WishAnswered:
-    """The vehicle has answered that request; not `accepted`: it was refused, or there was no answer."""
+    """The vehicle's answer to that request. Not `accepted`: it was refused, or there was no answer."""
 
     station: int
     accepted: bool
@@ -136,8 +136,8 @@ class ToPeer:
 
 @dataclass(frozen=True, slots=True)
 class Notice:
-    """A line for the operator and the journal. `event` is a fixed lower-case word of `alarms.EVENTS`, which says how
-    grave it is; `level` says so where the word alone does not."""
+    """A line for the operator and the journal. `event`: a key of `alarms.EVENTS`, which gives its level; `level`
+    overrides that."""
 
     event: str
     text: str
@@ -145,7 +145,7 @@ class Notice:
 
     @property
     def gravity(self) -> Level:
-        """How grave it is."""
+        """The level of the line."""
         return EVENTS[self.event] if self.level is None else self.level
 
 

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""`handover ...` at a station: whose command it is. With one vehicle it is that one's, and nothing here is seen.
+"""`handover ...` at a station: chooses the vehicle of a command. With one vehicle every command is for that one.
 
-With several `handover -v NAME ...` says so; without it the command is for the vehicle that MAVProxy has chosen
-(`vehicle`), and is refused where that is none of ours: what is typed for one aircraft never goes to another for want of
-a name. `handover status` is a table of all, `handover ack` is for all; -v makes both one vehicle's.
+With several vehicles `handover -v NAME ...` names it. Without a name the command is for the vehicle that MAVProxy has
+chosen (`vehicle`), and is refused if that is none of ours: a command typed for one aircraft never goes to another
+because a name is missing. `handover status` is a table of all, `handover ack` is for all; with -v both are for one.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from gcs_module.vehicle_selection import VehicleSelection, known, vehicle_of
 
 __all__ = ["FleetCommands", "our_settings"]
 
-#: what answers a question
+#: commands that answer a question
 _ANSWERS = ("accept", "deny")
 _HEAD = ("", "vehicle", "commander", "phase", "zone", "links", "alarms", "heard")
 
 
 def our_settings() -> Any:
-    """Those of `handover set`, of the station."""
+    """The station's settings, for `handover set`."""
     return mp_settings.MPSettings(
         [
             mp_settings.MPSetting(
@@ -42,18 +42,18 @@ def our_settings() -> Any:
 
 
 class FleetCommands:
-    """All vehicles of a station, as far as what is typed goes. `faults`: the module's, by where they were."""
+    """The operator's commands at a station with any number of vehicles. `faults`: the module's, by place."""
 
     def __init__(
         self,
         aircraft: Sequence[Aircraft],
-        choice: VehicleSelection,
+        selection: VehicleSelection,
         settings: Any,
         show: Callable[[str], None],
         faults: Counter[str],
     ) -> None:
         self._aircraft = aircraft
-        self._choice = choice
+        self._selection = selection
         self.settings = settings
         self._show = show
         self._faults = faults
@@ -99,19 +99,19 @@ class FleetCommands:
             self._commands(vehicle.sysid).run(args[1:])
 
     def _of_chosen(self, args: list[str]) -> None:
-        vehicle = self._choice.vehicle
+        vehicle = self._selection.vehicle
         if vehicle is not None:
             if args[0] not in _ANSWERS or not self._asked_elsewhere(vehicle.sysid, args[0]):
                 self._commands(vehicle.sysid).run(args)
             return
         words = " ".join(args)
         self._show(
-            f"handover {words}: for which vehicle? MAVProxy's choice ({self._choice.sysid}) is none of "
+            f"handover {words}: for which vehicle? MAVProxy's choice ({self._selection.sysid}) is none of "
             f"{known(self._vehicles)}: 'vehicle NAME' chooses one, or 'handover -v NAME {words}'"
         )
 
     def _asked_elsewhere(self, sysid: int, answer: str) -> bool:
-        """Whether the chosen vehicle asks nothing and another one does: then the operator is told which."""
+        """Whether only other vehicles than the chosen one ask: then the operator is told which."""
         asking = [each for each in self._aircraft if each.core.question or each.core.asked_ahead]
         if not asking or any(each.sysid == sysid for each in asking):
             return False
@@ -147,7 +147,7 @@ class FleetCommands:
         heard = "never" if now.heard_s == float("inf") else age(now.heard_s) or "now"
         commander = f"{now.commander or 'nobody'}{' (you)' if now.own else ''}"
         return (
-            "*" if each.sysid == self._choice.sysid else "",
+            "*" if each.sysid == self._selection.sysid else "",
             each.of,
             f"{commander} -> {now.partner}" if now.partner else commander,
             f"{now.phase.name} {now.mode}".rstrip(),

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The ground link: how stations reach each other without the vehicle. One port that listens, one device for each peer.
+"""The ground link, by which stations reach each other without the vehicle: one listening port, one device for each
+peer.
 
-All stations sign with one key, the ground link's own; what is unsigned, signed otherwise or heard before is dropped
-and counted. What was heard before stays old over a restart (`store/replay.py`). Even so the rules of `core` take from a
-peer only what can make a handover succeed that the vehicle has asked for: the key says that a station spoke, the
+All stations sign with one key, the ground link's own. Frames without a signature, with a wrong one or received before
+are dropped and counted; this also holds after a restart (`store/replay.py`). Even so the rules of `core` accept from a
+peer only what helps a handover that the vehicle has asked for: the key proves that a station has sent it, and only the
 vehicle's link says what is true.
 """
 
@@ -22,7 +23,7 @@ from mavproxy_handover.wire.signing import SignatureVerdict, SignedPeer
 
 __all__ = ["GroundLink"]
 
-#: components of all stations together; only who has the key can be one
+#: components of all stations together; only holders of the key count
 _STREAMS = 64
 
 
@@ -31,9 +32,9 @@ class GroundLink:
 
     def __init__(self, config: StationConfig, clocks: Clocks) -> None:
         self.devices: list[Device] = []
-        #: frames that were dropped, by what was wrong with their signature
+        #: dropped frames, by the fault of their signature
         self.refused: Counter[str] = Counter()
-        #: what is to be said of the replay state, "" if it is as it should be
+        #: a message about the replay state, "" if it is in order
         self.note = ""
         self._clocks = clocks
         self._listening: Device | None = None
@@ -71,7 +72,7 @@ class GroundLink:
         return tuple(self._peers)
 
     def read(self) -> list[Frame]:
-        """What has arrived from stations that have the key; without a key, from whomever."""
+        """The frames that have arrived from stations with the key; without a key, from any sender."""
         frames = [] if self._listening is None else self._listening.read()
         return [frame for frame in frames if self._proven(frame)]
 
@@ -84,7 +85,7 @@ class GroundLink:
         return verdict is SignatureVerdict.OK
 
     def write(self, peer: int, data: bytes) -> None:
-        """Send a frame to a peer; to nobody if there is none of that id."""
+        """Send a frame to a peer; an unknown peer gets nothing."""
         device = self._peers.get(peer)
         if device is None:
             return
@@ -96,7 +97,7 @@ class GroundLink:
         device.write(data)
 
     def tick(self, now: float) -> None:
-        """Keep what must outlive a restart; to be called often, and it returns at once."""
+        """Save what must survive a restart; to be called often, returns at once."""
         if self._replay is not None:
             self._replay.tick(now)
 

@@ -1,18 +1,18 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The station's mission package, and those that other stations send it.
+"""The mission package that a station holds, and the packages that other stations offer.
 
-What comes over the ground link is an offer, whoever it names as its sender. Rules that live here:
+What arrives over the ground link is an offer, with any sender id. Rules that live here:
 
 1. A package that the station read from its own folder is never replaced.
-2. An offer counts when the vehicle announces its digest, over its own link, or when the operator takes it by name.
-   Until then it waits, one for each station, and nothing is done with it.
-3. While the vehicle is armed, or not known to be disarmed, nothing replaces the package that is held. A station that
-   holds none may take the one that the vehicle announces: it is what the vehicle flies.
-4. A package is read beside the main loop, however it is made.
-5. A package that was taken is kept in a file of the station. After a restart it counts again if the vehicle announces
-   its digest, and for nothing else: it is no offer that an operator could take. The file is written and read beside the
-   main loop, and one that cannot be read is no package.
+2. An offer is accepted when the vehicle announces its digest over its own link, or when the operator takes it by name.
+   Until then it waits, one for each station, and has no effect.
+3. While the vehicle is armed, or not known to be disarmed, the held package is not replaced. A station that holds none
+   may accept the one that the vehicle announces, because the vehicle flies it.
+4. A package is parsed beside the main loop, because its contents decide how long that takes.
+5. An accepted package is saved in a file of the station. After a restart it is held again only if the vehicle announces
+   its digest; the operator cannot take it as an offer. The file is written and read beside the main loop. A file that
+   cannot be read counts as no package.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _REFUSED = mavlink.HANDOVER_PACKAGE_RESULT_REFUSED
 
 @dataclass(frozen=True, slots=True)
 class _Sender:
-    """Who sent a package: system and component."""
+    """System and component that sent a package."""
 
     sysid: int
     component: int
@@ -48,43 +48,44 @@ class _Sender:
 
 
 class Inbox:
-    """`own`: the package of the station's own folder, None if it has none. `file`: where a package that was taken is
-    kept; None: nowhere."""
+    """`own`: the package of the station's own folder, None if it has none. `file`: where an accepted package is saved;
+    None: nowhere."""
 
     def __init__(self, own: MissionPackage | None, file: Path | None = None) -> None:
-        #: the package that counts
+        #: the held package
         self.held = own
         self._own = own is not None
-        #: offered by a station, and waiting
+        #: offers that wait, by station
         self._waiting: dict[int, MissionPackage] = {}
         self._receivers: dict[int, PackageReceiver] = {}
         self._worker = Worker()
-        #: for the file, so that no offer has to wait for the disk
-        self._keeper = Worker()
+        #: for the file, so that no offer waits for the disk
+        self._file_worker = Worker()
         self._file = None if own is not None else file
-        #: of the run before, not read yet, read, or not there; and one that has still to be written
+        #: the saved package: whether it has still to be read, the one of the run before, and the one that has still to
+        #: be written
         self._unread = self._file is not None
-        self._kept: MissionPackage | None = None
+        self._saved: MissionPackage | None = None
         self._unwritten: MissionPackage | None = None
-        #: what is to be sent, and said to the operator, because something was read
+        #: messages to send and lines for the operator, from packages that were parsed
         self._messages: list[tuple[int, Any]] = []
         self._lines: list[tuple[int, str]] = []
 
     @property
     def waiting(self) -> tuple[MissionPackage, ...]:
-        """The packages that do not count yet."""
+        """The offers that wait."""
         return tuple(self._waiting.values())
 
     # ---- from other stations --------------------------------------------------------------------------------------
 
     def on_message(self, sysid: int, component: int, message: Any) -> list[Any]:
-        """A MISSION_PACKAGE or MISSION_CHUNK of another station; returns answers to it."""
+        """A MISSION_PACKAGE or MISSION_CHUNK of another station; returns the answers to it."""
         sender = _Sender(sysid, component)
         receiver = self._receivers.setdefault(sysid, PackageReceiver())
         if message.get_type() == "MISSION_PACKAGE":
             return [
                 *(
-                    self._known(bytes(message.mission_digest), receiver, sender)
+                    self._early_answer(bytes(message.mission_digest), receiver, sender)
                     or receiver.on_offer(message, sender.target)
                 )
             ]
@@ -102,8 +103,8 @@ class Inbox:
             )
         return answers
 
-    def _known(self, digest: bytes, receiver: PackageReceiver, sender: _Sender) -> list[Any]:
-        """What can be said of an offer before it is sent."""
+    def _early_answer(self, digest: bytes, receiver: PackageReceiver, sender: _Sender) -> list[Any]:
+        """The answer to an offer that can be given before the package arrives; empty if there is none."""
         if self.held is not None and self.held.digest == digest:
             return [receiver.conclude(digest, _RECEIVED, "", sender.target)]
         if self._own:
@@ -128,48 +129,50 @@ class Inbox:
     def tick(self, now: float) -> tuple[list[tuple[int, Any]], list[tuple[int, str]]]:
         """(receiver, message) to send now, and (station, line for the operator). To be called often."""
         self._worker.tick(now)
-        self._keeper.tick(now)
-        if self._file is not None and not self._keeper.busy:
-            self._keep(self._file)
+        self._file_worker.tick(now)
+        if self._file is not None and not self._file_worker.busy:
+            self._read_or_write(self._file)
         messages, self._messages = self._messages, []
         lines, self._lines = self._lines, []
         return messages, lines
 
-    def _keep(self, file: Path) -> None:
-        """Read what the run before has kept, then write what this one has taken."""
+    def _read_or_write(self, file: Path) -> None:
+        """Read the package that the run before has saved, then write the one that this run has accepted."""
         if self._unread:
-            self._unread = not self._keeper.submit(lambda: _read(file), self._was_kept)
+            self._unread = not self._file_worker.submit(lambda: _read(file), self._on_read)
         elif self._unwritten is not None:
             package = self._unwritten
-            if self._keeper.submit(lambda: _write(file, package), lambda result, _now: self._was_written(result)):
+            if self._file_worker.submit(lambda: _write(file, package), lambda result, _now: self._on_written(result)):
                 self._unwritten = None
 
-    def _was_kept(self, result: MissionPackage | Exception | None, _now: float) -> None:
+    def _on_read(self, result: MissionPackage | Exception | None, _now: float) -> None:
         if isinstance(result, Exception):
             self._lines.append((0, f"The mission that was kept cannot be read: {result}"))
         else:
-            self._kept = result
+            self._saved = result
 
-    def _was_written(self, result: object) -> None:
+    def _on_written(self, result: object) -> None:
         if isinstance(result, Exception):
             self._lines.append((0, f"The mission is not kept for a restart: {result}"))
 
     # ---- what makes one count -------------------------------------------------------------------------------------
 
     def accept_announced(self, digest: bytes, disarmed: bool) -> str:
-        """The vehicle holds the package of this digest; returns a line for the operator, "" if nothing changes.
+        """The vehicle announces the package of this digest: accept it if it is offered. Returns a line for the
+        operator, "" if nothing changes.
 
-        `disarmed`: the vehicle is known to be.
+        `disarmed`: the vehicle is known to be disarmed.
         """
-        offers = (*self._waiting.values(), *(() if self._kept is None else (self._kept,)))
+        offers = (*self._waiting.values(), *(() if self._saved is None else (self._saved,)))
         found = next((package for package in offers if package.digest == digest), None)
-        if found is None or not self._may_take(found, disarmed):
+        if found is None or not self._may_replace(found, disarmed):
             return ""
         self._replace_held(found)
         return f"Mission {found.name!r}, {digest.hex()[:8]}, is the vehicle's: taken."
 
     def accept_offer(self, name: str, disarmed: bool) -> str:
-        """The operator takes the offer of this name, or whose digest begins so; returns a line for the operator."""
+        """The operator takes the offer with this name, or with a digest that begins so; returns a line for the
+        operator."""
         found = [
             package
             for package in self._waiting.values()
@@ -182,25 +185,25 @@ class Inbox:
         package = found[0]
         if self._own:
             return "This station has a mission of its own: it is not replaced."
-        if not self._may_take(package, disarmed):
+        if not self._may_replace(package, disarmed):
             return "Not while the vehicle is armed, or not known to be disarmed."
         self._replace_held(package)
         return f"Mission {package.name!r}, {package.digest.hex()[:8]}, taken."
 
-    def _may_take(self, package: MissionPackage, disarmed: bool) -> bool:
+    def _may_replace(self, package: MissionPackage, disarmed: bool) -> bool:
         if self._own or (self.held is not None and self.held.digest == package.digest):
             return False
         return self.held is None or disarmed
 
     def _replace_held(self, package: MissionPackage) -> None:
-        if package is not self._kept:
+        if package is not self._saved:
             self._unwritten = package
         self.held = package
         self._waiting = {sysid: other for sysid, other in self._waiting.items() if other.digest != package.digest}
 
 
 def _read(file: Path) -> MissionPackage | None:
-    """The package in this file; None: there is none. Raises MissionError, OSError."""
+    """The package in this file; None: there is no file. Raises MissionError, OSError."""
     try:
         with file.open("rb") as stream:
             data = stream.read(MAX_PACKAGE_BYTES + 1)
@@ -212,5 +215,5 @@ def _read(file: Path) -> MissionPackage | None:
 
 
 def _write(file: Path, package: MissionPackage) -> None:
-    """Replace the file by this package. Raises OSError."""
+    """Replace the file's contents by this package. Raises OSError."""
     replace_whole(file, package.to_bytes())

@@ -35,9 +35,9 @@ _Handler = Callable[[int, FrameType | None], Any] | int | None
 
 
 class Interrupts:
-    """The handlers of both signals, from `take` to `give_back`. Times are monotonic seconds.
+    """The handlers of both signals, from `install` to `restore`. Times are monotonic seconds.
 
-    `flying`: names of the aircraft in flight that this station commands; "" if there is none.
+    `flying`: returns the names of the aircraft in flight that this station commands; "" if there is none.
     """
 
     def __init__(self, mpstate: Any, flying: Callable[[], str], clock: Callable[[], float]) -> None:
@@ -47,16 +47,16 @@ class Interrupts:
         self._asked_at = -AGAIN_S
         self._before: dict[int, _Handler] = {}
 
-    def take(self) -> None:
-        """Handle both signals from now on. Nothing changes in another thread than the main one, or in a program that is
-        not MAVProxy's: that has no handler for SIGTERM."""
+    def install(self) -> None:
+        """Handle both signals from now on. Nothing changes in another thread than the main one, or in another program
+        than MAVProxy, which has no handler for SIGTERM."""
         ours = threading.current_thread() is threading.main_thread()
         if ours and callable(signal.getsignal(signal.SIGTERM)):
             for number, handler in ((signal.SIGINT, self._interrupted), (signal.SIGTERM, self._terminated)):
                 self._before[number] = signal.signal(number, handler)
 
-    def give_back(self) -> None:
-        """Leave both signals as they were. Outside the main thread the handlers stay, and ask no more."""
+    def restore(self) -> None:
+        """Restore both signals. Outside the main thread the handlers stay, and no longer ask."""
         self._flying = str
         if threading.current_thread() is threading.main_thread():
             for number, handler in self._before.items():
@@ -65,7 +65,7 @@ class Interrupts:
 
     def _interrupted(self, number: int, frame: FrameType | None) -> None:
         if getattr(self._mpstate.settings, "requireexit", False):
-            raise KeyboardInterrupt  # MAVProxy then says that it ends by 'exit' only
+            raise KeyboardInterrupt  # MAVProxy then says that only 'exit' ends it
         now = self._clock()
         names = self._names()
         if names and now - self._asked_at >= AGAIN_S:
@@ -74,7 +74,7 @@ class Interrupts:
                 f"\nYou command {names} in flight. 'handover give STATION' hands it over. "
                 f"Press Ctrl-C again within {AGAIN_S:.0f} s to end this station.\n"
             )
-            os.write(_ERROR_OUTPUT, text.encode())  # print() may be at work in the thread that was interrupted
+            os.write(_ERROR_OUTPUT, text.encode())  # the interrupted thread may be inside print()
             return
         self._end(number, frame)
 
@@ -84,7 +84,7 @@ class Interrupts:
     def _names(self) -> str:
         try:
             return self._flying()
-        except Exception:  # whatever is broken there: the station can be ended
+        except Exception:  # a fault there must not keep the station from ending
             return ""
 
     def _end(self, number: int, frame: FrameType | None) -> None:

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""How the items of `map_items.py` look on MAVProxy's map: objects of ours, drawn in the map's own process.
+"""How the items of `map_items.py` look on MAVProxy's map: our own objects, drawn in the map's process.
 
-MAVProxy's polygons and labels do for most of it, but not for holes, for letters that are read on any picture of the
-ground, and for what lies on the other side of the 180th meridian: there its map takes the long way around the earth.
+MAVProxy's polygons and labels cannot draw holes, nor text that is legible on any background, nor areas across the 180th
+meridian, where its map draws around the earth the other way.
 
-A plate has the time at which it was true, and its station sends it each second. One that is older than OLD_S is drawn
-grey, with its age: its station stands still. For that the map draws again each second, whatever comes.
+A panel holds the time of its values, and its station sends it each second. A panel older than OLD_S is drawn grey with
+its age: its station's program has stopped. For that the map redraws each second even if nothing arrives.
 
-Only to be imported where a map is loaded: it needs what that needs (OpenCV). wx it needs in the map's process alone.
+Import this only if a map is loaded: it needs OpenCV, as the map does. Only the map's process needs wx.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ _SIZE, _PLATE_SIZE = 0.45, 0.5
 _EDGE: Final[Colour] = (255, 255, 255)
 _BLACK: Final[Colour] = (0, 0, 0)
 _GREY: Final[Colour] = (150, 150, 150)
-#: how often a map draws again although nothing comes (ms)
+#: the map redraws this often although nothing arrives (ms)
 _AGAIN_MS: Final = 1000
-#: pixels: around letters on a plate, between lines, half a mark, from the corner, from one plate to the next
+#: pixels: margin around text, between lines, half a mark, from the corner, from one panel to the next
 _AROUND, _BETWEEN, _HALF, _CORNER, _NEXT_PLATE = 4, 5, 7, 8, 110
-#: farther outside than this (pixels) nothing is drawn: OpenCV counts in 32 bits
+#: nothing is drawn farther outside than this (pixels): OpenCV uses 32 bits
 _FAR: Final = 1 << 24
 
 _Bounds = tuple[float, float, float, float]
@@ -51,8 +51,7 @@ def map_object(key: str, layer: str, item: Item) -> Any:
 
 
 def _beside(place: Place, bounds: _Bounds) -> Place:
-    """The place, counted to the side of the 180th meridian where the view is: `bounds` are south, west, height and
-    width."""
+    """The place on the side of the 180th meridian where the view is. `bounds`: south, west, height and width."""
     return place[0], beside_deg(place[1], bounds[1] + bounds[3] / 2.0)
 
 
@@ -77,7 +76,7 @@ class DrawnPaths(SlipObject):
 def _pieces(
     line: Line, img: Any, pixmapper: _Pixels, bounds: _Bounds
 ) -> Iterable[tuple[tuple[int, int], tuple[int, int]]]:
-    """The pieces of a line that are to be seen."""
+    """The visible pieces of a line."""
     height, width = img.shape[:2]
     points = [pixmapper(_beside(place, bounds)) for place in line]
     for start, end in pairwise(points):
@@ -109,7 +108,7 @@ class DrawnSign(SlipObject):
         for words in item.words:
             (wide, high), _below = cv2.getTextSize(words, _FONT, _SIZE, 1)
             left, base = x - wide // 2, y + high
-            # no edges around letters: OpenCV 5 sets broad ones in another type, which is wider
+            # no edges around letters: OpenCV 5 draws broad ones in another font, which is wider
             corners = (left - _AROUND, y - _AROUND), (left + wide + _AROUND, base + _AROUND)
             cv2.rectangle(img, *corners, item.plate, -1)
             cv2.putText(img, words, (left, base), _FONT, _SIZE, item.colour, 1, cv2.LINE_AA)
@@ -117,7 +116,7 @@ class DrawnSign(SlipObject):
 
 
 class DrawnPlate(SlipObject):
-    """Lines in the corner, wherever the map is."""
+    """A panel in the corner of the view."""
 
     def __init__(self, key: str, layer: str, item: Plate) -> None:
         super().__init__(key, layer)
@@ -148,7 +147,7 @@ class DrawnPlate(SlipObject):
 
 
 def _aged(plate: Plate, now: float) -> tuple[Row, ...]:
-    """The rows of a plate, grey and below their age if they are old."""
+    """The rows of a panel; grey and below their age if they are old."""
     age_s = now - plate.at if plate.at else 0.0
     if age_s <= OLD_S:
         return plate.rows
@@ -156,12 +155,12 @@ def _aged(plate: Plate, now: float) -> tuple[Row, ...]:
     return (first, *(Row(row.words, _GREY, _EDGE) for row in plate.rows))
 
 
-#: the map's timer that lets it draw again, if there is one
+#: the map's timer for the next redraw, if there is one
 _timers: list[Any] = []
 
 
 def _draw_again() -> None:
-    """Have the map draw again soon. Where there is no wx, and so no window, nothing is drawn again."""
+    """Make the map redraw soon. Without wx there is no window, and nothing is redrawn."""
     try:
         from MAVProxy.modules.lib.wx_loader import wx
 

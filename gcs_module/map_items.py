@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What there can be on a map: lines, words at a place, a plate in the corner. Values, equal if they look alike.
+"""The items on a map: lines, words at a place, a panel in the corner. Two items are equal if they look alike.
 
-Places are (latitude, longitude) in degrees; longitudes go on beyond 180 where an area does.
+Places are (latitude, longitude) in degrees; in an area across the 180th meridian longitudes continue beyond 180.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ Line = tuple[Place, ...]
 
 
 class Mark(Enum):
-    """What stands at the place of a sign."""
+    """The mark at a sign's place."""
 
     NONE = ""
     DIAMOND = "diamond"
@@ -27,7 +27,7 @@ class Mark(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Paths:
-    """Lines of one kind. `width` in pixels; `edged`: with a light edge, so that they are seen on any ground."""
+    """Lines of one kind. `width` in pixels; `edged`: with a light edge, to be visible on any background."""
 
     lines: tuple[Line, ...]
     colour: Colour
@@ -37,7 +37,7 @@ class Paths:
 
 @dataclass(frozen=True, slots=True)
 class Sign:
-    """Words at a place, line by line, below its mark. `plate`: the colour behind them."""
+    """Words at a place, line by line, below its mark. `plate`: background colour."""
 
     place: Place
     words: tuple[str, ...]
@@ -48,7 +48,7 @@ class Sign:
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """A line of a plate."""
+    """A line of a panel."""
 
     words: str
     colour: Colour
@@ -57,8 +57,8 @@ class Row:
 
 @dataclass(frozen=True, slots=True)
 class Plate:
-    """Lines in the upper left corner of the map. `number`: of the plate, from above; `at`: when they were true, in
-    seconds of the machine's monotonic clock, 0: they do not grow old."""
+    """A panel in the upper left corner of the map. `number`: its position, from above; `at`: time of its values in
+    seconds of the machine's monotonic clock, 0: they do not get old."""
 
     rows: tuple[Row, ...]
     number: int = 0

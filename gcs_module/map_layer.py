@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What a station shows of one vehicle on a map: which lines and signs, where, in which colours. Pure.
+"""What a station shows of one vehicle on a map: lines and signs, their places and colours. Pure.
 
 Theory of operation
 -------------------
@@ -8,13 +8,13 @@ Theory of operation
 items by name. The drawing code draws an item only if it differs from the one before, and removes an item that is
 missing.
 
-* A zone has its station's colour, the commander's a broad line. Nobody's is broad where nobody commands.
-* The border ahead has its seconds, at the place of the route where it is expected: the next one between these two
-  stations from where the aircraft is. Where that is not known, the seconds stand in the plate alone.
-* The route is the mission package's. Once the commander flies another one, neither it nor its handovers are shown.
-* The plate, in the corner, has the words of the status row, the border ahead, where a return goes, and what is wrong.
-* What is old is not shown as if it were true now: no seconds to a border, no commander's line, and words that say so.
-  The plate has the time at which it was true, so that the map itself can tell when its station stands still.
+* A zone has its station's colour. The outline of the commander's zone is broad.
+* The sign of the border ahead shows the seconds, at its place on the route: the next border between the same two
+  stations after the aircraft's position. If that is not known, only the panel shows the seconds.
+* The route is the mission package's. If the commander flies another one, neither the route nor its handovers are shown.
+* The panel in the corner shows the text of the status row, the border ahead, the return site, and what is wrong.
+* Old values are not shown as true now: no seconds to a border, no broad outline of the commander's zone, and words that
+  say so. The panel holds the time of its values, so that the map can tell if its station's program has stopped.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from mavproxy_handover.core.safety.route import TrackFact
 
 __all__ = ["Border", "Now", "drawn", "now_of", "place_of"]
 
-#: of the colours that MAVProxy's console knows by name, those of `alarms.LOOKS`
+#: the colours of `alarms.LOOKS`, which MAVProxy's console knows by name
 _NAMED: Final[Mapping[str, Colour]] = {
     "black": (0, 0, 0),
     "blue": (0, 60, 200),
@@ -46,17 +46,17 @@ _NAMED: Final[Mapping[str, Colour]] = {
 _RETURN: Final[Colour] = (0, 105, 40)
 #: widths of lines, in pixels
 _PLAIN, _BROAD = 2, 5
-#: modes in which the autopilot is on its way to the place of a return
+#: modes in which the autopilot flies to the return site
 _RETURNS: Final = ("RTL", "SMART_RTL")
-#: a border that was passed by less (m) may still be the one ahead: places are some seconds old
+#: a border may be up to this far (m) behind the aircraft and still count as ahead: positions are some seconds old
 _PASSED_M: Final = 60.0
-#: words of a decision in a line of the plate
+#: characters of a decision in one line of the panel
 _PLATE_LETTERS: Final = 64
 
 
 @dataclass(frozen=True, slots=True)
 class Border:
-    """The border ahead: between which stations, by system id, and in words, and in how many whole seconds."""
+    """The border ahead: its two stations by system id, in words, and the whole seconds until it is reached."""
 
     from_station: int
     to_station: int
@@ -68,11 +68,11 @@ class Border:
 class Now:
     """What is true of a vehicle at a moment.
 
-    `banner`: the words of the status row; `wrong`: what is wrong and what is done, "": nothing; `place`: name, latitude
-    and longitude of where a return goes, None: not known; `returning`: the aircraft is on its way there; `at`: the item
-    that is flown to and how far along its leg the aircraft is (m), None: not known; `own_route`: the mission package's
-    route is flown; `old`: the vehicle has not been heard for a while, so all this was true then; `seconds`: when it is,
-    in whole seconds of the monotonic clock.
+    `banner`: the text of the status row; `wrong`: what is wrong and what is done, "": nothing; `place`: name, latitude
+    and longitude of the return site, None: not known; `returning`: the aircraft flies there; `at`: the number of the
+    item that is flown to, and how far along its leg the aircraft is (m), None: not known; `own_route`: the mission
+    package's route is flown; `old`: the vehicle has not been heard for a while, so the values are of that time;
+    `seconds`: time of the values, in whole seconds of the monotonic clock.
     """
 
     banner: str = ""
@@ -89,7 +89,7 @@ class Now:
 
 
 def place_of(m: Any) -> tuple[str, float, float] | None:
-    """Where a return goes by an AUTHORITY_STATUS: name, latitude and longitude (degrees); None: it does not say."""
+    """The return site in an AUTHORITY_STATUS: name, latitude and longitude (degrees); None: it has none."""
     raw: bytes | str = m.place
     name = raw.decode("utf-8", "replace") if isinstance(raw, bytes) else raw
     lat_deg, lon_deg = m.place_lat / 1e7, m.place_lon / 1e7
@@ -107,8 +107,8 @@ def now_of(
     *,
     own_route: bool,
 ) -> Now:
-    """What is to be shown of what a station knows. `decision`: the vehicle's sentence of what is wrong; `track`: where
-    the aircraft is on its leg. `now` is monotonic seconds."""
+    """The `Now` of what a station knows. `decision`: the vehicle's sentence about what is wrong; `track`: where the
+    aircraft is on its leg. `now` is monotonic seconds."""
     words, level = banner(situation)
     ahead = core.ahead
     return Now(
@@ -133,8 +133,8 @@ def _border(core: StationCore, ahead: Ahead, now: float) -> Border:
 
 
 def drawn(ground: MissionMap | None, now: Now, number: int = 0) -> dict[str, Item]:
-    """All that is to be seen now, by name. `ground` None: there is no mission, or it is still being looked at;
-    `number`: of the vehicle, for its plate."""
+    """All items to show now, by name. `ground` None: there is no mission, or its map is not ready; `number`: of the
+    vehicle, for its panel."""
     found: dict[str, Item] = {}
     if ground is not None:
         for zone in ground.zones:
@@ -203,7 +203,7 @@ def _rows(now: Now) -> Iterator[Row]:
         yield Row(words, _NAMED["black"], _NAMED["orange"])
     if now.place is not None and now.old:
         yield Row(f"when heard last a return went to {now.place[0]}", _NAMED["black"], _NAMED["white"])
-    elif now.place is not None and now.returning:  # the place of the decision may have been given up since
+    elif now.place is not None and now.returning:  # the return site in the decision's sentence may have changed since
         yield Row(f"returns to {now.place[0]}", _NAMED["white"], _NAMED["red"])
     elif now.place is not None:
         yield Row(f"a return goes to {now.place[0]}", _NAMED["black"], _NAMED["white"])
@@ -225,6 +225,6 @@ def _counted(border: Border) -> str:
 
 
 def _on(colour: Colour) -> Colour:
-    """Black or white, whichever is read better on a colour."""
+    """Black or white, the one with more contrast on the colour."""
     red, green, blue = colour
     return _NAMED["white"] if 0.299 * red + 0.587 * green + 0.114 * blue < 140.0 else _NAMED["black"]

@@ -2,7 +2,7 @@
 
 """The menu "Handover" of MAVProxy's console and map: each entry types a command that the operator could type.
 
-The console calls from a thread of its own what was chosen there; whoever receives commands must reckon with it.
+The console calls from its own thread, so the receiver of commands must expect that.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from MAVProxy.modules.lib import mp_menu, mp_util
 
 __all__ = ["ENTRIES", "Menu"]
 
-#: what stands in the menu, and behind `handover` in the command; "give" has the stations below it
+#: label in the menu, and the words after `handover` in its command; "give" has a submenu of the stations
 ENTRIES: Final = (
     ("Accept", "accept"),
     ("Deny", "deny"),
@@ -33,29 +33,29 @@ _HOSTS: Final = ("console", "map")
 
 
 class Menu:
-    """Of one station. `stations`: names of those to whom the aircraft can be given."""
+    """One station's menu. `stations`: names of the stations that can get the aircraft."""
 
     def __init__(self, mpstate: Any, stations: Sequence[str], fault: Callable[[str, str], None]) -> None:
         self._mpstate = mpstate
         self._stations = tuple(stations)
         self._fault = fault
-        #: the module that has the menu, by its name
+        #: the modules that have the menu, by name
         self._hosts: dict[str, Any] = {}
 
     def tick(self) -> None:
-        """Put the menu where there is none yet; to be called each second."""
-        # not MAVProxy's public modules: one that broke while it was loaded stays among them, half made
+        """Add the menu where it is missing; to be called each second."""
+        # not from MAVProxy's public modules: they still contain a module whose loading failed
         loaded = {module.name: module for module, _package in list(self._mpstate.modules)}
         for name in _HOSTS:
             host = loaded.get(name)
-            # without wx MAVProxy's console has no menus, and no map can be
+            # without wx MAVProxy's console has no menus, and there are no maps
             if host is not self._hosts.get(name) and (host is None or mp_util.has_wxpython):
-                self._hosts[name] = host  # whatever comes of it: it is not tried again each second
+                self._hosts[name] = host  # noted before the attempt, so that a failure is not repeated each second
                 if host is not None:
                     self._attempt(host.add_menu, self._menu())
 
     def remove(self) -> None:
-        """Take it away again."""
+        """Remove the menu."""
         loaded = [module for module, _package in list(self._mpstate.modules)]
         for host in self._hosts.values():
             if any(host is module for module in loaded):

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What a mission has to show on a map, whoever commands: zones, overlaps, route, gaps, and where authority should move.
+"""What a mission shows on a map, with any commander: zones, overlaps, route, gaps, and where authority should move.
 
-Pure. The time that it takes grows with the mission, and missions are made by others: a job for beside the main loop.
+Pure. The computing time grows with the mission, and missions come from others: run it beside the main loop.
 """
 
 from __future__ import annotations
@@ -34,15 +34,15 @@ _OVERLAP: Final[Colour] = (150, 150, 150)
 _UNCOVERED: Final[Colour] = (230, 0, 0)
 #: widths of lines, in pixels
 _THIN, _PLAIN, _BROAD = 1, 2, 5
-#: corners that are nearer to a straight line than this (m) are not needed to draw it
+#: corners nearer to a straight line than this (m) are left out
 _STRAIGHT_M: Final = 0.5
-#: so many lines an overlap is hatched with, about, and at the most
+#: hatch lines of an overlap: about this many, and at most
 _HATCHES, _MOST_HATCHES = 8.0, 60.0
 
 
 @dataclass(frozen=True, slots=True)
 class ZoneView:
-    """A zone: its outline with its holes, its words, and where they find room."""
+    """A zone: its outline with holes, its words, and the place for them."""
 
     station: int
     outline: tuple[Line, ...]
@@ -65,7 +65,7 @@ class Crossing:
 
 @dataclass(frozen=True, slots=True)
 class MissionMap:
-    """What one mission has to show, whoever commands."""
+    """What one mission shows, with any commander."""
 
     digest: bytes
     zones: tuple[ZoneView, ...]
@@ -73,12 +73,12 @@ class MissionMap:
     #: the route, its gaps: items by name
     route: Mapping[str, Paths]
     crossings: tuple[Crossing, ...]
-    #: where the way to each item begins, counted along the route (m)
+    #: where the leg to each item begins, along the route (m)
     begins_m: Mapping[int, float]
 
 
 def mission_map(package: MissionPackage) -> MissionMap:
-    """Work out what a mission has to show. The time that it takes is for the mission's author to say."""
+    """Compute what a mission shows. The time needed depends on the mission."""
     walk, plane = package.walk(), LocalPlane(package.route.home.lat_deg, package.route.home.lon_deg)
     colours = {entry.sysid: rgb(station_colour(number)) for number, entry in enumerate(package.stations)}
     way = LineString([plane.to_plane(sample.lat_deg, sample.lon_deg) for sample in walk.samples])
@@ -130,7 +130,7 @@ def _line(line: BaseGeometry, plane: LocalPlane) -> Line:
 
 
 def _overlaps(zones: Sequence[Zone], plane: LocalPlane) -> Iterator[Line]:
-    """Hatched: what lies below stays seen."""
+    """Outlines and hatch lines, so that what is below stays visible."""
     for first, second in combinations(zones, 2):
         for area in parts(plane, overlap(first, second)):
             yield from _rings([area], plane)
@@ -140,7 +140,7 @@ def _overlaps(zones: Sequence[Zone], plane: LocalPlane) -> Iterator[Line]:
 
 
 def _hatches(area: Polygon) -> BaseGeometry:
-    """Parallel lines from south-west to north-east, all over an area."""
+    """Parallel lines from south-west to north-east across an area."""
     west, south, east, north = area.bounds
     half = math.hypot(east - west, north - south) / 2.0
     step = max(math.sqrt(area.area) / _HATCHES, 2.0 * half / _MOST_HATCHES, 0.1)
@@ -172,6 +172,6 @@ def _of_gap(gap: Gap, walk: Walk, plane: LocalPlane) -> Line:
 
 
 def _way(places: Iterable[Place], plane: LocalPlane) -> Line:
-    """A way without the places that lie on a straight line; none where it goes up and down only."""
+    """A path without the points on straight lines; empty if it only goes up and down."""
     flat = [plane.to_plane(*place) for place in places]
     return _line(LineString(flat).simplify(_STRAIGHT_M), plane) if len(set(flat)) > 1 else ()

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The station's mission package on its way to vehicle and stations. What comes from other stations is the `inbox`'s.
+"""Sends the station's mission package to the vehicle and to stations. `inbox.py` handles the packages of other
+stations.
 
-An offer has an end: who has not answered for NO_ANSWER_S is offered nothing more, and the operator is told. If that was
-because it was not there, it is offered the package again once it is heard; if it is there and does not answer, only the
-operator can try again.
+An offer ends: a receiver that has not answered for NO_ANSWER_S is offered nothing more, and the operator is told. If
+the receiver was not heard, it is offered the package again when it is heard. If it is heard and does not answer, only
+the operator can try again.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from mavproxy_handover.wire.package_transfer import PackageSender, package_id
 
 __all__ = ["NO_ANSWER_S", "MissionTransfer"]
 
-#: some 30 offers
+#: the time (s) of about 30 offers
 NO_ANSWER_S: Final = 15.0
 
 _RECEIVED = mavlink.HANDOVER_PACKAGE_RESULT_RECEIVED
@@ -36,49 +37,51 @@ class _Offer:
     target: tuple[int, int]
     until_loaded: bool
     sender: PackageSender
-    #: of the receiver's last answer, or when the offer began
+    #: time of the receiver's last answer, or of the beginning of the offer
     answered_at: float
-    #: nothing is sent: there was no answer
+    #: nothing is sent, because there was no answer
     given_up: bool = False
-    #: while it is given up: whether the receiver was heard when this was last looked at
+    #: after it was given up: whether the receiver was heard at the last check
     alive: bool = False
 
 
 class MissionTransfer:
-    """Sends the package that the inbox holds to any number of receivers at once, by system id."""
+    """Sends the held package to any number of receivers at once, by system id."""
 
     def __init__(self, own: MissionPackage | None, file: Path | None = None) -> None:
-        """`own`: the package of the station's own folder; `file`: where another one that was taken is kept."""
+        """`own`: the package of the station's own folder; `file`: where an accepted package of another station is
+        saved."""
         self.inbox = Inbox(own, file)
         self._offers: dict[int, _Offer] = {}
 
     @property
     def held(self) -> MissionPackage | None:
-        """The package that counts."""
+        """The held package."""
         return self.inbox.held
 
     def offer(self, receiver: int, component: int, now: float, *, until_loaded: bool = False) -> None:
         """Begin to send the held package to `receiver`. There must be one.
 
-        `until_loaded`: the receiver is the vehicle, which has the last word when the autopilot holds the mission.
+        `until_loaded`: the receiver is the vehicle, which reports the end when the autopilot holds the mission.
         """
         held, target = self.held, (receiver, component)
         assert held is not None
         self._offers[receiver] = _Offer(held, target, until_loaded, _sender(held, target, until_loaded), now)
 
     def tick(self, now: float, alive: Callable[[int], bool]) -> tuple[list[tuple[int, Any]], list[tuple[int, str]]]:
-        """(receiver, message) to send now, and (receiver, line for the operator). `alive`: whether one is heard."""
+        """(receiver, message) to send now, and (receiver, line for the operator). `alive`: whether a receiver is
+        heard."""
         messages, lines = self.inbox.tick(now)
         for receiver, offer in list(self._offers.items()):
-            line = self._look(receiver, offer, now, alive(receiver))
+            line = self._check_offer(receiver, offer, now, alive(receiver))
             if line:
                 lines.append((receiver, line))
             if not offer.given_up:
                 messages += [(receiver, message) for message in offer.sender.tick(now)]
         return messages, lines
 
-    def _look(self, receiver: int, offer: _Offer, now: float, alive: bool) -> str:
-        """Give an offer up, or take it up again; returns a line for the operator or ""."""
+    def _check_offer(self, receiver: int, offer: _Offer, now: float, alive: bool) -> str:
+        """Give an offer up, or resume it; returns a line for the operator or ""."""
         name = offer.package.name
         if not offer.given_up:
             if offer.sender.finished or now - offer.answered_at < NO_ANSWER_S:
@@ -90,7 +93,7 @@ class MissionTransfer:
         came_back, offer.alive = alive and not offer.alive, alive
         if not came_back:
             return ""
-        if self.held is None or offer.package.digest != self.held.digest:  # another one has been taken since
+        if self.held is None or offer.package.digest != self.held.digest:  # another package has been accepted since
             del self._offers[receiver]
             return ""
         offer.sender = _sender(offer.package, offer.target, offer.until_loaded)
@@ -98,7 +101,7 @@ class MissionTransfer:
         return f"Heard again: offering mission {name!r}."
 
     def on_message(self, sender: int, component: int, message: Any, now: float) -> tuple[list[Any], str]:
-        """Take in a package message of system `sender`; returns answers to it, and a line for the operator or ""."""
+        """A package message of system `sender`; returns the answers to it, and a line for the operator or ""."""
         if message.get_type() == "MISSION_PACKAGE_ACK":
             return self._on_ack(sender, message, now)
         return self.inbox.on_message(sender, component, message), ""
@@ -117,13 +120,13 @@ class MissionTransfer:
             return messages, f"Mission refused: {outgoing.text}"
         if outgoing.result == _RECEIVED:
             return messages, "Mission received."
-        if outgoing.text:  # in flight
+        if outgoing.text:  # the vehicle is in flight
             return messages, f"The vehicle has this mission: {outgoing.text}."
         return messages, "Mission loaded: written to the autopilot, read back, equal."
 
 
 def _sender(package: MissionPackage, target: tuple[int, int], until_loaded: bool) -> PackageSender:
-    """A station is sent its own addresses of the vehicle, the vehicle those of all stations."""
+    """A station gets its own addresses of the vehicle, the vehicle those of all stations."""
     addresses = pack_addresses(package.addresses, None if until_loaded else target[0])
     data = package.to_bytes()
     return PackageSender(data, package.digest, package.name, target, until_loaded=until_loaded, addresses=addresses)

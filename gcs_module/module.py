@@ -2,8 +2,8 @@
 
 """`module load handover_gcs`: the MAVProxy module of a ground station.
 
-It decides nothing, and knows little: MAVProxy's callbacks, the ground link, the operator's words, and whose each of
-them is. What there is of each vehicle is in `aircraft.py`; a fault in one's part does not reach another's.
+It connects MAVProxy's callbacks, the ground link and the operator's commands with the vehicles (`aircraft.py`). It
+decides nothing. A fault in one vehicle's part does not affect another vehicle.
 """
 
 from __future__ import annotations
@@ -57,10 +57,11 @@ __all__ = ["HandoverGcsModule", "init"]
 
 #: arguments of the last load, for `module reload handover_gcs`
 _last: dict[str, str] = {}
-#: the first of the status rows of MAVProxy's console that are ours
+#: our first status row in MAVProxy's console
 _ROW = 6
-#: Between two turns of a vehicle's own work. Each frame is a round of MAVProxy's main loop: work for all vehicles in
-#: each would grow with the square of their number. MAVProxy's own loop waits as long when nothing comes.
+#: Time between two turns (s) of the vehicles' own work. MAVProxy's main loop runs once for each frame: work for all
+#: vehicles in each round would grow with the square of their number. MAVProxy's loop waits as long when nothing
+#: arrives.
 _TURN_S = 0.01
 
 
@@ -82,7 +83,7 @@ class HandoverGcsModule(mp_module.MPModule):
         self.settings_of_ours = our_settings()
         self.narrator = StationNarrator(resources.journal, self._tell)
         self.address_questions = itertools.count(1)
-        self.links = Links(mpstate, config.vehicles, self._told_of_link, self.faults)
+        self.links = Links(mpstate, config.vehicles, self._on_link_fault, self.faults)
         self.aircraft = tuple(
             Aircraft(self, vehicle, of_vehicle, _ROW + number)
             for number, (vehicle, of_vehicle) in enumerate(zip(config.vehicles, resources.vehicles, strict=True))
@@ -93,14 +94,15 @@ class HandoverGcsModule(mp_module.MPModule):
         self._each_second_at = 0.0
         self._turn_at = 0.0
         self._shared_log = SharedLog(mpstate, self._show)
-        self.choice = VehicleSelection(mpstate, config.vehicles, self._chosen_anew, self._show)
+        self.selection = VehicleSelection(mpstate, config.vehicles, self._on_selection, self._show)
         self.menu = Menu(mpstate, [peer.station.name for peer in config.peers], self.fault)
         self._rows = ConsoleRows(lambda: mpstate.console, self.now, self._why_old)
         self._windows = WindowWatchdog(self.fault)
-        #: who runs the main loop, and what was typed elsewhere: MAVProxy's console has a thread for its menus
+        #: the thread of the main loop, and commands that came by another thread: MAVProxy's console has one for its
+        #: menus
         self._thread = threading.get_ident()
         self._typed: deque[list[str]] = deque()
-        self.commands = FleetCommands(self.aircraft, self.choice, self.settings_of_ours, self._show, self.faults)
+        self.commands = FleetCommands(self.aircraft, self.selection, self.settings_of_ours, self._show, self.faults)
         self.add_command(
             "handover", self._command, "authority handover, this station ('handover help')", self.commands.completions()
         )
@@ -108,7 +110,7 @@ class HandoverGcsModule(mp_module.MPModule):
         if ground.listening is not None:
             mpstate.select_extra[ground.listening] = (self._readable, None)
         for link in self._links():
-            mp_util.child_fd_list_add(link.fileno())  # or a map's process would keep the port after `unload`
+            mp_util.child_fd_list_add(link.fileno())  # else a map's process would keep the port after `unload`
         self.narrator.loaded(VERSION, str(config.path))
         names = ", ".join(vehicle.called for vehicle in config.vehicles)
         self._show(f"handover_gcs {VERSION}: {config.station.name}, {names}, configuration {config.path}")
@@ -123,26 +125,26 @@ class HandoverGcsModule(mp_module.MPModule):
             self._tell(text, Level.ADVISORY)
             self.settings.source_system = config.station.sysid
         try:
-            self._take_links()
+            self._set_up_links()
         except Exception:
-            self._give_links_back()
+            self._restore_links()
             raise
         self._interrupts = Interrupts(mpstate, self._flown_from_here, self.now)
-        self._interrupts.take()
+        self._interrupts.install()
 
-    def _take_links(self) -> None:
+    def _set_up_links(self) -> None:
         if self.links.several:
-            self.choice.take()
-            self._choose(self.choice.sysid)
-        self.links.see_to()
+            self.selection.install()
+            self._choose(self.selection.sysid)
+        self.links.refresh()
         for aircraft in self.aircraft:
             aircraft.begin()
 
-    def _give_links_back(self) -> None:
+    def _restore_links(self) -> None:
         for aircraft in self.aircraft:
             aircraft.release()
         self.links.release()
-        self.choice.give_back()
+        self.selection.restore()
 
     # ---- MAVProxy's callbacks, all wrapped ------------------------------------------------------------------------
 
@@ -151,7 +153,7 @@ class HandoverGcsModule(mp_module.MPModule):
         self._guarded("idle", self._idle)
 
     def mavlink_packet(self, m: Any) -> None:
-        """A message from the vehicle."""
+        """A message of the vehicle."""
         self._guarded("message of the vehicle", lambda: self._on_packet(m))
 
     def _readable(self, _unused: Any) -> None:
@@ -164,12 +166,12 @@ class HandoverGcsModule(mp_module.MPModule):
         self._guarded("command", lambda: self.commands.run(args), "handover: internal fault, see the journal")
 
     def unload(self) -> None:
-        """Give everything back: sockets, commands, settings, signing."""
-        self._interrupts.give_back()
+        """Restore everything: sockets, commands, settings, signing."""
+        self._interrupts.restore()
         self._guarded("menu", self.menu.remove)
         self._guarded("console rows", self._rows.release)
         self._guarded("windows", self._windows.close)
-        self._give_links_back()
+        self._restore_links()
         self.mpstate.select_extra.pop(self._ground.listening, None)
         for link in self._links():
             mp_util.child_fd_list_remove(link.fileno())
@@ -183,14 +185,14 @@ class HandoverGcsModule(mp_module.MPModule):
         self.narrator.unloaded()
 
     def _flown_from_here(self) -> str:
-        """The aircraft in flight that this station commands, by name; "" if there is none."""
+        """Names of the aircraft in flight that this station commands; "" if there is none."""
         return " and ".join(aircraft.core.vehicle_name for aircraft in self.aircraft if aircraft.state.flown_from_here)
 
     def _links(self) -> list[Device]:
         return self._ground.devices
 
     def _guarded(self, where: str, job: Callable[[], None], line: str = "") -> None:
-        """Run `job`; if it breaks, count and journal that, and show `line`."""
+        """Run `job`; an exception is counted and journalled, and `line` is shown."""
         guarded(where, job, self.fault, partial(self._show, line) if line else None)
 
     # ---- what the vehicles' parts need ----------------------------------------------------------------------------
@@ -201,25 +203,25 @@ class HandoverGcsModule(mp_module.MPModule):
         return time.monotonic()
 
     def fault(self, where: str, text: str) -> None:
-        """Something broke."""
+        """Count and journal an internal fault, ten of each kind at most."""
         self.faults[where] += 1
         if self.faults[where] <= 10:
             self.narrator.fault(where, text)
 
     def speak(self, text: str) -> None:
-        """Say it, where MAVProxy can."""
+        """Say a text by MAVProxy's speech module, if it is loaded."""
         if any(module.name == "speech" for module, _package in self.mpstate.modules):
             self.say(text)
 
     @staticmethod
     def ring(bell: str) -> None:
-        """In the terminal: the console's window has none."""
+        """Ring the terminal's bell: the console's window has none."""
         sys.stdout.write(bell)
         sys.stdout.flush()
 
     def chosen(self, sysid: int) -> bool:
         """Whether MAVProxy's own lines and commands are about this vehicle."""
-        return not self.links.several or self.choice.sysid in (0, sysid)
+        return not self.links.several or self.selection.sysid in (0, sysid)
 
     def to_peer(self, peer: int, message: Any, vehicle: int) -> None:
         """Send a MAVLink message about a vehicle to another station."""
@@ -229,17 +231,17 @@ class HandoverGcsModule(mp_module.MPModule):
             self._ground.write(peer, codec.pack(message, self._own))
 
     def of_station(self, notice: Notice, vehicle: int) -> None:
-        """A notice of one vehicle's rules that is about another station: said once."""
+        """A notice about another station, which the rules of every vehicle make: only the first vehicle's is told."""
         if vehicle == self.aircraft[0].sysid:
             self.narrator.notice(notice)
 
     def ground_ports(self) -> tuple[int, ...]:
-        """Ports at which the station listens for others."""
+        """Ports at which the station listens for other stations."""
         listen = self.config.ground
         return () if listen is None else (parse_device(listen).port,)
 
     def _why_old(self) -> str:
-        """Why MAVProxy's values are old, of the vehicle that is chosen; "" if nothing is known of it."""
+        """Why the chosen vehicle's values in MAVProxy are old; "" if the reason is not known."""
         for aircraft in self.aircraft:
             now = aircraft.situation()
             if self.chosen(aircraft.sysid) and not now.old and now.commander and not now.own:
@@ -247,14 +249,14 @@ class HandoverGcsModule(mp_module.MPModule):
         return ""
 
     def _tell(self, text: str, level: Level = Level.INFO) -> None:
-        """A line about the station; where there is one vehicle, in its form."""
+        """A line about the station; if there is one vehicle, in that vehicle's form."""
         if self.links.several:
             plain_line(self.console, self.config.station.name, text, level)
             alert(text, level, self.speak, self.ring)
         else:
             self.aircraft[0].view.line(text, level)
 
-    def _told_of_link(self, text: str) -> None:
+    def _on_link_fault(self, text: str) -> None:
         self._guarded("link", lambda: self.narrator.link(text))
 
     def _show(self, text: str) -> None:
@@ -294,10 +296,10 @@ class HandoverGcsModule(mp_module.MPModule):
             aircraft.on_peer(frame.sysid, message)
 
     def _on_package(self, frame: Frame, message: Any) -> None:
-        """Mission packages of other stations: of which vehicle's they say, but for a station of an older version."""
+        """Mission packages of other stations name their vehicle, except those of a station with an older version."""
         kind, vehicle = message.get_type(), message.vehicle
         if not vehicle and (kind == "MISSION_PACKAGE_ACK" or not self.links.several):
-            for aircraft in self.aircraft:  # an answer is taken by whoever has offered that package
+            for aircraft in self.aircraft:  # the vehicle whose package it is accepts the answer
                 aircraft.on_package(frame, message)
             return
         if vehicle in self._by_sysid:
@@ -319,7 +321,7 @@ class HandoverGcsModule(mp_module.MPModule):
         self._guarded("ground link", self._read_ground)
         self._guarded("replay state", partial(self._ground.tick, now))
         if self.links.several:
-            self._guarded("choice of vehicle", self.choice.look)
+            self._guarded("choice of vehicle", self.selection.poll)
             self._guarded("choice of link", self.links.align)
         if now >= self._turn_at:
             self._turn_at = now + _TURN_S
@@ -327,7 +329,7 @@ class HandoverGcsModule(mp_module.MPModule):
             self._guarded("links", self.links.push)
         if now >= self._each_second_at:
             self._each_second_at = now + 1.0
-            self._guarded("links", self.links.see_to)
+            self._guarded("links", self.links.refresh)
             self._guarded("beat", self._beat)
             self._guarded("shared log", partial(self._shared_log.look, now))
             for aircraft in self.aircraft:
@@ -350,9 +352,9 @@ class HandoverGcsModule(mp_module.MPModule):
 
     # ---- which vehicle is chosen ----------------------------------------------------------------------------------
 
-    def _chosen_anew(self, before: int, now: int) -> None:
-        """MAVProxy's commands are another vehicle's from here on; sticks stay behind."""
-        self._guarded("sticks", lambda: self._let_go(before))
+    def _on_selection(self, before: int, now: int) -> None:
+        """MAVProxy's commands go to another vehicle from now on. The sticks are not carried over to it."""
+        self._guarded("sticks", lambda: self._release_sticks(before))
         self._choose(now)
 
     def _choose(self, sysid: int) -> None:
@@ -361,7 +363,7 @@ class HandoverGcsModule(mp_module.MPModule):
         self._guarded("prompt", lambda: self._name_in_prompt(sysid))
 
     def _name_in_prompt(self, sysid: int) -> None:
-        """MAVProxy puts its setting `vehicle_name` before the mode, when it writes the prompt anew."""
+        """MAVProxy puts its setting `vehicle_name` before the mode when it next writes the prompt."""
         aircraft = self._by_sysid.get(sysid)
         name = "" if aircraft is None else aircraft.vehicle.name
         if hasattr(self.settings, "vehicle_name"):
@@ -369,8 +371,9 @@ class HandoverGcsModule(mp_module.MPModule):
         mode = "" if aircraft is None else aircraft.situation().mode
         self.mpstate.rl.set_prompt(f"{name}{':' if name else ''}{mode or 'MAV'}> ")
 
-    def _let_go(self, before: int) -> None:
-        """Give back the sticks of the vehicle that was chosen before: MAVProxy would move the next one by them."""
+    def _release_sticks(self, before: int) -> None:
+        """Release the sticks of the vehicle that was chosen before, because MAVProxy would send them to the next
+        one."""
         rc = self.mpstate.module("rc")
         aircraft = self._by_sysid.get(before)
         if rc is None or not any(rc.override):
@@ -382,10 +385,10 @@ class HandoverGcsModule(mp_module.MPModule):
 
 
 def init(mpstate: Any, config: Any = None, journal: Any = None, **unknown: Any) -> HandoverGcsModule | None:
-    """Called by MAVProxy. Without a usable configuration it says why, and MAVProxy lives on.
+    """Called by MAVProxy. Without a usable configuration it says why, and MAVProxy runs on.
 
-    `config`: path of the configuration file (`module load handover_gcs:{"config":"FILE"}`); `journal`: where the
-    journal is written, in place of what the configuration says: `handover` gives it a folder for each run.
+    `config`: path of the configuration file (`module load handover_gcs:{"config":"FILE"}`); `journal`: path of the
+    journal instead of the configured one: `handover` gives each run its own folder.
     """
     resources: StationResources | None = None
     try:
@@ -399,7 +402,7 @@ def init(mpstate: Any, config: Any = None, journal: Any = None, **unknown: Any) 
             settings = replace(settings, journal=Path(written))
         resources = StationResources.of(settings, Clocks(time.time, time.monotonic))
         module = HandoverGcsModule(mpstate, settings, resources)
-    except Exception as error:  # MAVProxy would not live through it when it loads its default modules
+    except Exception as error:  # an exception would end MAVProxy while it loads its default modules
         if resources is not None:
             mpstate.select_extra.pop(resources.ground.listening, None)
             resources.close()

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What people get to read of a flight at a station: every sentence of its journal, and the lines that go with them.
+"""Every sentence of a station's journal, and the lines on the console that go with them.
 
-Messages of a transfer are sampled, sender by sender: on the ground link anybody can say them, and nobody may fill the
-journal (see `store/sampling.py`).
+Messages of a transfer are sampled for each sender: on the ground link any program can send them, and none may fill the
+journal (`store/sampling.py`).
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from mavproxy_handover.wire import codec
 
 __all__ = ["FlightNarrator", "StationNarrator"]
 
-#: far more messages than there are in the worst of handovers: at once, and the interval (s) from then on
+#: a limit far above the messages of the worst handovers: at once, and from then on one per interval (s)
 _SAID = (5000, 0.1)
 
 
 class StationNarrator:
-    """Tells what is the station's own, whatever vehicles it has. `tell`: a line for the operator, and its level."""
+    """Journal and lines about the station itself. `tell`: shows a line with its level."""
 
     def __init__(self, journal: Journal, tell: Callable[[str, Level], None]) -> None:
         self._journal = journal
@@ -46,64 +46,65 @@ class StationNarrator:
         )
 
     def replay_state(self, text: str) -> None:
-        """What is remarkable about the replay state that was found."""
+        """The replay state that was found is not as it should be."""
         self._journal.write("replay_state", text)
         self._tell(text, Level.INFO)
 
     def unloaded(self) -> None:
-        """The module is unloaded; nothing comes after this."""
+        """The module is unloaded; nothing is written after this."""
         self._journal.write("unloaded")
         self._journal.close()
 
     def settle(self, within_s: float) -> bool:
-        """Wait, so long at most, until the journal has everything; whether it has. Not for the main loop."""
+        """Wait, `within_s` at most, until the journal is written; returns whether it is. Not for the main loop."""
         return self._journal.settle(within_s)
 
     def fault(self, where: str, text: str) -> None:
-        """Something broke."""
+        """An internal fault."""
         self._journal.write("fault", f"{where}: {text}")
 
     def link(self, text: str) -> None:
-        """What is wrong with a link, or with who speaks there."""
+        """A fault of a link, or of a sender on it."""
         self._journal.write("link", text)
         self._tell(text, Level.WARNING)
 
     def notice(self, notice: Notice) -> None:
-        """What several vehicles' rules have to say of another station."""
+        """A notice about another station, from the rules of the vehicles."""
         self._journal.write(notice.event, notice.text)
         self._tell(notice.text, notice.gravity)
 
 
 class FlightNarrator:
-    """Tells one vehicle's flight as a station sees it. `vehicle`: its name in the journal; None: there is no other."""
+    """Journal and lines about one vehicle's flight. `vehicle`: its name in the journal; None: the station has no other
+    one."""
 
     def __init__(self, journal: Journal, core: StationCore, view: View, vehicle: str | None = None) -> None:
         self._journal = journal
         self._core = core
         self._view = view
         self._vehicle = vehicle
-        #: what stands, and is said again
+        #: the standing alarms
         self.alarms = Alarms()
-        #: by sender or receiver, and link
+        #: samplers by sender or receiver, and link
         self._samplers: dict[tuple[str, str | None], Sampler] = {}
 
     def _write(self, event: str, text: str = "", **values: Any) -> None:
         self._journal.write(event, text, vehicle=self._vehicle, **values)
 
     def notice(self, notice: Notice, now: float) -> None:
-        """What the station's rules have to say."""
+        """A notice of the station's rules."""
         self._write(notice.event, notice.text, role=self._core.role.value, epoch=self._core.epoch)
-        self.alarms.heard(notice.event, notice.gravity, notice.text, now)
+        self.alarms.on_line(notice.event, notice.gravity, notice.text, now)
         self._view.line(notice.text, notice.gravity)
 
     def briefing(self, vehicle: str, lines: Sequence[str]) -> None:
-        """What the operator is told of the aircraft with the question whether he will take it."""
+        """The briefing that goes with the question whether the station takes the aircraft."""
         self._write("briefing", "\n".join(lines))
         for line in (f"{vehicle} as it is:", *(f"  {line}" for line in lines)):
             self._view.show(line)
 
     def repeat_alarms(self, now: float) -> None:
-        """Say again what stands and was not acknowledged; to be called each second."""
+        """Repeat the standing alarms that are due; to be called each second."""
         if self._core.question is None and self._core.asked_ahead is None:
             self.alarms.end("question")
         if self._core.phase is Phase.ON_LOAD:
@@ -112,7 +113,7 @@ class FlightNarrator:
             self._view.line(alarm.text, alarm.level)
 
     def acknowledged(self) -> None:
-        """The operator has noticed what stands."""
+        """The operator has acknowledged the standing alarms."""
         alarms = self.alarms.acknowledge()
         for alarm in alarms:
             self._write("acknowledged", alarm.text, level=alarm.level.name.lower())
@@ -120,7 +121,7 @@ class FlightNarrator:
         self._view.show(f"acknowledged: {told}" if alarms else "no alarm to acknowledge", whose=True)
 
     def text(self, text: Text, now: float) -> None:
-        """What the vehicle's companion says in words."""
+        """A text of the vehicle."""
         if self._sampler("texts", None).take(now) is None:
             return
         self._write("text", text.words)
@@ -130,7 +131,7 @@ class FlightNarrator:
             self._view.line(text.words, text.level)
 
     def sum_up(self, now: float) -> None:
-        """Tell what was left out, once a minute; to be called each second."""
+        """Tell once a minute how many messages were left out; to be called each second."""
         for (who, via), sampler in self._samplers.items():
             count = sampler.left_out(now)
             if count:
@@ -143,24 +144,24 @@ class FlightNarrator:
         return sampler
 
     def message(self, direction: str, message: Message, who: str, now: float, via: str | None = None) -> None:
-        """A message of a transfer, "in" or "out"; none of others. `via`: None is the vehicle's link."""
+        """A message of a transfer, "in" or "out"; other messages are ignored. `via`: None is the vehicle's link."""
         if not isinstance(message, TransferMessage):
             return
         if self._sampler(who, via).take(now) is not None:
             self._write("message", direction=direction, station=who, via=via, **codec.values_of(message))
 
     def stream(self, text: str, now: float) -> None:
-        """What the vehicle's gate says of this station's sticks and setpoints."""
+        """The gate's text about this station's sticks and setpoints."""
         if self._sampler("sticks", None).take(now) is not None:
             self._write("stream", text)
             self._view.line(text, EVENTS["stream"])
 
     def telemetry(self, lat_deg: float, lon_deg: float, zone: str) -> None:
-        """Where the vehicle says that the aircraft is."""
+        """The aircraft's position, by the vehicle's telemetry."""
         self._write("telemetry", lat_deg=lat_deg, lon_deg=lon_deg, zone=zone)
 
     def link_chosen(self, address: str) -> None:
-        """Another link carries what goes to the vehicle."""
+        """Messages to the vehicle leave by another link."""
         text = f"link to the vehicle is {address} now"
         self._write("link", text, link=address, change="switched")
         self._view.line(f"{text[:1].upper()}{text[1:]}.")
@@ -171,11 +172,11 @@ class FlightNarrator:
         self._view.line(f"{who}: {text}")
 
     def command_sent(self, word: str) -> None:
-        """The operator's command is on its way."""
+        """The operator's command was sent."""
         self._write("command", f"{word} sent", what=word)
         self._view.line(f"{word} sent.")
 
     def command_ended(self, word: str, outcome: str, text: str) -> None:
-        """It was answered, or not."""
+        """The command was answered, or it was not."""
         self._write("command", text, what=word, result=outcome)
         self._view.line(text, Level.INFO if outcome in ("accepted", "pending") else Level.ADVISORY)

@@ -1,15 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The route check of the thesis at the station (section 4.4): what it hears of the aircraft against its own copy of the
-mission, so that its operator sees a deviation even if the vehicle says nothing of it.
+"""The route check of the thesis at the station (section 4.4): compares the aircraft's motion with the station's own
+copy of the mission, so that the operator sees a deviation even if the vehicle does not report it.
 
 Rules that live here
 --------------------
-* Only the mission that the vehicle announces is compared to; a station that holds another one, or none, checks nothing.
-* HANDOVER_TELEMETRY goes before what the autopilot itself is heard to say: it is signed, and all its values are of one
-  moment. An observer, who is sent none, goes by GLOBAL_POSITION_INT, MISSION_CURRENT and HEARTBEAT. It gets the second
-  of them only if it asks for it, and where one of the three is not fresh nothing is judged: the item that was flown to
-  when it was heard last is none that the aircraft could be off.
+* Only the mission that the vehicle announces is used; a station that holds another one, or none, checks nothing.
+* HANDOVER_TELEMETRY has priority over the autopilot's own messages: it is signed, and all its values are of one moment.
+  An observer gets none, and uses GLOBAL_POSITION_INT, MISSION_CURRENT and HEARTBEAT. It gets MISSION_CURRENT only if it
+  asks for it. If one of the three is not fresh, nothing is judged: the aircraft may fly to another item by then.
 * The operator is warned once for each deviation, and told when it is over.
 """
 
@@ -28,50 +27,50 @@ from mavproxy_handover.vehicle.profiles import ASSUMED, profile_of
 
 __all__ = ["StationRouteWatch"]
 
-#: what comes once a second has stopped
+#: a message that should come once a second has stopped after this time (s)
 _STOPPED_S: Final = 3.0
-#: so long (s) the last that is known is worth showing
+#: the last known track is shown for this long (s)
 _SHOWN_S: Final = 5.0
-#: positions of the autopilot come at whatever rate somebody has asked for
-_LOOK_S: Final = 0.18
+#: shortest time (s) between two checks: any station may ask for a higher rate of the autopilot's positions
+_CHECK_S: Final = 0.18
 
 
 class StationRouteWatch:
-    """One vehicle, as this station hears of it. Times are monotonic seconds."""
+    """The route check for one vehicle at a station. Times are monotonic seconds."""
 
     def __init__(self, limits: RouteLimits) -> None:
         self._check = RouteCheck(limits)
         self._package: MissionPackage | None = None
         self._tracker: RouteTracker | None = None
-        self._telemetry_at = self._looked_at = -math.inf
-        #: the number of the mode that flies the mission, by the last heartbeat
-        self.auto = ASSUMED.auto
-        #: of the autopilot's own messages
+        self._telemetry_at = self._checked_at = -math.inf
+        #: the number of the mode that flies the mission, by the type in the last heartbeat
+        self.auto = COPTER_AUTO
+        #: from the autopilot's own messages
         self._in_auto, self._mode_at = False, -math.inf
         self._waypoint, self._waypoint_at = 0, -math.inf
-        #: where the aircraft is on its leg, as of the last look; None: no leg is flown, or nothing is known
+        #: where the aircraft is on its leg, by the last check; None: no leg is flown, or it is not known
         self.track: TrackFact | None = None
 
     def words(self, now: float) -> str:
-        """Where the aircraft is on its leg, for people; "" where that is not known, or none is flown."""
-        if self.track is None or now - self._looked_at > _SHOWN_S:
+        """Where the aircraft is on its leg, for people; "" if that is not known, or no leg is flown."""
+        if self.track is None or now - self._checked_at > _SHOWN_S:
             return ""
         return f"{self.track.text}{'' if self._check.deviation is None else ', OFF ROUTE'}"
 
     def compare_to(self, package: MissionPackage | None) -> None:
-        """The vehicle flies this package; None: this station does not hold the one that it flies."""
+        """The package that the vehicle flies; None: this station does not hold it."""
         if package is not self._package:
             self._package = package
             self._tracker = None if package is None else RouteTracker(package.route)
 
     def on_telemetry(self, m: Any, now: float) -> Notice | None:
-        """HANDOVER_TELEMETRY; returns what the operator is to be told."""
+        """HANDOVER_TELEMETRY; returns a notice for the operator, if there is one."""
         self._telemetry_at = now
         on_mission = bool(m.armed) and m.custom_mode == self.auto
-        return self._look(_motion(m.lat, m.lon, m.vx, m.vy, m.waypoint, on_mission), now)
+        return self._check_motion(_motion(m.lat, m.lon, m.vx, m.vy, m.waypoint, on_mission), now)
 
     def on_autopilot(self, m: Any, now: float) -> Notice | None:
-        """A message of the autopilot itself, of any kind; returns the same."""
+        """A message of the autopilot, of any kind; returns likewise."""
         kind = m.get_type()
         if kind == "HEARTBEAT":
             armed = bool(m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
@@ -81,15 +80,15 @@ class StationRouteWatch:
             self._waypoint, self._waypoint_at = m.seq, now
         elif kind == "GLOBAL_POSITION_INT" and self._position_counts(m, now):
             motion = _motion(m.lat, m.lon, m.vx / 100.0, m.vy / 100.0, self._waypoint, self._in_auto)
-            return self._look(motion, now)
+            return self._check_motion(motion, now)
         return None
 
     def _position_counts(self, m: Any, now: float) -> bool:
         known = (m.lat != 0 or m.lon != 0) and now - min(self._mode_at, self._waypoint_at) < _STOPPED_S
-        return known and now - self._telemetry_at > _STOPPED_S and now - self._looked_at > _LOOK_S
+        return known and now - self._telemetry_at > _STOPPED_S and now - self._checked_at > _CHECK_S
 
-    def _look(self, motion: Motion, now: float) -> Notice | None:
-        self._looked_at = now
+    def _check_motion(self, motion: Motion, now: float) -> Notice | None:
+        self._checked_at = now
         self.track = None if self._tracker is None else self._tracker.follow(motion, now)
         news = self._check.look(self.track, now)
         if news is None:

@@ -1,21 +1,22 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The station's key on MAVProxy's links to the vehicle: what goes out is signed, what comes in unsigned is refused.
+"""The station's key on MAVProxy's links to the vehicle: outgoing frames are signed, incoming unsigned frames are
+refused.
 
-MAVProxy signs and checks; this tells it with what, and does what it leaves out. Rules that live here:
+MAVProxy signs and checks. This module gives it the key, and does what MAVProxy does not. Rules that live here:
 
-1. Each link has a link id of its own, from 1 up, lowest free first; a reload does not use them up. 0 would not stay:
-   pymavlink takes over the other end's id for it.
-2. Stamps rise with every frame, over a reload of this module too, and keep pace with time on an idle link; they follow
-   the newest stamp that the vehicle has proven. All links share one clock.
-3. pymavlink's own check notes a frame's stamp before it has verified the hash, so one forged frame from the far future
-   would silence the vehicle for this station. The check is replaced by that of `wire.signing`, one for all links: a
-   frame that was heard by one cannot be played again on another. The copies that a vehicle sends on several links are
-   let in, one by each, while they are no more than OVERTAKEN_S apart: MAVProxy judges its links by them. They are
-   numbered for each link apart, so it is their stamp that they are known by: a vehicle gives each frame another one.
-4. Of messages that it takes for unknown, ours among them, MAVProxy checks no signature: `check` does.
-5. A telemetry radio speaks unsigned (RADIO, RADIO_STATUS); nothing else does.
-6. What MAVProxy's own `signing` had set up before is there again after `release`.
+1. Each link has its own link id, from 1 up, the lowest free one first; a reload does not use ids up. 0 cannot be used:
+   pymavlink replaces it by the other end's id.
+2. Time stamps rise with every frame, also across a reload of this module, and keep pace with time on an idle link. They
+   follow the newest stamp that the vehicle has proven. All links share one clock.
+3. pymavlink's own check stores a frame's stamp before it verifies the hash, so one forged frame with a far future stamp
+   would block the vehicle's frames at this station. The check is replaced by that of `wire.signing`, one for all links:
+   a frame that was received by one link cannot be replayed on another. The copies that a vehicle sends on several links
+   are accepted, one by each, while they are no more than OVERTAKEN_S apart: MAVProxy judges its links by them. Each
+   link has its own numbers, so copies are recognized by their stamp: a vehicle gives each frame another one.
+4. MAVProxy checks no signature of messages that it does not know, ours among them: `check` does.
+5. Only a telemetry radio may send unsigned frames (RADIO, RADIO_STATUS).
+6. `release` restores what MAVProxy's own `signing` had set up before.
 """
 
 from __future__ import annotations
@@ -36,27 +37,27 @@ __all__ = ["LinkSigning"]
 
 _RADIO: Final = (mavlink.MAVLINK_MSG_ID_RADIO, mavlink.MAVLINK_MSG_ID_RADIO_STATUS)
 _MAX_LINK_ID: Final = 255
-#: the end of a signature
+#: bytes of the hash, at the end of a signature
 _HASH_BYTES: Final = 6
-#: our messages that are known again when they come by another link
+#: our latest messages, whose copies by another link are recognized
 _COPIES: Final = 64
-#: frames that may still come by another link: two seconds of 250 a second
+#: frames whose copies may still come by another link: two seconds of 250 a second
 _REMEMBERED: Final = 512
-#: components of the vehicle; only who has the key can be one
+#: components of the vehicle; only holders of the key count
 _STREAMS: Final = 64
-#: fields of pymavlink's MAVLinkSigning that are set here and given back
+#: fields of pymavlink's MAVLinkSigning that are set here and restored
 _KEPT: Final = ("secret_key", "sign_outgoing", "allow_unsigned_callback", "link_id", "timestamp")
 
 
 @dataclass(slots=True)
 class _Outlives:
-    """What must outlive a reload, of one key."""
+    """What must survive a reload, for one key."""
 
-    sent: int = 0  #: newest stamp given out
-    proven: int = 0  #: newest stamp of the vehicle
+    sent: int = 0  #: newest stamp that was sent
+    proven: int = 0  #: newest proven stamp of the vehicle
 
 
-#: fingerprint of a key -> what was seen under it in this process
+#: fingerprint of a key -> its stamps in this process
 _remembered: dict[str, _Outlives] = {}
 
 
@@ -70,7 +71,7 @@ class _Link:
 
 @dataclass(slots=True)
 class _Heard:
-    """A genuine frame: when it came first, and the ids of the links that it came by."""
+    """A genuine frame: when it first arrived, and the ids of the links that it came by."""
 
     at: float
     links: set[int]
@@ -88,21 +89,21 @@ class LinkSigning:
         self._stamps.follow(self._outlives.sent)
         self._links: list[_Link] = []
         self._proven: Callable[[Any], None] = lambda _master: None
-        #: of the frames that MAVProxy asks about, and of those that it does not
+        #: for the frames that MAVProxy checks by us, and for our own messages
         self._theirs, self._ours = self._verifier(), self._verifier()
-        #: of those that came, by `_frame_id`
+        #: frames that arrived, by `_frame_id`
         self._heard: OrderedDict[bytes, _Heard] = OrderedDict()
         self._seen: deque[bytes] = deque(maxlen=_COPIES)
 
     def sign(self, masters: Sequence[Any]) -> None:
-        """See to it that every link is signed; links come and go, so this is to be called once a second."""
+        """Sign every link. Links are added and removed, so this is to be called once a second."""
         for link in list(self._links):
             if all(link.master is not master for master in masters):
                 self._remember(link)
                 self._links.remove(link)
         for master in masters:
             link = self._link_of(master)
-            link.mav = master.mav  # pymavlink makes another one when it switches to MAVLink 2
+            link.mav = master.mav  # pymavlink makes another object when it switches to MAVLink 2
             self._set_up(link)
 
     def _link_of(self, master: Any) -> _Link:
@@ -115,7 +116,7 @@ class LinkSigning:
         return link
 
     def tell(self, proven: Callable[[Any], None]) -> None:
-        """Have `proven` told of every link by which a frame of the vehicle comes, as soon as it is checked."""
+        """Call `proven` with every link by which a frame of the vehicle arrives, as soon as it is checked."""
         self._proven = proven
 
     def check(self, frame: Frame) -> SignatureVerdict | None:
@@ -128,7 +129,7 @@ class LinkSigning:
         return verdict
 
     def release(self) -> None:
-        """Give the links back as they were."""
+        """Restore the links."""
         self._outlives.proven = max(self._outlives.proven, self._ours.newest, self._theirs.newest)
         for link in self._links:
             self._remember(link)
@@ -158,7 +159,7 @@ class LinkSigning:
         link.mav.check_signature = partial(self._accept, link)
 
     def _accept(self, link: _Link, raw: bytes, _sysid: int, _compid: int) -> bool:
-        """In the place of pymavlink's check: a frame whose CRC is proven, with a signature."""
+        """In place of pymavlink's check: a signed frame whose CRC is right."""
         frame = parse_one(bytes(raw))
         if frame is None:
             return False
@@ -179,7 +180,7 @@ class LinkSigning:
                 self._heard.popitem(last=False)
 
     def _is_copy(self, link: _Link, frame: Frame, now_s: float) -> bool:
-        """Whether a frame that was heard before comes by this link for the first time, and soon after."""
+        """Whether a known frame comes by this link for the first time, and soon enough."""
         heard = self._heard.get(_frame_id(frame))
         if heard is None or link.link_id in heard.links or now_s - heard.at > OVERTAKEN_S:
             return False
@@ -207,5 +208,5 @@ def _frame_id(frame: Frame) -> bytes:
 
 
 def _radio_only(_mav: Any, msgid: int) -> bool:
-    """Unsigned frames that are let in all the same: those that a telemetry radio puts into the stream itself."""
+    """Unsigned frames that are accepted: those that a telemetry radio inserts into the stream."""
     return msgid in _RADIO

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What a station has open: mission packages, ground link, signing, journal. All of it, or nothing."""
+"""The resources that a station opens: mission packages, ground link, signing, journal. All of them are opened, or
+none."""
 
 from __future__ import annotations
 
@@ -20,7 +21,7 @@ __all__ = ["StationResources", "VehicleResources"]
 
 @dataclass(frozen=True, slots=True)
 class VehicleResources:
-    """What is one vehicle's: the package of its own folder, and the key on its links."""
+    """One vehicle's: the package of its own folder, and the key on its links."""
 
     held: MissionPackage | None
     signing: LinkSigning | None
@@ -28,7 +29,7 @@ class VehicleResources:
 
 @dataclass(frozen=True, slots=True)
 class StationResources:
-    """Opened by `of`, given back by `close`."""
+    """Opened by `of`, closed by `close`."""
 
     #: in the order of the configuration
     vehicles: tuple[VehicleResources, ...]
@@ -54,7 +55,7 @@ class StationResources:
             raise
 
     def close(self) -> None:
-        """Give it all back."""
+        """Close everything."""
         for vehicle in self.vehicles:
             if vehicle.signing is not None:
                 vehicle.signing.release()
@@ -63,7 +64,8 @@ class StationResources:
 
 
 def _keys(vehicles: tuple[FleetVehicle, ...]) -> dict[int, bytes]:
-    """By system id. Raises KeysError, also if two vehicles share one: what goes to one could be played to the other."""
+    """The keys by system id. Raises KeysError, also if two vehicles share a key: a frame to one could be replayed to
+    the other."""
     keys = {vehicle.sysid: load_key(vehicle.key) for vehicle in vehicles if vehicle.key is not None}
     owners: dict[bytes, str] = {}
     for vehicle in vehicles:

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""STATUSTEXT of the companion, whole.
+"""Complete STATUSTEXTs of the companion.
 
-MAVProxy shows most of them itself; those are not shown twice. What is longer than one message comes in pieces with a
-common id; a piece that never comes must not keep the others from the operator. A decision comes as HANDOVER_DECISION
-too, and is told from that: so a text waits a moment, and is left out if it is one. Pure: time is an argument.
+MAVProxy shows most of them itself; those are not shown twice. A text longer than one message comes in pieces with a
+common id; a missing piece must not keep the others from the operator. A decision also comes as HANDOVER_DECISION, and
+is told from that: so a text waits a moment, and is left out if it is a decision. Pure: time is an argument.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from mavproxy_handover.wire.texts import MARK
 
 __all__ = ["SEVERITIES", "Text", "Texts"]
 
-#: how grave a text is, by its severity
+#: the level of a text, by its severity
 SEVERITIES: Final = {
     mavlink.MAV_SEVERITY_EMERGENCY: Level.EMERGENCY,
     mavlink.MAV_SEVERITY_ALERT: Level.EMERGENCY,
@@ -31,11 +31,11 @@ SEVERITIES: Final = {
     mavlink.MAV_SEVERITY_WARNING: Level.WARNING,
     mavlink.MAV_SEVERITY_NOTICE: Level.ADVISORY,
 }
-#: pieces of one text come together; and so long (s) a whole one waits for the decision that it may be
+#: pieces of one text arrive within this time; and a complete text waits this long (s) for the decision that it may be
 _TOGETHER_S, _WAITS_S = 2.0, 0.5
-#: texts in pieces, and whole ones, that wait at a time; and pieces of one
+#: most texts in pieces, and complete ones, that wait at a time; most pieces of one text
 _MOST, _PIECES = 16, 16
-#: a piece that is not full ends its text
+#: bytes of a full piece: a shorter one ends its text
 _FULL: Final = 50
 
 
@@ -44,7 +44,7 @@ class _Parts:
     begun: float
     level: Level
     pieces: dict[int, bytes] = field(default_factory=dict)
-    #: number of the last piece, None while it has not come
+    #: number of the last piece, None until it has come
     last: int | None = None
 
     @property
@@ -53,7 +53,7 @@ class _Parts:
 
     @property
     def text(self) -> str:
-        """What has come of it; where a piece is missing, three dots."""
+        """The pieces that have come; "..." for each missing one."""
         last = max(self.pieces) if self.last is None else self.last
         parts = [self.pieces.get(number) for number in range(last + 1)]
         raw = b"".join(b"..." if part is None else part for part in parts)
@@ -62,7 +62,7 @@ class _Parts:
 
 @dataclass(frozen=True, slots=True)
 class Text:
-    """A whole one. `shown`: by MAVProxy; `at`: from when on it need not wait any more."""
+    """A complete text. `shown`: by MAVProxy; `at`: when its wait is over."""
 
     at: float
     level: Level
@@ -71,7 +71,8 @@ class Text:
 
 
 class Texts:
-    """Of one vehicle's companion. `shown`: whether MAVProxy has just shown these words. Times are monotonic seconds."""
+    """The texts of one vehicle's companion. `shown`: whether MAVProxy has just shown this text. Times are monotonic
+    seconds."""
 
     def __init__(self, shown: Callable[[str], bool]) -> None:
         self._shown = shown
@@ -100,18 +101,18 @@ class Texts:
             self._give_up(text_id, now)
 
     def _give_up(self, text_id: int, now: float) -> None:
-        """What has come is all that there will be."""
+        """Do not wait for more pieces of this text."""
         parts = self._parts.pop(text_id)
         if parts.pieces:
             self._add(parts.text, parts.level, now)
 
     def _add(self, text: str, level: Level, now: float) -> None:
-        words = " ".join(text.removeprefix(MARK).split())  # a piece may be filled with blanks
+        words = " ".join(text.removeprefix(MARK).split())  # a piece may be padded with spaces
         if words:
             self._whole.append(Text(now + _WAITS_S, level, words, self._shown(text)))
 
     def due(self, now: float, told: Callable[[str], bool]) -> list[Text]:
-        """What is to be told now. `told`: whether a text is a decision, which is told already."""
+        """The texts to tell now. `told`: whether a text is told already by other means."""
         for text_id in [each for each, parts in self._parts.items() if now - parts.begun > _TOGETHER_S]:
             self._give_up(text_id, now - _WAITS_S)
         found = []
@@ -122,7 +123,8 @@ class Texts:
         return found
 
     def pop(self, beginning: str) -> str:
-        """Take out the first text that waits and begins so, because it is told with something else; "" if none does."""
+        """Take out the first waiting text that begins so, because it is told with something else; "" if there is
+        none."""
         for text in self._whole:
             if text.words.startswith(beginning):
                 self._whole.remove(text)

@@ -1,24 +1,24 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Whom MAVProxy's listening UDP links answer, and whom they hear: the vehicle, whoever else sends.
+"""Limits which senders MAVProxy's listening UDP links read and answer: the vehicle, whatever else sends to the port.
 
-pymavlink's `udpin` remembers everybody who ever sent it a byte, writes a copy of everything to each, and puts what all
-of them send through one parser. So a stranger with 250,000 ports makes a station do nothing but write copies, and three
-bytes of his hold up the vehicle's next frames. MAVProxy's `--udp-timeout` is for its outputs alone. Here each such link
-gets a `recv` of ours; all the rest is pymavlink's. Rules that live here:
+pymavlink's `udpin` stores the address of every sender, writes a copy of everything to each, and feeds the datagrams of
+all of them to one parser. So a stranger with 250,000 ports makes a station only write copies, and three bytes from a
+stranger delay the vehicle's next frames. MAVProxy's `--udp-timeout` applies to its outputs only. Here each such link
+gets our `recv`; the rest stays pymavlink's. Rules that live here:
 
-1. Written to is who sent a frame of the vehicle: one that the station's key proves; without a key, one with the
-   vehicle's system id and a right CRC. That may be several, as the vehicle may have several modems, but no more than
-   MOST_SENDERS. One that was silent for KEPT_S is forgotten, but for the last.
-2. One who was heard within PEER_HOLD_S does not have to go for a newcomer.
-3. Without a key, while the vehicle is not heard on a link, whoever sent a whole frame is written to, one at a time: a
-   MAVProxy that talks with something else there goes on doing so.
-4. Of those who are not written to, only whole frames get to MAVProxy's parser, signed ones where there is a key, so
-   nothing of a stranger waits in it. What waits there, the beginning of a frame, sent perhaps in the name of the
-   vehicle's address, is thrown away when a datagram of whole frames comes from there, and after PATIENCE_S.
-5. Of strangers' datagrams only so many are looked at in one `recv`, half of them of one host at most. After an empty
-   one MAVProxy sleeps for 0.1 s, so a stranger could stop the station: what comes back when nothing was worth it counts
-   as something, and holds nothing.
+1. The station writes to addresses that sent a frame of the vehicle: one that the station's key proves; without a key,
+   one with the vehicle's system id and a right CRC. There may be several, as the vehicle may have several modems, but
+   at most MOST_SENDERS. An address that was silent for KEPT_S is forgotten, except the last one.
+2. An address that was heard within PEER_HOLD_S is not replaced by a new one.
+3. Without a key, while the vehicle is not heard on a link, the station writes to one address that sent a whole frame: a
+   MAVProxy that talks with another program there continues to do so.
+4. From other addresses only whole frames reach MAVProxy's parser, with a key only signed ones, so no bytes of a
+   stranger wait in it. The beginning of a frame that waits there, perhaps sent under the vehicle's address, is dropped
+   when a datagram of whole frames comes from that address, and after PATIENCE_S.
+5. One `recv` examines a limited number of datagrams from strangers, at most half of them from one host. After an empty
+   result MAVProxy sleeps for 0.1 s, so a stranger could stop the station: if nothing was useful, `recv` returns an
+   object that counts as data and holds no bytes.
 """
 
 from __future__ import annotations
@@ -40,11 +40,11 @@ __all__ = ["MOST_SENDERS", "KEPT_S", "UdpSenders"]
 MOST_SENDERS: Final = 4
 KEPT_S: Final = 10.0
 
-#: datagrams taken off a socket in one `recv`; of these, strangers' that are looked at; and of these, of one host
+#: datagrams read in one `recv`; of these, strangers' that are examined; and of these, from one host
 _TAKEN: Final = 256
 _LOOKED_AT: Final = 16
 _OF_HOST: Final = 8
-#: longer ones of strangers are not looked at: one made of frame starts costs much
+#: longer datagrams of strangers are not examined: one full of frame starts costs much time
 _LOOKED_AT_BYTES: Final = 2048
 _NOT_NOW: Final = (errno.EAGAIN, errno.EWOULDBLOCK, errno.ECONNREFUSED)
 
@@ -69,11 +69,11 @@ class _Link:
 
     def __init__(self, master: Any) -> None:
         self.master = master
-        #: who sent frames of the vehicle -> when the last one came
+        #: addresses that sent frames of the vehicle -> time of the last one
         self.vehicle: dict[Address, float] = {}
-        #: who sent whole frames, while nobody sent the vehicle's
+        #: the address that sent whole frames while no frame of the vehicle came
         self.other: tuple[Address, float] | None = None
-        #: who sent what the parser got last, and when
+        #: the sender of the bytes that the parser got last, and when
         self.sender: Address | None = None
         self.at = -inf
         #: frames of the vehicle so far
@@ -81,7 +81,7 @@ class _Link:
 
 
 class UdpSenders:
-    """One station's. `vehicle`: its system id; `keyed`: whether `proven` says who is the vehicle."""
+    """One station's links. `vehicle`: its system id; `keyed`: whether `proven` tells which frames are the vehicle's."""
 
     def __init__(
         self, vehicle: int, keyed: bool, clock: Callable[[], float], fault: Callable[[str, str], None]
@@ -93,7 +93,7 @@ class UdpSenders:
         self._links: list[_Link] = []
 
     def watch(self, masters: Sequence[Any]) -> None:
-        """See to every listening UDP link; links come and go, so this is to be called once a second."""
+        """Handle every listening UDP link. Links are added and removed, so this is to be called once a second."""
         self._links = [link for link in self._links if any(link.master is master for master in masters)]
         now = self._clock()
         for master in masters:
@@ -101,21 +101,21 @@ class UdpSenders:
                 self._forget_silent(self._link_of(master), now)
 
     def received(self, master: Any) -> int:
-        """How many frames came by a link since it began: by those that anybody can send to, of the vehicle alone."""
+        """The frames that came by a link since it began; on links that anyone can send to, only the vehicle's."""
         for link in self._links:
             if link.master is master:
                 return link.frames
         return int(master.mav.total_packets_received)
 
     def proven(self, master: Any) -> None:
-        """What the parser of a link got last held a frame that the key proves to be the vehicle's."""
+        """The bytes that a link's parser got last contained a frame that the key proves to be the vehicle's."""
         for link in self._links:
             if link.master is master and link.sender is not None:
                 link.frames += 1
-                self._heard(link, link.sender, self._clock())
+                self._on_vehicle_frame(link, link.sender, self._clock())
 
     def release(self) -> None:
-        """Give the links back as they were; those that are written to now stay so."""
+        """Restore the links; their present addresses stay."""
         for link in self._links:
             link.master.__dict__.pop("recv", None)
         self._links.clear()
@@ -133,7 +133,7 @@ class UdpSenders:
     # ---- in -------------------------------------------------------------------------------------------------------
 
     def _receive(self, link: _Link, _count: int | None = None) -> bytes:
-        """In the place of pymavlink's `recv`: what the parser is to get next. OSError as from there."""
+        """In place of pymavlink's `recv`: the bytes for the parser. Raises OSError as that does."""
         looked_at: dict[str, int] = {}
         for _ in range(_TAKEN):
             try:
@@ -149,7 +149,7 @@ class UdpSenders:
                     continue
                 looked_at[address[0]] = count + 1
             try:
-                taken = self._taken(link, data, address, known)
+                taken = self._for_parser(link, data, address, known)
             except Exception:
                 self._fault("callers", traceback.format_exc(limit=-3))
                 taken = data
@@ -158,15 +158,15 @@ class UdpSenders:
                 return taken
         return _NOTHING
 
-    def _taken(self, link: _Link, data: bytes, address: Address, known: bool) -> bytes:
-        """What of a datagram the parser gets."""
+    def _for_parser(self, link: _Link, data: bytes, address: Address, known: bool) -> bytes:
+        """The part of a datagram that the parser gets."""
         mav = link.master.mav
-        if known and self._keyed and not mav.buf_len():  # nearly always so
+        if known and self._keyed and not mav.buf_len():  # the usual case
             return data
         frames = _frames(data)
         whole = b"".join(frame.raw for frame in frames)
         if not self._keyed and frames:
-            self._judge(link, frames, address)
+            self._note_sender(link, frames, address)
         if not known:
             data = b"".join(frame.raw for frame in frames if frame.signed) if self._keyed else whole
         late = self._clock() - link.at >= PATIENCE_S
@@ -174,22 +174,22 @@ class UdpSenders:
             mav.buf, mav.buf_index = bytearray(), 0
         return data
 
-    def _judge(self, link: _Link, frames: list[Frame], address: Address) -> None:
-        """Without a key."""
+    def _note_sender(self, link: _Link, frames: list[Frame], address: Address) -> None:
+        """Without a key: note the sender of these frames."""
         now = self._clock()
         of_vehicle = sum(frame.sysid == self._vehicle and frame.known for frame in frames)
         if of_vehicle:
             link.frames += of_vehicle
-            self._heard(link, address, now)
+            self._on_vehicle_frame(link, address, now)
         elif not link.vehicle and address[1] and _may_follow(link.other, address, now):
             link.other = (address, now)
             self._write_to(link)
 
     # ---- out ------------------------------------------------------------------------------------------------------
 
-    def _heard(self, link: _Link, address: Address, now: float) -> None:
-        """The vehicle speaks from there."""
-        if not address[1]:  # nobody can be written to at port 0, and an error ends pymavlink's round of writing
+    def _on_vehicle_frame(self, link: _Link, address: Address, now: float) -> None:
+        """The vehicle sends from this address."""
+        if not address[1]:  # port 0 cannot be written to, and an error ends pymavlink's loop over its addresses
             return
         if address not in link.vehicle and len(link.vehicle) >= MOST_SENDERS:
             oldest = min(link.vehicle, key=lambda one: link.vehicle[one])
@@ -212,16 +212,16 @@ class UdpSenders:
     def _write_to(self, link: _Link) -> None:
         addresses = set(link.vehicle) or ({link.other[0]} if link.other is not None else set())
         link.master.clients = addresses
-        # where `link add` has set a time-out, pymavlink looks at when it heard each; that is seen to here
+        # if `link add` has set a time-out, pymavlink checks when it heard each address; this module does that instead
         link.master.clients_last_alive = dict.fromkeys(addresses, inf)
 
 
 def _may_follow(before: tuple[Address, float] | None, address: Address, now: float) -> bool:
-    """Whether somebody may be written to in the place of another."""
+    """Whether an address may be replaced by this one."""
     return before is None or before[0] == address or now - before[1] > PEER_HOLD_S
 
 
 def _frames(data: bytes) -> list[Frame]:
-    """The whole frames in a datagram; one of an unknown message only if it is all there is."""
+    """The whole frames in a datagram; one of an unknown message only if it is the whole datagram."""
     frame = parse_one(data)
     return FrameSplitter().feed(data) if frame is None else [frame]

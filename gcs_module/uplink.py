@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The station's side of several links: which of them its own messages take. Pure: time is an argument.
+"""Which of several links a station's own messages use. Pure: time is an argument.
 
-A MAVProxy with several `--master` links sends on the one that is set, and leaves it only when nothing came by it for
-five seconds. That is long for a command in flight, so the station's module moves the setting:
+A MAVProxy with several `--master` links sends on the link that is set, and leaves it only after five seconds in which
+nothing came by it. That is long for a command in flight, so the station's module changes the setting:
 
-* a link by which nothing came for SILENT_S, while several frames came by another, is left at once: the vehicle probes
-  every link ten times a second;
-* otherwise the station follows the vehicle. The vehicle sends its telemetry on the link on which its probes come back
-  best, so that link is known to work both ways, which the station cannot see by itself.
+* a link by which nothing came for SILENT_S, while several frames came by another one, is left at once: the vehicle
+  probes every link ten times a second;
+* otherwise the station follows the vehicle. The vehicle sends its telemetry on the link whose probes are best answered,
+  so that link works both ways, which the station cannot measure itself.
 
-It never goes back without one of these reasons, so an operator's own choice between two good links stands.
+It never changes back without one of these reasons, so the operator's choice between two good links stands.
 """
 
 from __future__ import annotations
@@ -24,14 +24,15 @@ __all__ = ["FOLLOW_S", "SILENT_S", "UplinkSelector"]
 SILENT_S: Final = 0.6
 FOLLOW_S: Final = 0.5
 _SAMPLE_S: Final = 0.05
-#: frames in SILENT_S that make a link a living one: half the probes
+#: a link works if it brings this many frames in SILENT_S: half the probes
 _LIVING: Final = 3
-#: a link carries the telemetry if it brings twice as much as the present one, and this many frames more in FOLLOW_S
+#: a link carries the telemetry if it brings twice as many frames as the present one, and at least this many more in
+#: FOLLOW_S
 _MORE: Final = 8
 
 
 class UplinkSelector:
-    """Follows how many frames came by each link."""
+    """Counts how many frames come by each link."""
 
     def __init__(self) -> None:
         self._samples: deque[tuple[float, tuple[int, ...]]] = deque()
@@ -39,7 +40,7 @@ class UplinkSelector:
     def choose(self, received: Sequence[int], chosen: int, now: float) -> int:
         """The link to use from now on. `received`: frames by each link since it began; `chosen`: the link used so far.
 
-        To be called often. When links were added or removed, counting begins anew.
+        To be called often. After links were added or removed, counting starts again.
         """
         counts = tuple(received)
         if self._samples and len(self._samples[-1][1]) != len(counts):
@@ -63,7 +64,7 @@ class UplinkSelector:
         return chosen
 
     def _since(self, counts: tuple[int, ...], begin: float) -> list[int] | None:
-        """How many frames came by each link since then; None if that is longer than it was looked at."""
+        """Frames by each link since then; None if counting began later."""
         before = [sample for at, sample in self._samples if at <= begin]
         return [now - then for now, then in zip(counts, before[-1], strict=True)] if before else None
 

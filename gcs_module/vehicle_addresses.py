@@ -1,23 +1,22 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The vehicle's addresses that come to a station with a mission, and what becomes of them.
+"""The vehicle's addresses that a station receives with a mission, and what is done with them.
 
-Another station, or the vehicle, sends them (`MISSION_PACKAGE.addresses`). They are claims, and no more. Rules that live
-here:
+Another station, or the vehicle, sends them (`MISSION_PACKAGE.addresses`). They are claims only. Rules that live here:
 
-1. Only the operator opens a link to such an address, by the number of the question that was shown. A question that was
-   replaced cannot be answered any more. No two vehicles of a station ask by the same number.
-2. The station's own links win. If it has any, nothing is asked; addresses that differ from them are told.
-3. An address must be one that a vehicle can have (`vehicle_address.py`), and must not lead back to this computer unless
-   the configuration allows it. It never leads to a port of this program. One bad address spoils what came with it.
-4. While the vehicle is armed nothing is asked and nothing changes. What comes then is looked at after it has disarmed.
-   A vehicle that was not heard for SILENT_S does not count as armed: its link is of no use, and anything may have sent
-   the last heartbeat.
-5. Of each sender the newest addresses count: they end its older question, also if they are refused. A line about them
-   is shown at most every QUIET_S, then twice as seldom each time. Taking addresses in costs nothing else: they are
-   looked at when a line is due, or the operator asks.
-6. What the operator confirmed is kept in a file of the station and opened again after a restart, until it is withdrawn.
-   The file is written and read beside the main loop, and read as strictly as a message.
+1. Only the operator opens a link to such an address, by the number of the question that was shown. A replaced question
+   cannot be answered any more. No two vehicles of a station use the same number.
+2. The station's own links have priority. If it has any, nothing is asked; addresses that differ from them are shown.
+3. An address must be one that a vehicle can have (`vehicle_address.py`). It must not be this computer's own unless the
+   configuration allows that, and never a port of this program. One bad address spoils the others of its message.
+4. While the vehicle is armed, nothing is asked and nothing changes. Addresses that arrive then are judged after it has
+   disarmed. A vehicle that was not heard for SILENT_S does not count as armed: its link is of no use, and any program
+   may have sent the last heartbeat.
+5. Of each sender the newest addresses count. They end its older question, also if they are refused. A line about them
+   is shown at most every QUIET_S, then twice as seldom each time. Addresses are judged only when a line is due, or the
+   operator asks, so a flood of them costs nothing else.
+6. Addresses that the operator has confirmed are saved in a file of the station, and opened again after a restart, until
+   the operator withdraws them. The file is written and read beside the main loop, and checked as strictly as a message.
 """
 
 from __future__ import annotations
@@ -47,16 +46,16 @@ __all__ = ["LOCAL_KEY", "OFFER_KEY", "QUIET_S", "SILENT_S", "VehicleAddresses"]
 #: keys of [station]
 OFFER_KEY: Final = "offered_addresses"
 LOCAL_KEY: Final = "offered_addresses_local"
-#: a vehicle that was not heard for so long does not count as armed
+#: a vehicle that was not heard for this long (s) does not count as armed
 SILENT_S: Final = 60.0
-#: between two lines about the addresses of one sender, first and longest
+#: time (s) between two lines about one sender's addresses, first and longest
 QUIET_S: Final = 30.0
 _QUIET_MOST_S: Final = 600.0
-#: between two tries to open a link
+#: time (s) between two attempts to open a link
 _AGAIN_S: Final = 10.0
-#: how long the end of the program may wait for the disk
+#: how long (s) the end of the program may wait for the disk
 _END_S: Final = 2.0
-#: numbers of questions that are known to have been asked
+#: this many numbers of earlier questions are remembered
 _ASKED: Final = 100
 
 Listed = tuple[VehicleAddress, ...]
@@ -75,16 +74,16 @@ class LinkOpener(Protocol):
         """Whether the operator has removed a link that was opened."""
 
     def leads_back(self, address: VehicleAddress) -> bool:
-        """Whether the address is this computer's."""
+        """Whether the address is one of this computer's."""
 
     def is_ours(self, address: VehicleAddress) -> bool:
-        """Whether a link of this program listens there."""
+        """Whether a link of this program listens at the address."""
 
     def open(self, address: VehicleAddress) -> str:
         """Open a link; returns why that failed, or ""."""
 
     def close(self) -> str:
-        """Close all that were opened; returns why one is still open, or ""."""
+        """Close all opened links; returns why one is still open, or ""."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,18 +91,18 @@ class _Question:
     number: int
     addresses: Listed
     mission: str
-    #: the operator has said no: it is listed, and not asked any more
+    #: the operator has refused: it is listed, and not asked any more
     refused: bool = False
 
 
 class _Sender:
-    """What one sender's addresses are, and when a line about them may be shown next."""
+    """One sender's addresses, and when the next line about them may be shown."""
 
     def __init__(self, name: str) -> None:
         self.name = name
         self.raw = b""
         self.mission = ""
-        #: what was looked at last
+        #: the addresses that were judged last
         self.seen: bytes | None = None
         self.question: _Question | None = None
         self.due_at = -inf
@@ -116,7 +115,7 @@ class _Sender:
 
     @property
     def operator(self) -> str:
-        """The person who can say whether they are right."""
+        """The person who can say whether the addresses are right."""
         return f"the operator of {self.name}" if self.name else "the operator of the parent station"
 
     @property
@@ -125,16 +124,16 @@ class _Sender:
         return self.name or "the vehicle"
 
     def answered(self) -> None:
-        """The operator has said something: the next addresses are shown at once."""
+        """The operator has answered or asked: the next addresses are shown at once."""
         self.due_at, self.quiet_s = -inf, QUIET_S
 
 
 class VehicleAddresses:
-    """Of one vehicle at one station. Times are monotonic seconds; `utc` is for what people read.
+    """Of one vehicle at one station. Times are monotonic seconds; `utc` is for people.
 
-    `station`: this station's system id; `ask`: False refuses every address; `local`: this computer's may be sent;
-    `keyed`: the vehicle's frames are proven by a key; `file`: where a confirmed one is kept; `numbers`: of questions,
-    the same for all vehicles of the station.
+    `station`: this station's system id; `ask`: False refuses every address; `local`: this computer's own addresses are
+    allowed; `keyed`: a key proves the vehicle's frames; `file`: where confirmed addresses are saved; `numbers`: numbers
+    of questions, shared by all vehicles of the station.
     """
 
     def __init__(
@@ -160,13 +159,13 @@ class VehicleAddresses:
         self._numbers = count(1) if numbers is None else numbers
         self._asked: deque[int] = deque(maxlen=_ASKED)
         self._confirmed: ConfirmedAddress | None = None
-        #: for the file
-        self._keeper = Worker()
+        #: reads and writes the file
+        self._file_worker = Worker()
         self._read = self._reading = self._unwritten = False
         self._try_at = -inf
-        #: of the last tick
+        #: time of the last tick
         self._now = 0.0
-        #: addresses whose failure was told
+        #: addresses whose failure was shown
         self._failed: set[VehicleAddress] = set()
         self._lines: list[str] = []
 
@@ -182,23 +181,22 @@ class VehicleAddresses:
 
     def tick(self, now: float, armed: bool) -> list[str]:
         """Time has passed; returns lines for the operator. `armed`: the vehicle is heard and not known to be disarmed
-        (rule 4). To be called often.
-        """
+        (rule 4). To be called often."""
         self._now = now
-        self._keeper.tick(now)
+        self._file_worker.tick(now)
         self._keep()
         if self._read and not armed:
             for sender in self._senders.values():
                 if sender.raw != sender.seen and now >= sender.due_at:
-                    self._look_at(sender, now)
+                    self._judge_newest(sender, now)
         if self._read:
             self._open_next(now)
         lines, self._lines = self._lines, []
         return lines
 
-    def _look_at(self, sender: _Sender, now: float) -> None:
+    def _judge_newest(self, sender: _Sender, now: float) -> None:
         sender.seen = sender.raw
-        line = self._judged(sender)
+        line = self._line_about(sender)
         if line:
             self._lines.append(line)
             if now - sender.due_at > _QUIET_MOST_S:
@@ -206,8 +204,8 @@ class VehicleAddresses:
             sender.due_at = now + sender.quiet_s
             sender.quiet_s = min(2 * sender.quiet_s, _QUIET_MOST_S)
 
-    def _judged(self, sender: _Sender) -> str:
-        """A line about a sender's addresses, "" if nothing is to be said. A question is noted, an older one ends."""
+    def _line_about(self, sender: _Sender) -> str:
+        """A line about a sender's addresses, "" if there is nothing to say. Opens a question, and ends an older one."""
         addresses = unpack_addresses(sender.raw).get(self._station, ())
         before = sender.question
         ended = ""
@@ -222,7 +220,8 @@ class VehicleAddresses:
         return f"{line} {ended}." if line else f"{ended}: what {sender.called} sends now needs no answer."
 
     def _not_asked(self, sender: _Sender, addresses: Listed) -> str | None:
-        """A line about addresses that are not asked about, "" if nothing is to be said; None: the operator is asked."""
+        """A line about addresses that need no question, "" if there is nothing to say; None: the operator is to be
+        asked."""
         own = self._opener.own()
         if not addresses:
             return self._without(sender) if not own and self._confirmed is None else ""
@@ -267,7 +266,7 @@ class VehicleAddresses:
         )
 
     def _wrong(self, addresses: Listed) -> str:
-        """Why these addresses are not taken, "" if they are."""
+        """Why these addresses are refused, "" if they are not."""
         if len(addresses) > MAX_OF_STATION:
             return f"{len(addresses)} addresses, allowed are {MAX_OF_STATION}"
         for address in addresses:
@@ -328,7 +327,7 @@ class VehicleAddresses:
         return f"Refused: {'; '.join(refused)}." if refused else "No address waits for an answer."
 
     def disconnect(self, armed: bool) -> str:
-        """The operator's `handover disconnect`: withdraw the address that was confirmed. Returns a line."""
+        """The operator's `handover disconnect`: withdraw the confirmed address. Returns a line."""
         confirmed = self._confirmed
         if not self._read:
             return "The file of the address that was confirmed is still being read. Type 'handover disconnect' again."
@@ -338,8 +337,8 @@ class VehicleAddresses:
             return _not_while_armed("handover disconnect")
         why = self._opener.close()
         self._confirmed, self._unwritten = None, True
-        self._keep()  # at once: the operator may end the program next
-        for sender in self._senders.values():  # so that it can be chosen again by its number
+        self._keep()  # at once, because the operator may end the program next
+        for sender in self._senders.values():  # so that the operator can choose it again by its number
             if sender.called == confirmed.sender and sender.question is None:
                 sender.question = _Question(self._next_number(), confirmed.addresses, confirmed.mission, refused=True)
         if why:
@@ -348,12 +347,12 @@ class VehicleAddresses:
         return f"The link to the vehicle at {confirmed.text} is closed, and its address is forgotten."
 
     def asked_for(self) -> None:
-        """The operator asks what was sent: what waits is shown at once, and not after QUIET_S."""
+        """The operator asks for the addresses: waiting ones are shown at once, and not after QUIET_S."""
         for sender in self._senders.values():
             sender.answered()
 
     def status(self) -> Iterator[str]:
-        """What is to be said of addresses in the station's status."""
+        """The lines about addresses in the station's status."""
         confirmed = self._confirmed
         if confirmed is not None:
             origin = f"from {confirmed.sender} with mission {confirmed.mission!r}, confirmed {confirmed.at}"
@@ -384,19 +383,19 @@ class VehicleAddresses:
     # ---- what was confirmed ---------------------------------------------------------------------------------------
 
     def release(self) -> None:
-        """Close the links that were opened; what was confirmed stays in its file.
+        """Close the opened links; confirmed addresses stay in their file.
 
-        What the operator said last is written first. A disk that does not take it holds this up for _END_S.
+        The operator's last choice is written first. A disk that does not accept it delays this by _END_S.
         """
         self._opener.close()
         until = time.monotonic() + _END_S
-        while self._read and (self._keeper.busy or self._unwritten) and time.monotonic() < until:
-            self._keeper.tick(self._now)
+        while self._read and (self._file_worker.busy or self._unwritten) and time.monotonic() < until:
+            self._file_worker.tick(self._now)
             self._keep()
             time.sleep(0.01)
 
     def _open_next(self, now: float) -> None:
-        """Open what was confirmed and is not open yet."""
+        """Open the confirmed addresses that are not open yet."""
         confirmed = self._confirmed
         if confirmed is None or now < self._try_at or self._opener.own():
             return
@@ -414,14 +413,14 @@ class VehicleAddresses:
             self._lines.append(f"No link to the vehicle at {address.text}: {why}. It is tried again.")
 
     def _keep(self) -> None:
-        """Read what the run before has kept, then write what changes."""
-        if self._keeper.busy:
+        """Read what the run before has saved, then write changes."""
+        if self._file_worker.busy:
             return
         if not self._read and not self._reading:
-            self._reading = self._keeper.submit(lambda: kept_address(self._file), self._was_read)
+            self._reading = self._file_worker.submit(lambda: kept_address(self._file), self._was_read)
         elif self._read and self._unwritten:
             confirmed = self._confirmed
-            if self._keeper.submit(lambda: keep_address(self._file, confirmed), self._was_written):
+            if self._file_worker.submit(lambda: keep_address(self._file, confirmed), self._was_written):
                 self._unwritten = False
 
     def _was_read(self, result: ConfirmedAddress | Exception | None, _now: float) -> None:
@@ -468,5 +467,5 @@ def _shown(addresses: Listed) -> str:
 
 
 def _mavproxy_name(address: VehicleAddress) -> str:
-    """The address of a link as MAVProxy names it."""
+    """The name that MAVProxy gives a link to this address."""
     return f"{address.host}:{address.port}"

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""MAVProxy's links of one vehicle: those of the station's own configuration, and those to an address that came with
-a mission. `vehicle_addresses.py` says which address is opened and when.
+"""MAVProxy's links of one vehicle: those of the station's configuration, and those to addresses that came with a
+mission. `vehicle_addresses.py` decides which address is opened and when.
 
-`handover station` starts MAVProxy with the waiting link where the configuration has no link to the vehicle. The first
-real link takes its place: MAVProxy cannot be without any link.
+If the configuration has no link to the vehicle, `handover station` starts MAVProxy with the waiting link, because
+MAVProxy cannot run without a link. The first real link replaces it.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ __all__ = ["VehicleLinks"]
 
 
 class VehicleLinks:
-    """Links of the vehicle `sysid`. `label`: what MAVProxy calls a new one; "" where the station has one vehicle.
+    """Links of the vehicle `sysid`. `label`: MAVProxy's label for a new link; "" if the station has one vehicle.
 
-    `listening`: the station's ground link, to which no link of its own may lead.
+    `listening`: the ports of the station's ground link, to which none of its own links may lead.
     """
 
     def __init__(
@@ -35,11 +35,11 @@ class VehicleLinks:
         self._sysid = sysid
         self._label = label
         self._listening = listening
-        #: those that were opened here
+        #: the links that were opened here
         self._opened: dict[VehicleAddress, Any] = {}
 
     def own(self) -> tuple[str, ...]:
-        """The links that the station has by its own configuration, as MAVProxy names them."""
+        """The links of the station's own configuration, by MAVProxy's names."""
         return tuple(
             str(master.address)
             for master in self._links.of(self._sysid)
@@ -56,7 +56,7 @@ class VehicleLinks:
         return master is not None and not any(master is each for each in self._mpstate.mav_master)
 
     def leads_back(self, address: VehicleAddress) -> bool:
-        """Whether the address is this computer's, by any of its interfaces. Nothing is sent."""
+        """Whether the address is one of this computer's interfaces. Nothing is sent."""
         with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as probe:
             try:
                 probe.bind((address.host, 0))
@@ -65,14 +65,14 @@ class VehicleLinks:
         return True
 
     def is_ours(self, address: VehicleAddress) -> bool:
-        """Whether a link of this very program listens at the address, on whatever interface."""
+        """Whether a link of this program listens at the address, on any interface."""
         ports = set(self._listening())
         for link in (*self._mpstate.mav_master, *self._mpstate.mav_outputs):
             ports |= _bound(getattr(link, "port", None))
         return address.port in ports
 
     def open(self, address: VehicleAddress) -> str:
-        """Have MAVProxy open a link to the address; returns why it could not, "" if it did."""
+        """Make MAVProxy open a link to the address; returns why it could not, "" if it did."""
         link = self._mpstate.module("link")
         if link is None:
             return "MAVProxy's module 'link' is not loaded"

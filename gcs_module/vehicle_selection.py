@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Which of several vehicles is meant: MAVProxy's own choice (`vehicle`), which is the default of `handover` too.
+"""The vehicle that MAVProxy has chosen (`vehicle`), which is also the default of `handover`.
 
-`vehicle drone-2` does what `vehicle 2` does. Sticks are let go of when another vehicle is chosen: MAVProxy repeats its
-`rc 3 1200` to whoever is chosen, and would fly the other aircraft by the sticks of the one before.
+`vehicle drone-2` does the same as `vehicle 2`. When another vehicle is chosen, the sticks are released: MAVProxy
+repeats its `rc 3 1200` to the chosen vehicle, and would fly it by the sticks of the one before.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ def vehicle_of(word: str, vehicles: Sequence[FleetVehicle]) -> FleetVehicle | No
 
 
 class VehicleSelection:
-    """Stands in for MAVProxy's `vehicle` from `take` to `give_back`. `changed`: told the system ids before and now, at
-    once; `show`: a line for whoever typed."""
+    """Replaces MAVProxy's `vehicle` from `install` to `restore`. `changed`: gets the system ids before and now, at
+    once; `show`: shows a line to the operator."""
 
     def __init__(
         self,
@@ -46,26 +46,26 @@ class VehicleSelection:
 
     @property
     def sysid(self) -> int:
-        """The system id that MAVProxy has chosen, whoever's it is."""
+        """The system id that MAVProxy has chosen, of our vehicles or not."""
         return int(self._mpstate.settings.target_system)
 
     @property
     def vehicle(self) -> FleetVehicle | None:
-        """The vehicle that is chosen; None: none of ours."""
+        """The chosen vehicle; None: none of ours."""
         return next((vehicle for vehicle in self._vehicles if vehicle.sysid == self.sysid), None)
 
-    def take(self) -> None:
-        """From now on `vehicle` goes through here."""
+    def install(self) -> None:
+        """Handle `vehicle` from now on."""
         self._inner = self._mpstate.command_map.get("vehicle")
         if self._inner is not None:
             self._mpstate.command_map["vehicle"] = (self._run, self._inner[1])
 
-    def give_back(self) -> None:
-        """Leave the command as it was; another one that has taken our place since stays."""
+    def restore(self) -> None:
+        """Restore the command, unless another module has replaced it since."""
         if self._inner is not None and self._mpstate.command_map.get("vehicle", (None,))[0] == self._run:
             self._mpstate.command_map["vehicle"] = self._inner
 
-    def look(self) -> None:
+    def poll(self) -> None:
         """Notice a choice that was made in another way; to be called often."""
         before, now = self._seen, self.sysid
         if now != before:
@@ -81,4 +81,4 @@ class VehicleSelection:
             self._show(f"vehicle: no vehicle {word!r}; there are {known(self._vehicles)}")
             return
         self._inner[0]([f"{vehicle.sysid}{colon}{component}", *args[1:]] if vehicle is not None else args)
-        self.look()
+        self.poll()

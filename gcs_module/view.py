@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the operator sees and hears of a vehicle: lines in the thesis's form, the status row of MAVProxy's console, bell
-and speech, telemetry. How grave a line is, and so how it looks, is `alarms.py`."""
+"""What the operator sees and hears of a vehicle: lines in the thesis's form, the status row of MAVProxy's console,
+bell, speech and telemetry. The level of a line decides how it looks and sounds (`alarms.py`)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from gcs_module.banner import Situation, age, banner, named, tag
 
 __all__ = ["View", "alert", "plain_line", "telemetry_line", "telemetry_table"]
 
-#: words before a line of this level, so that it is grave in a terminal without colours too
+#: words before a line of this level, for a terminal without colours
 _WORDS: Final = {Level.WARNING: "WARNING: ", Level.EMERGENCY: "EMERGENCY: "}
 _BELL: Final = "\a"
 
@@ -32,7 +32,7 @@ def telemetry_line(m: Any, zone_name: str) -> str:
 
 
 def telemetry_table(m: Any, zone_name: str, mode: str) -> list[str]:
-    """All of HANDOVER_TELEMETRY, the telemetry of the thesis, each value with its unit."""
+    """All values of HANDOVER_TELEMETRY, the telemetry of the thesis, each with its unit."""
     known = m.battery_voltage != 0xFFFF
     utc = time.strftime("%Y-%m-%d %H:%M:%S", time.gmtime(m.time_usec / 1e6))
     distance = f"{m.waypoint_distance:.0f} m" if isfinite(m.waypoint_distance) else "not known"
@@ -54,19 +54,19 @@ def telemetry_table(m: Any, zone_name: str, mode: str) -> list[str]:
 
 
 def plain_line(console: Any, who: str, text: str, level: Level) -> None:
-    """One line in the form of the thesis; `who`: what stands in its brackets, behind the time."""
+    """One line in the form of the thesis. `who`: the text in its brackets, after the time."""
     look = LOOKS[level]
     words = f"[{time.strftime('%H:%M:%S')}|{who}]: {_WORDS.get(level, '')}{text}"
     console.writeln(words, fg=look.colour, bg=look.ground)
 
 
 def _named_commands(text: str, name: str) -> str:
-    """A text that says what to type, so that it may be typed whichever vehicle is chosen."""
+    """A text with commands to type, changed so that they work with any vehicle chosen."""
     return text.replace("'handover ", f"'handover -v {name} ") if name else text
 
 
 def alert(text: str, level: Level, speak: Callable[[str], None], ring: Callable[[str], None]) -> None:
-    """What is shown already is heard as well, if its level says so."""
+    """Sound a line that is already shown, if its level says so."""
     look = LOOKS[level]
     if look.bell:
         ring(_BELL)
@@ -83,11 +83,11 @@ def _values_name(now: Situation) -> str:
 
 
 class Values:
-    """What the companion sends to every station of the aircraft, by the autopilot's own messages."""
+    """The aircraft's values that the companion sends to every station, from the autopilot's own messages."""
 
     def __init__(self) -> None:
         self._motion = self._battery = ""
-        #: when the position came (monotonic s)
+        #: time of the last position (monotonic s)
         self.at = -inf
 
     def update(self, m: Any, now: float) -> None:
@@ -105,10 +105,10 @@ class Values:
 
 
 class View:
-    """Lines on the console, in the form `[time|GCSA][ONHANDOVER]: text`. `situation`: what is known now; `row`: of the
-    console's status rows.
+    """Lines on the console, in the form `[time|GCSA][ONHANDOVER]: text`. `situation`: returns what is known now; `row`:
+    of the console's status rows.
 
-    Where there are several vehicles every line says which one it is about, and what is spoken too.
+    With several vehicles every line, and every spoken text, names its vehicle.
     """
 
     def __init__(
@@ -126,35 +126,35 @@ class View:
         self._speak = speak
         self._ring = ring
         self._row = row
-        #: the last HANDOVER_TELEMETRY, and when it came (monotonic s)
+        #: the last HANDOVER_TELEMETRY, and its time (monotonic s)
         self.last_telemetry: Any | None = None
         self.telemetry_at = -inf
-        #: what every station gets of the aircraft
+        #: values that every station gets
         self.values = Values()
         #: whether the status row has values
         self._has_values = False
 
     def line(self, text: str, level: Level = Level.INFO) -> None:
-        """One line; how it looks and sounds is for its level to say."""
+        """One line, which looks and sounds by its level."""
         now = self._situation()
         plain_line(self._console, f"{self._name}][{tag(now)}", _named_commands(text, now.of), level)
         self.alert(text, level)
 
     def alert(self, text: str, level: Level) -> None:
-        """What is shown already is heard as well, if its level says so."""
+        """Sound a line that is already shown, if its level says so."""
         alert(named(self._situation().of, text), level, self._speak, self._ring)
 
     def show(self, text: str, *, whose: bool = False) -> None:
-        """A line as it is: the answer to what the operator typed. `whose`: with the name, if there are several."""
+        """A plain line: the answer to a command. `whose`: begin with the vehicle's name, if there are several."""
         of = self._situation().of
         words = _named_commands(text, of)
         self._console.writeln(f"{of}: {words}" if of and whose else words)
 
     def status(self, now: float) -> None:
-        """The status row of MAVProxy's graphical console: what matters most stands first in it.
+        """The status row of MAVProxy's graphical console, the most important first.
 
-        A station that does not command gets few messages, so MAVProxy's own rows say little there. What every station
-        gets stands in this row.
+        A station that does not command gets few messages, so MAVProxy's own rows show little there. The values that
+        every station gets stand in this row.
         """
         known = self._situation()
         text, level = banner(known)
@@ -169,17 +169,17 @@ class View:
         self._has_values = bool(values)
 
     def clear(self) -> None:
-        """Nobody keeps the status row true any more."""
+        """Clear the status row, because it is not updated any more."""
         known = self._situation()
         self._console.set_status(_row_name(known), "", row=self._row)
         if self._has_values:
             self._console.set_status(_values_name(known), "", row=self._row)
 
     def telemetry(self, m: Any, now: float) -> None:
-        """A HANDOVER_TELEMETRY has come."""
+        """A HANDOVER_TELEMETRY has arrived."""
         self.last_telemetry, self.telemetry_at = m, now
 
     def telemetry_age(self, now: float) -> str:
-        """How old the last one is, " (12 s old)"; "" while it is fresh."""
+        """The age of the last telemetry, " (12 s old)"; "" if it is fresh."""
         words = age(now - self.telemetry_at)
         return f" ({words})" if words else ""

@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""A station that dies takes its windows with it: `python -m gcs_module.window_watchdog STATION`.
+"""Ends the windows of a station that dies: `python -m gcs_module.window_watchdog STATION`.
 
-MAVProxy's console and map are processes of their own. If MAVProxy is killed, they stay, and go on showing what the
-station knew last. So a small process watches the station: when its parent, process STATION, is no more, it ends the
-windows and then itself. It is told on standard input which processes those are: their ids, a line for each change.
+MAVProxy's console and map run in their own processes. If MAVProxy is killed, they stay open and show the station's last
+values. So a small process watches the station: after its parent, process STATION, has ended, it ends the windows and
+then itself. It reads the ids of their processes from standard input, a line for each change.
 
 It ends them by SIGKILL: they have inherited MAVProxy's handlers of the other signals, which end nothing there. Linux
-gives a handle to a process, so no other process with the same id is ever ended.
+gives a handle to a process, so another process with the same id is never ended.
 
-A station that stands still is not dead: its windows stay. The map marks what is old by itself (`map_drawing.py`).
+The windows of a station that hangs stay open. The map itself marks old values (`map_drawing.py`).
 """
 
 from __future__ import annotations
@@ -33,46 +33,46 @@ _END_S: Final = 1.0
 
 
 class WindowWatchdog:
-    """The station's side. `fault` is told where something broke, and what."""
+    """The station's side. `fault` gets the place of a fault, and its text."""
 
     def __init__(self, fault: Callable[[str, str], None]) -> None:
         self._fault = fault
         self._process: subprocess.Popen[bytes] | None = None
         self._told: tuple[int, ...] = ()
-        #: on Windows a window ends with its station's pipe
+        #: not on Windows, where a window ends with its station's pipe
         self._off = sys.platform == "win32"
 
     @property
     def pid(self) -> int | None:
-        """The process that watches; None: there is none, as while there is no window."""
+        """The watching process; None: there is none, as while no window is open."""
         return None if self._process is None else self._process.pid
 
     def tick(self) -> None:
-        """Tell it which windows there are; to be called each second."""
+        """Tell the process which windows there are; to be called each second."""
         if self._off:
             return
         windows = tuple(sorted(child.pid for child in multiprocessing.active_children() if child.pid is not None))
         try:
-            self._see_to_process(windows)
+            self._start_or_close(windows)
             if self._process is not None and windows != self._told:
                 assert self._process.stdin is not None
                 self._process.stdin.write(" ".join(map(str, windows)).encode() + b"\n")
                 self._told = windows
         except OSError as error:
             self._fault(_WHERE, f"windows would stay if this program died: {error}")
-            self._off = self._process is None  # it cannot be started here
+            self._off = self._process is None  # the process cannot be started on this computer
             self.close()
 
-    def _see_to_process(self, windows: tuple[int, ...]) -> None:
+    def _start_or_close(self, windows: tuple[int, ...]) -> None:
         if self._process is not None and self._process.poll() is not None:
             self.close()
         if self._process is None and windows:
             argv = [sys.executable, "-m", "gcs_module.window_watchdog", str(os.getpid())]
-            # a session of its own: the terminal's Ctrl-C is the station's
+            # its own session: the terminal's Ctrl-C is for the station only
             self._process = subprocess.Popen(argv, stdin=subprocess.PIPE, bufsize=0, start_new_session=True)
 
     def close(self) -> None:
-        """End the watching; windows stay as they are."""
+        """End the process; the windows stay open."""
         process, self._process, self._told = self._process, None, ()
         if process is None:
             return
@@ -87,7 +87,7 @@ class _Window:
     """A process that is to end with the station."""
 
     def __init__(self, pid: int) -> None:
-        """Raises OSError: there is no such process."""
+        """Raises OSError if there is no such process."""
         self._pid = pid
         self._handle = os.pidfd_open(pid) if hasattr(os, "pidfd_open") else None
 
@@ -98,20 +98,20 @@ class _Window:
             else:
                 signal.pidfd_send_signal(self._handle, signal.SIGKILL)
 
-    def let_go(self) -> None:
+    def close_handle(self) -> None:
         if self._handle is not None:
             os.close(self._handle)
 
 
 def main(argv: list[str]) -> int:
-    """Watch until the parent is no more. `argv`: its process id."""
+    """Watch until the parent has ended. `argv`: its process id."""
     station = int(argv[0])
     windows: dict[int, _Window] = {}
     rest = b""
     hears = True
     while True:
         wait_s = _LOOK_S if os.getppid() == station else 0.0
-        if hears and select.select([0], [], [], wait_s)[0]:  # what a station said before it died counts
+        if hears and select.select([0], [], [], wait_s)[0]:  # read what the station wrote before it died
             data = os.read(0, 4096)
             hears = bool(data)
             *lines, rest = (rest + data).split(b"\n")
@@ -128,9 +128,9 @@ def main(argv: list[str]) -> int:
 
 def _follow(windows: dict[int, _Window], told: set[int]) -> None:
     for pid in windows.keys() - told:
-        windows.pop(pid).let_go()
+        windows.pop(pid).close_handle()
     for pid in told - windows.keys():
-        with suppress(OSError):  # closed meanwhile
+        with suppress(OSError):  # it was closed meanwhile
             windows[pid] = _Window(pid)
 
 

@@ -293,6 +293,6 @@ class Writer:
         elif entry.event in EVENTS:
             level = EVENTS[entry.event]
             if craft.source is None or STANDS.get(entry.event) not in _THE_AIRCRAFTS:
-                alarms.heard(entry.event, level, f"{station.name}: {entry.text}", at)
+                alarms.on_line(entry.event, level, f"{station.name}: {entry.text}", at)
         if entry.event in ("set_up", "control_gained", "control_lost", "released"):
             alarms.end("question")

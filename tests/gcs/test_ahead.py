@@ -377,7 +377,7 @@ class TestBeforehand:
     def book(self, crossing: int = 5, own: int = B, *, agrees: bool = False) -> EarlyConsent:
         book = EarlyConsent(own)
         message = HandoverAhead(replace(BORDER, crossing=crossing), 30.0)
-        assert book.heard(message, NOW, agrees=agrees)
+        assert book.update(message, NOW, agrees=agrees)
         return book
 
     @pytest.mark.parametrize(
@@ -410,7 +410,7 @@ class TestBeforehand:
 
     def test_who_is_asked_and_agrees_by_then_is_asked_no_more(self) -> None:
         book = self.book()
-        assert not book.heard(HandoverAhead(replace(BORDER, crossing=5), 29.0), NOW + 1.0, agrees=True)
+        assert not book.update(HandoverAhead(replace(BORDER, crossing=5), 29.0), NOW + 1.0, agrees=True)
         assert book.ahead is not None
         assert book.ahead.consent is GRANTED
 
@@ -418,50 +418,50 @@ class TestBeforehand:
         book = self.book()
         assert book.ahead is not None
         book.ahead.consent = DENIED
-        book.heard(HandoverAhead(replace(BORDER, crossing=5), 29.0), NOW + 1.0, agrees=True)
+        book.update(HandoverAhead(replace(BORDER, crossing=5), 29.0), NOW + 1.0, agrees=True)
         assert book.ahead.consent is DENIED
 
     def test_each_word_brings_what_is_new(self) -> None:
         book = self.book()
-        book.heard(HandoverAhead(replace(BORDER, crossing=5), 12.0, commander=GRANTED), NOW + 1.0, agrees=False)
+        book.update(HandoverAhead(replace(BORDER, crossing=5), 12.0, commander=GRANTED), NOW + 1.0, agrees=False)
         ahead = book.ahead
         assert ahead is not None
         assert (ahead.at, ahead.heard_at, ahead.other) == (NOW + 13.0, NOW + 1.0, GRANTED)
 
     def test_what_was_said_is_said_in_its_own_part_of_what_is_foreseen(self) -> None:
         book = self.book(agrees=True)
-        assert book.said(KEY, Reason.ZONE_ENDS, 5, as_partner=True) is GRANTED
-        assert book.said(KEY, Reason.ZONE_ENDS, 5, as_partner=False) is None
-        assert book.said(KEY, Reason.REQUESTED, 5, as_partner=True) is None
+        assert book.answer_for(KEY, Reason.ZONE_ENDS, 5, as_partner=True) is GRANTED
+        assert book.answer_for(KEY, Reason.ZONE_ENDS, 5, as_partner=False) is None
+        assert book.answer_for(KEY, Reason.REQUESTED, 5, as_partner=True) is None
 
     def test_who_has_not_answered_has_said_nothing(self) -> None:
         book = self.book()
-        assert book.said(KEY, Reason.ZONE, 5, as_partner=True) is None
-        book.used(KEY, 5)
+        assert book.answer_for(KEY, Reason.ZONE, 5, as_partner=True) is None
+        book.on_asked_at_border(KEY, 5)
         assert book.ahead is None, "it is asked at the border"
 
     @pytest.mark.parametrize("key", [replace(KEY, to_station=C), replace(KEY, epoch=4), TransferKey(C, B, 7, 3)])
     def test_of_another_transfer_nothing_is_used(self, key: TransferKey) -> None:
         book = self.book()
-        book.used(key, 5)
-        book.used(KEY, 6)
+        book.on_asked_at_border(key, 5)
+        book.on_asked_at_border(KEY, 6)
         assert book.waits
 
     def test_it_is_over_for_whom_was_asked(self) -> None:
         for book, waited in ((self.book(), True), (self.book(agrees=True), False), (EarlyConsent(B), False)):
-            assert book.over() is waited
+            assert book.end() is waited
             assert book.ahead is None
 
     def test_a_question_lapses_after_five_seconds_without_a_word(self) -> None:
         book = self.book()
-        assert not book.lapsed(NOW + 4.9)
+        assert not book.expire(NOW + 4.9)
         assert book.waits
-        assert book.lapsed(NOW + 5.0)
-        assert not book.lapsed(NOW + 5.0)
+        assert book.expire(NOW + 5.0)
+        assert not book.expire(NOW + 5.0)
 
     def test_what_was_said_stays_until_twenty_seconds_behind_the_border(self) -> None:
         book = self.book(agrees=True)
-        assert not book.lapsed(NOW + 49.9)
+        assert not book.expire(NOW + 49.9)
         assert book.ahead is not None
-        assert not book.lapsed(NOW + 50.0), "nobody is asked, so nothing is told"
+        assert not book.expire(NOW + 50.0), "nobody is asked, so nothing is told"
         assert book.ahead is None

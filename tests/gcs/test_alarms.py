@@ -73,7 +73,7 @@ def test_a_line_may_be_graver_than_its_word() -> None:
 def standing(*events: str) -> Alarms:
     alarms = Alarms()
     for event in events:
-        alarms.heard(event, EVENTS[event], f"{event}!", NOW)
+        alarms.on_line(event, EVENTS[event], f"{event}!", NOW)
     return alarms
 
 
@@ -104,14 +104,14 @@ def test_what_is_acknowledged_stands_and_is_silent() -> None:
 
 def test_other_words_of_the_same_gravity_stay_acknowledged_and_graver_ones_are_said() -> None:
     alarms = Alarms()
-    alarms.heard("decision", WARNING, "holds", NOW)
+    alarms.on_line("decision", WARNING, "holds", NOW)
     alarms.acknowledge()
-    alarms.heard("decision", WARNING, "holds, still", NOW)
+    alarms.on_line("decision", WARNING, "holds, still", NOW)
     assert alarms.due(NOW + 1e6) == ()
-    alarms.heard("decision", EMERGENCY, "returns", NOW)
+    alarms.on_line("decision", EMERGENCY, "returns", NOW)
     assert [alarm.text for alarm in alarms.due(NOW + 10.0)] == ["returns"]
     alarms.acknowledge()
-    alarms.heard("decision", WARNING, "holds", NOW)
+    alarms.on_line("decision", WARNING, "holds", NOW)
     assert alarms.due(NOW + 1e6) == (), "milder than what was acknowledged"
 
 
@@ -122,7 +122,7 @@ def test_what_nobody_has_acknowledged_is_said_again_whatever_its_words() -> None
 
 def test_what_is_only_to_be_known_is_said_once() -> None:
     alarms = Alarms()
-    alarms.heard("decision", ADVISORY, "guard silent", NOW)
+    alarms.on_line("decision", ADVISORY, "guard silent", NOW)
     assert [alarm.text for alarm in alarms.standing] == ["guard silent"]
     assert alarms.due(NOW + 1e9) == ()
 

@@ -40,7 +40,7 @@ signal.signal(signal.SIGTERM, quit_handler)
 def flying():
     {flying}
 interrupts = Interrupts(mpstate, flying, time.monotonic)
-interrupts.take()
+interrupts.install()
 def input_loop():
     while not mpstate.status.exit:
         try:
@@ -53,7 +53,7 @@ while not mpstate.status.exit:
         input_loop()
     except KeyboardInterrupt:
         print("interrupt caught")
-interrupts.give_back()
+interrupts.restore()
 print("in order")
 """
 IN_FLIGHT, ON_THE_GROUND, BROKEN = "return 'drone-1'", "return ''", "raise RuntimeError"

@@ -43,7 +43,7 @@ def port(request: pytest.FixtureRequest) -> Iterator[socket.socket]:
 def test_what_waits_at_a_udp_link_has_room(port: socket.socket) -> None:
     """Without, a station that is slow for a second loses frames: 262 waited, and 115 behind them were lost."""
     before = room(port)
-    links(SimpleNamespace(port=port)).see_to()
+    links(SimpleNamespace(port=port)).refresh()
     assert (room(port) > 4 * before) is (port.type == socket.SOCK_DGRAM)
 
 
@@ -51,20 +51,20 @@ def test_what_waits_at_a_udp_link_has_room(port: socket.socket) -> None:
 def test_a_link_that_comes_later_is_seen_to_and_each_once(port: socket.socket) -> None:
     masters: list[Any] = []
     ours = Links(SimpleNamespace(mav_master=masters), (), lambda text: None, Counter())
-    ours.see_to()
+    ours.refresh()
     before = room(port)
     masters.append(SimpleNamespace(port=port))
-    ours.see_to()
+    ours.refresh()
     assert room(port) > before
     port.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, SMALL_BYTES)
-    ours.see_to()
+    ours.refresh()
     assert room(port) == before
 
 
 def test_a_link_without_a_socket_or_with_a_closed_one_is_left_alone(port: socket.socket) -> None:
     port.close()
     no_socket = (SimpleNamespace(port=object()), SimpleNamespace(), SimpleNamespace(port=None))
-    links(SimpleNamespace(port=port), *no_socket).see_to()
+    links(SimpleNamespace(port=port), *no_socket).refresh()
 
 
 def test_a_serial_line_that_takes_nothing_does_not_stop_the_station() -> None:
@@ -74,8 +74,8 @@ def test_a_serial_line_that_takes_nothing_does_not_stop_the_station() -> None:
     tty.setraw(near)
     port = serial.Serial(os.ttyname(near), timeout=0)
     ours = links(SimpleNamespace(port=port))
-    ours.see_to()
-    ours.see_to()
+    ours.refresh()
+    ours.refresh()
     frame = bytes(range(40))
     try:
         begun = time.monotonic()

@@ -357,7 +357,7 @@ def test_a_sender_that_cannot_be_written_to_is_not_the_vehicle(bench: Bench) -> 
     vehicle = bench.sender(1)
     vehicle.send(bench.master)
     bench.read()
-    callers._heard(callers._links[0], (HERE, 0), bench.clock())
+    callers._on_vehicle_frame(callers._links[0], (HERE, 0), bench.clock())
     assert bench.master.clients == {vehicle.address}
 
 

@@ -231,7 +231,7 @@ def station_believes_anything(patch: pytest.MonkeyPatch) -> None:
     def gullible(self: gcs.StationCore, commander: int | None, epoch: int, actions: list[Any], *, over: bool) -> None:
         self.commander, self.epoch = commander, epoch
 
-    patch.setattr(gcs.StationCore, "_believe", gullible)
+    patch.setattr(gcs.StationCore, "_update_authority", gullible)
 
 
 def station_answers_old_questions(patch: pytest.MonkeyPatch) -> None:

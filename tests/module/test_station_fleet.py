@@ -860,7 +860,7 @@ def test_a_link_that_is_made_anew_is_watched_again(fleet: Fleet) -> None:
 def test_to_look_after_links_for_hours_leaves_one_watch_on_each(fleet: Fleet) -> None:
     fleet.load()
     for _ in range(1500):
-        fleet.module.links.see_to()
+        fleet.module.links.refresh()
     fleet.type("handover start")
     assert fleet.commands(1) == [(1, START)]
 
