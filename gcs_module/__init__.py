@@ -1,4 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Authority handover, the ground station's side: `core` holds the rules (pure), `module` is the MAVProxy module, `view`
-what the operator sees."""
+"""Authority handover at a ground station.
+
+`core` holds the rules (pure), `module` is the MAVProxy module, `view` shows everything to the operator.
+"""

@@ -41,8 +41,10 @@ class Level(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """How a level is shown: colours of MAVProxy's console, bell, speech, and the interval (s) at which an alarm is
-    repeated."""
+    """How a level is shown.
+
+    Colours of MAVProxy's console, bell, speech, and the interval (s) at which an alarm is repeated.
+    """
 
     colour: str
     ground: str

@@ -26,7 +26,7 @@ _ON_MISSION: Final = (Phase.ON_MISSION, Phase.ON_HANDOVER)
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """What a station knows of a vehicle at one moment. Names of stations are "" if there is none.
+    """A station's knowledge of a vehicle at one moment. Names of stations are "" if there is none.
 
     `heard_s`: time since the vehicle was heard, inf: never; `mode`: of the autopilot, "" not known or too old;
     `action`: what the vehicle does about what is wrong; `left_s`: time left for an operator who is asked, inf: none is;
@@ -106,8 +106,10 @@ def _banner(now: Situation) -> tuple[str, Level]:
 
 
 def tag(now: Situation) -> str:
-    """The words in brackets before each line, in the form of the thesis: "ONMISSION", "ONMISSION RTL", "ONMISSION 12 s
-    old"; with several vehicles "drone-2 ONMISSION"."""
+    """The words in brackets before each line, in the form of the thesis.
+
+    "ONMISSION", "ONMISSION RTL", "ONMISSION 12 s old"; with several vehicles "drone-2 ONMISSION".
+    """
     words = f"{now.of} {now.phase.name.replace('_', '')}".lstrip()
     if now.phase in _ON_MISSION and now.mode not in _MISSION_MODES:
         words += f" {now.mode}"

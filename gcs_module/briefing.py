@@ -41,8 +41,10 @@ class Briefing:
             self.at, self._parts = now, {}
 
     def due(self, question: object, asked_at: float) -> tuple[str, ...]:
-        """The lines to show with this question, asked at `asked_at`; none if they were shown, or if no briefing has
-        come since."""
+        """The lines to show with this question, asked at `asked_at`.
+
+        None if they were shown, or if no briefing has come since.
+        """
         if question is None or question == self._shown_for or self.at < asked_at:
             return ()
         self._shown_for = question

@@ -107,7 +107,7 @@ class StationCommands:
         #: refused commands, and until when a text with the reason may still arrive
         self._refused: dict[str, tuple[str, float]] = {}
         self._table: dict[str, tuple[str, Callable[[], None]]] = {
-            "status": ("who commands, this station's part, telemetry, links", self._status),
+            "status": ("the commander, this station's role, telemetry, links", self._status),
             "share": ("send the mission package to the vehicle and to the other stations", self._share),
             "rehearse": (
                 "on the ground, disarmed: carry the aircraft through its zones, nothing arms; under way: its report",
@@ -209,8 +209,10 @@ class StationCommands:
         self._module.narrator.command_sent(word)
 
     def _replace(self, word: str, sent: tuple[int, tuple[float, ...]]) -> int:
-        """End the commands of the same group that wait for an answer; returns how many answers to this MAVLink command
-        may be theirs."""
+        """End the commands of the same group that wait for an answer.
+
+        Returns how many answers to this MAVLink command may belong to them.
+        """
         owed = 0
         for before in next((matter for matter in _MATTERS if word in matter), ()):
             talk = self._talks.get(before)
@@ -270,7 +272,7 @@ class StationCommands:
                 self._command("GIVE", OPERATOR_CONTROL, 1, 0, self.settings.request_timeout, peer.station.sysid)
                 return
         known = ", ".join(peer.station.name for peer in self._module.config.peers) or "none"
-        self._module.view.show(f"handover give: no station {name!r}; known are {known}")
+        self._module.view.show(f"handover give: no station {name!r}; the stations are {known}")
 
     def _override(self, limit: str) -> None:
         """Only the commander may override; the vehicle answers for how long."""

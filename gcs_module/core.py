@@ -11,13 +11,13 @@ Rules that live here
 * A station only answers and never retransmits: the vehicle asks again, and the same question gets the same answer. Late
   messages of a transfer before the vehicle's latest one, or of an aborted one, are ignored.
 * As partner the station answers HANDOVER_REQUEST with ON_HANDOVER, to the commander over the ground link and to the
-  vehicle, and CONNECT_HANDOVER with DRONE_CONNECTED likewise. Without a ground link to the commander it asks the
+  vehicle, and CONNECT_HANDOVER with DRONE_CONNECTED to both. Without a ground link to the commander it asks the
   vehicle to relay the answer.
 * As commander the station answers ON_HANDOVER with OK_HANDOVER, and DRONE_CONNECTED with DISCONNECT_HANDOVER, the last
   only for a transfer that it has consented to. It believes what the vehicle relays. Over the ground link it accepts
-  these messages only from the partner itself, while this station commands, and only for a transfer that the vehicle has
-  announced (AUTHORITY_STATUS, or a relayed message). So a message of a peer only speeds up what the vehicle does; it
-  neither opens nor replaces a question. If it arrives just before the vehicle's message, it waits for that.
+  these messages only from the partner itself, while this station commands. The vehicle must have announced the transfer
+  (AUTHORITY_STATUS, or a relayed message). So a message of a peer only speeds up what the vehicle does; it neither
+  opens nor replaces a question. If it arrives just before the vehicle's message, it waits for that.
 * A change of control is told in the words of a positive exchange of control, after the vehicle has confirmed it: "I
   have drone-1" at the station that has got it, "GCSB has drone-1" at the one that has given it. The vehicle's name is
   the one that it uses for itself.
@@ -119,7 +119,7 @@ class _Stage(IntEnum):
 
 @dataclass(slots=True)
 class _Part:
-    """This station's part in the present transfer."""
+    """The part of this station in the present transfer."""
 
     key: TransferKey
     as_partner: bool
@@ -211,7 +211,7 @@ class StationCore:
 
     @property
     def role(self) -> Role:
-        """This station's role for the vehicle, as far as it has heard."""
+        """The role of this station for the vehicle, as far as it has heard."""
         if self.commander == self._station.sysid:
             return Role.COMMANDER
         return Role.PARTNER if self.partner == self._station.sysid else Role.OBSERVER
@@ -250,8 +250,10 @@ class StationCore:
         return ahead.key.from_station, ahead.key.to_station, ahead.key.epoch, ahead.key.crossing, -1
 
     def answer_left_s(self, now: float) -> float:
-        """The time left (s) for an operator who is asked, here or at the other station; inf: none is asked, as far as
-        is known."""
+        """The time left (s) for an operator who is asked, here or at the other station.
+
+        inf: none is asked, as far as is known.
+        """
         ahead = self._early_consent.ahead
         if self.partner is None and ahead is not None and ahead.waits:
             return ahead.at - now
@@ -476,13 +478,13 @@ class StationCore:
             self._zone_ending = None
         left = self._zone == commander and commander is not None and event.zone != commander
         if flying and left and commander == self.commander:
-            there = f"it is in the zone of {self.name(event.zone)}" if event.zone else "it is in nobody's"
+            there = f"it is in the zone of {self.name(event.zone)}" if event.zone else "it is in no zone"
             text = f"{self.vehicle_name} has left the zone of {self.name(commander)}: {there}."
             actions.append(Notice("zone_left", text))
         self._zone = event.zone
 
     def _supersede(self, handover_id: int, epoch: int, actions: list[Action]) -> None:
-        """The vehicle has begun another transfer: an earlier one is over, and so is its question."""
+        """The vehicle has begun another transfer: an earlier one and its question are over."""
         part = self._part
         if part is None or not part.key.before(replace(part.key, handover_id=handover_id, epoch=epoch)):
             return
@@ -520,7 +522,7 @@ class StationCore:
     def _consent(
         self, key: TransferKey, why: Reason, crossing: int, now: float, *, as_partner: bool
     ) -> tuple[_Part, bool]:
-        """This station's part in a transfer, with its answer; and whether the answer is new."""
+        """The part of this station in a transfer, with its answer; and whether the answer is new."""
         part, automatic = self._part, QUESTIONS.get(why) in self._automatic
         if part is not None and part.key == key and part.as_partner is as_partner:
             if part.consent is Consent.WAITING and automatic:
@@ -553,12 +555,12 @@ class StationCore:
         assert ahead is not None
         actions.append(ToVehicle(OkAhead(key, ahead.consent)))
         if new:
-            words = f"{self._in_words(key)} in {message.in_s:.0f} s, where the zones of {self.vehicle_name}'s way meet."
+            words = f"Handover {self._in_words(key)} of {self.vehicle_name} in {message.in_s:.0f} s."
             event = ("requested" if partner else "asked") if ahead.waits else "ahead"
             actions.append(Notice(event, words + self._hint(ahead.consent)))
         if ahead.other is Consent.DENIED and other is not Consent.DENIED:
             denies = self.name(key.from_station if partner else key.to_station)
-            text = f"{denies} has denied it: {self._in_words(key)} will not be."
+            text = f"{denies} has denied the handover {self._in_words(key)}."
             actions.append(Notice("ahead", text, Level.ADVISORY))
 
     def _on_request(self, message: HandoverRequest, now: float, actions: list[Action]) -> None:
@@ -605,7 +607,7 @@ class StationCore:
         if key.to_station != self._station.sysid or self._stale(key, of_vehicle=True):
             return
         if (self._part is None or self._part.key != key) and key != self._announced:
-            return  # the station knows nothing of this transfer; AUTHORITY_STATUS brings the reason
+            return  # the station does not know this transfer; AUTHORITY_STATUS brings the reason
         part, _new = self._consent(key, *self._announced_reason(key), now, as_partner=True)
         if part.consent is not Consent.GRANTED:
             self._send_readiness(key, part.consent, now, actions)

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The vehicle's decision about what is wrong: told to the operator once, with the possible commands, and shown while it
-is in force.
+"""The vehicle's decision about what is wrong.
+
+It is told to the operator once, with the possible commands, and shown while it is in force.
 
 The sentence is the vehicle's and the same for every operator: action, place, figures, why something is withheld. The
 way in which a kind of aircraft carries it out is not told here. HANDOVER_DECISION is repeated with the same number

@@ -3,8 +3,9 @@
 """`handover ...` at a station: chooses the vehicle of a command. With one vehicle every command is for that one.
 
 With several vehicles `handover -v NAME ...` names it. Without a name the command is for the vehicle that MAVProxy has
-chosen (`vehicle`), and is refused if that is none of ours: a command typed for one aircraft never goes to another
-because a name is missing. `handover status` is a table of all, `handover ack` is for all; with -v both are for one.
+chosen (`vehicle`). It is refused if that vehicle is not in the configuration: a command typed for one aircraft never
+goes to another because a name is missing. `handover status` is a table of all, `handover ack` is for all; with -v both
+are for one.
 """
 
 from __future__ import annotations

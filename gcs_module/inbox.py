@@ -171,8 +171,10 @@ class Inbox:
         return f"Mission {found.name!r}, {digest.hex()[:8]}, is the vehicle's: taken."
 
     def accept_offer(self, name: str, disarmed: bool) -> str:
-        """The operator takes the offer with this name, or with a digest that begins so; returns a line for the
-        operator."""
+        """The operator takes the offer with this name, or with a digest that begins so.
+
+        Returns a line for the operator.
+        """
         found = [
             package
             for package in self._waiting.values()

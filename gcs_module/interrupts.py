@@ -2,8 +2,8 @@
 
 """Ctrl-C and SIGTERM at a station's MAVProxy.
 
-MAVProxy itself ends at the first Ctrl-C without unloading its modules, and a SIGTERM does not end it while it waits for
-a line at its prompt. Rules:
+MAVProxy itself ends at the first Ctrl-C without unloading its modules. While it waits for a line at its prompt, SIGTERM
+does not end it. Rules:
 
 1. Ctrl-C at a station that commands an aircraft in flight asks first. A second Ctrl-C within AGAIN_S ends the station.
 2. Any other Ctrl-C, and SIGTERM always, ends the station in order: every module is unloaded.

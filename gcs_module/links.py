@@ -11,8 +11,8 @@ vehicle has not been heard yet. Rules that live here:
    rules have no effect.
 2. A message to a vehicle leaves by that vehicle's own link, whichever link is set. Without one it is not sent.
 3. The set link is one of the chosen vehicle's.
-4. A frame with the system id of one of our vehicles, on a link of another, is dropped before this module and MAVProxy's
-   other modules get it. So two aircraft with the same system id are not mixed up.
+4. A frame with a vehicle's system id on a link of another vehicle is dropped. Neither this module nor MAVProxy's other
+   modules get it, so two aircraft with the same system id are not mixed up.
 5. Sticks (RC_CHANNELS_OVERRIDE) go only to the vehicle that was chosen when they were set: MAVProxy repeats them ten
    times a second to the vehicle that is chosen now. See `vehicle_selection.py`.
 
@@ -48,7 +48,7 @@ _CHANNELS: Final = tuple(f"chan{number}_raw" for number in range(1, 19))
 
 @dataclass(slots=True)
 class _Replaced:
-    """What a link had in the places that are replaced here."""
+    """The parts of a link that are replaced here, as they were."""
 
     master: Any
     mav: Any
@@ -183,7 +183,7 @@ class Links:
         return int(self._mpstate.settings.target_system)
 
     def _owner(self, master: Any) -> int | None:
-        """System id of the vehicle that the link's label names; None: it names none of ours."""
+        """System id of the vehicle that the link's label names; None: it names no vehicle of this station."""
         label = getattr(master, "label", None)
         return self._by_name.get(label.partition("/")[0]) if isinstance(label, str) else None
 
@@ -228,7 +228,7 @@ class Links:
         sysid, owner = _speaker(message), self._owner(replaced.master)
         if sysid in self._names and owner != sysid:
             self._refused[f"{self._names[sysid]}: frame on a link of another"] += 1
-            link = "a link of nobody" if owner is None else f"the link of {self._names[owner]}"
+            link = "a link of no vehicle" if owner is None else f"the link of {self._names[owner]}"
             self._tell_once(
                 f"Another program speaks as {self._names[sysid]} on {link}: not heard. Is a system id given twice?"
             )

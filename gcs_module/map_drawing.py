@@ -2,8 +2,8 @@
 
 """How the items of `map_items.py` look on MAVProxy's map: our own objects, drawn in the map's process.
 
-MAVProxy's polygons and labels cannot draw holes, nor text that is legible on any background, nor areas across the 180th
-meridian, where its map draws around the earth the other way.
+MAVProxy's polygons and labels cannot draw holes, nor text that is legible on any background. Areas across the 180th
+meridian they draw around the earth the other way.
 
 A panel holds the time of its values, and its station sends it each second. A panel older than OLD_S is drawn grey with
 its age: its station's program has stopped. For that the map redraws each second even if nothing arrives.

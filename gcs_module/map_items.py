@@ -18,7 +18,7 @@ Line = tuple[Place, ...]
 
 
 class Mark(Enum):
-    """The mark at a sign's place."""
+    """The mark at the place of a `Sign`."""
 
     NONE = ""
     DIAMOND = "diamond"

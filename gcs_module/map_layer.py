@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What a station shows of one vehicle on a map: lines and signs, their places and colours. Pure.
+"""The lines and labels that a station shows of one vehicle on a map, their places and colours. Pure.
 
 Theory of operation
 -------------------
@@ -9,7 +9,7 @@ items by name. The drawing code draws an item only if it differs from the one be
 missing.
 
 * A zone has its station's colour. The outline of the commander's zone is broad.
-* The sign of the border ahead shows the seconds, at its place on the route: the next border between the same two
+* The label of the border ahead shows the seconds, at its place on the route: the next border between the same two
   stations after the aircraft's position. If that is not known, only the panel shows the seconds.
 * The route is the mission package's. If the commander flies another one, neither the route nor its handovers are shown.
 * The panel in the corner shows the text of the status row, the border ahead, the return site, and what is wrong.
@@ -66,7 +66,7 @@ class Border:
 
 @dataclass(frozen=True, slots=True)
 class Now:
-    """What is true of a vehicle at a moment.
+    """Values of a vehicle at a moment.
 
     `banner`: the text of the status row; `wrong`: what is wrong and what is done, "": nothing; `place`: name, latitude
     and longitude of the return site, None: not known; `returning`: the aircraft flies there; `at`: the number of the

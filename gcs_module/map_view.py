@@ -38,7 +38,7 @@ def loaded_maps(mpstate: Any) -> list[Any]:
 
 @dataclass(slots=True)
 class _ShownMap:
-    """What one map shows."""
+    """One map, and the items that it shows."""
 
     map: Any
     shown: dict[str, Item] = field(default_factory=dict)
@@ -126,6 +126,8 @@ class MapView:
         return f"{self._name} {name}"
 
     def _layer(self, item: Item) -> str:
-        """The map draws its layers in the order of their names, and its aircraft in "3": lines below it, words
-        above."""
+        """The name of an item's layer: paths are drawn below MAVProxy's aircraft, words above.
+
+        The map draws its layers in the order of their names, and its aircraft in "3".
+        """
         return f"{'1' if isinstance(item, Paths) else 'z'} {self._name}"

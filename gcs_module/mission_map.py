@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What a mission shows on a map, with any commander: zones, overlaps, route, gaps, and where authority should move.
+"""The picture of a mission on a map, with any commander: zones, overlaps, route, gaps, and where authority should move.
 
 Pure. The computing time grows with the mission, and missions come from others: run it beside the main loop.
 """
@@ -65,7 +65,7 @@ class Crossing:
 
 @dataclass(frozen=True, slots=True)
 class MissionMap:
-    """What one mission shows, with any commander."""
+    """The picture of one mission, with any commander."""
 
     digest: bytes
     zones: tuple[ZoneView, ...]

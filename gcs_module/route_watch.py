@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The route check of the thesis at the station (section 4.4): compares the aircraft's motion with the station's own
-copy of the mission, so that the operator sees a deviation even if the vehicle does not report it.
+"""The route check of the thesis at the station (section 4.4).
+
+It compares the aircraft's motion with the station's own copy of the mission. So the operator sees a deviation even if
+the vehicle does not report it.
 
 Rules that live here
 --------------------
@@ -70,7 +72,7 @@ class StationRouteWatch:
         return self._check_motion(_motion(m.lat, m.lon, m.vx, m.vy, m.waypoint, on_mission), now)
 
     def on_autopilot(self, m: Any, now: float) -> Notice | None:
-        """A message of the autopilot, of any kind; returns likewise."""
+        """A message of the autopilot, of any kind; returns a notice for the operator, if there is one."""
         kind = m.get_type()
         if kind == "HEARTBEAT":
             armed = bool(m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)

@@ -9,11 +9,11 @@ MAVProxy signs and checks. This module gives it the key, and does what MAVProxy 
    pymavlink replaces it by the other end's id.
 2. Time stamps rise with every frame, also across a reload of this module, and keep pace with time on an idle link. They
    follow the newest stamp that the vehicle has proven. All links share one clock.
-3. pymavlink's own check stores a frame's stamp before it verifies the hash, so one forged frame with a far future stamp
-   would block the vehicle's frames at this station. The check is replaced by that of `wire.signing`, one for all links:
-   a frame that was received by one link cannot be replayed on another. The copies that a vehicle sends on several links
-   are accepted, one by each, while they are no more than OVERTAKEN_S apart: MAVProxy judges its links by them. Each
-   link has its own numbers, so copies are recognized by their stamp: a vehicle gives each frame another one.
+3. pymavlink's own check stores a frame's stamp before it verifies the hash. So one forged frame with a far future stamp
+   would block the vehicle's frames here. The check is replaced by that of `wire.signing`, one for all links: a frame
+   that was received by one link cannot be replayed on another. The copies that a vehicle sends on several links are
+   accepted, one by each, while they are no more than OVERTAKEN_S apart: MAVProxy judges its links by them. Each link
+   has its own numbers, so copies are recognized by their stamp: a vehicle gives each frame another one.
 4. MAVProxy checks no signature of messages that it does not know, ours among them: `check` does.
 5. Only a telemetry radio may send unsigned frames (RADIO, RADIO_STATUS).
 6. `release` restores what MAVProxy's own `signing` had set up before.
@@ -51,7 +51,7 @@ _KEPT: Final = ("secret_key", "sign_outgoing", "allow_unsigned_callback", "link_
 
 @dataclass(slots=True)
 class _Outlives:
-    """What must survive a reload, for one key."""
+    """Values of one key that must survive a reload."""
 
     sent: int = 0  #: newest stamp that was sent
     proven: int = 0  #: newest proven stamp of the vehicle

@@ -2,8 +2,8 @@
 
 """Limits which senders MAVProxy's listening UDP links read and answer: the vehicle, whatever else sends to the port.
 
-pymavlink's `udpin` stores the address of every sender, writes a copy of everything to each, and feeds the datagrams of
-all of them to one parser. So a stranger with 250,000 ports makes a station only write copies, and three bytes from a
+pymavlink's `udpin` stores the address of every sender and writes a copy of everything to each. It feeds the datagrams
+of all of them to one parser. So a stranger with 250,000 ports makes a station only write copies, and three bytes from a
 stranger delay the vehicle's next frames. MAVProxy's `--udp-timeout` applies to its outputs only. Here each such link
 gets our `recv`; the rest stays pymavlink's. Rules that live here:
 
@@ -14,8 +14,8 @@ gets our `recv`; the rest stays pymavlink's. Rules that live here:
 3. Without a key, while the vehicle is not heard on a link, the station writes to one address that sent a whole frame: a
    MAVProxy that talks with another program there continues to do so.
 4. From other addresses only whole frames reach MAVProxy's parser, with a key only signed ones, so no bytes of a
-   stranger wait in it. The beginning of a frame that waits there, perhaps sent under the vehicle's address, is dropped
-   when a datagram of whole frames comes from that address, and after PATIENCE_S.
+   stranger wait in it. Waiting bytes, the beginning of a frame, may carry the vehicle's address without being its own.
+   They are dropped when a datagram of whole frames comes from that address, and after PATIENCE_S.
 5. One `recv` examines a limited number of datagrams from strangers, at most half of them from one host. After an empty
    result MAVProxy sleeps for 0.1 s, so a stranger could stop the station: if nothing was useful, `recv` returns an
    object that counts as data and holds no bytes.
@@ -101,7 +101,7 @@ class UdpSenders:
                 self._forget_silent(self._link_of(master), now)
 
     def received(self, master: Any) -> int:
-        """The frames that came by a link since it began; on links that anyone can send to, only the vehicle's."""
+        """The frames that came by a link since it began; on listening links only the vehicle's."""
         for link in self._links:
             if link.master is master:
                 return link.frames

@@ -2,8 +2,8 @@
 
 """Which of several links a station's own messages use. Pure: time is an argument.
 
-A MAVProxy with several `--master` links sends on the link that is set, and leaves it only after five seconds in which
-nothing came by it. That is long for a command in flight, so the station's module changes the setting:
+A MAVProxy with several `--master` links sends on the link that is set. It leaves that link only after five seconds in
+which nothing came by it. That is long for a command in flight, so the station's module changes the setting:
 
 * a link by which nothing came for SILENT_S, while several frames came by another one, is left at once: the vehicle
   probes every link ten times a second;

@@ -220,8 +220,10 @@ class VehicleAddresses:
         return f"{line} {ended}." if line else f"{ended}: what {sender.called} sends now needs no answer."
 
     def _not_asked(self, sender: _Sender, addresses: Listed) -> str | None:
-        """A line about addresses that need no question, "" if there is nothing to say; None: the operator is to be
-        asked."""
+        """A line about addresses that need no question; None: the operator is to be asked.
+
+        "" if there is nothing to say.
+        """
         own = self._opener.own()
         if not addresses:
             return self._without(sender) if not own and self._confirmed is None else ""

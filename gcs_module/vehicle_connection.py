@@ -57,8 +57,10 @@ class VehicleConnection:
         return SignatureVerdict.OK if self._signing is None else self._signing.check(frame)
 
     def answer_probe(self, frame: Frame, now: float) -> None:
-        """Answer a link probe on every link: MAVProxy does not say which link it came by, and the vehicle uses only
-        the answer on the right one."""
+        """Answer a link probe on every link.
+
+        MAVProxy does not say which link it came by, and the vehicle uses only the answer on the right one.
+        """
         answer = probe_answer(frame, int(now * 1e9))
         if answer is not None:
             for master in self._links.of(self._sysid):

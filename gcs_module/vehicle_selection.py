@@ -51,7 +51,7 @@ class VehicleSelection:
 
     @property
     def vehicle(self) -> FleetVehicle | None:
-        """The chosen vehicle; None: none of ours."""
+        """The chosen vehicle; None: it is not in the configuration."""
         return next((vehicle for vehicle in self._vehicles if vehicle.sysid == self.sysid), None)
 
     def install(self) -> None:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the messages of one vehicle tell a station: mode, arming, zone, return site, rehearsal. Pure.
+"""The values that a station has heard from one vehicle: mode, arming, zone, return site, rehearsal. Pure.
 
-Who commands the vehicle is not kept here: `StationCore` keeps it. Times are monotonic seconds.
+`StationCore` keeps which station commands the vehicle. Times are monotonic seconds.
 """
 
 from __future__ import annotations
@@ -66,8 +66,11 @@ class VehicleState:
         )
 
     def armed(self, now: float) -> bool:
-        """Whether the autopilot or the companion was heard within SILENT_S, and the autopilot's last heartbeat does
-        not say that it is disarmed."""
+        """Whether the vehicle was heard within SILENT_S and its autopilot's last heartbeat does not say that it is
+        disarmed.
+
+        Autopilot or companion must have been heard; without any heartbeat of the autopilot the answer is no.
+        """
         silent_s = min(now - self._mode_at, self._core.vehicle_silent_s(now))
         return self._mode_at > -inf and not self.disarmed and silent_s < SILENT_S
 

@@ -2,8 +2,8 @@
 
 """The texts of one vehicle (STATUSTEXT), each shown to the operator once.
 
-MAVProxy shows the texts of the vehicle that it has chosen. Shown here are the companion's texts, what the gate says of
-this station's sticks, and the grave texts of a vehicle that MAVProxy does not show.
+MAVProxy shows the texts of the vehicle that it has chosen. This module shows the companion's texts, and the gate's
+texts about this station's sticks. It also shows the grave texts of a vehicle that MAVProxy does not show.
 """
 
 from __future__ import annotations

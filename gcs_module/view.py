@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the operator sees and hears of a vehicle: lines in the thesis's form, the status row of MAVProxy's console,
-bell, speech and telemetry. The level of a line decides how it looks and sounds (`alarms.py`)."""
+"""The operator's view of a vehicle: lines, status row, bell, speech and telemetry.
+
+Lines have the form of the thesis; the status row is in MAVProxy's console. The level of a line decides how it looks and
+sounds (`alarms.py`).
+"""
 
 from __future__ import annotations
 

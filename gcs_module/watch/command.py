@@ -24,16 +24,16 @@ __all__ = ["main"]
 _PORT: Final = 8090
 #: the ending of a journal's name
 _JOURNAL: Final = ".jsonl"
-#: a token that somebody has chosen has so many characters at least
+#: fewest characters of a token from a file
 _TOKEN: Final = 16
 
 
 class _Wrong(Exception):
-    """What was given cannot be used. The message is one line."""
+    """An argument that cannot be used. The message is one line."""
 
 
 def main(argv: Sequence[str]) -> int:
-    """0: it was stopped; 2: wrong usage, or something that was named cannot be used."""
+    """0: it was stopped; 2: wrong usage, or an argument that cannot be used."""
     parser = argparse.ArgumentParser(
         prog="handover watch",
         description="Serve a page for those who watch: all aircraft and stations on a map, from journals while they "
@@ -96,7 +96,7 @@ def _serve(arguments: argparse.Namespace) -> int:
         raise _Wrong(str(error)) from None
     token, tiles = _token(arguments), _tiles(arguments)
 
-    # what is an extra is loaded here, when everything else is in order
+    # optional packages are imported here, after all checks
     import uvicorn
 
     from gcs_module.watch.follow import Follower
@@ -139,7 +139,7 @@ def _serve(arguments: argparse.Namespace) -> int:
 
 
 def _token(arguments: argparse.Namespace) -> str | None:
-    """None: the page is this machine's alone. Raises _Wrong."""
+    """None: only this computer can reach the page. Raises _Wrong."""
     if arguments.token_file is None:
         return None if is_loopback(arguments.bind) else secrets.token_urlsafe(24)
     try:

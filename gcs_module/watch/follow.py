@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Everything that is followed: finds journals, reads what is new of them, listens to links, looks at missions.
+"""Finds journals, reads their new entries, listens to links, and reads missions.
 
 Rules that live here
 --------------------
-* A folder is looked through again every few seconds: aircraft and stations may begin later. So is a file's mission.
-* Disks are read, and missions looked at, in a thread: what is slow delays what is shown of it, and nothing else.
-* A fault in one file, link or mission is counted and told in the heading; the others go on.
+* A folder is searched again every few seconds, as is a journal's mission: aircraft and stations may start later.
+* A thread reads disks and missions: a slow one delays only what it brings.
+* A fault in one file, link or mission is counted and shown in the heading; the others go on.
 """
 
 from __future__ import annotations
@@ -32,16 +32,18 @@ from mavproxy_handover.wire.frames import Frame
 
 __all__ = ["MOST_JOURNALS", "Follower", "journals_in"]
 
-#: files that are followed
+#: most journals that are followed
 MOST_JOURNALS: Final = 256
 _EVERY_S, _LOOK_S = 0.25, 2.0
-#: bytes that are read at a time, of all files together: some hundredths of a second to take in
+#: bytes read at a time, of all files together: some hundredths of a second to parse
 _AT_A_TIME: Final = 512 * 1024
 
 
 def journals_in(path: Path) -> list[Path]:
-    """The journals that a path stands for: itself, or those in a folder and in its folders. Those of what came from
-    strangers are left out: nothing in them is proven."""
+    """The journals of a path: the file itself, or those in a folder and its subfolders.
+
+    Journals of strangers' input are left out: nothing in them is proven.
+    """
     if not path.is_dir():
         return [path]
     found = sorted(path.glob("*.jsonl")) + sorted(path.glob("*/*.jsonl"))
@@ -57,14 +59,14 @@ class _Journal:
 
 
 class Follower:
-    """Of one page. `paths`: journals, and folders of them; `devices`: links; `missions`: for aircraft without a mission
-    beside their journals."""
+    """Follows the input of one page. `paths`: journals, and folders of them; `devices`: links; `missions`: for aircraft
+    without a mission beside their journals."""
 
     def __init__(self, paths: Sequence[Path], devices: Iterable[DeviceSpec], missions: Sequence[Mission]) -> None:
         self.scene = Scene()
         self.missions: dict[str, Mission] = {each.key: each for each in missions}
         self.shown: Shown = shown(self.scene, self.missions, 0.0)
-        #: what went wrong here, by what it was
+        #: faults here, by kind
         self.faults: dict[str, int] = {}
         self._paths = paths
         self._given = tuple(missions)
@@ -79,14 +81,14 @@ class Follower:
         self._sockets = [link.bind() for link, _reader in self._links]
 
     def begin(self) -> None:
-        """Begin to follow, in the event loop that runs."""
+        """Start to follow, in the running event loop."""
         for (link, _reader), opened in zip(self._links, self._sockets, strict=True):
             self._tasks.append(asyncio.create_task(link.run(opened)))
         for job in (self._read, self._look, self._show):
             self._tasks.append(asyncio.create_task(self._forever(job)))
 
     def end(self) -> None:
-        """Stop, and let go of everything."""
+        """Stop, and close everything."""
         for task in self._tasks:
             task.cancel()
         for journal in self._journals.values():
@@ -96,7 +98,7 @@ class Follower:
                 opened.close()
 
     def heading(self) -> str:
-        """What is followed, and how it stands with that."""
+        """The heading of the page: what is followed, and its state."""
         broken = sum(each.tail.broken for each in self._journals.values())
         parts = [f"{len(self.scene.aircraft)} aircraft"]
         if self._journals or self._paths:
@@ -113,7 +115,7 @@ class Follower:
     # ---- jobs -----------------------------------------------------------------------------------------------------
 
     async def _forever(self, job: Callable[[], Awaitable[float]]) -> None:
-        """Again and again; a fault costs one turn of one job."""
+        """Run a job again and again; a fault costs one turn of it."""
         while True:
             try:
                 pause_s = await job()
@@ -127,13 +129,13 @@ class Follower:
             self.faults[what] = self.faults.get(what, 0) + 1
 
     async def _read(self) -> float:
-        """What is new in the journals, a piece of each at a time."""
+        """Read the next part of each journal."""
         journals = list(self._journals.values())
         if not journals:
             return _EVERY_S
         found = await asyncio.to_thread(_read_all, [each.tail for each in journals])
         now, utc_now = time.monotonic(), time.time()
-        # in the order in which they were written, as far as clocks agree: an aircraft speaks before its stations
+        # in the order of their times, as far as clocks agree: an aircraft's entry comes before its stations'
         entries = [(journal, entry) for journal, (new, _) in zip(journals, found, strict=True) for entry in new]
         entries.sort(key=lambda each: each[1].utc or utc_now)
         for journal, entry in entries:
@@ -142,7 +144,7 @@ class Follower:
         return 0.0 if any(taken >= share for _, taken in found) else _EVERY_S
 
     async def _look(self) -> float:
-        """For journals and missions that are new."""
+        """Find new journals and missions."""
         laid = await asyncio.to_thread(self._find)
         for path in laid[0]:
             if path not in self._journals and len(self._journals) < MOST_JOURNALS:

@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the entries of a journal say of aircraft and stations. Pure: time is an argument, monotonic seconds.
+"""Reads the entries of a journal about aircraft and stations. Pure: time is an argument, monotonic seconds.
 
 Rules that live here
 --------------------
-* Whose journal it is, its entries tell: a station's have a role, an aircraft's a view or a position. Until one of
-  these has come nothing is believed; the last few entries wait.
-* An entry is as old as its `utc` says by the watching machine's clock, and never newer than the moment when it was
-  read: a clock that is wrong makes a flight look older than it is, or not at all.
-* How grave a line is, `alarms.py` says: a line of an aircraft has the level of the one that stations have for the same.
-* What an aircraft's own journal says is not told again from those of its stations.
+* The entries tell what writes the journal: those of a station have a role, those of an aircraft a view or a position.
+  Before one of these has come, no entry counts; the last few entries wait.
+* An entry is as old as its `utc` by the watching machine's clock, and never newer than the moment when it was read: a
+  wrong clock makes a flight look older than it is, or hides it.
+* The level of a line comes from `alarms.py`: an aircraft's line has the level of the corresponding line of a station.
+* What an aircraft's own journal tells is not repeated from the journals of its stations.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from mavproxy_handover.core.common.model import FlightAction
 
 __all__ = ["TOLD", "Writer"]
 
-#: line of an aircraft's journal -> the line of a station that is as grave; what is not here is not in the feed
+#: entry of an aircraft's journal -> the entry of a station with the same level; others are not in the feed
 TOLD: Final = {
     "loaded": "text",
     "unloaded": "peer_lost",
@@ -75,19 +75,19 @@ TOLD: Final = {
     "in_our_name": "lost",
     "energy_budget": "question",
 }
-#: lines of a station that are its own, whatever the aircraft's journal says
+#: entries about the station itself: shown with or without the aircraft's journal
 _ITS_OWN: Final = frozenset(
     {
         *("loaded", "unloaded", "fault", "lost", "requested", "asked", "consent", "countdown", "peer", "peer_lost"),
         *("command", "acknowledged", "stream", "named", "link", "package_sent", "package_received"),
     }
 )
-#: what a station's alarms are named that its aircraft's own journal speaks of better
+#: alarms of a station that the aircraft's own journal tells better
 _THE_AIRCRAFTS: Final = frozenset(("commander", "decision", "route"))
 _GUARDS: Final = frozenset(("disabled", "waiting", "live", "expired", "lost", "silent"))
-#: entries that wait until it is clear whose journal it is
+#: entries that wait until the journal's writer is known
 _WAITING: Final = 64
-#: devices of one station that are told apart
+#: most devices of one station
 _MOST_LINKS: Final = 8
 _ACTIONS: Final = {action.name.lower(): action for action in FlightAction}
 
@@ -100,11 +100,11 @@ def _place(entry: Entry) -> Place | None:
 
 
 class Writer:
-    """Who writes one journal, and what came of its entries. `name`: of the file, for people."""
+    """The writer of one journal, and the state from its entries. `name`: of the file, for people."""
 
     def __init__(self, scene: Scene, name: str) -> None:
         self.source = Source(name)
-        #: the aircraft whose journal it is; None: it is no aircraft's, or not known yet
+        #: the aircraft that writes the journal; None: no aircraft does, or it is not known yet
         self.aircraft: Aircraft | None = None
         self._scene = scene
         self._station: Station | None = None
@@ -122,7 +122,7 @@ class Writer:
         self._apply(entry, at, utc)
 
     def _known_by(self, entry: Entry) -> bool:
-        """Whether this entry tells whose journal it is."""
+        """Whether this entry tells what writes the journal."""
         if "role" in entry.fields or entry.event == "telemetry" or entry.text.startswith("handover_gcs "):
             self._station = self._scene.station(entry.who)
         elif (entry.event == "view" and entry.word("lease")) or (entry.event == "position" and _place(entry)):
@@ -186,7 +186,7 @@ class Writer:
     def _level(craft: Aircraft, entry: Entry) -> Level:
         if entry.event == "decision":
             action = _ACTIONS.get(entry.word("action") or "")
-            over = action is None or craft.rehearsal.value  # in a rehearsal nothing is done about it
+            over = action is None or craft.rehearsal.value  # in a rehearsal no action is taken
             return EVENTS["decision_over"] if over or action is None else DECISIONS[action]
         if entry.event == "authority" and not entry.word("station"):
             return EVENTS["no_commander"]
@@ -247,14 +247,14 @@ class Writer:
             self._scene.tell(utc, station.name, level, entry.text)
 
     def _its_aircraft(self, station: Station, entry: Entry) -> Aircraft | None:
-        """The aircraft that an entry is about: the one that it names, or the only one that hears this station."""
+        """The aircraft of an entry: the one that it names, or the only one that hears this station."""
         named = entry.word("vehicle")
         if named:
             return self._scene.craft(named)
         own = f"aircraft of {station.name}"
         hearing = [each for each in self._scene.aircraft.values() if station.name in each.contacts and each.name != own]
         if len(hearing) == 1:
-            self._scene.aircraft.pop(own, None)  # it has been seen by its station before its own journal was found
+            self._scene.aircraft.pop(own, None)  # its station's journal was found before its own
             return hearing[0]
         if own in self._scene.aircraft or "role" in entry.fields or entry.event == "telemetry":
             craft = self._scene.craft(own)
@@ -276,7 +276,8 @@ class Writer:
         if entry.event == "telemetry" and place is not None:
             craft.zone.hear(entry.word("zone") or "", at, Rank.STATION)
             if craft.commander.rank is Rank.STATION and craft.commander.value == station.name:
-                craft.commander.at = max(craft.commander.at, at)  # who has lost control would have written so
+                # a station that has lost control would have written that
+                craft.commander.at = max(craft.commander.at, at)
             craft.moved(place, at, Rank.STATION)
         self._alarm(craft, station, entry, at)
 

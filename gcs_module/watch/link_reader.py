@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the frames of a link say of aircraft and stations. Pure: time is an argument, monotonic seconds.
+"""Reads the frames of a link about aircraft and stations. Pure: time is an argument, monotonic seconds.
 
 Rules that live here
 --------------------
-* An aircraft is a system whose companion says who commands, or whose autopilot is heard; nothing else makes one.
-* Names are those of CONNECT and CONNECT_ACK; until one comes, and for stations, those that a mission gives to the ids.
-* Signatures are not checked: this page has no keys. It shows what is said on the link that it was given.
+* An aircraft is a system whose companion sends AUTHORITY_STATUS, or whose autopilot is heard.
+* Names are those of CONNECT and CONNECT_ACK. Before one has come, and for stations, a mission gives names to the ids.
+* Signatures are not checked: this page has no keys. It shows what is sent on its link.
 """
 
 from __future__ import annotations
@@ -44,14 +44,14 @@ _TAKEN: Final = frozenset(
         mavlink.MAVLINK_MSG_ID_CONNECT_ACK,
     )
 )
-#: what the companion's messages come from
+#: components that send the companion's messages
 _SPEAKERS: Final = (COMPANION_COMPID, LANGUAGE_COMPID)
 _NO_HEADING, _NO_VOLTAGE = 0xFFFF, 0xFFFF
 _GUARD_TROUBLE: Final = (GuardState.EXPIRED, GuardState.LOST, GuardState.SILENT)
 
 
 class LinkReader:
-    """Of one link. `station_name`: the name that a mission gives to a system id, "": none does."""
+    """Reads one link. `station_name`: the name that a mission gives to a system id, "": none does."""
 
     def __init__(self, scene: Scene, name: str, station_name: Callable[[int], str]) -> None:
         self.source = Source(name)
@@ -85,13 +85,13 @@ class LinkReader:
             self._of_autopilot(craft, m, now)
 
     def tick(self, now: float, utc_now: float) -> None:
-        """Tell the texts that are whole; to be called each second."""
+        """Show complete texts; to be called each second."""
         for sysid, texts in self._texts.items():
             for text in texts.due(now, partial(self._told, sysid)):
                 self._scene.tell(utc_now, self._aircraft[sysid].name, text.level, text.words)
 
     def _told(self, sysid: int, text: str) -> bool:
-        """Decisions, and who commands: they come in messages of ours too, and are told from those."""
+        """Decisions and changes of the commander arrive as messages of ours too, and are told from those."""
         return text == self._decided.get(sysid, (0, ""))[1] or " commands now" in text
 
     def _craft(self, frame: Frame, m: Any) -> Aircraft | None:
@@ -130,7 +130,7 @@ class LinkReader:
         if not name or not name.isprintable() or name == craft.name:
             return
         known = self._scene.aircraft.get(name)
-        if known is None:  # the same one under its name
+        if known is None:  # the same aircraft, now with its name
             self._scene.aircraft[name] = self._scene.aircraft.pop(craft.name)
             craft.name = name
         elif known is not craft and known.source is not self.source:  # its journal is followed too
@@ -215,7 +215,7 @@ class LinkReader:
 
 
 def _place(lat: int, lon: int, relative_mm: int) -> Place | None:
-    """In units of the messages; None: nobody knows where it is."""
+    """The place in units of the messages; None: it is not known."""
     lat_deg, lon_deg = lat / 1e7, lon / 1e7
     if (lat, lon) == (0, 0) or abs(lat_deg) > 90.0 or abs(lon_deg) > 180.0:
         return None

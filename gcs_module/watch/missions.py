@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the page shows of the missions, and when an aircraft reaches its next handover.
+"""The missions of the page, and when an aircraft reaches its next handover.
 
 A thread reads a mission and makes its map (`mission_map.py`), because the time for that depends on the mission. A
 mission that cannot be read is reported once, and tried again when its folder has changed.
@@ -24,15 +24,15 @@ from mavproxy_handover.mission.route_simulation import Sample
 __all__ = ["MOST_MISSIONS", "Coming", "Mission", "beside", "coming", "read"]
 
 MOST_MISSIONS: Final = 32
-#: the border may be as far behind as this (m): places are a second old
+#: the border may be this far behind (m): positions are up to a second old
 _PASSED_M: Final = 20.0
-#: farther from its route than this (m) nobody says when it will be at a border
+#: an aircraft farther from its route than this (m) has no expected time at a border
 _NEAR_M: Final = 300.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mission:
-    """One mission, as a browser is given it (`drawn`), and what is asked of it each second."""
+    """One mission: its drawing for a browser (`drawn`), and the values used each second."""
 
     key: str
     name: str
@@ -40,14 +40,17 @@ class Mission:
     colours: Mapping[str, str]
     names: Mapping[int, str]
     crossings: tuple[Crossing, ...]
-    #: by the item that is flown to
+    #: by the number of the item that is flown to
     samples: Mapping[int, tuple[Sample, ...]]
     cruise_mps: float
 
 
 @dataclass(frozen=True, slots=True)
 class Coming:
-    """The next handover on the route: from whom to whom, how far (m) and how soon (s) at the mission's speed."""
+    """The next handover on the route.
+
+    Its two stations, the distance (m), and the time (s) at the mission's speed.
+    """
 
     from_station: str
     to_station: str
@@ -56,7 +59,7 @@ class Coming:
 
 
 def beside(journal: Path) -> Path | None:
-    """The mission that was laid beside a journal, the newest of several; None if there is none."""
+    """The mission stored beside a journal, the newest of several; None if there is none."""
     laid = []
     for folder in journal.parent.glob(f"{journal.stem}-mission-*"):
         try:
@@ -67,7 +70,7 @@ def beside(journal: Path) -> Path | None:
 
 
 def read(folder: Path) -> Mission:
-    """Read a mission and look at it. Raises MissionError."""
+    """Read a mission and make its map. Raises MissionError."""
     package = load(folder)
     return _mission(package, mission_map(package))
 
@@ -132,8 +135,10 @@ def _hex(colour: Colour) -> str:
 
 
 def coming(mission: Mission, craft: Aircraft) -> Coming | None:
-    """The next handover on the way of an aircraft that flies its mission's route; None: there is none, or nobody
-    knows."""
+    """The next handover of an aircraft that flies its mission's route.
+
+    None: there is none, or it is not known.
+    """
     place, waypoint = craft.place.value, craft.waypoint.value
     samples = mission.samples.get(-1 if waypoint is None else waypoint)
     if place is None or not samples or not craft.own_route:

@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The page, in NiceGUI, which brings Vue, Quasar and Leaflet with it: nothing is fetched from a network.
+"""The web page, in NiceGUI, which includes Vue, Quasar and Leaflet: nothing is fetched from a network.
 
 Rules that live here
 --------------------
-* What is shown is worked out once a second, whoever looks; each browser is given what has changed for it. One that
-  does not listen any more is forgotten after a few seconds: nothing is kept for it.
-* No more than MOST_VIEWERS look at a time: browsers that have opened their socket. Of pages that were asked for and not
-  opened, MOST_WAITING are kept: a program that asks again and again locks no viewer out and takes little memory.
-* Nothing on the page commands anything: what a browser may send is where it looks.
+* The values are computed once a second for all browsers; each browser gets what has changed for it. A browser that does
+  not listen any more is forgotten after a few seconds, so nothing is kept for it.
+* At most MOST_VIEWERS browsers have opened their socket. Of pages that were requested and not opened, MOST_WAITING are
+  kept: a program that requests again and again locks no viewer out and takes little memory.
+* The page commands nothing: a browser sends only where it looks.
 
-Only to be imported by `handover watch`: NiceGUI is an extra.
+Import this only for `handover watch`: NiceGUI is an extra.
 """
 
 from __future__ import annotations
@@ -68,23 +68,23 @@ _LINE: Final = """<q-tr><q-td><div class="hw-line" :class="props.row.level"><spa
 
 
 class Watched(Protocol):
-    """What a page is given each second."""
+    """The values for a page, updated each second."""
 
     scene: Scene
     missions: dict[str, Mission]
     shown: Shown
 
     def heading(self) -> str:
-        """A line on what is followed, and how it stands with that."""
+        """A line on what is followed, and its state."""
 
 
 class _Page:
-    """One browser's."""
+    """The page in one browser."""
 
     def __init__(self, watched: Watched, tiles: Mapping[str, str] | None) -> None:
         self._watched = watched
         self._missions: set[str] = set()
-        #: places of each track that it has been given, by aircraft; and how the colours were then
+        #: places of each track that were sent, by aircraft; and how the colours were then
         self._given: dict[str, int] = {}
         with ui.element("div").classes("hw-top"):
             ui.html("<b>handover watch</b>", sanitize=False)
@@ -134,7 +134,7 @@ class _Page:
         return table
 
     def update(self) -> None:
-        """Give it what is new."""
+        """Send the changes."""
         shown = self._watched.shown
         self._heading.text = self._watched.heading()
         for table, rows in (

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What a browser is given of a scene: rows of plain values. Pure: time is an argument, monotonic seconds.
+"""The rows of plain values that a browser gets of a scene. Pure: time is an argument, monotonic seconds.
 
 Rules that live here
 --------------------
-* An aircraft that has not been heard for OLD_S comes with that age, and a value that is older still with its own. One
-  of which nothing has been heard for SILENT_S is an alarm, unless its companion was ended in order.
-* Colours are the missions', so that a station has the same one everywhere; one that no mission names gets one.
-* Everything is values: what came from outside is never more than text.
+* An aircraft that has not been heard for OLD_S has that age, and a value that is older still has its own. An aircraft
+  that has not been heard for SILENT_S is an alarm, unless its companion was ended in order.
+* Colours are the missions', so that a station has the same one everywhere; a station that no mission names gets one.
+* All rows are values: input from outside is never more than text.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from mavproxy_handover.mission.colours import STATION_COLOURS, station_colour
 
 __all__ = ["NOBODY_COLOUR", "OLD_S", "SILENT_S", "Shown", "age", "shown"]
 
-#: what should come each second is old when it is older than this; what is written when it changes, see `scene.Said`
+#: a value that should come each second is old after this time (s); for others see `scene.Said`
 OLD_S: Final = 3.0
 SILENT_S: Final = 5.0
 NOBODY_COLOUR: Final = "#8A8A8A"
-#: batteries are told of every ten seconds at the most
+#: batteries are reported every ten seconds at most
 _BATTERY_OLD_S: Final = 15.0
-#: lines of the feed that are shown, and characters of a name on the map
+#: lines of the feed, and characters of a name on the map
 _LINES, _LABEL = 60, 24
 _PHASES: Final = {
     "on_load": "on the ground",
@@ -44,22 +44,22 @@ _PHASES: Final = {
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """All that a page shows at a moment: rows as a browser takes them."""
+    """All values that a page shows at a moment, as rows for a browser."""
 
     aircraft: tuple[Mapping[str, Any], ...]
     alarms: tuple[Mapping[str, Any], ...]
     feed: tuple[Mapping[str, Any], ...]
     stations: tuple[Mapping[str, Any], ...]
-    #: aircraft as the map has them
+    #: aircraft on the map
     marks: tuple[Mapping[str, Any], ...]
-    #: by mission: the stations that command somebody
+    #: by mission: the stations that command an aircraft
     commanding: Mapping[str, tuple[str, ...]]
-    #: by station; "" is nobody's
+    #: by station; "" if no station commands
     colours: Mapping[str, str]
 
 
 def age(seconds: float) -> str:
-    """How old, in words; "" for what was never said."""
+    """An age in words; "" for a value that was never sent."""
     if isinf(seconds):
         return ""
     if seconds < 100.0:
@@ -68,14 +68,14 @@ def age(seconds: float) -> str:
 
 
 class _Aged:
-    """Puts ages to the words of one aircraft's values, where they are older than the aircraft's own last word."""
+    """Adds ages to an aircraft's values that are older than the aircraft's last message."""
 
     def __init__(self, craft: Aircraft, now: float) -> None:
         self._now = now
         self._silent_s = max(0.0, now - craft.heard_at)
 
     def __call__(self, said: Said[Any], words: str, old_s: float = OLD_S) -> str:
-        """ "" if nobody has said it."""
+        """ "" if the value is not known."""
         if not said.known or not words:
             return ""
         seconds = said.age_s(self._now)
@@ -83,7 +83,7 @@ class _Aged:
 
 
 def shown(scene: Scene, missions: Mapping[str, Mission], now: float) -> Shown:
-    """What is to be shown now. `missions`: by key."""
+    """The values to show now. `missions`: by key."""
     colours = _Colours(scene, missions)
     craft = sorted(scene.aircraft.values(), key=lambda each: _by_number(each.name))
     commanding: dict[str, set[str]] = {}
@@ -115,12 +115,12 @@ def shown(scene: Scene, missions: Mapping[str, Mission], now: float) -> Shown:
 
 
 def _by_number(name: str) -> list[tuple[int, str]]:
-    """So that drone-10 stands behind drone-9."""
+    """A sort key that puts drone-10 after drone-9."""
     return [(int(part) if part.isdecimal() else -1, part) for part in re.split(r"(\d+)", name[:40])]
 
 
 class _Colours:
-    """Of stations, by name."""
+    """Colours of stations, by name."""
 
     def __init__(self, scene: Scene, missions: Mapping[str, Mission]) -> None:
         self._found = {name: colour for each in missions.values() for name, colour in each.colours.items()}
@@ -175,7 +175,7 @@ def _phase(craft: Aircraft, aged: _Aged) -> str:
 
 
 def _next(craft: Aircraft, mission: Mission | None, now: float) -> str:
-    """The next handover. The vehicle's own word counts before what its mission and its place say."""
+    """The next handover. The vehicle's own message counts before its mission and position."""
     if craft.heard_at < now - SILENT_S:
         return ""
     if craft.partner.value and craft.partner.age_s(now) <= SILENT_S:

@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""A MAVLink link that is listened to, and never spoken on.
+"""A MAVLink link that is only listened to.
 
     udpin:HOST:PORT   what is sent to a local address, as by `--out=udp:HOST:PORT` of a MAVProxy
-    tcp:HOST:PORT     what a server says, once it is connected to
+    tcp:HOST:PORT     what a server sends, after connecting to it
 
 Rules that live here
 --------------------
-* Only two things are ever done with a socket after it is open: read from it, and close it.
-* Other kinds of link are refused: they need a first word from this side, or a line that somebody else commands by.
-* A server that is not there, or goes, is tried again. A flood is read and thrown away beyond MOST_FRAMES a second.
+* After a socket is open, it is only read from, and closed.
+* Other kinds of link are refused: they need a first message from this side, or are lines that another program uses.
+* A server that is not there, or ends, is tried again. Of a flood MOST_FRAMES a second are read; the rest is dropped.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ from mavproxy_handover.wire.frames import Frame, FrameSplitter
 
 __all__ = ["MOST_FRAMES", "PassiveLink", "parse_passive_link"]
 
-#: taken in of one link in a second: twenty aircraft with all their streams
+#: frames read from one link in a second
 MOST_FRAMES: Final = 4000
-#: so long (s) until a server is tried again
+#: time (s) until a server is tried again
 _AGAIN_S: Final = 2.0
 _BYTES: Final = 65536
 
 
 def parse_passive_link(text: str) -> DeviceSpec:
-    """The meaning of a device string. Raises LinkError, one line, for what cannot be listened to."""
+    """The meaning of a device string. Raises LinkError, one line, for a link that cannot be only listened to."""
     device = parse_device(text)
     if device.kind not in (Kind.UDP_IN, Kind.TCP_OUT):
         raise LinkError(f"link {text}: only udpin:HOST:PORT and tcp:HOST:PORT can be listened to without a word")
@@ -41,11 +41,11 @@ def parse_passive_link(text: str) -> DeviceSpec:
 
 
 class PassiveLink:
-    """One link. `heard`: takes each frame; `now`: the clock, monotonic seconds."""
+    """One link. `heard`: gets each frame; `now`: the clock, monotonic seconds."""
 
     def __init__(self, device: DeviceSpec, heard: Callable[[Frame], None], now: Callable[[], float]) -> None:
         self.device = device
-        #: how it stands with it, in words
+        #: its state, in words
         self.state = "not open yet"
         #: frames beyond MOST_FRAMES a second, and bytes that are no frames
         self.thrown_away = 0
@@ -55,7 +55,7 @@ class PassiveLink:
         self._second, self._left = 0, MOST_FRAMES
 
     def bind(self) -> socket.socket | None:
-        """Open a local address, before anything else begins; None: it is no such link. Raises LinkError."""
+        """Open a local address, before anything else starts; None: the link has none. Raises LinkError."""
         if self.device.kind is not Kind.UDP_IN:
             return None
         opened = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -69,7 +69,7 @@ class PassiveLink:
         return opened
 
     async def run(self, opened: socket.socket | None) -> None:
-        """Listen until it is cancelled. `opened`: what `bind` has opened."""
+        """Listen until cancelled. `opened`: what `bind` returned."""
         while True:
             try:
                 if opened is not None:
@@ -84,7 +84,8 @@ class PassiveLink:
         loop = asyncio.get_running_loop()
         while True:
             data = await loop.sock_recv(opened, _BYTES)
-            splitter = FrameSplitter()  # of this datagram alone: senders may be several, and frames are never cut
+            # a splitter for each datagram: there may be several senders, and frames are never cut
+            splitter = FrameSplitter()
             self._take(splitter.feed(data))
             self.garbage += splitter.counters.garbage_bytes + splitter.waiting
 
@@ -109,5 +110,5 @@ class PassiveLink:
         self._left -= len(taken)
         self.thrown_away += len(frames) - len(taken)
         for frame in taken:
-            with suppress(Exception):  # whatever is in it must not cost the frames behind it
+            with suppress(Exception):  # a fault in one frame must not cost the next ones
                 self._heard(frame)

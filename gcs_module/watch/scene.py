@@ -1,14 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""All aircraft and stations as they were last said to be, and when. Pure: time is an argument, monotonic seconds.
+"""All aircraft and stations with their last known values and times. Pure: time is an argument, monotonic seconds.
 
 Rules that live here
 --------------------
-* A value is as old as the word that it comes from. What a journal writes only when it changes is as old as the newest
-  entry of that journal: had it changed, that would stand there.
-* The aircraft's own word, of its journal or its link, counts before a station's word about it, for HOLDS_S.
-* Everything is bounded. What would be one too many is left out and counted: nobody who is there already is pushed out
-  by who comes later.
+* A value is as old as the entry or message that brought it. A value that a journal writes only
+  at a change is as old as the newest entry of that journal.
+* The aircraft's own value, of its journal or its link, has priority over a station's value about it, for HOLDS_S.
+* Everything is bounded. Aircraft and stations beyond the limit are left out and counted; those that are shown stay.
 """
 
 from __future__ import annotations
@@ -41,20 +40,20 @@ __all__ = [
     "Track",
 ]
 
-#: so many of each are shown; places of a track, lines of the feed that are kept
+#: most aircraft, most stations, kept places of a track, kept lines of the feed
 MOST_AIRCRAFT, MOST_STATIONS, TRACK, FEED = 64, 32, 4000, 300
-#: a station's word waits until the aircraft's own is older than this (s)
+#: a station's value counts after the aircraft's own is older than this (s)
 HOLDS_S: Final = 10.0
-#: a place counts for the track when it is so far (m) from the one before
+#: a place is added to the track if it is this far (m) from the one before
 _APART_M: Final = 2.0
-#: characters of a name, a text
+#: most characters of a name, of a text
 _NAME, _TEXT = 40, 400
 
 T = TypeVar("T")
 
 
 class Rank(IntEnum):
-    """Whose word it is; the higher counts."""
+    """The origin of a value; a higher one has priority."""
 
     NOBODY = 0
     STATION = 1
@@ -63,7 +62,7 @@ class Rank(IntEnum):
 
 @dataclass(slots=True)
 class Source:
-    """A journal or a link: when it said anything at all. -inf: never."""
+    """A journal or a link, and the time of its last entry or frame. -inf: never."""
 
     name: str
     heard_at: float = -inf
@@ -71,7 +70,7 @@ class Source:
 
 @dataclass(slots=True)
 class Said(Generic[T]):
-    """A value, and who said it when. `source`: it holds as long as that goes on; None: it grows old by itself."""
+    """A value with its time and origin. `source`: the value is as fresh as this source; None: it gets old by itself."""
 
     value: T
     at: float = -inf
@@ -79,26 +78,26 @@ class Said(Generic[T]):
     source: Source | None = None
 
     def hear(self, value: T, at: float, rank: Rank, source: Source | None = None) -> bool:
-        """Take it in, unless a better word still holds; whether it was taken."""
+        """Store the value, unless one with priority still holds; returns whether it was stored."""
         if rank < self.rank and self.age_s(at) < HOLDS_S:
             return False
         self.value, self.at, self.rank, self.source = value, at, rank, source
         return True
 
     def age_s(self, now: float) -> float:
-        """How old it is; inf: it was never said."""
+        """The age of the value (s); inf: it was never sent."""
         at = self.at if self.source is None else max(self.at, self.source.heard_at)
         return max(0.0, now - at)
 
     @property
     def known(self) -> bool:
-        """Somebody has said it."""
+        """Whether the value was ever sent."""
         return self.at > -inf
 
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Degrees; `alt_m` above home, None: not said."""
+    """Degrees; `alt_m` above home, None: not known."""
 
     lat_deg: float
     lon_deg: float
@@ -107,7 +106,8 @@ class Place:
 
 @dataclass(frozen=True, slots=True)
 class Border:
-    """The next handover by the vehicle's own word: between which stations, and when it is reached (monotonic s)."""
+    """The next handover by the vehicle's own message: its two stations, and when the border is reached (monotonic
+    s)."""
 
     from_station: str
     to_station: str
@@ -116,21 +116,21 @@ class Border:
 
 @dataclass(slots=True)
 class Contact:
-    """A station as an aircraft hears it; None: it has not said so. `links`: device string, and whether it is good."""
+    """A station as an aircraft hears it; None: it has not said. `links`: device string, and whether it is good."""
 
     heard: bool | None = None
     links: dict[str, bool] = field(default_factory=dict)
 
 
 class Track:
-    """Where an aircraft was, and who commanded it there; the last TRACK places. `count`: of all that there were."""
+    """The places of an aircraft with its commander there; the last TRACK places. `count`: of all that there were."""
 
     def __init__(self) -> None:
         self.places: deque[tuple[float, float, str]] = deque(maxlen=TRACK)
         self.count = 0
 
     def add(self, lat_deg: float, lon_deg: float, commander: str) -> None:
-        """`commander` "": nobody, or not known."""
+        """`commander` "": no station, or not known."""
         if self.places:
             lat, lon, by = self.places[-1]
             if by == commander and distance_m(lat, lon, lat_deg, lon_deg) < _APART_M:
@@ -139,14 +139,14 @@ class Track:
         self.count += 1
 
     def since(self, count: int) -> Iterator[tuple[float, float, str]]:
-        """Those that came after the first `count`, as far as they are kept."""
+        """The places after the first `count`, as far as they are kept."""
         new = min(len(self.places), self.count - count)
         return (self.places[number] for number in range(len(self.places) - new, len(self.places)))
 
 
 @dataclass(slots=True)
 class Aircraft:
-    """One of them. "" and None are "not said" but for `commander`, where "" is nobody once it is `known`."""
+    """One aircraft. "" and None mean "not known"; but a known `commander` of "" means that no station commands."""
 
     name: str
     place: Said[Place | None] = field(default_factory=lambda: Said(None))
@@ -162,35 +162,35 @@ class Aircraft:
     guard: Said[str] = field(default_factory=lambda: Said(""))
     mode: Said[str] = field(default_factory=lambda: Said(""))
     rehearsal: Said[bool] = field(default_factory=lambda: Said(False))
-    #: percent, and what is said of it else: volts or watt-hours
+    #: percent, and other values of the battery: volts or watt-hours
     battery_percent: Said[float | None] = field(default_factory=lambda: Said(None))
     battery_words: Said[str] = field(default_factory=lambda: Said(""))
     border: Said[Border | None] = field(default_factory=lambda: Said(None))
-    #: when the commander's zone ends (monotonic s); inf: no end in sight
+    #: when the commander's zone ends (monotonic s); inf: no end is in sight
     zone_ends_at: Said[float] = field(default_factory=lambda: Said(inf))
-    #: the mission that is flown is not the package's any more
+    #: whether the package's mission is flown
     own_route: bool = True
-    #: number of its mission among those that are shown
+    #: the key of its mission
     mission: str = ""
     contacts: dict[str, Contact] = field(default_factory=dict)
     track: Track = field(default_factory=Track)
-    #: what the aircraft says itself, and what each station says of it
+    #: alarms of the aircraft itself, and of each station about it
     alarms: Alarms = field(default_factory=Alarms)
     stations_alarms: dict[str, Alarms] = field(default_factory=dict)
     #: its own journal or link
     source: Source | None = None
     heard_at: float = -inf
-    #: it was ended in order: its silence is no alarm
+    #: it was ended in order, so its silence is no alarm
     ended: bool = False
 
     def contact(self, station: str) -> Contact | None:
-        """How it hears that station; None where there are too many."""
+        """How the aircraft hears that station; None if there are too many."""
         if station not in self.contacts and len(self.contacts) >= MOST_STATIONS:
             return None
         return self.contacts.setdefault(station, Contact())
 
     def moved(self, place: Place, at: float, rank: Rank) -> None:
-        """It is there."""
+        """The aircraft is at this place."""
         if self.place.hear(place, at, rank):
             commander = self.commander.value if self.commander.age_s(at) < HOLDS_S else ""
             self.track.add(place.lat_deg, place.lon_deg, commander)
@@ -198,7 +198,7 @@ class Aircraft:
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """One of the feed. `utc`: seconds since 1970; `number` rises by one with each."""
+    """One line of the feed. `utc`: seconds since 1970; `number` rises by one with each."""
 
     number: int
     utc: float
@@ -209,7 +209,7 @@ class Line:
 
 @dataclass(slots=True)
 class Station:
-    """One that writes a journal which is followed, or is named by an aircraft."""
+    """A station that writes a followed journal, or that an aircraft names."""
 
     name: str
     source: Source | None = None
@@ -217,14 +217,14 @@ class Station:
 
 
 class Scene:
-    """All of them. Not safe for threads."""
+    """All aircraft and stations. Not safe for threads."""
 
     def __init__(self) -> None:
         self.aircraft: dict[str, Aircraft] = {}
         self.stations: dict[str, Station] = {}
         self.feed: deque[Line] = deque(maxlen=FEED)
         self.told = 0
-        #: aircraft and stations that there was no room for
+        #: aircraft and stations beyond the limit
         self.left_out = 0
 
     def craft(self, name: str) -> Aircraft | None:
@@ -238,7 +238,7 @@ class Scene:
         return found
 
     def station(self, name: str) -> Station | None:
-        """The same for a station."""
+        """The station of that name, new if there is none yet; None: there are too many."""
         name = name[:_NAME]
         found = self.stations.get(name)
         if found is None and len(self.stations) >= MOST_STATIONS:

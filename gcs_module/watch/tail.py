@@ -1,14 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Follows a journal while it is written, by a program that may be killed, started again, or roll the file over.
+"""Follows a journal while a program writes it.
+
+The program may be killed or restarted, and it may replace the file.
 
 Rules that live here
 --------------------
-* A line counts when its end is there. One that is no entry is counted; one beyond MAX_LINE is thrown away as it comes.
-* When another file stands under the name, what is left of the old one is read first, and then the new one from its
-  beginning. A file that has become shorter begins anew.
-* Of what was there before, the last HISTORY_BYTES are read.
-* A file that is not there, or cannot be read, is tried again at each call. Nothing raises.
+* A line counts when its end has been written. A line that is no entry is counted; a line longer than MAX_LINE is
+  dropped.
+* If another file has the name now, the rest of the old one is read first, then the new one from its beginning. A file
+  that has become shorter is read from its beginning.
+* Of the contents before the start, the last HISTORY_BYTES are read.
+* A file that does not exist, or cannot be read, is tried again at each call. Nothing raises.
 """
 
 from __future__ import annotations
@@ -25,7 +28,7 @@ from typing import Any, Final
 
 __all__ = ["HISTORY_BYTES", "MAX_LINE", "Entry", "Tail", "parse"]
 
-#: some hours of one aircraft
+#: bytes: some hours of one aircraft
 HISTORY_BYTES: Final = 8 * 1024 * 1024
 #: bytes; the longest entry that the project writes is a report of a rehearsal, a few thousand
 MAX_LINE: Final = 256 * 1024
@@ -34,7 +37,7 @@ _SLICE: Final = 64 * 1024
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One entry. `utc`: seconds since 1970 by the clock of who wrote it, None: it does not say; `fields`: the rest."""
+    """One entry. `utc`: seconds since 1970 by the writer's clock, None: it has none; `fields`: the rest."""
 
     utc: float | None
     who: str
@@ -43,12 +46,12 @@ class Entry:
     fields: Mapping[str, Any] = field(default_factory=dict)
 
     def word(self, key: str) -> str | None:
-        """A value that is a text; None if there is none, or it is none."""
+        """A value that is a text; None if there is no such text."""
         value = self.fields.get(key)
         return value if isinstance(value, str) else None
 
     def number(self, key: str) -> float | None:
-        """A value that is a finite number; None if there is none, or it is none."""
+        """A value that is a finite number; None if there is no such number."""
         value = self.fields.get(key)
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
             return None
@@ -56,7 +59,7 @@ class Entry:
 
 
 def parse(line: bytes) -> Entry | None:
-    """The entry in a line, None when there is none in it."""
+    """The entry in a line, None if there is none."""
     try:
         values = json.loads(line)
     except (ValueError, RecursionError):
@@ -81,18 +84,21 @@ class Tail:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        #: lines that were no entries
+        #: lines that are no entries
         self.broken = 0
         self._file: int | None = None
-        #: device and number of the file that `_offset` is in
+        #: device and inode number of the file that `_offset` is in
         self._whose: tuple[int, int] | None = None
         self._offset = 0
         self._rest = b""
-        #: the line that is coming is thrown away: too long, or its beginning was never read
+        #: the next line is dropped: too long, or its beginning was not read
         self._skips = False
 
     def read(self, most: int) -> tuple[list[Entry], int]:
-        """The entries that are new, of about `most` bytes; and how many bytes were read, 0: there are no more now."""
+        """The new entries, of about `most` bytes, and the number of bytes read.
+
+        0 bytes: there are no more now.
+        """
         found: list[Entry] = []
         taken = 0
         try:
@@ -102,12 +108,12 @@ class Tail:
                     break
                 taken += len(data)
                 self._split(data, found)
-        except (OSError, ValueError):  # a path may be none
+        except (OSError, ValueError):  # a path may be invalid
             self.close()
         return found, taken
 
     def close(self) -> None:
-        """Leave the file. What is read next begins where it was left, if it is still the same file."""
+        """Close the file. The next read continues there if it is still the same file."""
         if self._file is not None:
             descriptor, self._file = self._file, None
             with suppress(OSError):
@@ -144,7 +150,7 @@ class Tail:
         self._offset, self._rest, self._skips = offset, b"", False
 
     def _replaced(self) -> bool:
-        """Whether another file stands under the name; while none does, the old one may still grow."""
+        """Whether another file has the name. While none has, the old one may still grow."""
         try:
             there = os.stat(self.path)
         except FileNotFoundError:

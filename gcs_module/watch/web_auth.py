@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Who may look: stands before everything that the page's server answers, plain requests and sockets alike.
+"""Authenticates every request to the page's server, for plain requests and sockets alike.
 
 Rules that live here
 --------------------
-* Without a token this machine must be called by a name of its own: a page of somebody else's, in a browser here, must
-  not get at this one by a name that it has had pointed here. Nor may it open its socket.
-* With a token nothing is answered without it. It comes once in the address, and then in a cookie that no script reads;
-  the address is then the plain one again.
-* The page itself is built for a browser only, which says that it takes HTML. Another program gets one line of text.
-* The browser is told to fetch nothing from anywhere else, but for the map's tiles if there are any.
+* Without a token the request must use a name of this computer itself. So a foreign page in a browser here cannot reach
+  this page, or open its socket, by a name that its author has pointed here.
+* With a token every request needs it. It comes once in the address, and then in a cookie that no script reads; the
+  address is then the plain one again.
+* The page is made for browsers, which accept HTML. Another program gets one line of text.
+* The browser is told to fetch nothing from elsewhere, except the map's tiles if there are any.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _App = Callable[[Any, _Receive, _Send], Awaitable[None]]
 
 
 def is_loopback(host: str) -> bool:
-    """Whether an address is this machine's alone."""
+    """Whether only this computer can reach an address."""
     try:
         return host == "localhost" or ip_address(host).is_loopback
     except ValueError:
@@ -39,7 +39,7 @@ def is_loopback(host: str) -> bool:
 
 
 class WebAuth:
-    """An ASGI application around another. `token` None: whoever reaches the address may look, which must be loopback.
+    """An ASGI application around another. `token` None: no token is needed, and the address must be loopback.
 
     `tiles`: origin of the map's tiles, "": none.
     """
@@ -85,7 +85,7 @@ class WebAuth:
         return self._token is not None and hmac.compare_digest(given.encode(), self._token.encode())
 
     async def _ask(self, scope: Any, send: _Send) -> None:
-        """Somebody without the cookie: with the token in the address it gets it."""
+        """A request without the cookie: with the token in the address it gets the cookie."""
         try:
             query = parse_qs(scope.get("query_string", b"").decode("latin-1"), max_num_fields=20)
         except ValueError:
@@ -95,7 +95,7 @@ class WebAuth:
             await self._refuse(scope, send, 401, "a token is needed: open the address that handover watch has printed")
             return
         rest = urlencode(query, doseq=True)
-        # one slash: two would name another machine
+        # one slash: two would name another host
         place = "/" + quote(scope["path"].lstrip("/\\")) + (f"?{rest}" if rest else "")
         cookie = f"{COOKIE}={given}; HttpOnly; SameSite=Strict; Path=/"
         headers = [(b"location", place.encode()), (b"set-cookie", cookie.encode()), *self._headers]
@@ -123,7 +123,7 @@ class WebAuth:
 
 
 def _accepted(scope: Any) -> bytes:
-    """What the asking program says that it takes."""
+    """The types that the requesting program accepts."""
     return b",".join(value for name, value in scope["headers"] if name.lower() == b"accept").lower()
 
 

@@ -35,7 +35,7 @@ class TestInTime:
         told = [at for at, record in flown.records if record.event == "foreseen"]
         assert told == pytest.approx([30.5], abs=1.0)
         question = (
-            "GCSA -> GCSB in 30 s, where the zones of drone's way meet. Type 'handover accept' or 'handover deny'."
+            "Handover GCSA -> GCSB of drone in 30 s. Type 'handover accept' or 'handover deny'."
         )
         for station in (A, B):
             assert next(text for text in flown.notices[station] if "->" in text) == question
@@ -99,7 +99,7 @@ class TestInTime:
     def test_who_needs_no_operator_is_told_and_not_asked(self) -> None:
         flown = network(operators={}).run(80.0)
         assert flown.commits() == [(A, B, 2)]
-        assert "GCSA -> GCSB in 30 s, where the zones of drone's way meet." in flown.notices[A]
+        assert "Handover GCSA -> GCSB of drone in 30 s." in flown.notices[A]
         assert not [text for text in flown.notices[A] if "accept" in text]
 
     def test_each_crossing_has_its_own_question(self) -> None:
@@ -121,7 +121,7 @@ class TestWhatWasSaid:
         flown = network(operators={A: YES, B: NO}, visits={A: [(0, 90)], B: [(60, 200)]}).run(64.0)
         assert len(flown.said("foreseen")) == 1, "the end of the zone is no other question"
         assert flown.said("transfer_aborted") == ["handover 1 aborted (partner_refused): GCSA commands"]
-        assert "GCSB has denied it: GCSA -> GCSB will not be." in flown.notices[A]
+        assert "GCSB has denied the handover GCSA -> GCSB." in flown.notices[A]
 
     @pytest.mark.parametrize("who", [A, B])
     def test_who_has_denied_is_asked_again_after_a_pause_as_everybody_is(self, who: int) -> None:
@@ -191,7 +191,7 @@ class TestWhatWasSaid:
         core = flown.cores[B]
         assert core.ahead is not None
         key = replace(flown.cores[A].ahead.key)  # type: ignore[union-attr]
-        said = core._early_consent.said
+        said = core._early_consent.answer_for
         transfer = gcs.TransferKey(A, B, 9, 1)
         assert said(transfer, Reason.ZONE, key.crossing, as_partner=True) is Consent.GRANTED
         for reason in set(Reason) - {Reason.ZONE, Reason.ZONE_ENDS}:

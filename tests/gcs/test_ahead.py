@@ -40,7 +40,7 @@ from tests.gcs.stations import KEY, NOW, A, B, C, from_vehicle, notices, partner
 #: the first border of epoch 3, from A to B
 BORDER = CrossingKey(A, B, 1, 3)
 HINT = " Type 'handover accept' or 'handover deny'."
-QUESTION = "GCSA -> GCSB in 30 s, where the zones of drone's way meet."
+QUESTION = "Handover GCSA -> GCSB of drone in 30 s."
 OVER = Notice("aborted", "The question is over: that border is not expected any more.")
 GRANTED, DENIED, WAITING = Consent.GRANTED, Consent.DENIED, Consent.WAITING
 
@@ -115,7 +115,7 @@ class TestQuestion:
     @pytest.mark.parametrize(("sysid", "other", "name"), [(A, "partner", "GCSB"), (B, "commander", "GCSA")])
     def test_that_the_other_one_denies_is_told_once_for_each_border(self, sysid: int, other: str, name: str) -> None:
         core = station(sysid, asks=True)
-        denial = Notice("ahead", f"{name} has denied it: GCSA -> GCSB will not be.", Level.ADVISORY)
+        denial = Notice("ahead", f"{name} has denied the handover GCSA -> GCSB.", Level.ADVISORY)
         assert denial in tell(core, **{other: DENIED})
         assert words(tell(core, **{other: DENIED})) == tell(core, **{other: DENIED})
         assert notices(tell(core, **{other: GRANTED})) == []

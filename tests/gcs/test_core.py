@@ -669,7 +669,7 @@ class TestZone:
         assert self.heard(core, ends_s=9.0, phase=Phase.ON_LOAD) == []
         assert self.heard(core, B, phase=Phase.ON_LOAD) == []
 
-    @pytest.mark.parametrize(("zone", "where"), [(B, "in the zone of GCSB"), (None, "in nobody's")])
+    @pytest.mark.parametrize(("zone", "where"), [(B, "in the zone of GCSB"), (None, "in no zone")])
     def test_when_it_is_left_once(self, zone: int | None, where: str) -> None:
         core = station(A)
         assert self.heard(core) == self.heard(core) == []

@@ -1166,7 +1166,7 @@ def asked(station: StationBench) -> StationBench:
 def test_who_is_asked_beforehand_hears_of_it_answers_and_sees_it_in_the_status_row(asked: StationBench) -> None:
     (word,) = asked.sent()
     assert (word.get_type(), word.crossing, word.consent) == ("OK_AHEAD", 1, 2)
-    assert asked.mpstate.console.said("GCSB -> GCSA in 20 s, where the zones of drone-1's way meet.")
+    assert asked.mpstate.console.said("Handover GCSB -> GCSA of drone-1 in 20 s.")
     asked.run(1.5)
     assert asked.mpstate.console.statuses["HANDOVER"] == "CONTROL: GCSB - GCSA IN 19 s: ACCEPT?"
     assert "ahead     GCSB -> GCSA in " in "\n".join(asked.mpstate.type("handover status"))
