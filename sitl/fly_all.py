@@ -2,9 +2,9 @@
 
 """Flies every scenario on every vehicle that its mission is for, and prints a table: `python -m sitl.fly_all`.
 
-A scenario must hold on each vehicle, and on all the same stations must have commanded in the same order. Exit code 0:
-so it was. 1: it was not, or arducopter is missing. A scenario of wings is skipped, with a line that says so, where
-there is no arduplane. The runs are kept below `--out`.
+A scenario must hold on each vehicle, and the same stations must have commanded in the same order on all of them. Exit
+code 0: all this is so. 1: it is not, or arducopter is missing. A scenario of wings is skipped, with a line that says
+so, where there is no arduplane. The runs are kept below `--out`.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _LIMIT_S = 3600.0
 
 @dataclass(frozen=True, slots=True)
 class Flight:
-    """What came of one run. `failed`: what did not hold, in words."""
+    """The result of one run. `failed`: expectations that did not hold, in words."""
 
     scenario: str
     vehicle: str
@@ -103,8 +103,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 1 if bad or differing or missing else 0
 
 
-def _profile_of(name: str) -> Profile:
-    """What the mission of a scenario is for; one that is not known is told by the flight that does not begin."""
+def _kind_of(name: str) -> Kind:
+    """The kind of aircraft of a scenario's mission.
+
+    For an unknown scenario the flight itself reports the error.
+    """
     path = known_scenarios().get(name)
     return ASSUMED if path is None else packages.load(mission_folder(load_scenario(path).mission)).profile
 

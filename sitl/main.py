@@ -97,7 +97,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _joined(argv: Sequence[str]) -> list[str]:
-    """A place in the south or west begins as options do: it is joined to the option that it is for."""
+    """Join a place in the south or west to its option, because it begins as options do."""
     found: list[str] = []
     for word in argv:
         if found and found[-1] == "--home" and word[:1] == "-" and word[1:2].isdigit():
@@ -187,7 +187,7 @@ def _list() -> None:
 
 
 def speedup_of(speedup: float) -> float:
-    """The same, if a flight can have it. Raises SetupError."""
+    """A speed-up that a flight can have. Raises SetupError."""
     if not 0.5 <= speedup <= MAX_SPEEDUP:
         raise SetupError(f"--speedup {speedup:g} is not 0.5 to {MAX_SPEEDUP:g}")
     return speedup
@@ -278,7 +278,7 @@ def _scenario(arguments: argparse.Namespace) -> Scenario:
     profile = ASSUMED if arguments.vehicle == "auto" else flies(arguments.vehicle)
     name = USUAL_SCENARIO[profile.name] if arguments.scenario is None else arguments.scenario
     if name not in scenarios:
-        raise ScenarioError(f"no scenario {name!r}; known are {', '.join(scenarios) or 'none'}")
+        raise ScenarioError(f"no scenario {name!r}; the scenarios are {', '.join(scenarios) or 'none'}")
     return load_scenario(scenarios[name])
 
 
@@ -287,7 +287,7 @@ def _own(folder: Path, faults: int | None, *, anyway: bool) -> Scenario:
     package = packages.load(folder)
     wrong = [finding.text for finding in check(package).findings if finding.severity is Severity.ERROR]
     if wrong and not anyway:
-        raise SetupError(f"{folder}: its check fails: {'; '.join(wrong)} (--anyway flies it all the same)")
+        raise SetupError(f"{folder}: its check fails: {'; '.join(wrong)} (--anyway flies it)")
     return parse_scenario(own_scenario(package, folder, faults), f"{package.name} by its check")
 
 
@@ -328,7 +328,7 @@ def report_of(folder: Path) -> Path | None:
 
 
 def conclude(result: Result, report: Path | None, stream: TextIO) -> None:
-    """Say in one line what came of the run, and where its report is."""
+    """Print the result of the run in one line, and where its report is."""
     failed = sum(not verdict.held for verdict in result.verdicts)
     outcome = "every expectation held" if result.held else f"{failed} of {len(result.verdicts)} expectations failed"
     print(

@@ -9,14 +9,14 @@ vehicle writes its simulated time into a page of shared memory, and each program
 
 Rules:
 
-1. `time.time` and `time.monotonic` are what the page says: in all programs the same, as coarse as the vehicle's steps.
-   Each reading is later than the one before by a trifle. `time.sleep`, `select.select` and `select.poll` wait in
-   simulated time. What waits elsewhere (locks, queues, other processes) waits by the wall clock.
-2. The vehicle does not run away from a program that is late. Each thread that waits for input says until when it has
-   done its work: it found no input, and waits until then. The vehicle stands still while one of them is more than
-   `LATE_S` behind. A thread that does not move is waited for as long as it needs the processor or the disk, for
-   `STARVED_S` of the wall clock at most. One that is asleep, stopped or dead is waited for `ASLEEP_S`. A program that
-   starts is late from its first moment: starting takes no simulated time.
+1. `time.time` and `time.monotonic` return the time of the page: in all programs the same, as coarse as the vehicle's
+   steps. Each reading is later than the one before by a very small amount. `time.sleep`, `select.select` and
+   `select.poll` wait in simulated time. Other waits (locks, queues, other processes) go by the wall clock.
+2. The vehicle waits for a program that is late. Each thread that waits for input writes until when it has done its
+   work: it found no input, and waits until then. The vehicle stands still while one of them is late by more than
+   `LATE_S`. It waits for a thread that does not move while that needs the processor or the disk, `STARVED_S` of the
+   wall clock at most. It waits `ASLEEP_S` for one that is asleep, stopped or dead. A program that starts is late from
+   its first moment: starting takes no simulated time.
 3. A vehicle that writes nothing for `SILENT_S` of the wall clock hangs, and one that has ended writes no more
    (`Page.let_go`): the clocks go on without it. A vehicle that gets no processor is silent as well, for less.
 """
@@ -54,7 +54,7 @@ _SLOT: Final = struct.Struct("<QQd")  # thread, 0: free; how often it looked for
 _SLOTS_AT: Final = 64
 _BYTES: Final = _SLOTS_AT + _SLOTS * _SLOT.size
 _TRIES: Final = 1000
-#: who waits looks at the page this often (s of the wall clock): the vehicle is not always as fast as it says
+#: a waiting thread reads the page this often (s of the wall clock): the vehicle is not always as fast as it says
 _SHORTEST_S, _LOOK_S = 0.0005, 0.05
 #: two readings of a clock differ by this at least: multiprocessing looks again and again until its deadline has passed
 _LEAST_S: Final = 1e-9
@@ -279,8 +279,10 @@ def follow(page: Page) -> None:
 
 
 def in_sim_time(page: Path, argv: Sequence[str]) -> tuple[str, ...]:
-    """The command line of a program of our Python, run with the clocks of a page; what stands before Python stays.
-    A program of another Python goes by the wall clock."""
+    """The command line of a program of our Python, run with the clocks of a page.
+
+    What stands before Python stays. A program of another Python goes by the wall clock.
+    """
     if sys.executable not in argv:
         return tuple(argv)
     place = argv.index(sys.executable)

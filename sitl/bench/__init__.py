@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""`make bench`: what authority handover costs and how long it takes, measured beside what it is compared with.
+"""`make bench`: what authority handover costs and how long it takes, compared with a baseline.
 
 Every measurement runs its baseline in the same run, on the same machine, in turns (A B B A), and the result is the
-ratio of the two: a busy machine slows both sides. The parts are `uplink`, `downlink`, `zones`, `transfers`,
-`breath`, `restart` and `starve`; docs/architecture.md has the numbers to hold.
+ratio of the two: a busy machine slows both sides. The parts are `uplink`, `downlink`, `zones`, `transfers`, `stalls`,
+`restart` and `starve`; docs/architecture.md has the limits.
 """

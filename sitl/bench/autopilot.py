@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""An autopilot as far as a measurement needs one: streams at given rates, the mission protocol, the one parameter that
-is written with a mission, and a place in the world.
+"""An autopilot with the functions that a measurement needs.
 
-It does not fly: its place is set, in one step if need be. It reads the lease, so it knows who commands without asking.
-How its bytes travel is its owner's business (`SerialAutopilot`: a line for one MAVProxy).
+It has streams at given rates, the mission protocol, the one parameter that is written with a mission, and a place in
+the world. It does not fly: its place is set, in one step if needed. It reads the lease, so it knows the commander
+without asking. Its owner transports its bytes (`SerialAutopilot`: a line for one MAVProxy).
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class FakeAutopilot:
         self.place = place
         self.armed = False
         self.in_air = False
-        #: of the last lease: system id of the commander, None for nobody, and whether a transfer is under way
+        #: of the last lease: system id of the commander, None without one, and whether a transfer is under way
         self.commander: int | None = None
         self.in_transfer = False
         #: called with state and nonce of every lease that arrives

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What it costs to give the vehicle's stream to the stations: processor time a second, idle loop and all.
+"""The cost of sending the vehicle's stream to the stations: processor time a second, idle loop included.
 
-The baseline is a stock MAVProxy with one `--out` a station: with the few modules that ours has and, for two
-stations, also as it comes, with those it loads by itself. Ours does more in one respect (zone check at every position,
-lease, authority and control status) and less in another (an observer gets a part of the stream): both are in the
-numbers, and what each station got stands beside them.
+The baseline is a stock MAVProxy with one `--out` a station: with the few modules that ours has and, for two stations,
+also with its default modules. Ours does more in one respect (zone check at every position, lease, authority and control
+status) and less in another (an observer gets a part of the stream). Both are in the numbers, and the frames that each
+station got stand beside them.
 """
 
 from __future__ import annotations

@@ -135,7 +135,10 @@ class _Download:
 
 
 def finished(console: list[str]) -> tuple[int, float, int | None] | None:
-    """Bytes, kB/s and retries of the last download that a station says is finished; None for what it does not know."""
+    """Bytes, kB/s and retries of the last download that a station reports as finished.
+
+    None for a value that it does not know.
+    """
     for line in reversed(console):
         found = _FINISHED.search(line)
         if found:

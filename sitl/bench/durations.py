@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the journals say of transfers: how long each took, with how many messages, and what went wrong on the way."""
+"""Reads transfers from journals: how long each took, with how many messages, and what failed on the way."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Committed:
 
     `since_entry_s`: from the zone check that noticed the region to the commit, failed attempts and waiting included.
     `duration_s`: of the attempt that was committed, as journalled; the two differ where an earlier attempt failed.
-    `messages`: of that attempt, until the commit, sent by anybody, copies and repetitions included.
+    `messages`: of that attempt, until the commit, sent by any program, copies and repetitions included.
     """
 
     since_entry_s: float

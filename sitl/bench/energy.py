@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What safety costs the main loop: a decision, a second of energy in flight, the ways back, the way of a mission.
+"""The cost of safety for the main loop.
+
+Measured are a decision, a second of energy in flight, the ways back, and the route of a mission.
 
 The baseline is one zone check, of two zones with 50 corners, which the companion makes twenty times a second. A second
-of energy is what comes of the autopilot's messages of that second and the fact that is made of them; all of it is taken
-to come in one tick. A decision is the whole of what the rules do when nothing is new, or when a sign comes or goes.
+of energy covers the autopilot's messages of one second and the fact that is made of them; all of it is taken to happen
+in one tick. A decision covers all that the rules do if nothing is new, or if a condition begins or ends.
 """
 
 from __future__ import annotations
@@ -32,7 +34,7 @@ _MOST_US: Final = 100.0
 _SETTINGS: Final = EnergySettings(
     battery_wh=126.0, cells=3.0, hover_w=354.0, cruise_w=385.0, drag_per_s=0.284, drag_per_m=0.028
 )
-#: items of the longest mission that there may be, and places to return to
+#: items of the longest mission, and return sites
 _ITEMS, _PLACES = 700, 12
 
 
@@ -47,7 +49,7 @@ class Plan:
 
 
 class Pilot:
-    """An aircraft on its way, and the energy of it. Nobody reads what it says."""
+    """An aircraft in flight, and its energy. Its messages are not read."""
 
     def __init__(self) -> None:
         self.faults: list[str] = []
@@ -82,14 +84,14 @@ class Pilot:
         self.monitor.update(self._aircraft, self._now, grounded=False)
 
     def ways_back(self, _place: float) -> None:
-        """The margin of each place to return to."""
+        """The margin of each return site."""
         fact = self.monitor.fact
         for number in range(_PLACES):
             fact.margin_wh(way_home(500.0 + 200.0 * number, 30.0 * number, 30.0, 20.0, 15.0))
 
 
 class Judge:
-    """The rules in flight, with ten stations, to which a sign comes and goes."""
+    """The rules in flight, with ten stations, for which a condition begins and ends."""
 
     def __init__(self) -> None:
         self._row = Row(10, 50)
@@ -103,7 +105,7 @@ class Judge:
         self._row.arbiter.handle(Tick(), self._now)
 
     def news(self, _place: float) -> None:
-        """A sign that was not there, or was."""
+        """A condition that begins, or ends."""
         self._now += 1e-6
         self._off = not self._off
         self._row.arbiter.handle(ConditionsSeen(off_route=self._off), self._now)

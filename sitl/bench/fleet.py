@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What a station's program costs with one vehicle, with a few, with ten: processor time, memory, handovers.
+"""The cost of a station's program with one vehicle, with a few, with ten: processor time, memory, handovers.
 
 The station is a real process, `handover station` as users start it, the second of the four of the corridor mission. The
-vehicles and the other three stations live in this process: each vehicle is the real companion module with an autopilot
-that is put from zone to zone, each of the other stations the rules that ship (`StationCore`) on a socket of its own for
-each vehicle, and one end of the ground link for all of them; everybody signs. All vehicles go up and down the corridor,
-each at its own time, so authority over them comes to the station, goes on to the next, and comes back. Over each of
-them it changes about four times a minute, which is more than a real route asks for.
+vehicles and the other three stations run in this process. Each vehicle is the real companion module, with an autopilot
+that is moved from zone to zone. Each other station has the rules that ship (`StationCore`) on its own socket for each
+vehicle, and one end of the ground link for all vehicles. All of them sign. All vehicles go up and down the corridor,
+each at its own time. So authority over them comes to the station, goes on to the next, and comes back. Over each of
+them it changes about four times a minute, more often than on a real route.
 
-What counts, and when nothing of it does, is in `fleet_figures.py`.
+`fleet_figures.py` says what counts, and when nothing counts.
 """
 
 from __future__ import annotations
@@ -59,20 +59,21 @@ _GROUND: Final = "ground"
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """How many vehicles, and how long each number of them is measured (s). `pause_s`: about so long in each zone."""
+    """The numbers of vehicles, and how long each is measured (s). `pause_s`: about this long in each zone."""
 
     seconds: dict[int, float]
     pause_s: float = 15.0
 
     def lasting(self, seconds: float) -> Plan:
-        """The same, each number of vehicles so long."""
+        """A copy of this plan with the same duration for each number of vehicles."""
         return Plan(dict.fromkeys(self.seconds, seconds), self.pause_s)
 
 
 class Tour:
-    """An aircraft that is put up and down a row of places: in a zone, in the region to the next one, in that, ...
+    """An aircraft that is moved up and down a row of places.
 
-    `stops`: places, and who is to command there; None: the region between its neighbours.
+    The row is a zone, the region to the next zone, that zone, and so on. `stops`: places, and the station that is to
+    command there; None: the region between its neighbours.
     """
 
     def __init__(
@@ -213,12 +214,12 @@ class _Vehicle:
             self.tour.step(monotonic())
 
     def fly(self) -> None:
-        """It goes from zone to zone."""
+        """Begin to move from zone to zone."""
         self.tour.begin(monotonic())
         self._flies = True
 
     def rest(self) -> None:
-        """It stays where it is: no further handover begins."""
+        """Stop moving: no further handover begins."""
         self._flies = False
 
     @property
@@ -387,8 +388,10 @@ class _Bench:
             raise BenchError(f"{late}; the station's last words: {' | '.join(self.child.console()[-5:])}") from late
 
     def check(self) -> None:
-        """Raises BenchError if the station has ended, something broke inside a vehicle's module, or a station refused
-        what another one signed."""
+        """Raises BenchError if the bench is broken.
+
+        The station has ended, a fault occurred inside a vehicle's module, or a station refused what another one signed.
+        """
         child = self._child
         if child is not None and not child.alive():
             raise BenchError(f"the station has ended: {' | '.join(child.console()[-5:])}")
@@ -406,7 +409,7 @@ class _Bench:
         return self._child
 
     def outcome(self) -> Handovers:
-        """What became of all handovers; to be called when the station has ended."""
+        """The results of all handovers; to be called when the station has ended."""
         own = read_journal(self.folder / "station" / f"{self.real.name}.jsonl")
         flown = [(vehicle.tour.asked, read_journal(vehicle.journal)) for vehicle in self.vehicles]
         return handovers_of(self.real.sysid, own, flown)

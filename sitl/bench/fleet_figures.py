@@ -1,13 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What `fleet.py` has measured: which handovers were missed, how cost grows with the number of vehicles, and when none
-of it counts.
+"""The figures of `fleet.py`: missed handovers, and the growth of the cost with the number of vehicles.
 
-A handover is missed if a region was entered and authority did not move, if it was aborted on the way or took longer
-than a bad link may make it, or if the station itself has not noticed. Where the machine was busier than `BUSY_LIMIT`
-the numbers are told, and that they are void.
+A handover is missed if a region was entered and authority did not move, or if it was aborted. It is also missed if it
+took longer than a bad link may make it, or if the station itself has not noticed it. If the machine was busier than
+`BUSY_LIMIT`, the numbers are shown as void.
 
-Growth is judged from two vehicles on: to tell vehicles apart at all costs a station something once.
+Growth is judged from two vehicles on: distinguishing vehicles at all costs a station something once.
 """
 
 from __future__ import annotations
@@ -49,7 +48,7 @@ Crossing = tuple[int | None, int | None]
 
 @dataclass(frozen=True, slots=True)
 class Handovers:
-    """What became of them. `asked`: regions that were entered; `made`: commits in the vehicles' journals."""
+    """The results of handovers. `asked`: regions that were entered; `made`: commits in the vehicles' journals."""
 
     asked: int
     made: int
@@ -105,9 +104,11 @@ class Load:
 
 @dataclass(frozen=True, slots=True)
 class Growth:
-    """What one vehicle more costs, step by step; of the last step by those before it (1.0 is a straight line); of the
-    dearest by the cheapest. And the straight line that fits best: `base` + vehicles * `each`, `off` at most by that
-    part of a cost."""
+    """The cost of one more vehicle, step by step.
+
+    `many_by_few`: of the last step by those before it (1.0 is a straight line); `most_by_least`: of the dearest by the
+    cheapest. The straight line that fits best: `base` + vehicles * `each`, `off` at most by that part of a cost.
+    """
 
     steps: tuple[float, ...]
     many_by_few: float

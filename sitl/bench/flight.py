@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""One vehicle and two stations as real processes: three MAVProxy, and a fourth process for the links if they are
-bad.
-"""
+"""One vehicle and two stations as real processes: three MAVProxy, and a fourth process for bad links."""
 
 from __future__ import annotations
 
@@ -156,7 +154,7 @@ class Flight:
             raise BenchError(f"links: {order!r}: {answer}")
 
     def shuttle_until(self, commits: int, limit_s: float) -> None:
-        """Let the aircraft go back and forth until that many commits in all, or so long."""
+        """Let the aircraft go back and forth until that many commits in all, `limit_s` at most."""
         until = time.monotonic() + limit_s
         while self.shuttle.commits < commits and time.monotonic() < until:
             self.loop.run(0.5)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The ground link of a station that is none of the real ones: one end for all its vehicles, as a station has it.
+"""The ground link of an artificial station: one end for all its vehicles, as a station has it.
 
-The link itself is the one that ships (`gcs_module/ground.py`), signed with the ground key. Here is only what MAVProxy's
-module does around it: a beat a second, and whose each message is.
+The link itself is the one that ships (`gcs_module/ground.py`), signed with the ground key. This module does what
+MAVProxy's module does around it: a heartbeat a second, and each message to its vehicle.
 """
 
 from __future__ import annotations

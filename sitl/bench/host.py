@@ -34,7 +34,7 @@ class _Console:
         del self.lines[:-20]
 
     def set_status(self, name: str, text: str = "", row: int = 0, fg: str = "black", bg: str = "white") -> None:
-        """Nobody looks."""
+        """Nothing is shown."""
 
 
 class _NoLog:

@@ -37,7 +37,10 @@ _STREAM = 50
 
 
 def link_plans(ports: PortPicker, weather: Weather, targets: dict[str, int]) -> tuple[list[LinkPlan], dict[str, int]]:
-    """A proxy with the same weather both ways for each port in `targets`; also the ports to send to, by name."""
+    """A proxy with the same weather both ways for each port in `targets`.
+
+    Also returns the ports to send to, by name.
+    """
     plans = [LinkPlan(name, ports.udp(), port, up=weather, down=weather) for name, port in targets.items()]
     return plans, {plan.name: plan.listen for plan in plans}
 
@@ -53,7 +56,7 @@ class _VehicleMaster:
 
 
 class _StationMaster:
-    """A station's link to the vehicle: a UDP port that listens and answers whoever spoke last."""
+    """A station's link to the vehicle: a UDP port that listens and answers the last sender."""
 
     def __init__(self, port: int, sysid: int) -> None:
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)

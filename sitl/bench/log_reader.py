@@ -21,7 +21,7 @@ from typing import Any
 SYSID, VEHICLE, AUTOPILOT, GROUND_STATION = 251, 1, 1, 190
 PIECE = 90
 ALL = 0xFFFFFFFF
-#: nothing has come for so long: ask for what is missing
+#: after this time (s) without data, missing data is requested
 SILENT_S = 0.7
 BEAT_S = 1.0
 
@@ -81,7 +81,7 @@ class WithPymavlink:
         self._link.mav.log_request_data_send(VEHICLE, AUTOPILOT, number, begin, ALL)
 
     def _next(self, kind: str, timeout_s: float) -> Any:
-        """The next message of this kind; None if there is none for so long."""
+        """The next message of this kind; None if there is none within `timeout_s`."""
         until = time.monotonic() + timeout_s
         while (now := time.monotonic()) < until:
             if now >= self._beat_at:

@@ -2,8 +2,8 @@
 
 """`python -m sitl.bench.log_server`: an autopilot that serves one log, for machines without ArduCopter's program.
 
-It does with log requests what ArduPilot does: one download at a time, and a request that comes meanwhile is ignored. On
-TCP it sends as fast as the other end reads, on UDP one frame a datagram and `_UDP_HZ` of them a second, as ArduPilot's
+It handles log requests as ArduPilot does: one download at a time, and requests meanwhile are ignored. On TCP it sends
+as fast as the other end reads. On UDP it sends one frame a datagram, `_UDP_HZ` of them a second, as ArduPilot's
 simulation does. The log is made of random bytes from a fixed seed (`log_bytes`).
 """
 

@@ -77,7 +77,10 @@ class Loop:
                 self._epoll.unregister(descriptor)
 
     def add_clock(self, job: Callable[[], float | None]) -> None:
-        """Call `job` in every round; it says in how many seconds it must be called again (None: it does not matter)."""
+        """Call `job` in every round.
+
+        It returns in how many seconds it must be called again (None: it does not matter).
+        """
         self._clocks.append(job)
 
     def remove_clock(self, job: Callable[[], float | None]) -> None:

@@ -212,7 +212,7 @@ def _arguments(argv: Sequence[str]) -> argparse.Namespace:
     )
     parser.add_argument("--quick", action="store_true", help="a smoke test: everything once, under two minutes")
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder for bench.jsonl and logs (runs/bench-TIME)")
-    parser.add_argument("--seconds", type=float, metavar="S", help="fleet: measure each number of vehicles so long")
+    parser.add_argument("--seconds", type=float, metavar="S", help="fleet: duration for each number of vehicles")
     parser.add_argument(
         "--mavsdk",
         action="append",

@@ -2,9 +2,9 @@
 
 """The arithmetic of a comparison: quantiles, pairs measured in turns, and when there are enough of them.
 
-A pair is one measurement of ours and one of the baseline, taken one after the other; what disturbs the machine for
-longer than that disturbs both, so the ratio within a pair is steadier than either number. Order within pairs
-alternates (A B, B A), so that a drift favours nobody. A result is the median of the pairs' ratios with its quartiles.
+A pair is one measurement of ours and one of the baseline, one after the other. A disturbance of the machine that lasts
+longer affects both, so the ratio within a pair is steadier than either number. Order within pairs alternates (A B, B
+A), so that a drift favours neither side. A result is the median of the pairs' ratios with its quartiles.
 """
 
 from __future__ import annotations

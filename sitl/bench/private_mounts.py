@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Small file systems that fill up or turn read-only, seen by nobody but this process and what it starts.
+"""Small file systems that fill up or turn read-only, visible only to this process and its children.
 
-They live in memory, in a mount namespace of this process's own, so they end with it, whatever happens. Making one needs
-root (CAP_SYS_ADMIN); who may not is told so.
+They live in memory, in a mount namespace of this process, so they always end with it. Making one needs root
+(CAP_SYS_ADMIN); without it the error says so.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ __all__ = ["SmallDisk", "small_disk"]
 
 _NEW_NAMESPACE: Final = 0x0002_0000
 _READ_ONLY, _REMOUNT, _RECURSIVE, _PRIVATE = 1, 1 << 5, 1 << 14, 1 << 18
-#: what waits for a moment in which nobody writes
+#: longest wait (s) for a moment in which no program writes
 _PATIENCE_S = 5.0
 _separate = False
 
@@ -68,7 +68,7 @@ class SmallDisk:
             raise BenchError(f"{self.path} does not get full")
 
     def turn_read_only(self) -> None:
-        """From now on nothing can be written. Raises BenchError: somebody never stops writing."""
+        """Refuse writes from now on. Raises BenchError if a program never stops writing."""
         until = time.monotonic() + _PATIENCE_S
         while True:
             try:
@@ -93,4 +93,4 @@ def small_disk(path: Path, size: str = "512k") -> Iterator[SmallDisk]:
     try:
         yield SmallDisk(path)
     finally:
-        _libc().umount2(str(path).encode(), 2)  # lazily: whoever still holds a file there ends soon
+        _libc().umount2(str(path).encode(), 2)  # lazily: a process that has a file open there ends soon

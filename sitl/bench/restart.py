@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""How long the guard is without a commander when the companion dies or stalls in flight: from the last lease of one run
-to the first HELD one of the next.
+"""How long the guard has no commander when the companion dies or stalls in flight.
 
-Real processes, one vehicle and two signed stations, every link with 20 % loss each way, and four processes that do
-nothing but keep the processor busy. Ours is `handover companion`, whose child is killed (SIGKILL) or stopped (SIGSTOP:
-a stall that is no death). The baseline is the same MAVProxy without a supervisor, killed and started again at once by
-somebody who waits for nothing else. `--restarts-within 0` lets the supervisor forget every restart: the rule for the
-third one would end the measurement.
+The time is from the last lease of one run to the first HELD one of the next.
+
+Real processes, one vehicle and two signed stations, every link with 20 % loss each way, and four busy processes. Ours
+is `handover companion`, whose child is killed (SIGKILL) or stopped (SIGSTOP: it stalls and does not die). The baseline
+is the same MAVProxy without a supervisor, killed and started again at once by a watcher that does nothing else.
+`--restarts-within 0` lets the supervisor forget every restart: the rule for the third one would end the measurement.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ def _gaps(flight: Flight, number: int, end: Callable[[], None], luck: Random) ->
         flight.loop.run_until(
             lambda former=former: leases.nonce != former and leases.held_at < math.inf,  # type: ignore[misc]
             _LIMIT_S,
-            "somebody commands after the restart",
+            "a station commands after the restart",
         )
         gaps.append(leases.held_at - leases.before_at)
     return gaps

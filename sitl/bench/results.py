@@ -135,7 +135,7 @@ class Results:
     """Collects measurements; each goes to the file at once, so an interrupted run keeps what it has."""
 
     def __init__(self, path: Path) -> None:
-        """Begin `path` anew, with the machine's line. Raises OSError."""
+        """Start `path` with the machine's line, and delete its old contents. Raises OSError."""
         self.path = path
         self.measurements: list[Measurement] = []
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -48,7 +48,7 @@ def toml(tables: dict[str, Any]) -> str:
 
 
 def key_for(station: str) -> bytes:
-    """The key of a station, for measurements alone: nothing but loopback ever sees it."""
+    """The key of a station, for measurements only: it is used only on loopback."""
     return hashlib.sha256(f"bench {station}".encode()).digest()
 
 
@@ -161,7 +161,7 @@ class Proxy:
         return cpu_s(self.pid)
 
     def check(self) -> None:
-        """That the process lives, and that the parent still commands where somebody commands. Raises BenchError."""
+        """Raises BenchError if the process has ended, or another station than the parent commands."""
         if not self._child.alive():
             tail = " | ".join(self._child.console()[-5:])
             raise BenchError(f"{self.name}: the process has ended (console: {tail})")
@@ -170,7 +170,7 @@ class Proxy:
             raise BenchError(f"{self.name}: station {commander} commands in the middle of a measurement")
 
     def close(self) -> None:
-        """Close all sockets; the process is ended by whoever started it."""
+        """Close all sockets; the owner of the process ends it."""
         for station in self.stations:
             station.close()
         self.autopilot.close()

@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""An aircraft that is put from zone to zone, so that transfers follow each other quickly, and the files that go with
-it.
+"""An aircraft that is moved from zone to zone, so that transfers follow each other quickly; and its files.
 
-It stands in the zone of the commander alone, then in the region that both zones share, and as soon as the lease names
-the other station, in that one's zone alone; then back. Each entry into the region is one transfer.
+It stands in the zone of the commander only, then in the region that both zones share. When the lease names the other
+station, it stands in that one's zone only; then back. Each entry into the region is one transfer.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ A, B = 251, 252
 #: places in the delivery mission: zone of the station alone, and the region of both
 _ALONE = {A: Place(52.6790, 5.9240), B: Place(52.6790, 5.9310)}
 _REGION = Place(52.6790, 5.9255)
-#: an entry that has led to nothing for this long is given up, and the region entered anew
+#: an entry without a transfer is given up after this time (s), and the region is entered again
 _GIVE_UP_S = 60.0
 
 

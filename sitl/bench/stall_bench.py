@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Does the companion's main loop breathe? The longest time between two leases, as the autopilot sees it.
+"""The longest time between two leases under load, as the autopilot sees it: does the companion's main loop stall?
 
-The guard flies home after three seconds without a lease. The lease goes out from MAVProxy's main loop, so whatever
-holds that up shows here: a disk that is waited for, packages that are parsed, journals that are written, other
-programs. Each load has a companion process of its own, with a stub autopilot on a serial line and two stations that
-sign; in flight authority goes from one to the other about once a second.
+The guard flies home after three seconds without a lease. The lease is sent from MAVProxy's main loop, so a stall of the
+loop shows here: a slow disk, parsing of packages, writing of journals, other programs. Each load has its own companion
+process, with an artificial autopilot on a serial line and two stations that sign. In flight authority goes from one to
+the other about once a second.
 """
 
 from __future__ import annotations
@@ -47,10 +47,10 @@ from sitl.script.places import SetupError
 
 __all__ = ["LOADS", "Plan", "measure"]
 
-#: the longest gap between leases that there may be, whatever goes on
+#: the longest gap between leases that is allowed, under any load
 LIMIT_S: Final = 0.4
 FSYNC_S: Final = 2.0
-#: about so long between two transfers
+#: about this time (s) between two transfers
 _PAUSE_S: Final = 0.8
 _LIMIT_START_S: Final = 60.0
 _STREAM: Final = 50
@@ -72,14 +72,14 @@ class _Bench:
     """A companion process, its autopilot and its stations."""
 
     def __init__(self, folder: Path, under: Sequence[str] = ()) -> None:
-        """`under`: words before the companion's command line. What goes to a disk goes to `folder`/disk."""
+        """`under`: words before the companion's command line. `folder`/disk is the companion's disk."""
         self.loop = Loop()
         self.folder = folder
         self.autopilot = SerialAutopilot(self.loop, Place(52.6790, 5.9240))
         self.shuttle = Shuttle(self.autopilot.model, _PAUSE_S, 1)
         self.stations = {sysid: TalkingStation(self.loop, name, sysid, key_for(name)) for sysid, name in _WHO.items()}
         self.package = mission_package.load(shipped("missions") / "delivery")
-        #: when leases arrived (monotonic s), and how late the bench itself was
+        #: when leases arrived (monotonic s), and the largest delay of the bench itself
         self.leases: list[float] = []
         self.late_s = 0.0
         self._under = tuple(under)
@@ -142,7 +142,7 @@ class _Bench:
         return path
 
     def wait(self, condition: Callable[[], bool], what: str) -> None:
-        """Until then. Raises BenchError, also if the process ends."""
+        """Run until the condition is true. Raises BenchError after a time limit, and if the process ends."""
 
         def checked() -> bool:
             self.check()
@@ -156,7 +156,7 @@ class _Bench:
             raise BenchError(f"the companion has ended: {' | '.join(self._child.console()[-5:])}")
 
     def take_off(self) -> None:
-        """The mission is loaded, the aircraft is in the air, and goes from zone to zone from now on."""
+        """Load the mission and start the flight from zone to zone."""
         parent = self.stations[A]
         parent.share(self.package)
         self.wait(lambda: parent.shared or bool(parent.share_trouble), "the mission package is loaded")
@@ -170,7 +170,7 @@ class _Bench:
         self.wait(lambda: self.shuttle.commits >= 1, "a first transfer")
 
     def run(self, seconds: float) -> list[float]:
-        """Let time pass; the gaps between the leases in it (s), the one that lasts at the end included."""
+        """Let time pass. Returns the gaps between the leases in it (s), the unfinished one at the end included."""
         begun_at, first = time.monotonic(), len(self.leases)
         self.late_s, self._beat_at = 0.0, 0.0
         until = begun_at + seconds
@@ -236,7 +236,7 @@ def _busy(folder: Path, seconds: float) -> Measured:
 
 
 def _journal_flood(folder: Path, seconds: float) -> Measured:
-    """Frames in the stations' names that nobody signed, of many kinds, by the way that the stations' own take."""
+    """Frames in the stations' names without a signature, of many kinds, by the stations' own links."""
     with _flying(folder) as bench:
         numbers = iter(range(1 << 30))
 
@@ -252,7 +252,10 @@ def _journal_flood(folder: Path, seconds: float) -> Measured:
 
 
 class _Packages:
-    """Sends packages that are made to cost their reader time, one after the other, as a sender does who never waits."""
+    """Sends packages that cost their reader much time.
+
+    It sends one after the other, and never waits for an answer.
+    """
 
     def __init__(self, bench: _Bench, station: TalkingStation) -> None:
         self._station = station
@@ -272,7 +275,7 @@ class _Packages:
 
     def _next(self) -> Iterator[Any]:
         name, data = self._packages[self._number % len(self._packages)]
-        # the digest is a lie: whether it is one is found out only when the package has been read
+        # the digest is wrong: that shows only after the package has been read
         digest = (self._number.to_bytes(4, "little") * 8)[:32]
         target = (VEHICLE, COMPANION_COMPID)
         yield mavlink.MAVLink_mission_package_message(*target, len(data), list(digest), name.encode())
@@ -283,7 +286,7 @@ class _Packages:
 
 
 def _hostile_packages(package: MissionPackage) -> list[bytes]:
-    """Of a few kilobytes each: numbers without end, lists of nothing, nesting, and zones like combs."""
+    """Packages of a few kilobytes each: endless numbers, empty lists, deep nesting, and comb-shaped zones."""
     room = MAX_PLAIN_BYTES - 10
     plain = [
         (b"9" * 399 + b" ") * (room // 400),
@@ -317,14 +320,14 @@ def _packages_in_flight(folder: Path, seconds: float) -> Measured:
 
 
 def _packages_on_the_ground(folder: Path, seconds: float) -> Measured:
-    """There the parent's are read, all of them."""
+    """On the ground all packages of the parent are read."""
     with _Bench(folder) as bench:
         bench.loop.run(2.0)
         _Packages(bench, bench.stations[A])
         return bench.run(seconds), bench
 
 
-#: name -> how it is measured; the first one is what the others are compared to
+#: name -> how it is measured; the others are compared to the first one
 LOADS: dict[str, Callable[[Path, float], Measured]] = {
     "none": _nothing,
     f"fsync {FSYNC_S:g} s": _slow_disk,
@@ -338,7 +341,7 @@ LOADS: dict[str, Callable[[Path, float], Measured]] = {
 
 
 def measure(plan: Plan, folder: Path, say: Callable[[str], None]) -> Iterator[Measurement]:
-    """One companion after the other. A load that cannot be made is told of, and costs itself alone."""
+    """One companion after the other. A load that cannot be made is reported, and the others continue."""
     quiet: float | None = None
     for number, name in enumerate(plan.loads):
         try:

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Whether observers' questions cost the commander its telemetry: what it hears of a real vehicle in flight, beside four
-observers that ask for all they can think of, and without that, in turns.
+"""Whether observers' requests cost the commander its telemetry.
 
-The baseline is the same flight with the same observers, which only beat. Each message is counted at the commander, over
-all turns of a side; the one that has lost most is the result.
+The commander's telemetry of a real vehicle in flight is measured beside four observers that request everything they
+can, and without requests, in turns. The baseline is the same flight with the same observers, which only send
+heartbeats. Each message is counted at the commander, over all turns of a side; the message with the most loss is the
+result.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ RATE_RATIO: Final = 0.9
 OBSERVERS: Final = 4
 #: seen less often than this (1/s), a message says nothing about a rate
 _LEAST_HZ: Final = 0.9
-#: what is answered to somebody's question, or said when something has happened, is no telemetry
+#: answers to requests, and messages about events, are no telemetry
 _NO_TELEMETRY: Final = names("""
     STATUSTEXT PARAM_VALUE PARAM_ERROR COMMAND_ACK FILE_TRANSFER_PROTOCOL TIMESYNC MISSION_COUNT MISSION_ITEM_INT
     TERRAIN_REPORT AUTOPILOT_VERSION HOME_POSITION GPS_GLOBAL_ORIGIN CONNECT
@@ -170,12 +171,12 @@ class _Flight:
         self._wait(lambda: commander.shared or bool(commander.share_trouble), _READY_LIMIT_S, "the mission is loaded")
         if commander.share_trouble:
             raise BenchError(f"mission package refused: {commander.share_trouble}")
-        commander.digest = package.digest  # the observers have none, so nobody takes the aircraft from the commander
+        commander.digest = package.digest  # the observers have none, so none takes the aircraft
         start = self.loop.every(3.0, lambda: commander.send(_command(MISSION_START)))
         self._wait(lambda: commander.phase == Phase.ON_MISSION, _READY_LIMIT_S, "the aircraft has started")
         start.cancel()
         self.loop.run(_MANOEUVRE_S)
-        commander.send(_command(mavlink.MAV_CMD_DO_PAUSE_CONTINUE, 0))  # it stays where nobody else could take it
+        commander.send(_command(mavlink.MAV_CMD_DO_PAUSE_CONTINUE, 0))  # it stays in the zone of no other station
         commander.send(mavlink.MAVLink_request_data_stream_message(VEHICLE, AUTOPILOT, 0, _STREAM_HZ, 1))
         self.loop.run(_MANOEUVRE_S)
 

@@ -34,7 +34,7 @@ __all__ = ["TalkingStation"]
 
 
 class TalkingStation(FakeStation):
-    """It consents to everything at once."""
+    """A station that consents to every transfer at once."""
 
     def __init__(
         self,
@@ -52,7 +52,7 @@ class TalkingStation(FakeStation):
         self._core = StationCore(Station(sysid, name), "drone-1", peers, automatic=AUTOMATIC)
 
     def hold(self, package: MissionPackage) -> None:
-        """It has the mission package."""
+        """The station holds this mission package."""
         self.digest = package.digest
         self.hear(MissionHeld(package.digest))
 

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What goes up and down in a measurement: the autopilot's streams and a station's mix, as messages to be packed.
+"""The traffic of a measurement: the autopilot's streams and a station's mix, as messages to be packed.
 
-The streams are what an ArduCopter sends in flight. 50 a second is what the companion asks for, and a little more; 200
-a second is a fast link with everything on it. The mix of a station is one with a joystick in use, a parameter and a
-mission download going on, and a command now and then.
+The streams are those that an ArduCopter sends in flight. 50 a second is slightly more than the companion requests; 200
+a second is a fast link with all streams. The mix is that of a station with a joystick in use. A parameter and a mission
+download run, and a command is sent now and then.
 """
 
 from __future__ import annotations

@@ -2,10 +2,10 @@
 
 """How long a transfer takes: on loopback, over slow links, over lossy ones.
 
-Loopback is measured with real processes, for there the programs themselves are the time. Over bad links it is the
-links, and hundreds of transfers take hours one after the other: these are flown in lanes, many vehicles side by side
-in this process, with the real modules and real sockets and only MAVProxy's main loop replaced. Two of the weathers are
-flown with real processes as well, fewer times, to show that it makes no difference.
+Loopback is measured with real processes, because the programs themselves take the time. Over bad links the links take
+it, and hundreds of transfers one after the other take hours. So these are flown in lanes: many vehicles side by side in
+this process, with the real modules and real sockets and only MAVProxy's main loop replaced. Two of the weathers are
+also flown with real processes, fewer times, to show that it makes no difference.
 
 A link has the same delay and loss each way; vehicle to stations, and station to station.
 """
@@ -38,11 +38,11 @@ LOSSY_LATE_MS = 3000.0
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """What the links are like. `late_limit_ms`: what 99 of 100 transfers must keep to; None: no target."""
+    """The properties of the links. `late_limit_ms`: the limit for 99 of 100 transfers; None: no limit."""
 
     name: str
     weather: Weather
-    #: about so long between a commit and the next entry
+    #: about this time (s) between a commit and the next entry
     pause_s: float
     #: lanes that share the work in a full run
     lanes: int
@@ -72,7 +72,7 @@ _LOOPBACK = Condition("loopback", Weather(), 0.15, 1, LOOPBACK_LATE_MS, LOOPBACK
 
 @dataclass(frozen=True, slots=True)
 class LanePlan:
-    """How many transfers of each condition, the longest that all of it may take, and lanes (None: as many as usual)."""
+    """Transfers of each condition, the time limit for all of them, and lanes (None: as many as usual)."""
 
     transfers: int
     limit_s: float

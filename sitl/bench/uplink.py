@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What a frame from a station costs on its way to the autopilot: processor time, and delay.
+"""The cost of a station's frame on its way to the autopilot: processor time, and delay.
 
-Processor time a frame is what the process spends under the mix, less what it spends on the downlink alone, by the
-frames that were sent; both in many short slices one after the other, as what an idle process spends drifts with the
-machine by more than the frames cost; ours and the baseline in turns. Delay is from the station's
-`sendto` to the autopilot's `recv`, both in this process, for every frame; ours and the baseline at the same time,
-frame by frame, so what else the machine does hits both. It holds what sockets and this process add, on both sides
-alike. What a frame does to a busy loop is in both numbers: the aircraft's stream runs on, fifty frames a second. The
-baseline has the few modules that ours has; with signing it is also taken as it comes, with those it loads by itself.
+Processor time a frame is the process's time under the mix, less its time on the downlink only, by the frames that were
+sent. Both are taken in many short slices one after the other: the time of an idle process drifts by more than the
+frames cost. Ours and the baseline take turns. Delay is from the station's `sendto` to the autopilot's `recv`, both in
+this process, for every frame. Ours and the baseline run at the same time, frame by frame, so other load of the machine
+affects both. It contains the time of sockets and of this process, on both sides alike. The effect of a frame on a busy
+loop is in both numbers: the aircraft's stream continues, fifty frames a second. The baseline has the few modules that
+ours has; with signing it is also measured with its default modules.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ class Disturbed(BenchError):
 
 
 class Sender:
-    """A station that sends the mix, and what came of its frames."""
+    """A station that sends the mix, and the results of its frames."""
 
     def __init__(self, rig: Rig, proxy: Proxy, station: int) -> None:
         self.proxy = proxy
@@ -254,7 +254,7 @@ class DelayStudy:
             proxy.autopilot.model.stream(STREAM)
         for rate, delays in self._delays.items():
             for window in range(self._plan.windows):
-                # who is first in each period changes with the window
+                # the first sender in each period changes with the window
                 self._window(rig, senders if window % 2 else senders[::-1], rate)
                 ours, baseline = (sender.delays_s for sender in senders)
                 delays.medians.append(Pair(median(ours) * 1e3, median(baseline) * 1e3))

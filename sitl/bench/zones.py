@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What one zone check costs: the finder's facts about every zone, and the arbiter's judgement of them.
+"""The cost of one zone check: the finder's facts about every zone, and the arbiter's judgement of them.
 
 The baseline is shapely's `contains_xy`, one call a zone, on the same polygons at the same places: the least that any
 check must do. Ours measures the distance to every border as well. The zones stand in a row and overlap, so the aircraft
 is inside one or two of them and far from the others. Two kinds of places: "anywhere" along the row, each far from the
-one before, so that nothing known of one holds for the next; and "in flight", half a metre from one to the next.
+one before, so that no result for one holds for the next; and "in flight", half a metre from one to the next.
 """
 
 from __future__ import annotations

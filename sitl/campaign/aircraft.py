@@ -1,18 +1,18 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Where the aircraft really is, what it really uses, and what its autopilot does by itself.
+"""The true place of the aircraft, its true consumption, and what its autopilot does by itself.
 
-It flies straight pieces (`Piece`), each at one speed and one power, so that where it is and what is left can be said of
-any moment without stepping. What ArduCopter does is kept to what matters here:
+It flies straight pieces (`Piece`), each at one speed and one power. So place and remaining energy are known for any
+moment without stepping. ArduCopter's behaviour is modelled as far as it matters here:
 
-* AUTO: straight up, along the way, down at its end, or the return, which is a mode of its own as it is ArduPlane's. A
-  pause brakes it; who is carried off flies back.
+* AUTO: straight up, along the route, down at its end, or the return, which is a mode of its own as it is ArduPlane's. A
+  pause brakes it; an aircraft that was carried off flies back.
 * RTL: up to the height of the return, straight to the one point of its rally list, which it reads when it begins, a
-  pause, down. A second order for it changes nothing; to leave it and begin it anew does. LAND: straight down.
+  pause, down. A second order for it changes nothing; leaving RTL and ordering it again does. LAND: straight down.
 * Its own failsafes: a low and an empty battery (RTL, LAND), 8 s without a position (LAND), no heartbeat of the
-  commander for 10 s (RTL), the fence (RTL). When they act is for `world.py` to say.
+  commander for 10 s (RTL), the fence (RTL). `world.py` decides when they act.
 
-What all that takes, and what the wind makes of it, is in `physics.py`.
+Consumption, and the effect of the wind, are in `physics.py`.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ LOW_PART, EMPTY_PART = 0.12, 0.05
 #: deceleration to a stop (m/s^2)
 _BRAKING: Final = 2.5
 _SLOWEST_MPS: Final = 0.2
-#: who has it return behind the last waypoint
+#: the source of a return after the last waypoint
 BY_MISSION: Final = "mission"
 
 
 class Mode(Enum):
-    """What is flown."""
+    """The flight mode."""
 
     GROUND = "on the ground"
     AUTO = "AUTO"
@@ -51,7 +51,7 @@ class Mode(Enum):
 
     @property
     def comes_down(self) -> bool:
-        """It is on its way home, or down."""
+        """Whether it is on its way home, or down."""
         return self in (Mode.RTL, Mode.LAND)
 
 
@@ -92,7 +92,7 @@ class Aircraft:
         self.drift = (0.0, 0.0)
         self._lift_mps = 0.0
         self.landed_at: Spot | None = None
-        #: the one point of its rally list: where a return goes, whoever orders it
+        #: the one point of its rally list: the return site of every return
         self.rally: Spot = plan.places[0]
         #: one of its own failsafes has acted; it is outside its fence; its returns get nowhere
         self.failsafe = self.breached = False
@@ -307,7 +307,7 @@ class Aircraft:
         return self._physics.still_w
 
     def _along(self, now: int) -> None:
-        """On to the waypoint that is next, or whatever is behind the last one."""
+        """Fly to the next waypoint, or do what follows the last one."""
         way = self._plan.way
         if self.waypoint >= len(way):
             self._end_of_way(now)
@@ -383,8 +383,10 @@ class Aircraft:
         self._next(now)
 
     def down_wh(self, now: int) -> float:
-        """What it takes to come straight down from here, as it is believed, a quarter more, and a part of the reserve
-        for as long as it takes to decide that."""
+        """Energy for coming straight down from here, as it is believed.
+
+        A quarter more, and a part of the reserve for the time of the decision.
+        """
         return 1.25 * self._physics.down_wh(self.at(now)[2]) + 0.25 * self._physics.reserve_wh
 
     def home_wh(self, now: int) -> float:

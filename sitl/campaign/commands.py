@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What commanders' operators want of the aircraft, good or bad, and what becomes of it.
+"""Orders of commanders' operators to the aircraft, good or bad, and their results.
 
-The rules and the geometry are the real ones (`core/safety/commands.py`, `mission/ahead.py`); `Desk` is the edge around
-them, as `autopilot/command_check.py` is on the aircraft: what the way ahead would leave of energy, fence and coverage.
-An operator sends the aircraft on along its mission again after it was stopped or turned back, whatever for. Refused, he
-leaves it at that, sends the same again in time, or lifts the limit that he was told.
+The rules and the geometry are the real ones (`core/safety/commands.py`, `mission/ahead.py`). `Desk` is the edge around
+them, as on the aircraft: what the way ahead would leave of energy, fence and coverage. An operator sends the aircraft
+on along its mission again after it was stopped or turned back, for any reason. After a refusal the operator does
+nothing, sends the same again in time, or lifts the limit that was named.
 
-What he has lifted himself is his, and the judge is told.
+The operator answers for a lifted limit, and the judge is told.
 """
 
 from __future__ import annotations
@@ -53,11 +53,11 @@ class Desk:
         return self._energy(legs, now)
 
     def start(self, lacks: str, station: int, now_s: float) -> Ruling:
-        """What becomes of START."""
+        """The ruling on START."""
         return self.rules.rule(Kind.START, "START", {Limit.ENERGY: lacks}, station, now_s, heard_since=-inf)
 
     def go_on(self, usable: frozenset[int], station: int, now: int, now_s: float) -> Ruling:
-        """What becomes of AUTO in flight. `now`: a tick."""
+        """The ruling on AUTO in flight. `now`: a tick."""
         x, y, z = self.aircraft.at(now)
         first = self.aircraft.waypoint
         legs = tuple(self._legs(Spot(x, y, z), self.plan.way[first:], first))
@@ -69,7 +69,7 @@ class Desk:
         return self.rules.rule(Kind.GO_ON, _WISH, left if legs else {}, station, now_s, heard_since=-inf)
 
     def lift(self, ruling: Ruling, now_s: float) -> None:
-        """The operator lifts what he was told."""
+        """The operator lifts the limit of a refusal."""
         if ruling.outcome is Outcome.REFUSED:
             self.rules.lift(ruling.limits[0], now_s)
 

@@ -49,18 +49,18 @@ _MODES: Final = {
     Mode.LAND: (ModeClass.LAND, "LAND"),
     Mode.PILOT: (ModeClass.HANDS, "LOITER"),
 }
-#: a station that has not been heard, or has not answered, for so long is no partner
+#: a station that has not been heard, or has not answered, for this time is no partner
 _LOST: Final = in_ticks(Limits().heartbeat_lost_s)
 _UNANSWERED: Final = in_ticks(Limits().connect_lost_s)
 _DEAF: Final = in_ticks(Limits().deaf_lost_s)
-#: whoever has answered so lately is asked anew each second, not more often, and answers
+#: a station that answered within this time is asked each second only, and answers
 _LATELY: Final = in_ticks(1.9)
 #: longer than any hold-off and clearing time of the rules lasts, but those of links and attacks, and pauses
 _LONG_S: Final = 8.0
 #: the same on the ground, where who is there and what is loaded is all that counts
 _ON_GROUND_S: Final = 2.5
-#: entries of the journal behind which less than that has to be waited for, or more: how long (s), and the pauses that
-#: begin with them
+#: journal entries after which a longer or shorter time must be waited: how long (s), and the pauses that begin with
+#: them
 _STIRS: Final[Mapping[str, tuple[float, tuple[float, ...]]]] = {
     **dict.fromkeys(("station_heard", "connected", "zone_entered", "partner_unfit"), (1.5, ())),
     **dict.fromkeys(("start", "started", "zone_left"), (4.0, ())),
@@ -174,9 +174,11 @@ class Companion:
         return None if self.arbiter is None else self.arbiter.passed_at_m
 
     def silent_at(self, after: int, near: int) -> int:
-        """When, behind `after`, a station will count as silent that is not heard, or does not answer, until then; if
-        that is behind `near`, perhaps too early (ticks, as the rules count)."""
-        if near >= self._silent_at:  # till now later news has only moved it on
+        """The next time after `after` at which a station counts as silent without news (ticks, as the rules count).
+
+        A station is silent if it is not heard, or does not answer, until then. A result after `near` may be too early.
+        """
+        if near >= self._silent_at:  # until now later news has only delayed it
             times = (
                 *(at + _LOST for at in self._heard.values()),
                 *(at + wait for at in self._answered.values() for wait in (_UNANSWERED, _DEAF)),
@@ -205,7 +207,7 @@ class Companion:
     # ---- what happens -----------------------------------------------------------------------------------------------
 
     def give(self, event: events.Event, now: int) -> None:
-        """One event for the rules; nobody hears it while the companion is down."""
+        """One event for the rules; it is lost while the companion is down."""
         if self.arbiter is not None:
             self._queue.put(event, now)
 
@@ -272,7 +274,7 @@ class Companion:
                 self._log.note(now, refused("START", action.needs))
             case events.ControlAnswer() | events.NotifyOwner():  # of stations of the standard: none here
                 pass
-            case events.RehearsalMoved() | events.RehearsalRefused():  # nobody asks for one: the campaign flies
+            case events.RehearsalMoved() | events.RehearsalRefused():  # not requested: the campaign flies
                 pass
             case events.Advise():
                 self._log.note(now, action.text)
@@ -333,7 +335,7 @@ class Companion:
         aircraft = self._aircraft
         flown, name = _MODES[aircraft.mode]
         mode = events.ModeSeen(flown, name, aircraft.mode is Mode.LAND, self._plan.truth.radio)
-        # who flew at the heartbeat before is a part of what the rules make of it
+        # what flew at the heartbeat before is a part of the rules' result
         key = mode, self._flew
         if aircraft.mode is Mode.RTL and aircraft.by == BY_MISSION and self._mode is not Mode.RTL:
             self.give(events.ModeSourceSeen(ModeSource.MISSION), now)
@@ -384,7 +386,7 @@ class Companion:
     # ---- commands ---------------------------------------------------------------------------------------------------
 
     def commanded_on(self, station: int, now: int) -> Ruling | None:
-        """AUTO of the commander, in flight; None: nobody heeds it."""
+        """The ruling on the commander's AUTO, in flight; None: the companion is down."""
         if self.arbiter is None:
             return None
         ruling = self.desk.go_on(self._usable(now), station, now, in_seconds(now))

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The same flights in both ways to let time pass: do they come to the same, and how much faster is the one?
+"""Compares both ways to let time pass: are the outcomes the same, and how much faster is one?
 
-Each seed is flown both ways, one after the other, so that whatever else the machine does falls on both.
+Each seed is flown both ways, one after the other, so that other load of the machine affects both.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ __all__ = ["Comparison", "compare"]
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """What so many flights came to. `differ`: seeds whose outcomes are not the same."""
+    """The totals of a number of flights. `differ`: seeds whose outcomes are not the same."""
 
     flights: int
     hours: float

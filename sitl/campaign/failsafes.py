@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the autopilot does by itself: its failsafes of ground station, position, battery and fence.
+"""The autopilot's own failsafes: ground station, position, battery and fence.
 
 Each has the moment at which it acts next, by what is known of the piece that is flown.
 """
@@ -30,7 +30,7 @@ class Failsafes:
         self._plan, self._aircraft, self._log, self._tells = plan, aircraft, log, tells
         self._gcs_stopped: int | None = 0
         self._gcs_due = self._ekf_due = self._battery_due = NEVER
-        #: the guard has had it watch the companion's heartbeats, until somebody commands again
+        #: the guard has made it watch the companion's heartbeats, until a station commands again
         self._watches_itself = False
         #: when the border of the fence is crossed next, or its ceiling; which of them the aircraft is beyond, and when
         #: one was crossed outwards and inwards last
@@ -57,8 +57,11 @@ class Failsafes:
         self._piece_of = -1
 
     def heartbeats(self, *, come: bool, held: bool, alone: bool, watched: bool, now: int) -> None:
-        """Whether heartbeats of a ground station come. `come`: the companion's messages do; `held`: somebody commands;
-        `alone`: or nobody, as the mission has it; `watched`: the guard looks on."""
+        """Whether heartbeats of a ground station come.
+
+        `come`: the companion's messages do; `held`: a station commands; `alone`: none does, as the mission declares;
+        `watched`: the guard works.
+        """
         if come and watched and (held or alone):
             self._watches_itself = not held
         if come and (held or self._watches_itself):
@@ -87,7 +90,7 @@ class Failsafes:
                 self._ceiling_due = self._in((self._plan.ceiling_m - z) / up)
 
     def _in(self, seconds: float) -> int:
-        """So long behind the beginning of the piece that is flown."""
+        """The tick at this time after the beginning of the piece that is flown."""
         return self._aircraft.begun + max(0, int(seconds * SECOND)) + 1
 
     def _know_battery(self) -> None:

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What strikes a flight: each fault made so in its world, and made good again when it is over."""
+"""Fault injection: begins each fault of a flight in its world, and ends it."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ __all__ = ["NEXT_TO_NOTHING", "Strikes"]
 
 #: a station that hears no more than this part of the downlink does not work: well below the limit of the rules (0.15)
 NEXT_TO_NOTHING: Final = 0.06
-#: where chance decides what it hears, it does not work only after so long: lucky answers keep one in 740 of those that
-#: hear 5 % in command for more than 18 s. The longest of 40,000 trials of the rule alone was 22.4 s.
+#: If chance decides what a station hears, it counts as not working only after this time: lucky answers keep one in 740
+#: of those that hear 5 % in command for more than 18 s. In 40,000 trials of the rule alone the longest was 22.4 s.
 _LUCK: Final = in_ticks(6.0)
-#: the companion measures the loss of a downlink of which no more than this part arrives, and after so long
+#: the companion measures the loss of a downlink of which at most this part arrives, and needs this long
 _MEASURED, _MEASURES = 0.5, in_ticks(9.0)
-#: a commander that hears nothing for so long is lost
+#: a commander that hears nothing for this time is lost
 _TOTAL: Final = in_ticks(10.0)
 #: the longest that a station has to answer well before it counts again, and a little
 _TRUSTED: Final = in_ticks(330.0)
@@ -46,7 +46,7 @@ _SUPERVISED, _FORKED = in_ticks(1.2), in_ticks(0.6)
 
 
 class Struck(Protocol):
-    """What there is to be struck, and how it is told and planned: a world."""
+    """The parts of a world that faults change, and how a fault is told and planned."""
 
     plan: FlightPlan
     log: FlightLog
@@ -243,11 +243,11 @@ class Strikes:
             self._world.log.weak[each].set(now, self._world.uplinks[each].loss > 0.0 or self._thinned[each] > 0)
 
     def _hears_part(self, targets: list[int], heard: float, now: int, *, luck: int = 0) -> Callable[[int], None]:
-        """These stations hear that part of the downlink; returns what ends it. `luck`: for so long chance may keep one
-        of them working that hears next to nothing.
+        """These stations hear only that part of the downlink; returns what ends it.
 
-        A station that hears next to nothing does not work. The vehicle may trust one that was deaf again only after
-        minutes. Until then nothing is demanded of its link.
+        `luck`: for this time chance may keep a station working that hears next to nothing. A station that hears next to
+        nothing does not work. The vehicle may trust one that was deaf again only after minutes. Until then nothing is
+        demanded of its link.
         """
         weak = heard <= _MEASURED
         deaf = self._deafen(targets, now + luck, now) if heard <= NEXT_TO_NOTHING else None
@@ -352,7 +352,7 @@ class Strikes:
         return lambda now: self._world.plan_at(now + 3 * SECOND, partial(judged, False))
 
     def _rogue(self, until: int, now: int) -> None:
-        """Whoever does not command sends the aircraft home or down, twice a second."""
+        """Stations that do not command send the aircraft home or down, twice a second."""
         for each in self._world.ground:
             if each != self._world.view.commander and self._world.passes(each):
                 self._world.log.obeyed.append((now, each, False))
@@ -424,7 +424,7 @@ class Strikes:
         return lambda now: aircraft.carried((0.0, 0.0), now)
 
     def _gust(self, strike: Strike, now: int) -> Callable[[int], None] | None:
-        """It makes half of its speed, or next to none."""
+        """The aircraft reaches half of its speed, or next to none."""
         aircraft, part = self._world.aircraft, 0.5 + 0.5 * strike.amount
         if aircraft.mode is not Mode.AUTO:
             return None

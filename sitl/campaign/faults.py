@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What may go wrong in a flight, when it strikes, and what operators do about it."""
+"""The faults of a flight, their times, and what operators do about them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["Fault", "Insists", "Strike", "Target"]
 
 
 class Fault(Enum):
-    """What goes wrong. What a fault does is in `world.py`."""
+    """A fault. Its effect is in `fault_injection.py`."""
 
     DEAD = "its program dies, and comes back knowing nothing"
     DEAF = "it hears nothing of the vehicle"
@@ -22,10 +22,10 @@ class Fault(Enum):
     RHYTHM = "it hears the vehicle for a while, then not, again and again, and is heard"
     BURST = "nothing gets through, either way"
     WEAK = "a third of the messages of its link is lost"
-    ATTACK = "somebody commands in its name, with bad signatures"
+    ATTACK = "an attacker commands in its name, with bad signatures"
     ROGUE = "stations that do not command send the aircraft elsewhere"
     KILLED = "the companion dies, and starts again from its state"
-    GONE = "the companion dies for good"
+    GONE = "the companion dies, and does not come back"
     STALLED = "the companion's main loop stands still"
     BLIND = "the cable between companion and autopilot is cut"
     NO_GUARD = "the guard is silent: its script was stopped"
@@ -50,20 +50,21 @@ class Target(Enum):
 
 
 class Insists(Enum):
-    """What an operator does who was refused."""
+    """The operator's next act after a refusal."""
 
     NO = "leaves it at that"
-    ANEW = "sends it anew in time"
-    LIFTS = "lifts the limit that he was told"
+    ANEW = "sends it again in time"
+    LIFTS = "lifts the limit that was named"
 
 
 @dataclass(frozen=True, slots=True)
 class Strike:
-    """A fault and its time: `after` ticks behind take-off, or behind the `nth` time that `phase` begins, or (`border`)
-    behind the first time that the aircraft is about to leave the zone of its commander; (`bare`) that and every other.
+    """A fault and its time.
 
-    `late`: all that counts only from the moment on when the flight is ripe (`plan.py`). `lasts`: ticks; `amount`: how
-    much of it, where that has a meaning.
+    `after` counts ticks from take-off, from the `nth` time that `phase` begins, or (`border`) from the first time that
+    the aircraft is about to leave the zone of its commander; (`bare`) from that and every other time. `late`: all that
+    counts only after the flight is ripe (`plan.py`). `lasts`: ticks; `amount`: how much of it, where that has a
+    meaning.
     """
 
     fault: Fault

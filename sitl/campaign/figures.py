@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What many flights say together: how they ended, what was unsafe, what was tried."""
+"""The figures of many flights together: how they ended, what was unsafe, what was tried."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = ["ENOUGH", "Figures", "figures", "wilson"]
 
 #: so often each pair of causes is to come up in each phase
 ENOUGH: Final = 100
-#: a flight that counts: so long in the air (s), with so many handovers
+#: a flight counts with this time in the air (s), and this number of handovers
 WHOLE_S, WHOLE_HANDOVERS = 600.0, 2
 
 

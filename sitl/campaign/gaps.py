@@ -20,16 +20,19 @@ from sitl.campaign.plane import Circle, Spot, bare_spans, bearing_deg
 
 __all__ = ["GapPlan", "find_gaps", "gap_at", "lacking"]
 
-#: whoever is farther beside the way is not on it (m)
+#: an aircraft farther beside the route is not on it (m)
 _CORRIDOR_M: Final = 50.0
-#: so much (s) before the border a gap begins for the rules, and behind the far one there is so much time for contact:
-#: hold_lead_s and 3 s, as `monitors/gaps.py` has them
+#: for the rules a gap begins this time (s) before its border, and after its far border this time (s) is allowed for
+#: contact: hold_lead_s and 3 s, as in `monitors/gaps.py`
 LEAD_S, CONTACT_S = 8.0, 5.0
 
 
 @dataclass(frozen=True, slots=True)
 class GapPlan:
-    """A declared gap: on the leg to this waypoint, from one length of it to another (m), which may take so long (s)."""
+    """A declared gap: on the leg to this waypoint, from one length of it to another (m).
+
+    `limit_s`: the time that it may take (s).
+    """
 
     waypoint: int
     start: Spot
@@ -60,8 +63,10 @@ class GapPlan:
         return self.ends_m - self.begins_m
 
     def changes_s(self, x_m: float, y_m: float, vx: float, vy: float, speed_mps: float) -> tuple[float, ...]:
-        """When (s) what the rules are told of it changes for whoever flies straight on: it begins to matter, begins,
-        and is over; none if it never matters."""
+        """When (s) the rules' facts about the gap change for an aircraft that flies straight on.
+
+        The gap begins to matter, begins, and is over; none if it never matters.
+        """
         length = self.start.away_m(self.end.x_m, self.end.y_m)
         east, north = (self.end.x_m - self.start.x_m) / length, (self.end.y_m - self.start.y_m) / length
         dx, dy = x_m - self.start.x_m, y_m - self.start.y_m

@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The guard, as its page describes it: no live lease, or one that says for too long that nobody commands: RTL, once.
+"""The guard, by the description on its page: RTL, once, without a live lease.
+
+RTL also follows if leases say for too long that no station commands.
 
 Leases flow five times a second while companion, cable and main loop are well. So the guard's last lease is as old as
-the moment when one of them failed, and nothing needs to be counted in between. One that says that the aircraft is alone
-in a declared gap counts as authority for as long as the first of them has said, and HNDO_ALONE_MAX at the most. What is
-in a pilot's hands, on its way home or on its way down is left alone.
+the moment when one of them failed, and nothing needs to be counted in between. A lease that says that the aircraft is
+alone in a declared gap counts as authority. It does so for as long as the first of them has said, HNDO_ALONE_MAX at
+most. An aircraft in a pilot's hands, on its way home or on its way down is left alone.
 """
 
 from __future__ import annotations
@@ -42,7 +44,7 @@ class Guard:
         self._aircraft, self._alone_max_s = aircraft, alone_max_s
         self.works = True
         self._flows = False
-        #: when the last lease came, and since when leases say that nobody commands
+        #: when the last lease came, and since when leases say that no station commands
         self._stopped = 0
         self._lost_since: int | None = None
         #: until when it may be alone in the gap that is crossed; None: it is in none
@@ -58,12 +60,14 @@ class Guard:
 
     @property
     def enforcing(self) -> bool:
-        """It has sent the aircraft home, and nobody commands since."""
+        """Whether it has sent the aircraft home, and no station has commanded since."""
         return self._acted
 
     def heed(self, flows: bool, lease: LeaseState, alone_s: float, now: int) -> None:
-        """Whether leases come, what they say, and for how long the aircraft may still be alone (s); to be told whenever
-        that changes."""
+        """Whether leases come, their state, and for how long the aircraft may still be alone (s).
+
+        To be called whenever that changes.
+        """
         if self._flows and not flows:
             self._stopped = now
         self._flows = flows

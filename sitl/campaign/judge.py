@@ -1,15 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What is unsafe, as one table, and how a flight ended: by what really happened (`log.py`), never by what was believed.
+"""The table of what is unsafe, and how a flight ended.
 
-A row says what must not be, for how long it may, and which policies excuse it: whoever configures that a cause is only
-warned of has taken what follows upon himself. Whoever flies a second of it is looked at: the truth is sampled once a
-second, which every limit here is many times of.
+Both go by what really happened (`log.py`), never by what was believed.
 
-Two kinds of rows. The first say what must never be, whatever has failed: their limits are sums of the worst, a dead
-companion and a dead guard with it. The others ask what the rules are for: while all that they need is whole, and has
-been for a while (`whole_s`), nothing may be left to the guard or to the autopilot's failsafes, which stand
-behind them. Their limits are those of the rules, and a little for a heartbeat a second.
+A row says what must not be, for how long it may, and which policies excuse it: a configuration that only warns of a
+cause accepts its results. Every second in the air is judged: the truth is sampled once a second, and every limit here
+is many times longer.
+
+Two kinds of rows. The first say what must never be, with any failure: their limits are sums of the worst, including a
+dead companion and a dead guard. The others demand what the rules are for. While all that they need is whole, and has
+been for a while (`whole_s`), nothing may be left to the guard or to the autopilot's failsafes, the next line of
+defence. Their limits are those of the rules, and a little for a heartbeat a second.
 """
 
 from __future__ import annotations
@@ -47,34 +49,34 @@ from sitl.campaign.truth import (
 
 __all__ = ["CLASSES", "UNSAFE", "Found", "Unsafe", "ended", "judge"]
 
-#: without coverage, or without a commander, in seconds: 5 s until a station is lost, 2 s for a forced transfer, 10 s of
-#: the autopilot's GCS failsafe where the companion is gone and the guard as well, 1 s for rounding
+#: without coverage, or without a commander, in seconds. 5 s until a station is lost and 2 s for a forced transfer. 10 s
+#: of the autopilot's GCS failsafe if both the companion and the guard are gone, 1 s for rounding
 ALONE_S: Final = 18
-#: a commander that flies an aircraft which its zone does not hold: as long as its link lets it, then as above
+#: a commander that flies an aircraft outside its own zone (s): while its link lets it, then as for ALONE_S
 OUTSIDE_S: Final = 30
-#: changes between the same two stations, and in how many seconds; whoever flies the aircraft on over their border, from
-#: which it is brought back, has it change twice
+#: changes between the same two stations, and in how many seconds; an aircraft that is flown on over their border, and
+#: brought back, changes twice
 PING_PONG, PING_PONG_S = 4, 60
 #: how often a station may lose command and have it back, and in how many seconds
 FLAPS, FLAPS_S = 5, 600
-#: so long (s) what can be known of a place has to be so: 5 s until a station is lost, 20 s until one counts again, 5 s
-#: between two writes of the rally list
+#: a fact about a return site must have been so for this time (s): 5 s until a station is lost, 20 s until one counts
+#: again, 5 s between two writes of the rally list
 KNOWN_S: Final = 32
-#: a heartbeat each second says what is flown: an order on its way when somebody else takes over knows nothing (s)
+#: a heartbeat each second tells the mode: an order on its way during a takeover cannot know it (s)
 KNOWS_S: Final = 1.2
 #: held for longer than `hold_s`, and 10 s for what goes wrong with the autopilot meanwhile (s)
 HELD_S: Final = 70
 #: two steps in which an operator may be asked, 34 s each, two without, 6 s, and 2 s for rounding
 TRANSFER_S: Final = 76
-#: so long (s) a station works, or does not, until the vehicle knows: 5 s until it is lost, or has not answered for too
-#: long, 1 s between two questions, and 2 s for rounding
+#: a station must work, or not, for this time (s) until the vehicle knows: 5 s until it is lost, or has not answered for
+#: too long, 1 s between two questions, and 2 s for rounding
 _HEARD_S: Final = 8
 #: over the border of the last coverage that counts (s): it is to stop before that, and may roll on
 ROLLS_S: Final = 2
-#: who is given the aircraft sooner than this before it leaves his zone can do nothing (s): it is held 5 s before the
-#: border, and 1 s for rounding
+#: a station that gets the aircraft this time (s) before it leaves the station's zone, or later, can do nothing: it is
+#: held 5 s before the border, and 1 s for rounding
 _STOPS_S: Final = 6
-#: whoever is farther beside its way was carried there (m)
+#: an aircraft farther beside its route was carried there (m)
 _CARRIED_M: Final = 20.0
 #: the energy that is left beyond the way home falls no faster than so many times the power in the air
 _FALLS: Final = 6.0
@@ -87,13 +89,16 @@ Look = Callable[[FlightPlan, FlightLog, tuple[Moment, ...]], Found | None]
 
 @dataclass(frozen=True, slots=True)
 class Unsafe:
-    """One row: what must not be, the limit in words, causes whose milder policies excuse it, and how it is found."""
+    """One row: what must not be, the limit in words, and how it is found.
+
+    `excused_by`: causes whose milder policies excuse it.
+    """
 
     name: str
     words: str
     limit: str
     excused_by: frozenset[Cause]
-    #: what an operator has lifted by his own hand is his
+    #: the operator answers for a lifted limit
     lifted: Limit | None
     look: Look
 
@@ -164,8 +169,10 @@ def _ping_pong(_plan: FlightPlan, log: FlightLog, _moments: tuple[Moment, ...]) 
 
 
 def _flaps(plan: FlightPlan, log: FlightLog, _moments: tuple[Moment, ...]) -> Found | None:
-    """The same station commands, then nobody, then it again, and so on. What a companion that dies has to do with it
-    does not count: each of its runs begins anew."""
+    """The same station commands, then none, then it again, and so on.
+
+    A companion's death does not count: each of its runs is counted separately.
+    """
     back: dict[int, list[int]] = {}
     values, had = zip(log.commander.times, log.commander.values, strict=True), None
     for at, commander in values:
@@ -180,11 +187,11 @@ def _flaps(plan: FlightPlan, log: FlightLog, _moments: tuple[Moment, ...]) -> Fo
 
 
 def _uncovered_place(plan: FlightPlan, log: FlightLog, moments: tuple[Moment, ...]) -> Found | None:
-    """Landed by a return at a place where nobody is, though another one that is covered could have been reached.
+    """Landed by a return at a site without a station, though a covered one could have been reached.
 
-    What counts was so, and could be known, for `KNOWN_S` before the return began: the vehicle knows of a station what
-    it hears, not much of one whose link loses a third of everything, and the rally list is written by a companion that
-    lives. Whoever falls away later is nobody's fault.
+    A fact counts if it was so, and could be known, for `KNOWN_S` before the return began. The vehicle knows of a
+    station what it hears, not much of one whose link loses a third of everything. The rally list is written by a
+    companion that lives. A station that fails later is no fault of the rules.
     """
     begun = [at for at, mode, _by in log.modes if mode == Mode.RTL.name]
     if not begun or not moments or log.landed is None or log.modes[-2][1] != Mode.RTL.name:
@@ -211,7 +218,10 @@ def _uncovered_place(plan: FlightPlan, log: FlightLog, moments: tuple[Moment, ..
 def _known(
     stations: Iterable[StationPlan], place: Spot, moments: Iterable[Moment], how: Callable[[Iterable[bool]], bool]
 ) -> bool:
-    """Whether one of them covers the place that works and hears the aircraft: in any of these moments, or in all."""
+    """Whether one of the stations that work and hear the aircraft covers the place.
+
+    `how`: in any of these moments, or in all.
+    """
     covering = {s.sysid for s in stations if s.zone.margin_m(place.x_m, place.y_m) > 0.0}
     return how(not covering.isdisjoint(moment.heard) for moment in moments)
 
@@ -262,7 +272,7 @@ def _dead_zone(plan: FlightPlan, log: FlightLog, moments: tuple[Moment, ...]) ->
 
 
 def _given_too_late(log: FlightLog, moments: tuple[Moment, ...]) -> set[int]:
-    """When the aircraft is outside of a zone that it left right behind its commander's being given authority."""
+    """When the aircraft is outside of a zone that it left directly after its commander got authority."""
     found: set[int] = set()
     left: tuple[int | None, int] | None = None
     for moment in moments:
@@ -278,10 +288,10 @@ def _given_too_late(log: FlightLog, moments: tuple[Moment, ...]) -> set[int]:
 
 
 def _over_border(plan: FlightPlan, log: FlightLog, moments: tuple[Moment, ...]) -> Found | None:
-    """Flown over the border of the last coverage that counts, though nobody behind it had taken the aircraft.
+    """Flown over the border of the last coverage that counts, though no station beyond it had taken the aircraft.
 
-    Not where two other stations are: while a transfer to one of them is under way, the other is there to take it. Nor
-    where authority came right before the border.
+    Not with two other stations there: while a transfer to one of them is under way, the other is there to take it. Not
+    if authority came directly before the border either.
     """
     late = _given_too_late(log, moments)
 
@@ -298,7 +308,7 @@ def _over_border(plan: FlightPlan, log: FlightLog, moments: tuple[Moment, ...]) 
     found = longest(moments, ROLLS_S, wrong)
     if found is None:
         return None
-    text = f"flown out of the zone of {_name(plan, found)} for {ROLLS_S} s with all whole, and nobody else had taken it"
+    text = f"flown out of the zone of {_name(plan, found)} for {ROLLS_S} s with all whole, and not taken over"
     return Found("over the border", found.at, text)
 
 
@@ -308,7 +318,7 @@ def _name(plan: FlightPlan, moment: Moment) -> str:
 
 
 def _stations_settled(log: FlightLog, at: int) -> bool:
-    """Whether all stations had worked, or not, for so long that the vehicle knew."""
+    """Whether all stations had worked, or not, long enough for the vehicle to know."""
     return all(at - series.since(at) >= _HEARD_S * SECOND for series in log.working.values())
 
 
@@ -326,7 +336,7 @@ def _lost(_plan: FlightPlan, log: FlightLog, moments: tuple[Moment, ...]) -> Fou
 
 
 def _crosses(plan: FlightPlan, log: FlightLog, began: int, at: int) -> bool:
-    """Whether it is in a declared gap or right behind one, or was carried beside it within the gap's limit."""
+    """Whether it is in a declared gap or directly after one, or was carried beside it within the gap's limit."""
     x, y, _z = log.place_at(at)
     if is_behind_gap(plan, x, y):
         return True
@@ -355,7 +365,7 @@ def _spent(plan: FlightPlan, log: FlightLog, moments: tuple[Moment, ...]) -> Fou
             continue
         needs = min(physics.home_wh(moment.place, place) for place in plan.places)
         margin = moment.left_wh * plan.truth.gauge - physics.budget_wh(needs)
-        if margin > 0.0:  # so long it stays so, unless a part of the energy goes at once
+        if margin > 0.0:  # it stays so for this time, unless a part of the energy goes at once
             run = 0
             lasts_s = margin * 3600.0 / (_FALLS * physics.climb_w)
             looks_at = int(min(moment.at + lasts_s * SECOND, moment.piece_ends))
@@ -367,7 +377,7 @@ def _spent(plan: FlightPlan, log: FlightLog, moments: tuple[Moment, ...]) -> Fou
 
 
 def _held_on(_plan: FlightPlan, log: FlightLog, moments: tuple[Moment, ...]) -> Found | None:
-    """Standing still is for so long as the rules say, whatever becomes of the companion meanwhile."""
+    """The aircraft stands still no longer than the rules say, also if the companion dies meanwhile."""
     run = 0
     for before, moment in pairwise(moments):
         stands = (
@@ -380,7 +390,7 @@ def _held_on(_plan: FlightPlan, log: FlightLog, moments: tuple[Moment, ...]) -> 
 
 
 def _endless(plan: FlightPlan, log: FlightLog, _moments: tuple[Moment, ...]) -> Found | None:
-    """A transfer of a commander that is there ends, whatever operators do: else nobody else is ever asked."""
+    """A transfer of a living commander ends, whatever operators do; else no other station would ever be asked."""
     begins = zip(log.transfer.times, log.transfer.values, strict=True)
     for (begun, transfer), ended in zip(begins, (*log.transfer.times[1:], log.ended), strict=True):
         until = begun + TRANSFER_S * SECOND
@@ -409,7 +419,7 @@ UNSAFE: Final = (
         *(_LOST, _OUT, _NONE),
         lifted=Limit.COVERAGE,
     ),
-    _row("nobody, nothing done", "nobody commands, and the aircraft flies on", f"{ALONE_S} s", _nobody, _LOST),
+    _row("nobody, nothing done", "no station commands, and the aircraft flies on", f"{ALONE_S} s", _nobody, _LOST),
     _row(
         "commands outside",
         "a station commands an aircraft that flies on outside its zone",
@@ -439,14 +449,14 @@ UNSAFE: Final = (
     _row("never down", "the flight does not end", "90 min", _never_down),
     _row(
         "pilot overruled",
-        "what a pilot has in his hands is taken from him",
+        "an aircraft that a pilot flies is taken from the pilot",
         f"never; by the companion from {KNOWS_S:g} s on, when a heartbeat has told it",
         _overruled,
     ),
     _row(
         "graver undone",
         "the companion undoes a return or a landing",
-        f"never; one of somebody else from {KNOWS_S:g} s on, when a heartbeat has told it",
+        f"never; one of another source from {KNOWS_S:g} s on, when a heartbeat has told it",
         _turned_back,
     ),
     _row(
@@ -467,7 +477,7 @@ UNSAFE: Final = (
     ),
     _row(
         "over the border",
-        "all is whole, and the aircraft is flown out of its commander's zone with nobody who has taken it",
+        "all is whole, and the aircraft is flown out of its commander's zone, and no station has taken it",
         f"{ROLLS_S} s",
         _over_border,
         *(Cause.COVERAGE_ENDS,),
@@ -475,7 +485,7 @@ UNSAFE: Final = (
     ),
     _row(
         "nobody, not noticed",
-        "all is whole, nobody commands, and the aircraft flies on",
+        "all is whole, no station commands, and the aircraft flies on",
         f"{REACTS_S} s",
         _lost,
         *(_LOST,),
@@ -503,7 +513,7 @@ UNSAFE: Final = (
     ),
     _row(
         "not landed",
-        "a return is ordered and not flown, or stands still on its way, its cause is there, and no landing is ordered",
+        "a return is not flown, or stands still on its way, its cause is there, and no landing is ordered",
         f"{GIVEN_UP_S} s; {STANDS_S} s where it stands still",
         not_landed,
     ),

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What becomes of a message between vehicle and station: it arrives after the link's delay, or it is lost.
+"""The fate of a message between vehicle and station: it arrives after the link's delay, or it is lost.
 
-Well inside its zone a station's link is good; near the border some flights lose a part of everything; outside, more and
-more is lost over `FADES_M`, and behind that everything is. Faults cut a link one way or both, or thin it out.
+Well inside its zone a station's link is good. Near the border some flights lose a part of everything. Outside, more and
+more is lost over `FADES_M`, and beyond that everything is. Faults cut a link one way or both, or thin it out.
 
-By what is a message lost? By number: of seed, link, moment and how many went before it in this moment. So it does not
-matter who else has sent what, and the same messages are lost however time is let pass.
+A number decides whether a message is lost: of seed, link, moment and how many went before it in this moment. So other
+senders' messages do not matter, and the same messages are lost however time is let pass.
 """
 
 from __future__ import annotations

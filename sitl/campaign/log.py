@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What really happened in a flight: where the aircraft was, who was obeyed, what worked. The judge knows no more."""
+"""The true events of a flight: where the aircraft was, which station was obeyed, what worked. The judge knows no
+more."""
 
 from __future__ import annotations
 
@@ -19,8 +20,10 @@ _Value = TypeVar("_Value")
 
 @dataclass(frozen=True, slots=True)
 class Flown:
-    """A straight piece that was flown: ticks, place and velocity (m, m/s) at its beginning, and the mode; what was
-    really left in the battery at its beginning (Wh), and what was drawn (W)."""
+    """A straight piece that was flown: ticks, mode, and values at its beginning.
+
+    Place and velocity (m, m/s), the true remaining energy of the battery (Wh), and the power drawn (W).
+    """
 
     begun: int
     ended: int
@@ -79,7 +82,7 @@ class FlightLog:
     flown: list[Flown] = field(default_factory=list)
     #: mode and who set it
     modes: list[tuple[int, str, str]] = field(default_factory=list)
-    #: whose commands pass the gate, None: nobody's
+    #: the station whose commands pass the gate, None: no station's
     commander: Series[int | None] = field(default_factory=lambda: Series(None))
     #: the transfer under way: partner, number, and why it was begun; None: none
     transfer: Series[tuple[int, int, str] | None] = field(default_factory=lambda: Series(None))
@@ -105,7 +108,7 @@ class FlightLog:
     believes: dict[int, Series[int | None]] = field(default_factory=dict)
     #: what a station ordered that was obeyed: tick, station, whether it had authority
     obeyed: list[tuple[int, int, bool]] = field(default_factory=list)
-    #: limits that an operator has lifted by his own hand: tick, and which one
+    #: limits that an operator has lifted: tick, and which one
     lifted: list[tuple[int, str]] = field(default_factory=list)
     #: orders of the companion: tick, action, and the reason that it gives
     orders: list[tuple[int, str, str]] = field(default_factory=list)
@@ -147,6 +150,6 @@ class FlightLog:
         return next((left for begun, left in reversed(self.left) if begun <= at), 0.0)
 
     def note(self, now: int, text: str) -> None:
-        """A sentence, if anybody reads."""
+        """A sentence of the story, if it is wanted."""
         if self.tells:
             self.story.append((now, text))

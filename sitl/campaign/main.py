@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""`handover campaign`: random flights with random faults over the real rules, and what came of them."""
+"""`handover campaign`: random flights with random faults over the real rules, and their results."""
 
 from __future__ import annotations
 

@@ -20,14 +20,14 @@ __all__ = ["GIVEN_UP_S", "OBEYED_S", "STANDS_S", "not_again", "not_landed"]
 OBEYED_S: Final = 8
 #: ordered twice and not flown, with its cause still there: then a landing is ordered (s)
 GIVEN_UP_S: Final = 2 * OBEYED_S
-#: a return that stands still away from its place: `stuck_s`, and as above; so near to the place it is there (m), and
-#: who moves less than that in a second stands still (m)
+#: a return that stands still away from its place: `stuck_s`, and the same margins. Within _HOME_M (m) of its place it
+#: is there; an aircraft that moves less than _STILL_M (m) in a second stands still
 STANDS_S: Final = 35
 _HOME_M, _STILL_M = 20.0, 0.05
 
 
 def not_again(plan: FlightPlan, log: FlightLog, _moments: tuple[Moment, ...]) -> Found | None:
-    """What was ordered and is not flown is ordered again, or something graver is, as long as its cause is there."""
+    """An order that is not flown is given again, or a graver one is, while its cause is there."""
     for (at, action, why), (following, *_rest) in pairwise((*log.orders, (log.ended, "", ""))):
         until = at + OBEYED_S * SECOND
         if action in ("RETURN", "LAND") and following > until and _not_flown(plan, log, why, at, until):
@@ -55,7 +55,10 @@ def not_landed(plan: FlightPlan, log: FlightLog, moments: tuple[Moment, ...]) ->
 
 
 def _cause_stays(plan: FlightPlan, log: FlightLog, at: int, seconds: int) -> bool:
-    """Whether what the last order was given for had been there for so long; else a commander is there to see to it."""
+    """Whether the cause of the last order had been there for this time (s).
+
+    Without such a cause a commander can act.
+    """
     why = next((reason for then, _action, reason in reversed(log.orders) if then <= at), "")
     return _still_wrong(plan, log, why, at - seconds * SECOND, at)
 

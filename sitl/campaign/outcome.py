@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What a flight comes to, as one line of a file: all that is counted later."""
+"""The outcome of a flight, as one line of a file: all that is counted later."""
 
 from __future__ import annotations
 

@@ -1,26 +1,24 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""When something can happen: what lets a flight be flown without making every step of it.
+"""When something can happen: this lets a flight be flown without making every step of it.
 
 Three speeds:
 
-* Restless: every round of the main loop is made. So it is for an eighth of a second behind everything that is no
-  routine, as long before everything that is planned, around the end of every pause and of every time after which a
-  station counts as silent, and where a fact of the way ahead changes: near every border that is about to be crossed,
-  where the end of a zone comes so near that the rules move authority or hold the aircraft, where a border at which it
-  was flown on is left behind, and where a gap begins and ends. And by every border while wind carries the aircraft
-  off its way.
+* Restless: every round of the main loop is made. This holds for an eighth of a second after every event that is not
+  routine, and before every planned one. It holds around the end of every pause, and of every time after which a station
+  counts as silent. It holds where a fact of the way ahead changes: near a border that is about to be crossed, near the
+  end of a zone (the rules move authority or hold the aircraft), and where a gap begins and ends. It also holds where
+  the aircraft leaves a border at which it was flown on, and by every border while wind carries it off its route.
 * At rest: a position each second keeps the last one fresh, and the rounds in between are made when the rules have
-  something due. Nothing that they ask of a position changes within that second.
-  The route is looked at each second, whatever the speed (in the air it is five times).
-* Quiet: nothing but routine has happened for longer than any time-out or pause of the rules lasts, every link lets
-  everything through or nothing, and the aircraft stands on the ground, or flies straight on with no border ahead, and
-  in no declared gap. Then
-  each second is like the one before, and the rules are none the wiser if there are fewer of them: time is left out,
-  up to the next thing that is planned, the end of the piece that is flown, or the next border.
+  something due. Nothing that they ask of a position changes within that second. The route is checked each second, at
+  any speed (in the air it is five times).
+* Quiet: for longer than any time-out or pause of the rules only routine has happened, and every link lets everything
+  through or nothing. The aircraft stands on the ground, or flies straight on with no border ahead, and in no declared
+  gap. Then each second is like the one before, and fewer of them give the rules the same result: time is left out, up
+  to the next planned event, the end of the piece that is flown, or the next border.
 
-A border counts as near by its geometry: the places where the piece that is flown now crosses the circle, a little
-before and behind. Where the way ahead turns first, the turn comes first, and is looked at again from there.
+A border counts as near by its geometry: the places where the piece that is flown now crosses the circle, with a margin
+on both sides. If the way ahead turns first, the turn comes first, and the check is repeated from there.
 """
 
 from __future__ import annotations
@@ -40,25 +38,25 @@ __all__ = ["LONG_S", "STIRRED", "Pace"]
 
 #: longer than what was no routine can matter without any news of it (s)
 LONG_S: Final = 8.0
-#: so long behind what is no routine, and before and behind the moment of a time that runs out
+#: this long after an event that is not routine, and around the moment of a time that runs out
 STIRRED: Final = in_ticks(0.125)
 _BEFORE: Final = in_ticks(0.125)
-#: longer than anybody waits before who is not heard counts as lost (s)
+#: longer than any part waits before a silent station counts as lost (s)
 _LINK_S: Final = 6.5
 #: and longer than it takes until one that is heard is asked and has answered (s)
 _COMES_S: Final = 2.5
 #: so far inside its border a zone is entered, and so far outside left (m); and how exact that is on a plane
 _BAND_M, _BIT_M = 5.0, 0.1
-#: so long before its end a zone is about to end, and the aircraft is to stop: `exit_soon_s`, `hold_lead_s`
+#: a zone is about to end this time (s) before its end, and the aircraft is to stop: `exit_soon_s`, `hold_lead_s`
 _SOON_S, _HOLD_S = 8.0, 5.0
-#: so long before its end a zone is not worth a better link: `link_steady_s`. That matters with weak links alone, so to
-#: nobody's window
+#: this time (s) before its end a zone is not worth a better link: `link_steady_s`. That matters only with weak links,
+#: so this window belongs to no station
 _WORTH_S, _NOBODY = 30.0, 0
 #: and how exact these times are: along the way an end is looked for in steps (s)
 _BIT_S, _STEP_S = 0.2, 0.8
 #: so far inside its border a zone may be about to end, whichever way the wind carries the aircraft (m)
 _NEAR_M: Final = 70.0
-#: where other borders are farther than this from where a zone ends, it is clear who is behind it (m)
+#: if other borders are farther than this (m) from the end of a zone, the station beyond it is known
 _CLEAR_M: Final = 40.0
 #: a round earlier and two later
 _EARLIER, _LATER = ROUND + 1, 2 * ROUND + 1
@@ -86,9 +84,9 @@ class Pace:
         self.changes = 0
 
     def stir(self, now: int, settle_s: float, pauses: tuple[float, ...] = ()) -> None:
-        """Something happened that is no routine; so long after it nothing is like before (s).
+        """An event that is not routine has happened; the time `settle_s` after it is not like before (s).
 
-        `pauses`: of the rules that begin with it and end with the first position behind them, and no sooner (s).
+        `pauses`: of the rules that begin with it and end with the first position after them, and no sooner (s).
         """
         self._restless_until = max(self._restless_until, now + STIRRED)
         self.changes += 1
@@ -198,13 +196,13 @@ class Pace:
             self._know_turn(x, y, vx, vy, (aircraft.ends - aircraft.begun) / SECOND)
 
     def _hold_window(self, ends_s: float, x: float, y: float, whose: int | None = None) -> None:
-        """A zone ends there: the aircraft may have to be held, from when on depends on who is behind it."""
+        """A zone ends there: the aircraft may have to be held, from a time that depends on the station beyond."""
         clear = all(abs(zone.margin_m(x, y)) > _CLEAR_M for sysid, zone in self._zones.items() if sysid != whose)
         begins_s = ends_s - _HOLD_S - _BIT_S
         self._window(begins_s, begins_s + _STEP_S + 2 * _BIT_S if clear else ends_s + _BIT_S, whose)
 
     def _know_turn(self, x: float, y: float, vx: float, vy: float, turn_s: float) -> None:
-        """What the way does behind the turn counts before it: where zones end that hold the aircraft at the turn."""
+        """The way after a turn counts before it: where zones end that hold the aircraft at the turn."""
         x, y = _ahead(x, y, vx, vy, turn_s)
         speed = hypot(vx, vy)
         for sysid, zone in self._zones.items():
@@ -247,7 +245,7 @@ class Pace:
         aircraft = self._aircraft
         x, y, _z = aircraft.at(now)
         for link in links:
-            if not link.steady(x, y):  # who comes is heard or not, who goes is waited for
+            if not link.steady(x, y):  # coming closer it is heard or not, going away it is waited for
                 self.settle(now, _LINK_S if link.fades(x, y, *aircraft.velocity[:2]) else _COMES_S)
         if now < self._quiet_from or self._weak:
             return False

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What flying really takes: power, speed in the wind, and the way home, from numbers alone.
+"""The true cost of flying: power, speed in the wind, and the way home, computed only from numbers.
 
-No line of the rules is used here. What the aircraft uses and what the judge asks for is reckoned by it, so that a fault
-in the rules' own reckoning (`core/safety/energy.py`) is one that shows. Unlike there a wind from behind helps, and
-nothing is lost in speeding up and braking: what is out of reach here is out of reach for the rules by far.
+No line of the rules is used here. The aircraft's consumption and the judge's demands use it, so that a fault in the
+rules' own computation (`core/safety/energy.py`) is found. Unlike there a tail wind helps, and nothing is lost in
+speeding up and braking: what is out of reach here is out of reach for the rules by far.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Physics:
     return_alt_m: float
     reserve_factor: float
     reserve_wh: float
-    #: nobody is told the wind: what the rules have to reckon with from ahead, wherever it flies
+    #: without a wind report: the headwind that the rules have to expect in every direction
     headwind_mps: float | None
 
     @classmethod
@@ -72,7 +72,7 @@ class Physics:
         return self.power_w(min(self.wind_mps, self.airspeed_mps))
 
     def against(self, east: float, north: float) -> tuple[float, float]:
-        """The wind against a flight in that direction: from ahead (below 0: from behind), and across (m/s)."""
+        """The wind against a flight in that direction: from ahead (below 0: a tail wind), and across (m/s)."""
         angle = radians(self.from_deg - bearing_deg(east, north))
         return self.wind_mps * cos(angle), self.wind_mps * sin(angle)
 
@@ -86,8 +86,10 @@ class Physics:
         return self.descent_w * ((height_m - low) / DESCENT_MPS + low / LANDING_MPS) / _HOUR_S
 
     def home_wh(self, here: tuple[float, float, float], place: Spot) -> float:
-        """What the way home takes: up to the height of the return, straight there, a pause, and down; infinite where
-        the wind does not let it be flown."""
+        """Energy of the way home: up to the height of the return, straight there, a pause, and down.
+
+        Infinite if the wind does not let it be flown.
+        """
         x, y, z = here
         height = max(z, place.alt_m, self.return_alt_m)
         ahead, across = self.against(place.x_m - x, place.y_m - y)

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The edge of the places of a return: what is known of each, what the autopilot's rally list is to hold, what is said.
+"""The edge of the return sites: the facts of each, the contents of the autopilot's rally list, the texts.
 
-What a place is worth and which one is chosen is the rules' to say (`core/safety/return_site.py`), as on the aircraft.
-Here stands what `autopilot/return_site.py` makes there: facts from position and energy as they are believed, one point
-in the list, rewritten when the choice changes and every 5 s at most, a return that is begun anew for another place.
+The rules value and choose a site (`core/safety/return_site.py`), as on the aircraft. This module does the work of
+`autopilot/return_site.py`: facts from believed position and energy, and one point in the list. The point is rewritten
+when the choice changes, every 5 s at most, and a return is restarted for another site.
 
-It looks each second. Where time is left out it looks when something can have changed, and not later (`_holds_m`): a
-place stands as it did as long as the aircraft has moved less than to where a sign of it changes.
+It works each second. Where time is left out it works when something can have changed, and not later (`_holds_m`): a
+site keeps its facts while the aircraft has moved less than to where one of them changes.
 """
 
 from __future__ import annotations

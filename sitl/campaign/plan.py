@@ -1,18 +1,18 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What a flight is about, drawn from one seed: where stations cover, what is flown, and how things really are.
+"""The plan of a flight, drawn from one seed: the coverage of stations, the mission, and the truth.
 
 The ground is a plane (`plane.py`); zones are circles. A mission follows a chain of zones there and back until it lasts
-ten minutes and has two handovers. In most flights faults are kept for behind that: they strike when the flight is ripe,
-and the mission is so much longer that there are borders left to be crossed by then. In some a gap lies between two
-zones, in most of them behind that as well, and half of these missions declare it; in some stations' operators are
-asked. The energy of the battery is enough for the mission with the reserve, and little more; what flying costs, and
-what the battery says, is not quite what is believed of it.
+ten minutes and has two handovers. In most flights faults are kept for the time after that: they strike when the flight
+is ripe, and the mission is so much longer that there are borders left to be crossed by then. In some a gap lies between
+two zones, in most of them also after that, and half of these missions declare it; in some stations' operators are
+asked. The energy of the battery is enough for the mission with the reserve, and little more. The true cost of flying
+and the battery's report differ a little from what is believed.
 
 A flight aims at two causes. From seed `HARD` on, at two or three pairs of them: such flights find faults sooner, and
 more than the rules promise (a failsafe of the autopilot that flies home what cannot get there is not overruled), so
-they are for looking for faults, and no measure of safety. From seed `DOWNLINK` on only the downlinks of stations fail,
-in a rhythm or by chance, of one station or of all, and no policy excuses anything.
+they are for finding faults, and no measure of safety. From seed `DOWNLINK` on only the downlinks of stations fail, in a
+rhythm or by chance, of one station or of all. No policy excuses anything then.
 """
 
 from __future__ import annotations
@@ -37,18 +37,18 @@ __all__ = ["DOWNLINK", "HARD", "LEAST_HANDOVERS", "FlightPlan", "StationPlan", "
 
 #: the first seed of flights in which more than two causes strike
 HARD: Final = 1_000_000_000
-#: the first seed of flights in which nothing but the downlink fails
+#: the first seed of flights in which only the downlink fails
 DOWNLINK: Final = 2_000_000_000
 #: how many pairs of causes more, with their odds
 _MORE: Final = (1, 1, 2)
 #: system id of the first station, the parent
 FIRST: Final = 251
-#: a flight is planned to last so long at least (s), with so many handovers
+#: a flight is planned to last at least this time (s), with this number of handovers
 LEAST_S, LEAST_HANDOVERS = 620.0, 2
 #: part of the flights in which faults strike from take-off on
 EARLY: Final = 1.0 / 6.0
-#: from when on they strike in all others at the earliest (s), how long behind the second handover, and how much longer
-#: than that the mission is
+#: in all others: the earliest time (s), the time after the second handover, and how much longer than that the mission
+#: is
 _RIPE_S, _BEHIND_S, _GOES_ON_S = (420.0, 560.0), 12.0, (150.0, 400.0)
 #: a way has no more of them
 _MOST_LEGS: Final = 40
@@ -63,9 +63,11 @@ _OVERLAP, _LATE_OVERLAP, _GAP = (0.55, 0.85), (0.7, 0.85), (1.03, 1.15)
 
 @dataclass(frozen=True, slots=True)
 class StationPlan:
-    """A station. `delay`: of its link, one way, in ticks. `answer`: its operator's when he is asked, and after how long
-    (ticks); None: he never answers. `asked` False: nobody is. `asked_when_lost`: he is asked about a forced handover as
-    well."""
+    """A station. `delay`: of its link, one way, in ticks.
+
+    `answer`: the operator's answer to a question, and after how long (ticks); None: no answer. `asked` False: there are
+    no questions. `asked_when_lost`: questions about forced handovers, too.
+    """
 
     sysid: int
     name: str
@@ -78,8 +80,11 @@ class StationPlan:
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """How things are, whatever is believed. `power`: what flying really costs, as a part of what is believed;
-    `gauge`: what the battery says is left, likewise. The wind never changes but by faults."""
+    """The true values, which may differ from the believed ones.
+
+    `power`: the true cost of flying, as a part of the believed one; `gauge`: the battery's report of what is left, as a
+    part of the truth. Only faults change the wind.
+    """
 
     wind: Wind
     power: float
@@ -128,7 +133,7 @@ class FlightPlan:
     #: gaps that the mission declares, and how long the guard lets the aircraft be alone (s)
     gaps: tuple[GapPlan, ...] = ()
     alone_max_s: float = 0.0
-    #: how long behind take-off late faults may strike (s), with two handovers behind; and from when on without them
+    #: time after take-off from which late faults may strike (s), after two handovers; and the same without them
     ripe_s: tuple[float, float] = (0.0, 0.0)
     start_at: int = 8 * 64
 
@@ -181,7 +186,7 @@ def draw(seed: int) -> FlightPlan:
         chance.uniform(0.97, 1.02),
         chance.random() < 0.5,
         chance.random() < 0.5,
-        chance.random() < 0.5 and not gap,  # who is to leave its coverage would be brought back before
+        chance.random() < 0.5 and not gap,  # else an aircraft that leaves its coverage is brought back before
         chance.random() < 0.6,
     )
     lands = chance.random() < 0.5
@@ -302,8 +307,10 @@ def left_at(way: Sequence[Spot], zone: Circle) -> tuple[float, Spot] | None:
 
 
 class _Walk:
-    """A way as it grows, and where on it authority is to change: to a station whose zone it comes into, or from one
-    whose zone it leaves."""
+    """A route as it grows, with the points where authority is to change.
+
+    It changes to a station whose zone the route enters, or from one whose zone it leaves.
+    """
 
     def __init__(self, stations: tuple[StationPlan, ...], alt_m: float) -> None:
         self._zones = [station.zone for station in stations]
@@ -391,7 +398,7 @@ def _energy(chance: Random, way: tuple[Spot, ...], speed_mps: float, truth: Trut
     assert model is not None
     last = HOME if not lands else way[-1]
     need = model.need_wh([Piece(climb_m=way[0].alt_m), *_pieces((*way, last)), landing(way[0].alt_m)])
-    # now and then it is not enough: START is refused, and some operators have it go on all the same
+    # sometimes it is not enough: START is refused, and some operators order it again
     enough = chance.uniform(0.8, 0.99) if chance.random() < 0.04 else chance.uniform(1.03, 1.5)
     return settings((model.reserve_factor * need + hover / 60.0) / 0.8 * enough)
 

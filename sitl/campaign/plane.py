@@ -2,8 +2,8 @@
 
 """The ground of a campaign: a plane, in metres east and north of home, with places and circles on it.
 
-It lies on the equator: there a plane of tens of kilometres is one to within millimetres for all that asks in degrees,
-so that what is worked out on the plane (`pace.py`, `places.py`) holds for the rules.
+It lies on the equator. There a plane of tens of kilometres agrees with degrees to within millimetres. So what is
+computed on the plane (`pace.py`, `places.py`) holds for the rules.
 """
 
 from __future__ import annotations
@@ -22,7 +22,10 @@ _PLANE: Final = LocalPlane(0.0, 5.92)
 
 @dataclass(frozen=True, slots=True)
 class Spot:
-    """A place: metres east and north of home, and a height above it; as a place of return the lowest way there."""
+    """A place: metres east and north of home, and a height above it.
+
+    The height of a return site is that of the lowest way there.
+    """
 
     x_m: float
     y_m: float
@@ -49,8 +52,10 @@ class Circle:
         return self.radius_m - hypot(self.x_m - x_m, self.y_m - y_m)
 
     def crossed(self, x: float, y: float, vx: float, vy: float, more_m: float = 0.0) -> tuple[float, float] | None:
-        """When a straight way goes into a circle that is larger by `more_m`, and out of it: in units of (vx, vy) from
-        (x, y), below 0 where that is behind; None: never."""
+        """When a straight way goes into a circle that is larger by `more_m`, and out of it.
+
+        In units of (vx, vy) from (x, y), below 0 for a point already passed; None: never.
+        """
         dx, dy, radius = x - self.x_m, y - self.y_m, self.radius_m + more_m
         a, b, c = vx * vx + vy * vy, dx * vx + dy * vy, dx * dx + dy * dy - radius * radius
         under = b * b - a * c

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Which rules a campaign has flown: a digest of every module of ours that what comes of a seed depends on.
+"""Identifies the rules that a campaign has flown, by a digest of our modules that affect the result of a seed.
 
 Flights of two campaigns may be added up if both have flown the same rules, whatever else has changed between them, and
 only then; and a worker that holds other rules must not fly for this campaign.

@@ -63,7 +63,7 @@ class Ground:
         if actions:
             self._perform(actions, now)
         elif isinstance(event, (gcs.PeerHeard, gcs.VehicleHeard)):
-            return  # nobody believes anything else for it
+            return  # it changes no belief
         self._log.believes[self.sysid].set(now, core.epoch if core.role is gcs.Role.COMMANDER else None)
         question = core.question
         if question is not None and question != self._asked:
@@ -71,7 +71,7 @@ class Ground:
             self._ties.answer(self.sysid, question, self._station.answer, now)
 
     def answer(self, question: object, yes: bool, now: int) -> None:
-        """Its operator has made up his mind."""
+        """The operator has decided."""
         if self.core is not None and self.core.question == question:
             self.give(gcs.Answer(yes), now)
 

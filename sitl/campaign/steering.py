@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What strikes when: each flight aims at two causes at once in one phase, all such cells in turn.
+"""Chooses faults and their times.
 
-A cell is met when both causes are there at the same moment in that phase; that is counted from what the rules say
-(`outcome.py`), for it is not a verdict but a measure of how much was tried. Where both would at once lead to another
+Each flight aims at two causes at once in one phase, all such cells in turn.
+
+A cell is met when both causes are there at the same moment in that phase. That is counted from the rules' reports
+(`outcome.py`), because it is not a verdict but a measure of how much was tried. If both would at once lead to another
 phase, milder policies are drawn, so that both can be there; the judge knows them.
 """
 
@@ -126,7 +128,7 @@ _NOBODY_ELSE: Final = (
 #: a partner that dies ends the transfer before it counts as lost; of one that hears nothing it goes on
 _IN_SILENCE: Final = ((Fault.DEAF, Target.NEXT, 30.0, 90.0),)
 _BY_HEIGHT: Final = ((Fault.LIFT, Target.NOBODY, 12.0, 40.0),)
-#: who is over the ceiling still, and carried off; while the updraft lasts nothing else carries it
+#: over the ceiling and then carried off; while the updraft lasts nothing else carries the aircraft
 _BRIEFLY_UP: Final = ((Fault.LIFT, Target.NOBODY, 6.5, 8.5),)
 #: causes by an aircraft that is carried off: by one wind at a time
 _CARRIED: Final = frozenset({Cause.FENCE, Cause.OFF_ROUTE})
@@ -146,8 +148,8 @@ _TAKES_S: Final[Mapping[Cause, float]] = {
 _AT_A_BORDER: Final = frozenset({Cause.NO_STATION, Cause.COVERAGE_ENDS, Cause.OUT_OF_COVERAGE})
 #: those of them that are there behind the border
 _BEHIND_IT: Final = frozenset({Cause.NO_STATION, Cause.OUT_OF_COVERAGE})
-#: what is to be seen or flown before these faults strike at a border: how long (s) behind the moment when the aircraft
-#: is about to leave the zone. An updraft keeps it where it is, and without a position nothing more is seen
+#: these faults at a border strike only after something was seen or flown: how long (s) after the moment when the
+#: aircraft is about to leave the zone. An updraft keeps it where it is, and without a position nothing more is seen
 _NOT_BEFORE_S: Final[Mapping[Fault, float]] = {Fault.LIFT: 11.2, Fault.NO_FIX: 11.5, Fault.BLIND: 11.5}
 #: causes that are not looked at any more once the commander is lost
 _BEFORE_A_LOSS: Final = frozenset({Cause.NO_STATION, Cause.AUTHENTICATION, Cause.LINKS_WEAK})
@@ -155,11 +157,11 @@ _BEFORE_A_LOSS: Final = frozenset({Cause.NO_STATION, Cause.AUTHENTICATION, Cause
 _UNDER_WAY: Final = frozenset({Cause.NO_STATION, Cause.COVERAGE_ENDS, Cause.FENCE, Cause.OFF_ROUTE})
 #: what is never but warned of by a vehicle that is to come home by itself
 _GRAVE: Final = frozenset({Cause.COMMANDER_LOST, Cause.OUT_OF_COVERAGE, Cause.ENERGY, Cause.NO_STATION})
-#: causes behind which the rules hear no more of where the aircraft is
+#: causes after which the rules hear no more of where the aircraft is
 _NO_NEWS: Final = frozenset({Cause.POSITION_STALE, Cause.AUTOPILOT_LOST})
-#: so long (s) behind take-off, or behind the moment when the flight is ripe, causes are to meet
+#: causes are to meet this time (s) after take-off, or after the flight is ripe
 _EARLY_S, _SOON_S = (30.0, 600.0), (30.0, 130.0)
-#: and so long the next station on the route dies before it is needed: early, late
+#: and this time (s) the next station on the route dies before it is needed: early, late
 _NEXT_S: Final = ((5.0, 200.0), (0.0, 30.0))
 #: what may come on top, in any flight
 _ANYTHING: Final = (
@@ -179,7 +181,7 @@ _IN_THE_WAY: Final = (
     (Fault.DISOBEYS, Target.NOBODY, 15.0, 60.0),
     (Fault.STUCK, Target.NOBODY, 40.0, 120.0),
 )
-#: causes beside which somebody can still land what has no energy left to return: the companion, and nobody before it
+#: causes with which the companion, before any other part, can still land an aircraft without energy to return
 _LEAVES_HANDS: Final = frozenset(
     {
         Cause.COMMANDER_LOST,
@@ -217,13 +219,13 @@ def _strike(
 
 
 def strikes_for(chance: Random, cell: Cell, *, late: bool, gap: bool) -> tuple[Strike, ...]:
-    """The two causes of the cell, so that they are there at the same moment, and now and then one thing more.
+    """The two causes of the cell, so that they are there at the same moment.
 
-    `late`: not before the flight is ripe; `gap`: its mission declares one.
+    Sometimes one more fault is added. `late`: not before the flight is ripe; `gap`: its mission declares one.
     """
     if chance.random() < 0.07:  # a flight in which nothing goes wrong
         return ()
-    if gap and chance.random() < 0.25:  # nothing but that the gap takes too long
+    if gap and chance.random() < 0.25:  # only the gap takes too long
         gust = _strike(chance, (Fault.GUST, Target.NOBODY, 60.0, 400.0), chance.uniform(11.0, 17.0), late=late)
         return (replace(gust, border=True, bare=True),)
     when, at_s = _moment(chance, cell, late=late)
@@ -239,7 +241,7 @@ def strikes_for(chance: Random, cell: Cell, *, late: bool, gap: bool) -> tuple[S
         return tuple(found)
     scarce = 0.5 if cell.phase is Phase.EMERGENCY else 0.15
     if Cause.ENERGY in causes and causes - {Cause.ENERGY} <= _LEAVES_HANDS and chance.random() < scarce:
-        part = chance.uniform(*_TOO_LITTLE)  # only to land is right, and nobody is in the way of it
+        part = chance.uniform(*_TOO_LITTLE)  # only landing is right, and nothing prevents it
         return tuple(replace(each, amount=part) if each.fault is Fault.SAG else each for each in found)
     if Cause.ENERGY in causes and chance.random() < 0.3:
         # only the companion brings home an aircraft that runs out of energy: what if it is not obeyed at first?
@@ -252,7 +254,10 @@ def strikes_for(chance: Random, cell: Cell, *, late: bool, gap: bool) -> tuple[S
 
 
 def downlink_strikes(chance: Random) -> tuple[Strike, ...]:
-    """One or two faults of downlinks alone, at any time in flight: in a rhythm or by chance, of one station or all."""
+    """One or two faults of downlinks only, at any time in flight.
+
+    In a rhythm or by chance, of one station or all.
+    """
     return tuple(_of_a_downlink(chance) for _ in range(chance.choice((1, 1, 2))))
 
 
@@ -313,8 +318,11 @@ def _ways(chance: Random, cell: Cell, cause: Cause) -> tuple[tuple[Fault, Target
 
 
 def _emergency(chance: Random, cell: Cell, when: _When, at_s: float, *, late: bool) -> tuple[Strike, ...]:
-    """What brings an emergency about where neither of the two causes does; and what keeps the aircraft from being
-    turned back by it where one of them is there only on the way: an autopilot that does not follow."""
+    """Faults that cause an emergency if neither of the two causes does.
+
+    An autopilot that does not follow keeps the aircraft from being turned back, if one of the causes occurs only on the
+    route.
+    """
     causes = {cell.first, cell.second}
     first_s = at_s + min(0.0, _later_s(cell.first, cell), _later_s(cell.second, cell))
     sag = _strike(chance, chance.choice(_PROVOKES[Cause.ENERGY]), first_s - 10.0, when, late=late)
@@ -342,8 +350,11 @@ def _on_top(chance: Random, when: _When, at_s: float, *, late: bool) -> tuple[St
 
 
 def _later_s(cause: Cause, cell: Cell) -> float:
-    """What leaves the rules without news strikes when they have had the other news, and what turns the aircraft back
-    when what comes up on the way alone is there."""
+    """How much later a cause strikes than the other one (s).
+
+    A cause that leaves the rules without news strikes after they have had the other news. A cause that turns the
+    aircraft back strikes after one that occurs only on the route.
+    """
     other = cell.second if cause is cell.first else cell.first
     if (cause, other) == (Cause.FENCE, Cause.OFF_ROUTE):
         return -14.0
@@ -359,8 +370,10 @@ def _later_s(cause: Cause, cell: Cell) -> float:
 
 
 def _moment(chance: Random, cell: Cell, *, late: bool) -> tuple[_When, float]:
-    """When both causes are to be there: behind take-off (`late`: from when the flight is ripe), or behind what is seen
-    in flight (s)."""
+    """When both causes are to be there (s): after take-off, or after an event in flight.
+
+    `late`: after the flight is ripe.
+    """
     causes = {cell.first, cell.second}
     if cell.at_a_border:
         return (None, 1, True), chance.uniform(*_border_s(causes))
@@ -374,7 +387,7 @@ def _moment(chance: Random, cell: Cell, *, late: bool) -> tuple[_When, float]:
 
 
 def _border_s(causes: Set[Cause]) -> tuple[float, float]:
-    """When at a border, behind the moment when the aircraft is about to leave the zone (s)."""
+    """When at a border: the time after the moment when the aircraft is about to leave the zone (s)."""
     if Cause.LINKS_WEAK in causes:
         return 12.5, 14.0
     if causes & _BEHIND_IT:
@@ -383,7 +396,7 @@ def _border_s(causes: Set[Cause]) -> tuple[float, float]:
 
 
 def _turns_back(chance: Random, cell: Cell) -> dict[Cause, str]:
-    """What is flown home for, in an emergency that one of these causes has to bring about, and is there with it."""
+    """Policies for an emergency that one of these causes has to bring about, and is there with it."""
     under_way = [cause for cause in (cell.first, cell.second) if cause in _UNDER_WAY]
     if cell.phase is not Phase.EMERGENCY or not under_way or chance.random() < 0.2:
         return {}
@@ -407,7 +420,7 @@ def policies_for(chance: Random, cell: Cell) -> Mapping[Cause, str]:
         if aimed and mild and "warn" in row.policies:
             chosen[cause] = "warn"
         elif aimed and cause is Cause.POSITION_STALE and chance.random() < 0.5:
-            chosen[cause] = "land"  # behind it, and on its way down, the other cause asks for less
+            chosen[cause] = "land"  # after it, and on its way down, the other cause asks for less
         elif cause not in chosen and chance.random() < 0.1:
             unfit = {"off"} if aimed else set()
             if cause in _GRAVE:

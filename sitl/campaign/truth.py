@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The truth of each second of a flight, for the judge: where the aircraft was, what worked, and for how long."""
+"""The truth of each second of a flight, for the judge.
+
+Where the aircraft was, what worked, and for how long.
+"""
 
 from __future__ import annotations
 
@@ -35,13 +38,13 @@ __all__ = [
 
 #: so far outside a zone still counts as its border (m)
 BORDER_M: Final = 20.0
-#: modes in which the aircraft is not on its way down, or home, and nobody's hand is on it
+#: modes in which the aircraft is not on its way down or home, and no pilot flies it
 ON_ITS_WAY: Final = (Mode.AUTO.name, Mode.PAUSE.name)
-#: companion, cable, position and obedience whole, and nobody's hand on the aircraft: so long before that counts (s);
-#: 2.5 s until a restarted companion waits no longer for its commander, 6 s until what was not obeyed is ordered again
+#: companion, cable, position and obedience whole, and no pilot flies: this time (s) before it counts; 2.5 s until a
+#: restarted companion waits no longer for its commander, 6 s until what was not obeyed is ordered again
 SETTLED_S: Final = 10
-#: then so long without a commander, outside every zone, or with no place in reach (s): 2 s for a forced transfer, or a
-#: hold-off of 1 or 2 s; 1 s until it is looked at, 1 s in doubt whose the mode is, 1 s for rounding
+#: then this time (s) without a commander, outside every zone, or with no place in reach: 2 s for a forced transfer, or
+#: a hold-off of 1 or 2 s; 1 s until it is checked, 1 s in doubt about the source of the mode, 1 s for rounding
 REACTS_S: Final = 5
 #: what is farther outside than that is outside for the rules (m)
 LEFT_M: Final = 6.0
@@ -69,7 +72,7 @@ class Moment:
     obeys: bool
     #: limit (s) of the declared gap that it flies through, or has just flown through; 0: in none
     gap_s: float
-    #: right behind one, where the rules give the far station time to make contact
+    #: directly after a gap, where the rules give the far station time to make contact
     behind_gap: bool
     #: stations that work, and whose zones hold the aircraft
     usable: frozenset[int]
@@ -77,7 +80,7 @@ class Moment:
     heard: frozenset[int]
     #: companion and autopilot hear each other: the rally list is kept
     writes: bool
-    #: how far the aircraft is inside the commander's zone, and inside any, whoever works
+    #: how far the aircraft is inside the commander's zone, and inside any, of stations that work or not
     margin_m: float
     inside_m: float
     #: what is really left (Wh), and when the piece ends that is flown
@@ -121,16 +124,18 @@ def moments_of(plan: FlightPlan, log: FlightLog) -> Iterator[Moment]:
 
 
 def whole_s(log: FlightLog, at: int) -> float:
-    """How long (s) companion, cable, position and obedience had been whole then, in a flight that neither a pilot nor
-    an operator has changed of late; 0: something is not."""
+    """How long (s) companion, cable, position and obedience had been whole then.
+
+    Only in a flight that neither a pilot nor an operator has changed of late; 0: something is not whole.
+    """
     begun, _mode, by = log.mode_at(at)
-    if by == "commander":  # his word stands until something new is wrong
+    if by == "commander":  # the order stands until something new is wrong
         return 0.0
     return min(parts_whole_s(log, at), (at - begun) / SECOND)
 
 
 def parts_whole_s(log: FlightLog, at: int) -> float:
-    """How long (s) companion, cable, position and obedience had been whole then, whoever flew."""
+    """How long (s) companion, cable, position and obedience had been whole then, with any pilot."""
     needed = (log.companion, log.cable, log.fix, log.obeys)
     if not all(series.at(at) for series in needed):
         return 0.0
@@ -138,7 +143,10 @@ def parts_whole_s(log: FlightLog, at: int) -> float:
 
 
 def gap_allowed_s(plan: FlightPlan, mode: str, x: float, y: float) -> float:
-    """Limit (s) of the declared gap that is flown through there, or where contact is made behind it; 0: none is."""
+    """Limit (s) of the declared gap that is flown through there.
+
+    It also counts where contact is made after the gap; 0: there is none.
+    """
     if mode not in ON_ITS_WAY:
         return 0.0
     for gap in plan.gaps:
@@ -154,7 +162,7 @@ def _contact_m(plan: FlightPlan) -> float:
 
 
 def is_behind_gap(plan: FlightPlan, x: float, y: float) -> bool:
-    """Whether that is right behind one, where the far station is given time to make contact."""
+    """Whether that is directly after a gap, where the far station is given time to make contact."""
     alongs = [(gap.length_m, gap.along_m(x, y)) for gap in plan.gaps]
     return any(along is not None and 0.0 <= along - length_m <= _contact_m(plan) for length_m, along in alongs)
 
@@ -162,7 +170,7 @@ def is_behind_gap(plan: FlightPlan, x: float, y: float) -> bool:
 def longest(moments: tuple[Moment, ...], limit_s: int, wrong: Callable[[Moment], bool]) -> Moment | None:
     """The moment when something has gone on for longer than the limit, what a declared gap allows left out.
 
-    That is the gap's own limit, and no second more: behind it everything counts, the gap or not.
+    That is the gap's own limit, and no second more: after it everything counts, the gap or not.
     """
     run = alone = 0
     for before, moment in pairwise((None, *moments)):
@@ -173,7 +181,7 @@ def longest(moments: tuple[Moment, ...], limit_s: int, wrong: Callable[[Moment],
             run = 0
             continue
         run = run + 1 if wrong(moment) and follows else int(wrong(moment))
-        if not moment.obeys:  # whoever sends it home cannot have it go there; from then on is counted anew
+        if not moment.obeys:  # no order can send it home; counting starts again after that
             run = 0
         if run > limit_s:
             return moment
@@ -181,7 +189,10 @@ def longest(moments: tuple[Moment, ...], limit_s: int, wrong: Callable[[Moment],
 
 
 def unnoticed(log: FlightLog, moments: tuple[Moment, ...], wrong: Callable[[Moment], bool]) -> Moment | None:
-    """The moment when that has gone on for longer than the rules need, on the way and with all whole that they need."""
+    """The moment when that has gone on for longer than the rules need.
+
+    On the way and with all whole that they need.
+    """
 
     def counts(moment: Moment) -> bool:
         return moment.mode in ON_ITS_WAY and wrong(moment) and whole_s(log, moment.at) >= SETTLED_S

@@ -4,22 +4,22 @@
 
 1. At most one commander: the view names one station or none, and every change of it is announced.
 2. The commander changes with one of these causes only:
-   * lost: to nobody, in the same epoch, when its heartbeat has run out, or it has not answered for too long: since its
-     last answer, or since this epoch has been in this run (who commands on after a restart has commanded before it); or
-     when it has answered too few questions of late;
-   * released: to nobody, on the ground, by its own request;
-   * back: from nobody to the one that had authority, when it is heard; in the air after a deaf time only after it has
+   * lost: to no station, in the same epoch, when its heartbeat has run out, or it has not answered for too long: since
+     its last answer, or since this epoch has been in this run (a station that commands on after a restart has commanded
+     before it). Also when it has answered too few questions of late;
+   * released: to no station, on the ground, by its own request;
+   * back: from none to the station that had authority, when it is heard; in the air after a deaf time only after it has
      answered for `deaf_back_s`;
-   * parent: from nobody to the parent, on the ground and disarmed, unless control was released;
-   * granted: from nobody to the station that asks for control, on the ground and disarmed;
+   * parent: from none to the parent, on the ground and disarmed, unless control was released;
+   * granted: from none to the station that asks for control, on the ground and disarmed;
    * transfer: to the partner of a transfer that was under way until then. The partner has confirmed this very transfer
      and lives, and answers enough. The commander has consented, beforehand or in this transfer, or is lost.
 3. The epoch grows by one with every other change than a loss. After a restart it has grown already when the commander
-   of before comes back. While nobody has authority, or had it, a station's memory may raise it; in a run that began
+   of before comes back. While no station has authority, or had it, a station's memory may raise it; in a run that began
    without a state file each station's first answer may, outside transfers. Never otherwise, and it never falls.
 4. Phase, lease and partner of a view say the same.
 5. Without a commander the aircraft flies on alone only where the last position was in a declared gap, not before it.
-6. That takeover is allowed is the word of one commander: with another one it is not.
+6. Only one commander allows takeover: with another one it is not allowed.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ class Watch:
         self._answered: dict[int, float] = {}
         #: station -> when it was asked while it was heard -> whether it answered
         self._fates: dict[int, dict[float, bool]] = {}
-        #: the same, and what was before a station was judged anew: whether it could be lost is asked of these
+        #: such answers, and those before a station was judged again: whether it could be lost is asked of these
         self._all_fates: dict[int, dict[float, bool]] = {}
         #: the commander was lost as one that hears too little, and when
         self._deaf_at: float | None = None
@@ -102,20 +102,20 @@ class Watch:
         #: stations whose memory has counted
         self._learnt: set[int] = set()
         self._unaware = restored is None or not restored.proven
-        #: the epoch of a state that may be behind: who had it goes on far above it, or loses it to somebody's memory
+        #: the epoch of a state that may be old: its owner continues far above it, or loses it to a station's memory
         self._unproven: int | None = None
         #: every change of commander: time, from, to, epoch
         self.moves: list[tuple[float, int | None, int | None, int]] = []
         if restored is None:
             assert arbiter.view == AuthorityView(armed=True)
             return
-        assert arbiter.view.commander is None, "nobody has authority by a restart"
+        assert arbiter.view.commander is None, "a restart gives no station authority"
         assert arbiter.view.partner is None
         if not restored.proven and arbiter.view.lease is LeaseState.RECOVERING:
             self._unproven = restored.epoch
         assert arbiter.view.epoch == restored.epoch + (self._unproven is None)
         if restored.phase is not Phase.ON_LOAD:
-            # a station that is not in the configuration any more is nobody
+            # a station that is not in the configuration any more has no authority
             self._had_authority = restored.owner if arbiter.view.lease is LeaseState.RECOVERING else None
             if restored.takeover_allowed:
                 self._allowed.add(_ANYBODY)
@@ -153,7 +153,7 @@ class Watch:
                 if action.view.commander != self._view.commander:
                     had = self._had_authority
                     self._check_move(self._view, action.view, event, heard_before, now)
-                    if action.view.commander not in (None, had):  # it is judged anew
+                    if action.view.commander not in (None, had):  # it is judged again
                         self._fates.pop(action.view.commander, None)
                     self.moves.append((now, self._view.commander, action.view.commander, action.view.epoch))
                 elif action.view.epoch != self._view.epoch:

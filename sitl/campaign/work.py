@@ -2,8 +2,8 @@
 
 """Flies many seeds: here, in processes of this machine, or on the workers of a Dask scheduler.
 
-What comes of a seed depends on nothing but the seed. So batches may be flown anywhere and in any order, twice if a
-worker dies, and a campaign that was interrupted goes on with the seeds that are missing in its file.
+The result of a seed depends only on the seed. So batches may be flown anywhere and in any order, twice if a worker
+dies. An interrupted campaign goes on with the seeds that are missing in its file.
 """
 
 from __future__ import annotations
@@ -111,7 +111,10 @@ def fly_all(campaign: Campaign, done: Iterable[int], jobs: int, scheduler: str |
 
 
 def _on_workers(client: Any, batches: list[list[int]], plain: bool) -> Iterator[list[Outcome]]:
-    """A few batches for each worker at a time: what waits can be sent to whoever has come since."""
+    """A few batches for each worker at a time.
+
+    Waiting ones can be sent to a worker that has come since.
+    """
     waiting = iter(batches)
 
     def submit() -> Any:

@@ -44,19 +44,19 @@ from sitl.campaign.times import NEVER, ROUND, SECOND, in_seconds, in_ticks, on_r
 
 __all__ = ["World"]
 
-#: a flight is over so long after the landing, and one that nobody starts
+#: a flight is over this time after the landing, or without a START
 _AFTER = in_ticks(5.0)
 _NOT_STARTED = in_ticks(120.0)
 #: the same where the rules hear of it: what they make of it stirs by itself (s)
 _HEARD_S = 2.5
-#: the autopilot's answer to an order takes so long
+#: time until the autopilot answers an order
 _ANSWERS = in_ticks(0.1)
 #: longer than any of these missions with everything that can delay it
 _LONGEST = in_ticks(5400.0)
 _START_TAKES = in_ticks(2.0)
 #: an operator who thinks no longer than that does not let a border come near
 _AGREES = in_ticks(2.0)
-#: so long before its border (s) an aircraft is about to leave a zone
+#: this time (s) before its border an aircraft is about to leave a zone
 _LEAVES_S = 10.0
 
 
@@ -294,7 +294,7 @@ class World:
             companion.second(now, always=False)
 
     def _nothing_until(self, now: int, companion: Companion) -> int:
-        """Up to when there is nothing but routine, and places."""
+        """The end of the time in which there are only routine and places."""
         bounds = [self._planned[0][0] if self._planned else NEVER, self.aircraft.ends, self.guard.due]
         bounds += [self.failsafes.due(), self._over_at]
         commander = companion.view.commander
@@ -418,7 +418,10 @@ class World:
                     self.plan_at(max(now + 1, now + strike.after), partial(self._strikes.strike, strike))
 
     def _ripens(self, now: int) -> None:
-        """Late faults strike from now on, if it is late enough and the handovers lie behind; or if it is very late."""
+        """Late faults strike from now on, if it is late enough.
+
+        The handovers must be over by then, or it must be very late.
+        """
         if self._ripe or now < self._ripe_at or (len(self.log.moves) < LEAST_HANDOVERS and now < self._ripe_by):
             return
         self._ripe = True
@@ -437,7 +440,7 @@ class World:
         self._refused(companion.commanded_start(parent, now), self._start, now)
 
     def _refused(self, ruling: Ruling | None, again: Callable[[int], None], now: int) -> None:
-        """An operator was refused: what does he do?"""
+        """An operator was refused: plan what the operator does next."""
         companion, insists = self.companion, self.plan.insists
         assert companion is not None
         if ruling is None or ruling.passes or insists is Insists.NO or self._tries_left <= 0:
@@ -448,7 +451,7 @@ class World:
         self.plan_at(now + in_ticks(AGAIN_S), again)
 
     def _wants_on(self, now: int) -> None:
-        """It was stopped, or turned back: whoever commands may have it go on."""
+        """The aircraft was stopped, or turned back: the commander's operator may send it on."""
         if self._wishes_left <= 0 or self._wish_waits or self.aircraft.mode not in (Mode.PAUSE, Mode.RTL):
             return
         self._wishes_left -= 1
@@ -456,7 +459,7 @@ class World:
         self.plan_at(now + in_ticks(self.plan.resumes_after_s), self._sends_on)
 
     def _sends_on(self, now: int) -> None:
-        """The operator of whoever takes itself for the commander sends AUTO."""
+        """The operator of the station that believes to be the commander sends AUTO."""
         self._wish_waits = False
         sysid = self.view.commander
         if sysid is None or self.ground[sysid].core is None:

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The flight of the bench: a mission as its check says, with one path cut in flight and joined again after a handover.
+"""The flight of the bench: a mission as its check says.
 
-The path is cut while the first commander flies the aircraft, and stays cut until the next station commands. In between
-the commander stops the aircraft and has it go on, which only the other path can carry. A mission without a handover is
-refused: the bench is there to show one.
+One path is cut in flight, and joined again after a handover. It is cut while the first commander flies the aircraft,
+and stays cut until the next station commands. In between the commander stops the aircraft and continues the mission,
+which only the other path can carry. A mission without a handover is refused, because the bench has to show one.
 """
 
 from __future__ import annotations

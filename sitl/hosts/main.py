@@ -68,8 +68,8 @@ def _parser() -> argparse.ArgumentParser:
     )
     below = parser.add_subparsers(dest="bench", required=True, metavar="BENCH")
     text = (
-        "Fly a mission with mission computer, stations and gateway on network namespaces of this machine, as in "
-        "chapter 5 of the thesis: two paths to each station, one of which is cut in flight. Needs root."
+        "Fly a mission with each computer on a network namespace of this machine, as in chapter 5 of the thesis. "
+        "Each station has two paths; one is cut in flight. Needs root."
     )
     hosts = below.add_parser(
         "hosts",

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Measures what a tunnel costs, beside the flight: round trips with and without it, and bytes of each packet.
+"""Measures the cost of a tunnel during the flight: round trips with and without it, and bytes of each packet.
 
 Two programs. `python -m sitl.hosts.meter echo PORT` on a station's host sends back what it gets. `python -m
-sitl.hosts.meter ask FILE NAME=ADDRESS:PORT ... --see INTERFACE=PORT ...` on the mission computer asks each address ten
-times a second, one after the other, so that the path with the tunnel and the path without it have the same load at the
-same time. It also counts what passes its interfaces: on a tunnel's own interface (port 0) every UDP packet, on the
-interface below it the packets of the tunnel's UDP port. FILE gets a line of JSON a second. All numbers in it are
-totals, but for `round_trips`, which are those since the line before.
+sitl.hosts.meter ask FILE NAME=ADDRESS:PORT ... --see INTERFACE=PORT ...` runs on the mission computer. It asks each
+address ten times a second, one after the other. So the path with the tunnel and the path without it have the same load
+at the same time. It also counts packets on its interfaces. On a tunnel's own interface (port 0) it counts every UDP
+packet, on the interface below it the packets of the tunnel's UDP port. FILE gets a line of JSON a second. All numbers
+in it are totals, except `round_trips`, which are those since the line before.
 
 Sizes are those of IP packets, with the IP header and without the frame of the cable.
 """
@@ -44,7 +44,7 @@ _BUFFER_BYTES: Final = 1 << 21
 
 @dataclass(slots=True)
 class Seen:
-    """What has passed one interface: IP packets and their bytes, both ways."""
+    """Packets on one interface: IP packets and their bytes, both ways."""
 
     #: port of the tunnel, on the interface below it; 0 on the tunnel's own
     port: int

@@ -1,15 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Network namespaces that end with the run: they are known by name in a mount namespace of the run's own only.
+"""Network namespaces that end with the run.
 
-`ip netns` keeps a namespace by a mount below /run/netns. Here that folder, and /run/wireguard, are file systems in
-memory that only this process and its children see. The folders themselves stay, as `ip netns` leaves them: to remove
-one would take along what another run has mounted on it. So two runs can use the same names, and the kernel removes
-namespaces, cables and tunnels with the last process of the run, also after SIGKILL: every process of a run ends with
-its parent. Nothing is made in the namespace that the command was started in.
+Their names exist only in a mount namespace of the run. `ip netns` keeps a namespace by a mount below /run/netns. Here
+that folder, and /run/wireguard, are file systems in memory that only this process and its children see. The folders
+themselves stay, as `ip netns` leaves them: removing one would also remove what another run has mounted on it. So two
+runs can use the same names. The kernel removes namespaces, cables and tunnels with the last process of the run, also
+after SIGKILL: every process of a run ends with its parent. Nothing is made in the namespace in which the command was
+started.
 
-`check` refuses a network that a packet could leave: each namespace must have the interfaces of the plan and no other,
-no default route, and no route to a network that is not the plan's.
+`check` refuses a network that a packet could leave. Each namespace must have the interfaces of the plan and no other,
+no default route, and no route to a network outside the plan.
 """
 
 from __future__ import annotations
@@ -137,7 +138,7 @@ class Namespaces:
 
     @contextmanager
     def entered(self, host: str) -> Iterator[None]:
-        """This thread, and what it starts meanwhile, is on that host. Raises SetupError."""
+        """Put this thread, and the processes that it starts meanwhile, on that host. Raises SetupError."""
         with (_NETNS / host).open("rb") as there:
             _call(f"host {host}", _libc().setns(there.fileno(), _NEW_NETWORK))
         try:

@@ -237,7 +237,7 @@ def plan(stations: Sequence[str], tunnelled: Sequence[str] = ()) -> Plan:
 
 
 def _tunnels(aircraft: Host, ground: dict[str, Host], tunnelled: Sequence[str]) -> tuple[TunnelEnd, ...]:
-    """One interface for each path at the aircraft, one for each path at each station. The aircraft calls: behind a
+    """One interface for each path at the aircraft, one for each path at each station. The aircraft calls, because in a
     mobile network it has no address that a station could call."""
     ends: list[TunnelEnd] = []
     for path, port in TUNNEL_PORTS.items():

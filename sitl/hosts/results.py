@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What came of a run on hosts of their own, as values: for `hosts.json`, for the table, and for tests.
+"""The results of a run on several hosts, as values: for `hosts.json`, for the table, and for tests.
 
 Everything comes from journals, the stations' telemetry logs and the meter's file. Times of the flight are simulated
 seconds, as in the story and the report; how long a link was without frames is in seconds of the wall clock.
@@ -29,7 +29,7 @@ from sitl.run.runner import Result
 
 __all__ = ["costs_of", "longest_gap_s", "results_of"]
 
-#: so long after the cut its effect is looked for (s of the wall clock)
+#: the effect of the cut is looked for within this time after it (s of the wall clock)
 _AFTER_S: Final = 15.0
 
 

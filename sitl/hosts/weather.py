@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Delay and loss of the LTE path: netem of the kernel, or a program that does the same where the kernel has none.
+"""Delay and loss of the LTE path: netem of the kernel, or a program that does the same.
 
 `python -m sitl.hosts.weather` runs on the host of the path. Rules lead what the other hosts send there through a TUN
 device to this program. It delays packets and drops some (`sitl.run.impairment`), and writes the rest back to the

@@ -4,6 +4,6 @@
 
 `recording.py` reads the flight as messages of the autopilot, from a tlog, a dataflash log (`dataflash.py`) or a table
 (`table.py`); `happened.py` reads the journal beside it; `settings.py` makes the configurations. `flight.py` lets time
-pass and feeds the real edge of the autopilot and the real rules; `ground.py` answers for the stations, as the journal
-has it, or as is assumed. `compare.py` lays what comes of it beside what happened, and `main.py` tells it.
+pass and feeds the real edge of the autopilot and the real rules; `ground.py` answers for the stations, by the journal
+or by assumption. `compare.py` compares the result with what happened, and `main.py` prints it.
 """

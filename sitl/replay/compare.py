@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Two rows of decisions side by side: which are the same, and which stand in one of them only.
+"""Two rows of decisions side by side: which are the same, and which stand in only one of them.
 
-Two are the same when event, reason, station and action are, with the place of a return, and they are no further apart
-than the tolerance. Figures in their sentences follow the moment, and are not compared. Each is paired once, the earlier
-ones first.
+Two decisions are the same if event, reason, station and action with the return site are the same. They must be no
+further apart than the tolerance. Figures in their sentences follow the moment, and are not compared. Each is paired
+once, the earlier ones first.
 """
 
 from __future__ import annotations

@@ -1,17 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""One replay: a recorded flight, let pass through the real edge of the autopilot and the real rules.
+"""One replay: a recorded flight, passed through the real edge of the autopilot and the real rules.
 
 The recorded messages go at their times into the same parts that fly (`autopilot/assembly.py`). The events go into the
 same `Arbiter`, and the same `EventLog` writes its decisions. Nothing is sent anywhere. Rules that live here:
 
-* The aircraft does what it did. From an order on that was not given then the rules judge an aircraft that does not
-  obey; and a mode that was ordered then, and is not now, looks like a pilot's choice.
+* The aircraft does what it did. After an order that was not given in the flight, the rules judge an aircraft that does
+  not obey; and a mode that was ordered then, and is not now, looks like a pilot's choice.
 * What the companion asked the autopilot then is not asked now: the mission is held from the moment the journal has it,
   without one from the first message on.
 * A recording that begins in flight begins as after a restart, under the commander of its first lease, else the parent.
 * A new run of the companion (its leases have another nonce) begins with what the one before left, as after a restart.
-  Between the last message of the one and the first lease of the other nobody judged, and nobody does.
+  Between the last message of the one and the first lease of the other nothing was judged, and nothing is.
 """
 
 from __future__ import annotations
@@ -57,16 +57,16 @@ __all__ = ["Commander", "Replay", "replay"]
 
 #: the guard says so often (s) that it lives, where the recording has no word of it
 _GUARD_S: Final = 0.5
-#: the autopilot answers so long (s) after it was asked
+#: time (s) in which the autopilot answers a question
 _ANSWER_S: Final = 0.005
 _CONTROL_TIMEOUT_S: Final = 10.0
-#: in front of a new run of the companion, a pause of the messages that is longer (s) is one in which nobody judged
+#: a pause of the messages longer than this (s) before a new run of the companion: nothing was judged in it
 _SILENT_S: Final = 2.0
 
 
 @dataclass(frozen=True, slots=True)
 class Commander:
-    """From `at` (UTC s) on this station commands, "" nobody; why."""
+    """From `at` (UTC s) on this station commands, "": none; `reason`: why."""
 
     at: float
     station: str
@@ -75,7 +75,7 @@ class Commander:
 
 @dataclass(slots=True)
 class Replay:
-    """What came of one replay. Times are UTC (s)."""
+    """The result of one replay. Times are UTC (s)."""
 
     config: VehicleConfig
     decisions: list[Decision] = field(default_factory=list)
@@ -83,14 +83,14 @@ class Replay:
     #: what would have been ordered and was not flown, in words
     disobeyed: list[tuple[float, str]] = field(default_factory=list)
     faults: list[str] = field(default_factory=list)
-    #: transfers whose answers nobody recorded
+    #: transfers whose answers were not recorded
     assumed_answers: int = 0
-    #: who is taken to have commanded where the recording begins in flight; "": it does not
+    #: the assumed commander of a recording that begins in flight; "": it does not
     aloft: str = ""
 
 
 class _Book:
-    """Takes the event_log's entries with the time of the replay; it has a journal's face as far as that goes."""
+    """A journal for the event log: keeps its entries with the time of the replay."""
 
     def __init__(self, clock: Callable[[], float], replay: Replay) -> None:
         self._clock, self._replay = clock, replay
@@ -192,7 +192,7 @@ class _Flight:
             return
         try:
             actions = self._arbiter.handle(event, now)
-        except Exception as error:  # in flight it ends authority for good
+        except Exception as error:  # in flight this ends authority, without recovery
             self._failed = True
             self._fault("the rules failed", f"{type(event).__name__}: {type(error).__name__}: {error}")
             self.replay.commanders.append(Commander(now, "", "fault"))
@@ -216,7 +216,7 @@ class _Flight:
                 self._event_log.decision(action)
             case events.Fly():
                 self._autopilot.orders.order(action.action, now)
-            case events.BeginStart() | events.StartRefused():  # the recording says what came of it
+            case events.BeginStart() | events.StartRefused():  # the recording has its result
                 pass
             case events.RehearsalMoved() | events.RehearsalRefused():
                 pass

@@ -2,15 +2,16 @@
 
 """The stations of a replay: when each is heard, and what it answers.
 
-No recording of the vehicle holds what a station said in a transfer. So:
+No recording of the vehicle contains what a station sent in a transfer. So:
 
 * Heartbeats come once a second. A commander's are in the tlog: where those stop for longer than `_GAP_S` while its
   lease goes on, it is silent until it is seen again.
-* With a journal a station is there from the moment it was first heard. Where it was lost, or missed as a partner, it is
-  silent from so long before as that takes by the limits that were flown with.
-* A transfer is answered as the one between the same two stations that was tried next to that moment: the same words, so
-  long after it had begun, and what was never answered is not. Without one, each step is granted after `_ANSWER_S`.
-* Whoever is silent answers nothing.
+* With a journal a station is there from the moment it was first heard. If it was lost, or missed as a partner, its
+  silence began before that moment: as long before as the limits that were flown with say.
+* A transfer gets the answers of the recorded transfer between the same two stations that is nearest in time. They come
+  at the same time after its beginning; a missing answer stays missing. Without one, each step is granted after
+  `_ANSWER_S`.
+* A silent station answers nothing.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ from sitl.replay.recording import COMMANDED, Recording
 
 __all__ = ["Ground", "Silence", "silences"]
 
-#: without a heartbeat for so long, in the file, a commander is silent: it sends one a second
+#: a commander without a heartbeat in the file for this time (s) is silent: it sends one a second
 _GAP_S: Final = 2.2
 _ANSWER_S: Final = 0.01
 #: a crossing that was foreseen is answered as one that was foreseen so near to it (s)
@@ -102,7 +103,7 @@ class Ground:
         self._like: dict[tuple[int, int], tuple[float, Transfer | None]] = {}
         #: what was answered already: its copies bring nothing new
         self._said: set[tuple[object, ...]] = set()
-        #: transfers and foreseen crossings whose answers nobody recorded
+        #: transfers and foreseen crossings whose answers were not recorded
         self.assumed = 0
 
     def there(self, station: int, at: float) -> bool:
@@ -170,7 +171,7 @@ class Ground:
         return known[0], None if known[1] is None else known[1].answers
 
     def _step(self, key: TransferKey, station: int, name: str, now: float) -> list[tuple[float, Consent]]:
-        """When a station takes a step, and with what consent; once for all copies of the question."""
+        """When a station takes a step, and with which consent; empty for further copies of the question."""
         if (key, station, name) in self._said:
             return []
         self._said.add((key, station, name))

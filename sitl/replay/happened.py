@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What happened, as the journal of the flight tells it: what was decided, and what no log holds besides.
+"""The past of the flight by its journal: what was decided, and what no log contains.
 
-A journal has what stations answered and when, when they were heard and no more, what was typed. So with it a replay
-knows these, where without it they are assumed.
+A journal has the stations' answers with times, when they were heard and lost, and what was typed. So with it a replay
+knows these; without it they are assumed.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ _BEGUN: Final = re.compile(r"handover \d+(?: \(forced\))?: (\S+) -> (\S+)")
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """One of them, at `at` (UTC s). `action`: what is done from then on, with the place of a return."""
+    """One decision, at `at` (UTC s). `action`: what is done from then on, with the return site."""
 
     at: float
     event: str
@@ -57,13 +57,13 @@ class Decision:
 
     @property
     def what(self) -> tuple[str, ...]:
-        """All but time and figures: what makes two of them the same decision."""
+        """All except time and figures: two decisions with the same values are the same."""
         return self.event, self.reason, self.station, self.action
 
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What a station answered in a transfer, so long (s) after it had begun."""
+    """A station's answer in a transfer, `after_s` after its beginning."""
 
     station: str
     name: str
@@ -83,7 +83,7 @@ class Transfer:
 
 @dataclass(slots=True)
 class Happened:
-    """What the journal of one flight says. Times are UTC (s)."""
+    """The contents of the journal of one flight. Times are UTC (s)."""
 
     path: Path
     decisions: list[Decision] = field(default_factory=list)
@@ -106,7 +106,7 @@ class Happened:
     left_out: dict[str, int] = field(default_factory=dict)
 
 
-#: entries that say that somebody did something that a replay does not repeat, in words
+#: entries about acts that a replay does not repeat, in words
 _LEFT_OUT: Final = {
     "override": "limits that an operator lifted",
     "rerouted": "missions that were written in flight",
@@ -120,7 +120,10 @@ _LEFT_OUT: Final = {
 
 
 def journal_beside(recording: Path) -> Path | None:
-    """The journal of the companion in the recording's folder, of the same name or the only one; None: there is none."""
+    """The journal of the companion in the recording's folder; None: there is none.
+
+    It has the recording's name, or it is the only one.
+    """
     same = recording.with_suffix(".jsonl")
     if same.is_file():
         return same

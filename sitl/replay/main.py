@@ -60,8 +60,8 @@ class _Told:
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog="handover replay",
-        description="Let a recorded flight pass through today's rules: who would have commanded when, what would have "
-        "been decided and why, compared with what happened. Exit code 1 if anything differs.",
+        description="Pass a recorded flight through today's rules. Shows commanders and decisions with their reasons, "
+        "compared with what happened. Exit code 1 if anything differs.",
     )
     parser.add_argument("file", type=Path, metavar="FILE", help="a tlog, a dataflash log (.bin) or a table (.csv)")
     parser.add_argument("--mission", type=Path, required=True, metavar="DIR", help="the mission package to fly it by")
@@ -185,7 +185,7 @@ def _lines(told: _Told) -> list[str]:
         f"vehicle {recording.sysid}; mission {told.package.name}",
         f"limits of the flight: {told.flown.path}",
         "",
-        "Who would have commanded:",
+        "Commanders of the replay:",
         *_commanders(told.first, begin),
         "",
     ]
@@ -204,7 +204,7 @@ def _lines(told: _Told) -> list[str]:
         lines += [
             "With other limits:",
             *(f"  {change}" for change in told.changes or ("none is other",)),
-            "Who would have commanded with them:",
+            "Commanders with them:",
             *_commanders(told.tried, begin),
             "What would have been decided with them, and with those of the flight:",
             *_side_by_side(told.other, begin),
@@ -218,7 +218,7 @@ def _lines(told: _Told) -> list[str]:
 
 def _commanders(found: Replay, begin: float) -> list[str]:
     rows = [f"  T+{each.at - begin:8.2f} s  {each.station or 'nobody'} ({each.reason})" for each in found.commanders]
-    return rows or ["  nobody, all the time"]
+    return rows or ["  none, all the time"]
 
 
 def _assumptions(told: _Told) -> list[str]:

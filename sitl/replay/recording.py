@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""A recorded flight: what the autopilot said and when, and what else its tlog shows of the companion of then.
+"""A recorded flight: the autopilot's messages with times, and what else its tlog shows of the companion of then.
 
-A tlog is a row of stamps (UTC, microseconds, eight bytes, the highest first) with a frame behind each. It holds what
-the companion heard of the autopilot and what it sent there: its leases, its own heartbeats, the commander's commands
-and heartbeats. What it said to the stations and heard of them is not in it.
+A tlog is a row of stamps (UTC, microseconds, eight bytes, the highest first), each followed by a frame. It contains
+what the companion heard of the autopilot and what it sent there: its leases, its own heartbeats, the commander's
+commands and heartbeats. What it sent to the stations and heard of them is not in it.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from sitl.report.tlog import frames
 
 __all__ = ["COMMANDED", "Recording", "RecordingError", "read_tlog"]
 
-#: leases under which somebody commands
+#: leases under which a station commands
 COMMANDED: Final = (LeaseState.HELD, LeaseState.TRANSFER)
 _GCS: Final = mavlink.MAV_TYPE_GCS
 
@@ -73,7 +73,10 @@ class Recording:
         return self.messages[-1][0]
 
     def runs(self) -> list[tuple[float, int]]:
-        """When each run of the companion began to send leases, and the nonce of those; none in the file: no runs."""
+        """When each run of the companion began to send leases, and their nonce.
+
+        Without leases in the file there are no runs.
+        """
         found: list[tuple[float, int]] = []
         for at, lease in self.leases:
             if not found or found[-1][1] != lease.nonce:
@@ -145,8 +148,11 @@ def _sort(recording: Recording, at: float, message: Any, frame: Frame) -> None:
 
 
 def _in_todays_layout(message: Any) -> Any:
-    """A guard's status of layout 1 as a guard of today would say it: the companion of a replay is of today, and would
-    find the guard of the recording older than itself. Its nonce, which layout 1 has not, is 1."""
+    """A guard's status of layout 1 in the layout of today.
+
+    The companion of a replay is of today, and would find the guard of the recording older than itself. Its nonce, which
+    layout 1 has not, is 1.
+    """
     body = bytes(message.payload)[: message.payload_length]
     if guard_status_version(body) != 1:
         return message

@@ -35,9 +35,10 @@ _SYSID: Final = 1
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """The aircraft at a time (UTC s): place (degrees), height above home (m), and what else is known; None: it is not.
+    """The aircraft at a time (UTC s): place (degrees), height above home (m), and other values.
 
-    `velocity`: to the north, to the east, down (m/s). `remaining`: of the battery (%). `current_a`, `voltage_v`: its.
+    None: not known. `velocity`: to the north, to the east, down (m/s). `remaining`: of the battery (%). `current_a`,
+    `voltage_v`: its.
     """
 
     at: float

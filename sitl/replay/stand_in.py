@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Answers for the autopilot of a replay, where a recording cannot: lists, parameters, commands.
+"""Answers for the autopilot of a replay where a recording cannot: lists, parameters, commands.
 
-What the companion of then asked was answered then, at its own times; the companion of the replay asks at others. So
-those answers are left out of the recording (`ANSWERS`), and it is answered here: with the plan of the mission that is
-replayed, the rally list as it was written last, and the parameters, the fence and the home that the recording has.
-A command is accepted, and nothing comes of it: what the aircraft does is in the recording.
+The companion of the flight asked at its own times and got answers; the companion of the replay asks at others. So those
+answers are left out of the recording (`ANSWERS`), and this module answers. It uses the plan of the mission that is
+replayed, and the rally list as it was written last. Parameters, fence and home are those of the recording. A command is
+accepted without effect: the recording contains what the aircraft does.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _MISSION, _FENCE, _RALLY = range(3)
 
 
 class StandIn:
-    """What one autopilot holds. `messages`: its own, of the whole recording."""
+    """The lists and parameters of one autopilot. `messages`: its own, of the whole recording."""
 
     def __init__(self, package: MissionPackage, sysid: int, messages: Sequence[tuple[float, Any]]) -> None:
         self._sysid = sysid

@@ -2,7 +2,7 @@
 
 """A recorded flight as a table: comma-separated values with a line of names above them.
 
-Needed are a time (`time`: ISO 8601 with its zone, or seconds), `lat_deg`, `lon_deg` and `alt_m` (above home); known are
+It needs a time (`time`: ISO 8601 with its zone, or seconds), `lat_deg`, `lon_deg` and `alt_m` (above home). It may have
 `battery_percent`, `voltage_v`, `current_a`, `mode` (the autopilot's name or number), `armed` (0 or 1) and `waypoint`
 (the item that is flown to). Other columns are left alone. An empty field is one that is not known then.
 """

@@ -1,19 +1,19 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Lays files that were written by different clocks on one axis of time, and says what was shifted by how much.
+"""Puts files of different clocks on one axis of time, and says by how much each was shifted.
 
 A computer that wrote a telemetry log was told the time by the vehicle: SYSTEM_TIME carries UTC of the GPS. How far the
 computer's clock was ahead of that is the file's shift. Rules that live here:
 
 * What was written beside a telemetry log, by the same computer, has the same shift.
 * Two telemetry logs are compared by what both heard, the same moment of the vehicle's clock in each: by GPS time, and
-  where there is none by the time since the autopilot was started. One of them, the reference, says UTC for all.
+  where there is none by the time since the autopilot was started. One of them, the reference, gives UTC for all.
 * Of a journal without a telemetry log beside it the shift follows from the messages of handovers, which both ends wrote
-  down: the quickest one each way takes equally long. By the same means the shift of a station's journal is made exact,
-  because GPS time comes with a link's delay and messages of a handover follow each other in milliseconds.
+  down: the quickest one each way takes equally long. This also makes the shift of a station's journal exact: GPS time
+  comes with a link's delay, and messages of a handover follow each other in milliseconds.
 * A dataflash log has GPS time itself. Where the vehicle's clock and the reference's do not run equally fast (a
   simulation at another speed) it is laid along the reference, moment by moment.
-* What cannot be compared with anything is taken as it is, and said to be.
+* What cannot be compared with anything is taken as it is, with a note.
 """
 
 from __future__ import annotations
@@ -66,7 +66,10 @@ class Shift:
 
 @dataclass(slots=True)
 class Alignment:
-    """The shift of each file, in the order of the files, and whether UTC on the axis is that of a GPS."""
+    """The shift of each file, in the order of the files.
+
+    `by_gps`: whether UTC on the axis is that of a GPS.
+    """
 
     shifts: list[Shift]
     by_gps: bool
@@ -240,11 +243,11 @@ def _line(points: _Pairs, at: float) -> float:
 
 
 def _steady(differences: Sequence[float], part: float) -> float | None:
-    """How far one clock is ahead of another, from readings in the order of time; None: it is not one number.
+    """How far one clock is ahead of another, from readings in the order of time.
 
-    `part` of the readings lie below what is taken. A reading can only be late, never early: of one clock against GPS
-    time the low ones are true, of two that both read late the middle ones. Quarters of the time are compared, so that
-    readings which are late by seconds, on a bad link, do not look like a clock that runs wrong.
+    None: it is not one number. `part` of the readings lie below the result. A reading can only be late, never early: of
+    one clock against GPS time the low ones are true, of two that both read late the middle ones. Quarters of the time
+    are compared. So readings which are late by seconds, on a bad link, do not look like a clock that runs wrong.
     """
     if len(differences) < _FEWEST:
         return None
@@ -294,7 +297,10 @@ def _align_journals(strands: Sequence[Strand], shifts: dict[int, Shift]) -> None
 
 
 def _beside(strands: Sequence[Strand], number: int) -> int | None:
-    """The telemetry log that the writer of a journal wrote at the same time: alone in the folder, or of its name."""
+    """The telemetry log that the writer of a journal wrote at the same time.
+
+    It is the only one in the folder, or has the journal's name.
+    """
     journal = strands[number]
     there = [
         other
@@ -314,7 +320,10 @@ def _share(one: Strand, other: Strand) -> bool:
 
 
 def _by_messages(vehicle: Strand, station: Strand) -> tuple[float, int] | None:
-    """How far the station's journal is ahead of the vehicle's (s), and how many messages say so; None: they do not."""
+    """How far the station's journal is ahead of the vehicle's (s), and how many messages show that.
+
+    None: there are too few.
+    """
     ways: dict[bool, list[float]] = {True: [], False: []}
     mine, theirs = _sent(vehicle, station.who), _sent(station, "")
     for key, at in mine.items():

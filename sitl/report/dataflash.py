@@ -3,11 +3,11 @@
 """Reads what the autopilot itself wrote: a dataflash log, `.bin` or as text `.log`.
 
 Read by pymavlink's `DFReader`, which takes UTC from the GPS of the log; without one the times are seconds since the
-autopilot was started. Who commanded is told by the guard's own record, `HNDO`: what it was told by the companion's
-leases, and what it did about it. That is the witness that is left when everything above the autopilot was lost.
+autopilot was started. The guard's own record, `HNDO`, shows which station commanded: what the companion's leases said,
+and what the guard did. That record remains when everything above the autopilot was lost.
 
-A mode is a number, whose name depends on the vehicle. Which one it is (VER, or the firmware's name in MSG) may be told
-behind the first mode, so the names are given at the end: ArduPlane's to its logs, ArduCopter's to all others.
+A mode is a number, whose name depends on the vehicle. Its type (VER, or the firmware's name in MSG) may come after the
+first mode, so the names are given at the end: ArduPlane's to its logs, ArduCopter's to all others.
 """
 
 from __future__ import annotations

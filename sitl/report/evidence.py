@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What a run left behind, as the expectations and the report look at it: journals, moments, places, deaths.
+"""The records of a run, for the expectations and the report: journals, moments, places, deaths.
 
-Everything comes from files of the run's folder, so that a report can be made again later from the folder alone.
-Entries after the end of the timeline are left out: they tell of the programs being stopped, not of the flight.
+Everything comes from files of the run's folder, so that a report can be made again later from the folder alone. Entries
+after the end of the timeline are left out: they tell of the programs being stopped, not of the flight.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _SILENCE_S = 5.0
 
 @dataclass(frozen=True, slots=True)
 class CommanderChange:
-    """From `t` on, `commander` (a station's name or "nobody") commands under `epoch`."""
+    """From `t` on, `commander` (a station's name or `NOBODY`) commands under `epoch`."""
 
     t: float
     commander: str
@@ -41,7 +41,7 @@ class CommanderChange:
 
 @dataclass(slots=True)
 class RunNotes:
-    """What stands in no journal: only who ran the flight knows it."""
+    """Facts that stand in no journal: only the runner knows them."""
 
     #: simulated seconds in one second of the entries' `t`
     speedup: float = 1.0
@@ -55,7 +55,7 @@ class RunNotes:
     ended_t: float | None = None
     #: station -> what its log says was lost on the way to it, or why that is not known; measured where it is expected
     losses: dict[str, Heard | str] = field(default_factory=dict)
-    #: UTC (s) less the `t` of the entries; None: nobody knows it
+    #: UTC (s) less the `t` of the entries; None: not known
     utc_offset_s: float | None = None
 
 
@@ -90,7 +90,8 @@ class Evidence:
         notes: RunNotes | None = None,
         names: Mapping[int, str] = MappingProxyType({}),
     ) -> None:
-        """Without `notes`: a flight that nobody staged. `names`: stations by system id, where no package names them."""
+        """Without `notes`: a flight that was not a simulation. `names`: stations by system id, where no package names
+        them."""
         self.notes = notes or RunNotes()
         ended_t = self.notes.ended_t
         cut = sorted(entries, key=lambda entry: entry.t)
@@ -108,14 +109,14 @@ class Evidence:
 
     @property
     def package(self) -> MissionPackage:
-        """The mission that was flown. Raises LookupError where nobody has it."""
+        """The mission that was flown. Raises LookupError if it is not known."""
         if self._package is None:
             raise LookupError("no mission package")
         return self._package
 
     @property
     def mission(self) -> MissionPackage | None:
-        """The same, None where nobody has it."""
+        """The mission that was flown; None if it is not known."""
         return self._package
 
     @property
@@ -142,10 +143,10 @@ class Evidence:
         return str(value)
 
     def commanders(self) -> list[CommanderChange]:
-        """Who commanded from when, from the vehicle's own views; begins with the first commander.
+        """The changes of the commander, from the vehicle's own views; begins with the first commander.
 
-        A companion that was restarted in flight obeys nobody until it has heard the one who commanded, whether it has
-        said so by a view or not.
+        A companion that was restarted in flight obeys no station until it has heard the former commander. That holds
+        with and without a view that says so.
         """
         changes: list[CommanderChange] = []
         for entry in self.entries:
@@ -160,7 +161,7 @@ class Evidence:
         return changes
 
     def commander_at(self, t: float, changes: Sequence[CommanderChange] | None = None) -> str:
-        """Who commanded at monotonic `t`."""
+        """The commander at monotonic `t`."""
         found = NOBODY
         for change in self.commanders() if changes is None else changes:
             if change.t > t:
@@ -169,9 +170,9 @@ class Evidence:
         return found
 
     def companion_ended_t(self) -> float:
-        """When the companion ended: killed, or silent for good; infinity if it was there to the end.
+        """When the companion ended: killed, or silent to the end; infinity if it was there to the end.
 
-        After that its last word says nothing any more: nobody commands.
+        After that its last message does not count any more: no station commands.
         """
         if "companion" in self.notes.kills:
             return self.notes.kills["companion"]
@@ -181,7 +182,10 @@ class Evidence:
         return spoken[-1] if silent else inf
 
     def flights(self) -> list[tuple[float, float]]:
-        """From when to when (t) it was in the air, in order; the last span ends with the record if it did not land."""
+        """The spans (t) in the air, in order.
+
+        The last span ends with the record if the aircraft did not land.
+        """
         spans: list[tuple[float, float]] = []
         up: float | None = None
         for entry in self.of(VEHICLE):
@@ -221,8 +225,10 @@ class Evidence:
 
 
 def _carried(samples: list[Sample], entries: Sequence[Entry]) -> list[Sample]:
-    """The samples, in a rehearsal at the places where the companion had the aircraft, and as fast as these follow each
-    other: one that is simulated stands still while it is carried by the word of a position box alone."""
+    """The samples; in a rehearsal at the places where the companion had the aircraft, with the speed of these.
+
+    In a simulation a carried aircraft stands still: only the position box moves it.
+    """
     moves = [entry for entry in entries if entry.event == "rehearsal"]
     begun, over = (next((e.t for e in moves if e.get("on") is on), inf) for on in (True, False))
     if begun == inf:

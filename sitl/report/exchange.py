@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The messages of each handover, put together from the journals of both ends: who sent what when, and when it came.
+"""The messages of each handover, put together from the journals of both ends, with sender and times.
 
-A message is journalled by its sender ("out") and by its receiver ("in"). The two entries are paired by transfer,
-name, sender and receiver, in order, and only forwards in time; one that has no second half was lost, unless its
-receiver left no record at all. Who the other end is follows from the entry: `via = "ground"` is the other station,
-anything else at a station is the vehicle.
+A message is journalled by its sender ("out") and by its receiver ("in"). The two entries are paired by transfer, name,
+sender and receiver, in order, and only forwards in time; one that has no second half was lost, unless its receiver left
+no record at all. The entry names the other end: `via = "ground"` is the other station, anything else at a station is
+the vehicle.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _TAIL_S = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Flight:
-    """One message on its way. Times are monotonic; None: nobody noted it."""
+    """One message on its way. Times are monotonic; None: not noted."""
 
     name: str
     sender: str

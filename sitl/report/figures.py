@@ -83,9 +83,10 @@ def _hover_label() -> dict[str, Any]:
 
 
 def map_figure(story: Story, transfers: Sequence[Exchange], times: Times) -> Any:
-    """Zones, route and the flown track in the colour of whoever commanded, below it a hold in orange and an
-    emergency in red.
-    None when no place is known."""
+    """Zones, route and the flown track in the commander's colour.
+
+    Below the track lie a hold in orange and an emergency in red. None if no place is known.
+    """
     samples = airborne(story.evidence)
     mission = story.evidence.mission
     if not samples and mission is None and not story.items:
@@ -385,7 +386,7 @@ def _clear(colour: str, part: float) -> str:
 
 
 class _Held:
-    """What a series of entries says at a moment."""
+    """The value of a series of entries at a moment."""
 
     def __init__(self, entries: Sequence[Entry], word: Callable[[Entry], str]) -> None:
         self._entries, self._word, self._place = entries, word, 0
@@ -611,8 +612,10 @@ class _Timeline:
         return bars
 
     def _links(self, name: str) -> list[_Bar]:
-        """Whether the vehicle hears a station, and how well, as the companion says; and where the station heard
-        nothing of the vehicle, as its own log shows."""
+        """Whether the vehicle hears a station, and how well, by the companion.
+
+        And where the station heard nothing of the vehicle, by its own log.
+        """
         changes: list[tuple[float, str]] = []
         vehicle = self._story.vehicle
         for entry in self._evidence.entries:
@@ -724,6 +727,9 @@ def _said(entry: Entry) -> str:
 
 
 def _on(colour: str) -> str:
-    """Ink that is readable on a colour, on a dark screen too: what lies on a pale lane turns with it."""
+    """Ink that is readable on a colour, on a dark screen too.
+
+    Ink on a pale lane changes with the lane.
+    """
     bright = sum(int(colour[place : place + 2], 16) * part for place, part in ((1, 0.3), (3, 0.59), (5, 0.11)))
     return INK if bright > 150 else "#fffffe"

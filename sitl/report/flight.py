@@ -3,12 +3,12 @@
 """Makes flights of recorded files: of journals, telemetry logs and dataflash logs, in any combination.
 
 Each file is a strand (`strand.py`); `clocks.py` brings them to one axis, UTC where a GPS told it. Then, for each
-vehicle, one story is put together. Where several files tell the same, the nearest witness is believed:
+vehicle, one story is put together. If several files tell the same, the nearest witness is believed:
 
 * what the aircraft did: the autopilot's own log, then the log of the companion beside it, then those of stations; a
-  further witness only speaks of times of which the nearer ones say nothing;
-* who commanded and why: the companion's journal; without it AUTHORITY_STATUS as stations heard it, then the leases,
-  then the guard's record in the autopilot's log;
+  further witness counts only for times of which the nearer ones say nothing;
+* the commander and the reason: the companion's journal; without it AUTHORITY_STATUS as stations heard it, then the
+  leases, then the guard's record in the autopilot's log;
 * messages of a handover: the journals of both ends; for a station without one, its telemetry log.
 """
 
@@ -31,9 +31,9 @@ from sitl.report.watch import AIRBORNE_M, VEHICLE, number
 
 __all__ = ["Source", "Story", "stories"]
 
-#: a witness that says nothing for so long (s) is asked no more about that time
+#: a witness that says nothing for this time (s) does not count for that time
 _HOLE_S = 3.0
-#: two witnesses tell of one event within so long (s)
+#: two entries of different witnesses within this time (s) may be one event
 _SAME_S = 3.0
 #: how a journal tells of a flight mode
 _MODE = "mode "
@@ -44,7 +44,7 @@ _Spans = list[tuple[float, float]]
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """A file that was read: what it is, from when to when it tells (on the axis, s), and how its clock was."""
+    """A file that was read: its kind, its span of time (on the axis, s), and its clock."""
 
     path: Path
     kind: str
@@ -118,7 +118,7 @@ def _names(
         for sysid in (entry.get("commander"), entry.get("station"), entry.get("from_station")):
             if isinstance(sysid, int) and sysid:
                 stations.setdefault(sysid, f"station {sysid}")
-    # a station that nobody gave a number, by its journal
+    # a station without a number, by its journal
     number = -1
     for strand in strands:
         if (
@@ -307,7 +307,7 @@ def _positions(entries: Iterable[Entry], event: str) -> list[Entry]:
 
 
 def _told(strands: Sequence[Strand], sysids: frozenset[int], name: str, stations: Mapping[int, str]) -> list[Entry]:
-    """Who commanded, of whoever tells it best; a further one speaks where the better ones are silent."""
+    """The commanders by the file that tells them best; another one counts where the better ones are silent."""
     accounts = [
         (strand, [entry for sysid in sysids for entry in strand.told.get(sysid, ()) if entry.event != "message"])
         for strand in strands

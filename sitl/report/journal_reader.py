@@ -74,7 +74,7 @@ def parse_line(line: str) -> Entry | None:
     text = values.pop("text", "")
     if not isinstance(t, (int, float)) or isinstance(t, bool) or not isinstance(event, str) or not isinstance(who, str):
         return None
-    if not abs(t) < _LATEST_T:  # nor is it a number that is none
+    if not abs(t) < _LATEST_T:  # NaN and infinity are refused too
         return None
     plain = {key: value for key, value in values.items() if key not in _NUMBERS or is_number(value)}
     return Entry(float(t), who, event, str(text), plain)
@@ -93,7 +93,7 @@ class _Follower:
         try:
             with self.path.open("rb") as file:
                 size = file.seek(0, 2)
-                if size < self._offset:  # the file was rolled over and begins anew
+                if size < self._offset:  # the file was rolled over and starts again
                     self._offset, self._rest = 0, b""
                 file.seek(self._offset)
                 data = file.read()

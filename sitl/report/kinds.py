@@ -30,8 +30,10 @@ class Kind:
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """A line of a picture: a message, or so many alike (`last` is the last one); with neither, the commit or the
-    abort. `pause_s`: so much passed before it, where that is worth a word."""
+    """A line of a picture: a message, several alike, or the commit or the abort.
+
+    `last`: the last one of several; `pause_s`: the time that passed before it, if it is worth showing.
+    """
 
     flight: Flight | None
     times: int = 1

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""How many frames a ground station's log says were lost, by pymavlink's own count: what `mavloss.py` prints, and what
-MAVProxy's console shows of a link. `python -m sitl.report.loss LOG` prints it for every sender.
+"""How many frames a ground station's log lost, by pymavlink's own count: that of `mavloss.py`.
+
+MAVProxy's console shows the same of a link. `python -m sitl.report.loss LOG` prints it for every sender.
 
 pymavlink takes every hole in the sequence numbers of a sender (system, component) for lost frames. Messages that its
 dialect lacks it does not count, so that they are holes to it. The dialect is the whole process's: `measure` counts in a
@@ -29,7 +30,7 @@ _LIMIT_S: Final = 300.0
 
 @dataclass(slots=True)
 class Heard:
-    """What was heard of one sender, or of all, and how many frames are missing in between."""
+    """The frames heard of one sender, or of all, and how many are missing in between."""
 
     heard: int = 0
     lost: int = 0

@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What came of a flight, in a few sentences, the gravest first; and the stretches in which something was wrong."""
+"""The outcome of a flight in a few sentences, and the stretches in which something was wrong.
+
+The most serious sentence comes first.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +21,7 @@ from sitl.report.watch import VEHICLE, Sample
 
 __all__ = ["Gravity", "Line", "Stretch", "emergencies", "holds", "outcome"]
 
-#: nobody commanding for less (s) than this in flight is the pause of a handover or of a restart
+#: a shorter time (s) without a commander in flight is the pause of a handover or of a restart
 _PAUSE_S = 0.5
 #: a landing nearer than this (m) to a place is at it
 _NEAR_M = 10.0
@@ -62,8 +65,10 @@ def holds(entry: Entry) -> bool:
 
 
 def emergencies(evidence: Evidence) -> list[Stretch]:
-    """Holds and emergencies: each from its beginning to its end, or to the landing, or to the end of what is known. A
-    hold that a return follows ends where the return begins."""
+    """Holds and emergencies, each from its beginning to its end.
+
+    It ends at the landing or at the end of the record, too. A hold that a return follows ends where the return begins.
+    """
     found: list[Stretch] = []
     begun: Entry | None = None
     for entry in evidence.entries:
@@ -92,7 +97,7 @@ def _why(entry: Entry) -> str:
 
 
 def outcome(evidence: Evidence, transfers: Sequence[Exchange], times: Times) -> list[Line]:
-    """The sentences, in the order in which somebody wants to know them."""
+    """The sentences, in the order of their importance to a reader."""
     lines = [_end(evidence, times)]
     if evidence.begins_in_air:
         height_m = evidence.samples[0].alt_m
@@ -194,7 +199,7 @@ def _handovers(evidence: Evidence, transfers: Sequence[Exchange]) -> list[Line]:
 
 
 def _alone(evidence: Evidence) -> list[Line]:
-    """How long nobody commanded in the air."""
+    """How long no station commanded in the air."""
     changes = evidence.commanders()
     armed = evidence.of(VEHICLE, "armed")
     spans = evidence.flights() or ([(armed[0].t, evidence.entries[-1].t)] if armed else [])
@@ -203,7 +208,7 @@ def _alone(evidence: Evidence) -> list[Line]:
 
 
 def _alone_s(evidence: Evidence, changes: Sequence[CommanderChange], begin: float, end: float) -> float:
-    """How long nobody commanded between two moments."""
+    """How long no station commanded between two moments (s)."""
     dead_t = evidence.companion_ended_t()
     edges = [*(change.t for change in changes), min(dead_t, end)]
     total = 0.0

@@ -2,9 +2,9 @@
 
 """The report of a run or of a flight: one HTML file that needs nothing else. `handover report PATH...`.
 
-Everything in it comes from the files that it was given (`record.py`), so a report can be made again at any time. What
-came of the flight stands first; then map and timeline, into which one can look; each kind of handover once and the odd
-ones in full; refusals and decisions; and where all that comes from. Of several vehicles each has all of that.
+Everything in it comes from its input files (`record.py`), so a report can be made again at any time. The outcome stands
+first; then map and timeline, into which one can look; each kind of handover once and the odd ones in full; refusals and
+decisions; and where all that comes from. Of several vehicles each has all of that.
 
 `map.png` beside the page of a folder is its map for a printed report.
 """

@@ -48,7 +48,7 @@ __all__ = [
 
 NOBODY_COLOUR = NOBODY
 _BAD: Final = "#e8a0a0"
-#: neighbours that have no colour of their own take turns; nobody speaks any more
+#: neighbours without a colour of their own take turns; SILENT: no entries any more
 PLAIN, SILENT = ("#e3e3e3", "#f1f1f1"), "#c4c4c4"
 PHASES: Final = {"on_load": "#d9d9d9", "on_mission": "#bfd9ec", "on_handover": WARNING, "emergency": _BAD}
 LEASES: Final = {"held": WELL, "transfer": WARNING, "lost": _BAD, "recovering": "#e6cfe0", "alone": "#e6cfe0"}
@@ -67,7 +67,7 @@ _DARK: Final = {
 
 
 def colours(stations: Sequence[str]) -> dict[str, str]:
-    """Station -> colour, the vehicle's parent first; nobody is grey."""
+    """Station -> colour, the vehicle's parent first; grey stands for no station."""
     found = {name: station_colour(index) for index, name in enumerate(stations)}
     found[NOBODY_NAME] = NOBODY_COLOUR
     return found

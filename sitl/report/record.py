@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Reads what there is of a run: what was run, what came of it, and the files that tell of it.
+"""Reads the records of a run: its order, its results, and its files.
 
 A run of `handover sim` is a folder with `run.json`: its files share one clock, and simulated time may run faster than
 the clock on the wall. Anything else is a flight, put together by `flight.py` from files of whatever clocks.
@@ -39,7 +39,7 @@ _SEEN_FILE = "seen.jsonl"
 
 
 class RecordError(Exception):
-    """What was given holds nothing that can be reported. The message is one line."""
+    """The input has nothing that can be reported. The message is one line."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +68,7 @@ class RunRecord:
 
     @property
     def evidence(self) -> Evidence:
-        """That of the first vehicle."""
+        """The evidence of the first vehicle."""
         return self.stories[0].evidence
 
     @property
@@ -83,12 +83,12 @@ class RunRecord:
 
     @property
     def staged(self) -> bool:
-        """It was a scenario of a simulation, not the folder of a companion's or a station's run."""
+        """Whether this is a scenario of a simulation, not the folder of a companion's or a station's run."""
         return "scenario" in self.values
 
     @property
     def held(self) -> bool | None:
-        """Every expectation held; None when nobody expected anything."""
+        """Whether every expectation held; None if there was none."""
         return all(verdict.held for verdict in self.verdicts) if self.verdicts else None
 
 

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What a vehicle's journal says of rehearsals on the ground, as tables for the report.
+"""Tables of rehearsals on the ground, from a vehicle's journal.
 
-The journal has the book of a rehearsal each minute and at its end (`operator/rehearsal_stats.py`): the last one of each
-counts. A companion that was started again begins a book of its own, so one rehearsal may have several.
+The journal has the statistics of a rehearsal each minute and at its end (`stations/rehearsal_book.py`): the last ones
+count. A companion that was restarted begins new statistics, so one rehearsal may have several.
 """
 
 from __future__ import annotations

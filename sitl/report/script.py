@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What a page does by itself: draws its figures in the colours of its reader's screen, and again when these change.
+"""The script of a page: draws its figures in the colours of the reader's screen, and again when these change.
 
-The axis of time is labelled here, because what fits depends on the width of the screen and on how far one has looked
-into it: T+ above, UTC below.
+The axis of time is labelled here, T+ above, UTC below. What fits depends on the width of the screen and on the zoom.
 """
 
 from __future__ import annotations

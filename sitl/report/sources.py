@@ -30,17 +30,20 @@ _ENDINGS = {".jsonl": Kind.JOURNAL, ".tlog": Kind.TLOG, ".bin": Kind.DATAFLASH}
 _TEXT_LOG = ".log"
 #: files that are so far apart (s) are of different flights; a clock may be wrong by minutes
 _APART_S = 900.0
-#: a file that was last written so long (s) before another one is not read for the same flight
+#: a file that was last written this time (s) before another one is not read for the same flight
 _DAYS_S = 2 * 86400.0
 
 
 class SourceError(Exception):
-    """What was given holds nothing to report. The message is one line."""
+    """The input has nothing to report. The message is one line."""
 
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """Files of a flight, and the folders in which a mission lies, the likeliest first; `old`: files not to be read."""
+    """Files of a flight, and the folders in which a mission lies, the likeliest first.
+
+    `old`: files not to be read.
+    """
 
     files: tuple[Path, ...]
     missions: tuple[Path, ...]
@@ -77,8 +80,11 @@ def find(paths: Iterable[Path]) -> Found:
 
 
 def _recent(files: list[Path]) -> tuple[list[Path], list[Path]]:
-    """The files of a folder without those that were last written days before the newest: a month of flights is not read
-    for the last one. A dataflash log's date says nothing: an autopilot may know none."""
+    """The files of a folder, and those that were last written days before the newest.
+
+    So a month of flights is not read for the last one. A dataflash log's date does not count: an autopilot may know
+    none.
+    """
     ages = {path: _age(path) for path in files if _ENDINGS[path.suffix.lower()] is not Kind.DATAFLASH}
     newest = max(ages.values(), default=0.0)
     past = [path for path, age in ages.items() if newest - age > _DAYS_S]
@@ -128,8 +134,10 @@ def read(files: Iterable[Path]) -> tuple[list[Strand], list[str]]:
 
 
 def _with_utc(strands: list[Strand], empty: list[str]) -> list[Strand]:
-    """Journals that have monotonic time alone on the axis of those that have UTC too; they are of one computer when
-    they lie in one folder or in its folders. Where nobody has UTC, monotonic time is the axis."""
+    """Journals with only monotonic time on the axis of those that have UTC too.
+
+    They are of one computer if they lie in one folder or in its folders. If none has UTC, monotonic time is the axis.
+    """
     bare = [strand for strand in strands if strand.kind is Kind.JOURNAL and strand.offset_s is None]
     if len(bare) == len(strands):
         return strands

@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What one recorded file tells, in the clock of that file: a strand. `flight.py` makes one flight of all of them.
+"""The contents of one recorded file, in the clock of that file: a strand. `flight.py` makes one flight of all of them.
 
-Whatever the file was, a strand speaks in entries of a journal, so that everything behind it knows one language:
+A strand of any file has entries of a journal, so that the code after it needs one language:
 
 * `seen`, by the vehicle's system id: what the aircraft did, as `watch.py` tells it (`who` is "vehicle"), and besides
   `battery` (volts, percent), `radio` (what a telemetry radio says of itself) and `energy`;
-* `told`, by the vehicle's system id: who commanded and why, as the vehicle's companion tells it;
+* `told`, by the vehicle's system id: the commander and the reason, as the vehicle's companion tells them;
 * `own`: the entries of a journal, as they stand in it.
 
-`ticks` are what the file says of the vehicle's clocks; `clocks.py` lays the files on one axis by them.
+`ticks` are readings of the vehicle's clocks; `clocks.py` puts the files on one axis by them.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from sitl.report.journal_reader import Entry
 
 __all__ = ["CLOCK_SET_S", "Kind", "Stamps", "Strand", "Tick"]
 
-#: UTC before this is a clock that was never set (2001); nobody flies with this after the other (2100)
+#: UTC before the first (2001) is a clock that was never set; UTC after the second (2100) is not possible
 CLOCK_SET_S, _LATEST_S = 978_307_200.0, 4_102_444_800.0
 _FIRST_S = 0.0
 #: so far (s) from the time before a time is doubted, and so many are needed to believe it
@@ -30,7 +30,7 @@ _FAR_S, _MOST_DOUBTS = 3600.0, 20
 
 
 class Kind(Enum):
-    """What kind of file a strand is from; the value is said to people."""
+    """The kind of file that a strand is from; people read the value."""
 
     JOURNAL = "journal"
     TLOG = "telemetry log"
@@ -39,7 +39,10 @@ class Kind(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Tick:
-    """At `t` of the file it was `boot_s` by the clock of that vehicle, and `gps_s` (UTC) by GPS; None: not said."""
+    """At `t` of the file it was `boot_s` by the clock of that vehicle, and `gps_s` (UTC) by GPS.
+
+    None: not known.
+    """
 
     t: float
     sysid: int
@@ -48,9 +51,10 @@ class Tick:
 
 
 class Stamps:
-    """Which times of a file can be believed: the clock of a computer may be set, but no single reading is years away.
+    """Which times of a file can be believed.
 
-    A time far from the one before is believed once many in a row are there.
+    The clock of a computer may be set, but no single reading is years away. A time far from the one before is believed
+    once many in a row are there.
     """
 
     def __init__(self) -> None:

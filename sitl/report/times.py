@@ -45,7 +45,7 @@ class Times:
         return f"T{sign}{clock}:{tenths // 10:02d}.{tenths % 10}"
 
     def at(self, t: float) -> datetime | None:
-        """UTC, None where nobody knows it."""
+        """UTC; None if it is not known."""
         offset_s = self._evidence.notes.utc_offset_s
         try:
             return None if offset_s is None else datetime.fromtimestamp(t + offset_s, timezone.utc)
@@ -53,7 +53,7 @@ class Times:
             return None
 
     def utc(self, t: float) -> str:
-        """The time of day by UTC, "14:07:28.6"; "" where nobody knows it."""
+        """The time of day by UTC, "14:07:28.6"; "" if it is not known."""
         at = self.at(t)
         return "" if at is None else f"{at:%H:%M:%S}.{at.microsecond // 100_000}"
 

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Reads a telemetry log of MAVProxy (and of whoever else writes the form): a time of eight bytes before each frame.
+"""Reads a telemetry log in the form of MAVProxy: a time of eight bytes before each frame.
 
 Frames are found by our own splitter and not by pymavlink's `mavutil`, whose dialect is the whole process's: a log is
 read with ours whatever else the process does. What is no frame is passed over and counted; only messages that tell
 something here are decoded, so a long log is read in seconds.
 
-Who wrote the log shows in it: leases come from the companion alone, and a ground station's log has heartbeats of one
-ground station. Who commanded is told, in this order, by AUTHORITY_STATUS (at stations) and by the leases (on board).
+The log shows its writer: only the companion sends leases, and a ground station's log has heartbeats of one ground
+station. The commander comes, in this order, from AUTHORITY_STATUS (at stations) and from the leases (on board).
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ __all__ = ["frames", "read_tlog"]
 
 _STAMP: Final = struct.Struct(">Q")
 _V1, _V2, _SIGNED = 0xFE, 0xFD, 0x01
-#: so long (s) without a frame of the vehicle is told; heartbeats come each second
+#: a gap of this time (s) without a frame of the vehicle is told; heartbeats come each second
 SILENT_S: Final = 3.0
 #: how often (s) battery and radio are told, and what commands although nothing has changed
 _BATTERY_S, _VIEW_S = 1.0, 2.0
@@ -267,8 +267,10 @@ _ALARMS: Final = {"hold": _Alarm.HOLD, "return": _Alarm.EMERGENCY, "land": _Alar
 
 
 class _Authority:
-    """Who commanded one vehicle, and what was decided in it, as its frames tell it. Stations are numbers here: another
-    file may know their names."""
+    """The commanders of one vehicle, and the decisions, by its frames.
+
+    Stations are numbers here: another file may know their names.
+    """
 
     def __init__(self) -> None:
         self._told: list[tuple[float, str, str, dict[str, Any]]] = []

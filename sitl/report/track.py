@@ -24,7 +24,7 @@ def airborne(evidence: Evidence) -> list[Sample]:
 def pieces(evidence: Evidence, samples: Sequence[Sample]) -> list[tuple[str, list[Sample]]]:
     """The track in pieces of one commander; neighbours share the sample at the change, so the line has no gap.
 
-    After the companion's death nobody commands any more, whatever its last word was.
+    After the companion's death no station commands any more, whatever its last message was.
     """
     changes = evidence.commanders()
     end = evidence.companion_ended_t()

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the vehicle truly does, told from its own telemetry: position, mode, arming, landing, items reached, texts, and
-where the throttle stick is for it.
+"""The vehicle's true behaviour from its own telemetry: position, mode, arming, landing, items reached, texts.
 
-Pure: messages go in with the time at which they came, journal entries of `who = "vehicle"` come out, so that the
-runner waits for the aircraft and for the programs by the same means. Rules that live here:
+It also tells where the throttle stick is.
+
+Pure: messages go in with the time at which they came, journal entries of `who = "vehicle"` come out. So the runner
+waits for the aircraft and for the programs by the same means. Rules that live here:
 
 * simulated time is the autopilot's (`time_boot_ms` of its positions); the wall clock only fills in between;
 * the aircraft is airborne when the autopilot says so, or armed and more than 2 m above the place of arming; it has

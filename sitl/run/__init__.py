@@ -1,3 +1,3 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What makes it happen: processes, wires between them, and the one thread that plays a scenario."""
+"""Runs a simulation: processes, links between them, and the one thread that plays a scenario."""

@@ -184,7 +184,7 @@ class _Proxy:
             if address is not None:
                 try:
                     sock.sendto(data, address)
-                except OSError:  # nobody is there, or the system is full: a datagram is lost
+                except OSError:  # no receiver, or the system is full: a datagram is lost
                     pass
 
         return send

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""A position box for a simulated vehicle: a TCP server that sends records of where the aircraft truly is.
+"""A position box for a simulated vehicle: a TCP server that sends records of the aircraft's true position.
 
 Started as `python -m sitl.run.data_box --vehicle tcp:HOST:PORT --listen HOST:PORT [--sysid N] [--layout LAYOUT]`. The
 layout is the thesis's (listing 5.7), `full`, or a file as `[position] layout` takes it. It asks the vehicle for
@@ -9,22 +9,24 @@ Records leave in two pieces, cut at another byte each time. Its clock is UTC whe
 its own beginning. Its barometer has a day of low pressure: BaroHeight is LOW_PRESSURE_M above the height above sea
 level. AglHeight counts from where the aircraft stood at first.
 
-What is typed at it, each answered by `ok` and the same, or by `error:` and why:
+Commands on standard input, each answered by `ok` and the same, or by `error:` and why:
 
     stall               nothing is sent any more; connections stay
-    resume              it is again
-    cut                 all connections are closed; who comes again is served
-    restart SECONDS     the box is gone for so long; a clock that is not UTC begins anew
-    drift NORTH EAST    where it says the aircraft is drifts away, m/s; 0 0: it stays where it has drifted to
+    resume              it sends again
+    cut                 all connections are closed; a new one is served
+    restart SECONDS     the box is gone for that time; a clock that is not UTC starts at 0
+
+    drift NORTH EAST    its position drifts away, m/s; 0 0: it stays where it has drifted to
+
     carry NORTH EAST PACE
-                        where it says the aircraft is goes straight to so many metres from where it truly is, at so
-                        many m/s, and stays there: somebody carries it
-    true                it says the truth again
-    garbage             a hundred bytes that are no record, to everybody, in the midst of the stream
+                        its position goes straight to so many metres from the true one, at so many m/s, and stays
+
+    true                it sends the true position again
+    garbage             a hundred bytes that are no record, to every client, in the middle of the stream
     thesis, full        its records are in this layout from now on, in new connections
 
-When it listens and has heard the vehicle it prints `ready`; at the end, which is the end of its standard input, what it
-sent.
+When it listens and has heard the vehicle it prints `ready`. At the end, which is the end of its standard input, it
+prints what it has sent.
 """
 
 from __future__ import annotations
@@ -81,7 +83,7 @@ class DataBox:
         #: north, east: what has come together, and how fast it grows
         self._off_m = (0.0, 0.0)
         self._drift_mps = (0.0, 0.0)
-        #: where that ends, as somebody carries the aircraft there; None: it does not
+        #: the place where that ends, for `carry`; None: it does not end
         self._carried_to: tuple[float, float] | None = None
         self._moved_at = clock()
         self._cut = 0
@@ -100,7 +102,7 @@ class DataBox:
 
     @property
     def descriptors(self) -> list[int]:
-        """To wait for: who comes, and who goes."""
+        """Descriptors to wait for: the listener's, and those of the clients."""
         listening = [] if self._listener is None else [self._listener.fileno()]
         return listening + [client.fileno() for client in self._clients]
 
@@ -110,7 +112,7 @@ class DataBox:
         return listener
 
     def readable(self) -> None:
-        """Somebody comes, or goes."""
+        """A client connects, or closes."""
         if self._listener is not None:
             try:
                 client, _ = self._listener.accept()

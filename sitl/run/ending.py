@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""How a helper process of a run is told to end: its standard input ends, SIGTERM comes, or both at any moment.
+"""How a helper process of a run is told to end.
 
-A handler that raises would do so anywhere, also in the midst of what is done at the end. This one only makes a
-descriptor readable, for the `select` that the process waits in anyhow.
+Its standard input ends, SIGTERM comes, or both at any moment. A handler that raises could raise anywhere, also during
+the work at the end. This one only makes a descriptor readable, for the `select` in which the process waits.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ __all__ = ["Orders"]
 
 
 class Orders:
-    """What is typed to the process, and that it shall end. Made in the main thread, once."""
+    """Lines typed to the process, and the order to end. Made in the main thread, once."""
 
     def __init__(self, typed: int = 0) -> None:
         """`typed`: descriptor of what is typed, standard input. SIGTERM is taken from here on."""

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Further vehicles of a run, beside the first one: each with a companion, a mission and a folder of its own.
+"""Further vehicles of a run, each with its own companion, mission and folder.
 
-The stations are the same for all. What is told of a vehicle is told apart by its name: its companion's journal has it,
-and what is seen of the aircraft itself is noted under `seen_of(name)`.
+The stations are the same for all. Entries about a vehicle are distinguished by its name: its companion's journal has
+it, and observations of the aircraft itself are noted under `seen_of(name)`.
 """
 
 from __future__ import annotations

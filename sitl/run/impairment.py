@@ -8,18 +8,19 @@ is the `Weather` (`sitl.script.weather`), which may change at any time, by a cal
 
 The model, for each datagram in this order:
 
-1. cut: it is gone. Likewise in the pauses of a rhythm, which go by the clock: all links have them at the same time.
-2. bursts (Gilbert-Elliott): the link is good or bad; before each datagram it may change, with the two probabilities.
-   In the bad state a datagram is lost with `bad_loss`, in the good one with `loss`.
+1. cut: it is lost. It is also lost in the pauses of a rhythm, which go by the clock: all links have them at the same
+   time.
+2. bursts (Gilbert-Elliott): the link is good or bad; before each datagram it may change, with the two probabilities. In
+   the bad state a datagram is lost with `bad_loss`, in the good one with `loss`.
 3. rate: it waits until those before it have been sent at `rate_bytes_per_s`; one that would wait longer than `queue_s`
    is lost, as at a full modem.
 4. delay, and jitter evenly between 0 and `jitter_s` on top. Jitter alone keeps the order, as most networks do.
-5. reordering: with its probability it is held for `reorder_s` more, and those behind it pass.
+5. reordering: with its probability it is held for `reorder_s` more, and later ones pass it.
 6. duplicates: with its probability it comes twice, the copy under its own jitter.
 
-For one seed and one series of datagrams everything is the same on every run. Each effect draws from a source of its
-own, one number (jitter: two) for each datagram whether it is switched on or not: turning one knob does not change the
-luck of the others.
+For one seed and one series of datagrams everything is the same on every run. Each effect has its own random source and
+draws one number (jitter: two) for each datagram, whether it is switched on or not. So changing one value does not
+change the draws of the others.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Where the companions of a run keep their state in memory: a place of the run's own, which goes with it."""
+"""The place in memory where the companions of a run keep their state; it ends with the run."""
 
 from __future__ import annotations
 

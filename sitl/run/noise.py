@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What a bad serial line does to bytes: flipped bits, and noise between what is sent. One direction, pure.
+"""The noise of a bad serial line: flipped bits, and noise between what is sent. One direction, pure.
 
 * Each byte has a flipped bit with probability `damage`. A length byte among them makes a parser wait for a frame that
   never comes.
 * Bursts of noise come `bursts_per_s` on average, whether anything is sent or not: bytes of any kind, the beginning of a
-  frame with a long way to go, or a piece of what was sent last.
+  long frame, or a piece of what was sent last.
 
-For one seed and the same bytes at the same times everything is the same on every run. Each effect has a source of luck
-of its own, as in `sitl.run.impairment`.
+For one seed and the same bytes at the same times everything is the same on every run. Each effect has its own random
+source, as in `sitl.run.impairment`.
 """
 
 from __future__ import annotations

@@ -16,9 +16,10 @@ Started as `python -m sitl.run.noisy_lines --config FILE [--autopilot PORT]`:
 What is typed at it: `cut NAME` and `heal NAME`, answered by `ok` and the same. What is sent while a line is cut is
 lost.
 
-Bytes leave at the line's rate, ten bits each, in the pieces in which a serial port hands them over. What does not fit
-into QUEUE_S of the rate is lost, and so is what nobody reads. When all lines are there it prints `ready`; at the end,
-which is the end of its standard input, a line for each direction with what it did. For systems with pseudo-terminals.
+Bytes leave at the line's rate, ten bits each, in the pieces in which a serial port hands them over. Bytes that do not
+fit into QUEUE_S of the rate are lost, as are bytes that no program reads. When all lines are there it prints `ready`.
+At the end, which is the end of its standard input, it prints a line for each direction with what it did. For systems
+with pseudo-terminals.
 """
 
 from __future__ import annotations
@@ -105,12 +106,12 @@ class _End:
 
     def __init__(self, descriptor: int, held: int | None = None) -> None:
         self.descriptor = descriptor
-        #: the other side of the terminal, so that it lasts while nobody has it open
+        #: the other side of the terminal, so that it lasts while no program has it open
         self._held = held
         os.set_blocking(descriptor, False)
 
     def read(self) -> bytes | None:
-        """What has arrived; None when there is nobody any more."""
+        """The data that have arrived; None if the other end is closed."""
         try:
             return os.read(self.descriptor, _READ_BYTES) or None
         except BlockingIOError:
@@ -121,7 +122,7 @@ class _End:
     def write(self, data: bytes) -> int:
         try:
             return os.write(self.descriptor, data)
-        except OSError:  # nobody reads: lost, as on any line
+        except OSError:  # not read: lost, as on any line
             return 0
 
     def close(self) -> None:

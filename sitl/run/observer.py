@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The passive monitor: listens on the vehicle's second port and keeps its own journal of what the aircraft truly did.
+"""The passive monitor: listens on the vehicle's second port and journals what the aircraft truly did.
 
-It must not disturb what it watches, so it sends no heartbeat and no command that moves anything. It does ask for two
-things, under the vehicle's own system id and a free component id, addressed to the autopilot so that nothing is
-passed on to other ports: the firmware's version and the landed state at 5 Hz. The question is needed for more than
-its answer: ArduPilot sends STATUSTEXT only to ports on which it has heard something. The streams themselves come from
-the vehicle's parameters. Where a scenario changes the world (wind, say) it sets the simulation's parameter, likewise.
-Who watches along (`watchers.py`) is shown all that comes, and may read the autopilot's parameters and missions.
+It must not disturb the flight, so it sends no heartbeat and no command that moves anything. It requests two things: the
+firmware's version, and the landed state at 5 Hz. It uses the vehicle's own system id and a free component id, and
+addresses the autopilot, so that nothing is passed on to other ports. The request is needed for more than its answer:
+ArduPilot sends STATUSTEXT only to ports on which it has heard something. The vehicle's parameters set the streams. If a
+scenario changes the world (wind, say), it sets the simulation's parameter in the same way. Programs that watch along
+(`watchers.py`) get everything that comes, and may read the autopilot's parameters and missions.
 """
 
 from __future__ import annotations
@@ -46,9 +46,11 @@ class Observer:
         clock: Callable[[], float] = time.monotonic,
         pacing: Pacing | None = None,
     ) -> None:
-        """Connect to `tcp:HOST:PORT`; `watchers`: see `watchers.py`; `clock`: the time that the journal gets;
-        `speedup`: simulated seconds in a second of it; `pacing`: of a vehicle that does not know the page of simulated
-        time. Raises OSError when nothing listens there."""
+        """Connect to `tcp:HOST:PORT`. Raises OSError if nothing listens there.
+
+        `watchers`: see `watchers.py`; `clock`: the time in the journal; `speedup`: simulated seconds in a second of it;
+        `pacing`: of a vehicle that does not know the page of simulated time.
+        """
         self._clock, self._pacing = clock, pacing
         _, host, port = address.split(":")
         self.watch = Watch(sysid, speedup)

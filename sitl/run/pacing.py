@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Writes the time of ArduPilot's SITL program into the page of simulated time; holds the program where others are late.
+"""Writes the time of ArduPilot's SITL program into the page of simulated time; stops the program while others are late.
 
-The program knows nothing of the page (`sim_time.py`). Its time is read from what it says on the observer's port. Where
-a program of the run is late, or this vehicle is ahead of the first one, it is stopped by SIGSTOP until they have caught
-up. It does not catch up itself: its pace is that of `--speedup` from then on. While the caller gets no processor,
-another process stops it (`stopper.py`).
+The program does not know the page (`sim_time.py`). Its time is read from its messages on the observer's port. If a
+program of the run is late, or this vehicle is ahead of the first one, SIGSTOP stops it until they have caught up. It
+does not catch up itself: its pace is that of `--speedup` from then on. While the caller gets no processor, another
+process stops it (`stopper.py`).
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class Pacing:
         self._page, self._pid, self._speedup, self._leads = page, pid, speedup, leads
         self._pace = Pace(page)
         self._sim_s = self._written_s = 0.0
-        #: simulated seconds before the autopilot was started anew
+        #: simulated seconds before the autopilot was restarted
         self._before_s = 0.0
         self._last_boot_s = 0.0
         self._held = False
@@ -45,7 +45,7 @@ class Pacing:
         if boot_ms is None:
             return
         boot_s = boot_ms / 1000.0
-        if boot_s < self._last_boot_s - 1.0:  # it was started anew
+        if boot_s < self._last_boot_s - 1.0:  # it was restarted
             self._before_s = self._sim_s
             self._last_boot_s = boot_s
         self._last_boot_s = max(self._last_boot_s, boot_s)
@@ -67,7 +67,7 @@ class Pacing:
             self._signal(signal.SIGSTOP if hold else signal.SIGCONT)
 
     def release(self) -> None:
-        """It goes on whatever comes, so that it can end."""
+        """Let the program run in any case, so that it can end."""
         if self._held or self._stopper is not None:
             self._held = False
             if self._stopper is not None:

@@ -86,13 +86,13 @@ class Child:
         return int(numbers[0]) if len(numbers) == 1 else None
 
     def type(self, line: str) -> None:
-        """Type a line at its console. Raises ProcessGone when nobody reads it any more."""
+        """Type a line at its console. Raises ProcessGone if the process does not read any more."""
         assert self._process.stdin is not None
         try:
             self._process.stdin.write(line.encode("utf-8") + b"\n")
             self._process.stdin.flush()
         except (OSError, ValueError):  # ValueError: the pipe is closed on our side
-            raise ProcessGone(f"{self.name} has ended: nobody reads {line!r}") from None
+            raise ProcessGone(f"{self.name} has ended and does not read {line!r}") from None
 
     def kill(self) -> None:
         """End it at once, without a chance to clean up (SIGKILL), with all that it started itself."""
@@ -131,8 +131,8 @@ class Child:
             pass
 
     def _signal_group(self, number: signal.Signals) -> None:
-        # its own session was made at start: the group's number is the process's, and holds only what it started; once
-        # its end was taken note of, the number may be somebody else's
+        # Its own session was made at start: the group's number is the process's, and holds only its children. After its
+        # end was noted, another process may have the number.
         if self._process.returncode is not None:
             return
         try:
@@ -141,7 +141,8 @@ class Child:
             pass
 
     def resident_kb(self) -> int | None:
-        """Memory that it holds, or the process that it watches over (resident set, KiB); None if nobody tells."""
+        """Memory of the process, or of the process that it supervises (resident set, KiB); None if that is not
+        known."""
         try:
             status = Path(f"/proc/{self.offspring() or self.pid}/status").read_text(encoding="ascii", errors="replace")
         except OSError:
@@ -195,7 +196,7 @@ class Processes:
         return [child for child in self._children.values() if not child.killed and not child.alive()]
 
     def stop_all(self) -> None:
-        """End all; a second Ctrl-C meanwhile does not leave any behind."""
+        """End all; also after a second Ctrl-C none is left running."""
         waiting = list(reversed(self._children.values()))
         try:
             for child in waiting:

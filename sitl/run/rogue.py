@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""An attacker in the way between the vehicle and its stations: `python -m sitl.run.rogue --config FILE`.
+"""An attacker between the vehicle and its stations: `python -m sitl.run.rogue --config FILE`.
 
     journal = "rogue.jsonl"
     vehicle = 1                # system id of the vehicle under attack
@@ -12,24 +12,28 @@
     name = "GCSB"
     sysid = 252
     target = 14561             # the station's ground link listens here
+
     [package]                  # of another mission, in the form in which stations send it
     file = "stranger.bin"
     digest = "5f0c..."
     name = "stranger"
 
-It passes on what both say, unchanged, so that nobody notices it; what it sends itself reaches the vehicle from the
-station's own address. So what is refused is refused for what it says and how it is signed, not for where it comes from.
-When the ports are open it takes orders, a line each, on standard input:
+It relays both directions unchanged and unnoticed; its own frames reach the vehicle from the station's address. So what
+is refused is refused for its contents and its signature, not for its origin. When the ports are open it takes orders, a
+line each, on standard input:
 
     attack LINK SYSID              every message of its repertoire once, as system SYSID
+
     flood LINK SYSID RATE SECONDS  RATE datagrams a second, by turns a valid frame (every other one signed with a key of
                                    the rogue's own), a broken one and noise
-    record LINK                    keep what the station sends from here on
-    replay LINK                    send that again, as it was
-    forge STATION SYSID            to a station's ground link, as its neighbour SYSID: a heartbeat, its words in
-                                   transfers that nobody has announced, and the whole package
 
-It ends when its input does. Nothing of the vehicle's code is in it but the dialect.
+    record LINK                    keep what the station sends from here on
+    replay LINK                    send that again, unchanged
+
+    forge STATION SYSID            to a station's ground link, as its neighbour SYSID: a heartbeat, messages of
+                                   transfers that were not announced, and the whole package
+
+It ends when its input does. It uses no code of the vehicle except the dialect.
 """
 
 from __future__ import annotations
@@ -199,7 +203,7 @@ class Ground:
 def _send(sock: socket.socket, data: bytes, address: tuple[str, int]) -> None:
     try:
         sock.sendto(data, address)
-    except OSError:  # nobody is there, or the system is full
+    except OSError:  # no receiver, or the system is full
         pass
 
 
@@ -332,9 +336,10 @@ def _packed(messages: Sequence[Any], sysid: int) -> list[bytes]:
 
 
 def _stamped(vehicle: int, sysid: int, number: int) -> bytes:
-    """A valid frame under a sequence number of its own: a command, a question, a word of a transfer that is none.
+    """A valid frame with its own sequence number.
 
-    Every other one carries a signature, by a key that no station has.
+    It is a command, a request, or a message of a transfer that does not exist. Every other one carries a signature, by
+    a key that no station has.
     """
     sender: Any = mavlink.MAVLink(None, srcSystem=sysid, srcComponent=mavlink.MAV_COMP_ID_MISSIONPLANNER)
     sender.seq = number

@@ -3,8 +3,8 @@
 """One run: vehicle, companion and stations are started, the timeline is played, the expectations are judged.
 
 One thread does everything: it waits for the observer's socket, follows the journals, tells the story and asks the
-step under way whether it is done. Every wait is bounded (`step_limit.py`). A step that fails ends the timeline; the
-expectations are judged all the same, because what was seen until then is what tells why.
+present step whether it is done. Every wait is bounded (`step_limit.py`). A step that fails ends the timeline. The
+expectations are judged then, too, because they show why.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ class Network(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """What to run. `folder` is new or empty."""
+    """The flight to run. `folder` is new or empty."""
 
     scenario: Scenario
     package: MissionPackage
@@ -103,7 +103,7 @@ class Order:
 
 @dataclass(slots=True)
 class Result:
-    """What came of it."""
+    """The result of a run."""
 
     order: Order
     verdicts: list[Verdict] = field(default_factory=list)
@@ -450,7 +450,7 @@ class _Flight:
     # ---- in between -----------------------------------------------------------------------------------------------
 
     def _pump(self, timeout_s: float) -> None:
-        """Take in what has come, waiting for the vehicle at most so long; tell the story; notice deaths."""
+        """Handle what has come, waiting for the vehicle for `timeout_s` at most; tell the story; notice deaths."""
         observer = self._observer
         if observer is not None and observer.connected:
             select.select([observer], [], [], min(timeout_s, _PACING_S))

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Where a station of a run is: on this machine's loopback, or on a computer of its own with several addresses."""
+"""The place of a station of a run: this machine's loopback, or a computer of its own with several addresses."""
 
 from __future__ import annotations
 

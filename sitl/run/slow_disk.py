@@ -2,7 +2,7 @@
 
 """A disk that makes a program wait: `slow_disk.c` is compiled and loaded in front of the C library.
 
-The program is the real one, and so is the call: only how long it takes is not. Nothing else on the machine notices.
+The program and the call are the real ones; only the duration is not. Nothing else on the machine notices.
 """
 
 from __future__ import annotations

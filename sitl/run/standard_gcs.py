@@ -1,22 +1,26 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""A ground station that speaks the MAVLink standard and nothing else: `python -m sitl.run.standard_gcs`.
+"""A ground station that speaks only the MAVLink standard: `python -m sitl.run.standard_gcs`.
 
 It stands for any ground station program that knows the operator-control protocol of 2026. It sends heartbeats,
-commands, and requests of control; it believes CONTROL_STATUS of the system manager alone about who is in control; it
-acknowledges the manager's question at once and leaves the answer to its operator; whoever never asks for control there
-is a program that knows nothing of it. What the vehicle says in words is in its journal. The operator types:
+commands, and requests of control. It believes only the system manager's CONTROL_STATUS about which station is in
+control. It acknowledges the manager's question at once and leaves the answer to its operator. A station that never asks
+for control is a program without the protocol. The vehicle's texts are in its journal. The operator types:
 
     start pause continue land rtl arm mode    commands, repeated until acknowledged; mode: RTL
+
     upload param                              a mission of one item, a value for FS_OPTIONS, each once
-    request  release                          control for this station, or for nobody
+
+    request  release                          control for this station, or for no station
+
     allow                                     the answer to the question: takeover allowed
+
     measure COUNT INTERVAL_S                  COUNT times a command, each once, and how long the acknowledgements take
 
 What is measured is SET_MESSAGE_INTERVAL. The gate passes it to the autopilot if it comes from the commander. The
 companion does not judge it by the situation, as it does CONTINUE, so none is refused near a border.
 
-It ends when its input does. No code of the vehicle's or the station's module is in it.
+It ends when its input does. It uses no code of the vehicle's or the station's module.
 """
 
 from __future__ import annotations
@@ -69,7 +73,7 @@ _PIECE = 50
 
 @dataclass(slots=True)
 class _Asked:
-    """A command that has not been answered for good."""
+    """A command without a final answer."""
 
     word: str
     command: int
@@ -169,11 +173,11 @@ class StandardGcs:
         self._manager = message.get_srcComponent()
         if message.gcs_main != self._owner:
             self._owner = message.gcs_main
-            text = f"station {self._owner} is in control" if self._owner else "nobody is in control"
+            text = f"station {self._owner} is in control" if self._owner else "no station is in control"
             self.note("control", text, owner=self._owner, own=self._owner == self._sysid)
 
     def _on_question(self, message: Any) -> None:
-        """The manager tells that somebody asks for control; this must be acknowledged at once."""
+        """The manager reports that a station asks for control; this must be acknowledged at once."""
         asker = int(message.param4)
         result = mavlink.MAV_RESULT_ACCEPTED
         self._send(
@@ -236,7 +240,7 @@ class StandardGcs:
             return
         try:
             self.socket.sendto(message.pack(self._mav), self._peer)
-        except OSError:  # nobody there now
+        except OSError:  # no receiver now
             pass
         self._mav.seq = (self._mav.seq + 1) % 256
 

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The story of a run in the terminal: a line for each thing worth telling, with simulated time, and a line of progress.
+"""The story of a run in the terminal: a line for each event, and a line of progress.
 
-On a terminal, lines wear the colour of the station they are about and the progress line is rewritten in place;
-elsewhere there is no colour, and progress is a plain line every few seconds, so that a log of a build machine shows
-life too.
+Each line has simulated time. On a terminal, lines have the colour of the station they are about and the progress line
+is rewritten in place. Elsewhere there is no colour, and progress is a plain line every few seconds, so that a log of a
+build machine shows activity too.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ class Story:
         self._put(whole + "\n")
 
     def verdict(self, held: bool, text: str) -> None:
-        """An expectation and what came of it."""
+        """An expectation and its result."""
         self._clear()
         word = "holds" if held else "FAILS"
         if self._live:

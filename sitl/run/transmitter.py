@@ -36,8 +36,8 @@ class Transmitter:
     def switch(self, position: int | None) -> None:
         """Move the flight mode switch, 1 to 6; None: off.
 
-        The throttle stick is down until it is moved for the second time, without which nothing arms; who takes an
-        aircraft over in the air has it in the middle.
+        The throttle stick is down until it is moved for the second time, because arming needs that. A pilot that takes
+        over in the air has it in the middle.
         """
         self._throttle = _DOWN if self._position is None else _MIDDLE
         self._position = position
@@ -47,7 +47,7 @@ class Transmitter:
         if self._position is None or now < self._due_at:
             return
         self._due_at = now + _INTERVAL_S
-        # in the middle: who flies by hand holds it where it is
+        # in the middle: a pilot that flies by hand holds the aircraft there
         sticks = [_MIDDLE, _MIDDLE, self._throttle, _MIDDLE] + [POSITIONS[self._position - 1]] + [_DOWN] * 11
         self._socket.sendto(struct.pack("<16H", *sticks), ("127.0.0.1", self._port))
 

@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Ground station programs that watch a simulated flight, by UDP: what the autopilot says goes to them.
+"""Ground station programs that watch a simulated flight, by UDP: they get all that the autopilot sends.
 
-They can read and nothing else: of what comes back only questions about parameters and missions (`READS`), and no more
-than MOST_A_SECOND, go on to the autopilot, whatever their system id. Everything else is dropped without an answer, as
-by a radio that only receives: no command, no mode, no parameter set. Nobody waits for them, and one that is not there
-costs nothing.
+They can only read: of their frames only requests for parameters and missions (`READS`), and no more than MOST_A_SECOND,
+reach the autopilot, with any system id. Everything else is dropped without an answer, as by a radio that only receives:
+no command, no mode, no parameter set. The run does not wait for them, and one that is not there costs nothing.
 """
 
 from __future__ import annotations
@@ -66,7 +65,7 @@ class Watchers:
         for address in addresses:
             line = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
             line.setblocking(False)
-            with suppress(OSError):  # no way there now: each datagram tries anew
+            with suppress(OSError):  # no route there now: each datagram tries again
                 line.connect(address)
             self._watchers.append((line, _parser()))
         self._second, self._left = 0, MOST_A_SECOND
@@ -78,7 +77,7 @@ class Watchers:
         frames = [bytes(message.get_msgbuf()) for message in messages if message.get_type() != "BAD_DATA"]
         for line, _reader in self._watchers:
             for frame in frames:
-                with suppress(OSError):  # nobody listens there, or too slowly
+                with suppress(OSError):  # no program listens there, or it is too slow
                     line.send(frame)
 
     def asked(self) -> list[bytes]:
@@ -100,6 +99,6 @@ class Watchers:
         return found
 
     def close(self) -> None:
-        """Nobody watches any more."""
+        """Close the links to all watching programs."""
         for line, _reader in self._watchers:
             line.close()

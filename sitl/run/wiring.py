@@ -1,22 +1,22 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Who is connected to whom in a simulation: ports, configuration files, command lines.
+"""The connections of a simulation: ports, configuration files, command lines.
 
     vehicle  <- TCP ->  companion  - UDP ->  each station's own ports (the station listens, the companion speaks first)
     station  - UDP ->  every other station's ground port
 
 Stations may be on computers of their own (`sites.py`): addresses and command lines are then those of these computers.
 
-Where the scenario asks for it a position box stands beside the vehicle: it has a port of the vehicle's own, and the
+If the scenario asks for it, a position box stands beside the vehicle: it has a port of the vehicle's own, and the
 companion connects to it.
 
-Where the scenario asks for it a station has no link to the vehicle: the companion listens for it, and its address is in
+If the scenario asks for it, a station has no link to the vehicle: the companion listens for it, and its address is in
 `addresses.toml` of the mission that the parent shares.
 
-Where the scenario asks for it a serial line stands in the place of the vehicle's or a station's link, with noise on it.
-Where the scenario asks for it the proxy stands in these links, or the rogue in the vehicle's: both listen where the one
-end sends and pass on to where the other one listens. The files are the ones a real vehicle and a real station have, and
-the command lines are those of `handover companion` and `handover station`: what flies here is what flies there.
+If the scenario asks for it, a serial line with noise replaces the vehicle's or a station's link. The proxy or the rogue
+can stand in the links, too: both listen where the one end sends and pass on to where the other one listens. The files
+are the ones of a real vehicle and a real station, and the command lines are those of `handover companion` and `handover
+station`: the same programs fly here and there.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ IMPAIRMENT, ROGUE, LINES = "impairment", "rogue", "lines"
 #: name of the position box's process
 BOX = "box"
 SYSID = FIRST[1]
-#: lies in the folder of each of our stations: what MAVProxy can be told to load, a mission that nobody flies among it
+#: files in the folder of each of our stations that MAVProxy can be told to load, one of them an unused mission
 _TO_LOAD = {
     "other.waypoints": """QGC WPL 110
 0\t1\t0\t16\t0\t0\t0\t0\t52.679\t5.924\t0\t1
@@ -205,7 +205,8 @@ class _Between:
         return listen
 
     def line(self, name: str) -> tuple[Path, Path, int] | None:
-        """The serial line to a station or the autopilot, if it has one: the vehicle's end, the other end, the rate."""
+        """The serial line to a station or the autopilot: the vehicle's end, the other end, the rate. None: it has
+        none."""
         serial = next((lines for lines in self._scenario.serial if name in lines.lines), None)
         if serial is None:
             return None

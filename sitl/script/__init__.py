@@ -1,3 +1,3 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What a scenario says: the words of its files, and what each of them does or wants."""
+"""The language of scenarios: the words of their files, and what each of them does or expects."""

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What a scenario can have the position box do. What each means is told at the head of `sitl/run/data_box.py`."""
+"""The orders to the position box in a scenario. The head of `sitl/run/data_box.py` explains each."""
 
 from __future__ import annotations
 

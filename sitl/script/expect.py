@@ -46,7 +46,10 @@ class Expectation:
 
 @dataclass(frozen=True, slots=True)
 class Commanders(Expectation):
-    """These stations commanded, in this order, and nobody else; where authority was lost stands "nobody"."""
+    """Only these stations commanded, in this order.
+
+    The word `nobody` stands for the loss of authority.
+    """
 
     value: tuple[str, ...]
 
@@ -128,11 +131,10 @@ class Number(Expectation):
 
 @dataclass(frozen=True, slots=True)
 class Follows(Expectation):
-    """Every entry with this source, this event and these values, of which there is at least one, comes within so many
-    seconds after another event of that source.
+    """Every entry with this source, this event and these values follows another event of that source in time.
 
-    That is the last `after` before it that tells of the same station, where both tell of one, and of item `number`, if
-    one is given.
+    There must be at least one such entry. It comes within `within_s` after the last `after` before it. Both must be
+    about the same station, if both name one, and `after` about item `number`, if one is given.
     """
 
     event: str
@@ -162,8 +164,10 @@ class Follows(Expectation):
 
 @dataclass(frozen=True, slots=True)
 class Quiet(Expectation):
-    """No entry with this source, one of these events and these values from one moment to another, both named by labels
-    of steps."""
+    """No entry with this source, one of these events and these values between two moments.
+
+    Labels of steps name both moments.
+    """
 
     event: tuple[str, ...]
     after: str
@@ -217,7 +221,7 @@ class Memory(Expectation):
 
 @dataclass(frozen=True, slots=True)
 class Commands(Expectation):
-    """What the gate let through and what it refused of the commands named by `what`, exactly, station by station.
+    """The commands named by `what` that the gate accepted and refused, exactly, station by station.
 
     Written as STATION = [accepted, refused]; a station that is not named must have neither.
     """
@@ -261,8 +265,8 @@ class Modes(Expectation):
 class ModeWithin(Expectation):
     """The autopilot shows a mode within so many simulated seconds after the moment that a step's label names.
 
-    The moment is often an entry of the companion, the mode is an entry of the observer: the clocks of two programs
-    differ by up to one step of the vehicle, so an answer in the same step may bear the earlier time.
+    The moment is often an entry of the companion, the mode is an entry of the observer. The clocks of two programs
+    differ by up to one step of the vehicle. So an answer in the same step may have the earlier time.
     """
 
     mode: str
@@ -424,10 +428,10 @@ class OneCommander(Expectation):
     def judge(self, evidence: Evidence) -> Verdict:
         wanted = "one commander at a time, each under a higher epoch"
         changes = evidence.commanders()
-        # who loses authority loses it under the epoch that it had
+        # a station loses authority under the epoch that it had
         epochs = [change.epoch for change in changes if change.commander != NOBODY]
         held = bool(epochs) and all(a < b for a, b in pairwise(epochs))
-        seen = ", ".join(f"{change.commander} {change.epoch}" for change in changes) or "nobody ever commanded"
+        seen = ", ".join(f"{change.commander} {change.epoch}" for change in changes) or "no station ever commanded"
         return Verdict(held, wanted, seen)
 
 

@@ -71,8 +71,10 @@ class Restart(Deed):
 
 @dataclass(frozen=True, slots=True)
 class Impair(Deed):
-    """Orders to the proxies between the programs, as `python -m sitl.run.bad_links` takes them, one or several; to a
-    serial line "cut" and "heal"."""
+    """Orders to the proxies between the programs, one or several; to a serial line "cut" and "heal".
+
+    They are those of `python -m sitl.run.bad_links`.
+    """
 
     value: tuple[str, ...]
 
@@ -91,15 +93,17 @@ class Impair(Deed):
 
 @dataclass(frozen=True, slots=True)
 class World(Deed):
-    """The world changes: a parameter of the simulation itself (SIM_*), or of the guard (HNDO_*: they exist once it
-    runs), set past everybody who commands."""
+    """A change of the world: a parameter of the simulation itself (SIM_*), or of the guard (HNDO_*).
+
+    The parameters of the guard exist after it has started. No station's authority is needed.
+    """
 
     name: str
     value: float
 
     def __post_init__(self) -> None:
         if not self.name.startswith(("SIM_", "HNDO_")):
-            raise ValueError(f"name: {self.name!r} must begin with SIM_ or HNDO_: others are somebody's to command")
+            raise ValueError(f"name: {self.name!r} must begin with SIM_ or HNDO_: a station sets the others")
 
     def describe(self) -> str:
         return f"{self.name} is {self.value:g}"
@@ -126,7 +130,7 @@ class Box(Deed):
 
 @dataclass(frozen=True, slots=True)
 class Guard(Deed):
-    """The guard is switched off (false) or on, past everybody who commands."""
+    """Switches the guard off (false) or on, without any station's authority."""
 
     value: bool
 
@@ -139,7 +143,7 @@ class Guard(Deed):
 
 @dataclass(frozen=True, slots=True)
 class Transmit(Deed):
-    """A pilot moves the flight mode switch of his transmitter, 1 to 6, which is on from then on; 0: off."""
+    """A pilot moves the flight mode switch of the transmitter, 1 to 6, and so switches it on; 0: off."""
 
     value: int
 

@@ -3,7 +3,7 @@
 """A mission package at another home: the same flight anywhere on earth.
 
 Every place of the route, the fence, the rally points and the zones keeps its way east and north from home; the rest of
-the package stays as it is. Distances from home are the same; those between other places change with the latitude, by
+the package stays as it is. Distances from home are the same. Those between other places change with the latitude: by
 one in a thousand for a package of 10 km that goes from one side of the equator to the other.
 
 A zone that comes to lie across the 180th meridian is cut there, as GeoJSON wants it. Heights of the ground belong to

@@ -28,7 +28,7 @@ _PACKAGE_S = 60.0
 _ZONE_S = 20.0
 _READY_S = 120.0
 _START_S = 60.0
-#: ArduPlane arms so long (simulated seconds) behind its position, when its gyros have agreed for a time
+#: ArduPlane arms this long (simulated seconds) after its first position, when its gyros have agreed for a time
 _GYROS_S = 15.0
 
 

@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""A scenario made of a mission package: it is flown as its check says, or with faults by chance.
+"""A scenario made of a mission package: it is flown as its check says, or with random faults.
 
-What is expected comes from the check's walk along the route: who commands in which order, when at the latest each
-handover has to be through, where the aircraft lands. With faults (`seed`) the order is not foretold: each kind of fault
-says what must come of it, whatever else happens.
+The expectations come from the check's walk along the route: the order of commanders, the latest time of each handover,
+the place of the landing. With faults (`seed`) the order is not predicted: each kind of fault has its own expectations.
 
-What is made is the text of a scenario, as `scenarios/` has them, so it can be looked at, and kept.
+The result is the text of a scenario, as `scenarios/` has them, so it can be read and kept.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ from sitl.script.tables import ScenarioError
 
 __all__ = ["KINDS", "own_scenario", "scenario_text"]
 
-#: a step may take so much longer than the walk has it, and so long besides (s): climbs, turns, wind
+#: a step may take this factor longer than the walk, and this time (s) more: climbs, turns, wind
 _LONGER: Final = 1.5
 _BESIDES_S: Final = 120.0
 #: the longest that a step of a scenario can be waited for (s)
@@ -36,7 +35,10 @@ _HOME_AGAIN: Final = ["home", "rally", "last_item"]
 
 @dataclass(frozen=True, slots=True)
 class _Fault:
-    """What goes wrong, in words and as steps, and what is expected in place of the check's; `keys`: of the scenario."""
+    """A fault, in words and as steps, and the expectations that replace those of the check.
+
+    `keys`: of the scenario.
+    """
 
     words: str
     steps: Sequence[dict[str, Any]]
@@ -117,7 +119,7 @@ def _companion_gone(package: MissionPackage, _commanders: Sequence[str], luck: r
         {"said": "*lease lost*RTL*"},
         *_DOWN,
     ]
-    return _Fault("the companion is killed for good: the guard brings the aircraft home", steps, expect)
+    return _Fault("the companion is killed and stays dead: the guard brings the aircraft home", steps, expect)
 
 
 def _companion_crashes(package: MissionPackage, commanders: Sequence[str], luck: random.Random) -> _Fault:
@@ -129,7 +131,7 @@ def _companion_crashes(package: MissionPackage, commanders: Sequence[str], luck:
 def _station_gone(package: MissionPackage, commanders: Sequence[str], luck: random.Random) -> _Fault:
     name = luck.choice(sorted(set(commanders)))
     steps = [_somewhere(package, luck), {"kill": name}]
-    return _Fault(f"{name} is killed for good: its zone is flown over by nobody's command", steps, _DOWN)
+    return _Fault(f"{name} is killed and stays dead: the aircraft crosses its zone without a commander", steps, _DOWN)
 
 
 def _station_restarts(package: MissionPackage, commanders: Sequence[str], luck: random.Random) -> _Fault:

@@ -24,9 +24,9 @@ Before the steps stands what the flight is made of, where that differs from the 
     address = ["GCSB"]             no link of its own: the vehicle's address comes with the mission, and is confirmed
     impair = {links = ["air", "ground"], seed = 7, loss = 0.2}   through the proxy; any value of Weather
     serial = [{lines = ["GCSA", "autopilot"], baud = 57600, damage = 0.0005, bursts_per_s = 2}]   lines with noise
-    rogue = ["GCSB"]               somebody sits in this station's link to the vehicle
+    rogue = ["GCSB"]               an attacker in this station's link to the vehicle
     box = {source = "box"}         a position box; [position] of the vehicle's configuration, without where the box is
-    fsync_s = 2.0                  each time that the companion waits for its disk takes so long
+    fsync_s = 2.0                  each time that the companion waits for its disk takes this long
     fleet = {drone-2 = "linear"}   further vehicles, each with a mission of its own and the same stations
 
 Where there are further vehicles, `vehicle = "drone-2"` in a step or an expectation says that it is about that one.
@@ -330,7 +330,7 @@ def parse_scenario(text: str, file: str) -> Scenario:
 
 
 def _check_lines(reader: Reader, scenario: Scenario) -> None:
-    """A serial line is a station's only link, and nobody sits in it."""
+    """A serial line is a station's only link, and the rogue is not in it."""
     others = {"links": scenario.links, "standard": scenario.standard, "rogue": scenario.rogue}
     names = [name for lines in scenario.serial for name in lines.lines]
     for name in names:

@@ -4,8 +4,8 @@
 
 What breaks processes and links is in `fault_steps.py`.
 
-`begin` does what the step does and returns a `Running`, which the runner asks again and again until it is done or the
-step's time is over. A `wait` looks at what the journals got since a line was last typed or a process killed; with
+`begin` does what the step does and returns a `Running`. The runner asks that again and again until it is done or the
+step's time is over. A `wait` looks at the journals' entries since a line was last typed or a process killed; with
 `since = "last"` since the entry that the wait before it found, with `since = "begin"` at the whole run. An entry
 answers one wait only, so two waits for the same event mean two events.
 
@@ -38,7 +38,7 @@ class StepFailed(Exception):
 
 
 class Stage(Protocol):
-    """What a step may look at and touch."""
+    """The parts of a run that a step may read and change."""
 
     @property
     def watch(self) -> Watch:
@@ -100,7 +100,7 @@ def done_at_once() -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Deed:
-    """What a step does or waits for: the base of the words of a timeline."""
+    """An act or a wait: the base of the words of a timeline."""
 
     def places(self) -> tuple[str, ...]:
         """Places that the step names."""

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Turns TOML tables of a scenario into frozen dataclasses, refusing what nobody would read.
+"""Turns TOML tables of a scenario into frozen dataclasses, and refuses unknown keys.
 
 A dataclass is its own schema: field names are the keys, annotations the kinds, defaults make keys optional. A field
 named `match` takes every key that is no field. A field named `value` lets the table be written as the bare value.

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""How bad a link is, in one direction: the values that a scenario's `[impair]` or `[serial]` and the configuration of
-what stands in the link may set.
+"""The properties of a link in one direction.
 
-What they do to a datagram is in `sitl.run.impairment`, what they do to the bytes of a serial line in `sitl.run.noise`.
+A scenario's `[impair]` or `[serial]` and the configuration of a proxy or line may set these values. Their effect on a
+datagram is in `sitl.run.impairment`, their effect on the bytes of a serial line in `sitl.run.noise`.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ class Weather:
     rate_bytes_per_s: float = 0.0  #: 0: no limit
     queue_s: float = 1.0
     cut: bool = False
-    on_s: float = 0.0  #: a rhythm: it lets through for so long,
-    off_s: float = 0.0  #: and nothing for so long; 0: no rhythm
+    on_s: float = 0.0  #: a rhythm: the link works for this time (s),
+    off_s: float = 0.0  #: and loses everything for this time (s); 0: no rhythm
 
     def __post_init__(self) -> None:
         for entry in fields(self):
@@ -53,7 +53,7 @@ class Weather:
                 raise WeatherError(f"{entry.name} = {value!r}: must be 0 to {most:g}")
 
     def changed(self, **changes: object) -> Weather:
-        """This weather with some values changed. Raises WeatherError, for unknown names too."""
+        """A copy of this weather with some values changed. Raises WeatherError, for unknown names too."""
         known = [entry.name for entry in fields(self)]
         for name in changes:
             if name not in known:

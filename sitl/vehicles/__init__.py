@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What flies in a simulation, behind one launch interface.
+"""The vehicles of a simulation, with one interface to start them.
 
 Kinds: `arducopter`, ArduPilot's own SITL program, and `builtin`, the copter model that ships with this project for
-machines without one; `quadplane` and `plane`, ArduPlane's program, for which nothing stands in. All are real processes
-on loopback, take the same start position, scripts and parameter files, and speak MAVLink 2 on the same serial ports:
-SERIAL1 (channel 1) for the companion, SERIAL2 (channel 2) for a passive observer, SERIAL0 (channel 0) where a radio
-wired straight to the autopilot would sit.
+machines without one; `quadplane` and `plane`, ArduPlane's program, without a substitute. All are real processes on
+loopback, take the same start position, scripts and parameter files, and speak MAVLink 2 on the same serial ports:
+SERIAL1 (channel 1) for the companion, SERIAL2 (channel 2) for a passive observer, SERIAL0 (channel 0) for a radio wired
+straight to the autopilot.
 """
 
 from __future__ import annotations

@@ -2,12 +2,12 @@
 
 """ArduPilot's SITL program: where it is, and its command line. ArduPlane's (`arduplane.py`) takes the same one.
 
-Facts that shape it: ports are given explicitly, because the defaults (5760 and up) are everybody's and SERIAL0
-would wait for a client. Whatever arrives on its radio-control port is flown as stick positions, and two
-programs may bind the same number there without an error: port 0 lets the kernel pick one that nobody else has.
-Relative paths (scripts, eeprom, logs, terrain) follow the working directory; `--defaults` splits its list at
-commas. The program listens on every interface, not only on loopback; clients here use 127.0.0.1, and a host
-that minds should have a firewall.
+Facts that shape it: ports are given explicitly, because other programs use the defaults too (5760 and up) and SERIAL0
+would wait for a client. The program flies whatever arrives on its radio-control port as stick positions, and two
+programs may bind the same number there without an error: port 0 lets the kernel pick one that no other program has.
+Relative paths (scripts, eeprom, logs, terrain) follow the working directory; `--defaults` splits its list at commas.
+The program listens on every interface, not only on loopback. Clients here use 127.0.0.1; a host for which that matters
+should have a firewall.
 """
 
 from __future__ import annotations

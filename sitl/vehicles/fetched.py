@@ -2,8 +2,8 @@
 
 """ArduPilot's published build of ArduCopter's SITL program, brought by `handover sim --fetch-arducopter`.
 
-One release, by its SHA-256: what comes is that program or it is thrown away, whoever has served it, and whatever lies
-between. It goes into the user's cache, whole or not at all, and `--vehicle arducopter` finds it there.
+One release, identified by its SHA-256: a download that differs is deleted, from any server and by any route. The
+program goes into the user's cache, whole or not at all, and `--vehicle arducopter` finds it there.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def cached(published: Published = PUBLISHED) -> Path:
 
 
 def here(published: Published = PUBLISHED) -> Path | None:
-    """The program, if it was brought: what lies there has been checked, and nothing but this module writes it."""
+    """The program, if it was brought. Its file has been checked, and only this module writes it."""
     path = cached(published)
     return path if path.is_file() and os.access(path, os.X_OK) else None
 

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What ArduPilot's script bindings do: the Python half, called by `lua_prelude`.
+"""The Python half of ArduPilot's script bindings, called by `lua_prelude`.
 
-`ScriptCalls` holds what the autopilot keeps for its scripts: the receive queue, the table of message ids,
-blocked commands, arming authorisations, parameter tables and log formats. A binding that refuses its
-arguments raises `ScriptFault`, which becomes a Lua error. Where ArduPilot itself would be damaged (memory
-over-read or overrun, a null pointer, the halt of SITL on a log message defined twice) the fault is raised in Python,
-past every `pcall` of the script.
+`ScriptCalls` holds what the autopilot keeps for its scripts: the receive queue, the table of message ids, blocked
+commands, arming authorisations, parameter tables and log formats. A binding that refuses its arguments raises
+`ScriptFault`, which becomes a Lua error. Where ArduPilot itself would be damaged (memory over-read or overrun, a null
+pointer, the halt of SITL on a log message defined twice) the fault is raised in Python, past every `pcall` of the
+script.
 
 Where firmware versions differ, `VehicleHost.firmware` decides; 4.7.0 is the development version of 2025.
 """

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The vehicle as ArduPilot Lua scripts see it: the protocol that whoever simulates a vehicle implements."""
+"""The vehicle as ArduPilot Lua scripts see it: the protocol that a simulated vehicle implements."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ __all__ = ["Sensed", "VehicleHost"]
 
 @dataclass(frozen=True, slots=True)
 class Sensed:
-    """What the sensors read now, noise included."""
+    """The present readings of the sensors, noise included."""
 
     gyro_radps: tuple[float, float, float] = (0.0, 0.0, 0.0)
     accel_mps2: tuple[float, float, float] = (0.0, 0.0, -9.81)
@@ -22,7 +22,7 @@ class Sensed:
 
 
 class VehicleHost(Protocol):
-    """The vehicle behind the bindings. All times are the autopilot's own milliseconds since boot."""
+    """The vehicle that the bindings act on. All times are the autopilot's own milliseconds since boot."""
 
     def millis(self) -> int:
         """Milliseconds since boot; wraps at 2^32 like the autopilot's."""

@@ -9,7 +9,7 @@ which answers `true, values...` or `false, message`.
 
 Three habits of the autopilot are kept, because scripts stumble over them in flight:
 
-- `uint32_t` is a boxed number. It compares with `<` and `<=` against numbers but never equals one, is no
+- `uint32_t` is a boxed number. It compares with `<` and `<=` against numbers but never equals one. It is no
   table key, has no `..`, and refuses an operand that does not fit.
 - A getter that fails returns *no value*, not nil.
 - A script sees neither `os`, `debug`, `coroutine`, `select` nor `getmetatable`.

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""No process of a simulation outlives the one that started it, even when that one is killed: Linux sees to it."""
+"""Ends each process of a simulation with the process that started it, also after SIGKILL. Linux does this."""
 
 from __future__ import annotations
 

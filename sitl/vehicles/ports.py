@@ -2,10 +2,10 @@
 
 """Free ports on loopback, never fixed numbers: several simulations may run on one machine.
 
-A port is free at the moment it is handed out, and the pickers of one process hand out none of the last `APART` numbers
-again, neither for UDP nor for TCP. Whoever gets it binds it a moment later. The numbers are none of those that a system
-gives to sockets which name none, so nothing but a picker of another process can take one in between, and pickers start
-at random places.
+A port is free at the moment it is handed out. The pickers of one process hand out none of the last `APART` numbers
+again, neither for UDP nor for TCP. The program that gets a port binds it a moment later. The numbers are outside the
+range that a system gives to sockets that name none. So only a picker of another process can take one in between, and
+pickers start at random places.
 """
 
 from __future__ import annotations

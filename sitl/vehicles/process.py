@@ -37,7 +37,7 @@ _PLANE_BASE, _QUADPLANE_BASE = DEPLOY / "demo" / "plane_base.parm", DEPLOY / "de
 
 @dataclass(frozen=True, slots=True)
 class _Kind:
-    """What makes its command line, what kind of aircraft it is, and its parameters before all others."""
+    """The function for its command line, its kind of aircraft, and its parameters before all others."""
 
     command: Command
     aircraft: Profile
@@ -114,7 +114,7 @@ def launch(kind: str, spec: VehicleSpec, directory: Path) -> RunningVehicle:
         LaunchError: unknown kind, no program found, or the process ended or did not listen in time.
     """
     if kind not in _KINDS:
-        raise LaunchError(f"vehicle kind '{kind}' is unknown; known are {', '.join(KINDS)}")
+        raise LaunchError(f"vehicle kind '{kind}' is unknown; the kinds are {', '.join(KINDS)}")
     directory = directory.resolve()
     directory.mkdir(parents=True, exist_ok=True)
     _install_scripts(spec, directory)

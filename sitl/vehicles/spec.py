@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What a vehicle to be started is, whichever kind it is of, and the form in which each kind says how it is started."""
+"""The description of a vehicle to be started, for every kind.
+
+It also has the form in which each kind describes its start.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +21,7 @@ class LaunchError(RuntimeError):
 
 @dataclass(frozen=True, slots=True)
 class VehicleSpec:
-    """What to start: place, identity, pace and parameters."""
+    """The vehicle to start: place, identity, pace and parameters."""
 
     home: tuple[float, float, float, float]
     """Latitude and longitude (degrees), altitude above sea level (m), heading (degrees)."""
@@ -38,7 +41,7 @@ class VehicleSpec:
     arducopter: str | None = None
     """Explicit path of the SITL program, for kind `arducopter`."""
     arduplane: str | None = None
-    """The same, for kinds `quadplane` and `plane`."""
+    """Explicit path of ArduPlane's program, for kinds `quadplane` and `plane`."""
     model: str = ""
     """What that program simulates, `--model`, where it is not what the kind is for: rover wants another program too."""
 

@@ -174,7 +174,7 @@ def test_a_vehicle_that_cannot_start_says_why(tmp_path: Path) -> None:
     bad.write_text("RTL_ALT high\n", encoding="utf-8")
     with pytest.raises(LaunchError, match=r"bad\.parm:1: expected NAME VALUE, found 'RTL_ALT high'"):
         start(tmp_path / "flight", defaults=(bad,))
-    with pytest.raises(LaunchError, match="vehicle kind 'helicopter' is unknown; known are builtin, arducopter"):
+    with pytest.raises(LaunchError, match="vehicle kind 'helicopter' is unknown; the kinds are builtin, arducopter"):
         launch("helicopter", VehicleSpec(home=HOME), tmp_path / "flight")
 
 

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The aircraft without its modes: what it is, where it is, its limits, home and rally points, the ground under it.
+"""The aircraft without its modes: identity, position, limits, home and rally points, the ground under it.
 
-This is what a flight mode may look at and touch; `Copter` adds the modes to it, and so the mission, which one of them
-flies. Home is where it was switched on until it arms, then where it armed, unless a station has locked it. Disarming
-resets the mission.
+A flight mode may read and change this; `Copter` adds the modes to it, and so the mission, which one of them flies. Home
+is where it was switched on until it arms, then where it armed, unless a station has locked it. Disarming resets the
+mission.
 
 Everything that others must hear goes out through the `Listener`.
 """
@@ -40,7 +40,7 @@ _MIN_CONE_SLOPE = 0.5
 
 
 class Listener(Protocol):
-    """Who hears what happens to the aircraft."""
+    """Receives what happens to the aircraft."""
 
     def text(self, severity: int, text: str) -> None: ...
 

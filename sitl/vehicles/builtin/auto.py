@@ -2,13 +2,13 @@
 
 """AUTO: flies the mission's items.
 
-Starting and judging items follows ArduCopter's mode_auto: a take-off ignores the place it names; a waypoint
-with a delay, or with nothing but a stop after it, is flown to a standstill; the others are rounded. Landing at
-a place first flies there at the present height. RTL inside the mission is the RTL mode run from here. The
-mission ends in a hover, or disarmed if it ends on the ground.
+Starting and judging items follows ArduCopter's mode_auto: a take-off ignores the place it names; a waypoint with a
+delay, or with only a stop after it, is flown to a standstill; the others are rounded. Landing at a place first flies
+there at the present height. RTL inside the mission is the RTL mode run from here. The mission ends in a hover, or
+disarmed if it ends on the ground.
 
-Items that need payload, circles or a ranging sensor are not flown: "do" items of that kind count as done,
-navigation items are skipped with a text.
+Items that need payload, circles or a ranging sensor are not flown: "do" items of that kind count as done, navigation
+items are skipped with a text.
 """
 
 from __future__ import annotations

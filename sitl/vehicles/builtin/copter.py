@@ -126,7 +126,7 @@ class Copter(Aircraft):
             self._set_landed(True)
 
     def _idle_disarm(self) -> None:
-        """DISARM_DELAY: armed and idle on the ground, nobody takes off."""
+        """DISARM_DELAY: disarm if the aircraft is armed and idle on the ground, without a take-off."""
         delay = self.parameters["DISARM_DELAY"]
         if not self.armed or not self.land_complete or (self.auto_armed and self.mode.taking_off):
             self._idle_since_s = self.time_s

@@ -2,10 +2,9 @@
 
 """The autopilot's own failsafes that matter here: ground station, battery, and an estimator without a receiver.
 
-The ground station failsafe watches the heartbeats of MAV_GCS_SYSID, starts only after the first one, fires once
-per loss and never fights the mode that someone sets afterwards. The battery failsafe always wins over it while
-landing. What each does is chosen by FS_GCS_ENABLE and BATT_FS_LOW_ACT / BATT_FS_CRT_ACT; FS_OPTIONS can soften
-the first.
+The ground station failsafe watches the heartbeats of MAV_GCS_SYSID and starts only after the first one. It fires once
+per loss and never fights a mode that is set afterwards. The battery failsafe always wins over it while landing. What
+each does is chosen by FS_GCS_ENABLE and BATT_FS_LOW_ACT / BATT_FS_CRT_ACT; FS_OPTIONS can soften the first.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ _GCS_CONTINUE_IF_AUTO, _CONTINUE_IF_LANDING, _GCS_CONTINUE_IF_PILOT = 2, 8, 16
 
 
 class FailsafeAction(Enum):
-    """What a failsafe does, and the modes it tries in order."""
+    """The action of a failsafe: the modes it tries in order."""
 
     NONE = ()
     LAND = (_LAND,)

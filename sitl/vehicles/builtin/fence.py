@@ -56,8 +56,10 @@ def _spot(item: Item) -> Location:
 
 
 def _around(corners: Sequence[tuple[float, float]]) -> bool:
-    """Whether corners given from a place lie around it: a ray to the north crosses the outline an odd number of
-    times."""
+    """Whether corners given from a place lie around it.
+
+    A ray to the north then crosses the outline an odd number of times.
+    """
     inside = False
     for one, other in pairwise([*corners, corners[0]]):
         if (one[1] > 0.0) is not (other[1] > 0.0):

@@ -24,7 +24,7 @@ Vector = tuple[float, float, float]
 
 
 class AltFrame(IntEnum):
-    """What an altitude counts from. Terrain is not modelled: the ground is flat at the height of the origin."""
+    """The reference of an altitude. Terrain is not modelled: the ground is flat at the height of the origin."""
 
     ABSOLUTE = 0
     ABOVE_HOME = 1

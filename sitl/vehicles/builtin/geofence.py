@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The geofence, kept to: around home (FENCE_TYPE bit 1) and as it is stored, areas to stay inside and out of (bit 2).
+"""Keeps the geofence: around home (FENCE_TYPE bit 1), and stored areas to stay inside and out of (bit 2).
 
 A breach is acted on once, at its beginning: RTL, or LAND if that cannot be had, or nothing where FENCE_ACTION is 0. The
 fence above home, the margin, and the ten seconds of manual recovery are not modelled.
@@ -36,7 +36,7 @@ class Geofence:
 
     @property
     def on(self) -> bool:
-        """It is switched on, and there is one."""
+        """Whether a fence exists and is switched on."""
         return self._copter.parameters["FENCE_ENABLE"] != 0 and (self._has(_CIRCLE) or self._has(_POLYGON))
 
     def _has(self, kind: int) -> bool:

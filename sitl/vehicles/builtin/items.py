@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the autopilot keeps of a mission item, and so what it gives back.
+"""The parts of a mission item that the autopilot stores, and so returns.
 
-ArduPilot stores items in a few bytes each: a waypoint keeps its delay and place, nothing else; altitudes are
-whole centimetres; relative and absolute altitudes survive, other frames are turned into those two or refused;
-parameters that a command does not use come back as zero. `stored` applies this at once, so that read-back is
-simply what is stored. Source of the facts: AP_Mission::mavlink_int_to_mission_cmd and
-mission_cmd_to_mavlink_int, MissionItemProtocol_Rally and _Fence of ArduCopter 4.7.
+ArduPilot stores items in a few bytes each: a waypoint keeps its delay and place, nothing else; altitudes are whole
+centimetres; relative and absolute altitudes survive, other frames are turned into those two or refused; parameters that
+a command does not use come back as zero. `stored` applies this at once, so that read-back is simply what is stored.
+Source of the facts: AP_Mission::mavlink_int_to_mission_cmd and mission_cmd_to_mavlink_int, MissionItemProtocol_Rally
+and _Fence of ArduCopter 4.7.
 """
 
 from __future__ import annotations

@@ -69,7 +69,7 @@ class Link:
         return True
 
     def send_raw(self, frame: bytes) -> bool:
-        """Queue a frame of somebody else, unchanged."""
+        """Queue a frame of another sender, unchanged."""
         if not self.room():
             return False
         self._out += frame

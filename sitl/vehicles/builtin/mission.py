@@ -2,14 +2,12 @@
 
 """The mission: stored items and the order in which they run.
 
-Theory of operation (AP_Mission): item 0 is home and is never flown. One navigation command is active at a time;
-the "do" and "condition" commands that stand between it and the next navigation command run beside it, one after
-the other, and are dropped when the navigation command completes. Jumps are counted per jump item. The mission
-stops when AUTO is left and resumes at the same navigation command; MIS_RESTART 1 makes it start over. Disarming
-resets it.
+Theory of operation (AP_Mission): item 0 is home and is never flown. One navigation command is active at a time. The
+"do" and "condition" commands after it run beside it, one after the other, until the next navigation command. They are
+dropped when the navigation command completes. Jumps are counted per jump item. The mission stops when AUTO is left and
+resumes at the same navigation command; MIS_RESTART 1 makes it start over. Disarming resets it.
 
-The class decides the order only; starting a command and judging it complete is the vehicle's (`start`,
-`verify`).
+The class decides only the order; starting a command and judging it complete is the vehicle's (`start`, `verify`).
 """
 
 from __future__ import annotations

@@ -2,11 +2,11 @@
 
 """The mission protocol: missions, fences and rally points, up and down.
 
-Rules, as in ArduPilot's MissionItemProtocol: one upload per kind at a time, bound to the system and component
-that began it; others are denied until it ends or eight seconds pass without an item; that station itself may
-begin again. Items are asked for with MISSION_REQUEST, again every second. A refused item ends the upload. An
-upload truncates what was stored at once; a fence is swapped when it is complete, and kept as it was when what came is
-none. While an upload runs, nobody downloads that kind.
+Rules, as in ArduPilot's MissionItemProtocol: one upload per kind at a time, bound to the system and component that
+began it; others are denied until it ends or eight seconds pass without an item; that station itself may begin again.
+Items are requested with MISSION_REQUEST, again every second. A refused item ends the upload. An upload truncates what
+was stored at once. A fence is swapped when it is complete; one that is invalid changes nothing. While an upload runs,
+that kind cannot be downloaded.
 """
 
 from __future__ import annotations
@@ -218,7 +218,7 @@ class MissionProtocol:
         store.incoming = []
 
     def _free(self, link: Link, message: dialect.MAVLink_message, store: _Store) -> bool:
-        """No upload of somebody else runs; one of the same station is given up."""
+        """Whether no other station uploads; an upload of the same station is given up."""
         if store.peer is not None and store.peer != _source(message):
             self._ack(link, message, Result.DENIED)
             return False

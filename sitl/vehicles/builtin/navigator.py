@@ -31,7 +31,7 @@ _CORNER_SHARE = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What the aircraft may do: m/s, m/s^2 and the waypoint radius in metres."""
+    """Limits of the aircraft: m/s, m/s^2 and the waypoint radius in metres."""
 
     speed: float = 10.0
     up: float = 2.5

@@ -100,7 +100,7 @@ class Body:
 
 
 def made_good(wanted: tuple[float, float], wind: tuple[float, float]) -> tuple[float, float]:
-    """What becomes of a velocity over ground (north, east, m/s) in a wind."""
+    """The velocity over ground (north, east, m/s) that is reached in a wind."""
     strength = math.hypot(*wind)
     if strength == 0.0 or math.hypot(wanted[0] - wind[0], wanted[1] - wind[1]) <= MAX_AIRSPEED_M_S:
         return wanted

@@ -4,8 +4,8 @@
 
 As in ArduCopter: the switch (channel FLTMODE_CH) chooses FLTMODE1 to FLTMODE6 when its position changes, not before; a
 receiver that was heard and is silent for RC_FS_TIMEOUT is a radio failsafe if FS_THR_ENABLE is not 0, which returns.
-The sticks themselves are not flown by: who holds the aircraft by hand holds it still. Without a transmitter there is
-neither switch nor failsafe.
+The sticks themselves do not fly the aircraft: in manual control it stands still. Without a transmitter there is neither
+switch nor failsafe.
 """
 
 from __future__ import annotations

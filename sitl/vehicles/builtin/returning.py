@@ -117,7 +117,7 @@ class SmartReturn(Mode):
         self._landing = False
 
     def remember_home(self) -> None:
-        """Armed here: the path starts anew."""
+        """Armed here: the path starts again."""
         self._path = [self.copter.body.position]
         self._usable = self.copter.position_ok
 

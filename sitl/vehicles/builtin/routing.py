@@ -2,10 +2,10 @@
 
 """Which messages are for the autopilot, and which it passes on to its other channels.
 
-As MAVLink_routing does it: the autopilot learns where each system and component was heard; a message for
-somebody else goes where that one was heard and is not handled here; a broadcast is handled here and goes to
-every other channel where anybody was heard; heartbeats go to every other active channel. Its own frames coming
-back are dropped. Private channels (MAVn_OPTIONS bit 1) neither forward nor are forwarded to.
+As MAVLink_routing does it: the autopilot learns where each system and component was heard. A message for another
+receiver goes where that one was heard and is not handled here. A broadcast is handled here and goes to every other
+channel on which a system was heard. Heartbeats go to every other active channel. Its own frames coming back are
+dropped. Private channels (MAVn_OPTIONS bit 1) do not forward, and get no forwarded frames.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""RC_CHANNELS_OVERRIDE, and RC_CHANNELS that show what is held: nothing is flown by it here.
+"""RC_CHANNELS_OVERRIDE, and RC_CHANNELS that show what is held: no stick flies the aircraft here.
 
 As in ArduCopter: only the station that the autopilot obeys may (MAV_GCS_SYSID), 0 releases the first eight channels and
 UINT16_MAX - 1 the others, UINT16_MAX leaves a channel alone, and a hold is over after RC_OVERRIDE_TIME. There is no
-receiver: a channel that nobody holds shows 0.
+receiver: a channel without an override shows 0.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the autopilot reports: one function per message, and which stream carries it.
+"""The autopilot's telemetry: one function per message, and the stream that carries it.
 
-Fields follow GCS_Common and GCS_MAVLink_Copter of ArduCopter 4.7. Position and speed before the receiver has a
-fix are zero. Messages about things the model does not have (raw sensors, motors one by one) are not sent at all.
+Fields follow GCS_Common and GCS_MAVLink_Copter of ArduCopter 4.7. Position and speed before the receiver has a fix are
+zero. Messages about things the model does not have (raw sensors, motors one by one) are not sent at all.
 """
 
 from __future__ import annotations

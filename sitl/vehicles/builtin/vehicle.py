@@ -52,7 +52,7 @@ _UNSUPPORTED = 3
 
 @dataclass(frozen=True, slots=True)
 class VehicleConfig:
-    """What makes a vehicle: place, identity, parameter files, scripts and channels."""
+    """The configuration of a vehicle: place, identity, parameter files, scripts and channels."""
 
     home: tuple[float, float, float, float]
     """Latitude, longitude (degrees), altitude (m), heading (degrees)."""
@@ -166,7 +166,7 @@ class Vehicle:
                     link.send(message)
 
     def stored(self, name: str) -> None:
-        """A counter of the autopilot's own was saved: set it and tell everybody."""
+        """A counter of the autopilot's own was saved: set it and send it to all channels."""
         copter = self.copter
         counts = {"MIS_TOTAL": len(copter.mission), "RALLY_TOTAL": len(copter.rally), "FENCE_TOTAL": len(copter.fence)}
         self.parameters.set(name, counts[name])
