@@ -27,7 +27,7 @@ from sitl.vehicles import LaunchError, find_arducopter
 
 __all__ = ["main"]
 
-PARTS = ("uplink", "downlink", "zones", "energy", "transfers", "breath", "restart", "starve", "download", "fleet")
+PARTS = ("uplink", "downlink", "zones", "energy", "transfers", "stalls", "restart", "starve", "download", "fleet")
 Say = Callable[[str], None]
 _LONGEST_S = 86_400.0
 
@@ -51,7 +51,7 @@ class Plans:
     check_limit_s: float
     waves: tuple[tuple[transfers.Condition, ...], ...]
     lanes: transfers.LanePlan
-    breath: stall_bench.Plan
+    stalls: stall_bench.Plan
     restart: restart.Plan
     starve: starve.Plan
     download: download.Plan
@@ -157,8 +157,8 @@ def _transfers(plans: Plans, folder: Path, say: Say) -> Iterator[Measurement]:
         yield from transfers.fly_lanes(folder / f"lanes-{number}", wave, plans.lanes, say)
 
 
-def _breath(plans: Plans, folder: Path, say: Say) -> Iterator[Measurement]:
-    return stall_bench.measure(plans.breath, folder / "breath", say)
+def _stalls(plans: Plans, folder: Path, say: Say) -> Iterator[Measurement]:
+    return stall_bench.measure(plans.stalls, folder / "stalls", say)
 
 
 def _restart(plans: Plans, folder: Path, say: Say) -> Iterator[Measurement]:
@@ -196,7 +196,7 @@ _RUN: dict[str, Callable[[Plans, Path, Say], Iterator[Measurement]]] = {
     "zones": _zones,
     "energy": _energy,
     "transfers": _transfers,
-    "breath": _breath,
+    "stalls": _stalls,
     "restart": _restart,
     "starve": _starve,
     "download": _download,

@@ -345,11 +345,11 @@ def measure(plan: Plan, folder: Path, say: Callable[[str], None]) -> Iterator[Me
     quiet: float | None = None
     for number, name in enumerate(plan.loads):
         try:
-            gaps, bench = LOADS[name](folder / f"breath-{number}", plan.seconds)
+            gaps, bench = LOADS[name](folder / f"stalls-{number}", plan.seconds)
         except (BenchError, SetupError, OSError) as error:
             say(f"{name}: NOT MEASURED: {error}")
             yield Measurement(
-                "breath", "longest gap", "s", {"load": name}, limit=LIMIT_S, judged="ours", note=str(error)
+                "stalls", "longest gap", "s", {"load": name}, limit=LIMIT_S, judged="ours", note=str(error)
             )
             continue
         longest = max(gaps)
@@ -357,7 +357,7 @@ def measure(plan: Plan, folder: Path, say: Callable[[str], None]) -> Iterator[Me
         commits = bench.shuttle.commits
         say(f"{name}: longest gap {longest:.3f} s, {len(gaps)} leases, {commits} transfers")
         yield Measurement(
-            "breath",
+            "stalls",
             "longest gap",
             "s",
             {"load": name, "transfers": commits},

@@ -142,7 +142,7 @@ def _nobody(_plan: FlightPlan, _log: FlightLog, moments: tuple[Moment, ...]) -> 
     found = longest(moments, ALONE_S, lambda m: m.mode in ON_ITS_WAY and m.commander is None)
     if found is None:
         return None
-    return Found("nobody, nothing done", found.at, f"{ALONE_S} s without a commander, and it flew on")
+    return Found("no commander, nothing done", found.at, f"{ALONE_S} s without a commander, and it flew on")
 
 
 def _outside(plan: FlightPlan, _log: FlightLog, moments: tuple[Moment, ...]) -> Found | None:
@@ -332,7 +332,9 @@ def _lost(_plan: FlightPlan, log: FlightLog, moments: tuple[Moment, ...]) -> Fou
     found = unnoticed(log, moments, lambda m: m.commander is None and not m.behind_gap)
     if found is None:
         return None
-    return Found("nobody, not noticed", found.at, f"{REACTS_S} s without a commander with all whole, and it flew on")
+    return Found(
+        "no commander, not noticed", found.at, f"{REACTS_S} s without a commander with all whole, and it flew on"
+    )
 
 
 def _crosses(plan: FlightPlan, log: FlightLog, began: int, at: int) -> bool:
@@ -419,7 +421,9 @@ UNSAFE: Final = (
         *(_LOST, _OUT, _NONE),
         lifted=Limit.COVERAGE,
     ),
-    _row("nobody, nothing done", "no station commands, and the aircraft flies on", f"{ALONE_S} s", _nobody, _LOST),
+    _row(
+        "no commander, nothing done", "no station commands, and the aircraft flies on", f"{ALONE_S} s", _nobody, _LOST
+    ),
     _row(
         "commands outside",
         "a station commands an aircraft that flies on outside its zone",
@@ -484,7 +488,7 @@ UNSAFE: Final = (
         lifted=Limit.COVERAGE,
     ),
     _row(
-        "nobody, not noticed",
+        "no commander, not noticed",
         "all is whole, no station commands, and the aircraft flies on",
         f"{REACTS_S} s",
         _lost,

@@ -8,7 +8,8 @@ Three speeds:
   routine, and before every planned one. It holds around the end of every pause, and of every time after which a station
   counts as silent. It holds where a fact of the way ahead changes: near a border that is about to be crossed, near the
   end of a zone (the rules move authority or hold the aircraft), and where a gap begins and ends. It also holds where
-  the aircraft leaves a border at which it was flown on, and by every border while wind carries it off its route.
+  the aircraft leaves a border at which it was flown on. By every border it holds while wind carries the aircraft off
+  its route.
 * At rest: a position each second keeps the last one fresh, and the rounds in between are made when the rules have
   something due. Nothing that they ask of a position changes within that second. The route is checked each second, at
   any speed (in the air it is five times).

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Identifies the rules that a campaign has flown, by a digest of our modules that affect the result of a seed.
+"""Identifies the rules that a campaign has flown, by a digest of our modules.
 
-Flights of two campaigns may be added up if both have flown the same rules, whatever else has changed between them, and
-only then; and a worker that holds other rules must not fly for this campaign.
+The digest has every module that affects the result of a seed. Flights of two campaigns may be added up only if both
+have flown the same rules, whatever else has changed between them. A worker that holds other rules must not fly for this
+campaign.
 """
 
 from __future__ import annotations

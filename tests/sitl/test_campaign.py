@@ -203,10 +203,10 @@ def test_who_configures_no_more_than_a_warning_has_taken_it_upon_himself() -> No
 def test_nobody_commands(plan: FlightPlan) -> None:
     log = logged(plan, still(plan, 100))
     log.commander.set(40 * SECOND, None)
-    assert "nobody, nothing done" in rows(plan, log)
+    assert "no commander, nothing done" in rows(plan, log)
     log = logged(plan, still(plan, 100))
     log.companion.set(40 * SECOND, False)
-    assert "nobody, nothing done" in rows(plan, log)
+    assert "no commander, nothing done" in rows(plan, log)
     log.companion.set(50 * SECOND, True)
     assert rows(plan, log) == []
 
@@ -351,7 +351,7 @@ def test_what_could_not_be_reached_or_not_be_known_is_nobodys_fault(far: FlightP
 # ---- what the rules are for ------------------------------------------------------------------------------------------
 
 QUICK = {
-    *("outside, not noticed", "nobody, not noticed", "left to others", "energy, not noticed"),
+    *("outside, not noticed", "no commander, not noticed", "left to others", "energy, not noticed"),
     *("not ordered again", "not landed", "transfer without end"),
 }
 
@@ -375,7 +375,7 @@ def test_to_fly_on_outside_with_all_whole(plan: FlightPlan, seconds: int, found:
 def test_what_the_rules_need_and_have_not_is_no_fault_of_theirs(plan: FlightPlan, what: str) -> None:
     log = logged(plan, still(plan, 60))
     log.commander.set(30 * SECOND, None)
-    assert quick(plan, log) == ["nobody, not noticed"]
+    assert quick(plan, log) == ["no commander, not noticed"]
     assert judge(plan, log)[-1].at == (30 + 5) * SECOND
     getattr(log, what).set(25 * SECOND, False)
     getattr(log, what).set(46 * SECOND, True)

@@ -116,7 +116,7 @@ def test_an_autopilot_that_does_not_obey_is_no_fault_of_who_orders() -> None:
     log = flown(plan)
     begun = log.modes[0][0]
     log.commander.times[:], log.commander.values[:] = [0, begun + 50 * SECOND], [plan.stations[0].sysid, None]
-    assert [found.row for found in judge(plan, log)] == ["nobody, nothing done", "nobody, not noticed"]
+    assert [found.row for found in judge(plan, log)] == ["no commander, nothing done", "no commander, not noticed"]
     log.obeys.set(begun + 52 * SECOND, False)
     assert [found.row for found in judge(plan, log)] == []
 

@@ -167,7 +167,7 @@ def test_the_same_comes_of_it_however_time_is_let_pass(limit_s: float | None) ->
 def alone(x: float, seconds: int, by: str = "companion", carried: float = 0.0, limit_s: float = 300.0) -> list[str]:
     """Nobody commands who hangs so far along the way, in a gap with time left, until it is sent home by that, and is
     carried sideways at so many m/s; what of it is left undone by the rules."""
-    rows = ("nobody, not noticed", "left to others")
+    rows = ("no commander, not noticed", "left to others")
     return [row for row in all_rows_of(x, seconds, by, carried, limit_s) if row in rows]
 
 
@@ -188,8 +188,8 @@ def all_rows_of(x: float, seconds: int, by: str, carried: float, limit_s: float)
 def test_nobody_is_left_alone_in_a_gap_or_right_behind_it() -> None:
     assert alone(1250.0, 60) == []
     assert alone(1500.0 + 65.0, 60) == []  # the far station has yet to make contact
-    assert alone(1500.0 + 75.0, 60) == ["nobody, not noticed"]
-    assert alone(950.0, 60) == ["nobody, not noticed"]
+    assert alone(1500.0 + 75.0, 60) == ["no commander, not noticed"]
+    assert alone(950.0, 60) == ["no commander, not noticed"]
 
 
 def test_without_a_guard_the_failsafe_ends_a_crossing_and_a_guard_does_not() -> None:
@@ -211,7 +211,7 @@ def test_contact_is_made_within_the_limit_of_the_gap() -> None:
     """Flight 4109122: lifted over the ceiling right behind the gap, it hung there while its far station was asked."""
 
     def rows(x: float, seconds: int, limit_s: float) -> bool:
-        return "nobody, nothing done" in all_rows_of(x, seconds, "companion", 0.0, limit_s)
+        return "no commander, nothing done" in all_rows_of(x, seconds, "companion", 0.0, limit_s)
 
     assert not rows(1500.0 + 65.0, 30 + 18, 30.0)
     assert rows(1500.0 + 65.0, 30 + 19, 30.0)
