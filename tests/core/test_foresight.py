@@ -34,9 +34,7 @@ class TestInTime:
         flown = network().run(59.0)
         told = [at for at, record in flown.records if record.event == "foreseen"]
         assert told == pytest.approx([30.5], abs=1.0)
-        question = (
-            "Handover GCSA -> GCSB of drone in 30 s. Type 'handover accept' or 'handover deny'."
-        )
+        question = "Handover GCSA -> GCSB of drone in 30 s. Type 'handover accept' or 'handover deny'."
         for station in (A, B):
             assert next(text for text in flown.notices[station] if "->" in text) == question
 
