@@ -108,7 +108,7 @@ class FakeAutopilot:
 
     # ---- in -------------------------------------------------------------------------------------------------------
 
-    def take(self, raw: bytes) -> None:
+    def receive(self, raw: bytes) -> None:
         """A frame has arrived."""
         self.on_frame(raw)
         if raw[0] != 0xFD or raw[6] != COMPANION_COMPID:
@@ -208,7 +208,7 @@ class SerialAutopilot:
         self.connected = True
         frames, self._rest = split(self._rest + data)
         for raw in frames:
-            self.model.take(raw)
+            self.model.receive(raw)
 
     def _lost(self, why: str) -> None:
         self.close()

@@ -73,7 +73,7 @@ class Study:
         self._stations = stations
         self._turns: dict[int, list[tuple[_Turn, _Turn]]] = {stream: [] for stream in plan.streams}
 
-    def take(self, rig: Rig) -> str:
+    def measure(self, rig: Rig) -> str:
         """Add the pairs of one start of the processes; the ratios so far, for people."""
         for stream, turns in self._turns.items():
             for order in islice(abba(), PAIRS_A_START):

@@ -205,7 +205,7 @@ class _Vehicle:
     def _to_autopilot(self) -> None:
         waiting, self._master.waiting = self._master.waiting, []
         for raw in waiting:
-            self.autopilot.take(raw)
+            self.autopilot.receive(raw)
 
     def _idle(self) -> None:
         self.companion.idle_if_due()

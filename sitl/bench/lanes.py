@@ -153,7 +153,7 @@ class Lane:
     def _to_autopilot(self) -> None:
         waiting, self._master.to_autopilot = self._master.to_autopilot, []
         for raw in waiting:
-            self.autopilot.take(raw)
+            self.autopilot.receive(raw)
 
     @staticmethod
     def _to_station(host: Host, master: _StationMaster) -> None:

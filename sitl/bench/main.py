@@ -115,9 +115,9 @@ def _uplink(plans: Plans, folder: Path, say: Say) -> Iterator[Measurement]:
         name = f"uplink-signing-{signing}{'-as-it-comes' if as_it_comes else ''}"
         for start in range(most):
             with Rig(folder / f"{name}-{start}", 2, signs, as_it_comes) as rig:
-                say(f"signing {signing}, stock {stock}, {cpu.take(rig)}; {delay.take(rig)}")
+                say(f"signing {signing}, stock {stock}, {cpu.measure(rig)}; {delay.measure(rig)}")
                 if start == 0 and observer is not None:
-                    say(f"signing {signing}, {observer.take(rig)}")
+                    say(f"signing {signing}, {observer.measure(rig)}")
             if start + 1 >= least and cpu.settled():
                 break
         for study in (cpu, delay, observer):
@@ -132,7 +132,7 @@ def _downlink(plans: Plans, folder: Path, say: Say) -> Iterator[Measurement]:
         name = f"downlink-{stations}{'-as-it-comes' if as_it_comes else ''}"
         for start in range(most):
             with Rig(folder / f"{name}-{start}", stations, as_it_comes=as_it_comes) as rig:
-                say(study.take(rig))
+                say(study.measure(rig))
             if start + 1 >= least and study.settled():
                 break
         yield from study.results()

@@ -58,7 +58,7 @@ class _Leases:
         self.before_at = -math.inf
         self.held_at = math.inf
 
-    def take(self, state: int, nonce: int) -> None:
+    def record(self, state: int, nonce: int) -> None:
         """One has arrived."""
         now = time.monotonic()
         if nonce != self.nonce:
@@ -75,7 +75,7 @@ def _again(config: Path, master: str, logfile: Path) -> list[str]:
 def _gaps(flight: Flight, number: int, end: Callable[[], None], luck: Random) -> list[float]:
     """End the companion's run so many times; the seconds without a HELD lease."""
     leases = _Leases()
-    flight.autopilot.model.on_lease = leases.take
+    flight.autopilot.model.on_lease = leases.record
     gaps: list[float] = []
     while len(gaps) < number:
         flight.loop.run_until(lambda: leases.held_at < math.inf, _LIMIT_S, "somebody commands")

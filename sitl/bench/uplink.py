@@ -173,7 +173,7 @@ class CpuStudy:
         #: turns that were made again because frames got lost, by side
         self._disturbed: Counter[str] = Counter()
 
-    def take(self, rig: Rig) -> str:
+    def measure(self, rig: Rig) -> str:
         """Add the pairs of one start of the processes; the ratios so far, for people."""
         for order in islice(abba(), PAIRS_A_START):
             self._visits.append(self._pair(rig, order))
@@ -247,7 +247,7 @@ class DelayStudy:
         #: windows that were made again because frames got lost, by side
         self._disturbed: Counter[str] = Counter()
 
-    def take(self, rig: Rig) -> str:
+    def measure(self, rig: Rig) -> str:
         """Add the windows of one start of the processes; the ratios so far, for people."""
         senders = (Sender(rig, rig.ours, 0), Sender(rig, rig.baseline, 0))
         for proxy in (rig.ours, rig.baseline):

@@ -173,8 +173,8 @@ class Aircraft:
 
     # ---- pieces -----------------------------------------------------------------------------------------------------
 
-    def _settle(self, now: int) -> None:
-        """The piece ends here."""
+    def _end_piece(self, now: int) -> None:
+        """End the present piece and log it."""
         if now > self._begun:
             place, speed = (self._x, self._y, self._z), (self._vx, self._vy, self._vz)
             left_wh = self.left_wh(self._begun)
@@ -223,7 +223,7 @@ class Aircraft:
     # ---- orders -----------------------------------------------------------------------------------------------------
 
     def _set(self, mode: Mode, by: str, now: int) -> None:
-        self._settle(now)
+        self._end_piece(now)
         self.mode, self.by, self._legs = mode, by, []
         self.drift, self._lift_mps = (0.0, 0.0), 0.0
         self._log.left.append((now, self.left_wh(now)))
@@ -288,7 +288,7 @@ class Aircraft:
         self._legs = self._down(self._x, self._y, self._z)
         self._next(now)
 
-    def taken(self, now: int) -> None:
+    def pilot_takes_over(self, now: int) -> None:
         """A pilot has it, and hovers."""
         if self.flying:
             self._set(Mode.PILOT, "pilot", now)
@@ -298,7 +298,7 @@ class Aircraft:
         """Wind carries it to the side or up, in AUTO; (0, 0): no more, and it flies on from there."""
         if self.mode is not Mode.AUTO:
             return
-        self._settle(now)
+        self._end_piece(now)
         self.drift, self._lift_mps = velocity, lift_mps
         self._along(now)
 
@@ -348,7 +348,7 @@ class Aircraft:
         self._fly(leg, now)
 
     def _touch_down(self, now: int) -> None:
-        self._settle(now)
+        self._end_piece(now)
         self.landed_at = Spot(self._x, self._y)
         self._log.landed = (now, self._x, self._y)
         self.mode, self.armed, self._watts = Mode.GROUND, False, 0.0
@@ -356,7 +356,7 @@ class Aircraft:
 
     def turn(self, now: int) -> None:
         """The piece has come to its end."""
-        self._settle(now)
+        self._end_piece(now)
         match self.mode:
             case Mode.AUTO if self._legs or self.waypoint >= len(self._plan.way):
                 self._next(now)
@@ -377,7 +377,7 @@ class Aircraft:
         self._stuck = is_so
         if self.mode is not Mode.RTL or not any(leg.speed_mps == inf for leg in (self._leg, *self._legs)):
             return
-        self._settle(now)
+        self._end_piece(now)
         if is_so:
             self._legs.insert(0, self._leg)
         self._next(now)
@@ -397,7 +397,7 @@ class Aircraft:
     def sag(self, left_wh: float, now: int) -> None:
         """No more than that is left. A new piece begins, which goes on as before."""
         velocity, ends = self.velocity, self._ends
-        self._settle(now)
+        self._end_piece(now)
         (self._vx, self._vy, self._vz), self._ends = velocity, ends
         left = self._capacity_j - self._used(now)
         self._capacity_j -= max(0.0, left - left_wh * 3600.0)
@@ -406,7 +406,7 @@ class Aircraft:
         """The battery is empty in the air."""
         self._log.empty_at = now
         self._log.note(now, "the battery is empty in the air")
-        self._settle(now)
+        self._end_piece(now)
         self._z = 0.0
         self._legs = []
         self._touch_down(now)

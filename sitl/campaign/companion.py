@@ -74,14 +74,14 @@ _STIRS: Final[Mapping[str, tuple[float, tuple[float, ...]]]] = {
 
 @dataclass(frozen=True, slots=True)
 class Ties:
-    """How what the rules ask for is done. `stir`, `settle`: something happened that is no routine (`pace.py`)."""
+    """Carries out the actions of the rules. `note_event`, `stay_awake`: an event that is not routine (`pace.py`)."""
 
     to_station: Callable[[int, Message, int], None]
     status: Callable[[AuthorityView, int], None]
     order: Callable[[FlightAction, int], None]
     take_off: Callable[[int], None]
-    stir: Callable[[int, float, tuple[float, ...]], None]
-    settle: Callable[[int, float], None]
+    note_event: Callable[[int, float, tuple[float, ...]], None]
+    stay_awake: Callable[[int, float], None]
 
 
 class Companion:
@@ -117,7 +117,7 @@ class Companion:
         self.arbiter: Arbiter | None = None
         self._watch: Watch | None = None
         self.view = AuthorityView()
-        self._queue: EventQueue[int] = EventQueue(self._take, self._begin_order)
+        self._queue: EventQueue[int] = EventQueue(self._dispatch, self._begin_order)
         #: what the aircraft is ordered when all events are handled: a later order replaces an earlier one
         self._ordered: FlightAction | None = None
         #: what was said last of mode and motion, which is said again only where every step is made
@@ -211,7 +211,7 @@ class Companion:
         if self.arbiter is not None:
             self._queue.put(event, now)
 
-    def _take(self, event: events.Event, now: int) -> None:
+    def _dispatch(self, event: events.Event, now: int) -> None:
         arbiter, watch = self.arbiter, self._watch
         if arbiter is None:
             return
@@ -255,11 +255,11 @@ class Companion:
                 if isinstance(action.message, Connect):
                     self._asks[action.station] = self._core_s(now) + self._limits.connect_interval_s
                 elif not isinstance(action.message, ConnectAck):
-                    ties.settle(now, 2.5)
+                    ties.stay_awake(now, 2.5)
                 ties.to_station(action.station, action.message, now)
             case events.ViewChanged():
                 self._in_force(action.view, now)
-                ties.stir(now, 2.5, ())
+                ties.note_event(now, 2.5, ())
             case events.Fly():
                 self._log.orders.append((now, action.action.name, action.reason.name))
                 self._keep()
@@ -267,7 +267,7 @@ class Companion:
                 if action.action is FlightAction.RETURN:
                     self._before_return(now)
                 self._ordered = action.action
-                ties.stir(now, _LONG_S, ())
+                ties.note_event(now, _LONG_S, ())
             case events.BeginStart():
                 ties.take_off(now)
             case events.StartRefused():
@@ -283,7 +283,7 @@ class Companion:
             case events.Record():
                 self._log.note(now, action.text)
                 settle_s, pauses = _STIRS.get(action.event, (_LONG_S, ()))
-                ties.stir(now, settle_s if self._aircraft.flying else _ON_GROUND_S, pauses)
+                ties.note_event(now, settle_s if self._aircraft.flying else _ON_GROUND_S, pauses)
             case _:
                 assert_never(action)
 
@@ -380,7 +380,7 @@ class Companion:
         )
         if signs != self._signs:
             self._signs = signs
-            self._ties.stir(now, _LONG_S, ())
+            self._ties.note_event(now, _LONG_S, ())
             self.give(signs, now)
 
     # ---- commands ---------------------------------------------------------------------------------------------------
@@ -415,7 +415,7 @@ class Companion:
         return frozenset() if self.arbiter is None else self.arbiter.usable(self._core_s(now))
 
     def _judge_places(self, now: int, *, always: bool) -> None:
-        judged = self.places.look(now, self._usable(now), self.view, fix=self.fix, always=always)
+        judged = self.places.judge(now, self._usable(now), self.view, fix=self.fix, always=always)
         if judged is not None:
             self.give(judged, now)
 

@@ -48,11 +48,11 @@ class Failsafes:
         """When the next of them acts, as far as is known."""
         if self._aircraft.begun != self._piece_of:
             self._piece_of = self._aircraft.begun
-            self._know_battery()
-            self._know_fence()
+            self._update_battery()
+            self._update_fence()
         return min(self._gcs_due, self._ekf_due, self._battery_due, self._border_due, self._ceiling_due)
 
-    def look_anew(self) -> None:
+    def recompute(self) -> None:
         """What was known of the piece that is flown does not hold any more."""
         self._piece_of = -1
 
@@ -76,7 +76,7 @@ class Failsafes:
         else:
             self._ekf_due = now + _EKF if self._aircraft.flying else NEVER
 
-    def _know_fence(self) -> None:
+    def _update_fence(self) -> None:
         """When the border of the fence is crossed, or its ceiling."""
         aircraft, fence = self._aircraft, self._plan.fence
         self._border_due = self._ceiling_due = NEVER
@@ -93,7 +93,7 @@ class Failsafes:
         """The tick at this time after the beginning of the piece that is flown."""
         return self._aircraft.begun + max(0, int(seconds * SECOND)) + 1
 
-    def _know_battery(self) -> None:
+    def _update_battery(self) -> None:
         """When the battery comes to the next level at which something happens."""
         aircraft = self._aircraft
         parts = [0.0]

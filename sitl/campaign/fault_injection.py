@@ -17,7 +17,7 @@ from mavproxy_handover.core.common.never import assert_never
 from sitl.campaign.aircraft import Aircraft, Mode
 from sitl.campaign.companion import DIGEST, Companion
 from sitl.campaign.failsafes import Failsafes
-from sitl.campaign.faults import Fault, Strike, Target
+from sitl.campaign.faults import Fault, Target, TimedFault
 from sitl.campaign.guard import Guard
 from sitl.campaign.links import WEAK_LOSS, Link
 from sitl.campaign.log import FlightLog
@@ -27,7 +27,7 @@ from sitl.campaign.plane import Spot, bearing_deg
 from sitl.campaign.stations import Ground
 from sitl.campaign.times import NEVER, SECOND, in_ticks
 
-__all__ = ["NEXT_TO_NOTHING", "Strikes"]
+__all__ = ["NEXT_TO_NOTHING", "FaultInjector"]
 
 #: a station that hears no more than this part of the downlink does not work: well below the limit of the rules (0.15)
 NEXT_TO_NOTHING: Final = 0.06
@@ -45,7 +45,7 @@ _TRUSTED: Final = in_ticks(330.0)
 _SUPERVISED, _FORKED = in_ticks(1.2), in_ticks(0.6)
 
 
-class Struck(Protocol):
+class InjectionTarget(Protocol):
     """The parts of a world that faults change, and how a fault is told and planned."""
 
     plan: FlightPlan
@@ -84,10 +84,10 @@ class _Beat:
     over: bool = False
 
 
-class Strikes:
+class FaultInjector:
     """Lets faults strike one world."""
 
-    def __init__(self, world: Struck) -> None:
+    def __init__(self, world: InjectionTarget) -> None:
         self._world = world
         #: how many faults make a station's links weak, and how many attack it
         self._links_wrong: dict[int, list[int]] = {}
@@ -95,19 +95,19 @@ class Strikes:
         self._deafened: Counter[int] = Counter()
         self._thinned: Counter[int] = Counter()
 
-    def strike(self, strike: Strike, now: int) -> None:
+    def inject(self, timed: TimedFault, now: int) -> None:
         """A fault strikes; its end is planned with it."""
-        self._world.pace.stir(now, LONG_S)
-        targets = self._targets(strike.target)
+        self._world.pace.note_event(now, LONG_S)
+        targets = self._targets(timed.target)
         names = " ".join(s.name for s in self._world.plan.stations if s.sysid in targets)
-        self._world.log.note(now, f"FAULT {strike.words} {names}".rstrip())
-        end = self._fault(strike, targets, now)
-        if end is not None and strike.lasts < NEVER:
-            self._world.plan_at(now + max(1, strike.lasts), partial(self._ends, strike, end))
+        self._world.log.note(now, f"FAULT {timed.words} {names}".rstrip())
+        end = self._fault(timed, targets, now)
+        if end is not None and timed.lasts < NEVER:
+            self._world.plan_at(now + max(1, timed.lasts), partial(self._ends, timed, end))
 
-    def _ends(self, strike: Strike, end: Callable[[int], None], now: int) -> None:
-        self._world.pace.stir(now, LONG_S)
-        self._world.log.note(now, f"over: {strike.fault.name.lower().replace('_', ' ')}")
+    def _ends(self, timed: TimedFault, end: Callable[[int], None], now: int) -> None:
+        self._world.pace.note_event(now, LONG_S)
+        self._world.log.note(now, f"over: {timed.fault.name.lower().replace('_', ' ')}")
         end(now)
 
     def _targets(self, target: Target) -> list[int]:
@@ -132,9 +132,9 @@ class Strikes:
         left = left_at((Spot(x, y), *way), self._world.plan.zones[commander])
         return (x, y) if left is None else (left[1].x_m, left[1].y_m)
 
-    def _fault(self, strike: Strike, targets: list[int], now: int) -> Callable[[int], None] | None:
+    def _fault(self, timed: TimedFault, targets: list[int], now: int) -> Callable[[int], None] | None:
         """Make it so; returns what ends it."""
-        match strike.fault:
+        match timed.fault:
             case Fault.DEAD:
                 return self._stations_die(targets, now)
             case Fault.DEAF:
@@ -142,9 +142,9 @@ class Strikes:
             case Fault.MUTE:
                 return self._cut([self._world.uplinks[each] for each in targets], targets, now)
             case Fault.THIN:
-                return self._thin(strike, targets, now)
+                return self._thin(timed, targets, now)
             case Fault.RHYTHM:
-                return self._in_rhythm(strike, targets, now)
+                return self._in_rhythm(timed, targets, now)
             case Fault.BURST:
                 both = [link for each in targets for link in (self._world.uplinks[each], self._world.downlinks[each])]
                 return self._cut(both, targets, now)
@@ -153,7 +153,7 @@ class Strikes:
             case Fault.ATTACK:
                 return self._judge_links(targets, attacked=True, now=now)
             case Fault.ROGUE:
-                self._rogue(now + strike.lasts, now)
+                self._rogue(now + timed.lasts, now)
                 return None
             case Fault.KILLED:
                 self._companion_dies(now)
@@ -162,7 +162,7 @@ class Strikes:
                 self._companion_dies(now)
                 return None
             case Fault.STALLED:
-                return self._companion_stalls(strike, now)
+                return self._companion_stalls(timed, now)
             case Fault.BLIND:
                 return self._cut_cable(now)
             case Fault.NO_GUARD:
@@ -171,19 +171,19 @@ class Strikes:
             case Fault.NO_FIX:
                 return self._lose_fix(now)
             case Fault.SAG:
-                self._sag(strike, now)
+                self._sag(timed, now)
                 return None
             case Fault.DRIFT | Fault.BREACH:
-                return self._drift(strike, now)
+                return self._drift(timed, now)
             case Fault.GUST:
-                return self._gust(strike, now)
+                return self._gust(timed, now)
             case Fault.LIFT:
-                self._world.aircraft.carried((0.0, 0.0), now, 3.0 + 3.0 * strike.amount)
+                self._world.aircraft.carried((0.0, 0.0), now, 3.0 + 3.0 * timed.amount)
                 return partial(self._world.aircraft.carried, (0.0, 0.0))
             case Fault.PILOT:
                 if not self._world.plan.truth.radio:
                     return None
-                self._world.aircraft.taken(now)
+                self._world.aircraft.pilot_takes_over(now)
                 return self._pilot_gives_back
             case Fault.DISOBEYS:
                 self._world.log.obeys.set(now, False)
@@ -192,7 +192,7 @@ class Strikes:
                 self._world.aircraft.stuck(True, now)
                 return partial(self._world.aircraft.stuck, False)
             case _:
-                assert_never(strike.fault)
+                assert_never(timed.fault)
 
     def _stations_die(self, targets: list[int], now: int) -> Callable[[int], None]:
         for each in targets:
@@ -202,11 +202,11 @@ class Strikes:
         def end(now: int) -> None:
             for each in targets:
                 self._world.ground[each].starts(now)
-            self._know_working(targets, now)
+            self._log_working(targets, now)
 
         return end
 
-    def _know_working(self, targets: list[int], now: int) -> None:
+    def _log_working(self, targets: list[int], now: int) -> None:
         for each in targets:
             cut = self._world.uplinks[each].cut or self._world.downlinks[each].cut or self._deafened[each] > 0
             self._world.log.working[each].set(now, self._world.ground[each].core is not None and not cut)
@@ -214,12 +214,12 @@ class Strikes:
     def _cut(self, links: list[Link], targets: list[int], now: int) -> Callable[[int], None]:
         for link in links:
             link.cut += 1
-        self._know_working(targets, now)
+        self._log_working(targets, now)
 
         def end(now: int) -> None:
             for link in links:
                 link.cut -= 1
-            self._know_working(targets, now)
+            self._log_working(targets, now)
 
         return end
 
@@ -227,18 +227,18 @@ class Strikes:
         links = [link for each in targets for link in (self._world.uplinks[each], self._world.downlinks[each])]
         for link in links:
             link.loss += WEAK_LOSS
-        self._know_weak(targets, now)
+        self._log_weak(targets, now)
         over = self._judge_links(targets, weak=True, now=now + 2 * SECOND)
 
         def end(now: int) -> None:
             for link in links:
                 link.loss = max(0.0, link.loss - WEAK_LOSS)
-            self._know_weak(targets, now)
+            self._log_weak(targets, now)
             over(now)
 
         return end
 
-    def _know_weak(self, targets: list[int], now: int) -> None:
+    def _log_weak(self, targets: list[int], now: int) -> None:
         for each in targets:
             self._world.log.weak[each].set(now, self._world.uplinks[each].loss > 0.0 or self._thinned[each] > 0)
 
@@ -252,12 +252,12 @@ class Strikes:
         weak = heard <= _MEASURED
         deaf = self._deafen(targets, now + luck, now) if heard <= NEXT_TO_NOTHING else None
         self._thinned.update(targets)
-        self._know_weak(targets, now)
+        self._log_weak(targets, now)
         over = self._judge_links(targets, weak=True, now=now + _MEASURES) if weak else None
 
         def forgotten(now: int) -> None:
             self._thinned.subtract(targets)
-            self._know_weak(targets, now)
+            self._log_weak(targets, now)
 
         def end(now: int) -> None:
             if deaf is not None:
@@ -276,13 +276,13 @@ class Strikes:
             if not deaf.over:
                 deaf.off = True
                 self._deafened.update(targets)
-                self._know_working(targets, now)
+                self._log_working(targets, now)
 
         def end(now: int) -> None:
             deaf.over = True
             if deaf.off:
                 self._deafened.subtract(targets)
-                self._know_working(targets, now)
+                self._log_working(targets, now)
 
         if since > now:
             self._world.plan_at(since, begins)
@@ -290,22 +290,22 @@ class Strikes:
             begins(now)
         return end
 
-    def _thin(self, strike: Strike, targets: list[int], now: int) -> Callable[[int], None]:
+    def _thin(self, timed: TimedFault, targets: list[int], now: int) -> Callable[[int], None]:
         links = [self._world.downlinks[each] for each in targets]
         for link in links:
-            link.loss += strike.amount
-        over = self._hears_part(targets, 1.0 - strike.amount, now, luck=_LUCK)
+            link.loss += timed.amount
+        over = self._hears_part(targets, 1.0 - timed.amount, now, luck=_LUCK)
 
         def end(now: int) -> None:
             for link in links:
-                link.loss = max(0.0, link.loss - strike.amount)
+                link.loss = max(0.0, link.loss - timed.amount)
             over(now)
 
         return end
 
-    def _in_rhythm(self, strike: Strike, targets: list[int], now: int) -> Callable[[int], None]:
+    def _in_rhythm(self, timed: TimedFault, targets: list[int], now: int) -> Callable[[int], None]:
         links = [self._world.downlinks[each] for each in targets]
-        hears, hears_not = strike.rhythm
+        hears, hears_not = timed.rhythm
         over = self._hears_part(targets, hears / (hears + hears_not), now)
         beat = _Beat()
 
@@ -332,7 +332,7 @@ class Strikes:
         """A pause that is longer than a total loss may be is one: the station does not work in it."""
         if hears_not > _TOTAL:
             (self._deafened.update if off else self._deafened.subtract)(targets)
-            self._know_working(targets, now)
+            self._log_working(targets, now)
 
     def _judge_links(
         self, targets: list[int], *, weak: bool = False, attacked: bool = False, now: int
@@ -345,7 +345,7 @@ class Strikes:
                 wrong = self._links_wrong.setdefault(each, [0, 0])
                 for number, is_so in enumerate((weak, attacked)):
                     wrong[number] += is_so if begins else -is_so
-                self._world.pace.worry(wrong[0] > 0, (each,))
+                self._world.pace.set_weak(wrong[0] > 0, (each,))
                 self._world.tell(events.LinkJudged(each, wrong[0] > 0, wrong[1] > 0, text), now)
 
         self._world.plan_at(now + 1, partial(judged, True))
@@ -367,17 +367,17 @@ class Strikes:
 
     def _companion_restarts(self, now: int) -> None:
         assert self._world.companion is not None
-        self._world.pace.stir(now, LONG_S)
+        self._world.pace.note_event(now, LONG_S)
         self._world.companion.restarts(now)
         self._world.flows_changed(now)
         if self._world.aircraft.flying:  # it knows its mission from its state
             return
         self._world.tell(events.MissionLoaded(DIGEST, self._world.plan.route), now)
 
-    def _companion_stalls(self, strike: Strike, now: int) -> Callable[[int], None] | None:
+    def _companion_stalls(self, timed: TimedFault, now: int) -> Callable[[int], None] | None:
         """A short one is over by itself; a longer one is ended by the supervisor."""
         self._companion_dies(now)
-        self._world.plan_at(now + min(strike.lasts, _SUPERVISED) + _FORKED, self._companion_restarts)
+        self._world.plan_at(now + min(timed.lasts, _SUPERVISED) + _FORKED, self._companion_restarts)
         return None
 
     def _cut_cable(self, now: int) -> Callable[[int], None]:
@@ -404,28 +404,28 @@ class Strikes:
 
         return end
 
-    def _sag(self, strike: Strike, now: int) -> None:
+    def _sag(self, timed: TimedFault, now: int) -> None:
         assert self._world.companion is not None
-        left_wh = max(self._world.aircraft.home_wh(now) * strike.amount, self._world.aircraft.down_wh(now))
+        left_wh = max(self._world.aircraft.home_wh(now) * timed.amount, self._world.aircraft.down_wh(now))
         self._world.aircraft.sag(left_wh / self._world.plan.truth.gauge, now)
-        self._world.companion.places.stir(now)
-        self._world.failsafes.look_anew()
+        self._world.companion.places.note_event(now)
+        self._world.failsafes.recompute()
 
-    def _drift(self, strike: Strike, now: int) -> Callable[[int], None] | None:
+    def _drift(self, timed: TimedFault, now: int) -> Callable[[int], None] | None:
         """Wind from the side; for a breach it blows away from the middle."""
-        aircraft, breach = self._world.aircraft, strike.fault is Fault.BREACH
+        aircraft, breach = self._world.aircraft, timed.fault is Fault.BREACH
         if aircraft.mode is not Mode.AUTO:
             return None
         x, y, _z = aircraft.at(now)
         vx, vy, _up = aircraft.velocity
-        across = 10.0 + 3.0 * strike.amount if breach else 3.0 + 4.0 * strike.amount
-        angle = radians(bearing_deg(x, y) if breach else bearing_deg(vx, vy) + (90.0 if strike.amount > 0.5 else -90.0))
+        across = 10.0 + 3.0 * timed.amount if breach else 3.0 + 4.0 * timed.amount
+        angle = radians(bearing_deg(x, y) if breach else bearing_deg(vx, vy) + (90.0 if timed.amount > 0.5 else -90.0))
         aircraft.carried((across * sin(angle), across * cos(angle)), now)
         return lambda now: aircraft.carried((0.0, 0.0), now)
 
-    def _gust(self, strike: Strike, now: int) -> Callable[[int], None] | None:
+    def _gust(self, timed: TimedFault, now: int) -> Callable[[int], None] | None:
         """The aircraft reaches half of its speed, or next to none."""
-        aircraft, part = self._world.aircraft, 0.5 + 0.5 * strike.amount
+        aircraft, part = self._world.aircraft, 0.5 + 0.5 * timed.amount
         if aircraft.mode is not Mode.AUTO:
             return None
         vx, vy, _up = aircraft.velocity

@@ -9,7 +9,7 @@ from enum import Enum
 
 from mavproxy_handover.core.common.model import Phase
 
-__all__ = ["Fault", "Insists", "Strike", "Target"]
+__all__ = ["Fault", "Insists", "TimedFault", "Target"]
 
 
 class Fault(Enum):
@@ -58,7 +58,7 @@ class Insists(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Strike:
+class TimedFault:
     """A fault and its time.
 
     `after` counts ticks from take-off, from the `nth` time that `phase` begins, or (`border`) from the first time that

@@ -100,7 +100,7 @@ class Guard:
         self.works = works
         self._plan()
 
-    def look(self, now: int) -> None:
+    def act_if_due(self, now: int) -> None:
         """Whether it is time to act."""
         if now < self.due:
             return

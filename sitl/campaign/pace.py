@@ -84,19 +84,19 @@ class Pace:
         #: grows whenever what was said of the time ahead may not hold any more
         self.changes = 0
 
-    def stir(self, now: int, settle_s: float, pauses: tuple[float, ...] = ()) -> None:
+    def note_event(self, now: int, settle_s: float, pauses: tuple[float, ...] = ()) -> None:
         """An event that is not routine has happened; the time `settle_s` after it is not like before (s).
 
         `pauses`: of the rules that begin with it and end with the first position after them, and no sooner (s).
         """
         self._restless_until = max(self._restless_until, now + STIRRED)
         self.changes += 1
-        self.settle(now, settle_s)
+        self.stay_awake(now, settle_s)
         if pauses:
             self._moments = [at for at in self._moments if at > now - STIRRED]
             self._moments += [now + in_ticks(pause_s) for pause_s in pauses]
 
-    def settle(self, now: int, settle_s: float) -> None:
+    def stay_awake(self, now: int, settle_s: float) -> None:
         """The same of something that lets the rules wait for no position."""
         self._quiet_from = max(self._quiet_from, now + in_ticks(settle_s))
 
@@ -107,7 +107,7 @@ class Pace:
             self._passing = passing
             self.changes += 1
 
-    def worry(self, weak: bool, stations: Iterable[int]) -> None:
+    def set_weak(self, weak: bool, stations: Iterable[int]) -> None:
         """These links are weak, or are not any more: for how long they have been matters."""
         self.changes += 1
         if weak:
@@ -131,7 +131,7 @@ class Pace:
         for moment in (*self._moments, silent):
             if at <= moment + STIRRED:
                 begins = min(begins, max(at, moment - STIRRED))
-        self._know()
+        self._update_windows()
         for begun, ended, whose in self._crossings:
             # with a weak link, how long the others' zones last matters too
             if at <= ended and (whose in (None, commander) or self._weak):
@@ -154,10 +154,10 @@ class Pace:
         return self._zones[commander].margin_m(x, y) < _BAND_M + _BIT_M
 
     def _near(self, now: int, commander: int | None) -> bool:
-        self._know()
+        self._update_windows()
         return any(begun <= now <= ended and whose in (None, commander) for begun, ended, whose in self._crossings)
 
-    def _know(self) -> None:
+    def _update_windows(self) -> None:
         """The crossings of the piece that is flown now."""
         aircraft = self._aircraft
         of = (*aircraft.velocity, float(aircraft.ends), *aircraft.at(aircraft.begun), *(self._passing or ()))
@@ -194,7 +194,7 @@ class Pace:
                 for at_s in gap.changes_s(x, y, vx, vy, self._fastest_mps):
                     self._window(at_s - 0.5, at_s + 0.5)
         if aircraft.ends < NEVER and aircraft.mode is Mode.AUTO:
-            self._know_turn(x, y, vx, vy, (aircraft.ends - aircraft.begun) / SECOND)
+            self._update_turn(x, y, vx, vy, (aircraft.ends - aircraft.begun) / SECOND)
 
     def _hold_window(self, ends_s: float, x: float, y: float, whose: int | None = None) -> None:
         """A zone ends there: the aircraft may have to be held, from a time that depends on the station beyond."""
@@ -202,7 +202,7 @@ class Pace:
         begins_s = ends_s - _HOLD_S - _BIT_S
         self._window(begins_s, begins_s + _STEP_S + 2 * _BIT_S if clear else ends_s + _BIT_S, whose)
 
-    def _know_turn(self, x: float, y: float, vx: float, vy: float, turn_s: float) -> None:
+    def _update_turn(self, x: float, y: float, vx: float, vy: float, turn_s: float) -> None:
         """The way after a turn counts before it: where zones end that hold the aircraft at the turn."""
         x, y = _ahead(x, y, vx, vy, turn_s)
         speed = hypot(vx, vy)
@@ -247,7 +247,7 @@ class Pace:
         x, y, _z = aircraft.at(now)
         for link in links:
             if not link.steady(x, y):  # coming closer it is heard or not, going away it is waited for
-                self.settle(now, _LINK_S if link.fades(x, y, *aircraft.velocity[:2]) else _COMES_S)
+                self.stay_awake(now, _LINK_S if link.fades(x, y, *aircraft.velocity[:2]) else _COMES_S)
         if now < self._quiet_from or self._weak:
             return False
         if not aircraft.flying:
@@ -262,7 +262,7 @@ class Pace:
 
     def nothing_until(self, now: int, bound: int, commander: int | None) -> int:
         """Up to when that stays so; `bound`: no longer than that."""
-        self._know()
+        self._update_windows()
         aircraft = self._aircraft
         until = min(bound, aircraft.ends) - _BEFORE
         x, y, _z = aircraft.at(now)

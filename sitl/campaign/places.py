@@ -79,7 +79,7 @@ class Places:
 
     # ---- each second ------------------------------------------------------------------------------------------------
 
-    def look(
+    def judge(
         self, now: int, usable: frozenset[int], view: AuthorityView, *, fix: bool, always: bool
     ) -> PlaceJudged | None:
         """Judge, choose, keep the list; what there is to tell the rules. `fix`: the position is fresh."""
@@ -163,7 +163,7 @@ class Places:
 
     def before_return(self, now: int, usable: frozenset[int], view: AuthorityView, *, fix: bool) -> PlaceJudged | None:
         """A return is about to be ordered: judge once more, and write what is not written."""
-        judged = self.look(now, usable, view, fix=fix, always=True)
+        judged = self.judge(now, usable, view, fix=fix, always=True)
         if not self._written:
             self._write(now)
         self.returning = True
@@ -196,7 +196,7 @@ class Places:
         margins = [fact.margin_wh for fact in self._facts.values() if fact.inside and fact.margin_wh is not None]
         return bool(margins) and max(margins) <= 0.0
 
-    def stir(self, now: int) -> None:
+    def note_event(self, now: int) -> None:
         """What is known of energy has jumped."""
         self.due = now
 

@@ -28,10 +28,10 @@ from mavproxy_handover.core.common.causes import Cause
 from mavproxy_handover.core.common.model import Phase
 from mavproxy_handover.core.safety.energy import EnergyModel, Piece, Wind, landing
 from mavproxy_handover.core.safety.energy_prior import EnergySettings
-from sitl.campaign.faults import Insists, Strike
+from sitl.campaign.faults import Insists, TimedFault
 from sitl.campaign.gaps import GapPlan, find_gaps
 from sitl.campaign.plane import HOME, Circle, Spot, bearing_deg
-from sitl.campaign.steering import CELLS, Cell, downlink_strikes, policies_for, strikes_for
+from sitl.campaign.steering import CELLS, Cell, downlink_faults, faults_for, policies_for
 
 __all__ = ["DOWNLINK", "HARD", "LEAST_HANDOVERS", "FlightPlan", "StationPlan", "Truth", "draw", "left_at"]
 
@@ -119,7 +119,7 @@ class FlightPlan:
     #: and the height that it keeps below (m)
     ceiling_m: float
     policies: Mapping[Cause, str]
-    strikes: tuple[Strike, ...]
+    timed_faults: tuple[TimedFault, ...]
     #: how often operators of the commander send the aircraft on that was stopped or turned back, how long after that
     #: (s), and what they do when they are refused
     resumes: int
@@ -204,11 +204,11 @@ def draw(seed: int) -> FlightPlan:
     farthest = max(spot.away_m(0.0, 0.0) for spot in (*way, *spots))
     if seed >= DOWNLINK:
         policies: Mapping[Cause, str] = {}
-        strikes = downlink_strikes(Random(0x5EED_D0D0 + seed))
+        timed_faults = downlink_faults(Random(0x5EED_D0D0 + seed))
     else:
         policies = policies_for(chance, cell)
-        strikes = strikes_for(chance, cell, late=late, gap=bool(gaps))
-        strikes += _more(seed, late=late) if seed >= HARD else ()
+        timed_faults = faults_for(chance, cell, late=late, gap=bool(gaps))
+        timed_faults += _more(seed, late=late) if seed >= HARD else ()
     return FlightPlan(
         seed,
         stations,
@@ -222,7 +222,7 @@ def draw(seed: int) -> FlightPlan:
         Circle(0.0, 0.0, farthest + 60.0),
         max(way[0].alt_m, model.return_alt_m) + 15.0,
         policies,
-        strikes,
+        timed_faults,
         resumes=chance.choice((1, 2, 4)) if chance.random() < 0.3 else 0,
         resumes_after_s=chance.uniform(4.0, 40.0),
         insists=chance.choice(tuple(Insists)),
@@ -235,13 +235,13 @@ def draw(seed: int) -> FlightPlan:
     )
 
 
-def _more(seed: int, *, late: bool) -> tuple[Strike, ...]:
+def _more(seed: int, *, late: bool) -> tuple[TimedFault, ...]:
     """What brings further pairs of causes about; whether together with the first ones is left to chance."""
     chance = Random(0x5EED_4A2D + seed)
-    found: list[Strike] = []
+    found: list[TimedFault] = []
     for _ in range(chance.choice(_MORE)):
         cell = CELLS[chance.randrange(len(CELLS))]
-        found += strikes_for(chance, cell, late=late and chance.random() < 0.7, gap=False)
+        found += faults_for(chance, cell, late=late and chance.random() < 0.7, gap=False)
     return tuple(found)
 
 

@@ -19,7 +19,7 @@ from typing import Final
 
 from mavproxy_handover.core.common.causes import CAUSES, Cause
 from mavproxy_handover.core.common.model import Phase
-from sitl.campaign.faults import Fault, Strike, Target
+from sitl.campaign.faults import Fault, Target, TimedFault
 from sitl.campaign.times import NEVER, SECOND
 
 __all__ = [
@@ -29,9 +29,9 @@ __all__ = [
     "PHASES",
     "Cell",
     "never",
-    "downlink_strikes",
+    "downlink_faults",
     "policies_for",
-    "strikes_for",
+    "faults_for",
 ]
 
 
@@ -203,22 +203,22 @@ _THIN: Final = (0.2, 0.4, 0.6, 0.8, 0.95, 0.97, 0.99)
 _HEARS_S, _HEARS_NOT_S, _ATTACK_S = (0.2, 30.0), (1.0, 40.0), (0.3, 4.7)
 
 
-def _strike(
+def _timed_fault(
     chance: Random,
     how: tuple[Fault, Target, float, float],
     after_s: float,
     when: _When = (None, 1, False),
     *,
     late: bool = False,
-) -> Strike:
+) -> TimedFault:
     fault, target, shortest, longest = how
     lasts = NEVER if fault in (Fault.SAG, Fault.GONE) else int(chance.uniform(shortest, longest) * SECOND)
     amount = chance.uniform(shortest, longest) if fault is Fault.SAG else chance.uniform(0.0, 1.0)
     phase, nth, border = when
-    return Strike(fault, int(after_s * SECOND), lasts, target, phase, nth, amount, border, late=late)
+    return TimedFault(fault, int(after_s * SECOND), lasts, target, phase, nth, amount, border, late=late)
 
 
-def strikes_for(chance: Random, cell: Cell, *, late: bool, gap: bool) -> tuple[Strike, ...]:
+def faults_for(chance: Random, cell: Cell, *, late: bool, gap: bool) -> tuple[TimedFault, ...]:
     """The two causes of the cell, so that they are there at the same moment.
 
     Sometimes one more fault is added. `late`: not before the flight is ripe; `gap`: its mission declares one.
@@ -226,18 +226,18 @@ def strikes_for(chance: Random, cell: Cell, *, late: bool, gap: bool) -> tuple[S
     if chance.random() < 0.07:  # a flight in which nothing goes wrong
         return ()
     if gap and chance.random() < 0.25:  # only the gap takes too long
-        gust = _strike(chance, (Fault.GUST, Target.NOBODY, 60.0, 400.0), chance.uniform(11.0, 17.0), late=late)
+        gust = _timed_fault(chance, (Fault.GUST, Target.NOBODY, 60.0, 400.0), chance.uniform(11.0, 17.0), late=late)
         return (replace(gust, border=True, bare=True),)
     when, at_s = _moment(chance, cell, late=late)
-    found: list[Strike] = []
+    found: list[TimedFault] = []
     for cause in (cell.first, cell.second):
         found += _brings(chance, cell, cause, when, at_s, late=late)
     if cell.phase is Phase.EMERGENCY:
         found += _emergency(chance, cell, when, at_s, late=late)
     if Cause.OUT_OF_COVERAGE in (cell.first, cell.second):  # at the border of its gap, and no other
-        found = [replace(strike, bare=strike.border) for strike in found]
+        found = [replace(timed, bare=timed.border) for timed in found]
     causes = {cell.first, cell.second}
-    if any(strike.fault is Fault.DISOBEYS for strike in found):
+    if any(timed.fault is Fault.DISOBEYS for timed in found):
         return tuple(found)
     scarce = 0.5 if cell.phase is Phase.EMERGENCY else 0.15
     if Cause.ENERGY in causes and causes - {Cause.ENERGY} <= _LEAVES_HANDS and chance.random() < scarce:
@@ -246,14 +246,14 @@ def strikes_for(chance: Random, cell: Cell, *, late: bool, gap: bool) -> tuple[S
     if Cause.ENERGY in causes and chance.random() < 0.3:
         # only the companion brings home an aircraft that runs out of energy: what if it is not obeyed at first?
         how = Fault.DISOBEYS, Target.NOBODY, 20.0, 60.0
-        return (*found, _strike(chance, how, at_s + chance.uniform(-12.0, -4.0), when, late=late))
+        return (*found, _timed_fault(chance, how, at_s + chance.uniform(-12.0, -4.0), when, late=late))
     if Cause.COVERAGE_ENDS in causes and chance.random() < 0.15:  # the companion dies while the aircraft is held
-        dies = _strike(chance, chance.choice(_DIES), chance.uniform(2.0, 50.0), (None, 1, True), late=late)
-        return (*found, replace(dies, bare=any(strike.bare for strike in found)))
+        dies = _timed_fault(chance, chance.choice(_DIES), chance.uniform(2.0, 50.0), (None, 1, True), late=late)
+        return (*found, replace(dies, bare=any(timed.bare for timed in found)))
     return (*found, *_on_top(chance, when, at_s, late=late))
 
 
-def downlink_strikes(chance: Random) -> tuple[Strike, ...]:
+def downlink_faults(chance: Random) -> tuple[TimedFault, ...]:
     """One or two faults of downlinks only, at any time in flight.
 
     In a rhythm or by chance, of one station or all.
@@ -261,17 +261,17 @@ def downlink_strikes(chance: Random) -> tuple[Strike, ...]:
     return tuple(_of_a_downlink(chance) for _ in range(chance.choice((1, 1, 2))))
 
 
-def _of_a_downlink(chance: Random) -> Strike:
+def _of_a_downlink(chance: Random) -> TimedFault:
     target = chance.choice((Target.COMMANDER, Target.COMMANDER, Target.NEXT, Target.ALL, Target.ALL))
     after, lasts = int(chance.uniform(10.0, 500.0) * SECOND), int(chance.uniform(40.0, 600.0) * SECOND)
     if chance.random() < 0.3:
         lasts = NEVER
     if chance.random() < 0.4:
-        return Strike(Fault.THIN, after, lasts, target, amount=chance.choice(_THIN))
+        return TimedFault(Fault.THIN, after, lasts, target, amount=chance.choice(_THIN))
     hears_s, hears_not_s = (
         _ATTACK_S if chance.random() < 0.3 else (_log(chance, *_HEARS_S), _log(chance, *_HEARS_NOT_S))
     )
-    return Strike(Fault.RHYTHM, after, lasts, target, rhythm=(_ticks(hears_s), _ticks(hears_not_s)))
+    return TimedFault(Fault.RHYTHM, after, lasts, target, rhythm=(_ticks(hears_s), _ticks(hears_not_s)))
 
 
 def _log(chance: Random, shortest: float, longest: float) -> float:
@@ -283,13 +283,15 @@ def _ticks(seconds: float) -> int:
     return max(1, int(seconds * SECOND))
 
 
-def _brings(chance: Random, cell: Cell, cause: Cause, when: _When, at_s: float, *, late: bool) -> tuple[Strike, ...]:
+def _brings(
+    chance: Random, cell: Cell, cause: Cause, when: _When, at_s: float, *, late: bool
+) -> tuple[TimedFault, ...]:
     """What brings one of its two causes about."""
     transfer = cell.phase is Phase.ON_HANDOVER
     if transfer and cause is Cause.COVERAGE_ENDS:  # that is by operators who do not answer
         return ()
     if transfer and cause is Cause.NO_STATION:
-        return (_strike(chance, chance.choice(_IN_SILENCE), chance.uniform(3.5, 5.0), when, late=late),)
+        return (_timed_fault(chance, chance.choice(_IN_SILENCE), chance.uniform(3.5, 5.0), when, late=late),)
     causes = {cell.first, cell.second}
     if Cause.OUT_OF_COVERAGE in causes and (
         cause is Cause.COVERAGE_ENDS or (cause is Cause.OUT_OF_COVERAGE and causes & _CARRIED)
@@ -297,11 +299,11 @@ def _brings(chance: Random, cell: Cell, cause: Cause, when: _When, at_s: float, 
         return ()
     how = chance.choice(_ways(chance, cell, cause))
     if cause in _AT_A_BORDER and how[0] is not Fault.BREACH:
-        return (_strike(chance, how, chance.uniform(*_NEXT_S[late]), late=late),)
+        return (_timed_fault(chance, how, chance.uniform(*_NEXT_S[late]), late=late),)
     strikes_s = at_s + _later_s(cause, cell) - _TAKES_S.get(cause, 0.0) + chance.uniform(-1.0, 2.0)
     if causes & _BEHIND_IT and when[2]:
         strikes_s = max(strikes_s, _NOT_BEFORE_S.get(how[0], strikes_s) + chance.uniform(0.0, 1.0))
-    return (_strike(chance, how, strikes_s, when, late=late),)
+    return (_timed_fault(chance, how, strikes_s, when, late=late),)
 
 
 def _ways(chance: Random, cell: Cell, cause: Cause) -> tuple[tuple[Fault, Target, float, float], ...]:
@@ -317,7 +319,7 @@ def _ways(chance: Random, cell: Cell, cause: Cause) -> tuple[tuple[Fault, Target
     return _PROVOKES[cause]
 
 
-def _emergency(chance: Random, cell: Cell, when: _When, at_s: float, *, late: bool) -> tuple[Strike, ...]:
+def _emergency(chance: Random, cell: Cell, when: _When, at_s: float, *, late: bool) -> tuple[TimedFault, ...]:
     """Faults that cause an emergency if neither of the two causes does.
 
     An autopilot that does not follow keeps the aircraft from being turned back, if one of the causes occurs only on the
@@ -325,27 +327,27 @@ def _emergency(chance: Random, cell: Cell, when: _When, at_s: float, *, late: bo
     """
     causes = {cell.first, cell.second}
     first_s = at_s + min(0.0, _later_s(cell.first, cell), _later_s(cell.second, cell))
-    sag = _strike(chance, chance.choice(_PROVOKES[Cause.ENERGY]), first_s - 10.0, when, late=late)
+    sag = _timed_fault(chance, chance.choice(_PROVOKES[Cause.ENERGY]), first_s - 10.0, when, late=late)
     if causes & _UNDER_WAY and (Cause.FENCE in causes or chance.random() < 0.6):
         takes_s = at_s - first_s
         how = Fault.DISOBEYS, Target.NOBODY, takes_s + 18.0, takes_s + 28.0
-        stays = _strike(chance, how, first_s - 10.0, when, late=late)
+        stays = _timed_fault(chance, how, first_s - 10.0, when, late=late)
         return (stays,) if causes & {Cause.ENERGY, Cause.COMMANDER_LOST} else (sag, stays)
     if not causes & _BEFORE_A_LOSS and chance.random() < 0.3:
         lost = chance.choice(((Fault.BURST, Target.ALL, 12.0, 30.0), (Fault.DEAD, Target.ALL, 12.0, 60.0)))
-        return (_strike(chance, lost, at_s - 7.0 + chance.uniform(-2.0, 2.0), when, late=late),)
+        return (_timed_fault(chance, lost, at_s - 7.0 + chance.uniform(-2.0, 2.0), when, late=late),)
     return () if causes & (_GRAVE | _UNDER_WAY) else (sag,)
 
 
-def _on_top(chance: Random, when: _When, at_s: float, *, late: bool) -> tuple[Strike, ...]:
+def _on_top(chance: Random, when: _When, at_s: float, *, late: bool) -> tuple[TimedFault, ...]:
     """What comes on top: when the causes of the cell come, or at any time."""
     luck = chance.random()
     if luck < 0.2:
-        return (_strike(chance, chance.choice(_IN_THE_WAY), at_s + chance.uniform(-9.0, 5.0), when, late=late),)
+        return (_timed_fault(chance, chance.choice(_IN_THE_WAY), at_s + chance.uniform(-9.0, 5.0), when, late=late),)
     if luck < 0.27:
-        return (_strike(chance, chance.choice(_ANYTHING), at_s + chance.uniform(-6.0, 10.0), when, late=late),)
+        return (_timed_fault(chance, chance.choice(_ANYTHING), at_s + chance.uniform(-6.0, 10.0), when, late=late),)
     if luck < 0.34:
-        return (_strike(chance, chance.choice((*_ANYTHING, *_IN_THE_WAY)), chance.uniform(10.0, 500.0)),)
+        return (_timed_fault(chance, chance.choice((*_ANYTHING, *_IN_THE_WAY)), chance.uniform(10.0, 500.0)),)
     return ()
 
 

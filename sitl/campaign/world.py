@@ -32,7 +32,7 @@ from sitl.campaign.aircraft import Aircraft, Mode
 from sitl.campaign.commands import AGAIN_S
 from sitl.campaign.companion import DIGEST, Companion, Ties
 from sitl.campaign.failsafes import Failsafes
-from sitl.campaign.fault_injection import Strikes
+from sitl.campaign.fault_injection import FaultInjector
 from sitl.campaign.faults import Insists
 from sitl.campaign.guard import Guard
 from sitl.campaign.links import Link
@@ -100,18 +100,20 @@ class World:
         self._wish_waits = False
         self._phases: dict[Phase, int] = {}
         self._phase = Phase.ON_LOAD
-        self._border_strikes = tuple(strike for strike in plan.strikes if strike.border and not strike.late)
+        self._border_faults = tuple(timed for timed in plan.timed_faults if timed.border and not timed.late)
         #: from when on late faults strike (`_ripens`), and at the latest
         self._ripe_at = self._ripe_by = NEVER
         self._ripe = False
         self._late_phases: dict[Phase, int] = {}
         ground_ties = GroundTies(self._from_station, self._between, self._plan_answer)
         self.ground = {s.sysid: Ground(plan, s, log, ground_ties, self.core_s) for s in plan.stations}
-        ties = Ties(self._to_station, self._status, self._order, self._begin_start, self.pace.stir, self.pace.settle)
+        ties = Ties(
+            self._to_station, self._status, self._order, self._begin_start, self.pace.note_event, self.pace.stay_awake
+        )
         self.view = AuthorityView()
         self.companion: Companion | None = None
         self.companion = Companion(plan, self.aircraft, log, ties, self.core_s)
-        self._strikes = Strikes(self)
+        self._fault_injector = FaultInjector(self)
         self._begin()
 
     # ---- time ------------------------------------------------------------------------------------------------------
@@ -141,10 +143,10 @@ class World:
             self._every(SECOND, partial(self._station_beats, station.sysid), 6 + 5 * number)
         self.plan_at(3 * SECOND, lambda now: self.tell(events.MissionLoaded(DIGEST, self.plan.route), now))
         self.plan_at(self.plan.start_at, self._start)
-        for strike in self.plan.strikes:
-            if strike.phase is None and not strike.border and not strike.late:
+        for timed in self.plan.timed_faults:
+            if timed.phase is None and not timed.border and not timed.late:
                 take_off = self.plan.start_at + _START_TAKES
-                self.plan_at(max(1, take_off + strike.after), partial(self._strikes.strike, strike))
+                self.plan_at(max(1, take_off + timed.after), partial(self._fault_injector.inject, timed))
 
     def tell(self, event: events.Event, now: int) -> None:
         if self.companion is not None:
@@ -169,15 +171,15 @@ class World:
             self.now = now
             if aircraft.ends <= now:
                 aircraft.turn(now)
-                pace.stir(now, 0.0)
+                pace.note_event(now, 0.0)
                 self._after_piece(now)
             elif own <= now:
                 self._of_itself(now)
             elif first <= now:
                 _at, _number, job = heapq.heappop(planned)
                 job(now)
-                if job != self._ripens:  # that only plans what will stir
-                    pace.stir(now, _HEARD_S)
+                if job != self._ripens:  # that only plans events
+                    pace.note_event(now, _HEARD_S)
             elif second <= now:
                 _at, _number, job = heapq.heappop(routine)
                 job(now)
@@ -246,12 +248,12 @@ class World:
             companion.second(now, always=self.plain)
         self._beaten = True
         self._wants_on(now)
-        if self._border_strikes and self._leaves(now):
+        if self._border_faults and self._leaves(now):
             bare = self._leaves_all(now)
-            strikes = [strike for strike in self._border_strikes if bare or not strike.bare]
-            self._border_strikes = tuple(strike for strike in self._border_strikes if strike not in strikes)
-            for strike in strikes:
-                self.plan_at(max(now + 1, now + strike.after), partial(self._strikes.strike, strike))
+            timed_faults = [timed for timed in self._border_faults if bare or not timed.bare]
+            self._border_faults = tuple(timed for timed in self._border_faults if timed not in timed_faults)
+            for timed in timed_faults:
+                self.plan_at(max(now + 1, now + timed.after), partial(self._fault_injector.inject, timed))
 
     def _leaves(self, now: int) -> bool:
         """Whether the aircraft is about to leave its commander's zone, on its way."""
@@ -298,7 +300,7 @@ class World:
         bounds = [self._planned[0][0] if self._planned else NEVER, self.aircraft.ends, self.guard.due]
         bounds += [self.failsafes.due(), self._over_at]
         commander = companion.view.commander
-        if self._border_strikes and commander is not None:  # whether it leaves the zone is looked at each second
+        if self._border_faults and commander is not None:  # whether it leaves the zone is looked at each second
             x, y, _z = self.aircraft.at(now)
             away_s = self.plan.zones[commander].margin_m(x, y) / max(1.0, self.aircraft.speed_mps)
             bounds.append(now + int((away_s - _LEAVES_S - 2.0) * SECOND))
@@ -413,9 +415,9 @@ class World:
             if late and not self._ripe:
                 continue
             times = counted[phase] = counted.get(phase, 0) + 1
-            for strike in self.plan.strikes:
-                if strike.phase is phase and strike.nth == times and strike.late is late:
-                    self.plan_at(max(now + 1, now + strike.after), partial(self._strikes.strike, strike))
+            for timed in self.plan.timed_faults:
+                if timed.phase is phase and timed.nth == times and timed.late is late:
+                    self.plan_at(max(now + 1, now + timed.after), partial(self._fault_injector.inject, timed))
 
     def _ripens(self, now: int) -> None:
         """Late faults strike from now on, if it is late enough.
@@ -425,11 +427,11 @@ class World:
         if self._ripe or now < self._ripe_at or (len(self.log.moves) < LEAST_HANDOVERS and now < self._ripe_by):
             return
         self._ripe = True
-        late = [strike for strike in self.plan.strikes if strike.late]
-        self._border_strikes += tuple(strike for strike in late if strike.border)
-        for strike in late:
-            if strike.phase is None and not strike.border:
-                self.plan_at(max(now + 1, now + strike.after), partial(self._strikes.strike, strike))
+        late = [timed for timed in self.plan.timed_faults if timed.late]
+        self._border_faults += tuple(timed for timed in late if timed.border)
+        for timed in late:
+            if timed.phase is None and not timed.border:
+                self.plan_at(max(now + 1, now + timed.after), partial(self._fault_injector.inject, timed))
 
     # ---- the autopilot -----------------------------------------------------------------------------------------------
 
@@ -531,9 +533,9 @@ class World:
     def _of_itself(self, now: int) -> None:
         """What autopilot and guard do by themselves."""
         before = self.aircraft.mode
-        self.guard.look(now)
+        self.guard.act_if_due(now)
         if self.failsafes.act(now) or self.aircraft.mode is not before:
-            self.pace.stir(now, LONG_S)
+            self.pace.note_event(now, LONG_S)
         self._after_piece(now)
 
     def _failsafe(self, now: int) -> None:

@@ -54,7 +54,7 @@ class Seen:
     own_packets: int = 0
     own_bytes: int = 0
 
-    def take(self, packet: bytes) -> None:
+    def count(self, packet: bytes) -> None:
         """Count an IPv4 packet, if it is one that counts here."""
         if len(packet) < 28 or packet[0] >> 4 != 4 or packet[9] != _UDP:
             return
@@ -201,7 +201,7 @@ class _Meter:
             except OSError:
                 return
             if where[1] == _IPV4:
-                seen.take(packet)
+                seen.count(packet)
 
     def _write(self, now: float) -> None:
         line: dict[str, Any] = {"t": round(now, 4), "asked": {}, "seen": {}}

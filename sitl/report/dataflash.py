@@ -93,7 +93,7 @@ def _read(path: Path) -> Strand:
     try:
         while (message := log.recv_match(type=_WANTED)) is not None:
             try:
-                reader.take(message)
+                reader.on_message(message)
             except (AttributeError, TypeError, ValueError, OverflowError):  # a field is missing, or is no number
                 reader.strand.broken += 1
     except Exception:  # pymavlink again, in a log whose end was never written
@@ -127,7 +127,7 @@ class _Reader:
         self._ground_alt_m: float | None = None
         self._speed_mps = self._course_deg = 0.0
 
-    def take(self, message: Any) -> None:
+    def on_message(self, message: Any) -> None:
         """Take in one record."""
         handler = getattr(self, "_on_" + message.get_type().lower(), None)
         t = float(getattr(message, "_timestamp", 0.0))

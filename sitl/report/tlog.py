@@ -111,7 +111,7 @@ def read_tlog(path: Path) -> Strand:
     stamps = Stamps()
     for t, frame in frames(path.read_bytes(), spoilt):
         if stamps.believed(t):
-            reader.take(t, frame)
+            reader.on_frame(t, frame)
         else:
             spoilt.append(1)
     return reader.finish(sum(spoilt))
@@ -128,7 +128,7 @@ class _Reader:
         self._leases = False
         self._due: dict[tuple[int, str], float] = {}
 
-    def take(self, t: float, frame: Frame) -> None:
+    def on_frame(self, t: float, frame: Frame) -> None:
         """Take in one frame."""
         if frame.compid == AUTOPILOT and frame.sysid in self._watches:
             self._hear(t, frame.sysid)
@@ -143,7 +143,7 @@ class _Reader:
         sysid = frame.sysid
         watch = self._watches.get(sysid)
         if watch is not None and frame.msgid in _WATCHED:
-            self.strand.seen[sysid] += watch.take(message, t)
+            self.strand.seen[sysid] += watch.on_message(message, t)
         handler = getattr(self, "_on_" + message.get_type().lower(), None)
         if handler is not None:
             handler(message, t, sysid, frame.compid)

@@ -129,7 +129,7 @@ class Watch:
         self._sample_due = -math.inf
         self._text: dict[int, str] = {}
 
-    def take(self, message: Any, now: float) -> list[Entry]:
+    def on_message(self, message: Any, now: float) -> list[Entry]:
         """Take in a message of the vehicle that came at monotonic `now`; returns what is worth noting."""
         if message.get_srcSystem() != self._sysid or message.get_srcComponent() != AUTOPILOT:
             return []

@@ -140,7 +140,7 @@ class DataBox:
             self._began = self._began if self._layout.utc else self._clock()
             self._listener = self._listen()
 
-    def take(self, message: Any) -> None:
+    def on_message(self, message: Any) -> None:
         """The simulation's state: send it."""
         now = self._clock()
         passed_s, self._moved_at = now - self._moved_at, now
@@ -349,7 +349,7 @@ def _serve(vehicle: _Vehicle, box: DataBox, orders: Orders) -> None:
         waited_for = [*orders.descriptors, vehicle.fileno(), *box.descriptors]
         readable, _, _ = select.select(waited_for, [], [], 0.2)
         for message in vehicle.read()[-1:]:  # of those that come at once the newest: a box has no two at one time
-            box.take(message)
+            box.on_message(message)
         if vehicle.heard and not told:
             told = True
             print("ready", flush=True)

@@ -163,7 +163,7 @@ class _Way:
         #: when the last byte of each piece leaves
         self._waiting: deque[tuple[float, bytes]] = deque()
 
-    def take(self, data: bytes, now: float) -> None:
+    def on_bytes(self, data: bytes, now: float) -> None:
         """Bytes (or none) go onto the line."""
         if self.cut:
             self.lost += len(data)
@@ -225,13 +225,13 @@ class NoisyLines:
         if data is None:  # the autopilot is gone
             del self._by_descriptor[descriptor]
         else:
-            way.take(data, now)
+            way.on_bytes(data, now)
 
     def turn(self, now: float) -> float:
         """Do what is due; seconds until there is something again."""
         for way in self.ways.values():
             if way.noise.burst_at <= now:
-                way.take(b"", now)
+                way.on_bytes(b"", now)
             way.deliver(now)
         return max(0.0, min(way.due() for way in self.ways.values()) - now)
 

@@ -90,8 +90,8 @@ class Observer:
             self._watchers.show(messages)
             for message in messages:
                 if self._pacing is not None:
-                    self._pacing.take(message)
-                found += self.watch.take(message, now)
+                    self._pacing.on_message(message)
+                found += self.watch.on_message(message, now)
                 if message.get_type() == "PARAM_VALUE" and message.param_id in self._wanted:
                     self._said[message.param_id] = message.param_value
         if self._pacing is not None:

@@ -39,7 +39,7 @@ class Pacing:
         self._held = False
         self._stopper = stopper
 
-    def take(self, message: Any) -> None:
+    def on_message(self, message: Any) -> None:
         """A message of the vehicle."""
         boot_ms = getattr(message, "time_boot_ms", None)
         if boot_ms is None:

@@ -142,9 +142,9 @@ class StandardGcs:
             for message in self._mav.parse_buffer(data) or ():
                 if message.get_srcSystem() == self.vehicle and message.get_type() != "BAD_DATA":
                     self._peer = address
-                    self._take(message, now)
+                    self._on_message(message, now)
 
-    def _take(self, message: Any, now: float) -> None:
+    def _on_message(self, message: Any, now: float) -> None:
         kind = message.get_type()
         if kind == "CONTROL_STATUS":
             self._on_status(message)

@@ -227,7 +227,7 @@ class Wire:
     def say(self, message: Any) -> Any:
         """Say it as the companion; returns the answer."""
         self.out.clear()
-        self.autopilot.take(bytes(message.pack(self._own)))
+        self.autopilot.receive(bytes(message.pack(self._own)))
         return self.out[-1] if self.out else None
 
     def lease(self, state: int, commander: int) -> None:
@@ -266,7 +266,7 @@ def test_what_a_station_says_is_measured_and_not_answered() -> None:
     arrived: list[bytes] = []
     wire.autopilot.on_frame = arrived.append
     raw = bytes(mavlink.MAVLink_mission_request_list_message(1, 1, 0).pack(mavlink.MAVLink(None, 251, 190)))
-    wire.autopilot.take(raw)
+    wire.autopilot.receive(raw)
     assert arrived == [raw]
     assert wire.out == []
 

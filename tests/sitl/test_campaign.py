@@ -79,8 +79,8 @@ def test_a_seed_is_a_flight() -> None:
 
 
 def test_hard_flights_are_struck_by_more_and_are_else_as_any_other() -> None:
-    strikes = {first: [len(draw(first + n).strikes) for n in range(60)] for first in (0, HARD)}
-    assert sum(strikes[HARD]) > 1.7 * sum(strikes[0])
+    timed_faults = {first: [len(draw(first + n).timed_faults) for n in range(60)] for first in (0, HARD)}
+    assert sum(timed_faults[HARD]) > 1.7 * sum(timed_faults[0])
     assert draw(HARD + 7) == draw(HARD + 7)
     assert draw(HARD + 7).way != draw(HARD + 8).way
     assert fly(HARD + 3).same == fly(HARD + 3, plain=True).same
@@ -98,8 +98,8 @@ def test_most_flights_have_two_handovers_and_ten_minutes_behind_them_before_anyt
         take_off = log.modes[0][0]
         struck = [at for at, text in log.story if text.startswith("FAULT")]
         ripe = [at for at, _old, _new in log.moves[1:2]] + [take_off + int(plan.ripe_s[1] * SECOND)]
-        planned = [strike for strike in plan.strikes if strike.late]
-        if len(planned) == len(plan.strikes):
+        planned = [timed for timed in plan.timed_faults if timed.late]
+        if len(planned) == len(plan.timed_faults):
             assert all(at >= min(ripe) for at in struck)
 
 
@@ -121,16 +121,16 @@ def test_where_the_energy_is_too_little_to_return_nobody_is_in_the_way_of_a_land
     scarce = 0
     for seed in range(1000):
         plan = draw(seed)
-        if any(strike.fault is Fault.SAG and strike.amount < 0.8 for strike in plan.strikes):
+        if any(timed.fault is Fault.SAG and timed.amount < 0.8 for timed in plan.timed_faults):
             scarce += 1
             in_the_way = {Fault.PILOT, Fault.DISOBEYS, Fault.STUCK, Fault.GONE, Fault.BLIND, Fault.LIFT, Fault.NO_FIX}
-            assert in_the_way.isdisjoint(strike.fault for strike in plan.strikes)
+            assert in_the_way.isdisjoint(timed.fault for timed in plan.timed_faults)
     assert scarce > 20
 
 
 def test_operators_agree_until_faults_may_strike() -> None:
     seed = next(seed for seed in range(64, 118) if any(s.asked and s.answer is None for s in draw(seed).stations[:2]))
-    log = World(replace(draw(seed), strikes=())).run()
+    log = World(replace(draw(seed), timed_faults=())).run()
     assert log.moves
 
 

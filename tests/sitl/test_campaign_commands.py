@@ -9,21 +9,23 @@ from dataclasses import replace
 import pytest
 
 from mavproxy_handover.core.common.causes import Cause
-from sitl.campaign.faults import Fault, Insists, Strike
+from sitl.campaign.faults import Fault, Insists, TimedFault
 from sitl.campaign.judge import judge
 from sitl.campaign.log import FlightLog, Series
 from sitl.campaign.plan import FlightPlan, draw
 from sitl.campaign.times import NEVER, SECOND
 from sitl.campaign.world import World
 
-SAG = Strike(Fault.SAG, 300 * SECOND, NEVER, amount=0.97)
+SAG = TimedFault(Fault.SAG, 300 * SECOND, NEVER, amount=0.97)
 
 
-def wishing(insists: Insists, *strikes: Strike, seed: int = 2, resumes: int = 1, after_s: float = 20.0) -> FlightPlan:
+def wishing(
+    insists: Insists, *timed_faults: TimedFault, seed: int = 2, resumes: int = 1, after_s: float = 20.0
+) -> FlightPlan:
     """A flight in which operators want it to go on, with the table's policies."""
     plan = draw(seed)
     stations = tuple(replace(station, asked=False) for station in plan.stations)
-    plan = replace(plan, strikes=strikes, policies={}, stations=stations)
+    plan = replace(plan, timed_faults=timed_faults, policies={}, stations=stations)
     truth = replace(plan.truth, battery_failsafe=False)
     return replace(plan, insists=insists, resumes=resumes, resumes_after_s=after_s, truth=truth)
 
@@ -56,9 +58,9 @@ def test_whoever_insists_is_obeyed_and_has_taken_it_upon_himself(insists: Insist
 
 def test_a_return_for_a_cause_that_is_over_may_be_sent_on() -> None:
     """The station was silent for a while, and is back."""
-    silent = Strike(Fault.NO_FIX, 100 * SECOND, 5 * SECOND)
+    silent = TimedFault(Fault.NO_FIX, 100 * SECOND, 5 * SECOND)
     plan = replace(wishing(Insists.NO, silent, after_s=15.0), policies={Cause.POSITION_STALE: "warn"})
-    held = replace(plan, strikes=(replace(silent, fault=Fault.STALLED, lasts=20 * SECOND),))
+    held = replace(plan, timed_faults=(replace(silent, fault=Fault.STALLED, lasts=20 * SECOND),))
     for each in (plan, held):
         log, _story = flown(each)
         assert judge(each, log) == ()

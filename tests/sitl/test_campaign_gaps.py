@@ -10,7 +10,7 @@ import pytest
 
 from mavproxy_handover.core.common.model import GuardState, LeaseState
 from sitl.campaign.aircraft import Aircraft
-from sitl.campaign.faults import Fault, Strike
+from sitl.campaign.faults import Fault, TimedFault
 from sitl.campaign.gaps import find_gaps
 from sitl.campaign.guard import Guard
 from sitl.campaign.judge import judge
@@ -25,7 +25,7 @@ WAY = (Spot(0.0, 0.0, 50.0), Spot(3000.0, 0.0, 50.0))
 ZONES = (Circle(0.0, 0.0, 1000.0), Circle(3000.0, 0.0, 1500.0))
 
 
-def declaring(seed: int = 20, *strikes: Strike, limit_s: float | None = None) -> FlightPlan:
+def declaring(seed: int = 20, *timed_faults: TimedFault, limit_s: float | None = None) -> FlightPlan:
     """A flight with a gap, which it declares; no policy but the table's, nobody is asked."""
     plan = draw(seed)
     zones = [station.zone for station in plan.stations]
@@ -34,7 +34,14 @@ def declaring(seed: int = 20, *strikes: Strike, limit_s: float | None = None) ->
         gaps = tuple(replace(gap, limit_s=limit_s) for gap in gaps)
     stations = tuple(replace(station, asked=False) for station in plan.stations)
     return replace(
-        plan, strikes=strikes, policies={}, gaps=gaps, alone_max_s=600.0, stations=stations, resumes=0, loss=0.0
+        plan,
+        timed_faults=timed_faults,
+        policies={},
+        gaps=gaps,
+        alone_max_s=600.0,
+        stations=stations,
+        resumes=0,
+        loss=0.0,
     )
 
 
@@ -77,9 +84,9 @@ def test_alone_is_authority_for_as_long_as_the_first_lease_says_and_the_paramete
         expected = GuardState.LIVE if ends_s else GuardState.LOST
         assert watch.state(max(0, ends_s * SECOND - 1)) is expected
         assert watch.state(ends_s * SECOND + 32) is GuardState.LOST
-        watch.look(ends_s * SECOND + 2 * SECOND)
+        watch.act_if_due(ends_s * SECOND + 2 * SECOND)
         assert aircraft.by == "start"
-        watch.look(watch.due)
+        watch.act_if_due(watch.due)
         assert aircraft.by == "guard"
 
 
@@ -88,14 +95,14 @@ def test_a_companion_that_dies_in_the_gap_is_a_loss_like_any_other() -> None:
     watch.heed(True, LeaseState.ALONE, 60.0, 0)
     watch.heed(False, LeaseState.ALONE, 60.0, 10 * SECOND)
     assert watch.due == 13 * SECOND + 16
-    watch.look(watch.due)
+    watch.act_if_due(watch.due)
     assert aircraft.by == "guard"
 
 
 def test_alone_does_not_end_a_loss_that_is_acted_on() -> None:
     watch, _aircraft = guard()
     watch.heed(True, LeaseState.LOST, 0.0, 0)
-    watch.look(watch.due)
+    watch.act_if_due(watch.due)
     assert watch.enforcing
     watch.heed(True, LeaseState.ALONE, 60.0, 20 * SECOND)
     assert watch.enforcing
@@ -127,7 +134,7 @@ def test_behind_its_limit_the_aircraft_comes_home() -> None:
 
 
 def test_a_head_wind_in_the_gap_lets_its_time_run_out() -> None:
-    wind = Strike(Fault.GUST, 14 * SECOND, 400 * SECOND, amount=0.9, border=True, bare=True)
+    wind = TimedFault(Fault.GUST, 14 * SECOND, 400 * SECOND, amount=0.9, border=True, bare=True)
     plan = declaring(20, wind)
     world = World(plan, tells=True)
     log = world.run()
@@ -148,7 +155,7 @@ def test_a_guard_that_does_not_allow_it_lets_nobody_start() -> None:
 
 def test_without_a_guard_the_autopilots_failsafe_ends_it() -> None:
     """Nobody has told the autopilot to watch the companion."""
-    quiet = Strike(Fault.NO_GUARD, 60 * SECOND, NEVER)
+    quiet = TimedFault(Fault.NO_GUARD, 60 * SECOND, NEVER)
     plan = replace(declaring(20, quiet), alone_max_s=600.0)
     log = World(plan).run()
     assert ("RTL", "GCS failsafe") in [(mode, by) for _at, mode, by in log.modes]

@@ -7,9 +7,7 @@ from __future__ import annotations
 from dataclasses import replace
 from itertools import pairwise
 
-import pytest
-
-from sitl.campaign.faults import Fault, Strike, Target
+from sitl.campaign.faults import Fault, Target, TimedFault
 from sitl.campaign.judge import judge
 from sitl.campaign.plan import FlightPlan, draw
 from sitl.campaign.times import NEVER, SECOND
@@ -17,14 +15,14 @@ from sitl.campaign.world import World
 from tests.depth import seeds
 
 
-def struck(seed: int, *strikes: Strike) -> FlightPlan:
+def struck(seed: int, *timed_faults: TimedFault) -> FlightPlan:
     """The flight of a seed with these faults and the table's policies."""
-    return replace(draw(seed), strikes=strikes, policies={}, resumes=0)
+    return replace(draw(seed), timed_faults=timed_faults, policies={}, resumes=0)
 
 
-def at(fault: Fault, second: int) -> Strike:
+def at(fault: Fault, second: int) -> TimedFault:
     """It strikes so long behind take-off, for good."""
-    return Strike(fault, second * SECOND, NEVER)
+    return TimedFault(fault, second * SECOND, NEVER)
 
 
 def landed_by_the_guard(seed: int) -> tuple[FlightPlan, World]:
@@ -75,7 +73,7 @@ def test_who_turns_back_for_energy_comes_home_with_it() -> None:
 
 def test_a_return_is_begun_anew_for_a_place_that_stands_higher() -> None:
     """The station of the place that is flown to dies under way, and another place is covered."""
-    dies = Strike(Fault.DEAD, 355 * SECOND, NEVER, Target.NEXT)
+    dies = TimedFault(Fault.DEAD, 355 * SECOND, NEVER, Target.NEXT)
     plan = struck(5, replace(at(Fault.SAG, 330), amount=0.97), dies)
     log = World(plan).run()
     returns = [(when, by) for when, mode, by in log.modes if mode == "RTL"]

@@ -48,7 +48,7 @@ class Bench:
             self.now += 0.04
             self.box.turn()
             self.box.readable()
-            self.box.take(self.state(*HOME))
+            self.box.on_message(self.state(*HOME))
             time.sleep(0.0005)
             last = self.line.read() or last
         return last
@@ -194,7 +194,7 @@ def test_a_client_that_does_not_read_is_left_behind(bench: Bench) -> None:
     bench.run(0.5)
     for _ in range(200_000):
         bench.now += 0.04
-        bench.box.take(bench.state(*HOME))
+        bench.box.on_message(bench.state(*HOME))
         if len(bench.box.descriptors) == 1:
             break
     assert len(bench.box.descriptors) == 1

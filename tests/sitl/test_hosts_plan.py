@@ -156,13 +156,13 @@ def udp(size: int, source: int, target: int, first: int) -> bytes:
 
 def test_of_the_tunnels_packets_those_that_carry_nothing_are_counted_apart() -> None:
     below, inside = Seen(51820), Seen(0)
-    below.take(udp(156, 51820, 51820, 4))
-    below.take(udp(60, 51820, 51820, 4))  # 32 bytes of payload: a keepalive
-    below.take(udp(176, 51820, 51820, 1))  # a handshake
-    below.take(udp(88, 14550, 40000, 4))  # another link on the same interface
-    below.take(b"\x60" + bytes(87))
+    below.count(udp(156, 51820, 51820, 4))
+    below.count(udp(60, 51820, 51820, 4))  # 32 bytes of payload: a keepalive
+    below.count(udp(176, 51820, 51820, 1))  # a handshake
+    below.count(udp(88, 14550, 40000, 4))  # another link on the same interface
+    below.count(b"\x60" + bytes(87))
     assert (below.packets, below.total_bytes, below.own_packets, below.own_bytes) == (1, 156, 2, 236)
-    inside.take(udp(88, 14550, 40000, 0xFD))
+    inside.count(udp(88, 14550, 40000, 0xFD))
     assert (inside.packets, inside.total_bytes, inside.own_packets) == (1, 88, 0)
 
 

@@ -27,7 +27,7 @@ class Vehicle:
         self.t += 0.1
         sender = mavlink.MAVLink(None, srcSystem=sysid, srcComponent=component)
         whole = self._parser.parse_buffer(message.pack(sender))[0]
-        return [entry.event for entry in self.watch.take(whole, self.t)]
+        return [entry.event for entry in self.watch.on_message(whole, self.t)]
 
     def heartbeat(self, mode: int, armed: bool = False, **who: int) -> list[str]:
         return self.says(mavlink.MAVLink_heartbeat_message(2, 3, ARMED if armed else 0, mode, 4, 3), **who)
@@ -109,7 +109,7 @@ def test_a_sample_has_the_aircrafts_numbers(vehicle: Vehicle) -> None:
 
 def test_samples_come_back_from_a_journal(vehicle: Vehicle) -> None:
     message = mavlink.MAVLink_global_position_int_message(10000, 526790000, 59240000, 0, 12500, 300, 400, 0, 9000)
-    entries = vehicle.watch.take(message, 5.0) if message.pack(mavlink.MAVLink(None, 1, 1)) else []
+    entries = vehicle.watch.on_message(message, 5.0) if message.pack(mavlink.MAVLink(None, 1, 1)) else []
     (sample,) = samples_of(entries)
     assert (sample.t, sample.sim_s, sample.alt_m, sample.speed_mps) == (5.0, 10.0, 12.5, 5.0)
 

@@ -340,7 +340,7 @@ class TestPacing:
 
     def test_its_time_is_that_of_the_page(self, page: Page, signals: list[tuple[int, signal.Signals]]) -> None:
         paced = Pacing(page, 4711, 8.0, leads=True)
-        paced.take(SimpleNamespace(time_boot_ms=12_340))
+        paced.on_message(SimpleNamespace(time_boot_ms=12_340))
         paced.tick()
         assert page.read()[0] == 12.34
         assert page.pace == 8.0
@@ -352,7 +352,7 @@ class TestPacing:
         paced = Pacing(page, 4711, 8.0, leads=True)
         times = []
         for boot_ms in (10_000, 10_020, 10_140, 10_140, 10_140):
-            paced.take(SimpleNamespace(time_boot_ms=boot_ms))
+            paced.on_message(SimpleNamespace(time_boot_ms=boot_ms))
             paced.tick()
             times.append(round(page.read()[0], 3))
         assert times == [10.0, 10.02, 10.07, 10.12, 10.14]
@@ -361,13 +361,13 @@ class TestPacing:
     def test_after_a_reboot_it_goes_on(self, page: Page, signals: list[tuple[int, signal.Signals]]) -> None:
         paced = Pacing(page, 4711, 8.0, leads=True)
         for boot_ms in (60_000, 500, 1_500):
-            paced.take(SimpleNamespace(time_boot_ms=boot_ms))
+            paced.on_message(SimpleNamespace(time_boot_ms=boot_ms))
         paced.tick()
         assert page.read()[0] == 61.5
 
     def test_it_is_held_while_a_program_is_late(self, page: Page, signals: list[tuple[int, signal.Signals]]) -> None:
         slot, paced = page.claim(), Pacing(page, 4711, 8.0, leads=True)
-        paced.take(SimpleNamespace(time_boot_ms=20_000))
+        paced.on_message(SimpleNamespace(time_boot_ms=20_000))
         page.promise(slot, 1, 10.0)
         paced.tick()
         paced.tick()
@@ -381,7 +381,7 @@ class TestPacing:
     ) -> None:
         paced = Pacing(page, 4711, 8.0, leads=False)
         page.write(20.0, 8.0)
-        paced.take(SimpleNamespace(time_boot_ms=20_300))
+        paced.on_message(SimpleNamespace(time_boot_ms=20_300))
         paced.tick()
         assert signals == [(4711, signal.SIGSTOP)]
         page.write(20.3, 8.0)
@@ -391,7 +391,7 @@ class TestPacing:
     def test_at_the_end_it_is_let_go(self, page: Page, signals: list[tuple[int, signal.Signals]]) -> None:
         page.promise(page.claim(), 1, 10.0)
         paced = Pacing(page, 4711, 8.0, leads=True)
-        paced.take(SimpleNamespace(time_boot_ms=20_000))
+        paced.on_message(SimpleNamespace(time_boot_ms=20_000))
         paced.tick()
         paced.release()
         paced.release()
@@ -402,7 +402,7 @@ class TestPacing:
         stopper = Stopper(page, program.pid)
         try:
             paced = Pacing(page, program.pid, 8.0, leads=True, stopper=stopper)
-            paced.take(SimpleNamespace(time_boot_ms=20_000))
+            paced.on_message(SimpleNamespace(time_boot_ms=20_000))
             waits_for(lambda: state_of(program.pid) == "T")  # nobody ticks
             waits_for(lambda: paced.tick() or state_of(program.pid) == "S")
             waits_for(lambda: state_of(program.pid) == "T")
@@ -426,5 +426,5 @@ class TestPacing:
         monkeypatch.setattr(pacing.os, "kill", gone)
         page.promise(page.claim(), 1, 10.0)
         paced = Pacing(page, 4711, 8.0, leads=True)
-        paced.take(SimpleNamespace(time_boot_ms=20_000))
+        paced.on_message(SimpleNamespace(time_boot_ms=20_000))
         paced.tick()
