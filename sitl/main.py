@@ -283,7 +283,7 @@ def _scenario(arguments: argparse.Namespace) -> Scenario:
 
 
 def _own(folder: Path, faults: int | None, *, anyway: bool) -> Scenario:
-    """What a mission package says of itself. Raises MissionError, SetupError."""
+    """The scenario of a mission package's own check. Raises MissionError, SetupError."""
     package = packages.load(folder)
     wrong = [finding.text for finding in check(package).findings if finding.severity is Severity.ERROR]
     if wrong and not anyway:
@@ -341,7 +341,7 @@ def conclude(result: Result, report: Path | None, stream: TextIO) -> None:
 
 
 def summary(result: Result, report: Path | None) -> dict[str, Any]:
-    """What `--json` prints of a run."""
+    """The values of a run that `--json` prints."""
     evidence = result.evidence
     committed = [] if evidence is None else evidence.of(event="transfer_committed")
     return {

@@ -227,7 +227,7 @@ class _Site:
         return self._download(program, "ours", program.argv(self._link, self._station_port))
 
     def directly(self, program: Program, link: str) -> _Download:
-        """The same from the autopilot itself. Raises BenchError, OSError."""
+        """Measure a download from the autopilot itself. Raises BenchError, OSError."""
         return self._download(program, "direct", program.argv(link, self._udp if link == "udp" else self._tcp))
 
     def _download(self, program: Program, way: str, argv: list[str]) -> _Download:

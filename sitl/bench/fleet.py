@@ -161,7 +161,7 @@ class _Vehicle:
         self._flies = False
 
     def key_name(self, station: str) -> str:
-        """Of the key that the real station signs with for this vehicle alone."""
+        """The name of the key that the real station signs with only for this vehicle."""
         return f"{station}-{self.name}"
 
     @property
@@ -228,7 +228,7 @@ class _Vehicle:
         return self.module.companion.view
 
     def faults(self) -> str:
-        """What broke inside its module; "" if nothing."""
+        """The faults inside its module; "" if none."""
         companion = self.module.companion
         return f"{self.name}: {dict(companion.faults)}" if companion.faults or companion.failed else ""
 
@@ -260,7 +260,7 @@ def _stops(package: MissionPackage) -> list[tuple[Place, int | None]]:
 
 
 class _Bench:
-    """So many vehicles, and the station's process."""
+    """This number of vehicles, and the station's process."""
 
     def __init__(self, folder: Path, vehicles: int, pause_s: float) -> None:
         self.loop = Loop(many=True)

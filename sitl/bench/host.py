@@ -116,7 +116,7 @@ class Host:
         self._watch()
 
     def idle_if_due(self) -> None:
-        """The same if the last round is long ago."""
+        """Make a round if the last one is long ago."""
         if time.monotonic() - self._idle_at >= IDLE_S:
             self.idle()
 

@@ -69,7 +69,7 @@ class Comparison:
 
 
 def compare(pairs: Sequence[Pair]) -> Comparison:
-    """What some pairs say together. Raises ValueError if none is usable."""
+    """The summary of some pairs. Raises ValueError if none is usable."""
     usable = [pair for pair in pairs if pair.usable]
     ratios = [pair.ours / pair.baseline for pair in usable]
     return Comparison(

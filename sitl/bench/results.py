@@ -113,7 +113,7 @@ def _short(value: Any) -> Any:
 
 
 def machine() -> dict[str, Any]:
-    """What the numbers were measured on and with: the first line of the file."""
+    """The machine and the versions of the measurement: the first line of the file."""
     versions = {}
     for package in ("mavproxy-handover", "MAVProxy", "pymavlink", "fastcrc", "shapely"):
         try:
@@ -154,7 +154,7 @@ class Results:
 
     @property
     def missed(self) -> list[Measurement]:
-        """Those that do not hold their target."""
+        """The measurements that miss their limit."""
         return [measurement for measurement in self.measurements if measurement.met is False]
 
 

@@ -53,7 +53,7 @@ def key_for(station: str) -> bytes:
 
 
 def key_file(folder: Path, station: str) -> Path:
-    """The same in a file, made if need be. Raises KeysError."""
+    """The file with that key, made if needed. Raises KeysError."""
     path = key_path(folder, station)
     if not path.is_file():
         folder.mkdir(parents=True, exist_ok=True)
@@ -92,7 +92,7 @@ def write_config(folder: Path, stations: Sequence[FakeStation], *, signing: bool
 
 
 def make_stations(loop: Loop, count: int, *, signing: bool = False) -> list[FakeStation]:
-    """So many stations, the first of them the parent. Raises OSError."""
+    """This number of stations, the first of them the parent. Raises OSError."""
     names = [f"GCS{chr(ord('A') + number)}" for number in range(count)]
     return [
         FakeStation(loop, name, _sysid(number), key_for(name) if signing else None) for number, name in enumerate(names)
@@ -149,7 +149,7 @@ class Proxy:
         self._wait(lambda: parent.phase == Phase.ON_MISSION, "the aircraft is on its mission")
 
     def fly(self) -> None:
-        """The same for a stock MAVProxy, to which it means nothing."""
+        """Put the aircraft in the air; a stock MAVProxy ignores that."""
         self.autopilot.model.take_off()
 
     @property

@@ -193,7 +193,7 @@ class _Flight:
         return self._vehicle is not None and self._vehicle.alive() and self._processes["companion"].alive()
 
     def turn(self, greedy: bool, seconds: float) -> Counter[int]:
-        """What the commander hears in so many seconds, by message id. Raises BenchError."""
+        """The messages that the commander hears in this time (s), by id. Raises BenchError."""
         if greedy:
             for number, observer in enumerate(self.stations[1:]):
                 self._ask(observer, number)

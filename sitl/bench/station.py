@@ -107,7 +107,7 @@ class FakeStation:
 
     @property
     def share_trouble(self) -> str:
-        """What the vehicle said when it refused the package."""
+        """The vehicle's text when it refused the package."""
         sender = self._sender
         refused = sender is not None and sender.result == mavlink.HANDOVER_PACKAGE_RESULT_REFUSED
         return sender.text if refused and sender is not None else ""

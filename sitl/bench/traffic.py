@@ -228,5 +228,5 @@ def split(data: bytes) -> tuple[list[bytes], bytes]:
 
 
 def frame_key(raw: bytes) -> bytes:
-    """What names a MAVLink 2 frame on its way, signed or not: sequence number, ids and payload."""
+    """The identity of a MAVLink 2 frame on its way, signed or not: sequence number, ids and payload."""
     return raw[4 : 10 + raw[1]]

@@ -145,16 +145,16 @@ class Aircraft:
 
     @property
     def watts(self) -> float:
-        """What is really drawn."""
+        """The power that is really drawn."""
         return self._watts
 
     @property
     def battery_wh(self) -> float:
-        """What the full battery really gives."""
+        """The true energy of the full battery."""
         return self._capacity_j / 3600.0
 
     def left_wh(self, now: int) -> float:
-        """What is really left."""
+        """The energy that is really left."""
         return (self._capacity_j - self._used(now)) / 3600.0
 
     def _used(self, now: int) -> float:
@@ -390,7 +390,7 @@ class Aircraft:
         return 1.25 * self._physics.down_wh(self.at(now)[2]) + 0.25 * self._physics.reserve_wh
 
     def home_wh(self, now: int) -> float:
-        """What has to be left for the place that needs least, with the reserve."""
+        """The energy that must be left for the return site that needs least, with the reserve."""
         here = self.at(now)
         return self._physics.budget_wh(min(self._physics.home_wh(here, place) for place in self._plan.places))
 

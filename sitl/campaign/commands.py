@@ -47,7 +47,7 @@ class Desk:
     rules: CommandRules
 
     def start_lacks(self, now: int) -> str:
-        """What START lacks in energy, in words; "" if nothing. `now`: a tick."""
+        """The energy that START lacks, in words; "" if none. `now`: a tick."""
         way = self.plan.way
         legs = tuple(self._legs(Spot(0.0, 0.0, 0.0), (Spot(0.0, 0.0, way[0].alt_m), *way[1:]), 0))
         return self._energy(legs, now)

@@ -293,7 +293,7 @@ class Companion:
             self._ties.order(ordered, now)
 
     def _keep(self) -> None:
-        """As it is done before anything is said or ordered."""
+        """Keep the state before any message or order."""
         assert self.arbiter is not None
         self._kept = self.arbiter.snapshot()
 
@@ -367,7 +367,7 @@ class Companion:
         return TrackFact(aircraft.waypoint, across, None, along, length)
 
     def second(self, now: int, *, always: bool) -> None:
-        """What the edge works out each second. `always`: even what cannot have changed."""
+        """The edge's computations of each second. `always`: also of what cannot have changed."""
         if self.arbiter is None:
             return
         self._judge_places(now, always=always)

@@ -24,7 +24,7 @@ _RECOVERY: Final = in_ticks(10.0)
 
 
 class Failsafes:
-    """Of one aircraft. Times are ticks. `tells`: the autopilot says that one of them acts."""
+    """The failsafes of one aircraft. Times are ticks. `tells`: the autopilot says that one of them acts."""
 
     def __init__(self, plan: FlightPlan, aircraft: Aircraft, log: FlightLog, tells: Callable[[int], None]) -> None:
         self._plan, self._aircraft, self._log, self._tells = plan, aircraft, log, tells
@@ -53,7 +53,7 @@ class Failsafes:
         return min(self._gcs_due, self._ekf_due, self._battery_due, self._border_due, self._ceiling_due)
 
     def recompute(self) -> None:
-        """What was known of the piece that is flown does not hold any more."""
+        """Compute again for the piece that is flown."""
         self._piece_of = -1
 
     def heartbeats(self, *, come: bool, held: bool, alone: bool, watched: bool, now: int) -> None:

@@ -337,7 +337,7 @@ class FaultInjector:
     def _judge_links(
         self, targets: list[int], *, weak: bool = False, attacked: bool = False, now: int
     ) -> Callable[[int], None]:
-        """What the companion's measuring says of these links, and that it says so no more."""
+        """Report these links as the companion measures them; returns what ends the report."""
         text = "a third of all messages is lost" if weak else "bad signatures"
 
         def judged(begins: bool, now: int) -> None:

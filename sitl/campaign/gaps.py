@@ -81,7 +81,7 @@ class GapPlan:
         return tuple(at for at in (begins, ends, *_between(along, rate, 0.0, self.length_m)) if begins <= at <= ends)
 
     def fact(self, x_m: float, y_m: float, speed_mps: float) -> GapFact | None:
-        """What the rules are told there."""
+        """The facts for the rules at this place."""
         along = self.along_m(x_m, y_m)
         if along is None or not -LEAD_S * speed_mps <= along <= self.length_m + CONTACT_S * speed_mps:
             return None
@@ -117,6 +117,6 @@ def gap_at(gaps: Iterable[GapPlan], waypoint: int, x_m: float, y_m: float, speed
 
 
 def lacking(gaps: Sequence[GapPlan], alone_max_s: float) -> str:
-    """What crossing them takes and is not there, in words; "" if nothing."""
+    """The energy that is missing to cross them, in words; "" if none."""
     longest_s = max((gap.limit_s for gap in gaps), default=0.0)
     return "" if alone_max_s >= longest_s else f"HNDO_ALONE_MAX is {alone_max_s:g} s, a gap may take {longest_s:g} s"

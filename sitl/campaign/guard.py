@@ -53,7 +53,7 @@ class Guard:
         self.due = NEVER
 
     def state(self, now: int) -> GuardState:
-        """What it says of itself, while leases flow or just have."""
+        """The guard's status, while leases flow or just have."""
         if self._acted and not self._flows:
             return GuardState.EXPIRED
         return GuardState.LIVE if self._lost_since is None or now < self._lost_since else GuardState.LOST

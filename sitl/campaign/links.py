@@ -50,7 +50,7 @@ class Link:
         self.off = 0
 
     def lost_part(self, x_m: float, y_m: float) -> float:
-        """What part of the messages is lost with the aircraft there."""
+        """The part of the messages that is lost with the aircraft there."""
         if self.cut or self.off:
             return 1.0
         if self.zone is None:

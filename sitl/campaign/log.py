@@ -43,7 +43,7 @@ class Flown:
         return self.x_m + self.vx * s, self.y_m + self.vy * s, self.z_m + self.vz * s
 
     def left_at(self, now: int) -> float:
-        """What was left then (Wh)."""
+        """The energy left then (Wh)."""
         return self.left_wh - self.watts * (now - self.begun) / SECOND / 3600.0
 
 
@@ -146,7 +146,7 @@ class FlightLog:
         return self.flown[number].at(at) if number >= 0 else (0.0, 0.0, 0.0)
 
     def left_wh_at(self, at: int) -> float:
-        """What was left when the mode began that was flown then."""
+        """The energy left when the mode of that time began (Wh)."""
         return next((left for begun, left in reversed(self.left) if begun <= at), 0.0)
 
     def note(self, now: int, text: str) -> None:

@@ -39,7 +39,7 @@ class Outcome:
 
     @classmethod
     def read(cls, line: str) -> Outcome:
-        """The same from a file. Raises ValueError, KeyError, TypeError: it is no outcome."""
+        """The outcome in a line of a file. Raises ValueError, KeyError, TypeError: it is no outcome."""
         values = json.loads(line)
         values["unsafe"] = tuple((row, at, text) for row, at, text in values["unsafe"])
         for name in ("cells", "orders"):
@@ -48,7 +48,7 @@ class Outcome:
 
     @property
     def same(self) -> tuple[object, ...]:
-        """What has to be the same however the flight was flown."""
+        """The values that must not depend on the way the flight was flown."""
         return self.seed, self.ended, self.unsafe, self.aloft_s, self.handovers, self.track, self.orders
 
 

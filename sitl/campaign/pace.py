@@ -64,7 +64,7 @@ _EARLIER, _LATER = ROUND + 1, 2 * ROUND + 1
 
 
 class Pace:
-    """Of one flight. Times are ticks."""
+    """The pace of one flight. Times are ticks."""
 
     def __init__(self, plan: FlightPlan, aircraft: Aircraft) -> None:
         self._aircraft = aircraft
@@ -97,7 +97,7 @@ class Pace:
             self._moments += [now + in_ticks(pause_s) for pause_s in pauses]
 
     def stay_awake(self, now: int, settle_s: float) -> None:
-        """The same of something that lets the rules wait for no position."""
+        """An event that is not routine, after which the rules wait for no position."""
         self._quiet_from = max(self._quiet_from, now + in_ticks(settle_s))
 
     def passes(self, commander: int | None, at_m: float | None) -> None:

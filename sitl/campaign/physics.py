@@ -45,7 +45,7 @@ class Physics:
 
     @classmethod
     def of(cls, plan: FlightPlan) -> Physics:
-        """Those of a flight."""
+        """The physics of a flight."""
         model, wind = plan.model(), plan.truth.wind
         return cls(
             model.hover_w,
@@ -81,7 +81,7 @@ class Physics:
         return sqrt(max(0.0, self.airspeed_mps**2 - across**2)) - ahead
 
     def down_wh(self, height_m: float) -> float:
-        """What it takes to come straight down."""
+        """The energy for coming straight down."""
         low = min(height_m, LANDING_BELOW_M)
         return self.descent_w * ((height_m - low) / DESCENT_MPS + low / LANDING_MPS) / _HOUR_S
 
@@ -104,5 +104,5 @@ class Physics:
         return joules / _HOUR_S + self.down_wh(height)
 
     def budget_wh(self, need_wh: float) -> float:
-        """What has to be left for that."""
+        """The energy that must be left for that."""
         return self.reserve_factor * need_wh + self.reserve_wh

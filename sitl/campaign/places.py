@@ -197,7 +197,7 @@ class Places:
         return bool(margins) and max(margins) <= 0.0
 
     def note_event(self, now: int) -> None:
-        """What is known of energy has jumped."""
+        """The known energy has jumped."""
         self.due = now
 
     # ---- how long nothing changes -----------------------------------------------------------------------------------
@@ -280,7 +280,7 @@ class _Rates:
         self._factor = model.reserve_factor
 
     def down(self, vz: float, *, low: bool) -> float:
-        """The same for a change of height (W), near the ground twice over."""
+        """How fast the need of a place changes with the height (W), near the ground twice as fast."""
         return self._factor * self.most_w * self.slower(vz, low=low)
 
     @staticmethod

@@ -152,7 +152,7 @@ class FlightPlan:
         return {station.sysid: station.zone for station in self.stations}
 
     def model(self) -> EnergyModel:
-        """What is believed of energy."""
+        """The believed values of energy."""
         wind = self.truth.wind if self.truth.tells_wind else None
         model = self.settings.model(wind)
         assert model is not None
@@ -236,7 +236,7 @@ def draw(seed: int) -> FlightPlan:
 
 
 def _more(seed: int, *, late: bool) -> tuple[TimedFault, ...]:
-    """What brings further pairs of causes about; whether together with the first ones is left to chance."""
+    """Faults for further pairs of causes, by chance together with the first ones or not."""
     chance = Random(0x5EED_4A2D + seed)
     found: list[TimedFault] = []
     for _ in range(chance.choice(_MORE)):

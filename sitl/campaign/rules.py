@@ -34,7 +34,7 @@ def rules() -> str:
 
 
 def modules() -> dict[str, Path]:
-    """What is flown with: our modules that are imported, directly or not, and their files. Raises OSError."""
+    """Our modules that a flight imports, directly or not, and their files. Raises OSError."""
     found: dict[str, Path] = {}
     waiting = [_FLIES]
     while waiting:

@@ -49,7 +49,7 @@ class Cell:
 
     @classmethod
     def of(cls, seed: int) -> Cell:
-        """What the flight of this seed aims at."""
+        """The target of this seed's flight."""
         return CELLS[seed % len(CELLS)]
 
     @property
@@ -59,7 +59,7 @@ class Cell:
 
     @property
     def name(self) -> str:
-        """As an outcome names it."""
+        """The name in an outcome."""
         return f"{'+'.join(sorted((self.first.value, self.second.value)))}@{self.phase.name.lower()}"
 
     @property
@@ -286,7 +286,7 @@ def _ticks(seconds: float) -> int:
 def _brings(
     chance: Random, cell: Cell, cause: Cause, when: _When, at_s: float, *, late: bool
 ) -> tuple[TimedFault, ...]:
-    """What brings one of its two causes about."""
+    """The faults that cause one of the two causes of the cell."""
     transfer = cell.phase is Phase.ON_HANDOVER
     if transfer and cause is Cause.COVERAGE_ENDS:  # that is by operators who do not answer
         return ()
@@ -340,7 +340,7 @@ def _emergency(chance: Random, cell: Cell, when: _When, at_s: float, *, late: bo
 
 
 def _on_top(chance: Random, when: _When, at_s: float, *, late: bool) -> tuple[TimedFault, ...]:
-    """What comes on top: when the causes of the cell come, or at any time."""
+    """Further faults: at the time of the cell's causes, or at any time."""
     luck = chance.random()
     if luck < 0.2:
         return (_timed_fault(chance, chance.choice(_IN_THE_WAY), at_s + chance.uniform(-9.0, 5.0), when, late=late),)

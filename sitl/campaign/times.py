@@ -23,7 +23,7 @@ _NEXT: Final = tuple(next(at for at in (0, 3, 6, 10, 13, _FIVE) if at >= tick) f
 
 
 def in_seconds(ticks: int) -> float:
-    """As the rules count."""
+    """The time as the rules count it."""
     return ticks / SECOND
 
 

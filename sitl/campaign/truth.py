@@ -157,7 +157,7 @@ def gap_allowed_s(plan: FlightPlan, mode: str, x: float, y: float) -> float:
 
 
 def _contact_m(plan: FlightPlan) -> float:
-    """So far behind a gap the far station is given time to make contact, within the limit of the gap."""
+    """The distance after a gap in which the far station may make contact, within the gap's limit."""
     return CONTACT_S * plan.speed_mps + BORDER_M
 
 

@@ -531,7 +531,7 @@ class World:
             self._over_at = now + _AFTER
 
     def _of_itself(self, now: int) -> None:
-        """What autopilot and guard do by themselves."""
+        """Let autopilot and guard act by themselves."""
         before = self.aircraft.mode
         self.guard.act_if_due(now)
         if self.failsafes.act(now) or self.aircraft.mode is not before:

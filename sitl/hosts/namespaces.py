@@ -153,7 +153,7 @@ class Namespaces:
         run([*inside(host), "sh", "-c", script])
 
     def check(self, more: Sequence[tuple[str, str]] = ()) -> None:
-        """Nothing can leave. `more`: host and interface of what was added to the plan. Raises SetupError."""
+        """Raises SetupError if a packet can leave. `more`: host and interface of each addition to the plan."""
         for host in self.plan.hosts:
             wanted = {"lo", *(each.name for each in host.interfaces), *host.ports}
             wanted |= {name for where, name in more if where == host.name}

@@ -144,7 +144,7 @@ def _almost_all(values: list[float]) -> float:
 
 
 def costs_of(meter: Path, interfaces: Mapping[str, tuple[str, str]]) -> dict[str, Any]:
-    """What the tunnel costs on each path, by the meter's file. A path of which nothing was seen is left out."""
+    """The cost of the tunnel on each path, by the meter's file. A path without packets is left out."""
     trips: dict[str, list[float]] = {}
     last: dict[str, Any] = {}
     try:

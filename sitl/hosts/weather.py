@@ -77,7 +77,7 @@ def _open() -> int:
 
 
 def _lead(names: Sequence[str]) -> None:
-    """What comes in by these interfaces goes to the device. Raises SetupError."""
+    """Lead packets that arrive by these interfaces to the device. Raises SetupError."""
     for name in ("all", "default", _DEVICE):  # a packet comes back by another interface than its answer leaves by
         Path(f"/proc/sys/net/ipv4/conf/{name}/rp_filter").write_text("0", encoding="ascii")
     run(["ip", "link", "set", _DEVICE, "up"])

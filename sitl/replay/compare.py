@@ -27,7 +27,7 @@ class Comparison:
 
     @property
     def equal(self) -> bool:
-        """Nothing stands in one of them only."""
+        """Whether both have the same decisions."""
         return not self.before and not self.after
 
     @property

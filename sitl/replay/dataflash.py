@@ -64,7 +64,7 @@ def read_dataflash(path: Path, profile: Profile) -> Recording:
 
 
 def _entries(path: Path) -> list[tuple[float, Any]]:
-    """What is read of it, in order of time."""
+    """The messages of the log that are used, in order of time."""
     found = []
     with contextlib.redirect_stderr(io.StringIO()):  # the reader tells there of what it does not know
         reader = DFReader.DFReader_binary(str(path), zero_time_base=False)

@@ -138,7 +138,7 @@ class _Flight:
     # ---- the companion ----------------------------------------------------------------------------------------------
 
     def _aloft(self) -> Snapshot | None:
-        """What a run before would have left, where the recording begins in flight; None: it begins on the ground."""
+        """The state that a run before would have left if the recording begins in flight, else None."""
         recording, prepared = self._recording, self._prepared
         heartbeat = next((m for _at, m in recording.messages if m.get_type() == "HEARTBEAT"), None)
         if heartbeat is None or not heartbeat.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED:

@@ -222,7 +222,7 @@ def _commanders(found: Replay, begin: float) -> list[str]:
 
 
 def _assumptions(told: _Told) -> list[str]:
-    """What a replay cannot know, and what it goes by instead."""
+    """The unknowns of a replay, and its assumptions."""
     recording, happened = told.recording, _inputs(told.happened, told.package)
     found = list(recording.assumed)
     if told.happened is not None and happened is None:

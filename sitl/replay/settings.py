@@ -40,7 +40,7 @@ def found_beside(recording: Path) -> Path | None:
 
 
 def read_settings(path: Path | None, package: MissionPackage) -> Settings:
-    """What a file holds; None: the defaults, with the mission's stations. Raises ConfigError."""
+    """The configuration of a file; None: the defaults, with the mission's stations. Raises ConfigError."""
     if path is None:
         return {"vehicle": {"name": "vehicle", "parent": package.parent.name}}, Path("defaults")
     path = path.resolve()
@@ -50,7 +50,7 @@ def read_settings(path: Path | None, package: MissionPackage) -> Settings:
 
 
 def changed(settings: Settings, words: Sequence[str]) -> Settings:
-    """The same with TABLE.KEY=VALUE of each word; KEY alone is one of [limits]. Raises ConfigError."""
+    """A copy with TABLE.KEY=VALUE of each word; KEY alone is one of [limits]. Raises ConfigError."""
     data = {key: dict(value) if isinstance(value, Mapping) else value for key, value in settings[0].items()}
     for word in words:
         key, sign, text = word.partition("=")
@@ -85,7 +85,7 @@ def vehicle(settings: Settings, package: MissionPackage, sysid: int) -> VehicleC
 
 
 def differences(flown: VehicleConfig, tried: VehicleConfig) -> list[str]:
-    """What is other in the second, in words."""
+    """The differences of the second, in words."""
     found = []
     for part in ("limits", "energy", "route"):
         before, after = getattr(flown, part), getattr(tried, part)

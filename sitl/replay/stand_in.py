@@ -63,7 +63,7 @@ class StandIn:
             self._home = message.latitude, message.longitude
 
     def answers(self, frame: bytes) -> list[Any]:
-        """What it says to a frame of the companion."""
+        """The answers to a frame of the companion."""
         message = self._decoder.decode(bytearray(frame))
         match message.get_type():
             case "MISSION_REQUEST_LIST":

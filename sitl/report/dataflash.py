@@ -54,7 +54,7 @@ class DataflashError(Exception):
 
 
 def read_dataflash(path: Path) -> Strand:
-    """What a dataflash log tells. Raises OSError, DataflashError; a log that was cut is read as far as it goes."""
+    """Read a dataflash log. Raises OSError, DataflashError; a log that was cut is read as far as it goes."""
     with path.open("rb") as file:
         head = file.read(len(_BINARY))
     if path.suffix.lower() == ".bin" and head != _BINARY:
@@ -140,7 +140,7 @@ class _Reader:
             handler(message, t)
 
     def finish(self) -> Strand:
-        """What it tells in all."""
+        """The strand of the whole log."""
         strand = self.strand
         if not self._tells_arming:
             self._fly_by_height()

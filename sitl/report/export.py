@@ -88,7 +88,7 @@ def _rows(story: Story) -> Iterator[tuple[object, ...]]:
 
 
 def _series(entries: Sequence[Entry], value: Callable[[Entry], object]) -> Callable[[float], object]:
-    """What a series of entries says at moments that are asked for in their order."""
+    """The value of a series of entries at moments in rising order."""
     place = -1
 
     def at(t: float) -> object:

@@ -380,7 +380,7 @@ class _Map:
 
 
 def _clear(colour: str, part: float) -> str:
-    """So much of a colour; it is the same on a dark screen."""
+    """A colour with this opacity; it is the same on a dark screen."""
     red, green, blue = rgb(colour)
     return f"rgba({red},{green},{blue},{part:g})"
 
@@ -706,7 +706,7 @@ def _guard_word(entry: Entry) -> str:
 
 
 def _link_word(entry: Entry, station: str) -> str:
-    """What an entry of the companion says of its link to a station: heard, weak or silent; "": nothing."""
+    """The state of a link in an entry of the companion: heard, weak or silent; "": none."""
     if entry.get("station") != station:
         return ""
     if entry.event in ("station_heard", "connected"):

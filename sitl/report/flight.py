@@ -188,7 +188,7 @@ def _seen(
     journals: Sequence[Strand],
     name: str,
 ) -> tuple[list[Entry], str]:
-    """What the aircraft did, and who says so."""
+    """The acts of the aircraft, and their witnesses."""
     ranks = [
         ("the autopilot's own log", [strand for strand in strands if strand.kind is Kind.DATAFLASH]),
         ("the companion's telemetry log", [each for each in strands if each.kind is Kind.TLOG and each.on_board]),
@@ -229,7 +229,7 @@ def _seen(
 
 
 def _added(kept: Sequence[Entry], entries: Sequence[Entry]) -> list[Entry]:
-    """What a further witness adds to what is known."""
+    """The entries that a further witness adds."""
     if not kept:
         return list(entries)
     spans = _spans([entry.t for entry in kept if entry.event == "sample"])
@@ -266,7 +266,7 @@ def _within(spans: _Spans, t: float) -> bool:
 
 
 def _from_journal(entries: Sequence[Entry]) -> list[Entry]:
-    """What the companion's journal says of the aircraft itself: places, modes, and when it was in the air."""
+    """The aircraft in the companion's journal: places, modes, and when it was in the air."""
     found = _positions(entries, "position")
     up = next((entry for entry in found if entry.get("alt_m") > AIRBORNE_M), None)
     if up is not None:

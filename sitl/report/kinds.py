@@ -67,7 +67,7 @@ def _shape(transfer: Exchange) -> object:
 
 
 def rows(transfer: Exchange) -> list[Row]:
-    """What is drawn of a handover: repetitions of a message put together, pauses told, the end in its place."""
+    """The rows of a handover: repetitions of a message together, with pauses, the end in its place."""
     before = [flight for flight in transfer.flights if not _after(transfer, flight)]
     after = [flight for flight in transfer.flights if _after(transfer, flight)]
     found = _told(before)

@@ -45,13 +45,13 @@ def _equal(value: Any, wanted: Any) -> bool:
 
 
 def describe(who: str, event: str, match: Match) -> str:
-    """The same in words."""
+    """The pattern in words."""
     parts = [event.replace("_", " ")] if event else []
     parts += [f"{key} {wanted}" for key, wanted in match.values]
     return (", ".join(parts) or "anything") + (f" ({who})" if who else "")
 
 
 def last_line(text: str) -> str:
-    """What went wrong, of a fault's text: where it was noticed and the last line of the trace."""
+    """The essence of a fault's text: where it was noticed and the last line of the trace."""
     lines = text.strip().splitlines() or [""]
     return lines[0] if len(lines) == 1 else f"{lines[0].split(':', 1)[0]}: {lines[-1].strip()}"

@@ -43,7 +43,7 @@ def books(entries: Iterable[Entry]) -> list[Entry]:
 
 
 def tables(book: Entry) -> list[Table]:
-    """What is in a book. Total: what is not there, or is not what it should be, is left out."""
+    """The statistics of a rehearsal. Missing or malformed values are left out."""
     made, missed = _rows(book, "handovers"), [row for row in book.get("missed", []) if len(row) == 3]
     handovers = [_handover(number, each) for number, each in enumerate(made, 1)]
     handovers += [("", f"{here} → {there}", "", "", f"way to item {item}", "not made") for here, there, item in missed]

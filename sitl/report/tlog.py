@@ -105,7 +105,7 @@ def _end(data: bytes, at: int) -> int:
 
 
 def read_tlog(path: Path) -> Strand:
-    """What a telemetry log tells. Raises OSError; what is no frame in it is passed over."""
+    """Read a telemetry log. Raises OSError; bytes that are no frame are skipped."""
     reader = _Reader(path)
     spoilt: list[int] = []
     stamps = Stamps()
@@ -151,7 +151,7 @@ class _Reader:
             self._authority(message.vehicle).step(message, t, sysid)
 
     def finish(self, spoilt: int) -> Strand:
-        """What it tells in all."""
+        """The strand of the whole log."""
         strand = self.strand
         strand.broken += spoilt
         strand.on_board = self._leases
@@ -308,7 +308,7 @@ class _Authority:
             self._leases.append((t, "view", "", values))
 
     def guarded(self, t: float, state: str) -> None:
-        """What the guard says of itself."""
+        """A status of the guard."""
         before = self._last.get("guard")
         if before is None and state == "silent":
             return

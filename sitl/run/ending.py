@@ -28,7 +28,7 @@ class Orders:
 
     @property
     def descriptors(self) -> list[int]:
-        """What `select` is to wait for; when one is readable, `read`."""
+        """Descriptors for `select`; when one is readable, call `read`."""
         return [self._typed, self._asked]
 
     def read(self, readable: int) -> list[str] | None:

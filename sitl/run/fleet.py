@@ -37,7 +37,7 @@ class Craft:
     mission: Path
 
     def in_folder(self, folder: Path) -> Craft:
-        """The same with a copy of its mission in a run's folder. Raises OSError."""
+        """This vehicle with a copy of its mission in a run's folder. Raises OSError."""
         copy = folder / self.name / "mission"
         shutil.copytree(self.mission, copy)
         return replace(self, mission=copy)
@@ -52,7 +52,7 @@ class Flown:
     observer: Observer
 
     def poll(self) -> list[Entry]:
-        """What was seen of it since, under its name."""
+        """The new observations of it, under its name."""
         who = seen_of(self.name)
         return [replace(entry, who=who) for entry in self.observer.poll()] if self.observer.connected else []
 

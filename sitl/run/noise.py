@@ -51,7 +51,7 @@ class LineNoise:
         self._until_flip = self._next_flip()
 
     def carry(self, data: bytes, now: float) -> bytes:
-        """What arrives of `data`, which is sent now; the noise that is due comes before it."""
+        """The bytes that arrive of `data`, which is sent now, after the noise that is due."""
         noise = b""
         while self.burst_at <= now:
             noise += self._burst()

@@ -215,7 +215,7 @@ class NoisyLines:
         return end
 
     def descriptors(self) -> list[int]:
-        """What to wait for."""
+        """Descriptors to wait for."""
         return list(self._by_descriptor)
 
     def readable(self, descriptor: int, now: float) -> None:

@@ -192,7 +192,7 @@ class Processes:
         return child
 
     def dead(self) -> list[Child]:
-        """Those that ended without being asked to."""
+        """The processes that ended without being asked to."""
         return [child for child in self._children.values() if not child.killed and not child.alive()]
 
     def stop_all(self) -> None:

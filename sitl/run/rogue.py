@@ -105,7 +105,7 @@ def repertoire(vehicle: int) -> list[Any]:
 
 
 def neighbours_words(vehicle: int, station: int, neighbour: int) -> list[Any]:
-    """What `neighbour` would say to `station` as its partner, in transfers that have not begun."""
+    """The messages of `neighbour` to `station` as its partner, in transfers that have not begun."""
     head = (station, mavlink.MAV_COMP_ID_MISSIONPLANNER)
     words: list[Any] = [
         mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 4, 3)
@@ -166,7 +166,7 @@ class _Tap:
         self.recorded: list[bytes] | None = None
 
     def pass_on(self, sock: socket.socket) -> None:
-        """What has come on one side goes out on the other."""
+        """Relay the datagrams of one side to the other."""
         for _ in range(_AT_ONCE):
             try:
                 data, address = sock.recvfrom(65536)

@@ -210,7 +210,7 @@ class _Flight:
         return offset(home.lat_deg, home.lon_deg, place.east_m, place.north_m)
 
     def _begin_anew(self) -> None:
-        """What a `wait` looks at begins here."""
+        """The entries that a `wait` searches begin here."""
         self._pump(0.0)
         self.since["typed"] = self.since["last"] = len(self.reader.entries)
 
@@ -519,7 +519,7 @@ def _trouble(console: Sequence[str]) -> str:
 
 
 def _write_run(order: Order, flight: _Flight, result: Result) -> None:
-    """What `handover report` needs beside the journals."""
+    """The file that `handover report` needs beside the journals."""
     values: dict[str, Any] = {
         "scenario": order.scenario.name,
         "description": order.scenario.description,

@@ -38,7 +38,7 @@ _LIVE_INTERVAL_S, _QUIET_INTERVAL_S = 0.3, 10.0
 
 
 def sentence(entry: Entry) -> str | None:
-    """What is told of an entry; None: nothing."""
+    """The story's line for an entry; None: none."""
     if entry.who == VEHICLE:
         if entry.event == "said" and (entry.get("severity", 7) <= _WARNING or "andover" in entry.text):
             return f"says: {entry.text}"
@@ -101,7 +101,7 @@ class Story:
         self._put(f"{_BOLD}{text}{_RESET}\n" if self._live else f"{text}\n")
 
     def progress(self, text: str, sim_s: float) -> None:
-        """What is going on while nothing happens; shown now and then."""
+        """A line of progress, shown at times while nothing happens."""
         now = time.monotonic()
         if now < self._progress_at:
             return

@@ -57,7 +57,7 @@ def _parser() -> Any:
 
 
 class Watchers:
-    """Those who watch one vehicle."""
+    """The programs that watch one vehicle."""
 
     def __init__(self, addresses: Sequence[tuple[str, int]]) -> None:
         #: the line to each, and what reads it
@@ -71,7 +71,7 @@ class Watchers:
         self._second, self._left = 0, MOST_A_SECOND
 
     def show(self, messages: Iterable[Any]) -> None:
-        """What the autopilot has said goes to all of them."""
+        """Send frames of the autopilot to all of them."""
         if not self._watchers:
             return
         frames = [bytes(message.get_msgbuf()) for message in messages if message.get_type() != "BAD_DATA"]

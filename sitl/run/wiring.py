@@ -113,7 +113,7 @@ class StationWires:
         return self.folder / f"{self.name}.jsonl"
 
     def program(self) -> Program:
-        """What runs there."""
+        """The program of this station, with its command line."""
         if self.standard:
             argv = [*self.instead] if self.instead else [sys.executable, "-m", "sitl.run.standard_gcs"]
             argv += ["--name", self.name, "--sysid", str(self.sysid)]
@@ -160,7 +160,7 @@ class Wiring:
         )
 
     def programs_between(self, master: str, truth: str) -> tuple[Program, ...]:
-        """What stands in links and beside the vehicle; `master`: the autopilot's port, `truth`: another one of it."""
+        """The programs in links and beside the vehicle; `master`: the autopilot's port, `truth`: another one of it."""
         port = ("--autopilot", master.rsplit(":", 1)[1]) if self.line else ()
         more = {LINES: port, BOX: ("--vehicle", truth)}
         return tuple(replace(program, argv=(*program.argv, *more.get(program.name, ()))) for program in self.between)

@@ -55,7 +55,7 @@ class Place:
 
 
 def read_place(text: str) -> Place:
-    """What was typed: LAT,LON or LAT,LON,ALT or LAT,LON,ALT,HEADING. Raises SetupError."""
+    """Parse LAT,LON or LAT,LON,ALT or LAT,LON,ALT,HEADING. Raises SetupError."""
     parts = text.split(",")
     limits = (
         ("latitude", -HIGHEST_LAT_DEG, HIGHEST_LAT_DEG),
@@ -176,7 +176,7 @@ def _zones(zones: Any, move: _Move, home: Home, place: Place) -> str:
 
 
 def _beside(part: Polygon, lon_deg: float) -> Polygon:
-    """The same part, counted from the side of the 180th meridian where that longitude is."""
+    """The part, counted from the side of the 180th meridian where that longitude is."""
     middle = part.centroid.x
     return affinity.translate(part, beside_deg(middle, lon_deg) - middle)
 

@@ -23,7 +23,7 @@ def find_arduplane(explicit: str | None = None) -> Path | None:
 
 
 def flying(model: str) -> Command:
-    """What makes the command line for that model, where the specification names no other."""
+    """The function that makes the command line for that model, unless the specification names another."""
 
     def command(
         spec: VehicleSpec, ports: Mapping[int, int], parameters: list[Path]

@@ -97,7 +97,7 @@ class VehicleHost(Protocol):
         """Whether a port belongs to the MAVLink channel."""
 
     def sensed(self) -> Sensed:
-        """What the sensors read."""
+        """The readings of the sensors."""
 
     def gcs_last_seen_ms(self) -> int:
         """When the last heartbeat of the GCS id arrived; not reset when the id changes. 0: never."""

@@ -187,7 +187,7 @@ class Auto(Mode):
         return done
 
     def mission_complete(self) -> None:
-        """Nothing left to fly."""
+        """End the mission: no item is left."""
         if self.copter.land_complete:
             self.copter.disarm()
         self._doing = "hold"
@@ -274,7 +274,7 @@ class Auto(Mode):
         self._doing = "waypoint"
 
     def _default(self) -> Location:
-        """What zero fields of an item mean: the last destination if it was reached, else here."""
+        """The place that zero fields of an item mean: the last destination if it was reached, else here."""
         copter = self.copter
         if self._doing == "waypoint" and copter.navigator.reached:
             n, e, u = copter.navigator.destination

@@ -184,7 +184,7 @@ def _place_fault(item: Item) -> Result | None:
 
 
 def stored(item: Item) -> Item | Result:
-    """What remains of an uploaded mission item, or why it is refused."""
+    """The stored form of an uploaded mission item, or why it is refused."""
     rule = _RULES.get(item.command)
     for number, value in enumerate(item.params):
         nan_allowed = number == 3 and item.command in _NAN_ALLOWED_4
@@ -211,7 +211,7 @@ def stored(item: Item) -> Item | Result:
 
 
 def stored_rally(item: Item) -> Item | Result:
-    """What remains of a rally point: place, whole metres, relative or absolute."""
+    """The stored form of a rally point: place, whole metres, relative or absolute."""
     if item.command != Cmd.RALLY_POINT:
         return Result.UNSUPPORTED
     fault = _place_fault(item)
@@ -239,7 +239,7 @@ def whole_fence(items: Sequence[Item]) -> bool:
 
 
 def stored_fence(item: Item) -> Item | Result:
-    """What remains of a fence item: place, and vertex count or radius."""
+    """The stored form of a fence item: place, and vertex count or radius."""
     if item.frame not in _FRAMES or item.frame == 2:
         return Result.UNSUPPORTED_FRAME
     if item.command not in (5000, 5001, 5002, 5003, 5004):

@@ -86,7 +86,7 @@ class Link:
         return len(self._out)
 
     def take(self) -> bytes:
-        """What to write to the client now."""
+        """The bytes for the client now."""
         data = bytes(self._out)
         self._out.clear()
         return data

@@ -43,7 +43,7 @@ class Sticks:
                 self._held[channel] = value, now_s
 
     def channels(self, now_s: float) -> list[int]:
-        """What every channel shows."""
+        """The value that every channel shows."""
         limit_s = self._parameters["RC_OVERRIDE_TIME"]
         live = {channel: value for channel, (value, at_s) in self._held.items() if now_s - at_s <= limit_s}
         return [live.get(channel, 0) for channel in range(1, _SHOWN + 1)]

@@ -131,7 +131,7 @@ class Vehicle:
         self._send_due()
 
     def take(self, channel: int) -> bytes:
-        """What is to be written to a channel's client."""
+        """The bytes for a channel's client."""
         return self.links[channel].take()
 
     # -- what the aircraft tells ----------------------------------------------------------------------------------
