@@ -260,7 +260,7 @@ def _stops(package: MissionPackage) -> list[tuple[Place, int | None]]:
 
 
 class _Bench:
-    """This number of vehicles, and the station's process."""
+    """A number of vehicles, and the station's process."""
 
     def __init__(self, folder: Path, vehicles: int, pause_s: float) -> None:
         self.loop = Loop(many=True)

@@ -92,7 +92,7 @@ def write_config(folder: Path, stations: Sequence[FakeStation], *, signing: bool
 
 
 def make_stations(loop: Loop, count: int, *, signing: bool = False) -> list[FakeStation]:
-    """This number of stations, the first of them the parent. Raises OSError."""
+    """A number of stations, the first of them the parent. Raises OSError."""
     names = [f"GCS{chr(ord('A') + number)}" for number in range(count)]
     return [
         FakeStation(loop, name, _sysid(number), key_for(name) if signing else None) for number, name in enumerate(names)

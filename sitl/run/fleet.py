@@ -37,7 +37,7 @@ class Craft:
     mission: Path
 
     def in_folder(self, folder: Path) -> Craft:
-        """This vehicle with a copy of its mission in a run's folder. Raises OSError."""
+        """The vehicle with a copy of its mission in a run's folder. Raises OSError."""
         copy = folder / self.name / "mission"
         shutil.copytree(self.mission, copy)
         return replace(self, mission=copy)
