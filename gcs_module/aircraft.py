@@ -34,12 +34,12 @@ from gcs_module.core import (
     VehicleHeard,
 )
 from gcs_module.decisions import Decisions
+from gcs_module.event_log import FlightNarrator
 from gcs_module.links import Links
 from gcs_module.map_layer import Now, now_of
 from gcs_module.map_view import MapView, loaded_maps
 from gcs_module.mission_session import MissionSession
 from gcs_module.mission_transfer import MissionTransfer
-from gcs_module.narrator import FlightNarrator
 from gcs_module.route_watch import StationRouteWatch
 from gcs_module.station_resources import VehicleResources
 from gcs_module.texts import Texts

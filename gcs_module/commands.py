@@ -17,8 +17,8 @@ from gcs_module.banner import Situation, age
 from gcs_module.briefing import Briefing
 from gcs_module.core import Answer, Event, Notice, StationCore, Wish, WishAnswered
 from gcs_module.decisions import Decisions
+from gcs_module.event_log import FlightNarrator
 from gcs_module.mission_transfer import MissionTransfer
-from gcs_module.narrator import FlightNarrator
 from gcs_module.route_watch import StationRouteWatch
 from gcs_module.vehicle_addresses import VehicleAddresses
 from gcs_module.vehicle_connection import VehicleConnection

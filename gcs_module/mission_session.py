@@ -11,8 +11,8 @@ from __future__ import annotations
 from typing import Any
 
 from gcs_module.core import MissionHeld, StationCore
+from gcs_module.event_log import FlightNarrator
 from gcs_module.mission_transfer import MissionTransfer
-from gcs_module.narrator import FlightNarrator
 from gcs_module.route_watch import StationRouteWatch
 from gcs_module.vehicle_state import VehicleState
 from mavproxy_handover.mission.package import MissionPackage

@@ -26,11 +26,11 @@ from gcs_module.aircraft import Aircraft
 from gcs_module.alarms import Level
 from gcs_module.console_rows import ConsoleRows
 from gcs_module.core import Notice, PeerHeard
+from gcs_module.event_log import StationNarrator
 from gcs_module.fleet import FleetCommands, our_settings
 from gcs_module.interrupts import Interrupts
 from gcs_module.links import Links
 from gcs_module.menu import Menu
-from gcs_module.narrator import StationNarrator
 from gcs_module.station_resources import StationResources
 from gcs_module.vehicle_selection import VehicleSelection
 from gcs_module.view import alert, plain_line

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from typing import Any
 
 from gcs_module.decisions import Decisions
-from gcs_module.narrator import FlightNarrator
+from gcs_module.event_log import FlightNarrator
 from gcs_module.texts import SEVERITIES, Texts
 from mavproxy_handover.gate.latent import fuller
 from mavproxy_handover.wire.frames import Frame, field_int
