@@ -34,7 +34,7 @@ from gcs_module.core import (
     VehicleHeard,
 )
 from gcs_module.decisions import Decisions
-from gcs_module.event_log import FlightNarrator
+from gcs_module.event_log import FlightEventLog
 from gcs_module.links import Links
 from gcs_module.map_layer import Now, now_of
 from gcs_module.map_view import MapView, loaded_maps
@@ -139,10 +139,10 @@ class Aircraft:
         self.decisions = Decisions(companion_texts.pop)
         self.briefing = Briefing()
         self.view = View(self.situation, config.station.name, host.console, host.speak, host.ring, row)
-        self.narrator = FlightNarrator(host.journal, self.core, self.view, self.of or None)
-        self.texts = VehicleTexts(companion_texts, self.decisions, self.narrator, partial(host.chosen, self.sysid))
+        self.event_log = FlightEventLog(host.journal, self.core, self.view, self.of or None)
+        self.texts = VehicleTexts(companion_texts, self.decisions, self.event_log, partial(host.chosen, self.sysid))
         self.missions = MissionSession(
-            self.sysid, self.mission_transfer, self.core, self.state, self.route, self.narrator
+            self.sysid, self.mission_transfer, self.core, self.state, self.route, self.event_log
         )
         self._map_view = MapView(f"handover {vehicle.sysid}", partial(loaded_maps, host.mpstate), self._fault)
         self.commands = StationCommands(self, host.settings_of_ours)
@@ -256,7 +256,7 @@ class Aircraft:
         if message.vehicle != self.sysid:
             self.faults[self._where("message of the vehicle: about another one")] += 1
             return
-        self.narrator.message("in", decoded, "vehicle", self._now())
+        self.event_log.message("in", decoded, "vehicle", self._now())
         self.handle(FromVehicle(decoded))
         self._update_held_mission()
 
@@ -264,7 +264,7 @@ class Aircraft:
         now = self._now()
         self.view.telemetry(message, now)
         zone = self.core.zone_name(message.zone, message.other_zone)
-        self.narrator.telemetry(message.lat / 1e7, message.lon / 1e7, zone)
+        self.event_log.telemetry(message.lat / 1e7, message.lon / 1e7, zone)
         every_s = self.commands.settings.telemetry
         if every_s > 0 and now - self._telemetry_shown_at >= every_s:
             self._telemetry_shown_at = now
@@ -275,7 +275,7 @@ class Aircraft:
         self.briefing.add_line(message.number, message.line, message.lines, message.text, self._now())
         lines = self.briefing.due(self.core.asked_to_take, self.core.asked_at)
         if lines:
-            self.narrator.briefing(self.core.vehicle_name, lines)
+            self.event_log.briefing(self.core.vehicle_name, lines)
 
     def on_package(self, frame: Frame, message: Any) -> None:
         """A package message for this vehicle's mission, from its companion or from another station."""
@@ -289,7 +289,7 @@ class Aircraft:
         """A message of a transfer of this vehicle, from another station over the ground link."""
         decoded = codec.decode(message)
         if decoded is not None:
-            self.narrator.message("in", decoded, self.core.name(peer), self._now(), via="ground")
+            self.event_log.message("in", decoded, self.core.name(peer), self._now(), via="ground")
             self.handle(FromPeer(peer, decoded))
 
     # ---- time -----------------------------------------------------------------------------------------------------
@@ -306,8 +306,8 @@ class Aircraft:
         self._guarded("vehicle address", lambda: self._update_addresses(now))
         self._guarded("links", self.connection.refresh)  # after the addresses: sign a new link before anything is sent
         self._perform(self.core.tick(now))
-        self._guarded("alarms", lambda: self.narrator.repeat_alarms(now))
-        self.narrator.sum_up(now)
+        self._guarded("alarms", lambda: self.event_log.repeat_alarms(now))
+        self.event_log.sum_up(now)
         self._check_name()
         self.view.status(now)
         self._guarded("map", lambda: self._map_view.show(self.missions.flown(), self._map_contents, now))
@@ -315,7 +315,7 @@ class Aircraft:
     def _choose_link(self, links: Sequence[Any], now: float) -> None:
         address = self.connection.choose_link(links, now)
         if address:
-            self.narrator.link_chosen(address)
+            self.event_log.link_chosen(address)
 
     def _send_package(self, now: float) -> None:
         messages = self.missions.tick(now)
@@ -370,11 +370,11 @@ class Aircraft:
 
     def _notice(self, notice: Notice | None) -> None:
         if notice is not None:
-            self.narrator.notice(notice, self._now())
+            self.event_log.notice(notice, self._now())
 
     def _send(self, receiver: int, message: Message, who: str, via: str | None = None) -> None:
         component = COMPANION_COMPID if receiver == self.sysid else 0
-        self.narrator.message("out", message, who, self._now(), via)
+        self.event_log.message("out", message, who, self._now(), via)
         self._put(receiver, codec.encode(message, (receiver, component), self.sysid))
 
     def _put(self, receiver: int, message: Any) -> None:

@@ -17,7 +17,7 @@ from gcs_module.banner import Situation, age
 from gcs_module.briefing import Briefing
 from gcs_module.core import Answer, Event, Notice, StationCore, Wish, WishAnswered
 from gcs_module.decisions import Decisions
-from gcs_module.event_log import FlightNarrator
+from gcs_module.event_log import FlightEventLog
 from gcs_module.mission_transfer import MissionTransfer
 from gcs_module.route_watch import StationRouteWatch
 from gcs_module.vehicle_addresses import VehicleAddresses
@@ -74,7 +74,7 @@ class Host(Protocol):
     briefing: Briefing
     texts: VehicleTexts
     view: View
-    narrator: FlightNarrator
+    event_log: FlightEventLog
     faults: Counter[str]
     addresses: VehicleAddresses
 
@@ -122,7 +122,7 @@ class StationCommands:
                 "AUTO again after a return or a landing: on with the mission where it was left",
                 self._resume,
             ),
-            "ack": ("silence the alarms that stand", module.narrator.acknowledged),
+            "ack": ("silence the alarms that stand", module.event_log.acknowledged),
             "telemetry": ("all that the vehicle says of the aircraft", self._telemetry),
             "briefing": ("the aircraft as it was told with the last question", self._briefing),
             "accept": ("answer the question of a handover: yes", lambda: self._answer(True)),
@@ -206,7 +206,7 @@ class StationCommands:
         owed = self._replace(word, (command, parameters))
         self._sent[word] = command, parameters
         self._talks[word] = Conversation(self._asking(command, parameters, owed), self._module.connection.send, now)
-        self._module.narrator.command_sent(word)
+        self._module.event_log.command_sent(word)
 
     def _replace(self, word: str, sent: tuple[int, tuple[float, ...]]) -> int:
         """End the commands of the same group that wait for an answer.
@@ -222,7 +222,7 @@ class StationCommands:
                 owed += talk.copies
             del self._talks[before]
             text = f"{before} was not answered: {word} takes its place."
-            self._module.narrator.command_ended(before, "replaced", text)
+            self._module.event_log.command_ended(before, "replaced", text)
         return min(owed, _MOST_OWED)
 
     def _asking(self, command: int, parameters: tuple[float, ...], owed: int) -> Asking:
@@ -284,7 +284,7 @@ class StationCommands:
         word = f"OVERRIDE {limit}"
         asking = _override_asking(self._module.sysid, number, self._next_nonce(now))
         self._talks[word] = Conversation(asking, self._module.connection.send, now)
-        self._module.narrator.command_sent(word)
+        self._module.event_log.command_sent(word)
 
     def _next_nonce(self, now: float) -> int:
         """The number of a request: a new one each time, also within one step of a coarse clock."""
@@ -315,7 +315,7 @@ class StationCommands:
         asking = _rehearsal_asking(self._module.sysid, wish, self._next_nonce(now))
         self._talks[word] = Conversation(asking, self._module.connection.send, now)
         if word != _REPORT:
-            self._module.narrator.command_sent(word)
+            self._module.event_log.command_sent(word)
 
     def on_message(self, message: Any, now: float) -> None:
         """A COMMAND_ACK or heartbeat of the autopilot, or the vehicle's HANDOVER_OVERRIDE or HANDOVER_REHEARSAL."""
@@ -335,10 +335,10 @@ class StationCommands:
             if why or now >= until:
                 del self._refused[word]
                 text = f"{word} refused: {why.partition(': ')[2] or outcome.replace('_', ' ')}"
-                self._module.narrator.command_ended(word, outcome, f"{text.rstrip('.')}.{self._hint(word)}")
+                self._module.event_log.command_ended(word, outcome, f"{text.rstrip('.')}.{self._hint(word)}")
 
     def _ended(self, word: str, talk: Conversation, now: float) -> None:
-        narrator = self._module.narrator
+        event_log = self._module.event_log
         if word == "REQUEST":
             accepted = talk.failure is None and talk.result in (
                 mavlink.MAV_RESULT_ACCEPTED,
@@ -349,11 +349,11 @@ class StationCommands:
             for line in talk.result or ("no report of the rehearsal: no answer of the vehicle",):
                 self._module.view.show(line)
         elif talk.failure is not None:
-            narrator.command_ended(word, "no answer", f"{word}: no answer of the vehicle.")
+            event_log.command_ended(word, "no answer", f"{word}: no answer of the vehicle.")
         elif talk.result == mavlink.MAV_RESULT_ACCEPTED:
-            narrator.command_ended(word, "accepted", f"{word} accepted.")
+            event_log.command_ended(word, "accepted", f"{word} accepted.")
         elif word in ("REQUEST", "GIVE") and talk.result == mavlink.MAV_RESULT_FAILED:
-            narrator.command_ended(word, "pending", f"{word}: the commander is being asked.")
+            event_log.command_ended(word, "pending", f"{word}: the commander is being asked.")
         else:  # a text with the reason comes before or after the answer
             self._refused[word] = _result_name(talk.result), now + _WHY_S
 
@@ -422,7 +422,7 @@ class StationCommands:
         self._tell_address(self._module.addresses.disconnect(self._module.state.armed(time.monotonic())))
 
     def _tell_address(self, line: str) -> None:
-        self._module.narrator.notice(Notice("address", line), time.monotonic())
+        self._module.event_log.notice(Notice("address", line), time.monotonic())
 
     def _status(self) -> None:
         module, core, now = self._module, self._module.core, time.monotonic()
@@ -434,7 +434,7 @@ class StationCommands:
         show(f"commander {core.name(core.commander)}, epoch {core.epoch}; this station is {core.role.value}")
         if module.decisions.text:
             show(f"decision  {module.decisions.text}")
-        for alarm in module.narrator.alarms.standing:
+        for alarm in module.event_log.alarms.standing:
             show(f"alarm     {alarm.level.name}: {alarm.text}{' (acknowledged)' if alarm.acknowledged else ''}")
         if core.question is not None:
             show(f"question  handover {core.question.handover_id}: 'handover accept' or 'handover deny'")

@@ -21,13 +21,13 @@ from mavproxy_handover.store.journal import Journal
 from mavproxy_handover.store.sampling import Sampler
 from mavproxy_handover.wire import codec
 
-__all__ = ["FlightNarrator", "StationNarrator"]
+__all__ = ["FlightEventLog", "StationEventLog"]
 
 #: a limit far above the messages of the worst handovers: at once, and from then on one per interval (s)
 _SAID = (5000, 0.1)
 
 
-class StationNarrator:
+class StationEventLog:
     """Journal and lines about the station itself. `tell`: shows a line with its level."""
 
     def __init__(self, journal: Journal, tell: Callable[[str, Level], None]) -> None:
@@ -74,7 +74,7 @@ class StationNarrator:
         self._tell(notice.text, notice.gravity)
 
 
-class FlightNarrator:
+class FlightEventLog:
     """Journal and lines about one vehicle's flight. `vehicle`: its name in the journal; None: the station has no other
     one."""
 

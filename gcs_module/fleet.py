@@ -78,7 +78,7 @@ class FleetCommands:
             self._table()
         elif args == ["ack"]:
             for each in self._aircraft:
-                each.narrator.acknowledged()
+                each.event_log.acknowledged()
         elif first.takes(args):
             self._of_chosen(args)
         else:
@@ -133,7 +133,7 @@ class FleetCommands:
             cells = (cell.ljust(width) for cell, width in zip(row, widths, strict=True))
             self._show(" ".join(cells).rstrip())
         for each in self._aircraft:
-            for alarm in each.narrator.alarms.standing:
+            for alarm in each.event_log.alarms.standing:
                 known_of = " (acknowledged)" if alarm.acknowledged else ""
                 self._show(f"alarm     {each.of}: {alarm.level.name}: {alarm.text}{known_of}")
         for peer in self._aircraft[0].config.peers:
@@ -144,7 +144,7 @@ class FleetCommands:
 
     def _row(self, each: Aircraft) -> tuple[str, ...]:
         now = each.situation()
-        alarms = each.narrator.alarms.standing
+        alarms = each.event_log.alarms.standing
         heard = "never" if now.heard_s == float("inf") else age(now.heard_s) or "now"
         commander = f"{now.commander or 'nobody'}{' (you)' if now.own else ''}"
         return (

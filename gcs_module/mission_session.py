@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import Any
 
 from gcs_module.core import MissionHeld, StationCore
-from gcs_module.event_log import FlightNarrator
+from gcs_module.event_log import FlightEventLog
 from gcs_module.mission_transfer import MissionTransfer
 from gcs_module.route_watch import StationRouteWatch
 from gcs_module.vehicle_state import VehicleState
@@ -30,14 +30,14 @@ class MissionSession:
         core: StationCore,
         state: VehicleState,
         route: StationRouteWatch,
-        narrator: FlightNarrator,
+        event_log: FlightEventLog,
     ) -> None:
         self._sysid = sysid
         self._transfer = transfer
         self._core = core
         self._state = state
         self._route = route
-        self._narrator = narrator
+        self._event_log = event_log
 
     def on_message(self, sysid: int, component: int, message: Any, now: float) -> list[Any]:
         """A package message of the vehicle or of another station; returns the answers to it."""
@@ -78,4 +78,4 @@ class MissionSession:
     def _report(self, sysid: int, event: str, line: str) -> None:
         """A line about the package exchange. `sysid`: the other end; 0: this station."""
         name = "this station" if not sysid else "vehicle" if sysid == self._sysid else self._core.name(sysid)
-        self._narrator.package(event, line, name)
+        self._event_log.package(event, line, name)

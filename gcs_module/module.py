@@ -26,7 +26,7 @@ from gcs_module.aircraft import Aircraft
 from gcs_module.alarms import Level
 from gcs_module.console_rows import ConsoleRows
 from gcs_module.core import Notice, PeerHeard
-from gcs_module.event_log import StationNarrator
+from gcs_module.event_log import StationEventLog
 from gcs_module.fleet import FleetCommands, our_settings
 from gcs_module.interrupts import Interrupts
 from gcs_module.links import Links
@@ -81,7 +81,7 @@ class HandoverGcsModule(mp_module.MPModule):
         self.faults: Counter[str] = Counter()
         self.journal = resources.journal
         self.settings_of_ours = our_settings()
-        self.narrator = StationNarrator(resources.journal, self._tell)
+        self.event_log = StationEventLog(resources.journal, self._tell)
         self.address_questions = itertools.count(1)
         self.links = Links(mpstate, config.vehicles, self._on_link_fault, self.faults)
         self.aircraft = tuple(
@@ -111,13 +111,13 @@ class HandoverGcsModule(mp_module.MPModule):
             mpstate.select_extra[ground.listening] = (self._readable, None)
         for link in self._links():
             mp_util.child_fd_list_add(link.fileno())  # else a map's process would keep the port after `unload`
-        self.narrator.loaded(VERSION, str(config.path))
+        self.event_log.loaded(VERSION, str(config.path))
         names = ", ".join(vehicle.called for vehicle in config.vehicles)
         self._show(f"handover_gcs {VERSION}: {config.station.name}, {names}, configuration {config.path}")
         if ground.peers and not ground.signed:
-            self.narrator.ground_open()
+            self.event_log.ground_open()
         elif ground.note:
-            self.narrator.replay_state(ground.note)
+            self.event_log.replay_state(ground.note)
         self._kept_source_system = self.settings.source_system
         self._kept_name = getattr(self.settings, "vehicle_name", None)
         if self.settings.source_system != config.station.sysid:
@@ -182,7 +182,7 @@ class HandoverGcsModule(mp_module.MPModule):
         self.settings.source_system = self._kept_source_system
         if self._kept_name is not None:
             self.settings.vehicle_name = self._kept_name
-        self.narrator.unloaded()
+        self.event_log.unloaded()
 
     def _flown_from_here(self) -> str:
         """Names of the aircraft in flight that this station commands; "" if there is none."""
@@ -206,7 +206,7 @@ class HandoverGcsModule(mp_module.MPModule):
         """Count and journal an internal fault, ten of each kind at most."""
         self.faults[where] += 1
         if self.faults[where] <= 10:
-            self.narrator.fault(where, text)
+            self.event_log.fault(where, text)
 
     def speak(self, text: str) -> None:
         """Say a text by MAVProxy's speech module, if it is loaded."""
@@ -233,7 +233,7 @@ class HandoverGcsModule(mp_module.MPModule):
     def of_station(self, notice: Notice, vehicle: int) -> None:
         """A notice about another station, which the rules of every vehicle make: only the first vehicle's is told."""
         if vehicle == self.aircraft[0].sysid:
-            self.narrator.notice(notice)
+            self.event_log.notice(notice)
 
     def ground_ports(self) -> tuple[int, ...]:
         """Ports at which the station listens for other stations."""
@@ -257,7 +257,7 @@ class HandoverGcsModule(mp_module.MPModule):
             self.aircraft[0].view.line(text, level)
 
     def _on_link_fault(self, text: str) -> None:
-        self._guarded("link", lambda: self.narrator.link(text))
+        self._guarded("link", lambda: self.event_log.link(text))
 
     def _show(self, text: str) -> None:
         self.console.writeln(text)

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from typing import Any
 
 from gcs_module.decisions import Decisions
-from gcs_module.event_log import FlightNarrator
+from gcs_module.event_log import FlightEventLog
 from gcs_module.texts import SEVERITIES, Texts
 from mavproxy_handover.gate.latent import fuller
 from mavproxy_handover.wire.frames import Frame, field_int
@@ -30,13 +30,13 @@ class VehicleTexts:
         self,
         companion: Texts,
         decisions: Decisions,
-        narrator: FlightNarrator,
+        event_log: FlightEventLog,
         shown_by_mavproxy: Callable[[], bool],
     ) -> None:
         self._companion = companion
         self._autopilot = Texts(lambda _text: False)
         self._decisions = decisions
-        self._narrator = narrator
+        self._event_log = event_log
         self._shown_by_mavproxy = shown_by_mavproxy
 
     def on_companion(self, frame: Frame, now: float) -> None:
@@ -48,7 +48,7 @@ class VehicleTexts:
         text = m.text.decode("ascii", "replace") if isinstance(m.text, bytes) else m.text
         full = fuller(text.rstrip("\0"))
         if full is not None:
-            self._narrator.stream(full, now)
+            self._event_log.stream(full, now)
         elif frame.compid == AUTOPILOT_COMPID and is_marked(frame):  # sent before the vehicle knew this program
             self._companion.on_frame(frame, now)
         elif field_int(frame, "severity") in SEVERITIES and not self._shown_by_mavproxy():
@@ -58,7 +58,7 @@ class VehicleTexts:
         """Show the texts whose wait is over; to be called often."""
         for texts in (self._companion, self._autopilot):
             for text in texts.due(now, self._is_told_elsewhere):
-                self._narrator.text(text, now)
+                self._event_log.text(text, now)
 
     def pop(self, beginning: str) -> str:
         """Take out a waiting text of the companion that begins so; "" if there is none."""

@@ -330,7 +330,7 @@ class _Flight:
             if runs and at >= runs[0][0]:
                 self._now = at
                 self._begin_run(self._arbiter.snapshot(), runs.pop(0)[1])
-                self._narrator_restarted()
+                self._log_restart()
                 tick_at, down = at, False
             elif runs and at - last_at > _SILENT_S:
                 down = True
@@ -353,7 +353,7 @@ class _Flight:
         self.replay.assumed_answers = self._ground.assumed
         return self.replay
 
-    def _narrator_restarted(self) -> None:
+    def _log_restart(self) -> None:
         self.replay.commanders.append(Commander(self._now, "", "restarted"))
 
     def _next_later(self) -> float:

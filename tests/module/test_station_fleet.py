@@ -115,7 +115,7 @@ class Fleet:
         return [line for line in self.mpstate.console.lines if about in line]
 
     def journal(self, event: str) -> list[dict[str, Any]]:
-        assert self.module.narrator.settle(10.0)
+        assert self.module.event_log.settle(10.0)
         lines = (self.folder / "GCSA.jsonl").read_text().splitlines()
         return [entry for entry in map(json.loads, lines) if entry["event"] == event]
 
@@ -329,7 +329,7 @@ def test_a_fault_in_one_vehicles_part_leaves_the_other_alone(fleet: Fleet, monke
     with monkeypatch.context() as patch:
         for name in ("handle", "tick"):
             patch.setattr(first.core, name, broken)
-        patch.setattr(first.narrator, "repeat_alarms", broken)
+        patch.setattr(first.event_log, "repeat_alarms", broken)
         patch.setattr(first.view, "status", broken)
         fleet.hear(1, asked(1))
         fleet.hear(2, connect(2, 251, epoch=2))
@@ -372,10 +372,10 @@ def test_an_acknowledgement_is_for_all_or_for_one(fleet: Fleet) -> None:
     fleet.load()
     fleet.meet()
     fleet.run(6.5)  # neither is heard any more
-    assert [len(each.narrator.alarms.standing) for each in fleet.module.aircraft] == [1, 1]
+    assert [len(each.event_log.alarms.standing) for each in fleet.module.aircraft] == [1, 1]
     (line,) = fleet.type("handover -v drone-2 ack")
     assert line == "drone-2: acknowledged: drone-2 is not heard any more."
-    assert [each.narrator.alarms.standing[0].acknowledged for each in fleet.module.aircraft] == [False, True]
+    assert [each.event_log.alarms.standing[0].acknowledged for each in fleet.module.aircraft] == [False, True]
     assert fleet.type("handover ack") == [
         "drone-1: acknowledged: drone-1 is not heard any more.",
         "drone-2: no alarm to acknowledge",
