@@ -2,7 +2,7 @@
 
 """Tables of rehearsals on the ground, from a vehicle's journal.
 
-The journal has the statistics of a rehearsal each minute and at its end (`stations/rehearsal_book.py`): the last ones
+The journal has the statistics of a rehearsal each minute and at its end (`operator/rehearsal_stats.py`): the last ones
 count. A companion that was restarted begins new statistics, so one rehearsal may have several.
 """
 
