@@ -3,23 +3,25 @@
 """Runs ArduPilot Lua scripts against a simulated vehicle: the scripting engine, without the autopilot.
 
 `LuaScripting` loads a script into Lua 5.3, calls its update function when it is due and gives it the bindings that
-`handover_guard.lua` uses. The bindings act on a `VehicleHost`. A simulated vehicle implements that protocol, hands
-received frames to `LuaScripting.deliver`, asks `arming_refusal` before arming and `command_blocked` before executing a
-MAVLink command. The embedded vehicle of `handover sim` and the tests of the guard use the same layer, so that what the
-tests see is what flies there.
+`ardupilot_lua/handover_guard.lua` uses. The bindings act on a `VehicleHost`. A simulated vehicle implements that
+protocol, hands received frames to `LuaScripting.deliver`, asks `arming_refusal` before arming and `command_blocked`
+before executing a MAVLink command. The embedded vehicle of `handover sim` and the tests of the guard use the same
+layer, so that what the tests see is what flies there.
 
 What is kept of ArduPilot (its `libraries/AP_Scripting` and `AP_Arming::aux_auth_checks`):
 
 - one receive queue and one table of message ids for all scripts; a second `mavlink:init` wipes the table, whose memory
-is never freed or enlarged (4.6 and 4.7-dev; 4.5 and 4.7 leave it alone); a full queue drops the newcomer; - a message
-to a channel without a port ends the process (before 4.7), one past the buffers raises; - known messages reach a script
-even when their CRC is wrong; those for another system or component do not; - 10 000 VM instructions a call, and no
-`pcall` saves a script that exceeds them; - a script that raises is removed and not started again, and the error blocks
-arming; - a script reads the files beside it, `scripts/NAME`; nothing else of the file system is there; - auxiliary
-arming authorisation keeps its last answer when the script dies; three authorisers at most; - blocked commands are free
-again when scripting stops.
+  is never freed or enlarged (4.6 and 4.7-dev; 4.5 and 4.7 leave it alone); a full queue drops the newcomer;
+- a message to a channel without a port ends the process (before 4.7), one past the buffers raises;
+- known messages reach a script even when their CRC is wrong; those for another system or component do not;
+- 10 000 VM instructions a call, and no `pcall` saves a script that exceeds them;
+- a script that raises is removed and not started again, and the error blocks arming;
+- a script reads the files beside it, `scripts/NAME`; nothing else of the file system is there;
+- auxiliary arming authorisation keeps its last answer when the script dies; three authorisers at most;
+- blocked commands are free again when scripting stops.
 
-Not kept are 32-bit numbers (see `lua_prelude`), memory limits, and routing that has learnt where components live.
+Not kept are 32-bit numbers (see `lua_prelude`), memory limits, and routing that has learnt where components
+live.
 """
 
 from __future__ import annotations
