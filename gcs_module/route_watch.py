@@ -46,7 +46,7 @@ class StationRouteWatch:
         self._tracker: RouteTracker | None = None
         self._telemetry_at = self._checked_at = -math.inf
         #: the number of the mode that flies the mission, by the type in the last heartbeat
-        self.auto = COPTER_AUTO
+        self.auto = ASSUMED.auto
         #: from the autopilot's own messages
         self._in_auto, self._mode_at = False, -math.inf
         self._waypoint, self._waypoint_at = 0, -math.inf

@@ -103,8 +103,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 1 if bad or differing or missing else 0
 
 
-def _kind_of(name: str) -> Kind:
-    """The kind of aircraft of a scenario's mission.
+def _profile_of(name: str) -> Profile:
+    """The profile of a scenario's mission.
 
     For an unknown scenario the flight itself reports the error.
     """

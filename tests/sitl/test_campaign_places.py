@@ -7,6 +7,8 @@ from __future__ import annotations
 from dataclasses import replace
 from itertools import pairwise
 
+import pytest
+
 from sitl.campaign.faults import Fault, Target, TimedFault
 from sitl.campaign.judge import judge
 from sitl.campaign.plan import FlightPlan, draw
