@@ -15,7 +15,7 @@ __all__ = ["Authority"]
 
 @dataclass(frozen=True, slots=True)
 class Authority:
-    """Of one vehicle. Times are monotonic seconds."""
+    """The authority rules of one vehicle. Times are monotonic seconds."""
 
     #: only to be read; events go through `handle`
     arbiter: Arbiter

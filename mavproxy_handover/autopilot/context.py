@@ -18,7 +18,7 @@ __all__ = ["Context"]
 
 @dataclass(frozen=True, slots=True)
 class Context:
-    """Of one vehicle. It is complete before the parts are constructed, and it is the same for all of them."""
+    """The shared objects of one vehicle; complete before the parts are constructed, and the same for all of them."""
 
     state: VehicleState
     #: the conversations with the autopilot that are open

@@ -62,7 +62,7 @@ class MissionUsers:
 
 
 class FlownMission:
-    """Of one vehicle. `keep` saves the package that the autopilot holds. Times are monotonic seconds."""
+    """The mission of one vehicle. `keep` saves the package that the autopilot holds. Times are monotonic seconds."""
 
     def __init__(
         self,

@@ -62,7 +62,7 @@ class MessageUsers:
 
 
 class AutopilotMessages:
-    """Of one vehicle. Times are monotonic seconds."""
+    """Handles the messages of one vehicle's autopilot. Times are monotonic seconds."""
 
     def __init__(
         self,

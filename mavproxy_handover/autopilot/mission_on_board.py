@@ -45,7 +45,7 @@ class MissionSources:
 
 
 class MissionOnBoard:
-    """Of one vehicle. Times are monotonic seconds."""
+    """The changes of one vehicle's mission. Times are monotonic seconds."""
 
     def __init__(self, context: Context, flown: FlownMission, sources: MissionSources, orders: Orders) -> None:
         self._context = context

@@ -59,7 +59,7 @@ class MissionSurroundings:
 
 
 class PackageLoader:
-    """Of one vehicle. `close_files`: as in `MissionSurroundings`. Times are monotonic seconds."""
+    """Loads the packages of one vehicle. `close_files`: as in `MissionSurroundings`. Times are monotonic seconds."""
 
     def __init__(
         self,

@@ -44,7 +44,7 @@ class NotHeldError(AutopilotError):
 
 
 class ReadBack:
-    """Of one vehicle. Times are monotonic seconds."""
+    """Reads back the lists of one vehicle. Times are monotonic seconds."""
 
     def __init__(self, conversations: Conversations, procedures: Callable[[], Procedures]) -> None:
         self._conversations = conversations

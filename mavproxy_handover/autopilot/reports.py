@@ -17,7 +17,7 @@ __all__ = ["Reports"]
 
 @dataclass(frozen=True, slots=True)
 class Reports:
-    """Of one vehicle. `fault` takes the place and the text of a fault."""
+    """The reports of one vehicle. `fault` takes the place and the text of a fault."""
 
     event_log: EventLog
     voice: Voice

@@ -56,7 +56,7 @@ class RoundParts:
 
 
 class Rounds:
-    """Of one vehicle. Times are monotonic seconds."""
+    """The jobs of one vehicle at intervals. Times are monotonic seconds."""
 
     def __init__(
         self, context: Context, dispatcher: OutputDispatcher, monitors: RoundMonitors, parts: RoundParts

@@ -20,7 +20,7 @@ __all__ = ["SpeedKeeper"]
 
 
 class SpeedKeeper:
-    """Of one vehicle. Times are monotonic seconds."""
+    """Restores the speeds of one vehicle. Times are monotonic seconds."""
 
     def __init__(
         self,

@@ -21,7 +21,7 @@ _OLD_S: Final = 0.2
 
 
 class ZoneCheck:
-    """Of one vehicle. Times are monotonic seconds."""
+    """The zone check of one vehicle. Times are monotonic seconds."""
 
     def __init__(
         self, context: Context, monitors: MissionMonitors, positions: PositionMonitor, dispatcher: OutputDispatcher

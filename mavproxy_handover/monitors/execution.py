@@ -26,8 +26,10 @@ _RADIO_S: Final = 10.0
 
 
 class ExecutionMonitor:
-    """Of one aircraft. `place` returns latitude and longitude (degrees) of the return site, None: not known. Times are
-    monotonic seconds."""
+    """The execution monitor of one aircraft. Times are monotonic seconds.
+
+    `place` returns latitude and longitude (degrees) of the return site; None: not known.
+    """
 
     def __init__(self, place: Callable[[], tuple[float, float] | None]) -> None:
         self._place = place

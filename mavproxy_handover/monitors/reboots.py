@@ -22,7 +22,7 @@ _FLEW_S: Final = 60.0
 
 
 class RebootMonitor:
-    """Of one autopilot. Times are monotonic seconds."""
+    """Notices restarts of one autopilot. Times are monotonic seconds."""
 
     def __init__(self) -> None:
         self._boot_ms = 0

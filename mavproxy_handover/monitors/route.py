@@ -27,7 +27,7 @@ _SHOWN_S: Final = 5.0
 
 
 class RouteMonitor:
-    """Of one aircraft; `update` after each position. Times are monotonic seconds."""
+    """The route check of one aircraft; `update` after each position. Times are monotonic seconds."""
 
     def __init__(self, limits: RouteLimits) -> None:
         self._check = RouteCheck(limits)

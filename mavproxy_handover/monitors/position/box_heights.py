@@ -27,7 +27,7 @@ _BAROMETRIC: Final = ("baro_m", "agl_m")
 
 
 class BoxHeights:
-    """Of one box."""
+    """The heights of one box."""
 
     def __init__(self) -> None:
         #: offset (m) from a barometric height to the one above sea level, by the record's attribute

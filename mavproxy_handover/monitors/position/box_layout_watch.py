@@ -76,7 +76,7 @@ def rivals(layout: BoxLayout, known: Mapping[str, BoxLayout] = LAYOUTS) -> tuple
 
 
 class LayoutWatch:
-    """Of one box."""
+    """Recognises the layout of one box."""
 
     def __init__(self, layout: BoxLayout) -> None:
         self._layouts = (layout, *rivals(layout))

@@ -92,7 +92,7 @@ class Difference:
 
 
 class CrossCheck:
-    """Of one vehicle. Times are monotonic seconds."""
+    """The cross-check of one vehicle. Times are monotonic seconds."""
 
     def __init__(self, settings: PositionSettings) -> None:
         self._limits = (settings.apart_m, settings.apart_height_m, settings.apart_mps)

@@ -135,7 +135,7 @@ class _Told:
 
 
 class PositionMonitor:
-    """Of one vehicle; `box` None: there is none. Times are monotonic seconds."""
+    """The position monitor of one vehicle. `box` None: there is no box. Times are monotonic seconds."""
 
     def __init__(self, settings: PositionSettings, state: VehicleState, box: Box | None) -> None:
         self._settings = settings

@@ -30,7 +30,7 @@ def not_as_checked(facts: PlanFacts, state: VehicleState) -> str:
 
 
 class PlanFitMonitor:
-    """Of one vehicle."""
+    """The fit of mission and aircraft, for one vehicle."""
 
     def __init__(self) -> None:
         self._facts: PlanFacts | None = None

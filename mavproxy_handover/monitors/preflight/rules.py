@@ -258,8 +258,10 @@ def _home_height(p: Mapping[str, float], found: Found, limits: Limits) -> str | 
 
 
 def other_type(p: Mapping[str, float]) -> str:
-    """What an ArduPlane is set to say of itself, in words, where that is something else; "" where it is not. No copter
-    has this parameter, so what has it and says that it is one is none."""
+    """Why an ArduPlane reports another type of vehicle, in words; "" if it does not.
+
+    No copter has this parameter. So a vehicle that has it and reports a copter is not a copter.
+    """
     number = int(p.get("Q_MAV_TYPE", 0))
     return "" if number in _OWN_TYPES else f"Q_MAV_TYPE is {number}: its modes are taken for those of another aircraft"
 

@@ -33,7 +33,7 @@ _LAST_S: Final = 12.0
 
 
 class SiteChoice:
-    """Of one vehicle. Times are monotonic seconds."""
+    """The choice for one vehicle. Times are monotonic seconds."""
 
     def __init__(self, state: VehicleState, candidates: Candidates, views: Views, margin: Margin) -> None:
         self._state = state

@@ -29,12 +29,13 @@ _OLD_S: Final = 10.0
 
 
 class Margin:
-    """Of one vehicle. `_turned`: the energy fact at the beginning of the current return; None: no return."""
+    """The energy margin of one vehicle."""
 
     def __init__(self, state: VehicleState, candidates: Candidates, views: Views) -> None:
         self._state = state
         self._candidates = candidates
         self._views = views
+        #: the energy fact at the beginning of the current return; None: no return
         self._turned: EnergyFact | None = None
 
     def update(self, energy: EnergyFact) -> None:
