@@ -24,7 +24,7 @@ from collections.abc import Callable
 from typing import Any, Final
 
 from mavproxy_handover.autopilot.context import Context
-from mavproxy_handover.autopilot.rally import RallyKeeper
+from mavproxy_handover.autopilot.rally_writer import RallyKeeper
 from mavproxy_handover.autopilot.rally_list import RallyList
 from mavproxy_handover.autopilot.return_news import ReturnNews
 from mavproxy_handover.autopilot.return_questions import ReturnQuestions

@@ -60,7 +60,7 @@ CLEAN: Final = [
     "mavproxy_handover/autopilot/package_reader.py",
     "mavproxy_handover/autopilot/preflight.py",
     "mavproxy_handover/autopilot/prepared.py",
-    "mavproxy_handover/autopilot/rally.py",
+    "mavproxy_handover/autopilot/rally_writer.py",
     "mavproxy_handover/autopilot/rally_list.py",
     "mavproxy_handover/autopilot/read_back.py",
     "mavproxy_handover/autopilot/reports.py",
