@@ -68,7 +68,7 @@ CLEAN: Final = [
     "mavproxy_handover/autopilot/return_questions.py",
     "mavproxy_handover/autopilot/return_site.py",
     "mavproxy_handover/autopilot/rounds.py",
-    "mavproxy_handover/autopilot/speed_keeper.py",
+    "mavproxy_handover/autopilot/speed_restorer.py",
     "mavproxy_handover/autopilot/streams.py",
     "mavproxy_handover/autopilot/telemetry.py",
     "mavproxy_handover/autopilot/zone_check.py",
