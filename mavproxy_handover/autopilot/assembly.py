@@ -27,7 +27,7 @@ from mavproxy_handover.autopilot.read_back import ReadBack
 from mavproxy_handover.autopilot.reports import Reports
 from mavproxy_handover.autopilot.return_site import ReturnSite
 from mavproxy_handover.autopilot.rounds import RoundMonitors, RoundParts, Rounds
-from mavproxy_handover.autopilot.speed_restorer import SpeedKeeper
+from mavproxy_handover.autopilot.speed_restorer import SpeedRestorer
 from mavproxy_handover.autopilot.streams import Streams
 from mavproxy_handover.autopilot.telemetry import Telemetry
 from mavproxy_handover.autopilot.zone_check import ZoneCheck
@@ -142,7 +142,7 @@ def assemble(
         context, flown, MissionSources(loader, uploads, flight_uploads, readiness, read_back), orders
     )
 
-    speeds = SpeedKeeper(context, flown, orders, return_site, command_check)
+    speeds = SpeedRestorer(context, flown, orders, return_site, command_check)
     messages = AutopilotMessages(
         config.sysid,
         context,

@@ -19,7 +19,7 @@ from mavproxy_handover.autopilot.orders import Orders
 from mavproxy_handover.autopilot.output_dispatcher import OutputDispatcher
 from mavproxy_handover.autopilot.preflight import Preflight
 from mavproxy_handover.autopilot.return_site import ReturnSite
-from mavproxy_handover.autopilot.speed_restorer import SpeedKeeper
+from mavproxy_handover.autopilot.speed_restorer import SpeedRestorer
 from mavproxy_handover.autopilot.streams import Streams
 from mavproxy_handover.core.common.events import AutopilotState
 from mavproxy_handover.monitors.energy import EnergyMonitor
@@ -58,7 +58,7 @@ class MessageUsers:
     orders: Orders
     return_site: ReturnSite
     command_check: CommandCheck
-    speeds: SpeedKeeper
+    speeds: SpeedRestorer
 
 
 class AutopilotMessages:

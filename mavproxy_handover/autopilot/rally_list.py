@@ -2,7 +2,7 @@
 
 """The rally list that stations see: the candidates for the return site, served by the companion.
 
-The autopilot's own list holds only the chosen return site (`rally.py`), and no station reads or writes it. The
+The autopilot's own list holds only the chosen return site (`rally_writer.py`), and no station reads or writes it. The
 companion serves this list in the autopilot's name: by the mission protocol for rally points, and as the file
 `@MISSION/rally.dat`, to read and to write. The gate lets all stations read, and only the commander write.
 

@@ -27,7 +27,7 @@ from mavproxy_handover.autopilot.mission_protocol import MissionProtocol
 from mavproxy_handover.mission.items import RallyPoint, alike
 from mavproxy_handover.wire.conversation import Asking, Conversation, Conversations
 
-__all__ = ["START_S", "RallyKeeper"]
+__all__ = ["START_S", "RallyWriter"]
 
 WRITE_S: Final = 5.0
 READ_S: Final = 10.0
@@ -39,7 +39,7 @@ _LOADING: Final = "load"
 _COUNTER: Final = "RALLY_TOTAL"
 
 
-class RallyKeeper:
+class RallyWriter:
     """Keeps the wanted point in the autopilot's rally list. Times are monotonic seconds.
 
     `holds` is called with each point that was written and read back. `failed` is called with the reason of a failed

@@ -3,7 +3,7 @@
 """The return site: judges the candidates each second, and keeps the best one in the autopilot's rally list.
 
 `monitors/return_site/` has the candidates, their value, the energy margin and the choice. `vehicle/return_limits.py`
-says how the autopilot flies a return, `rally.py` writes the rally list. This module connects them. Rules:
+says how the autopilot flies a return, `rally_writer.py` writes the rally list. This module connects them. Rules:
 
 * While no position comes, the battery still empties. Until the aircraft returns, the way back begins at the last
   position, plus the distance that the aircraft may have flown since. During a return the aircraft comes nearer, so the
@@ -24,8 +24,8 @@ from collections.abc import Callable
 from typing import Any, Final
 
 from mavproxy_handover.autopilot.context import Context
-from mavproxy_handover.autopilot.rally_writer import RallyKeeper
 from mavproxy_handover.autopilot.rally_list import RallyList
+from mavproxy_handover.autopilot.rally_writer import RallyWriter
 from mavproxy_handover.autopilot.return_news import ReturnNews
 from mavproxy_handover.autopilot.return_questions import ReturnQuestions
 from mavproxy_handover.core.common.events import PlaceJudged
@@ -69,7 +69,7 @@ class ReturnSite:
         self._margin = Margin(state, self.candidates, self.views)
         self._choice = SiteChoice(state, self.candidates, self.views, self._margin)
         self._questions = ReturnQuestions(sysid, state, self.candidates, conversations, self._update_home)
-        self._keeper = RallyKeeper(sysid, conversations, self._held, self._not_held, self._overwritten)
+        self._rally_writer = RallyWriter(sysid, conversations, self._held, self._not_held, self._overwritten)
         #: the rally list as stations see it
         self.list = RallyList(authority.commands, reports, lambda: self.candidates.rally, self._replaced)
         self._news = ReturnNews(state, authority.arbiter.name, reports)
@@ -96,7 +96,7 @@ class ReturnSite:
         None: no site is chosen yet, or the content of the autopilot's list is not known.
         """
         if self._elsewhere:
-            held = self._keeper.held
+            held = self._rally_writer.held
             place = None if held is None else self.candidates.like(held)
         else:
             place = self.candidates.named(self._choice.name)
@@ -105,12 +105,12 @@ class ReturnSite:
     @property
     def _elsewhere(self) -> bool:
         """The chosen site could not be written: a return may go to another one."""
-        return self._keeper.failing and not self._keeper.settled
+        return self._rally_writer.failing and not self._rally_writer.settled
 
     @property
     def goes_to(self) -> tuple[float, float] | None:
         """Latitude and longitude (degrees) of the site in the autopilot's list; None: not known."""
-        held = self._keeper.held
+        held = self._rally_writer.held
         return None if held is None else (held.lat_deg, held.lon_deg)
 
     @property
@@ -141,7 +141,7 @@ class ReturnSite:
         """
         if package is None:
             return
-        self._keeper.forget()
+        self._rally_writer.forget()
         self._questions.set_mission(bool(package.route.fence), now)
         self.candidates.set_mission(package, keeps_rally=keeps_rally)
         self.views.forget_others()
@@ -163,9 +163,9 @@ class ReturnSite:
         if self.candidates.package is None:
             return
         if self._state.flying or self._before.at == -math.inf:
-            self._keeper.forget()
+            self._rally_writer.forget()
         else:
-            self._keeper.restarted(now)
+            self._rally_writer.restarted(now)
 
     def on_message(self, message: Any, now: float) -> None:
         """A HEARTBEAT, PARAM_VALUE or HOME_POSITION of the autopilot, after the state was updated."""
@@ -173,7 +173,7 @@ class ReturnSite:
             case "HEARTBEAT":
                 self._on_heartbeat(now)
             case "PARAM_VALUE":
-                self._keeper.counted(message.param_id, now)
+                self._rally_writer.counted(message.param_id, now)
             case "HOME_POSITION":
                 self._update_home()
 
@@ -200,7 +200,7 @@ class ReturnSite:
 
     def tick(self, now: float) -> None:
         """Time has passed; to be called often."""
-        self._keeper.tick(now)
+        self._rally_writer.tick(now)
         self.list.tick(now)
 
     def each_second(self, now: float, *, returning: bool) -> None:
@@ -223,12 +223,12 @@ class ReturnSite:
         self._choose(now, ordered)
 
     def _choose(self, now: float, ordered: bool) -> None:
-        if not self.views.seen or (not self._keeper.known and now < self._questions.unread_until):
+        if not self.views.seen or (not self._rally_writer.known and now < self._questions.unread_until):
             return  # the list is about to be read
         if self._before.at == -math.inf:
             return  # it is not known whether the aircraft flies
         arbiter, energy = self._authority.arbiter, self._energy()
-        self._choice.take_up(self._keeper.held, energy, now)
+        self._choice.take_up(self._rally_writer.held, energy, now)
         returning = self._state.flying and self._state.to_place
         recovering = arbiter.view.lease is LeaseState.RECOVERING
         may_bounce = ordered and returning and self._may_bounce(now)
@@ -240,8 +240,8 @@ class ReturnSite:
         if choice is None or place is None:
             return
         self._bounces_to = bounces_to or self._bounces_to
-        self._keeper.want(self.candidates.point(place))
-        if self._keeper.settled:
+        self._rally_writer.want(self.candidates.point(place))
+        if self._rally_writer.settled:
             self._news.place(choice, listed=True)
         figures = self._news.figures(choice, listed=not self._elsewhere)
         judged = PlaceJudged(place.name, choice.reachable, figures)
@@ -254,7 +254,7 @@ class ReturnSite:
     def _held(self, _point: RallyPoint, now: float) -> None:
         """The list holds the point that was written."""
         self._news.written()
-        if self.choice is None or not self._keeper.settled:
+        if self.choice is None or not self._rally_writer.settled:
             return  # another site is chosen by now: the next write follows
         name = self.choice.place.name
         self._news.place(self.choice, listed=True)
@@ -281,9 +281,9 @@ class ReturnSite:
         """
         self._questions.hurry(now)
         attempt(self._reports.fault, JUDGING, self._judge_candidates, now, returning)
-        if not self._keeper.settled:
-            self._keeper.hurry(now)
-        return lambda: self._keeper.settled
+        if not self._rally_writer.settled:
+            self._rally_writer.hurry(now)
+        return lambda: self._rally_writer.settled
 
     def bounces(self, now: float, *, returning: bool) -> bool:
         """Whether the return must begin again now, because its site was changed in the list; true once.
@@ -291,7 +291,13 @@ class ReturnSite:
         `returning`: the aircraft returns by an order of the companion.
         """
         due, self._bounce_due = self._bounce_due, False
-        if not due or not returning or not self._state.to_place or not self._keeper.settled or self.choice is None:
+        if (
+            not due
+            or not returning
+            or not self._state.to_place
+            or not self._rally_writer.settled
+            or self.choice is None
+        ):
             return False
         if not self._may_bounce(now):
             return False

@@ -16,10 +16,10 @@ from mavproxy_handover.autopilot.orders import Orders
 from mavproxy_handover.autopilot.return_site import ReturnSite
 from mavproxy_handover.mission.route_simulation import speed_at
 
-__all__ = ["SpeedKeeper"]
+__all__ = ["SpeedRestorer"]
 
 
-class SpeedKeeper:
+class SpeedRestorer:
     """Restores the speeds of one vehicle. Times are monotonic seconds."""
 
     def __init__(

@@ -40,7 +40,7 @@ from sitl.campaign.times import SECOND, in_seconds, in_ticks
 
 __all__ = ["Places"]
 
-#: RallyKeeper.WRITE_S, and how long what is found after a beginning stays
+#: RallyWriter.WRITE_S, and how long what is found after a beginning stays
 _WRITE: Final = in_ticks(5.0)
 _SETTLE_S: Final = 5.0
 #: how far (m) it is tried whether a place stands as it does, and how exact that is
