@@ -37,6 +37,7 @@ ROOT: Final = Path(__file__).resolve().parents[2]
 WHERE: Final = ("mavproxy_handover", "gcs_module", "sitl", "ardupilot_lua", "docs", "README.md")
 #: folders and files without findings
 CLEAN: Final = [
+    "gcs_module",
     "mavproxy_handover/autopilot/__init__.py",
     "mavproxy_handover/autopilot/assembly.py",
     "mavproxy_handover/autopilot/authority.py",
