@@ -156,6 +156,7 @@ def parts_of(running: Running, base: Base, edge: Edge, hub: Hub) -> Parts:
         raise
     matters = CompanionMatters(
         autopilot.command_check.target,
+        lambda intent, station, now: autopilot.command_check.judge(voice.ports[station], intent, now).passes,
         autopilot.orders.takes_over,
         autopilot.return_site.list.file.access,
         lambda: autopilot.aircraft.judged_by,

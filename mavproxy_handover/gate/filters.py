@@ -4,7 +4,14 @@
 
 The policy (`judge.py`) gives the first verdict, by the class of the frame and by who has authority. Then the frame
 passes the filters of its class in the order of the table in `Filters`. A filter gets the verdict of the ones before it.
-The verdict of the last one is final.
+The verdict of the last one is final. The order of the table is the rule:
+
+1. Streams that ran before their station had authority come first: they stay refused, whatever else refuses them.
+2. Sticks come before targets, and targets that a filter has dropped cost no check of the situation.
+3. Files that the companion serves come before the limits of questions, which go by the class of the request.
+4. The check of commands in flight comes before the commands that the companion carries out: a command that leaves
+   energy, fence or coverage is refused, even if the companion would carry it out.
+5. The limits of questions come last: what is refused anyway costs nothing of a station's share.
 """
 
 from __future__ import annotations
@@ -17,8 +24,8 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.common.model import AuthorityView, Phase
 from mavproxy_handover.gate.in_force import AuthorityInForce
-from mavproxy_handover.gate.intent import TARGET_MESSAGES, Aim
-from mavproxy_handover.gate.judge import Fate, GateReason, Verdict, outcome
+from mavproxy_handover.gate.intent import TARGET_MESSAGES, Aim, Intent, intent_of
+from mavproxy_handover.gate.judge import Fate, GateReason, Verdict, outcome, uploads
 from mavproxy_handover.gate.latent import arms
 from mavproxy_handover.gate.passed import PassedFrames
 from mavproxy_handover.gate.policy.access import Access
@@ -44,6 +51,8 @@ class CompanionMatters:
 
     #: whether a station's guided target may be flown to now
     target_passes: Callable[[Aim, int, float], bool]
+    #: whether the commander's command in flight may pass; if not, the operator is told why
+    command_passes: Callable[[Intent, int, float], bool]
     #: whether the companion carries out this command in flight, because the autopilot does not know it
     takes_over: Callable[[Frame], bool]
     #: the class of a station's request for a file that the companion serves; None: the file is the autopilot's
@@ -87,6 +96,7 @@ class Filters:
             Filter("sticks before the vehicle is armed, and in a rehearsal", _STREAMS, self._sticks),
             Filter("guided targets that leave energy, fence or coverage", _STREAMS, self._target),
             Filter("files that the companion serves", _ALL, self._served_file, files=True),
+            Filter("commands in flight that leave energy, fence or coverage", _COMMANDS, self._in_flight),
             Filter("commands that the companion carries out", _COMMANDS, self._taken_over),
             Filter("questions of observers while the commander's are open", _ALL, self._question, observers=True),
         )
@@ -131,6 +141,18 @@ class Filters:
             return verdict
         fate, reason = outcome(access, commands, self._in_force.view.armed)
         return Verdict(fate, access, reason, verdict.what)
+
+    def _in_flight(self, port: Port, frame: Frame, verdict: Verdict, commands: bool, now: float) -> Verdict:
+        in_flight = self._in_force.view.phase is not Phase.ON_LOAD
+        if verdict.fate is not Fate.CONSUME or not commands or not in_flight:
+            return verdict
+        modes = self._matters.modes()
+        intent = None if uploads(frame, modes) else intent_of(frame, modes)
+        if intent is None:  # a part of an upload ends at the companion
+            return verdict
+        if self._matters.command_passes(intent, port.sysid, now):
+            return verdict._replace(fate=Fate.FORWARD, reason=GateReason.ALLOWED)
+        return verdict._replace(fate=Fate.REFUSE, reason=GateReason.SITUATION)
 
     def _taken_over(self, _port: Port, frame: Frame, verdict: Verdict, _commands: bool, _now: float) -> Verdict:
         view = self._in_force.view

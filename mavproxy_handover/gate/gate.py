@@ -18,7 +18,8 @@ Rules
 5. Stations hear one manager, the companion: CONTROL_STATUS of another component of the vehicle is not passed on.
 6. Sticks and setpoints that a station sent before it had authority are refused until they have stopped once
    (`latent.py`).
-7. In flight, a guided target is checked before it passes, at whatever rate targets come (`targets.py`).
+7. In flight, the situation decides whether a command of the commander passes (`CompanionMatters.command_passes`), and
+   whether a guided target does, at whatever rate targets come (`targets.py`).
 8. Stations hear one companion. A frame from the vehicle's side is counted and not passed on in two cases. It has the
    component id of the companion, of its language or of its link probes; or it is a message of `wire/handover.xml`. It
    would be signed with the stations' keys, and they would believe it.
@@ -152,23 +153,14 @@ class Gate:
         return verdict
 
     def release(self, port: Port, frame: Frame, verdict: Verdict, now: float) -> Verdict:
-        """Pass on a frame of the commander that the companion has checked. Returns the verdict now."""
+        """Pass on a command of the commander that the companion held on the ground, until the mission was read back.
+        Returns the verdict now."""
         assert self._in_force.commands(port.sysid)
         forwarded = Verdict(Fate.FORWARD, verdict.access, GateReason.ALLOWED, verdict.what)
         self._to_autopilot(frame.raw)
         self._passed.add(port, frame, forwarded, now)
         self._passed.note()
         return forwarded
-
-    def turn_down(self, port: Port, frame: Frame, verdict: Verdict, now: float) -> Verdict:
-        """Refuse a frame of the commander that the companion has checked. Returns the verdict now.
-
-        The frame is answered in its protocol; the caller says why.
-        """
-        refused = Verdict(Fate.REFUSE, verdict.access, GateReason.SITUATION, verdict.what)
-        self._passed.counts[port.sysid][refused.reason] += 1
-        self._replies.turn_down(port, frame, refused, now)
-        return refused
 
     def tick(self, now: float) -> None:
         """Time has passed; to be called often."""

@@ -18,8 +18,9 @@ Rules, in this order; the first that applies decides:
    accepted.
 6. A frame that would pass but is addressed to the companion's own component is refused, unless the companion consumes
    it: there is nothing to command, read or set.
-7. In flight the companion handles the commander's commands that could leave energy, fence or coverage (`intent`): it
-   lets them pass, or refuses them. Every upload of a mission or a fence (`STAGED`) ends at the companion.
+7. In flight, commands of the commander that could leave energy, fence or coverage (`intent`) do not pass by this
+   verdict: a filter of the gate lets them pass, or refuses them. Every upload of a mission or a fence (`STAGED`) ends
+   at the companion.
 8. In a rehearsal no START, arming, take-off or motor test passes. That is the reason of the refusal for every station:
    with control such a command would not pass either.
 

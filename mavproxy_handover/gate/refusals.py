@@ -180,7 +180,9 @@ def refusal(frame: Frame, verdict: Verdict, own: mavlink.MAVLink, knows: bool) -
 
 
 def has_words(frame: Frame, verdict: Verdict) -> bool:
-    """Whether a text tells why a frame was refused."""
+    """Whether the gate tells why a frame was refused. `command_passes` tells why the situation forbids a command."""
+    if verdict.reason is GateReason.SITUATION:
+        return False
     if verdict.fate is not Fate.REFUSE or not frame.known or frame.msgid in _SILENT_IDS:
         return False
     if verdict.reason is GateReason.COMPANION_TARGET:

@@ -78,12 +78,6 @@ class Replies:
             words = sentence(subject, verdict.reason, name, tongues.of(sender), modes=modes)
             self._reports.say(port.sysid, words, now)
 
-    def turn_down(self, port: Port, frame: Frame, verdict: Verdict, now: float) -> None:
-        """Answer a frame of the commander that the companion has refused; the caller says why."""
-        if self._refusals.allow(port.sysid, frame.msgid, now):
-            for answer in refusal(frame, verdict, self._own, knows=False):
-                self.send(port, answer)
-
     def grant_rates(self, port: Port, frame: Frame, rates: ObserverRates, now: float) -> None:
         """Answer an observer that asks for data rates, in the autopilot's name."""
         answers = rates.asked(frame, port.sysid, now)

@@ -12,6 +12,7 @@ from mavproxy_handover.core.common.events import Event
 from mavproxy_handover.core.common.model import Phase
 from mavproxy_handover.event_log import EventLog
 from mavproxy_handover.gate.in_force import AuthorityInForce
+from mavproxy_handover.gate.intent import INTENT_MESSAGES, intent_of
 from mavproxy_handover.gate.list_changes import list_change
 from mavproxy_handover.gate.words import thesis_command
 from mavproxy_handover.schedule import attempt
@@ -42,13 +43,18 @@ class AcceptedCommands:
 
     def forwarded(self, port: StationPort, frame: Frame, what: str, now: float) -> None:
         """The gate has passed a command, or a message that changes something; `what`: the frame in words."""
+        in_flight = self._in_force.view.phase is not Phase.ON_LOAD
         self.released(port, frame, what, now)
+        if in_flight and frame.msgid in INTENT_MESSAGES:
+            intent = intent_of(frame, self._autopilot.aircraft.judged_by)
+            if intent is not None:
+                self._autopilot.orders.passed(port, intent, now)
         if disarms(frame):
             self._autopilot.orders.disarmed(port, frame, self._autopilot.aircraft.armed, now)
             self._autopilot.read_back.withdraw(now)
 
     def released(self, port: StationPort, frame: Frame, what: str, now: float) -> None:
-        """The companion has passed a command that it had to check first."""
+        """The companion has passed a command that it held on the ground."""
         # the frame is at the autopilot: what follows must not depend on the journal
         self.note(port, frame, what)
         change = list_change(frame)

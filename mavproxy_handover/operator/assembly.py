@@ -73,7 +73,7 @@ def assemble_operator(
     rehearsal = RehearsalDesk(vehicle, arbiter, handle, voice, event_log, announcer, around)
     warnings = PreflightWarnings(in_force, autopilot.preflight, voice)
     accepted = AcceptedCommands(in_force, autopilot, event_log, handle, fault)
-    commands = FlightCommands(gate, arbiter, autopilot, accepted, warnings, rehearsal, event_log, handle)
+    commands = FlightCommands(gate, arbiter, autopilot, accepted, warnings, event_log, handle)
     control = OperatorControl(voice, event_log, handle)
     package_return = PackageReturn(voice.ports, arbiter.unfit, event_log)
     overrides = Overrides(autopilot.command_check, lambda: in_force.view.commander, vehicle)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The commander's commands that the companion checks before they pass.
+"""The commander's commands that the companion handles itself.
 
-On the ground: START, and every other command that arms or takes off, which needs no less than START. In flight: what
-could leave energy, fence or coverage, and parts of an upload.
+On the ground: START, and every other command that arms or takes off. Such a command needs what START needs, so it is
+held until the mission was read back. In flight: parts of an upload, and commands that this autopilot does not know.
 """
 
 from __future__ import annotations
@@ -21,13 +21,11 @@ from mavproxy_handover.core.common.events import Event, TakeOffPassed
 from mavproxy_handover.core.common.model import Phase
 from mavproxy_handover.event_log import EventLog
 from mavproxy_handover.gate.gate import Gate
-from mavproxy_handover.gate.intent import intent_of, repeats, wish_of
+from mavproxy_handover.gate.intent import repeats, wish_of
 from mavproxy_handover.gate.judge import Verdict, uploads
 from mavproxy_handover.gate.policy.rows import begins_midway, classify
-from mavproxy_handover.gate.words import thesis_command
 from mavproxy_handover.operator.accepted import AcceptedCommands
 from mavproxy_handover.operator.preflight_warnings import PreflightWarnings
-from mavproxy_handover.operator.rehearsal import RehearsalDesk
 from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.wire.frames import Frame
 from mavproxy_handover.wire.ids import MISSION_START
@@ -44,12 +42,11 @@ class FlightCommands:
     autopilot: Autopilot
     accepted: AcceptedCommands
     warnings: PreflightWarnings
-    rehearsal: RehearsalDesk
     event_log: EventLog
     handle: Callable[[Event, float], None]
 
     def take(self, port: StationPort, frame: Frame, verdict: Verdict, now: float) -> None:
-        """A command of the commander that is the companion's to check."""
+        """Handle a command of the commander that the gate leaves to the companion."""
         if self.gate.view.phase is Phase.ON_LOAD:
             self._begins_flight(port, frame, verdict, now)
         else:
@@ -94,25 +91,9 @@ class FlightCommands:
     # ---- in flight ------------------------------------------------------------------------------------------------
 
     def _in_flight(self, port: StationPort, frame: Frame, verdict: Verdict, now: float) -> None:
-        autopilot, modes = self.autopilot, self.autopilot.aircraft.judged_by
-        if uploads(frame, modes):
+        autopilot = self.autopilot
+        if uploads(frame, autopilot.aircraft.judged_by):
             autopilot.mission.flight_uploads.on_frame(port, frame, now)
-            return
-        intent = intent_of(frame, modes)
-        if intent is not None and not autopilot.command_check.judge(port, intent, now).passes:
-            self._turn_down(port, frame, verdict, now)
-            return
-        if autopilot.orders.takes_over(frame):
+        elif autopilot.orders.takes_over(frame):
             self.accepted.note(port, frame, verdict.what)
             autopilot.orders.pause_asked(port, frame, now)
-            return
-        self.accepted.released(port, frame, self.gate.release(port, frame, verdict, now).what, now)
-        if intent is not None:
-            autopilot.orders.passed(port, intent, now)
-
-    def _turn_down(self, port: StationPort, frame: Frame, verdict: Verdict, now: float) -> None:
-        refused = self.gate.turn_down(port, frame, verdict, now)
-        kind, proven = (frame.msgid, refused.reason), port.proves(frame)
-        named, why = partial(self.gate.unsaid, frame), refused.reason.value
-        self.event_log.refused(port.name, kind, refused.what, named, why, True, proven, now, thesis_command(frame))
-        self.rehearsal.turned_away(port.name, refused.what, refused.reason.value)

@@ -16,7 +16,7 @@ from mavproxy_handover.gate.filters import CompanionMatters
 from mavproxy_handover.gate.flush import Closing
 from mavproxy_handover.gate.gate import Gate
 from mavproxy_handover.gate.in_force import AuthorityInForce
-from mavproxy_handover.gate.intent import Aim
+from mavproxy_handover.gate.intent import Aim, Intent
 from mavproxy_handover.gate.judge import StationIdentity, Verdict
 from mavproxy_handover.gate.latent import News
 from mavproxy_handover.gate.observers import ObserverLimits
@@ -98,15 +98,22 @@ class Door:
         #: what the companion says to the questions of the gate
         self.modes: Modes = COPTER.gate
         self.target_passes: Callable[[Aim, int, float], bool] = lambda _aim, _station, _now: True
+        self.command_passes = True
+        #: the commands in flight that the gate asked about, with their stations
+        self.asked: list[tuple[Intent, int]] = []
         self.takes_over: Callable[[Frame], bool] = lambda _frame: False
         self.served_file: Callable[[int, Frame], Access | None] = lambda _station, _frame: None
-        matters = CompanionMatters(self._passes, self._carries_out, self._serves, lambda: self.modes)
+        matters = CompanionMatters(self._passes, self._allows, self._carries_out, self._serves, lambda: self.modes)
         in_force = AuthorityInForce()
         self.frames = PassedFrames(VEHICLE, self.ports, ObserverLimits(), in_force, pass_on, reports.fault)
         self.gate = Gate(VEHICLE, self.ports, in_force, self.frames, pass_on, reports, matters)
 
     def _passes(self, aim: Aim, station: int, now: float) -> bool:
         return self.target_passes(aim, station, now)
+
+    def _allows(self, intent: Intent, station: int, _now: float) -> bool:
+        self.asked.append((intent, station))
+        return self.command_passes
 
     def _carries_out(self, frame: Frame) -> bool:
         return self.takes_over(frame)

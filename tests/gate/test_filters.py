@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The filters of the gate, by their table: what each does to a verdict, and which comes before which."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.core.common.model import AuthorityView, LeaseState, Phase
+from mavproxy_handover.gate.judge import Fate, GateReason
+from mavproxy_handover.wire.frames import Frame
+from tests.gate.door import Door
+from tests.gate.ledger import GCSA, GCSB, A, B
+
+Make = Callable[..., Frame]
+FLYING = AuthorityView(Phase.ON_MISSION, GCSA, None, 1, LeaseState.HELD, armed=True)
+DO_SET_MODE, AUTO, CONTINUE = 176, 3, {"command": 193, "param1": 1.0}
+
+
+@pytest.fixture
+def door() -> Door:
+    """Station A commands in flight."""
+    door = Door()
+    door.change(FLYING)
+    return door
+
+
+def auto(make: Make, **more: Any) -> Frame:
+    return make("COMMAND_LONG", command=DO_SET_MODE, param1=1.0, param2=AUTO, **more)
+
+
+class TestCommandsInFlight:
+    """The situation decides, and the verdict of the gate is final."""
+
+    def test_it_passes_if_the_situation_allows_it(self, door: Door, make: Make) -> None:
+        frame = auto(make)
+        came = door.up(A, frame)
+        assert (came.verdict.fate, came.verdict.reason) == (Fate.FORWARD, GateReason.ALLOWED)
+        assert came.passed == [frame.raw]
+        assert [(intent.word, station) for intent, station in door.asked] == [("AUTO", GCSA)]
+        assert door.gate.counts[GCSA] == {GateReason.ALLOWED: 1}
+
+    def test_it_is_refused_and_answered_if_not_and_the_gate_says_no_reason(self, door: Door, make: Make) -> None:
+        """The check of commands tells why: a text of the gate would be the second one."""
+        door.command_passes = False
+        came = door.up(A, auto(make))
+        assert (came.verdict.fate, came.verdict.reason, came.passed) == (Fate.REFUSE, GateReason.SITUATION, [])
+        (answer,) = [mavlink.MAVLink(None).decode(bytearray(raw)) for raw in came.answers]
+        assert (answer.get_type(), answer.command, answer.result) == ("COMMAND_ACK", DO_SET_MODE, 1), (
+            "temporarily rejected"
+        )
+        assert door.said == []
+        assert door.gate.counts[GCSA] == {GateReason.SITUATION: 1}
+
+    def test_a_check_that_breaks_lets_nothing_pass(self, make: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+        def broken(*_anything: Any) -> bool:
+            raise RuntimeError("a bug")
+
+        monkeypatch.setattr(Door, "_allows", broken)
+        door = Door()
+        door.change(FLYING)
+        with pytest.raises(RuntimeError):
+            door.up(A, auto(make))
+        assert door.passed == []
+
+    def test_what_another_station_sends_is_not_asked_about(self, door: Door, make: Make) -> None:
+        assert door.up(B, auto(make, sysid=GCSB)).verdict.reason is GateReason.NOT_IN_CONTROL
+        assert door.asked == []
+
+    def test_on_the_ground_a_command_that_begins_a_flight_stays_with_the_companion(
+        self, door: Door, make: Make
+    ) -> None:
+        door.change(replace(FLYING, phase=Phase.ON_LOAD, armed=False))
+        came = door.up(A, make("COMMAND_LONG", command=400, param1=1.0))
+        assert (came.verdict.fate, came.passed, door.asked) == (Fate.CONSUME, [], [])
+
+    def test_a_part_of_an_upload_stays_with_the_companion(self, door: Door, make: Make) -> None:
+        came = door.up(A, make("MISSION_COUNT", count=3, mission_type=0))
+        assert (came.verdict.fate, came.passed, door.asked) == (Fate.CONSUME, [], [])
+
+
+class TestCommandsOfTheCompanion:
+    """A command that the autopilot does not know."""
+
+    def test_it_is_the_companions_after_the_situation_has_allowed_it(self, door: Door, make: Make) -> None:
+        door.takes_over = lambda _frame: True
+        came = door.up(A, make("COMMAND_LONG", **CONTINUE))
+        assert (came.verdict.fate, came.verdict.reason, came.passed) == (Fate.CONSUME, GateReason.COMPANION, [])
+        assert len(door.asked) == 1
+
+    def test_what_the_situation_forbids_is_refused(self, door: Door, make: Make) -> None:
+        door.takes_over = lambda _frame: True
+        door.command_passes = False
+        came = door.up(A, make("COMMAND_LONG", **CONTINUE))
+        assert (came.verdict.fate, came.passed) == (Fate.REFUSE, [])
