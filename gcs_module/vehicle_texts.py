@@ -14,7 +14,7 @@ from typing import Any
 from gcs_module.decisions import Decisions
 from gcs_module.event_log import FlightEventLog
 from gcs_module.texts import SEVERITIES, Texts
-from mavproxy_handover.gate.latent import fuller
+from mavproxy_handover.gate.stale_streams import fuller
 from mavproxy_handover.wire.frames import Frame, field_int
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID
 from mavproxy_handover.wire.texts import is_marked

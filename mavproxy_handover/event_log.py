@@ -27,7 +27,7 @@ from mavproxy_handover.core.safety.commands import Ruling
 from mavproxy_handover.core.safety.energy import EnergyFact
 from mavproxy_handover.core.safety.route import RouteNews
 from mavproxy_handover.gate.flush import Closing
-from mavproxy_handover.gate.latent import News, State
+from mavproxy_handover.gate.stale_streams import News, State
 from mavproxy_handover.link.quality import LinkEvent
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.mission.plan import FencePart

@@ -28,9 +28,9 @@ from mavproxy_handover.event_log import EventLog
 from mavproxy_handover.gate.filters import CompanionMatters
 from mavproxy_handover.gate.gate import Gate
 from mavproxy_handover.gate.in_force import AuthorityInForce
-from mavproxy_handover.gate.latent import News
 from mavproxy_handover.gate.passed import PassedFrames
 from mavproxy_handover.gate.replies import GateReports
+from mavproxy_handover.gate.stale_streams import News
 from mavproxy_handover.operator.announcer import Announcer
 from mavproxy_handover.operator.assembly import OperatorParts, assemble_operator
 from mavproxy_handover.operator.missing_heartbeats import MissingHeartbeats

@@ -26,10 +26,10 @@ from mavproxy_handover.core.common.model import AuthorityView, Phase
 from mavproxy_handover.gate.in_force import AuthorityInForce
 from mavproxy_handover.gate.intent import TARGET_MESSAGES, Aim, Intent, intent_of
 from mavproxy_handover.gate.judge import Fate, GateReason, Verdict, outcome, uploads
-from mavproxy_handover.gate.latent import arms
 from mavproxy_handover.gate.passed import PassedFrames
 from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.gate.port import Port
+from mavproxy_handover.gate.stale_streams import arms
 from mavproxy_handover.gate.targets import TargetStreams
 from mavproxy_handover.vehicle.profiles import Modes
 from mavproxy_handover.wire.frames import Frame

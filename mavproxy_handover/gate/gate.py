@@ -17,7 +17,7 @@ Rules
    write them in flight.
 5. Stations hear one manager, the companion: CONTROL_STATUS of another component of the vehicle is not passed on.
 6. Sticks and setpoints that a station sent before it had authority are refused until they have stopped once
-   (`latent.py`).
+   (`stale_streams.py`).
 7. In flight, the situation decides whether a command of the commander passes (`CompanionMatters.command_passes`), and
    whether a guided target does, at whatever rate targets come (`targets.py`).
 8. Stations hear one companion. A frame from the vehicle's side is counted and not passed on in two cases. It has the

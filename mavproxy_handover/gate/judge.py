@@ -86,7 +86,9 @@ class GateReason(Enum):
     COMPONENT = "component without authority"  #: it has the station's id, but is none of its components
     OTHER_TARGET = "other target"  #: addressed to another system
     NOT_ARMED = "not armed: sticks could arm"  #: on the ground; arming needs what START needs
-    RAN_BEFORE = "it ran before the station had control"  #: sticks or setpoints that have not paused since (`latent`)
+    RAN_BEFORE = (
+        "it ran before the station had control"  #: sticks or setpoints that have not paused since (`stale_streams`)
+    )
     COMPANION_TARGET = "companion target"  #: addressed to the companion's component, which does not accept it
     REHEARSAL = "rehearsal: nothing arms"  #: people carry the aircraft (`core/authority/rehearsal.py`)
     NO_NUMBER = "a number in it is none"  #: a target with NaN or infinity

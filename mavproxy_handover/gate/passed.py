@@ -17,12 +17,12 @@ from mavproxy_handover.gate.downlink import DownlinkPolicy
 from mavproxy_handover.gate.flush import Closing, FlushTracker
 from mavproxy_handover.gate.in_force import AuthorityInForce
 from mavproxy_handover.gate.judge import GateReason, Verdict
-from mavproxy_handover.gate.latent import LatentStreams
 from mavproxy_handover.gate.observers import ObserverLimits, ObserverRates
 from mavproxy_handover.gate.own_reads import OwnReads
 from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.gate.port import Port
 from mavproxy_handover.gate.questions import Questions
+from mavproxy_handover.gate.stale_streams import LatentStreams
 from mavproxy_handover.wire.frames import Frame, parse_one
 
 __all__ = ["PassedFrames"]

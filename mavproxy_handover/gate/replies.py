@@ -18,10 +18,10 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.gate.in_force import AuthorityInForce
 from mavproxy_handover.gate.judge import Verdict
-from mavproxy_handover.gate.latent import LatentStreams, News, State, lines
 from mavproxy_handover.gate.observers import ObserverRates
 from mavproxy_handover.gate.port import Port
 from mavproxy_handover.gate.refusals import OncePerCause, RefusalLimiter, has_words, line_of_text, refusal
+from mavproxy_handover.gate.stale_streams import LatentStreams, News, State, lines
 from mavproxy_handover.gate.words import sentence, subject_of
 from mavproxy_handover.vehicle.profiles import Modes
 from mavproxy_handover.wire import codec

@@ -18,11 +18,11 @@ from mavproxy_handover.gate.gate import Gate
 from mavproxy_handover.gate.in_force import AuthorityInForce
 from mavproxy_handover.gate.intent import Aim, Intent
 from mavproxy_handover.gate.judge import StationIdentity, Verdict
-from mavproxy_handover.gate.latent import News
 from mavproxy_handover.gate.observers import ObserverLimits
 from mavproxy_handover.gate.passed import PassedFrames
 from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.gate.replies import GateReports
+from mavproxy_handover.gate.stale_streams import News
 from mavproxy_handover.gate.tongues import Tongues
 from mavproxy_handover.vehicle.profiles import COPTER, Modes
 from mavproxy_handover.wire.frames import Frame

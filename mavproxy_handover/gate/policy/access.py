@@ -45,7 +45,7 @@ class Rule:
     why: str
     names: tuple[str, ...]
     #: name of sticks or setpoints for people: such a stream that began before its station had control stays refused
-    #: (`latent`). Other streams, such as corrections, may continue over a handover.
+    #: (`stale_streams`). Other streams, such as corrections, may continue over a handover.
     stream: str = ""
 
 

@@ -12,11 +12,11 @@ import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.common.model import AuthorityView, LeaseState, Phase
-from mavproxy_handover.gate import latent
+from mavproxy_handover.gate import stale_streams
 from mavproxy_handover.gate.judge import Fate, GateReason
-from mavproxy_handover.gate.latent import KINDS, News, State
 from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.gate.policy.messages import MESSAGE_RULES
+from mavproxy_handover.gate.stale_streams import KINDS, News, State
 from mavproxy_handover.wire.frames import Frame
 from tests.gate import ledger
 from tests.gate.door import Door
@@ -462,14 +462,14 @@ def test_every_line_fits_and_every_first_one_is_told_in_full() -> None:
     kinds = {rule.stream for rule in MESSAGE_RULES if rule.stream}
     for kind in kinds:
         for state in State:
-            lines = latent.lines(News(GCSB, kind, state))
+            lines = stale_streams.lines(News(GCSB, kind, state))
             assert all(len(line) <= 50 for line in lines)
-            full = latent.fuller(lines[0])
+            full = stale_streams.fuller(lines[0])
             assert full is not None
             assert kind.lower() in full.lower()
-            assert [latent.fuller(line) for line in lines[1:]] == [None] * len(lines[1:])
-    assert latent.fuller("Handover: SET_MODE: not in control") is None
-    full = latent.fuller("Handover: RC override: refused until it pauses")
+            assert [stale_streams.fuller(line) for line in lines[1:]] == [None] * len(lines[1:])
+    assert stale_streams.fuller("Handover: SET_MODE: not in control") is None
+    full = stale_streams.fuller("Handover: RC override: refused until it pauses")
     assert full == (
         "RC override has been running since before this station had control: still refused, until it is released "
         "(rc all 0) or has paused for 3 s."
