@@ -28,8 +28,8 @@ from mavproxy_handover.core.safety.energy_prior import (
     EnergySettings,
 )
 from mavproxy_handover.core.safety.route import RouteLimits
+from mavproxy_handover.gate.client_capabilities import POLICIES as TONGUE_POLICIES
 from mavproxy_handover.gate.observers import ObserverLimits
-from mavproxy_handover.gate.tongues import POLICIES as TONGUE_POLICIES
 from mavproxy_handover.link.quality import LinkLimits
 from mavproxy_handover.wire.ids import STATION_COMPIDS
 

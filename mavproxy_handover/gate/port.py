@@ -6,8 +6,8 @@ from __future__ import annotations
 
 from typing import Protocol
 
+from mavproxy_handover.gate.client_capabilities import Tongues
 from mavproxy_handover.gate.judge import StationIdentity
-from mavproxy_handover.gate.tongues import Tongues
 
 __all__ = ["Port"]
 

@@ -10,7 +10,7 @@ answered in the form of its protocol. No protocol has room for the reason, so a 
 2. An answer comes from the component that was addressed, because the sender waits for that; from the autopilot
    (component 1) if all components were addressed.
 3. No answer goes to an answer, nor to messages that programs repeat on their own: `SILENT`.
-4. NOT_IN_CONTROL goes only to senders that know it (`tongues`); all others get DENIED.
+4. NOT_IN_CONTROL goes only to senders that know it (`client_capabilities`); all others get DENIED.
 5. The text comes from the companion, to the station that asked. For a frame that was addressed to the companion there
    is a text only if its protocol has no answer. For reads there is none: programs read from every component.
 6. `RefusalLimiter` limits the answers to a storm of refused frames, `OncePerCause` the texts.

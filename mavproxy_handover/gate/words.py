@@ -20,14 +20,13 @@ from typing import Final, TypeAlias
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.safety.commands import Limit
+from mavproxy_handover.gate.client_capabilities import Tongue
 from mavproxy_handover.gate.intent import GUIDED_ITEM
 from mavproxy_handover.gate.judge import GateReason
 from mavproxy_handover.gate.policy.commands import MODE_BITS
 from mavproxy_handover.gate.policy.parts import MISSION_TYPE_MESSAGES
 from mavproxy_handover.gate.policy.rows import special_value
 from mavproxy_handover.gate.policy.switches import switch_name
-from mavproxy_handover.gate.tongues import Tongue
-from mavproxy_handover.vehicle.profiles import ASSUMED, Modes
 from mavproxy_handover.wire.frames import Frame, field_bytes, field_float, field_int
 from mavproxy_handover.wire.ids import FTP_CREATE, FTP_OPEN_WRITE, FTP_RENAME, FTP_RESET, FTP_TERMINATE, FTP_WRITE
 

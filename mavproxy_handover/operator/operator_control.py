@@ -23,9 +23,9 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.common.events import ControlRequested, Event, NotifyOwner, OperatorControlShown
 from mavproxy_handover.event_log import EventLog
+from mavproxy_handover.gate.client_capabilities import Tongue
 from mavproxy_handover.gate.judge import StationIdentity
 from mavproxy_handover.gate.refusals import OncePerCause
-from mavproxy_handover.gate.tongues import Tongue
 from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.stations.voice import Voice
 from mavproxy_handover.wire.conversation import command_long

@@ -12,8 +12,8 @@ from mavproxy_handover.autopilot.assembly import Autopilot
 from mavproxy_handover.core.common.events import Event, StationMessage
 from mavproxy_handover.core.common.messages import TransferMessage
 from mavproxy_handover.event_log import EventLog
+from mavproxy_handover.gate.client_capabilities import Tongue
 from mavproxy_handover.gate.judge import Verdict
-from mavproxy_handover.gate.tongues import Tongue
 from mavproxy_handover.operator.overrides import Overrides
 from mavproxy_handover.operator.package_return import PackageReturn
 from mavproxy_handover.operator.rehearsal import RehearsalDesk

@@ -14,8 +14,8 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.config.files import StationLinks
+from mavproxy_handover.gate.client_capabilities import ANEW_S, Tongues
 from mavproxy_handover.gate.judge import StationIdentity
-from mavproxy_handover.gate.tongues import ANEW_S, Tongues
 from mavproxy_handover.link.bundle import LinkBundle
 from mavproxy_handover.link.devices import Device, LinkError, open_link
 from mavproxy_handover.link.link_sequencer import NO_STAMP

@@ -48,7 +48,7 @@ from typing import Any
 
 from mavproxy_handover.config.files import ConfigError
 from mavproxy_handover.config.position import position_settings
-from mavproxy_handover.gate.tongues import POLICIES
+from mavproxy_handover.gate.client_capabilities import POLICIES
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.wire.box_layout import LAYOUTS
 from sitl.report.matching import Match
@@ -220,7 +220,7 @@ class Scenario:
     begin: str = ""
     #: stations that speak the MAVLink standard only
     standard: tuple[str, ...] = ()
-    #: station -> who gets that result there (`POLICIES` of `gate/tongues.py`); those not named have the default
+    #: station -> who gets that result there (`POLICIES` of `gate/client_capabilities.py`); those not named have the default
     not_in_control: Mapping[str, str] = field(default_factory=dict)
     #: vehicle and stations have the mission package before they start
     on_board: bool = False

@@ -12,6 +12,7 @@ from math import inf
 from typing import NamedTuple
 
 from mavproxy_handover.core.common.model import AuthorityView
+from mavproxy_handover.gate.client_capabilities import Tongues
 from mavproxy_handover.gate.filters import CompanionMatters
 from mavproxy_handover.gate.flush import Closing
 from mavproxy_handover.gate.gate import Gate
@@ -23,8 +24,6 @@ from mavproxy_handover.gate.passed import PassedFrames
 from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.gate.replies import GateReports
 from mavproxy_handover.gate.stale_streams import News
-from mavproxy_handover.gate.tongues import Tongues
-from mavproxy_handover.vehicle.profiles import COPTER, Modes
 from mavproxy_handover.wire.frames import Frame
 from tests.gate.ledger import GCSA, GCSB, GCSC, VEHICLE, A, B, C
 

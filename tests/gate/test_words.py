@@ -13,9 +13,9 @@ import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.common.model import AuthorityView, LeaseState, Phase
+from mavproxy_handover.gate.client_capabilities import Tongue
 from mavproxy_handover.gate.judge import Fate, GateReason, judge
 from mavproxy_handover.gate.policy.tables import COMMAND_RULES, MESSAGE_RULES
-from mavproxy_handover.gate.tongues import Tongue
 from mavproxy_handover.gate.words import COMMANDS, MESSAGES, SWITCHES, called, sentence, subject_of
 from mavproxy_handover.vehicle.profiles import PLANE, UNKNOWN_MODES
 from mavproxy_handover.wire.frames import Frame

@@ -30,7 +30,7 @@ from mavproxy_handover.core.safety.energy_prior import (
     WHOLE_KEYS,
     EnergySettings,
 )
-from mavproxy_handover.gate.tongues import POLICIES as TONGUES
+from mavproxy_handover.gate.client_capabilities import POLICIES as TONGUES
 from mavproxy_handover.mission import gaps
 from mavproxy_handover.mission import package as packages
 from mavproxy_handover.mission.leg import DEFAULT_CRUISE_MPS

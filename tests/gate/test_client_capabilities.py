@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import pytest
 
-from mavproxy_handover.gate.tongues import ANEW_S, MOST, Tongue, Tongues
+from mavproxy_handover.gate.client_capabilities import ANEW_S, MOST, Tongue, Tongues
 
 PROGRAM, ANOTHER = (252, 190), (242, 190)
 
