@@ -44,8 +44,8 @@ from mavproxy_handover.core.safety.commands import (
 )
 from mavproxy_handover.core.safety.energy import CLIMB_MPS, DESCENT_MPS, EnergyModel
 from mavproxy_handover.gate.intent import Aim, Intent
+from mavproxy_handover.gate.refusal_text import how_to_lift
 from mavproxy_handover.gate.refusals import CAUSE_S, OncePerCause, RefusalLimiter
-from mavproxy_handover.gate.words import how_to_lift
 from mavproxy_handover.mission.ahead import Ahead, around, leaves_coverage, leaves_fence, straight, to_height
 from mavproxy_handover.mission.energy import Place, pieces_along, released_at, with_ways_down
 from mavproxy_handover.mission.geodesy import offset

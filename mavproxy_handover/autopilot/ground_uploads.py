@@ -36,7 +36,7 @@ from mavproxy_handover.autopilot.prepared import Along, Prepared, way_of
 from mavproxy_handover.autopilot.procedures import HeldPlan
 from mavproxy_handover.core.safety.commands import QUIET_S, Limit
 from mavproxy_handover.gate.list_changes import MISSION, ListChange
-from mavproxy_handover.gate.words import how_to_lift
+from mavproxy_handover.gate.refusal_text import how_to_lift
 from mavproxy_handover.mission.ahead import leaves_coverage, leaves_fence
 from mavproxy_handover.mission.crossings import WayAhead
 from mavproxy_handover.mission.errors import MissionError

@@ -29,8 +29,8 @@ from mavproxy_handover.core.common.model import FlightAction, ModeSource
 from mavproxy_handover.core.safety.commands import QUIET_S, Kind, Limit
 from mavproxy_handover.gate.intent import Intent
 from mavproxy_handover.gate.policy.switches import SWITCH_NUMBERS
+from mavproxy_handover.gate.refusal_text import called, how_to_lift, subject_of
 from mavproxy_handover.gate.refusals import OncePerCause
-from mavproxy_handover.gate.words import called, how_to_lift, subject_of
 from mavproxy_handover.monitors.energy import FAULT
 from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.wire.conversation import Ask, Asking, Conversation, NoAnswer, RefusedError

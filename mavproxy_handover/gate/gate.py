@@ -52,8 +52,8 @@ from mavproxy_handover.gate.naming import named
 from mavproxy_handover.gate.passed import PassedFrames
 from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.gate.port import Port
+from mavproxy_handover.gate.refusal_text import unsaid
 from mavproxy_handover.gate.replies import GateReports, Replies
-from mavproxy_handover.gate.words import unsaid
 from mavproxy_handover.wire.frames import Frame
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, COMPANION_COMPID, LANGUAGE_COMPID, OUR_MESSAGES, PROBE_COMPID
 

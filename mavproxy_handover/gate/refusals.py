@@ -4,7 +4,7 @@
 
 A ground station program shows its operator what it understands: a command that is denied, a mission that is rejected, a
 parameter that may not be set. If there is no answer, the program assumes a bad link and sends again. So each refusal is
-answered in the form of its protocol. No protocol has room for the reason, so a text tells it (`words`). Rules:
+answered in the form of its protocol. No protocol has room for the reason, so a text tells it (`refusal_text`). Rules:
 
 1. An answer goes to the sender: its system id, its component.
 2. An answer comes from the component that was addressed, because the sender waits for that; from the autopilot
@@ -28,7 +28,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.gate.judge import Fate, GateReason, Verdict
 from mavproxy_handover.gate.policy.access import Access
-from mavproxy_handover.gate.words import by_itself
+from mavproxy_handover.gate.refusal_text import by_itself
 from mavproxy_handover.wire.file_transfer import answer as file_answer
 from mavproxy_handover.wire.file_transfer import head_of
 from mavproxy_handover.wire.frames import Frame, field_bytes, field_int, target

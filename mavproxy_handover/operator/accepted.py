@@ -14,7 +14,7 @@ from mavproxy_handover.event_log import EventLog
 from mavproxy_handover.gate.in_force import AuthorityInForce
 from mavproxy_handover.gate.intent import INTENT_MESSAGES, intent_of
 from mavproxy_handover.gate.list_changes import list_change
-from mavproxy_handover.gate.words import thesis_command
+from mavproxy_handover.gate.refusal_text import thesis_command
 from mavproxy_handover.schedule import attempt
 from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.vehicle import mode_requests

@@ -20,7 +20,7 @@ from mavproxy_handover.event_log import EventLog
 from mavproxy_handover.gate.gate import Gate
 from mavproxy_handover.gate.judge import Fate, Verdict
 from mavproxy_handover.gate.policy.access import Access
-from mavproxy_handover.gate.words import thesis_command
+from mavproxy_handover.gate.refusal_text import thesis_command
 from mavproxy_handover.operator.accepted import AcceptedCommands
 from mavproxy_handover.operator.flight_commands import FlightCommands
 from mavproxy_handover.operator.operator_control import OperatorControl

@@ -101,7 +101,7 @@ def test_what_would_slow_down_the_commanders_telemetry_is_its_alone_in_flight(
 
 
 def test_its_refusal_is_the_protocols_own(in_flight: Bench) -> None:
-    # What a program reads by itself is answered in the protocol alone: tests/gate/test_words.py.
+    # What a program reads by itself is answered in the protocol alone: tests/gate/test_refusal_text.py.
     for message in BULK:
         in_flight.b.send(message)
     in_flight.run(0.2)
