@@ -28,7 +28,7 @@ from mavproxy_handover.core.safety.energy_prior import (
     EnergySettings,
 )
 from mavproxy_handover.core.safety.route import RouteLimits
-from mavproxy_handover.gate.client_capabilities import POLICIES as TONGUE_POLICIES
+from mavproxy_handover.gate.client_capabilities import POLICIES as CAPABILITY_POLICIES
 from mavproxy_handover.gate.observers import ObserverLimits
 from mavproxy_handover.link.quality import LinkLimits
 from mavproxy_handover.wire.ids import STATION_COMPIDS
@@ -56,7 +56,7 @@ class StationLinks:
     #: limits above which one of its links is degraded
     limits: LinkLimits = field(default_factory=LinkLimits)
     #: which of its programs get the result NOT_IN_CONTROL: those that have shown support ("auto"), all, none
-    not_in_control: str = TONGUE_POLICIES[0]
+    not_in_control: str = CAPABILITY_POLICIES[0]
     #: the components of the station's own id that have its authority
     components: frozenset[int] = STATION_COMPIDS
     #: True if it gets the companion's heartbeat
@@ -339,9 +339,9 @@ def _station_links(table: Table, limits: LinkLimits, unsigned: bool) -> StationL
     if key is None and not unsigned:
         hint = f"'handover keys make {station.name}' makes one; allow_unsigned = true in [vehicle] does without"
         raise table.error("key", f"is missing: any program could speak as {station.name}; {hint}")
-    result = table.get("not_in_control", str, TONGUE_POLICIES[0])
-    if result not in TONGUE_POLICIES:
-        raise table.error("not_in_control", f"{result!r} must be one of " + ", ".join(TONGUE_POLICIES))
+    result = table.get("not_in_control", str, CAPABILITY_POLICIES[0])
+    if result not in CAPABILITY_POLICIES:
+        raise table.error("not_in_control", f"{result!r} must be one of " + ", ".join(CAPABILITY_POLICIES))
     beats = table.get("companion_heartbeat", bool, True)
     if not beats and not standard:
         raise table.error("companion_heartbeat", "= false goes with module = false: our module goes by that heartbeat")

@@ -22,7 +22,7 @@ from __future__ import annotations
 from enum import Enum
 from typing import Final
 
-__all__ = ["ANEW_S", "MOST", "POLICIES", "Tongue", "Tongues"]
+__all__ = ["ANEW_S", "MOST", "POLICIES", "Dialect", "ClientCapabilities"]
 
 ANEW_S: Final = 5.0
 MOST: Final = 16
@@ -32,7 +32,7 @@ POLICIES: Final = ("auto", "always", "never")
 _Sender = tuple[int, int]  #: system, component
 
 
-class Tongue(Enum):
+class Dialect(Enum):
     """The dialect that a sender has shown, and how its operator asks for control with it."""
 
     NONE = ""
@@ -40,32 +40,32 @@ class Tongue(Enum):
     OURS = "'handover request'"
 
 
-class Tongues:
+class ClientCapabilities:
     """The dialects of the senders of one station."""
 
     def __init__(self, policy: str = POLICIES[0]) -> None:
         assert policy in POLICIES
         self._policy = policy
         #: the dialect of each sender, and when it last showed it
-        self._shown: dict[_Sender, tuple[Tongue, float]] = {}
+        self._shown: dict[_Sender, tuple[Dialect, float]] = {}
 
-    def show(self, sender: _Sender, tongue: Tongue, now: float) -> None:
+    def show(self, sender: _Sender, dialect: Dialect, now: float) -> None:
         """Note that a sender uses a dialect. A sender of our dialect that also uses the standard stays ours."""
         known = self._shown.get(sender)
         if known is None and len(self._shown) >= MOST:
             return
-        ours = known is not None and known[0] is Tongue.OURS
-        self._shown[sender] = (Tongue.OURS if ours else tongue, now)
+        ours = known is not None and known[0] is Dialect.OURS
+        self._shown[sender] = (Dialect.OURS if ours else dialect, now)
 
-    def of(self, sender: _Sender) -> Tongue:
+    def of(self, sender: _Sender) -> Dialect:
         """The dialect that a sender has shown."""
         known = self._shown.get(sender)
-        return Tongue.NONE if known is None else known[0]
+        return Dialect.NONE if known is None else known[0]
 
     @property
     def ours(self) -> bool:
         """Whether a program of the station has shown our dialect."""
-        return any(tongue is Tongue.OURS for tongue, _at in self._shown.values())
+        return any(dialect is Dialect.OURS for dialect, _at in self._shown.values())
 
     def knows_not_in_control(self, sender: _Sender) -> bool:
         """Whether NOT_IN_CONTROL may go to this sender."""

@@ -119,7 +119,7 @@ class Filters:
         return verdict
 
     def _stale(self, port: Port, frame: Frame, verdict: Verdict, _commands: bool, now: float) -> Verdict:
-        return self._passed.latent.limit(frame, verdict, port.sysid, now)
+        return self._passed.stale_streams.limit(frame, verdict, port.sysid, now)
 
     def _sticks(self, _port: Port, frame: Frame, verdict: Verdict, _commands: bool, _now: float) -> Verdict:
         reason = _no_sticks(self._in_force.view)

@@ -130,8 +130,8 @@ class Gate:
         if not commands:
             passed.note()
         verdict = self._filters.limit(port, frame, verdict, commands, now)
-        if passed.latent.untold:
-            self._replies.tell_streams(passed.latent, now)
+        if passed.stale_streams.untold:
+            self._replies.tell_streams(passed.stale_streams, now)
         if not commands:
             passed.rates.heard(port.sysid, now)
         if verdict.fate is Fate.FORWARD:
@@ -145,7 +145,7 @@ class Gate:
             return verdict
         passed.counts[port.sysid][verdict.reason] += 1
         if verdict.access is Access.LIVENESS and frame.sysid == port.sysid:
-            passed.latent.beat(port.sysid)
+            passed.stale_streams.beat(port.sysid)
         if verdict.fate is Fate.REFUSE:
             self._replies.refuse(port, frame, verdict, self._matters.modes(), now)
         elif verdict.reason is GateReason.OBSERVER_RATES:
@@ -166,9 +166,9 @@ class Gate:
         """Time has passed; to be called often."""
         passed = self._passed
         passed.note()
-        passed.latent.tick(self._in_force.view.commander, now)
+        passed.stale_streams.tick(self._in_force.view.commander, now)
         self.downloads.tick(now)
-        self._replies.tell_streams(passed.latent, now)
+        self._replies.tell_streams(passed.stale_streams, now)
 
     def unsaid(self, frame: Frame) -> str:
         """What the name of a refused frame leaves open, such as the mode; "" if the name says all."""
@@ -214,7 +214,7 @@ class Gate:
         closed: list[tuple[int, Closing]] = []
         if view.commander != before.commander:
             self.downloads.forget()
-            passed.latent.authority_ends(before.commander, now)
+            passed.stale_streams.authority_ends(before.commander, now)
             if before.commander is not None:
                 left_open = passed.flusher.flush(before.commander, ends_streams=self._matters.modes().takes_velocities)
                 closed += passed.close(before.commander, left_open)
@@ -227,4 +227,4 @@ class Gate:
 
     def distrust(self) -> None:
         """The gate starts, perhaps in flight: what stations sent before is not known (rule 6)."""
-        self._passed.latent.distrust()
+        self._passed.stale_streams.distrust()

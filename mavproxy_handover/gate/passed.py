@@ -22,7 +22,7 @@ from mavproxy_handover.gate.own_reads import OwnReads
 from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.gate.port import Port
 from mavproxy_handover.gate.questions import Questions
-from mavproxy_handover.gate.stale_streams import LatentStreams
+from mavproxy_handover.gate.stale_streams import StaleStreams
 from mavproxy_handover.wire.frames import Frame, parse_one
 
 __all__ = ["PassedFrames"]
@@ -49,7 +49,7 @@ class PassedFrames:
         self.counts: dict[int, Counter[GateReason]] = {station: Counter() for station in ports}
         self.flusher = FlushTracker(vehicle)
         self.questions = Questions(self.flusher)
-        self.latent = LatentStreams(ports)
+        self.stale_streams = StaleStreams(ports)
         self.own_reads = OwnReads()
         self.rates = ObserverRates(limits)
         self.downlink = DownlinkPolicy((port.identity for port in ports.values()), self.rates)
@@ -92,9 +92,9 @@ class PassedFrames:
     def _commander_sent(self, port: Port, frame: Frame, verdict: Verdict, at: float) -> None:
         self.questions.commander_sent(frame, at)
         if verdict.access is Access.STREAM:
-            self.latent.begun(frame)
+            self.stale_streams.begun(frame)
         elif verdict.access is Access.LIVENESS:
-            self.latent.beat(port.sysid)
+            self.stale_streams.beat(port.sysid)
 
     # ---- what is left open at the autopilot -----------------------------------------------------------------------
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from mavproxy_handover.gate.client_capabilities import Tongues
+from mavproxy_handover.gate.client_capabilities import ClientCapabilities
 from mavproxy_handover.gate.judge import StationIdentity
 
 __all__ = ["Port"]
@@ -24,7 +24,7 @@ class Port(Protocol):
         """The station's name in texts for people."""
 
     @property
-    def tongues(self) -> Tongues:
+    def capabilities(self) -> ClientCapabilities:
         """What the station's programs understand, as far as they have shown it."""
 
     @property

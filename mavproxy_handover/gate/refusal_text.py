@@ -20,7 +20,7 @@ from typing import Final, TypeAlias
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.safety.commands import Limit
-from mavproxy_handover.gate.client_capabilities import Tongue
+from mavproxy_handover.gate.client_capabilities import Dialect
 from mavproxy_handover.gate.intent import GUIDED_ITEM
 from mavproxy_handover.gate.judge import GateReason
 from mavproxy_handover.gate.policy.commands import MODE_BITS
@@ -266,11 +266,9 @@ def thesis_command(frame: Frame) -> str:
     return subject if isinstance(subject, str) and subject in _THESIS_COMMANDS else ""
 
 
-def sentence(
-    subject: Subject, reason: GateReason, commander: str, tongue: Tongue, *, modes: Modes = ASSUMED.gate
-) -> str:
-    """What is said of a refusal. `commander`: its name, "" if nobody commands; `tongue`: what the sender speaks."""
-    return f"{called(subject, modes=modes)} refused: {_why(reason, commander, tongue)}"
+def sentence(subject: Subject, reason: GateReason, commander: str, dialect: Dialect, *, modes: Modes = COPTER) -> str:
+    """The text of a refusal. `commander`: its name, "" if no station commands; `dialect`: the sender's dialect."""
+    return f"{called(subject, modes=modes)} refused: {_why(reason, commander, dialect)}"
 
 
 def how_to_lift(limit: Limit, again_in_s: float | None) -> str:
@@ -284,9 +282,9 @@ def how_to_lift(limit: Limit, again_in_s: float | None) -> str:
     )
 
 
-def _why(reason: GateReason, commander: str, tongue: Tongue) -> str:
+def _why(reason: GateReason, commander: str, dialect: Dialect) -> str:
     if reason is GateReason.NOT_IN_CONTROL:
-        hint = f" ({tongue.value})" if tongue.value else ""
+        hint = f" ({dialect.value})" if dialect.value else ""
         return f"{commander or 'no station'} commands{hint}"
     if reason is GateReason.COMMANDERS_IN_FLIGHT:
         return f"in flight {commander} alone may ask" if commander else "not in flight"

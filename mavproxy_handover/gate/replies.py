@@ -22,7 +22,7 @@ from mavproxy_handover.gate.observers import ObserverRates
 from mavproxy_handover.gate.port import Port
 from mavproxy_handover.gate.refusal_text import sentence, subject_of
 from mavproxy_handover.gate.refusals import OncePerCause, RefusalLimiter, has_words, line_of_text, refusal
-from mavproxy_handover.gate.stale_streams import LatentStreams, News, State, lines
+from mavproxy_handover.gate.stale_streams import News, StaleStreams, State, lines
 from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.frames import Frame
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, COMPANION_COMPID
@@ -66,15 +66,15 @@ class Replies:
         """Answer a refused frame in its protocol, and say why."""
         if not self._refusals.allow(port.sysid, frame.msgid, now):
             return
-        tongues, sender = port.tongues, (frame.sysid, frame.compid)
-        for answer in refusal(frame, verdict, self._own, tongues.knows_not_in_control(sender)):
+        capabilities, sender = port.capabilities, (frame.sysid, frame.compid)
+        for answer in refusal(frame, verdict, self._own, capabilities.knows_not_in_control(sender)):
             self.send(port, answer)
         if not has_words(frame, verdict):
             return
         subject, commander = subject_of(frame), self._in_force.view.commander
         if self._in_words.allow(port.sysid, (subject, verdict.reason, commander), now):
             name = "" if commander is None else self._names[commander]
-            words = sentence(subject, verdict.reason, name, tongues.of(sender), modes=modes)
+            words = sentence(subject, verdict.reason, name, capabilities.of(sender), modes=modes)
             self._reports.say(port.sysid, words, now)
 
     def grant_rates(self, port: Port, frame: Frame, rates: ObserverRates, now: float) -> None:
@@ -84,9 +84,9 @@ class Replies:
             for answer in answers:
                 self.send(port, codec.pack(answer, self._as_autopilot))
 
-    def tell_streams(self, latent: LatentStreams, now: float) -> None:
+    def tell_streams(self, streams: StaleStreams, now: float) -> None:
         """Tell stations the news of their sticks and setpoints."""
-        untold, latent.untold = latent.untold, []
+        untold, streams.untold = streams.untold, []
         for news in untold:
             severity = mavlink.MAV_SEVERITY_WARNING if news.state in _WARNINGS else mavlink.MAV_SEVERITY_NOTICE
             for line in lines(news):

@@ -43,7 +43,7 @@ from mavproxy_handover.gate.policy.messages import MESSAGE_RULES
 from mavproxy_handover.gate.refusals import RefusalLimiter
 from mavproxy_handover.wire.frames import Frame, field_int
 
-__all__ = ["BEATS", "KINDS", "PAUSE_S", "REMIND_S", "LatentStreams", "News", "State", "arms", "fuller", "lines"]
+__all__ = ["BEATS", "KINDS", "PAUSE_S", "REMIND_S", "StaleStreams", "News", "State", "arms", "fuller", "lines"]
 
 PAUSE_S: Final = 1.0
 BEATS: Final = 3
@@ -160,7 +160,7 @@ def fuller(line: str) -> str | None:
 
 
 @dataclass(slots=True)
-class _Latent:
+class _Stale:
     """A stream that is refused."""
 
     #: senders of the station that hold, and have not released
@@ -184,11 +184,11 @@ def _told_apart(known: Collection[_Sender], sender: _Sender) -> _Sender:
     return sender if sender in known or len(known) < _MOST_HOLDERS else _OTHERS
 
 
-class LatentStreams:
+class StaleStreams:
     """Tracks the sticks and setpoints of all stations. `stations`: their system ids."""
 
     def __init__(self, stations: Iterable[int]) -> None:
-        self._latent: dict[int, dict[str, _Latent]] = {station: {} for station in stations}
+        self._streams: dict[int, dict[str, _Stale]] = {station: {} for station in stations}
         #: what the commander has sent under its authority: kind -> the last frame of each sender
         self._begun: dict[str, dict[_Sender, Frame]] = {}
         #: notices that were not sent yet; the sender of them clears the list
@@ -203,7 +203,7 @@ class LatentStreams:
         if verdict.reason is GateReason.NOT_IN_CONTROL:
             self._hold_or_release(frame, kind, station, State.REFUSED, now)
         elif (
-            kind in self._latent[station]
+            kind in self._streams[station]
             and verdict.fate is Fate.FORWARD
             and self._hold_or_release(frame, kind, station, State.RAN_BEFORE, now)
         ):
@@ -212,21 +212,21 @@ class LatentStreams:
 
     def _hold_or_release(self, frame: Frame, kind: str, station: int, state: State, now: float) -> bool:
         """Whether the frame holds something in a stale stream. Without authority every stream that holds is stale."""
-        streams, sender = self._latent[station], (frame.sysid, frame.compid)
+        streams, sender = self._streams[station], (frame.sysid, frame.compid)
         self._settle(station, kind, now, state is State.RAN_BEFORE)
-        latent = streams.get(kind)
-        if latent is None and state is State.RAN_BEFORE:
+        stream = streams.get(kind)
+        if stream is None and state is State.RAN_BEFORE:
             return False
         if _releases(frame):
-            if latent is not None:
-                latent.holders.discard(sender)
-                if not latent.holders:
+            if stream is not None:
+                stream.holders.discard(sender)
+                if not stream.holders:
                     self._end(station, kind, now, state is State.RAN_BEFORE)
             return False
-        latent = streams.setdefault(kind, _Latent())
-        latent.hold([sender], now)
-        if latent.told is not state or now - latent.told_at >= REMIND_S:
-            self._tell(News(station, kind, state), latent, now)
+        stream = streams.setdefault(kind, _Stale())
+        stream.hold([sender], now)
+        if stream.told is not state or now - stream.told_at >= REMIND_S:
+            self._tell(News(station, kind, state), stream, now)
         return True
 
     def begun(self, frame: Frame) -> None:
@@ -239,40 +239,40 @@ class LatentStreams:
     def authority_ends(self, station: int | None, now: float) -> None:
         """`station` has lost authority; None: no station had it. The streams that it began may go on (rule 2)."""
         begun, self._begun = self._begun, {}
-        streams = {} if station is None else self._latent.get(station, {})
+        streams = {} if station is None else self._streams.get(station, {})
         for kind, frames in begun.items():
             holders = [sender for sender, frame in frames.items() if sender == _OTHERS or not _releases(frame)]
             if holders:
-                streams.setdefault(kind, _Latent()).hold(holders, now)
+                streams.setdefault(kind, _Stale()).hold(holders, now)
 
     def distrust(self) -> None:
         """Treat every stream as stale until it is known to be quiet: what ran before is not known."""
-        for streams in self._latent.values():
+        for streams in self._streams.values():
             for kind in set(KINDS.values()):
-                streams.setdefault(kind, _Latent())
+                streams.setdefault(kind, _Stale())
 
     def beat(self, station: int) -> None:
         """Note a heartbeat of the station itself."""
-        for latent in self._latent[station].values():
-            latent.beats += 1
+        for stream in self._streams[station].values():
+            stream.beats += 1
 
     def tick(self, commander: int | None, now: float) -> None:
         """Find streams that have paused. To be called often."""
-        for station, streams in self._latent.items():
+        for station, streams in self._streams.items():
             for kind in list(streams):
                 self._settle(station, kind, now, station == commander)
 
     def _settle(self, station: int, kind: str, now: float, commands: bool) -> None:
-        latent = self._latent[station].get(kind)
-        if latent is not None and latent.beats >= BEATS and now - latent.held_at >= PAUSE_S:
+        stream = self._streams[station].get(kind)
+        if stream is not None and stream.beats >= BEATS and now - stream.held_at >= PAUSE_S:
             self._end(station, kind, now, commands)
 
     def _end(self, station: int, kind: str, now: float, commands: bool) -> None:
-        latent = self._latent[station].pop(kind)
-        if latent.told is not None:  # if no notice was sent, the end needs none
-            self._tell(News(station, kind, State.OBEYED if commands else State.ENDED), latent, now)
+        stream = self._streams[station].pop(kind)
+        if stream.told is not None:  # if no notice was sent, the end needs none
+            self._tell(News(station, kind, State.OBEYED if commands else State.ENDED), stream, now)
 
-    def _tell(self, news: News, latent: _Latent, now: float) -> None:
+    def _tell(self, news: News, stream: _Stale, now: float) -> None:
         if self._told.allow(news.station, (news.kind, news.state), now):
-            latent.told, latent.told_at = news.state, now
+            stream.told, stream.told_at = news.state, now
             self.untold.append(news)

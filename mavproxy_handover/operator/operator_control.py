@@ -23,7 +23,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.common.events import ControlRequested, Event, NotifyOwner, OperatorControlShown
 from mavproxy_handover.event_log import EventLog
-from mavproxy_handover.gate.client_capabilities import Tongue
+from mavproxy_handover.gate.client_capabilities import Dialect
 from mavproxy_handover.gate.judge import StationIdentity
 from mavproxy_handover.gate.refusals import OncePerCause
 from mavproxy_handover.stations.port import StationPort
@@ -106,7 +106,7 @@ class OperatorControl:
             self.answer(port, mavlink.MAV_RESULT_DENIED, request, now)
             return
         if _of_today(message, port.identity):
-            port.tongues.show((frame.sysid, frame.compid), Tongue.STANDARD, now)
+            port.capabilities.show((frame.sysid, frame.compid), Dialect.STANDARD, now)
             if itself:
                 self._handle(OperatorControlShown(port.sysid), now)
         self._handle(request, now)

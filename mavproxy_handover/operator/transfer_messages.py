@@ -12,7 +12,7 @@ from mavproxy_handover.autopilot.assembly import Autopilot
 from mavproxy_handover.core.common.events import Event, StationMessage
 from mavproxy_handover.core.common.messages import TransferMessage
 from mavproxy_handover.event_log import EventLog
-from mavproxy_handover.gate.client_capabilities import Tongue
+from mavproxy_handover.gate.client_capabilities import Dialect
 from mavproxy_handover.gate.judge import Verdict
 from mavproxy_handover.operator.overrides import Overrides
 from mavproxy_handover.operator.package_return import PackageReturn
@@ -66,7 +66,7 @@ class TransferMessages:
         if message is None:
             return
         port.spoke(frame.compid)
-        port.tongues.show((frame.sysid, frame.compid), Tongue.OURS, now)
+        port.capabilities.show((frame.sysid, frame.compid), Dialect.OURS, now)
         self._takes.get(message.get_type(), self._to_rules)(port, message, now)
 
     def _override(self, port: StationPort, message: Any, now: float) -> None:

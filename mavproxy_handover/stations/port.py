@@ -14,7 +14,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.config.files import StationLinks
-from mavproxy_handover.gate.client_capabilities import ANEW_S, Tongues
+from mavproxy_handover.gate.client_capabilities import ANEW_S, ClientCapabilities
 from mavproxy_handover.gate.judge import StationIdentity
 from mavproxy_handover.link.bundle import LinkBundle
 from mavproxy_handover.link.devices import Device, LinkError, open_link
@@ -82,7 +82,7 @@ class StationPort:
         #: whether it gets the companion's heartbeat
         self.companion_heartbeat = config.companion_heartbeat
         #: what its programs have shown to understand
-        self.tongues = Tongues(config.not_in_control)
+        self.capabilities = ClientCapabilities(config.not_in_control)
         self.links = links
         #: component that the station's own messages come from
         self.component = 0
@@ -120,7 +120,7 @@ class StationPort:
         """A heartbeat of the station itself."""
         self.spoke(heartbeat.compid)
         if now - self.heartbeat_at >= ANEW_S:
-            self.tongues.silence_ends(now)
+            self.capabilities.silence_ends(now)
         self._heard_since = self.heard_since(now)
         self.heartbeat, self.heartbeat_at = heartbeat.raw, now
 

@@ -93,7 +93,7 @@ class Voice:
             self._say(port, text, severity)
 
     def _say(self, port: StationPort, text: str, severity: int) -> None:
-        if port.tongues.ours:
+        if port.capabilities.ours:
             for message in status_texts(text, severity, self._text_id):
                 self._try(port, port.send, message)
         else:

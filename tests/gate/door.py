@@ -12,7 +12,7 @@ from math import inf
 from typing import NamedTuple
 
 from mavproxy_handover.core.common.model import AuthorityView
-from mavproxy_handover.gate.client_capabilities import Tongues
+from mavproxy_handover.gate.client_capabilities import ClientCapabilities
 from mavproxy_handover.gate.filters import CompanionMatters
 from mavproxy_handover.gate.flush import Closing
 from mavproxy_handover.gate.gate import Gate
@@ -40,7 +40,7 @@ class Port:
         self.identity = identity
         self.sysid = identity.sysid
         self.name = _NAMES.get(identity.sysid, f"station {identity.sysid}")
-        self.tongues = Tongues()
+        self.capabilities = ClientCapabilities()
         self.heartbeat = b""
         self.heartbeat_at = -inf
         self.heard: list[bytes] = []

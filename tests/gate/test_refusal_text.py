@@ -13,7 +13,7 @@ import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.common.model import AuthorityView, LeaseState, Phase
-from mavproxy_handover.gate.client_capabilities import Tongue
+from mavproxy_handover.gate.client_capabilities import Dialect
 from mavproxy_handover.gate.judge import Fate, GateReason, judge
 from mavproxy_handover.gate.policy.tables import COMMAND_RULES, MESSAGE_RULES
 from mavproxy_handover.gate.refusal_text import COMMANDS, MESSAGES, SWITCHES, called, sentence, subject_of
@@ -156,9 +156,9 @@ def test_when_nobody_commands_it_says_so(door: Door, make: Make) -> None:
 
 
 def test_who_speaks_our_dialect_or_the_standard_reads_how_to_ask_for_control(door: Door, make: Make) -> None:
-    tongues = door.ports[GCSB].tongues
-    tongues.show((GCSB, 190), Tongue.OURS, door.now)
-    tongues.show((TRACKER_OF_B, 190), Tongue.STANDARD, door.now)
+    capabilities = door.ports[GCSB].capabilities
+    capabilities.show((GCSB, 190), Dialect.OURS, door.now)
+    capabilities.show((TRACKER_OF_B, 190), Dialect.STANDARD, door.now)
     door.up(B, make("SET_MODE", sysid=GCSB, custom_mode=6))
     door.up(B, make("SET_MODE", sysid=TRACKER_OF_B, custom_mode=9))
     assert door.said == [
@@ -169,7 +169,7 @@ def test_who_speaks_our_dialect_or_the_standard_reads_how_to_ask_for_control(doo
 
 def test_each_sender_gets_the_result_that_it_knows(door: Door, make: Make) -> None:
     """A program without our module behind a station that has it."""
-    door.ports[GCSB].tongues.show((GCSB, 190), Tongue.OURS, door.now)
+    door.ports[GCSB].capabilities.show((GCSB, 190), Dialect.OURS, door.now)
     results = []
     for sysid, compid in ((GCSB, 190), (GCSB, 191), (TRACKER_OF_B, 190)):
         (ack,) = door.up(B, make("COMMAND_LONG", sysid=sysid, compid=compid, command=21)).answers
@@ -241,7 +241,7 @@ def test_every_refusal_of_the_dialect_has_words_without_numbers(make: Make) -> N
             verdict = judge(frame, B, view, 1)
             if verdict.fate is not Fate.REFUSE:
                 continue
-            text = sentence(subject_of(frame), verdict.reason, "GCSA", Tongue.OURS)
+            text = sentence(subject_of(frame), verdict.reason, "GCSA", Dialect.OURS)
             seen.add(verdict.reason)
             words, _, why = text.partition(" refused: ")
             assert "" not in (words, why), text

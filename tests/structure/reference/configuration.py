@@ -30,7 +30,7 @@ from mavproxy_handover.core.safety.energy_prior import (
     WHOLE_KEYS,
     EnergySettings,
 )
-from mavproxy_handover.gate.client_capabilities import POLICIES as TONGUES
+from mavproxy_handover.gate.client_capabilities import POLICIES as CAPABILITY_POLICIES
 from mavproxy_handover.mission import gaps
 from mavproxy_handover.mission import package as packages
 from mavproxy_handover.mission.leg import DEFAULT_CRUISE_MPS
@@ -183,7 +183,7 @@ def keys_of_vehicles() -> Mapping[str, Mapping[str, Key]]:
     for key, default in _energy_defaults().items():
         record.tell("energy", key, default=default)
     record.tell("energy", "start", allowed=_words(START_POLICIES))
-    record.tell("station", "not_in_control", allowed=_words(TONGUES))
+    record.tell("station", "not_in_control", allowed=_words(CAPABILITY_POLICIES))
     record.tell("station", "components", allowed="0 to 255")
     record.tell("position", "source", allowed=_words(position_module.SOURCES))
     record.tell("position", "layout", allowed=f"{_words(LAYOUTS)}, a file")
