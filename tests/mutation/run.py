@@ -38,7 +38,7 @@ TIMEOUT_S = 120
 PYTEST = ("-x", "-q", "--no-header", "--tb=no", "-p", "no:cacheprovider", "--hypothesis-seed=0", "--assert=plain")
 #: Module -> tests that are to notice its faults.
 TESTED = {
-    "gate": ("test_gate.py", "test_downlink.py", "test_questions.py", "test_stale_streams.py"),
+    "gate": ("test_gate.py", "test_filters.py", "test_downlink.py", "test_questions.py", "test_stale_streams.py"),
     "judge": ("test_judge.py", "test_flight_log.py"),
     "policy.rows": ("test_judge.py", "test_policy.py"),
     "policy.parameters": ("test_judge.py", "test_policy.py"),
