@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from mavproxy_handover.event_log import EventLog
 from mavproxy_handover.gate.mission_server import Turn
 from mavproxy_handover.stations.port import StationPort
-from mavproxy_handover.stations.voice import Voice
+from mavproxy_handover.stations.sender import Voice
 
 __all__ = ["Reports"]
 

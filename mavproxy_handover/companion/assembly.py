@@ -36,7 +36,7 @@ from mavproxy_handover.operator.assembly import OperatorParts, assemble_operator
 from mavproxy_handover.operator.missing_heartbeats import MissingHeartbeats
 from mavproxy_handover.schedule import attempt
 from mavproxy_handover.stations.port import StationPort
-from mavproxy_handover.stations.voice import Voice
+from mavproxy_handover.stations.sender import Voice
 from mavproxy_handover.store.journal import Journal, strangers_path
 from mavproxy_handover.store.state_store import StateStore
 

@@ -8,7 +8,7 @@ Who commands is a text alone: AUTHORITY_STATUS and CONTROL_STATUS say it all the
 
 Programs choose by the severity what they speak and how they colour it (QGroundControl speaks NOTICE and graver).
 `SEVERITIES` and `REHEARSAL` are all there is of it; why something is refused is a WARNING to the station that asked
-(`stations/voice.py`).
+(`stations/sender.py`).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.common.events import Advise, Announce, RehearsalMoved
 from mavproxy_handover.core.common.model import FlightAction, Reason
-from mavproxy_handover.stations.voice import Voice
+from mavproxy_handover.stations.sender import Voice
 from mavproxy_handover.wire import status
 
 __all__ = ["COMMANDER", "REHEARSAL", "SEVERITIES", "Announcer"]

@@ -15,7 +15,7 @@ from math import inf
 from typing import Final
 
 from mavproxy_handover.stations.port import StationPort
-from mavproxy_handover.stations.voice import Voice
+from mavproxy_handover.stations.sender import Voice
 
 __all__ = ["MissingHeartbeats", "without_heartbeat"]
 

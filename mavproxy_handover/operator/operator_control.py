@@ -27,7 +27,7 @@ from mavproxy_handover.gate.client_capabilities import Dialect
 from mavproxy_handover.gate.judge import StationIdentity
 from mavproxy_handover.gate.refusals import OncePerCause
 from mavproxy_handover.stations.port import StationPort
-from mavproxy_handover.stations.voice import Voice
+from mavproxy_handover.stations.sender import Voice
 from mavproxy_handover.wire.conversation import command_long
 from mavproxy_handover.wire.frames import Frame
 from mavproxy_handover.wire.ids import OPERATOR_CONTROL

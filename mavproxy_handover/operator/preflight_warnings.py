@@ -8,7 +8,7 @@ from typing import Final
 
 from mavproxy_handover.autopilot.preflight import Preflight
 from mavproxy_handover.gate.in_force import AuthorityInForce
-from mavproxy_handover.stations.voice import Voice
+from mavproxy_handover.stations.sender import Voice
 
 __all__ = ["PreflightWarnings"]
 

@@ -35,7 +35,7 @@ from mavproxy_handover.mission.geodesy import distance_m
 from mavproxy_handover.operator.announcer import Announcer
 from mavproxy_handover.operator.rehearsal_stats import Foreseen, LinkSeen, RehearsalBook
 from mavproxy_handover.stations.port import StationPort
-from mavproxy_handover.stations.voice import Voice
+from mavproxy_handover.stations.sender import Voice
 from mavproxy_handover.wire import status
 
 __all__ = ["RehearsalDesk", "Surroundings"]

@@ -44,7 +44,7 @@ from mavproxy_handover.core.common.snapshot import Snapshot
 from mavproxy_handover.event_log import EventLog
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.schedule import TICK_S
-from mavproxy_handover.stations.voice import Voice
+from mavproxy_handover.stations.sender import Voice
 from mavproxy_handover.store.journal import Journal
 from mavproxy_handover.vehicle.profiles import profile_of
 from sitl.replay.ground import Ground, silences
