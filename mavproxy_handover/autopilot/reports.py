@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from mavproxy_handover.event_log import EventLog
 from mavproxy_handover.gate.mission_server import Turn
 from mavproxy_handover.stations.port import StationPort
-from mavproxy_handover.stations.sender import Voice
+from mavproxy_handover.stations.sender import MessageSender
 
 __all__ = ["Reports"]
 
@@ -20,7 +20,7 @@ class Reports:
     """The reports of one vehicle. `fault` takes the place and the text of a fault."""
 
     event_log: EventLog
-    voice: Voice
+    voice: MessageSender
     fault: Callable[[str, str], None]
 
     def answer(self, port: StationPort, what: str, turn: Turn, now: float) -> None:

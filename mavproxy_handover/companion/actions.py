@@ -22,7 +22,7 @@ from mavproxy_handover.core.common.never import assert_never
 from mavproxy_handover.operator.operator_control import OperatorControl
 from mavproxy_handover.operator.preflight_warnings import PreflightWarnings
 from mavproxy_handover.schedule import attempt
-from mavproxy_handover.stations.sender import Voice
+from mavproxy_handover.stations.sender import MessageSender
 from mavproxy_handover.wire import codec
 
 __all__ = ["ActionParts", "Actions"]
@@ -34,7 +34,7 @@ class ActionParts:
 
     arbiter: Arbiter
     autopilot: Autopilot
-    voice: Voice
+    voice: MessageSender
     news: DecisionNews
     control: OperatorControl
     warnings: PreflightWarnings

@@ -36,7 +36,7 @@ from mavproxy_handover.operator.assembly import OperatorParts, assemble_operator
 from mavproxy_handover.operator.missing_heartbeats import MissingHeartbeats
 from mavproxy_handover.schedule import attempt
 from mavproxy_handover.stations.port import StationPort
-from mavproxy_handover.stations.sender import Voice
+from mavproxy_handover.stations.sender import MessageSender
 from mavproxy_handover.store.journal import Journal, strangers_path
 from mavproxy_handover.store.state_store import StateStore
 
@@ -56,7 +56,7 @@ class Base:
     faults: FaultLog
     in_force: AuthorityInForce
     passed: PassedFrames
-    voice: Voice
+    voice: MessageSender
     restart: Restart
     arbiter: Arbiter
     event_log: EventLog
@@ -119,7 +119,7 @@ def base_of(running: Running, ports: Mapping[int, StationPort], edge: Edge) -> B
         event_log.kept_elsewhere(text)
         voice.say_to_all(text)
 
-    voice = Voice(config.sysid, write_autopilot, ports, faults.report)
+    voice = MessageSender(config.sysid, write_autopilot, ports, faults.report)
     keeper = None if config.state is None else StateStore(config.state, config.name)
     restart = Restart(keeper, faults.report, not_kept)
     identity = Identity(config.name, tuple(entry.station for entry in config.stations), config.parent, edge.nonce)

@@ -10,7 +10,7 @@ from mavproxy_handover.autopilot.assembly import Autopilot
 from mavproxy_handover.core.arbiter import Arbiter
 from mavproxy_handover.core.common.model import AuthorityView, Reason
 from mavproxy_handover.gate.in_force import AuthorityInForce
-from mavproxy_handover.stations.sender import Voice
+from mavproxy_handover.stations.sender import MessageSender
 from mavproxy_handover.wire import status
 
 __all__ = ["BEAT_ALONE_S", "BEAT_S", "Beacons"]
@@ -24,7 +24,7 @@ class Beacons:
     """Of one vehicle. Times are monotonic seconds."""
 
     def __init__(
-        self, in_force: AuthorityInForce, arbiter: Arbiter, autopilot: Autopilot, voice: Voice, now: float
+        self, in_force: AuthorityInForce, arbiter: Arbiter, autopilot: Autopilot, voice: MessageSender, now: float
     ) -> None:
         self._in_force = in_force
         self._arbiter = arbiter

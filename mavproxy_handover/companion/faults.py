@@ -8,7 +8,7 @@ from collections import Counter
 from contextlib import suppress
 from typing import Final
 
-from mavproxy_handover.stations.sender import Voice
+from mavproxy_handover.stations.sender import MessageSender
 from mavproxy_handover.store.journal import Journal
 
 __all__ = ["FaultLog", "FaultNews"]
@@ -38,7 +38,7 @@ class FaultLog:
 class FaultNews:
     """Tells each station of the first fault of a kind, and once more at the next take-off if there were more of it."""
 
-    def __init__(self, log: FaultLog, voice: Voice) -> None:
+    def __init__(self, log: FaultLog, voice: MessageSender) -> None:
         self._log = log
         self._voice = voice
         #: for each station: the number of faults when it was told of their kind

@@ -20,7 +20,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.common.events import Advise, Announce, RehearsalMoved
 from mavproxy_handover.core.common.model import FlightAction, Reason
-from mavproxy_handover.stations.sender import Voice
+from mavproxy_handover.stations.sender import MessageSender
 from mavproxy_handover.wire import status
 
 __all__ = ["COMMANDER", "REHEARSAL", "SEVERITIES", "Announcer"]
@@ -53,7 +53,7 @@ REHEARSAL: Final[Mapping[tuple[bool, bool], int]] = {
 class Announcer:
     """What was told last. Times are monotonic seconds."""
 
-    def __init__(self, voice: Voice) -> None:
+    def __init__(self, voice: MessageSender) -> None:
         self._voice = voice
         self._number = 0
         self._told: Announce | None = None

@@ -15,7 +15,7 @@ from math import inf
 from typing import Final
 
 from mavproxy_handover.stations.port import StationPort
-from mavproxy_handover.stations.sender import Voice
+from mavproxy_handover.stations.sender import MessageSender
 
 __all__ = ["MissingHeartbeats", "without_heartbeat"]
 
@@ -36,7 +36,7 @@ def without_heartbeat(port: StationPort, now: float) -> bool:
 class MissingHeartbeats:
     """Of one vehicle's stations. Times are monotonic seconds."""
 
-    def __init__(self, voice: Voice) -> None:
+    def __init__(self, voice: MessageSender) -> None:
         self._voice = voice
         #: since when frames of a station come without a heartbeat, and when it was told
         self._since: dict[int, float] = {}

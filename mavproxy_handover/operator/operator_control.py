@@ -27,7 +27,7 @@ from mavproxy_handover.gate.client_capabilities import Dialect
 from mavproxy_handover.gate.judge import StationIdentity
 from mavproxy_handover.gate.refusals import OncePerCause
 from mavproxy_handover.stations.port import StationPort
-from mavproxy_handover.stations.sender import Voice
+from mavproxy_handover.stations.sender import MessageSender
 from mavproxy_handover.wire.conversation import command_long
 from mavproxy_handover.wire.frames import Frame
 from mavproxy_handover.wire.ids import OPERATOR_CONTROL
@@ -77,7 +77,7 @@ def notification(owner: tuple[int, int], requester: int, timeout_s: float) -> An
 class OperatorControl:
     """The programs that asked last, and the stations that are asked. `handle` gives a request to the arbiter."""
 
-    def __init__(self, voice: Voice, event_log: EventLog, handle: Callable[[Event, float], None]) -> None:
+    def __init__(self, voice: MessageSender, event_log: EventLog, handle: Callable[[Event, float], None]) -> None:
         self._voice = voice
         self._event_log = event_log
         self._handle = handle

@@ -8,7 +8,7 @@ from typing import Final
 
 from mavproxy_handover.autopilot.preflight import Preflight
 from mavproxy_handover.gate.in_force import AuthorityInForce
-from mavproxy_handover.stations.sender import Voice
+from mavproxy_handover.stations.sender import MessageSender
 
 __all__ = ["PreflightWarnings"]
 
@@ -19,7 +19,7 @@ _MOST: Final = 6
 class PreflightWarnings:
     """Of one vehicle."""
 
-    def __init__(self, in_force: AuthorityInForce, preflight: Preflight, voice: Voice) -> None:
+    def __init__(self, in_force: AuthorityInForce, preflight: Preflight, voice: MessageSender) -> None:
         self._in_force = in_force
         self._preflight = preflight
         self._voice = voice

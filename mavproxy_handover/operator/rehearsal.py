@@ -35,7 +35,7 @@ from mavproxy_handover.mission.geodesy import distance_m
 from mavproxy_handover.operator.announcer import Announcer
 from mavproxy_handover.operator.rehearsal_stats import Foreseen, LinkSeen, RehearsalBook
 from mavproxy_handover.stations.port import StationPort
-from mavproxy_handover.stations.sender import Voice
+from mavproxy_handover.stations.sender import MessageSender
 from mavproxy_handover.wire import status
 
 __all__ = ["RehearsalDesk", "Surroundings"]
@@ -71,7 +71,7 @@ class RehearsalDesk:
         vehicle: int,
         arbiter: Arbiter,
         handle: Callable[[Event, float], None],
-        voice: Voice,
+        voice: MessageSender,
         event_log: EventLog,
         announcer: Announcer,
         around: Surroundings,

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The stations as the companion reaches them: links, who may speak on them, and what came of it."""
+"""A station as the companion reaches it: its links, its identity, and its counters."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ from mavproxy_handover.wire.texts import marked_texts
 
 __all__ = ["StationPort", "open_ports"]
 
-#: heartbeats come every second: a longer pause (s) is no chance loss, the way up was interrupted
+#: heartbeats come every second: after a longer pause (s) the uplink was interrupted
 _INTERRUPTED_S = 3.5
-#: measures that say nothing of how well the link carries the station's frames: others cause them
+#: measures that other senders cause, and that say nothing about the station's own frames
 _OF_OTHERS: Final = {Measure.BAD_SIGNATURES, Measure.OVERFLOW}
-#: rejected frames that wait to be journalled; under a flood the newest are enough
+#: rejected frames that wait to be journalled; in a flood only the newest are kept
 _REJECTED = 32
-#: a sender whose frames are not taken is told why at most this often (s), and not while the station is heard
+#: a sender whose frames are rejected is told why at most once in this time (s), and not while the station is heard
 _EXPLAIN_S = 10.0
 _HEARD_S = 5.0
 _FOREIGN = "system id {other} is not one of {name}: set this program's to {sysid}."
@@ -49,7 +49,7 @@ _UNPROVEN = {
 
 
 class _Key:
-    """A station's key, for what goes out to it. One link id for all its links: pymavlink takes over the other end's."""
+    """Signs frames to a station with its key. All links share one link id: pymavlink copies that of the other end."""
 
     def __init__(self, peer: SignedPeer, clocks: Clocks) -> None:
         self._peer = peer
@@ -74,28 +74,28 @@ class StationPort:
         keys: StationKeys | None,
         clocks: Clocks,
     ) -> None:
-        """`keys`: what the station signs with, and is answered in; None: nothing is signed or asked for."""
+        """`keys`: the station's keys, for both directions; None: nothing is signed or checked."""
         self._clocks = clocks
         self.sysid = config.station.sysid
         self.name = config.station.name
         self.identity = StationIdentity(config.station.sysid, config.sysids, config.components)
         #: whether it gets the companion's heartbeat
         self.companion_heartbeat = config.companion_heartbeat
-        #: what its programs have shown to understand
+        #: the dialects that its programs have shown
         self.capabilities = ClientCapabilities(config.not_in_control)
         self.links = links
-        #: component that the station's own messages come from
+        #: the component of the station's own messages
         self.component = 0
         #: the station's last heartbeat, and when it came (monotonic s)
         self.heartbeat = b""
         self.heartbeat_at = -inf
         #: the first heartbeat after the last interruption
         self._heard_since = -inf
-        #: signatures that did not hold, by what was wrong with them
+        #: invalid signatures, by the reason
         self.bad_signatures: Counter[SignatureVerdict] = Counter()
-        #: the station's key and what was heard under it; None where there is no key
+        #: the station's key and the frames signed with it; None: the station has no key
         self.peer = None if keys is None else SignedPeer(keys.current, keys.previous)
-        #: frames whose signature did not hold, with the verdict, newest last
+        #: frames with an invalid signature, with the verdict, newest last
         self.rejected: deque[tuple[Frame, SignatureVerdict]] = deque(maxlen=_REJECTED)
         self._over: dict[str, set[Measure]] = {}
         self._encoder = mavlink.MAVLink(None, srcSystem=vehicle_sysid, srcComponent=COMPANION_COMPID)
@@ -103,7 +103,7 @@ class StationPort:
         self._prober = mavlink.MAVLink(None, srcSystem=vehicle_sysid, srcComponent=PROBE_COMPID)
         seal = None if self.peer is None else _Key(self.peer, clocks)
         self._autopilot = mavlink.MAVLink(None, srcSystem=vehicle_sysid, srcComponent=AUTOPILOT_COMPID)
-        #: when a frame of the station's ids was taken last, and when a sender was told why its frames are not
+        #: when a frame of the station was last accepted, and when a sender was last told why its frames are rejected
         self.frames_at = self._explained_at = -inf
         self._bundle = LinkBundle(links, self._probe, secrets.randbits, config.limits, seal)
 
@@ -113,11 +113,11 @@ class StationPort:
         return self.sysid, self.component
 
     def spoke(self, component: int) -> None:
-        """The station's own messages come from this component."""
+        """Note the component of the station's own messages."""
         self.component = component
 
     def heard(self, heartbeat: Frame, now: float) -> None:
-        """A heartbeat of the station itself."""
+        """Note a heartbeat of the station itself."""
         self.spoke(heartbeat.compid)
         if now - self.heartbeat_at >= ANEW_S:
             self.capabilities.silence_ends(now)
@@ -129,12 +129,12 @@ class StationPort:
         return now if now - self.heartbeat_at > _INTERRUPTED_S else self._heard_since
 
     def read(self, link: Device, now: float, once: bool = False) -> list[Frame]:
-        """Frames that arrived on `link`: no copies of what came by another link, no answers to probes.
+        """Frames that arrived on `link`, without copies from another link and without answers to probes.
 
         `once`: see `link.base.Device.read`.
 
-        Frames that name somebody else as their sender are among them: the gate drops and counts those. They do nothing
-        for the link, neither to its measurements nor to the address that it answers.
+        Frames with another sender's ids are included: the gate drops and counts them. They change neither the link's
+        measurements nor the address that it answers.
         """
         kept = []
         sysids, peer, bundle = self.identity.sysids, self.peer, self._bundle
@@ -154,21 +154,21 @@ class StationPort:
         return kept
 
     def proves(self, frame: Frame) -> bool:
-        """Whether a frame out of `read` is certainly the station's: it was signed with its key."""
+        """Whether a frame from `read` was signed with the station's key."""
         return self.peer is not None and frame.sysid in self.identity.sysids
 
     def _reject(self, link: Device, frame: Frame, verdict: SignatureVerdict, now: float) -> None:
-        """The frame is not proven to be the station's."""
+        """Count and keep a frame that is not proven to be the station's."""
         self._bundle.bad_signature(link, now)
         self.bad_signatures[verdict] += 1
         self.rejected.append((frame, verdict))
         self._explain(link, frame, _UNPROVEN.get(verdict, ""), now)
 
     def _explain(self, link: Device, frame: Frame, why: str, now: float) -> None:
-        """Tell the sender of a frame that is not taken why not, while nothing else is heard of the station.
+        """Tell the sender of a rejected frame why, while the station is not heard otherwise.
 
-        Its program has no other way to learn that: a link that listens answers nobody whose frames are not taken. It is
-        unsigned, because such a program cannot check a signature, and rare, because the sender may be anybody.
+        Its program cannot learn that in another way: a listening link does not answer rejected frames. The text is
+        unsigned, because such a program cannot check a signature, and rare, because the sender may be any program.
         """
         if not why or now - self._explained_at < _EXPLAIN_S or now - self.heartbeat_at <= _HEARD_S:
             return
@@ -194,7 +194,7 @@ class StationPort:
         return self._bundle.write_more(data)
 
     def flush(self) -> None:
-        """Send what `write_more` kept."""
+        """Send the frames that `write_more` kept."""
         self._bundle.flush()
 
     @property
@@ -207,7 +207,7 @@ class StationPort:
         self._bundle.write_all(data)
 
     def tick(self, now: float) -> list[LinkEvent]:
-        """Probe the links and look at what was measured; to be called often. What changed."""
+        """Probe the links and evaluate the measurements. To be called often. Returns what changed."""
         events = self._bundle.tick(now)
         for event in events:
             if event.kind is not LinkEventKind.SWITCHED and event.measure is not None:
@@ -217,20 +217,20 @@ class StationPort:
 
     @property
     def weak(self) -> bool:
-        """Every link is over a limit of its quality."""
+        """Whether every link exceeds a limit of its quality."""
         return all(self._over.get(link.device, set()) - _OF_OTHERS for link in self.links)
 
     @property
     def attacked(self) -> bool:
-        """Bad signatures come in by some link at a rate that is no accident."""
+        """Whether bad signatures arrive on a link at a rate that is no accident."""
         return any(Measure.BAD_SIGNATURES in over for over in self._over.values())
 
     def quality(self, link: Device, now: float) -> LinkQuality:
-        """What was measured on one link."""
+        """The measurements of one link."""
         return self._bundle.quality(link, now)
 
     def carries(self, link: Device) -> bool:
-        """Whether what is sent on the best link goes out on this one."""
+        """Whether this is the link for frames that go out on the best one."""
         return self._bundle.carries(link)
 
     def close(self) -> None:
@@ -252,8 +252,8 @@ def open_ports(
 ) -> dict[int, StationPort]:
     """Open every link of every station, or none. Raises LinkError, KeysError (two with the same key, for one).
 
-    `keys`: of the stations that have one, by name. `strict` False: a link that cannot be opened is no error: it is
-    closed, and tried again.
+    `keys`: by the name of the station. `strict` False: a link that cannot be opened is no error; it is closed, and
+    opened later.
     """
     keys, names = keys or {}, names or Names()
     check_distinct(keys)

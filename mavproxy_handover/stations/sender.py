@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The companion's own voice: who it speaks as, to the autopilot and to the stations.
+"""Sends the companion's own messages to the autopilot and to the stations, each in the right name.
 
-It is component 191 of the vehicle. If a ground station program has asked the autopilot, it waits for the autopilot's
-answer, so the answer comes in the autopilot's name. So do texts for a station that does not run our module, as far as
-is known, because a stock MAVProxy shows no others; they are marked (`wire/texts.py`).
+The companion is component 191 of the vehicle. A ground station program that asked the autopilot waits for the
+autopilot's answer, so the companion answers in that name. So it does with texts for a station that has not shown our
+module, because a stock MAVProxy shows no others; they are marked (`wire/texts.py`).
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, COMPANION_COMPID, RATES_COMPID
 from mavproxy_handover.wire.texts import MOST_IDS, marked_texts, status_texts
 
-__all__ = ["Voice"]
+__all__ = ["MessageSender"]
 
 
-class Voice:
+class MessageSender:
     """Packs and sends messages of vehicle `sysid`; `write_autopilot` takes whole frames.
 
-    `fault` hears of a station that could not be told. It costs that station's operators the words, and nothing else:
-    what is done behind them is done.
+    `fault` is told about a station that a message could not be sent to. Only that message is lost: an exception does
+    not reach the caller.
     """
 
     def __init__(
@@ -52,7 +52,7 @@ class Voice:
         self._write_autopilot(codec.pack(message, self._own))
 
     def ask_rates(self, message: Any) -> None:
-        """Send the autopilot a wish for a rate, whose answer nobody waits for."""
+        """Send the autopilot a request for a rate. Its answer is not awaited."""
         self._write_autopilot(codec.pack(message, self._rates))
 
     def to_stations(self, message: Any) -> None:
@@ -77,17 +77,18 @@ class Voice:
             self._try(port, lambda: port.write(codec.pack(ack, self._own)))
 
     def as_autopilot(self, port: StationPort, message: Any) -> None:
-        """Send a station a message in the autopilot's name: where it waits for the autopilot's answer."""
+        """Send a station a message in the autopilot's name, because it waits for the autopilot's answer."""
         self._try(port, lambda: port.write(codec.pack(message, self._as_autopilot)))
 
     def say(self, port: StationPort, text: str, severity: int = mavlink.MAV_SEVERITY_WARNING) -> None:
-        """A text for the station's operator, a warning unless `severity` says otherwise; what is longer than STATUSTEXT
-        comes in pieces that belong together (`wire/texts.py`)."""
+        """Send a text to the station's operator, by default as a warning.
+
+        A text that is longer than STATUSTEXT is sent in pieces that belong together (`wire/texts.py`)."""
         self._text_id = self._text_id % MOST_IDS + 1
         self._say(port, text, severity)
 
     def say_to_all(self, text: str, severity: int = mavlink.MAV_SEVERITY_WARNING) -> None:
-        """The same for the operators of all stations."""
+        """Send a text to the operators of all stations, by default as a warning."""
         self._text_id = self._text_id % MOST_IDS + 1
         for port in self.ports.values():
             self._say(port, text, severity)

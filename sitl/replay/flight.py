@@ -44,7 +44,7 @@ from mavproxy_handover.core.common.snapshot import Snapshot
 from mavproxy_handover.event_log import EventLog
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.schedule import TICK_S
-from mavproxy_handover.stations.sender import Voice
+from mavproxy_handover.stations.sender import MessageSender
 from mavproxy_handover.store.journal import Journal
 from mavproxy_handover.vehicle.profiles import profile_of
 from sitl.replay.ground import Ground, silences
@@ -158,7 +158,7 @@ class _Flight:
         clock = Clocks(lambda: self._now, lambda: self._now)
         book = cast("Journal", _Book(lambda: self._now, self.replay))
         event_log = EventLog(config.name, book, book, self._arbiter, lambda _line: None, lambda: self._view.phase)
-        voice = Voice(config.sysid, self._asked, {}, self._fault)
+        voice = MessageSender(config.sysid, self._asked, {}, self._fault)
         self._event_log = event_log
         self._queue: EventQueue[float] = EventQueue(self._decide, self._begin_order)
         self._autopilot = assemble(

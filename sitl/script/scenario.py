@@ -220,7 +220,8 @@ class Scenario:
     begin: str = ""
     #: stations that speak the MAVLink standard only
     standard: tuple[str, ...] = ()
-    #: station -> who gets that result there (`POLICIES` of `client_capabilities.py`); those not named have the default
+    #: station -> who gets that result there (`POLICIES` of `gate/client_capabilities.py`); those
+    #: not named have the default
     not_in_control: Mapping[str, str] = field(default_factory=dict)
     #: vehicle and stations have the mission package before they start
     on_board: bool = False
