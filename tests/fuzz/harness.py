@@ -127,6 +127,8 @@ class Fuzzed:
         self.refused_at: dict[tuple[int, int], float] = {}
         self.splitters = {station.sysid: FrameSplitter() for station in STATIONS}
         self.door = Door()
+        #: the situation forbids: what passes then, passes by the policy alone
+        self.door.command_passes = False
         self.door.change(VIEWS[3])
 
     @property
