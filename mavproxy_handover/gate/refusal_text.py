@@ -27,6 +27,7 @@ from mavproxy_handover.gate.policy.commands import MODE_BITS
 from mavproxy_handover.gate.policy.parts import MISSION_TYPE_MESSAGES
 from mavproxy_handover.gate.policy.rows import special_value
 from mavproxy_handover.gate.policy.switches import switch_name
+from mavproxy_handover.vehicle.profiles import ASSUMED, Modes
 from mavproxy_handover.wire.frames import Frame, field_bytes, field_float, field_int
 from mavproxy_handover.wire.ids import FTP_CREATE, FTP_OPEN_WRITE, FTP_RENAME, FTP_RESET, FTP_TERMINATE, FTP_WRITE
 
@@ -266,7 +267,9 @@ def thesis_command(frame: Frame) -> str:
     return subject if isinstance(subject, str) and subject in _THESIS_COMMANDS else ""
 
 
-def sentence(subject: Subject, reason: GateReason, commander: str, dialect: Dialect, *, modes: Modes = COPTER) -> str:
+def sentence(
+    subject: Subject, reason: GateReason, commander: str, dialect: Dialect, *, modes: Modes = ASSUMED.gate
+) -> str:
     """The text of a refusal. `commander`: its name, "" if no station commands; `dialect`: the sender's dialect."""
     return f"{called(subject, modes=modes)} refused: {_why(reason, commander, dialect)}"
 

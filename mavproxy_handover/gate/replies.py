@@ -23,6 +23,7 @@ from mavproxy_handover.gate.port import Port
 from mavproxy_handover.gate.refusal_text import sentence, subject_of
 from mavproxy_handover.gate.refusals import OncePerCause, RefusalLimiter, has_words, line_of_text, refusal
 from mavproxy_handover.gate.stale_streams import News, StaleStreams, State, lines
+from mavproxy_handover.vehicle.profiles import Modes
 from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.frames import Frame
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, COMPANION_COMPID

@@ -24,6 +24,7 @@ from mavproxy_handover.gate.passed import PassedFrames
 from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.gate.replies import GateReports
 from mavproxy_handover.gate.stale_streams import News
+from mavproxy_handover.vehicle.profiles import COPTER, Modes
 from mavproxy_handover.wire.frames import Frame
 from tests.gate.ledger import GCSA, GCSB, GCSC, VEHICLE, A, B, C
 

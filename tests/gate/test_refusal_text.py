@@ -17,6 +17,7 @@ from mavproxy_handover.gate.client_capabilities import Dialect
 from mavproxy_handover.gate.judge import Fate, GateReason, judge
 from mavproxy_handover.gate.policy.tables import COMMAND_RULES, MESSAGE_RULES
 from mavproxy_handover.gate.refusal_text import COMMANDS, MESSAGES, SWITCHES, called, sentence, subject_of
+from mavproxy_handover.vehicle.profiles import PLANE, UNKNOWN_MODES
 from mavproxy_handover.wire.frames import Frame
 from tests.gate.door import Door
 from tests.gate.frames import ftp_request
