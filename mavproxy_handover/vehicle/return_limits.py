@@ -21,7 +21,7 @@ __all__ = ["BELOW_CEILING_M", "NAMES", "fence_limits", "return_alt_m", "return_m
 BELOW_CEILING_M: Final = 10.0
 #: parameter for the height of a return -> its units in a metre
 _RETURN_ALTS: Final = {name: units for profile in PROFILES for name, units in profile.return_alt.items()}
-#: parameter for the speed of a return (0: the one behind it), then that of missions -> its units in one m/s
+#: parameter for the speed of a return (0: the next one counts), then that of missions -> its units in one m/s
 _RETURN_SPEEDS: Final = {
     **{name: units for profile in PROFILES for name, units in profile.back_speed.items()},
     **{name: units for profile in PROFILES for name, units in profile.cruise.items()},

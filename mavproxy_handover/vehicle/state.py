@@ -43,7 +43,7 @@ _CIRCLE_M: Final = 60.0
 _REACTION_S: Final = 2.0
 _ROOM: Final = 1.5
 _SLOWEST_MPS: Final = 5.0
-#: radius of a circle where nothing else is asked for, and of the one above the place of a return
+#: default radius of a circle, and radius of the circle at the return site
 _RADIUS, _RETURN_RADIUS = "WP_LOITER_RAD", "RTL_RADIUS"
 
 
@@ -279,7 +279,7 @@ class VehicleState:
         return refined(profile) if profile.refined_by and self._is_refined(profile.refined_by) else profile
 
     def _is_refined(self, name: str) -> bool:
-        """It hovers too: by its own words or by the parameter of that name, the later one."""
+        """Whether it hovers too: by its reports or by the parameter of that name, whichever came later."""
         parameter = self.parameters.get(name)
         if parameter is None or parameter.at < self._hovers_too_at:
             return self._hovers_too_at > -math.inf
@@ -314,22 +314,22 @@ class VehicleState:
 
     @property
     def to_place(self) -> bool:
-        """It flies to the place that its rally list held when it began to."""
+        """Whether it flies to the return site that its rally list held when the return began."""
         return self.custom_mode in self.telemetry.heartbeat.profile.to_place
 
     @property
     def hovers(self) -> bool:
-        """It can fly forwards, and is carried by its rotors, or about to be."""
+        """Whether it has wings and hovers, or is about to hover."""
         return self.telemetry.landed.vtol_state in self.telemetry.heartbeat.profile.hovers_in
 
     @property
     def near_ground(self) -> bool:
-        """It takes off, or lands."""
+        """Whether it takes off or lands."""
         return self.telemetry.landed.state in _NEAR_GROUND
 
     @property
     def _circles(self) -> bool:
-        """It flies, and can hold only by circling."""
+        """Whether it flies and can hold only by circling."""
         return self.telemetry.heartbeat.profile.holds_by_circling and not self.hovers
 
     @property
@@ -341,14 +341,14 @@ class VehicleState:
 
     @property
     def return_circle_m(self) -> float:
-        """How far from the place of a return it stays while it circles there (m); 0 where it does not."""
+        """The radius (m) of its circle at the return site; 0 if it does not circle there."""
         if not self._circles:
             return 0.0
         return self._radius_m(_RETURN_RADIUS) or self.loiter_radius_m or _CIRCLE_M
 
     @property
     def circles_s(self) -> float:
-        """So long before a border (s) it has to be told to circle, to stay inside; 0 where it can stand still."""
+        """The time (s) before a border when it must be commanded to circle; 0 if it can stand still."""
         if not self._circles:
             return 0.0
         radius_m = self.loiter_radius_m or _CIRCLE_M

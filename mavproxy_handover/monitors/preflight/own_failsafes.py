@@ -201,7 +201,7 @@ _BY_SEQUENCE, _BY_ROTORS = (1, 2), (1, 2, 3)
 
 
 def circles_for_ever(p: Parameters | None, plan: PlanFacts | None, profile: Profile) -> str:
-    """Why a return of this aircraft does not end in a landing, in words; "" if it does, or no mission is known.
+    """Why a return does not end in a landing, in words; "" if it does, or no mission is known.
 
     `p` None: not read yet. START asks this: an aircraft that circles has not come back.
     """
