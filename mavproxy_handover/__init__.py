@@ -2,6 +2,6 @@
 
 """Authority handover for ArduPilot vehicles: the companion computer's side.
 
-`core` holds the rules, `gate` judges frames, `wire` speaks MAVLink, `mission` reads mission packages, and `module` is
+`core` holds the rules and `gate` judges frames. `wire` speaks MAVLink and `mission` reads mission packages. `module` is
 the MAVProxy module that ties them to the autopilot and to the stations.
 """

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the companion itself says to the autopilot: the plan, telemetry, and what the profile has it do in flight.
+"""Procedures of the companion with the autopilot: load a plan, ask for telemetry, and fly as the profile says.
 
 START, hold, return and landing are the profile's (`vehicle/profiles/`). Each procedure is an `Asking`
 (`wire/conversation.py`), and each checks that the autopilot did what it acknowledged: a mission counts as loaded when
@@ -56,7 +56,7 @@ class Plan:
 
 @dataclass(frozen=True, slots=True)
 class Loaded:
-    """What holds once a plan is loaded: the geofence, and the horizontal speed of the mission (m/s)."""
+    """Geofence and horizontal speed of the mission (m/s) that count after a plan was loaded."""
 
     fence: tuple[FencePart, ...]
     cruise_mps: float
@@ -64,7 +64,7 @@ class Loaded:
 
 @dataclass(frozen=True, slots=True)
 class HeldPlan:
-    """What the autopilot holds: its mission, home first, its geofence, and its speed between waypoints (m/s)."""
+    """The plan that the autopilot holds: mission, home first, geofence, and speed between waypoints (m/s)."""
 
     items: tuple[MissionItem, ...]
     fence: tuple[FencePart, ...]
@@ -73,7 +73,7 @@ class HeldPlan:
 
 @dataclass(frozen=True, slots=True)
 class Procedures:
-    """What there is to ask the autopilot of system `sysid`. `aircraft`: its state."""
+    """Procedures with the autopilot of system `sysid`. `aircraft`: its state."""
 
     sysid: int
     aircraft: VehicleState
@@ -99,9 +99,8 @@ class Procedures:
     def load(self, plan: Plan) -> Asking:
         """Write mission, geofence, rally points and cruise speed, read all of them back and compare.
 
-        A plan without a geofence clears none: one that the vehicle has of its own is there to keep the aircraft in, and
-        that a file says nothing of it is no reason to let it out. Likewise a plan without a cruise speed. Returns what
-        holds now, of the plan or not.
+        A plan without a geofence clears none: the vehicle's own geofence keeps the aircraft in, also if a file has
+        none. A plan without a cruise speed changes no speed. Returns geofence and speed that count now.
         """
         lists = MissionProtocol(self.sysid, self.profile)
         yield from lists.write_mission(plan.items)

@@ -1,3 +1,3 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The companion of one vehicle: events to the rules, one at a time, and the actions of the rules carried out."""
+"""The companion of one vehicle: gives events to the rules, one at a time, and carries out their actions."""

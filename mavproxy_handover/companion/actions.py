@@ -141,7 +141,7 @@ class Actions:
         parts.beacons.send_control_status()
 
     def _tell_commander(self, before: AuthorityView, view: AuthorityView) -> None:
-        """Tell every station who has authority, with the number of the transfer if there was one."""
+        """Tell every station the name of the commander, with the number of the transfer if there was one."""
         announcer = self._parts.news.announcer
         if view.commander is None:
             announcer.commander("", None)

@@ -48,7 +48,7 @@ _STRANGERS_BYTES: Final = 8 * 1024 * 1024
 
 @dataclass(frozen=True, slots=True)
 class Base:
-    """What the other parts stand on."""
+    """The parts that all others need."""
 
     journal: Journal
     #: the journal of frames that no station has signed
@@ -71,7 +71,7 @@ class Base:
 
 @dataclass(frozen=True, slots=True)
 class Hub:
-    """What the companion itself does for its parts."""
+    """Calls of the companion itself that its parts need."""
 
     #: gives an event to the rules
     handle: Callable[[Event, float], None]
@@ -99,7 +99,7 @@ class Parts:
 
 
 def base_of(running: Running, ports: Mapping[int, StationPort], edge: Edge) -> Base:
-    """Open the journals and construct what the other parts stand on.
+    """Open the journals and construct the parts that all others need.
 
     Raises OSError: the journal cannot be written, and it is no restart.
     """

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the companion sends at intervals: leases, status of authority, heartbeats."""
+"""Messages of the companion at intervals: leases, status of authority, heartbeats."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Beacons:
         return self._in_force.view
 
     def send_lease(self, alone_s: float) -> None:
-        """Tell the guard who has authority. `alone_s`: how long (s) the aircraft may still fly without a commander."""
+        """Send the guard a lease. `alone_s`: how long (s) the aircraft may still fly without a commander."""
         self._autopilot.guard.send_lease(self._in_force.view, alone_s)
 
     def send_authority_status(self, now: float) -> None:

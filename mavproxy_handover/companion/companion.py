@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The companion: takes frames and ticks, gives events to the rules one at a time, and has their actions carried out.
+"""The companion: turns frames and ticks into events, and gives them to the rules one at a time.
 
 The rules decide about authority (`core/`), the gate decides which frames pass (`gate/`). The companion decides what to
-do when something breaks. A fault of the rules ends authority for good (`fail_closed.py`). So does 5 s of flight in
-which positions cannot be compared with the zones. A fault in one frame costs that frame.
+do when something breaks. A fault of the rules ends authority for the rest of the run (`fail_closed.py`). So does 5 s of
+flight in which positions cannot be compared with the zones. A fault in one frame costs that frame.
 
 MAVProxy is not known here: `module.py` hands in a function that writes to the autopilot, the messages that come from
 there, and the time.
@@ -263,7 +263,7 @@ class Companion:
         self._base.faults.report(where, text)
 
     def _attempt(self, where: str, job: Callable[..., None], *arguments: Any) -> None:
-        """Do a job. A fault is reported, and what follows is done all the same."""
+        """Do a job. A fault is reported, and the next job is still done."""
         attempt(self.fault, where, job, *arguments)
 
     def settle(self, within_s: float) -> bool:

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the companion is given by the program that it runs in."""
+"""Means that the companion gets from the program that it runs in."""
 
 from __future__ import annotations
 

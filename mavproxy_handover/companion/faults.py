@@ -36,7 +36,7 @@ class FaultLog:
 
 
 class FaultNews:
-    """Tells each station of the first fault of a kind, and once more at the next take-off if there were more of it."""
+    """Tells each station of the first fault of a kind, and at the next take-off if there were more."""
 
     def __init__(self, log: FaultLog, voice: MessageSender) -> None:
         self._log = log

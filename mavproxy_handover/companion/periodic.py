@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the companion does each second. A fault in one job costs that job only."""
+"""Jobs of each second. A fault in one job costs that job only."""
 
 from __future__ import annotations
 

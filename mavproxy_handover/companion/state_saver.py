@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the companion saves for the next run: state of authority, batteries, and the mission package."""
+"""Saves the state of authority, the batteries and the mission package for the next run."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class StateSaver:
         self._restart.save(self._snapshot())
 
     def each_second(self) -> None:
-        """The same, and try again what memory or disk did not take."""
+        """Save the state, and try again what memory or disk did not take."""
         self._restart.each_second(self._snapshot())
 
     def _snapshot(self) -> Snapshot:

@@ -1,3 +1,3 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the companion itself answers and tells the operators at the stations."""
+"""Services of the companion for the operators at the stations."""

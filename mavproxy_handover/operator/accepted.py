@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What follows when a command of a station has gone to the autopilot."""
+"""Follow-up of a command of a station that has gone to the autopilot."""
 
 from __future__ import annotations
 

@@ -21,9 +21,9 @@ __all__ = ["MissingHeartbeats", "without_heartbeat"]
 
 #: frames that came within this time (s) are frames of now
 _FRAMES_S: Final = 2.5
-#: a heartbeat that has not come for so long (s) is missing
+#: after this time (s) without one, the heartbeat is missing
 _MISSING_S: Final = 5.0
-#: and has been for so long when the station is told; then again after so long
+#: time (s) from then until the station is told, and time until it is told again
 _WAIT_S: Final = 3.0
 _AGAIN_S: Final = 60.0
 

@@ -8,7 +8,7 @@ refused with a word about it: a misread one would take authority away in flight.
 
 The owner is asked by the same command, again and again until it acknowledges that it has heard.
 
-A system behind a station (a second program, a tracker: its `sysids`) speaks with the station's authority here as in
+Another system of a station (a second program, a tracker: its `sysids`) speaks with the station's authority here as in
 every other command: its request is the station's, and it gets the answer. Its own system id means the station, which is
 what CONTROL_STATUS names. That the owner has heard a question, only the owner itself can say: it was the one asked.
 """
@@ -92,7 +92,7 @@ class OperatorControl:
         """A request of a station, or the owner's word that it has heard of one; `handover_id`: of the transfer."""
         itself = frame.sysid == port.sysid
         if message.get_type() == "COMMAND_ACK":
-            # what it does not know a program refuses, or answers as unsupported: then nobody was asked
+            # a program that does not know the question refuses it or answers "unsupported": its operator was not asked
             if itself and self._question == (port.sysid, handover_id) and message.result in _HEARD:
                 self._acknowledged = self._question
                 self._handle(OperatorControlShown(port.sysid), now)
@@ -112,7 +112,7 @@ class OperatorControl:
         self._handle(request, now)
 
     def answer(self, port: StationPort, result: int, text: str, now: float) -> None:
-        """COMMAND_ACK of the component that was asked, the companion where nobody was named; and why it is denied."""
+        """COMMAND_ACK of the component that was asked, by default the companion; and why it is denied."""
         sysid, compid, component = self._askers[port.sysid]
         self._voice.acknowledge(port, (sysid, compid), OPERATOR_CONTROL, result, component)
         if text and self._denied.allow(port.sysid, text, now):

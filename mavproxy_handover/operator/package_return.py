@@ -10,7 +10,7 @@ Rules that live here
 --------------------
 * In flight only: on the ground the commander shares the mission.
 * One station at a time, and at most one window of chunks (1.6 kB) a second: the link carries telemetry and handovers.
-* A station that refuses, or does not answer for NO_ANSWER_S, is offered nothing more until it is connected anew, or
+* A station that refuses, or does not answer for NO_ANSWER_S, is offered nothing more until it connects again, or
   AGAIN_S are over.
 * The package is packed beside the main loop, once.
 * The offer carries the vehicle's addresses for that station, as far as the package came with them.

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""A rehearsal on the ground, as stations ask for it and hear of it; whether one may be is the arbiter's to say.
+"""A rehearsal on the ground: requests and reports of stations. The rules decide whether there may be one.
 
 HANDOVER_REHEARSE begins or ends one, or asks for its report; HANDOVER_REHEARSAL answers. A station repeats its question
 until it is answered, so a copy (the same nonce of the same station) is answered again and changes nothing. Any known
 station gets the report: what it costs is bounded (`_REPORTS_PER_S`).
 
-While it lasts what is seen goes into a book (`rehearsal_stats.py`), which the journal gets when it is over, and each
-minute before: a companion that dies takes no more than that with it.
+While it lasts, what is seen is counted (`rehearsal_stats.py`). The journal gets the counts when it is over and each
+minute before, so a crash of the companion loses one minute at most.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ _LOOK_S, _KEEP_S = 0.5, 60.0
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """What the book needs from the rest of the companion. `place`: the zones that hold the aircraft, in words; `where`:
+    """The facts that the counts need. `place`: the zones that hold the aircraft, in words; `where`:
     latitude and longitude (degrees), None: not known; `foreseen`: the handovers that the check of the mission has.
     """
 
@@ -92,7 +92,7 @@ class RehearsalDesk:
         self._refused: set[tuple[int, bool]] = set()
         self._reports = RefusalLimiter(_REPORTS_PER_S)
         self._look_at = self._keep_at = -inf
-        #: who had authority when a transfer was begun
+        #: the name of the station that had authority when a transfer began
         self._owner = ""
 
     # ---- what stations want ---------------------------------------------------------------------------------------
@@ -130,7 +130,7 @@ class RehearsalDesk:
     # ---- what the rules say ---------------------------------------------------------------------------------------
 
     def moved(self, moved: RehearsalMoved, now: float) -> None:
-        """One has begun, or is over: everybody is told."""
+        """A rehearsal has begun or ended: tell every station."""
         self._event_log.rehearsal(moved)
         self._announcer.rehearsal(moved)
         if moved.on:
@@ -141,7 +141,7 @@ class RehearsalDesk:
             self._event_log.rehearsal_report(self.book.lines(now), self.book.entry(now))
 
     def refused(self, refused: RehearsalRefused, now: float) -> None:
-        """It does not begin, or end, by that station's word."""
+        """Tell a station why its request to begin or end a rehearsal is refused."""
         self._refused.add((refused.station, refused.begin))
         text = f"{_TYPED[refused.begin]} refused: {'; '.join(refused.needs)}"
         port = self._voice.ports[refused.station]

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What was seen in a rehearsal on the ground: the book that its report is made of. Pure: times and places are given.
+"""Counts of a rehearsal on the ground, for its report. Pure: times and places are arguments.
 
 Of each link of a station, place by place: how much of it was lost, how long a round trip took, and how long nothing was
 heard, with where that was. A place is the set of zones that held the aircraft. Of the handovers how long they took and
@@ -30,8 +30,11 @@ _Where = tuple[float, float]
 
 @dataclass(frozen=True, slots=True)
 class Foreseen:
-    """A handover that the check of the mission has: names of stations, where it begins, the item flown to, and the time
-    (s) that the flight leaves for it."""
+    """A handover that the check of the mission expects.
+
+    It has the names of the stations, the place where it begins, the item flown to, and the time (s) that the flight
+    leaves for it.
+    """
 
     from_station: str
     to_station: str
@@ -127,8 +130,10 @@ class RehearsalBook:
     # ---- what is seen ---------------------------------------------------------------------------------------------
 
     def expects(self, foreseen: Sequence[Foreseen]) -> None:
-        """What the check of the mission has, where that was not known when the book was begun: after a restart the way
-        is walked a while later."""
+        """Set the handovers that the check of the mission expects.
+
+        After a restart they are known some time after the rehearsal began.
+        """
         if not self._foreseen and not self._handovers:
             self._foreseen = tuple(foreseen)
 
@@ -154,7 +159,7 @@ class RehearsalBook:
         self._note(from_station, to_station, now, took_s, why, True, found, off_m)
 
     def aborted(self, from_station: str, to_station: str, now: float, took_s: float, why: str) -> None:
-        """A transfer has come to nothing."""
+        """A transfer was aborted."""
         self._note(from_station, to_station, now, took_s, why, False, None, None)
 
     def _take_foreseen(self, from_station: str, to_station: str) -> Foreseen | None:
@@ -194,17 +199,17 @@ class RehearsalBook:
             self._left_out += 1
 
     def would(self, now: float, text: str) -> None:
-        """This would have been done."""
+        """Count a decision that would have been carried out in flight."""
         if len(self._would) < MOST:
             self._would.append((now - self._begun_at, self.place, text))
         else:
             self._left_out += 1
 
     def end(self, now: float, why: str) -> None:
-        """It is over."""
+        """The rehearsal is over."""
         self._over = now, why
 
-    # ---- what comes of it -----------------------------------------------------------------------------------------
+    # ---- the report ----------------------------------------------------------------------------------------------
 
     def lines(self, now: float) -> tuple[str, ...]:
         """The report for people, each line short enough for HANDOVER_REHEARSAL."""

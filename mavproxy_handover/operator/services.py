@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the companion does about a frame of a station after the verdict of the gate.
+"""Follow-up of a frame of a station after the verdict of the gate.
 
 A frame that the gate leaves to the companion (CONSUME) goes to the operator service of its class: one table says which.
-A class without a service needs none: the gate has done what there is to do. A system behind a station speaks with the
+A class without a service needs none: the gate has done what there is to do. Another system of a station speaks with the
 station's authority in commands; messages of a transfer are taken from the station itself only.
 """
 
@@ -32,7 +32,7 @@ from mavproxy_handover.wire.frames import Frame
 
 __all__ = ["OperatorServices", "Services"]
 
-#: classes that a system behind a station may send in the station's name
+#: classes that another system of a station may send in the station's name
 _OF_ANY_SYSTEM: Final = frozenset((Access.COMMAND, Access.CONTROL, Access.READ, Access.RALLY_READ, Access.RALLY_WRITE))
 
 Service = Callable[[StationPort, Frame, Verdict, float], None]

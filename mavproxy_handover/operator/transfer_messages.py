@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Messages of our own language from the stations: who takes which, in one table."""
+"""Messages of our own language from the stations, each with the part that takes it, in one table."""
 
 from __future__ import annotations
 

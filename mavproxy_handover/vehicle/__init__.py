@@ -1,3 +1,3 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the autopilot says of the vehicle: one state, with the time of each value, and the firmwares that are known."""
+"""The state of the vehicle, with the time of each value, and the profiles of aircraft."""

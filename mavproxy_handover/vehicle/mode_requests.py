@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Who may have chosen the flight mode: the autopilot's words and the commander's commands in the words of the rules
-(`core/safety/mode_source.py`). What differs by firmware is in its profile, with the sources.
+"""Evidence of the source of a flight mode: texts of the autopilot, and commands of the commander.
+
+They become events for the rules (`core/safety/mode_source.py`). Differences between firmwares are in the profiles, with
+their sources.
 """
 
 from __future__ import annotations
@@ -51,8 +53,10 @@ _FENCE: Final[int] = mavlink.MAV_SYS_STATUS_GEOFENCE
 
 
 def of_text(text: str, profile: Profile = ASSUMED) -> ModeSourceSeen | None:
-    """What a STATUSTEXT of the autopilot tells: a failsafe acts, or is over and gives back the mode of before, or the
-    mission has come to its end; None: nothing of the kind."""
+    """What a STATUSTEXT of the autopilot tells about the source of the mode; None: nothing.
+
+    A failsafe acts, or is over and restores the former mode, or the mission has ended.
+    """
     if text.startswith(_OF_GUARD):
         return None
     if profile.by_mission is not None and profile.by_mission.search(text):

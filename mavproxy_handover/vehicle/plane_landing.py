@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Whether a plane in AUTO flies its mission, or has been sent down: ArduPlane lands in the mode that flies missions.
+"""Tells whether a plane in AUTO flies its mission or lands: ArduPlane lands in the mode that flies missions.
 
 Theory of operation
 -------------------
-What is behind a DO_LAND_START, to the landing, is a way down: the mission's own, and everybody's. RTL goes on there
-(RTL_AUTOLAND), DO_LAND_START and a battery's failsafe begin there, and all of them show as AUTO. By its number alone
-that mode would be the mission, and a return that has come to its landing would look as if a pilot had called it off.
-So AUTO on a way down is
+The items from a DO_LAND_START to its landing are a way down. The mission uses it. RTL goes on there
+(RTL_AUTOLAND), DO_LAND_START and a battery failsafe begin there, and all of them show as AUTO. If the number of the
+mode alone counted, a return that has come to its landing would look as if a pilot had ended it. So AUTO on a way down
+is
 
 * what it was before, where it was a return or a landing: RTL has gone on;
 * what it was when AUTO was left, where it goes on with the same item: it was held on its way down;
@@ -37,7 +37,7 @@ _ENDS: Final = (ModeClass.RETURN, ModeClass.LAND)
 
 
 def ways_down(route: Route) -> tuple[range, ...]:
-    """The numbers of the items of each way down: from behind a DO_LAND_START to a landing; those without have none."""
+    """The numbers of the items of each way down: from the one after a DO_LAND_START to a landing."""
     ways = ways_from_land_starts(route.items)
     return tuple(range(way[0].seq, way[-1].seq + 1) for way in ways if way[-1].command in LANDINGS)
 
@@ -67,12 +67,12 @@ class WaysDown:
 
     @property
     def may_be(self) -> bool:
-        """It is in AUTO at an item of a way down, or at one of a mission that nobody knows."""
+        """Whether it is in AUTO at an item of a way down, or of a mission that is not known."""
         return self._may_land and (self._route is None or self._is_down(self._seq))
 
     @property
     def is_on(self) -> bool:
-        """It is in AUTO on a way down that is known, whoever has sent it there: the mission itself comes there too."""
+        """Whether it is in AUTO on a known way down; the mission itself comes there too."""
         return self._may_land and self._is_down(self._seq)
 
     def leads_to(self, seq: int) -> ModeClass | None:
@@ -85,14 +85,14 @@ class WaysDown:
         return ModeClass.LAND if comes else None
 
     def adopt(self, route: Route | None) -> None:
-        """The autopilot holds this mission; None: nobody knows which one."""
+        """Set the mission that the autopilot holds; None: it is not known."""
         self._route = route
         self._ways = () if route is None else ways_down(route)
         if not self._ways:
             self.flown = self._entered_at = None
 
     def lands(self) -> None:
-        """It was told to land, and may be on a way down: whatever that was before, it is a landing now."""
+        """The aircraft was ordered to land. On a way down this is a landing from now on."""
         self.flown, self._entered_at = ModeClass.LAND, None
 
     def mode(self, profile: Profile, mode: int, now: float) -> None:

@@ -97,7 +97,7 @@ def yes(effect: Effect) -> ControlDecision:
 
 SECOND_WAITER = no("another handover is under way")
 NOT_ITS = no("only the commander can release")
-THIRD = no("nobody but the commander can ask for another station")
+THIRD = no("only the commander can ask for another station")
 IS_OVER = no("the transfer that was asked about is over")
 AWAITED = no("the commander may come back after the restart")
 

@@ -403,7 +403,7 @@ class TestEnding:
     def test_armed_all_the_same_it_is_over_at_once(self) -> None:
         bench = carried()
         bench.autopilot_says(armed=True, flying=False)
-        over = RehearsalMoved(False, "REHEARSAL OVER: the aircraft is armed all the same", Reason.STARTED)
+        over = RehearsalMoved(False, "REHEARSAL OVER: the aircraft is armed", Reason.STARTED)
         assert moved(bench) == [over]
         view = bench.arbiter.view
         assert (view.phase, view.commander, view.rehearsal, view.armed) == (Phase.ON_LOAD, A, False, True)
@@ -431,7 +431,7 @@ class TestEnding:
         assert bench.arbiter.view.rehearsal
         bench.run(2.0)
         assert moved(bench) == [
-            RehearsalMoved(False, "REHEARSAL OVER: nobody has commanded for 60 s", Reason.COMMANDER_LOST)
+            RehearsalMoved(False, "REHEARSAL OVER: no station has had authority for 60 s", Reason.COMMANDER_LOST)
         ]
         assert bench.arbiter.view.phase is Phase.ON_LOAD
         assert said(bench)[-1] == "OVER: the rehearsal"

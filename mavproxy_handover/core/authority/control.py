@@ -113,7 +113,7 @@ def judge_control(request: ControlRequested, facts: ControlFacts) -> ControlDeci
     if not request.request:
         return _denied("only the commander can release")
     if request.for_station != request.station:
-        return _denied("nobody but the commander can ask for another station")
+        return _denied("only the commander can ask for another station")
     return _of_other(request, facts)
 
 

@@ -86,10 +86,10 @@ class Rehearsal:
         if not self._flight.rehearsing:
             return None
         if self._flight.armed:
-            return "the aircraft is armed all the same", Reason.STARTED
+            return "the aircraft is armed", Reason.STARTED
         due_at = self.due_at()
         if due_at is not None and now >= due_at:
-            return f"nobody has commanded for {self._limits.rehearsal_lost_s:.0f} s", Reason.COMMANDER_LOST
+            return f"no station has had authority for {self._limits.rehearsal_lost_s:.0f} s", Reason.COMMANDER_LOST
         return None
 
     def end(self) -> None:

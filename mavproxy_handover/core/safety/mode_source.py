@@ -100,7 +100,7 @@ class Change(Enum):
     MISSION = "the mission ends with it"
     GUARD = "the guard acts"
     UNHEARD = "chosen while the autopilot was not heard"
-    STRANGER = "nobody is known to have chosen the mode"
+    STRANGER = "the source of the mode is not known"
 
 
 _CHANGES: Final = {

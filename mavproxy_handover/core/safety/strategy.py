@@ -63,7 +63,7 @@ class Fact(Enum):
     FLYING = "flying"
     PILOT = "a pilot steers"
     FAILSAFE = "a failsafe of the autopilot acts"
-    RETURNING = "on the way to the place of a return"
+    RETURNING = "on the way to the return site"
     LANDING = "landing"
     AUTOPILOT = "the autopilot is heard"
     #: a transfer that would end the cause is under way, and has time left

@@ -74,12 +74,12 @@ TURNING: Final = names("DO_MOTOR_TEST ACTUATOR_TEST ACTUATOR_GROUP_TEST DO_ENGIN
 class JudgedRule:
     """A command that the situation judges in flight: its effect, its name for people, and the reason.
 
-    `which` and `values`: it is one only where that parameter has such a value, of which the autopilot keeps the last
-    8 bits; a second pair likewise. `mode`: such a value is the mode of that name in `Modes`. `item`: the parameter
-    that names an item of the mission, `speed`: the one that is a speed, of which the first parameter says the kind. Of
-    `Kind.FLY_TO` parameters 5 to 7 are the place; `radius`: the parameter that wings take for the radius of the circle
-    there; `height`: it is a height alone, which nothing but wings takes, and this its parameter: 7 is the one of the
-    place, behind any other stands its MAV_FRAME.
+    `which` and `values`: the rule applies only if that parameter has such a value, of which the autopilot keeps the
+    last 8 bits; a second pair works in the same way. `mode`: such a value is the mode of that name in `Modes`. `item`:
+    the parameter that names an item of the mission. `speed`: the parameter that is a speed; the first parameter is its
+    kind. For `Kind.FLY_TO`, parameters 5 to 7 are the place. `radius`: the parameter that wings take for the radius of
+    the circle there. `height`: the parameter of a command that has only a height, which only wings take; 7 is the
+    height of the place, and the MAV_FRAME of any other parameter is the next parameter.
     """
 
     name: str

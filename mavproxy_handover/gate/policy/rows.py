@@ -225,7 +225,7 @@ TAKE_OFF_MESSAGES: Final = frozenset({mavlink.MAVLINK_MSG_ID_SET_MODE})
 
 
 def takes_off(frame: Frame, row: Row, modes: Modes = ASSUMED.gate) -> bool:
-    """Whether a frame, whose row this is, arms an aircraft with these modes on the ground, or has it take off."""
+    """Whether a frame with this row arms an aircraft on the ground, or makes it take off. `modes`: its flight modes."""
     if frame.msgid == mavlink.MAVLINK_MSG_ID_SET_MODE:
         return _keeps(field_int(frame, "custom_mode"), MODE_BITS) in modes.take_off
     rule = None if row.part is None else _TAKE_OFFS.get(row.part)
@@ -252,8 +252,7 @@ def _values(rule: TakeOffRule, modes: Modes) -> tuple[int, ...]:
 
 
 def moves(frame: Frame, row: Row, modes: Modes = ASSUMED.gate) -> bool:
-    """Whether motors may turn by a frame, whose row this is, of an aircraft that is carried: by START, by what arms or
-    takes off, and by tests."""
+    """Whether a frame with this row may turn motors while people carry the aircraft: START, arming, take-off, tests."""
     if row.access is not Access.COMMAND:
         return False
     turns = frame.msgid in _COMMANDS and (row.part == MISSION_START or row.part in _TURNING)

@@ -324,7 +324,7 @@ PLANE: Final = Profile(
         (mavlink.MAV_CMD_NAV_LOITER_TURNS, 1): (1 / 256, 255, "more than 0, up to 255 turns"),
         (mavlink.MAV_CMD_NAV_LOITER_TURNS, 3): (-2550, 2550, "a radius up to 2550 m, below 0 to the left"),
         (mavlink.MAV_CMD_DO_CHANGE_SPEED, 1): (
-            0, 0, "0, airspeed: another one changes a parameter of ArduPlane for good"
+            0, 0, "0, airspeed: another one changes a parameter of ArduPlane permanently"
         ),
         (mavlink.MAV_CMD_DO_CHANGE_SPEED, 2): (1, 100, "1 to 100 m/s"),
         (mavlink.MAV_CMD_NAV_VTOL_LAND, 1): (0, 1, "0, or 1 for a circle down before it"),

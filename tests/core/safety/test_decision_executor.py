@@ -589,7 +589,7 @@ class TestOtherHands:
         bench.mode = ModeSeen(ModeClass.GUIDED, "GUIDED")
         bench.run(2.5)
         assert bench.flights() == [HOME, HOME]
-        assert [record.text for record in bench.records("helm")] == ["GUIDED: nobody is known to have chosen the mode"]
+        assert [record.text for record in bench.records("helm")] == ["GUIDED: the source of the mode is not known"]
 
     @pytest.mark.parametrize("hand", [ModeSource.GUARD, ModeSource.FAILSAFE])
     def test_a_return_that_is_under_way_already_is_not_commanded_again(self, hand: ModeSource) -> None:
