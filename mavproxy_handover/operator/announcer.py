@@ -74,7 +74,7 @@ class Announcer:
         self._send(now)
 
     def commander(self, name: str, handover_id: int | None) -> None:
-        """Tell every station the name of the commander, "" for none. `handover_id`: of the transfer, if there was one."""
+        """Tell every station the name of the commander, "" for none. `handover_id`: of the transfer, if any."""
         number = "" if handover_id is None else f" (handover {handover_id})"
         self._voice.say_to_all(f"{name or 'no station'} commands now{number}", COMMANDER)
 
