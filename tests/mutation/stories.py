@@ -37,7 +37,7 @@ Step = tuple[str, Any]
 Player = Callable[["Story"], Iterator[str]]
 
 #: what has to be there once for the core with the fault, and once for the one without
-OWN = ("mavproxy_handover.core", "sitl.campaign", "tests.core")
+OWN = ("mavproxy_handover.core", "mavproxy_handover.vehicle", "mavproxy_handover.wire", "sitl.campaign", "tests.core")
 #: so much of its own time (s) one story takes at most: a fault may turn in circles
 STORY_S = 30.0
 FLOWN = ("HANDS", "MISSION", "GUIDED", "STOP", "RETURN", "LAND", "OTHER")
@@ -141,6 +141,7 @@ def player(module: str = "", source: str | None = None) -> Player:
                     "mavproxy_handover.core.common.limits",
                     "mavproxy_handover.core.common.model",
                     "mavproxy_handover.core.common.causes",
+                    "mavproxy_handover.vehicle.profiles",
                 )
             }
         )
@@ -212,7 +213,7 @@ def _world(found: SimpleNamespace) -> Any:
 def _begun(world: Any, found: SimpleNamespace, told: Story) -> Any:
     policies = {found.causes.Cause[cause]: policy for cause, policy in told.policies}
     bench = world(found.limits.Limits(policies=policies, hold_s=told.hold_s))
-    bench.kind = found.model.Kind[told.kind]
+    bench.handling = getattr(found.profiles, told.kind).handling
     if told.kind != "COPTER":
         bench.circles_s, bench.circle_m = 8.0, 80.0
     bench.mode = found.events.ModeSeen(found.model.ModeClass.MISSION, "MISSION")

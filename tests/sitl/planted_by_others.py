@@ -93,7 +93,7 @@ PLANTED_BY_OTHERS = (
         "an operator who is asked has no end of time",
         "authority/transfer.py",
         "        if not self.operator_asked:\n            self.operator_asked = True\n"
-        "            if not self.forced:  # where there is a hurry that comes first, see `_run_out`\n    ",
+        "            if not self.forced:  # a forced transfer keeps its time limit, see `_run_out`\n    ",
         "        self.operator_asked = True\n        if not self.forced:\n",
     ),
 )
