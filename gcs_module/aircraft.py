@@ -49,10 +49,10 @@ from gcs_module.vehicle_links import VehicleLinks
 from gcs_module.vehicle_state import VehicleState
 from gcs_module.vehicle_texts import VehicleTexts
 from gcs_module.view import View, telemetry_line
+from mavproxy_handover.companion.hosting import guarded
 from mavproxy_handover.config.files import FleetVehicle, StationConfig
 from mavproxy_handover.core.common.messages import Message
 from mavproxy_handover.core.common.never import assert_never
-from mavproxy_handover.hosting import guarded
 from mavproxy_handover.mission.addresses import without_addresses
 from mavproxy_handover.store.confirmed_address import address_file
 from mavproxy_handover.store.journal import Journal

@@ -13,11 +13,11 @@ from __future__ import annotations
 
 from collections import Counter
 
-from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.config.station import StationConfig
 from mavproxy_handover.link.devices import Device, LinkError, open_device
 from mavproxy_handover.store.keys import load_station_keys
 from mavproxy_handover.store.replay import ReplayStore
+from mavproxy_handover.tools.clocks import Clocks
 from mavproxy_handover.wire.frames import Frame
 from mavproxy_handover.wire.signing import SignatureVerdict, SignedPeer
 

@@ -26,8 +26,8 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.package import MissionPackage, from_bytes
 from mavproxy_handover.store.durable import replace_whole
+from mavproxy_handover.tools.worker import Worker
 from mavproxy_handover.wire.package_transfer import MAX_PACKAGE_BYTES, PackageReceiver
-from mavproxy_handover.worker import Worker
 
 __all__ = ["Inbox"]
 

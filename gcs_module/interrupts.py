@@ -22,7 +22,7 @@ from collections.abc import Callable
 from types import FrameType
 from typing import Any, Final
 
-from mavproxy_handover.main_loop import end
+from mavproxy_handover.supervision.main_loop import end
 
 __all__ = ["AGAIN_S", "Interrupts"]
 

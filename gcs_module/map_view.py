@@ -22,7 +22,7 @@ from gcs_module.map_items import Item, Paths
 from gcs_module.map_layer import Now, drawn
 from gcs_module.mission_map import MissionMap, mission_map
 from mavproxy_handover.mission.package import MissionPackage
-from mavproxy_handover.worker import Worker
+from mavproxy_handover.tools.worker import Worker
 
 __all__ = ["MapView", "loaded_maps"]
 

@@ -19,8 +19,8 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from gcs_module.inbox import Inbox
 from mavproxy_handover.mission.package import MissionPackage
-from mavproxy_handover.vehicle_address import pack_addresses
 from mavproxy_handover.wire.package_transfer import PackageSender, package_id
+from mavproxy_handover.wire.vehicle_address import pack_addresses
 
 __all__ = ["NO_ANSWER_S", "MissionTransfer"]
 

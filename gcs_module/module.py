@@ -35,7 +35,7 @@ from gcs_module.station_resources import StationResources
 from gcs_module.vehicle_selection import VehicleSelection
 from gcs_module.view import alert, plain_line
 from gcs_module.window_watchdog import WindowWatchdog
-from mavproxy_handover.clocks import Clocks
+from mavproxy_handover.companion.hosting import SharedLog, guarded, why
 from mavproxy_handover.config.files import (
     ConfigError,
     StationConfig,
@@ -43,11 +43,11 @@ from mavproxy_handover.config.files import (
     load_station,
     path_argument,
 )
-from mavproxy_handover.hosting import SharedLog, guarded, why
 from mavproxy_handover.link.devices import Device
 from mavproxy_handover.link.forms import parse_device
-from mavproxy_handover.must_load import loaded, refused
-from mavproxy_handover.version import VERSION
+from mavproxy_handover.supervision.must_load import loaded, refused
+from mavproxy_handover.tools.clocks import Clocks
+from mavproxy_handover.tools.version import VERSION
 from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.frames import Frame, parse_one
 from mavproxy_handover.wire.ids import OUR_MESSAGES

@@ -29,7 +29,7 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.clocks import Clocks
+from mavproxy_handover.tools.clocks import Clocks
 from mavproxy_handover.wire.frames import SIGNATURE_BYTES, Frame, parse_one
 from mavproxy_handover.wire.signing import OVERTAKEN_S, SignatureVerdict, SigningClock, Verifier, fingerprint
 

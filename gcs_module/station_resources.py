@@ -9,12 +9,12 @@ from dataclasses import dataclass
 
 from gcs_module.ground import GroundLink
 from gcs_module.signing import LinkSigning
-from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.config.station import FleetVehicle, StationConfig
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.store.journal import Journal
 from mavproxy_handover.store.keys import KeysError, load_key
+from mavproxy_handover.tools.clocks import Clocks
 
 __all__ = ["StationResources", "VehicleResources"]
 

@@ -31,7 +31,8 @@ from pathlib import Path
 from typing import Final, Protocol
 
 from mavproxy_handover.store.confirmed_address import ConfirmedAddress, keep_address, kept_address
-from mavproxy_handover.vehicle_address import (
+from mavproxy_handover.tools.worker import Worker
+from mavproxy_handover.wire.vehicle_address import (
     MAX_OF_STATION,
     VehicleAddress,
     on_this_computer,
@@ -39,7 +40,6 @@ from mavproxy_handover.vehicle_address import (
     unpack_addresses,
     why_unusable,
 )
-from mavproxy_handover.worker import Worker
 
 __all__ = ["LOCAL_KEY", "OFFER_KEY", "QUIET_S", "SILENT_S", "VehicleAddresses"]
 

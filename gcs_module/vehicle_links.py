@@ -16,7 +16,7 @@ from contextlib import closing
 from typing import Any
 
 from gcs_module.links import Links
-from mavproxy_handover.vehicle_address import WAITING_LABEL, WAITING_LINK, VehicleAddress
+from mavproxy_handover.wire.vehicle_address import WAITING_LABEL, WAITING_LINK, VehicleAddress
 
 __all__ = ["VehicleLinks"]
 

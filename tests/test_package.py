@@ -92,10 +92,12 @@ def test_manual_pages_and_completion_go_where_man_and_shells_look(names: set[str
 
 
 def test_a_module_for_mavproxy_only_names_the_real_one(wheel: zipfile.ZipFile) -> None:
-    for name, module in (("handover", "mavproxy_handover.module"), ("handover_gcs", "gcs_module.module")):
+    for name, module in (("handover", "mavproxy_handover.companion.module"), ("handover_gcs", "gcs_module.module")):
         lines = wheel.read(f"{name}.py").decode().splitlines()
         assert lines[-1] == f'init = starter("{name}", "{module}")'
-        assert [line for line in lines if "import" in line] == ["from mavproxy_handover.must_load import starter"]
+        assert [line for line in lines if "import" in line] == [
+            "from mavproxy_handover.supervision.must_load import starter"
+        ]
 
 
 def test_python_starts_with_one_line_of_ours(wheel: zipfile.ZipFile) -> None:
@@ -162,7 +164,7 @@ def test_the_command_handover_is_installed(wheel: zipfile.ZipFile) -> None:
 
 
 def test_the_metadata_names_licence_version_and_what_the_vehicle_needs(wheel: zipfile.ZipFile) -> None:
-    from mavproxy_handover.version import VERSION
+    from mavproxy_handover.tools.version import VERSION
 
     (path,) = [name for name in wheel.namelist() if name.endswith(".dist-info/METADATA")]
     lines = wheel.read(path).decode().splitlines()

@@ -8,7 +8,7 @@ import random
 
 import pytest
 
-from mavproxy_handover.vehicle_address import (
+from mavproxy_handover.wire.vehicle_address import (
     MAX_ADDRESSES,
     VehicleAddress,
     on_this_computer,

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from mavproxy_handover.worker import LONGEST_S, MOST_LEFT, TURN_S, Worker
+from mavproxy_handover.tools.worker import LONGEST_S, MOST_LEFT, TURN_S, Worker
 
 
 class Held:

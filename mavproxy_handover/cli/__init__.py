@@ -17,8 +17,8 @@ import sys
 from collections.abc import Iterator, Sequence
 from typing import Any, Final, TextIO, cast
 
-from mavproxy_handover.must_load import import_fault
-from mavproxy_handover.version import VERSION
+from mavproxy_handover.supervision.must_load import import_fault
+from mavproxy_handover.tools.version import VERSION
 
 __all__ = ["COMMANDS", "DESCRIPTION", "main"]
 

@@ -11,7 +11,7 @@ import argparse
 from collections.abc import Sequence
 from typing import Final
 
-from mavproxy_handover.resources import DEPLOY
+from mavproxy_handover.tools.resources import DEPLOY
 
 __all__ = ["main"]
 

@@ -23,9 +23,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from mavproxy_handover.resources import shipped
 from mavproxy_handover.store.durable import discard, sync_folder
 from mavproxy_handover.store.keys import KeysError, load_key
+from mavproxy_handover.tools.resources import shipped
 from mavproxy_handover.vehicle.profiles import ASSUMED, PROFILES
 from mavproxy_handover.wire.signing import fingerprint
 

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from mavproxy_handover.cli.keys import GROUND, show_key, typing_help
-from mavproxy_handover.resources import DEPLOY, shipped
 from mavproxy_handover.store.keys import KeysError, key_of, key_path, make_passphrase, write_key
+from mavproxy_handover.tools.resources import DEPLOY, shipped
 
 __all__ = ["main"]
 

@@ -29,9 +29,9 @@ from typing import Final
 from mavproxy_handover.cli.machine import CONFIGURATION, KEYS, STATE, Item, below, files, uplink
 from mavproxy_handover.config.files import ConfigError, StationConfig, VehicleConfig, load_station, load_vehicle
 from mavproxy_handover.link.forms import Kind, parse_device
-from mavproxy_handover.resources import DEPLOY
 from mavproxy_handover.store.durable import discard
 from mavproxy_handover.store.keys import KeysError, load_key
+from mavproxy_handover.tools.resources import DEPLOY
 
 __all__ = ["install", "uninstall"]
 

@@ -14,8 +14,8 @@ from pathlib import Path
 
 from mavproxy_handover.config.files import ConfigError, FleetVehicle, load_station
 from mavproxy_handover.link.forms import Kind, parse_device
-from mavproxy_handover.vehicle_address import WAITING_LINK
 from mavproxy_handover.wire.ids import COMPANION_COMPID, STATION_COMPID
+from mavproxy_handover.wire.vehicle_address import WAITING_LINK
 
 __all__ = ["companion_argv", "mavproxy", "station_argv", "supervised_argv"]
 

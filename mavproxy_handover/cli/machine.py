@@ -16,7 +16,7 @@ from typing import Final
 
 from mavproxy_handover.config.files import ConfigError
 from mavproxy_handover.link.forms import Kind, LinkError, parse_device
-from mavproxy_handover.resources import DEPLOY
+from mavproxy_handover.tools.resources import DEPLOY
 
 __all__ = ["CONFIGURATION", "KEYS", "LINE", "STATE", "Item", "Uplink", "below", "files", "uplink"]
 

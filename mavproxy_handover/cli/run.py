@@ -23,10 +23,10 @@ from typing import Any, Final
 
 from mavproxy_handover.cli.launch import companion_argv, station_argv
 from mavproxy_handover.config.files import ConfigError, find_vehicle_config, load_station
-from mavproxy_handover.must_load import import_fault, module_fault, must_load
 from mavproxy_handover.store.flights import LATEST, begin
+from mavproxy_handover.supervision.must_load import import_fault, module_fault, must_load
 from mavproxy_handover.supervision.script import few_threads
-from mavproxy_handover.version import VERSION
+from mavproxy_handover.tools.version import VERSION
 
 __all__ = ["companion", "station"]
 

@@ -8,10 +8,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from mavproxy_handover.autopilot.assembly import Autopilot, assemble
-from mavproxy_handover.autopilot.authority import Authority
-from mavproxy_handover.autopilot.package_loading import MissionSurroundings
-from mavproxy_handover.autopilot.reports import Reports
 from mavproxy_handover.companion.actions import ActionParts, Actions
 from mavproxy_handover.companion.beacons import Beacons
 from mavproxy_handover.companion.decision_news import DecisionNews
@@ -24,21 +20,25 @@ from mavproxy_handover.companion.state_saver import PackageSaver, StateSaver
 from mavproxy_handover.config.running import Running
 from mavproxy_handover.core.arbiter import Arbiter, Identity
 from mavproxy_handover.core.common.events import Event
-from mavproxy_handover.event_log import EventLog
 from mavproxy_handover.gate.filters import CompanionMatters
 from mavproxy_handover.gate.gate import Gate
 from mavproxy_handover.gate.in_force import AuthorityInForce
 from mavproxy_handover.gate.passed import PassedFrames
 from mavproxy_handover.gate.replies import GateReports
 from mavproxy_handover.gate.stale_streams import News
-from mavproxy_handover.operator.announcer import Announcer
 from mavproxy_handover.operator.assembly import OperatorParts, assemble_operator
-from mavproxy_handover.operator.missing_heartbeats import MissingHeartbeats
-from mavproxy_handover.schedule import attempt
-from mavproxy_handover.stations.port import StationPort
-from mavproxy_handover.stations.sender import MessageSender
+from mavproxy_handover.operator.base.authority import Authority
+from mavproxy_handover.operator.base.reports import Reports
+from mavproxy_handover.operator.stations.announcer import Announcer
+from mavproxy_handover.operator.stations.event_log import EventLog
+from mavproxy_handover.operator.stations.missing_heartbeats import MissingHeartbeats
+from mavproxy_handover.operator.stations.port import StationPort
+from mavproxy_handover.operator.stations.sender import MessageSender
+from mavproxy_handover.operator.uploads.package_loading import MissionSurroundings
+from mavproxy_handover.operator.vehicle.assembly import Autopilot, assemble
 from mavproxy_handover.store.journal import Journal, strangers_path
 from mavproxy_handover.store.state_store import StateStore
+from mavproxy_handover.tools.schedule import attempt
 
 __all__ = ["Base", "Hub", "Parts", "base_of", "parts_of"]
 

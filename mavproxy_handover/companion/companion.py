@@ -32,8 +32,8 @@ from mavproxy_handover.gate.judge import Fate
 from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.gate.policy.rows import classify
 from mavproxy_handover.link.quality import LinkEvent
-from mavproxy_handover.schedule import Schedule, attempt
-from mavproxy_handover.stations.port import StationPort
+from mavproxy_handover.operator.stations.port import StationPort
+from mavproxy_handover.tools.schedule import Schedule, attempt
 from mavproxy_handover.wire import status
 from mavproxy_handover.wire.frames import Frame, checked_types, parse_one
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID

@@ -8,11 +8,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from mavproxy_handover.core.common.events import Announce
-from mavproxy_handover.event_log import EventLog
-from mavproxy_handover.operator.announcer import Announcer
 from mavproxy_handover.operator.briefing import Briefing
-from mavproxy_handover.operator.rehearsal import RehearsalDesk
-from mavproxy_handover.schedule import attempt
+from mavproxy_handover.operator.rehearsal.rehearsal import RehearsalDesk
+from mavproxy_handover.operator.stations.announcer import Announcer
+from mavproxy_handover.operator.stations.event_log import EventLog
+from mavproxy_handover.tools.schedule import attempt
 
 __all__ = ["DecisionNews"]
 

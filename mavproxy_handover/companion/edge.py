@@ -7,8 +7,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.monitors.position.source import Box
+from mavproxy_handover.tools.clocks import Clocks
 
 __all__ = ["Edge"]
 

@@ -8,7 +8,7 @@ from collections import Counter
 from contextlib import suppress
 from typing import Final
 
-from mavproxy_handover.stations.sender import MessageSender
+from mavproxy_handover.operator.stations.sender import MessageSender
 from mavproxy_handover.store.journal import Journal
 
 __all__ = ["FaultLog", "FaultNews"]

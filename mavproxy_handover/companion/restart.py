@@ -19,8 +19,8 @@ from dataclasses import replace
 from mavproxy_handover.core.arbiter import Arbiter
 from mavproxy_handover.core.common.model import Phase
 from mavproxy_handover.core.common.snapshot import Snapshot
-from mavproxy_handover.event_log import EventLog
 from mavproxy_handover.mission.package import MissionPackage
+from mavproxy_handover.operator.stations.event_log import EventLog
 from mavproxy_handover.store.state_store import StateStore
 
 __all__ = ["Restart"]

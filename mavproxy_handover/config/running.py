@@ -29,8 +29,8 @@ from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.store.keys import StationKeys, load_key, load_station_keys
 from mavproxy_handover.store.run_record import RunRecord
 from mavproxy_handover.store.state_store import in_flight
-from mavproxy_handover.vehicle_address import pack_addresses, unpack_addresses
 from mavproxy_handover.wire.signing import KEY_BYTES
+from mavproxy_handover.wire.vehicle_address import pack_addresses, unpack_addresses
 
 __all__ = ["Running", "Start", "forget", "keep", "load_running", "start_of"]
 

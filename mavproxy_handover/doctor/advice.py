@@ -12,7 +12,7 @@ import re
 from functools import cache
 from typing import Final
 
-from mavproxy_handover.resources import shipped
+from mavproxy_handover.tools.resources import shipped
 from mavproxy_handover.vehicle.profiles import PROFILES, Profile
 from mavproxy_handover.wire.ids import COMPANION_COMPID
 

@@ -14,7 +14,6 @@ from pathlib import Path, PurePosixPath
 from typing import Final
 
 from mavproxy_handover.cli.machine import CONFIGURATION, below
-from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.config.files import ConfigError, load_station
 from mavproxy_handover.config.station import StationConfig
 from mavproxy_handover.config.vehicle import VehicleConfig, load_vehicle
@@ -22,6 +21,7 @@ from mavproxy_handover.doctor.accounts import Account, account_of, myself
 from mavproxy_handover.doctor.processes import Process, companion_of, lock_holder
 from mavproxy_handover.doctor.units import Unit, read_unit
 from mavproxy_handover.mission.package import MissionPackage
+from mavproxy_handover.tools.clocks import Clocks
 from mavproxy_handover.vehicle.state import VehicleState
 
 __all__ = ["CompanionStarted", "CheckContext", "admit"]

@@ -21,7 +21,6 @@ from pathlib import Path
 from typing import Final
 
 from mavproxy_handover.cli.machine import CONFIGURATION, below
-from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.config.files import STATION_PLACES, ConfigError, find_station_config, find_vehicle_config
 from mavproxy_handover.doctor.air import air
 from mavproxy_handover.doctor.check_context import CheckContext, CompanionStarted, admit
@@ -35,6 +34,7 @@ from mavproxy_handover.doctor.programs import programs
 from mavproxy_handover.doctor.settings import configuration, keys
 from mavproxy_handover.doctor.stations import stations
 from mavproxy_handover.doctor.tunnels import tunnels
+from mavproxy_handover.tools.clocks import Clocks
 
 __all__ = ["CHECKS", "main"]
 

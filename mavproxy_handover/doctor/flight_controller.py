@@ -14,9 +14,6 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.guard_link import misfit_of
-from mavproxy_handover.autopilot.mission_protocol import MissionProtocol
-from mavproxy_handover.autopilot.preflight import reading
 from mavproxy_handover.cli.guard import version_of
 from mavproxy_handover.config.vehicle import VehicleConfig
 from mavproxy_handover.core.common.model import GuardState
@@ -31,7 +28,10 @@ from mavproxy_handover.link.devices import DeviceSpec, Kind, LinkError, open_dev
 from mavproxy_handover.mission.heights import above_sea
 from mavproxy_handover.monitors.preflight import rules
 from mavproxy_handover.monitors.preflight.own_failsafes import plan_facts
+from mavproxy_handover.operator.start.preflight import reading
 from mavproxy_handover.store.keys import KeysError, load_key
+from mavproxy_handover.vehicle.guard_link import misfit_of
+from mavproxy_handover.vehicle.mission_protocol import MissionProtocol
 from mavproxy_handover.vehicle.profiles import Profile
 from mavproxy_handover.wire.conversation import Ask, Asking, NoAnswer, command_long
 from mavproxy_handover.wire.file_transfer import checksum

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Final
 
-from mavproxy_handover.resources import shipped
+from mavproxy_handover.tools.resources import shipped
 from mavproxy_handover.wire.conversation import Ask, Asking, NoAnswer
 from mavproxy_handover.wire.file_transfer import DATA, Head, head_of
 from mavproxy_handover.wire.file_transfer import message as file_message

@@ -20,7 +20,7 @@ from typing import Final
 
 from mavproxy_handover.doctor.check_context import CheckContext
 from mavproxy_handover.doctor.finding import Finding, error, ok, unseen, warning
-from mavproxy_handover.resources import shipped
+from mavproxy_handover.tools.resources import shipped
 
 __all__ = ["programs"]
 
@@ -31,7 +31,7 @@ _OLDER_PYTHON: Final = re.compile(r"python_version < ['\"](\d+)\.(\d+)['\"]")
 _MODULES: Final = {"companion": "handover.py", "station": "handover_gcs.py"}
 _DIALECT: Final = Path("mavproxy_handover", "data", "dialect", "handover.py")
 #: text in our files that another program's file of the same name would not have
-_LOADED: Final = "mavproxy_handover.must_load"
+_LOADED: Final = "mavproxy_handover.supervision.must_load"
 _STARTED: Final = "import handover_dialect"
 
 

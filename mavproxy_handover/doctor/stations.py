@@ -20,7 +20,7 @@ from mavproxy_handover.doctor.finding import Finding, error, ok, unseen, warning
 from mavproxy_handover.doctor.journal import links_by_journal
 from mavproxy_handover.doctor.line import here, line_findings, usable
 from mavproxy_handover.link.devices import Device, Kind, LinkError, open_device, parse_device
-from mavproxy_handover.stations.port import StationPort
+from mavproxy_handover.operator.stations.port import StationPort
 from mavproxy_handover.store.keys import KeysError, StationKeys, load_station_keys
 from mavproxy_handover.wire.signing import SignatureVerdict
 

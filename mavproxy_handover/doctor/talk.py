@@ -15,8 +15,8 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.link.devices import Device
+from mavproxy_handover.tools.clocks import Clocks
 from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.conversation import Asking, Conversation
 from mavproxy_handover.wire.frames import Frame

@@ -5,7 +5,7 @@
 After such a frame has reached the autopilot, a mission package that was loaded does not count any more. The list counts
 as changed when the change begins: with the first message of an upload, or when a file is opened for writing.
 
-Rally points are not here: the companion keeps that list (`autopilot/rally_list.py`).
+Rally points are not here: the companion keeps that list (`operator/return_site/rally_list.py`).
 
 Sources: ArduPilot's MissionItemProtocol, AP_Filesystem_Mission (files), RC_Channel (auxiliary functions), AP_Mission,
 AC_Fence (MIS_TOTAL and FENCE_TOTAL are the numbers of items).

@@ -29,10 +29,10 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.gate.mission_items import Flaw, filled, flaw, item_message, item_of
 from mavproxy_handover.gate.mission_server import Sender, Turn, Upload
 from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.mission.items import MissionItem
+from mavproxy_handover.mission.protocol_items import Flaw, filled, flaw, item_message, item_of
 from mavproxy_handover.wire.file_transfer import DATA, DATA_BYTES, Head, answer, checksum, head_of, message
 from mavproxy_handover.wire.frames import Frame, field_bytes, target
 from mavproxy_handover.wire.ids import (

@@ -36,8 +36,8 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.gate.mission_items import Flaw, filled, flaw, item_message, item_of, older_item_message
 from mavproxy_handover.mission.items import MissionItem
+from mavproxy_handover.mission.protocol_items import Flaw, filled, flaw, item_message, item_of, older_item_message
 
 __all__ = ["AGAIN_S", "PATIENCE_S", "REMEMBERED_S", "MissionServer", "Sender", "Turn", "Upload"]
 

@@ -21,7 +21,7 @@ from typing import Any, Final
 
 from mavproxy_handover.link.base import Backoff, reason
 from mavproxy_handover.link.forms import DeviceSpec, LinkError
-from mavproxy_handover.worker import Worker
+from mavproxy_handover.tools.worker import Worker
 
 __all__ = ["Address", "Names", "endpoint", "hear_both_kinds", "host_of", "is_number", "look_up", "look_up_for"]
 

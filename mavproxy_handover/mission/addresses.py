@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from mavproxy_handover.mission.errors import Where
-from mavproxy_handover.vehicle_address import (
+from mavproxy_handover.wire.vehicle_address import (
     ALLOWED,
     MAX_ADDRESSES,
     MAX_OF_STATION,

@@ -49,7 +49,7 @@ from mavproxy_handover.mission.route_simulation import (
 from mavproxy_handover.mission.terrain import CLEAR_M
 from mavproxy_handover.mission.wings import Air
 from mavproxy_handover.mission.zones import overlap
-from mavproxy_handover.vehicle_address import on_this_computer
+from mavproxy_handover.wire.vehicle_address import on_this_computer
 
 __all__ = ["OPERATOR_S", "REACH_M", "TRANSFER_S", "CheckReport", "Finding", "Severity", "check", "report_text"]
 

@@ -4,7 +4,7 @@
 
 A return may begin at every waypoint. It flies as RTL does, to the best return site inside the plan's geofence, which is
 the one with the largest margin. Return sites are home, the rally points and the place where the route lands. The speed
-is the mission's cruise speed, whatever the route has set, because the autopilot uses its own (`autopilot/cruise.py`).
+is the mission's cruise speed, whatever the route has set, because the autopilot uses its own (`vehicle/cruise.py`).
 An aircraft that hovers comes down straight. A plane without rotors goes on from the return site to the landing sequence
 that begins nearest to it, and along that to the ground (RTL_AUTOLAND 1). Without a sequence it would circle, which is
 not counted, and such a mission does not start.

@@ -56,7 +56,7 @@ from mavproxy_handover.mission.waypoint_ownership import Belonging, belonging_of
 from mavproxy_handover.mission.wings import WINGS_RANGES, Air, Wings
 from mavproxy_handover.mission.zones import Zone, ZoneFinder
 from mavproxy_handover.vehicle.profiles import ASSUMED, PROFILES, Profile, named
-from mavproxy_handover.vehicle_address import Addresses
+from mavproxy_handover.wire.vehicle_address import Addresses
 
 if sys.version_info >= (3, 11):
     import tomllib

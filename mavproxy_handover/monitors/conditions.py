@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.common.events import ConditionsSeen, Event
 from mavproxy_handover.core.safety.route import TrackFact
-from mavproxy_handover.schedule import attempt
+from mavproxy_handover.tools.schedule import attempt
 from mavproxy_handover.vehicle import mode_requests
 from mavproxy_handover.vehicle.state import VehicleState
 

@@ -6,23 +6,23 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mavproxy_handover.autopilot.assembly import Autopilot
-from mavproxy_handover.autopilot.authority import Authority
-from mavproxy_handover.autopilot.reports import Reports
 from mavproxy_handover.gate.gate import Gate
 from mavproxy_handover.gate.in_force import AuthorityInForce
-from mavproxy_handover.operator.accepted import AcceptedCommands
-from mavproxy_handover.operator.announcer import Announcer
+from mavproxy_handover.operator.base.authority import Authority
+from mavproxy_handover.operator.base.reports import Reports
 from mavproxy_handover.operator.briefing import Briefing
-from mavproxy_handover.operator.flight_commands import FlightCommands
+from mavproxy_handover.operator.commands.accepted import AcceptedCommands
+from mavproxy_handover.operator.commands.flight_commands import FlightCommands
+from mavproxy_handover.operator.commands.overrides import Overrides
 from mavproxy_handover.operator.operator_control import OperatorControl
-from mavproxy_handover.operator.overrides import Overrides
-from mavproxy_handover.operator.package_return import PackageReturn
-from mavproxy_handover.operator.preflight_warnings import PreflightWarnings
-from mavproxy_handover.operator.rehearsal import RehearsalDesk, Surroundings
-from mavproxy_handover.operator.rehearsal_stats import Foreseen
+from mavproxy_handover.operator.rehearsal.rehearsal import RehearsalDesk, Surroundings
+from mavproxy_handover.operator.rehearsal.rehearsal_stats import Foreseen
 from mavproxy_handover.operator.services import OperatorServices, Services
+from mavproxy_handover.operator.start.preflight_warnings import PreflightWarnings
+from mavproxy_handover.operator.stations.announcer import Announcer
 from mavproxy_handover.operator.transfer_messages import TransferMessages, TransferServices
+from mavproxy_handover.operator.uploads.package_return import PackageReturn
+from mavproxy_handover.operator.vehicle.assembly import Autopilot
 
 __all__ = ["OperatorParts", "assemble_operator"]
 

@@ -16,11 +16,11 @@ from dataclasses import dataclass
 from math import inf
 from typing import Final
 
-from mavproxy_handover.autopilot.assembly import Autopilot
 from mavproxy_handover.core.arbiter import Arbiter
 from mavproxy_handover.core.common.causes import CAUSES
 from mavproxy_handover.core.common.messages import HandoverAhead, HandoverRequest
-from mavproxy_handover.stations.port import StationPort
+from mavproxy_handover.operator.stations.port import StationPort
+from mavproxy_handover.operator.vehicle.assembly import Autopilot
 from mavproxy_handover.wire import status
 
 __all__ = ["Briefing"]

@@ -22,12 +22,12 @@ from typing import Any, Final
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.common.events import ControlRequested, Event, NotifyOwner, OperatorControlShown
-from mavproxy_handover.event_log import EventLog
 from mavproxy_handover.gate.client_capabilities import Dialect
 from mavproxy_handover.gate.judge import StationIdentity
 from mavproxy_handover.gate.refusals import OncePerCause
-from mavproxy_handover.stations.port import StationPort
-from mavproxy_handover.stations.sender import MessageSender
+from mavproxy_handover.operator.stations.event_log import EventLog
+from mavproxy_handover.operator.stations.port import StationPort
+from mavproxy_handover.operator.stations.sender import MessageSender
 from mavproxy_handover.wire.conversation import command_long
 from mavproxy_handover.wire.frames import Frame
 from mavproxy_handover.wire.ids import OPERATOR_CONTROL

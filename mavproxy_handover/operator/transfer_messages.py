@@ -8,17 +8,17 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from mavproxy_handover.autopilot.assembly import Autopilot
 from mavproxy_handover.core.common.events import Event, StationMessage
 from mavproxy_handover.core.common.messages import TransferMessage
-from mavproxy_handover.event_log import EventLog
 from mavproxy_handover.gate.client_capabilities import Dialect
 from mavproxy_handover.gate.judge import Verdict
-from mavproxy_handover.operator.overrides import Overrides
-from mavproxy_handover.operator.package_return import PackageReturn
-from mavproxy_handover.operator.rehearsal import RehearsalDesk
-from mavproxy_handover.schedule import attempt
-from mavproxy_handover.stations.port import StationPort
+from mavproxy_handover.operator.commands.overrides import Overrides
+from mavproxy_handover.operator.rehearsal.rehearsal import RehearsalDesk
+from mavproxy_handover.operator.stations.event_log import EventLog
+from mavproxy_handover.operator.stations.port import StationPort
+from mavproxy_handover.operator.uploads.package_return import PackageReturn
+from mavproxy_handover.operator.vehicle.assembly import Autopilot
+from mavproxy_handover.tools.schedule import attempt
 from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.frames import Frame
 

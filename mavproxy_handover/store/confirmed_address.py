@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Final
 
 from mavproxy_handover.store.durable import replace_whole
-from mavproxy_handover.vehicle_address import VehicleAddress, parse_address, plain_text
+from mavproxy_handover.wire.vehicle_address import VehicleAddress, parse_address, plain_text
 
 __all__ = ["ConfirmedAddress", "address_file", "keep_address", "kept_address"]
 

@@ -30,7 +30,7 @@ from mavproxy_handover.core.common.snapshot import PackMemory, Snapshot
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.package import MissionPackage, from_bytes
 from mavproxy_handover.store.durable import sync_folder
-from mavproxy_handover.vehicle_address import (
+from mavproxy_handover.wire.vehicle_address import (
     ENTRY_BYTES,
     MAX_ADDRESSES,
     Addresses,

@@ -19,13 +19,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-from mavproxy_handover.main_loop import end, ends
 from mavproxy_handover.supervision.console import Console, read_lines
+from mavproxy_handover.supervision.main_loop import end, ends
 from mavproxy_handover.supervision.rules import LOCKED, REFUSED
 from mavproxy_handover.supervision.script import MAIN, Script, mpstate_of
 from mavproxy_handover.supervision.supervisor import ENDS
 from mavproxy_handover.supervision.tlog import close_logs, log_options, take_queues
-from mavproxy_handover.watchdog_pipe import Refusal, WatchdogPipe, hold
+from mavproxy_handover.supervision.watchdog_pipe import Refusal, WatchdogPipe, hold
 
 __all__ = ["Companion"]
 

@@ -36,7 +36,7 @@ from enum import Enum
 from math import inf
 from typing import Final
 
-from mavproxy_handover.watchdog_pipe import BEAT, ENDING, LET_GO, Told
+from mavproxy_handover.supervision.watchdog_pipe import BEAT, ENDING, LET_GO, Told
 
 __all__ = ["LOCKED", "REFUSED", "Limits", "Next", "State", "Watch"]
 

@@ -48,7 +48,7 @@ _IMPORTS: Final = (
     "serial.tools.list_ports",
 )
 #: our own module
-_MODULE: Final = "mavproxy_handover.module"
+_MODULE: Final = "mavproxy_handover.companion.module"
 
 
 def few_threads() -> None:

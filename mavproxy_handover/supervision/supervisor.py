@@ -29,7 +29,7 @@ from typing import Any, Final
 
 from mavproxy_handover.supervision.manager import ServiceManager
 from mavproxy_handover.supervision.rules import Limits, Next, Watch
-from mavproxy_handover.watchdog_pipe import Told, WatchdogPipe
+from mavproxy_handover.supervision.watchdog_pipe import Told, WatchdogPipe
 
 __all__ = ["ENDS", "Supervisor", "single_threaded"]
 

@@ -3,7 +3,7 @@
 """The autopilot's parameters of a return: height, speed, and the fences around home and above it.
 
 Names and units differ by firmware; each firmware has one name of each kind. A return has its own speed parameter; at 0
-it is flown at the speed between waypoints. Both are written with the mission (`autopilot/cruise.py`). The values that
+it is flown at the speed between waypoints. Both are written with the mission (`vehicle/cruise.py`). The values that
 the autopilot has sent count here. For aircraft with wings the speed is an airspeed.
 """
 

@@ -15,7 +15,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.vehicle_address import ENTRY_BYTES, MAX_ADDRESSES
+from mavproxy_handover.wire.vehicle_address import ENTRY_BYTES, MAX_ADDRESSES
 
 __all__ = ["CHUNK_BYTES", "MAX_PACKAGE_BYTES", "PackageReceiver", "PackageSender", "held_already", "package_id"]
 

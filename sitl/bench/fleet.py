@@ -24,13 +24,13 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover import module as vehicle_module
 from mavproxy_handover.cli.launch import station_argv
+from mavproxy_handover.companion import module as vehicle_module
 from mavproxy_handover.config.station import PeerConfig, StationConfig
 from mavproxy_handover.core.common.model import Phase, Station
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage, StationEntry
-from mavproxy_handover.resources import shipped
+from mavproxy_handover.tools.resources import shipped
 from mavproxy_handover.wire.ids import COMPANION_COMPID
 from sitl.bench.autopilot import FakeAutopilot
 from sitl.bench.durations import read_journal

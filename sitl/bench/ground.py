@@ -16,10 +16,10 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from gcs_module.core import FromPeer, PeerHeard
 from gcs_module.ground import GroundLink
-from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.config.station import StationConfig
 from mavproxy_handover.core.common.messages import Message
 from mavproxy_handover.link.devices import LinkError
+from mavproxy_handover.tools.clocks import Clocks
 from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.ids import STATION_COMPID
 from sitl.bench.loop import BenchError, Loop, Timer

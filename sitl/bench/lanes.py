@@ -18,7 +18,7 @@ from typing import Any
 from pymavlink.dialects.v20 import handover as mavlink
 
 from gcs_module import module as station_module
-from mavproxy_handover import module as vehicle_module
+from mavproxy_handover.companion import module as vehicle_module
 from mavproxy_handover.core.common.model import Phase
 from mavproxy_handover.wire.ids import COMPANION_COMPID
 from sitl.bench.autopilot import FakeAutopilot

@@ -20,8 +20,8 @@ from typing import Any
 from mavproxy_handover.cli.launch import companion_argv
 from mavproxy_handover.core.common.model import Phase
 from mavproxy_handover.mission import package as mission_package
-from mavproxy_handover.resources import shipped
 from mavproxy_handover.store.keys import key_path, write_key
+from mavproxy_handover.tools.resources import shipped
 from sitl.bench.autopilot import SerialAutopilot
 from sitl.bench.loop import BenchError, Loop, cpu_s
 from sitl.bench.station import FakeStation

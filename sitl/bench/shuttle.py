@@ -14,7 +14,7 @@ from random import Random
 from typing import Any
 
 from mavproxy_handover.cli.keys import GROUND
-from mavproxy_handover.resources import shipped
+from mavproxy_handover.tools.resources import shipped
 from sitl.bench.autopilot import FakeAutopilot
 from sitl.bench.rig import key_file, toml
 from sitl.bench.traffic import VEHICLE, Place

@@ -29,7 +29,7 @@ from mavproxy_handover.cli.launch import companion_argv
 from mavproxy_handover.core.common.model import Phase
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MAX_PLAIN_BYTES, MissionPackage
-from mavproxy_handover.resources import shipped
+from mavproxy_handover.tools.resources import shipped
 from mavproxy_handover.wire.ids import COMPANION_COMPID, LEASE_TUNNEL
 from mavproxy_handover.wire.package_transfer import CHUNK_BYTES, package_id
 from sitl.bench.autopilot import SerialAutopilot

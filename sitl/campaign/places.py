@@ -3,8 +3,8 @@
 """The edge of the return sites: the facts of each, the contents of the autopilot's rally list, the texts.
 
 The rules value and choose a site (`core/safety/return_site.py`), as on the aircraft. This module does the work of
-`autopilot/return_site.py`: facts from believed position and energy, and one point in the list. The point is rewritten
-when the choice changes, every 5 s at most, and a return is restarted for another site.
+`operator/return_site/return_site.py`: facts from believed position and energy, and one point in the list. The point is
+rewritten when the choice changes, every 5 s at most, and a return is restarted for another site.
 
 It works each second. Where time is left out it works when something can have changed, and not later (`_holds_m`): a
 site keeps its facts while the aircraft has moved less than to where one of them changes.

@@ -2,8 +2,8 @@
 
 """One replay: a recorded flight, passed through the real edge of the autopilot and the real rules.
 
-The recorded messages go at their times into the same parts that fly (`autopilot/assembly.py`). The events go into the
-same `Arbiter`, and the same `EventLog` writes its decisions. Nothing is sent anywhere. Rules that live here:
+The recorded messages go at their times into the same parts that fly (`operator/vehicle/assembly.py`). The events go
+into the same `Arbiter`, and the same `EventLog` writes its decisions. Nothing is sent anywhere. Rules that live here:
 
 * The aircraft does what it did. After an order that was not given in the flight, the rules judge an aircraft that does
   not obey; and a mode that was ordered then, and is not now, looks like a pilot's choice.
@@ -26,12 +26,6 @@ from typing import Any, Final, cast
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.assembly import assemble
-from mavproxy_handover.autopilot.authority import Authority
-from mavproxy_handover.autopilot.package_loading import MissionSurroundings
-from mavproxy_handover.autopilot.prepared import Prepared, prepare
-from mavproxy_handover.autopilot.reports import Reports
-from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.companion.event_queue import EventQueue
 from mavproxy_handover.config.running import Running
 from mavproxy_handover.config.vehicle import VehicleConfig
@@ -41,11 +35,17 @@ from mavproxy_handover.core.common.messages import Message
 from mavproxy_handover.core.common.model import GuardState, Phase
 from mavproxy_handover.core.common.never import assert_never
 from mavproxy_handover.core.common.snapshot import Snapshot
-from mavproxy_handover.event_log import EventLog
 from mavproxy_handover.mission.package import MissionPackage
-from mavproxy_handover.schedule import TICK_S
-from mavproxy_handover.stations.sender import MessageSender
+from mavproxy_handover.operator.base.authority import Authority
+from mavproxy_handover.operator.base.reports import Reports
+from mavproxy_handover.operator.stations.event_log import EventLog
+from mavproxy_handover.operator.stations.sender import MessageSender
+from mavproxy_handover.operator.uploads.package_loading import MissionSurroundings
+from mavproxy_handover.operator.uploads.prepared import Prepared, prepare
+from mavproxy_handover.operator.vehicle.assembly import assemble
 from mavproxy_handover.store.journal import Journal
+from mavproxy_handover.tools.clocks import Clocks
+from mavproxy_handover.tools.schedule import TICK_S
 from mavproxy_handover.vehicle.profiles import profile_of
 from sitl.replay.ground import Ground, silences
 from sitl.replay.happened import Decision, Happened, decision_of

@@ -15,8 +15,8 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.gate.mission_items import item_message
 from mavproxy_handover.mission.package import MissionPackage
+from mavproxy_handover.mission.protocol_items import item_message
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, COMPANION_COMPID
 
 __all__ = ["ANSWERS", "StandIn"]

@@ -7,7 +7,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import sitl
-from mavproxy_handover import resources
+from mavproxy_handover.tools import resources
 from mavproxy_handover.vehicle.profiles import ASSUMED, Profile
 
 __all__ = ["SCENARIOS", "SetupError", "guard_files", "mission_folder"]

@@ -19,7 +19,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from mavproxy_handover.resources import DEPLOY
+from mavproxy_handover.tools.resources import DEPLOY
 from mavproxy_handover.vehicle.profiles import COPTER, PLANE, QUADPLANE, Profile
 from sitl.vehicles import arducopter, arduplane
 from sitl.vehicles.builtin import launcher

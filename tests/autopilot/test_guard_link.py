@@ -8,8 +8,8 @@ import struct
 
 import pytest
 
-from mavproxy_handover.autopilot.guard_link import GuardLink, misfit_of
 from mavproxy_handover.doctor.advice import advice
+from mavproxy_handover.vehicle.guard_link import GuardLink, misfit_of
 from mavproxy_handover.wire.lease import unpack_guard_status
 from mavproxy_handover.wire.lease_tag import lease_tag
 from mavproxy_handover.wire.status import LeaseSequence

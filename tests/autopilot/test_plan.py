@@ -12,10 +12,10 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as stock
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.mission_protocol import fence_items, fence_parts
-from mavproxy_handover.autopilot.procedures import Loaded, Plan, Procedures
 from mavproxy_handover.mission.items import MissionItem, RallyPoint
 from mavproxy_handover.mission.plan import FenceCircle, FencePolygon
+from mavproxy_handover.vehicle.mission_protocol import fence_items, fence_parts
+from mavproxy_handover.vehicle.procedures import Loaded, Plan, Procedures
 from mavproxy_handover.vehicle.state import VehicleState
 from mavproxy_handover.wire.conversation import AutopilotError, NoAnswer
 from tests.autopilot.test_copter import talk

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.cruise import held_cruise, write_cruise
 from mavproxy_handover.core.common.model import FlightAction, ModeClass
+from mavproxy_handover.vehicle.cruise import held_cruise, write_cruise
 from mavproxy_handover.vehicle.profiles import PLANE, QUADPLANE
 from mavproxy_handover.vehicle.state import VehicleState
 from mavproxy_handover.wire.conversation import Asking, Conversation, NoAnswer

@@ -15,8 +15,8 @@ from pathlib import Path
 
 import pytest
 
-from mavproxy_handover import must_load
-from mavproxy_handover.resources import shipped
+from mavproxy_handover.supervision import must_load
+from mavproxy_handover.tools.resources import shipped
 
 pytestmark = pytest.mark.process
 

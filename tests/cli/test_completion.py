@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 from mavproxy_handover.cli import COMMANDS, main
-from mavproxy_handover.resources import DEPLOY
+from mavproxy_handover.tools.resources import DEPLOY
 
 SCRIPTS = DEPLOY / "completion"
 MAN = Path(__file__).resolve().parents[2] / "docs" / "man"

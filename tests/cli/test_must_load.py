@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from mavproxy_handover import must_load
+from mavproxy_handover.supervision import must_load
 
 TIMEOUT_S = 60.0
 STATION = """

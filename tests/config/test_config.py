@@ -33,7 +33,7 @@ from mavproxy_handover.core.safety.energy_prior import ENERGY_KEYS, ENERGY_RANGE
 from mavproxy_handover.core.safety.route import RouteLimits
 from mavproxy_handover.gate.observers import ObserverLimits
 from mavproxy_handover.link.quality import LinkLimits
-from mavproxy_handover.resources import DEPLOY
+from mavproxy_handover.tools.resources import DEPLOY
 
 try:
     import tomllib

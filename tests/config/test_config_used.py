@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover import commands as vehicle_commands
-from mavproxy_handover import module as vehicle_module
+from mavproxy_handover.companion import commands as vehicle_commands
+from mavproxy_handover.companion import module as vehicle_module
 from tests.module.conftest import Bench, Clock
 
 Make = Callable[[str], Bench]

@@ -24,8 +24,8 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover import cli
 from mavproxy_handover.link.timesync import probe_answer
-from mavproxy_handover.resources import shipped
 from mavproxy_handover.store.keys import write_key
+from mavproxy_handover.tools.resources import shipped
 from mavproxy_handover.wire.frames import FrameSplitter
 from mavproxy_handover.wire.signing import SignatureVerdict, SignedPeer
 from sitl.vehicles.ports import PortPicker
@@ -108,8 +108,8 @@ class Machine:
         assert text is not None
         (ours / "METADATA").write_text(text)
         for file, text in (
-            ("handover.py", "from mavproxy_handover.must_load import starter\n"),
-            ("handover_gcs.py", "from mavproxy_handover.must_load import starter\n"),
+            ("handover.py", "from mavproxy_handover.supervision.must_load import starter\n"),
+            ("handover_gcs.py", "from mavproxy_handover.supervision.must_load import starter\n"),
             ("handover_dialect.pth", "import handover_dialect\n"),
             ("mavproxy_handover/data/dialect/handover.py", ""),
         ):

@@ -17,8 +17,8 @@ from pathlib import Path
 import pytest
 
 from mavproxy_handover import cli
-from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.doctor import command
+from mavproxy_handover.tools.clocks import Clocks
 from tests.doctor.machine import (
     KEYS,
     ROOT_RUNS,

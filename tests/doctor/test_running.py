@@ -20,10 +20,10 @@ from mavproxy_handover.doctor import ports
 from mavproxy_handover.doctor.processes import command_line, companion_of, lock_holder
 from mavproxy_handover.doctor.processes import listens as listens_now
 from mavproxy_handover.mission.package import load
-from mavproxy_handover.resources import shipped
 from mavproxy_handover.store.journal import Journal
 from mavproxy_handover.store.lock import VehicleLock
 from mavproxy_handover.store.state_file import StateFile
+from mavproxy_handover.tools.resources import shipped
 from tests.doctor.machine import Machine, Speaker, companion, free_port, heartbeat
 
 STATE = "var/lib/handover/state"

@@ -17,7 +17,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.link.timesync import TIMESYNC, probe_answer
 from mavproxy_handover.mission.package import load
-from mavproxy_handover.resources import shipped
+from mavproxy_handover.tools.resources import shipped
 from mavproxy_handover.wire.frames import FrameSplitter
 from mavproxy_handover.wire.ids import DOCTOR_COMPID, LANGUAGE_COMPID
 from mavproxy_handover.wire.signing import SignatureVerdict, SignedPeer

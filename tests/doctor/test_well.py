@@ -14,14 +14,14 @@ from pathlib import Path
 
 import pytest
 
-from mavproxy_handover.autopilot.mission_protocol import MissionProtocol
-from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.doctor import flight_controller
 from mavproxy_handover.doctor.talk import Talk
 from mavproxy_handover.link.devices import open_device
 from mavproxy_handover.link.timesync import TIMESYNC
 from mavproxy_handover.mission.package import load
-from mavproxy_handover.resources import shipped
+from mavproxy_handover.tools.clocks import Clocks
+from mavproxy_handover.tools.resources import shipped
+from mavproxy_handover.vehicle.mission_protocol import MissionProtocol
 from mavproxy_handover.wire.conversation import Asking
 from mavproxy_handover.wire.ids import PROBE_COMPID
 from sitl.vehicles import RunningVehicle, VehicleSpec, launch

@@ -37,12 +37,12 @@ from gcs_module import commands as station_commands
 from gcs_module import module as gcs_module
 from gcs_module.events import FromPeer, PeerHeard
 from gcs_module.station_resources import StationResources
-from mavproxy_handover import worker
-from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.config.files import load_station
 from mavproxy_handover.link import udp
 from mavproxy_handover.mission import package as packages
 from mavproxy_handover.store.keys import write_key
+from mavproxy_handover.tools import worker
+from mavproxy_handover.tools.clocks import Clocks
 from mavproxy_handover.wire.frames import field_offset, parse_one
 from mavproxy_handover.wire.ids import OUR_MESSAGES
 from mavproxy_handover.wire.package_transfer import CHUNK_BYTES

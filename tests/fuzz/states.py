@@ -37,11 +37,11 @@ from mavproxy_handover.mission import package as packages
 from mavproxy_handover.store.memory import Condition, Slots
 from mavproxy_handover.store.replay import ReplayStore
 from mavproxy_handover.store.state_file import Kept, StateError, StateFile, pack, unpack
-from mavproxy_handover.vehicle_address import VehicleAddress
 from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.frames import Frame, parse_one
 from mavproxy_handover.wire.signing import SignatureVerdict, SignedPeer, sign
 from mavproxy_handover.wire.status import authority_status
+from mavproxy_handover.wire.vehicle_address import VehicleAddress
 from tests.fuzz.reader import Reader
 
 __all__ = ["KINDS", "Files", "check", "place_of", "run", "sealed", "seeds"]

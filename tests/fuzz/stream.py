@@ -23,7 +23,7 @@ from typing import Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.schedule import TICK_S
+from mavproxy_handover.tools.schedule import TICK_S
 from mavproxy_handover.wire.frames import MAX_FRAME_BYTES, Frame, FrameSplitter
 from mavproxy_handover.wire.signing import sign
 from tests.fuzz.reader import Reader

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 
 from gcs_module.ground import GroundLink
 from mavproxy_handover.store.state_file import Kept, StateFile
-from mavproxy_handover.vehicle_address import VehicleAddress
 from mavproxy_handover.wire.frames import FrameSplitter
+from mavproxy_handover.wire.vehicle_address import VehicleAddress
 from tests.fuzz import ground, package, states, stream
 from tests.fuzz.fuzz import CORPUS, TARGETS
 

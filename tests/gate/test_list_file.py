@@ -11,10 +11,10 @@ import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.gate.list_file import BURST, ListFile
-from mavproxy_handover.gate.mission_items import Flaw
 from mavproxy_handover.gate.mission_server import Turn
 from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.mission.items import MissionItem
+from mavproxy_handover.mission.protocol_items import Flaw
 from mavproxy_handover.wire.file_transfer import DATA, Head, checksum, head_of, message
 from tests.gate.frames import ftp_request, make_frame
 

@@ -11,9 +11,9 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.gate.mission_items import Flaw, filled, flaw, item_message, item_of, older_item_message
 from mavproxy_handover.gate.mission_server import AGAIN_S, PATIENCE_S, REMEMBERED_S, MissionServer, Turn
 from mavproxy_handover.mission.items import MissionItem
+from mavproxy_handover.mission.protocol_items import Flaw, filled, flaw, item_message, item_of, older_item_message
 
 QGC, OTHER = (255, 190), (254, 190)
 VEHICLE = (1, 1)

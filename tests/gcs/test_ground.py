@@ -12,10 +12,10 @@ import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
 from gcs_module.ground import GroundLink
-from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.config.files import load_station
 from mavproxy_handover.link.devices import open_device
 from mavproxy_handover.store.keys import key_of, key_path, write_key
+from mavproxy_handover.tools.clocks import Clocks
 from mavproxy_handover.wire.signing import SignedPeer
 from tests.link.frames import free_udp_port
 

@@ -33,7 +33,7 @@ def linear() -> MissionPackage:
 
 @pytest.fixture(autouse=True)
 def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("mavproxy_handover.worker.in_thread", lambda run: run())
+    monkeypatch.setattr("mavproxy_handover.tools.worker.in_thread", lambda run: run())
 
 
 def sent(
@@ -115,7 +115,7 @@ def test_while_one_package_is_read_another_is_asked_to_come_again(
     delivery: MissionPackage, linear: MissionPackage, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     jobs: list[Callable[[], None]] = []
-    monkeypatch.setattr("mavproxy_handover.worker.in_thread", jobs.append)
+    monkeypatch.setattr("mavproxy_handover.tools.worker.in_thread", jobs.append)
     inbox = Inbox(None)
     first = sent(inbox, B, delivery)
     assert (len(jobs), first.result) == (1, None)

@@ -17,8 +17,8 @@ from gcs_module import module as station_module
 from gcs_module.mission_transfer import NO_ANSWER_S, MissionTransfer
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage
-from mavproxy_handover.vehicle_address import parse_address
 from mavproxy_handover.wire.package_transfer import PackageReceiver
+from mavproxy_handover.wire.vehicle_address import parse_address
 from tests.module.conftest import Clock
 from tests.module.test_station_module import StationBench, connect_message, receive
 from tests.packages import MISSIONS, ROUND

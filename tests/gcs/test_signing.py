@@ -20,8 +20,8 @@ from gcs_module import commands as station_commands
 from gcs_module import module as station_module
 from gcs_module import signing as station_signing
 from gcs_module.signing import LinkSigning
-from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.store.keys import key_of, write_key
+from mavproxy_handover.tools.clocks import Clocks
 from mavproxy_handover.wire.signing import SignatureVerdict, sign, timestamp_of
 from tests.module.conftest import Clock
 from tests.module.proxy import Master

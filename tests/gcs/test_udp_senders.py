@@ -19,8 +19,8 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from gcs_module.signing import LinkSigning
 from gcs_module.udp_senders import MOST_SENDERS, UdpSenders
-from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.store.keys import key_of
+from mavproxy_handover.tools.clocks import Clocks
 from tests.link.frames import Clock
 
 HERE = "127.0.0.1"

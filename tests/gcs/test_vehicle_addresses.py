@@ -19,7 +19,7 @@ from typing import Any
 import pytest
 
 from gcs_module.vehicle_addresses import VehicleAddresses
-from mavproxy_handover.vehicle_address import VehicleAddress, pack_addresses
+from mavproxy_handover.wire.vehicle_address import VehicleAddress, pack_addresses
 
 A, B, C, VEHICLE = 251, 252, 253, 1
 WIFI = VehicleAddress("10.0.0.2", 14552)
@@ -38,7 +38,7 @@ WAITS = (
 
 @pytest.fixture(autouse=True)
 def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("mavproxy_handover.worker.in_thread", lambda run: run())
+    monkeypatch.setattr("mavproxy_handover.tools.worker.in_thread", lambda run: run())
 
 
 class FakeDoor:
@@ -600,7 +600,7 @@ def test_a_disk_that_takes_nothing_is_told(tmp_path: Path) -> None:
 
 def test_nothing_is_asked_before_the_file_was_read(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     jobs: list[Callable[[], None]] = []
-    monkeypatch.setattr("mavproxy_handover.worker.in_thread", jobs.append)
+    monkeypatch.setattr("mavproxy_handover.tools.worker.in_thread", jobs.append)
     desk = Desk(file)
     desk.send(A, WIFI)
     assert desk.run(5) == []
@@ -725,7 +725,7 @@ def test_withdrawn_before_the_file_was_read_is_not_answered_with_there_is_none(
     confirmed: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     jobs: list[Callable[[], None]] = []
-    monkeypatch.setattr("mavproxy_handover.worker.in_thread", jobs.append)
+    monkeypatch.setattr("mavproxy_handover.tools.worker.in_thread", jobs.append)
     again = Desk(confirmed)
     again.run()
     assert again.made.disconnect(False) == (
@@ -746,7 +746,7 @@ def test_a_withdrawal_is_on_the_disk_though_the_disk_was_busy_when_the_program_e
     desk: Desk, file: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The disk still writes what was confirmed while the operator withdraws it and ends the program."""
-    monkeypatch.setattr("mavproxy_handover.worker.in_thread", lambda run: threading.Timer(0.1, run).start())
+    monkeypatch.setattr("mavproxy_handover.tools.worker.in_thread", lambda run: threading.Timer(0.1, run).start())
     desk.send(A, WIFI)
     desk.run()
     desk.connect("1")

@@ -12,7 +12,7 @@ import pytest
 from gcs_module.links import Links
 from gcs_module.vehicle_links import VehicleLinks
 from mavproxy_handover.config.files import FleetVehicle
-from mavproxy_handover.vehicle_address import WAITING_LABEL, WAITING_LINK, VehicleAddress
+from mavproxy_handover.wire.vehicle_address import WAITING_LABEL, WAITING_LINK, VehicleAddress
 from tests.module.proxy import LinkModule, Master, MPState
 
 WIFI = VehicleAddress("10.0.0.2", 14552)

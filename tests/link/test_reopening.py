@@ -18,7 +18,7 @@ from mavproxy_handover.link.devices import LinkError, open_link, parse_device
 from mavproxy_handover.link.names import Names
 from mavproxy_handover.link.tcp import TcpOut
 from mavproxy_handover.link.udp import UdpIn, UdpOut
-from mavproxy_handover.worker import Worker
+from mavproxy_handover.tools.worker import Worker
 from tests.link.frames import Clock, heartbeat, read_frames
 
 HOME = "127.0.0.1"

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from mavproxy_handover.cli.launch import companion_argv, station_argv
-from mavproxy_handover.version import VERSION
+from mavproxy_handover.tools.version import VERSION
 from tests.loopback.conftest import Autopilot, MavProxy, vehicle_file, wait_for
 
 pytestmark = pytest.mark.process

@@ -18,8 +18,8 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import all as dialect
 
-from mavproxy_handover.autopilot.guard_link import GuardLink
 from mavproxy_handover.core.common.model import AuthorityView, LeaseState, Phase
+from mavproxy_handover.vehicle.guard_link import GuardLink
 from mavproxy_handover.wire.lease_tag import lease_tag
 from mavproxy_handover.wire.status import LeaseSequence
 from sitl.vehicles.lua_host import Sensed

@@ -11,7 +11,7 @@ import pytest
 
 from mavproxy_handover.mission.package import from_bytes, load
 from mavproxy_handover.store.state_file import StateFile
-from mavproxy_handover.vehicle_address import VehicleAddress
+from mavproxy_handover.wire.vehicle_address import VehicleAddress
 from tests.packages import ROUND
 
 GOOD = """

@@ -14,15 +14,15 @@ from typing import Any
 import pytest
 
 from gcs_module import module as gcs_module
-from mavproxy_handover import commands as vehicle_commands
-from mavproxy_handover import module as vehicle_module
+from mavproxy_handover.companion import commands as vehicle_commands
+from mavproxy_handover.companion import module as vehicle_module
 from mavproxy_handover.companion.companion import Companion
 from mavproxy_handover.core.common.events import Action, Event, Tick
-from mavproxy_handover.main_loop import readable
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage
-from mavproxy_handover.vehicle_address import pack_addresses
+from mavproxy_handover.supervision.main_loop import readable
 from mavproxy_handover.wire.package_transfer import PackageSender
+from mavproxy_handover.wire.vehicle_address import pack_addresses
 from tests.module.proxy import MPState
 from tests.module.vehicle import Autopilot, Station
 from tests.packages import ROUND
@@ -202,7 +202,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
 @pytest.fixture(autouse=True)
 def no_threads(monkeypatch: pytest.MonkeyPatch) -> None:
     """What runs beside the main loop is done at once: it is not the bench's clock that it takes its time by."""
-    monkeypatch.setattr("mavproxy_handover.worker.in_thread", lambda run: run())
+    monkeypatch.setattr("mavproxy_handover.tools.worker.in_thread", lambda run: run())
 
 
 @pytest.fixture(autouse=True)
@@ -274,7 +274,7 @@ def waited_for_far(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> Iterator[so
         return found, others
 
     bench.connect()
-    monkeypatch.setattr("mavproxy_handover.module.readable", wait_by_the_clock)
+    monkeypatch.setattr("mavproxy_handover.companion.module.readable", wait_by_the_clock)
     near, far = socket.socketpair()
     master: Any = bench.mpstate.mav_master[0]
     master.fd, master.portdead = near.fileno(), False

@@ -17,8 +17,8 @@ import serial
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.link import LOG_S, AutopilotLink
-from mavproxy_handover.clocks import Clocks
+from mavproxy_handover.link.autopilot_line import LOG_S, AutopilotLink
+from mavproxy_handover.tools.clocks import Clocks
 from tests.module.conftest import Bench
 
 FRAME = bytes(range(40))

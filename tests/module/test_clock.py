@@ -6,8 +6,8 @@ from __future__ import annotations
 
 import pytest
 
-from mavproxy_handover import event_log
 from mavproxy_handover.core.common.model import Phase
+from mavproxy_handover.operator.stations import event_log
 from mavproxy_handover.store import journal
 from tests.module.conftest import Bench, Clock
 from tests.module.test_handover import IN_BOTH, flight  # noqa: F401  (a fixture)

@@ -54,7 +54,9 @@ HEALTHY: dict[str, Callable[[Bench, pytest.MonkeyPatch], None]] = {
     "judging a frame": lambda b, patch: patch.setattr(b.companion.gate, "up", broken),
     "sending to a station": lambda b, patch: patch.setattr(b.companion.ports[251], "write", broken),
     "the console": lambda b, patch: patch.setattr(b.mpstate.console, "writeln", broken),
-    "asking what MAVProxy waits for": lambda b, patch: patch.setattr("mavproxy_handover.module.waited_for", broken),
+    "asking what MAVProxy waits for": lambda b, patch: patch.setattr(
+        "mavproxy_handover.companion.module.waited_for", broken
+    ),
     "measuring links": lambda b, patch: patch.setattr(b.companion.ports[252], "tick", broken),
     "the side doors": lambda b, patch: patch.setattr(b.module, "_close_side_doors", broken),
     "the state of the aircraft": lambda b, patch: patch.setattr(b.companion.autopilot.aircraft, "on_message", broken),

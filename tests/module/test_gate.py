@@ -15,7 +15,7 @@ import pytest
 from pymavlink.dialects.v20 import all as stock_all
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover import module as vehicle_module
+from mavproxy_handover.companion import module as vehicle_module
 from mavproxy_handover.gate.judge import GateReason
 from mavproxy_handover.wire.frames import checked_types
 from tests.module.conftest import Bench

@@ -10,11 +10,11 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.mission_protocol import fence_items
-from mavproxy_handover.gate.mission_items import item_message
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.mission.plan import FenceCircle
+from mavproxy_handover.mission.protocol_items import item_message
 from mavproxy_handover.mission.route_simulation import legs_of
+from mavproxy_handover.vehicle.mission_protocol import fence_items
 from tests.module.conftest import Bench
 from tests.module.test_commands_in_flight import override
 from tests.module.test_flight_uploads import ACCEPTED, HOME_LAT, HOME_LON, Program, waypoint

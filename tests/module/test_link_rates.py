@@ -84,7 +84,7 @@ class TestReading:
         link = bench.companion.ports[251].links[0]
         seen = self.readings(bench, monkeypatch)
         rounds = iter([([link.fileno()], False), ([], True)])
-        monkeypatch.setattr("mavproxy_handover.module.readable", lambda *_: next(rounds))
+        monkeypatch.setattr("mavproxy_handover.companion.module.readable", lambda *_: next(rounds))
         function, argument = bench.mpstate.select_extra[link.fileno()]
         function(argument)
         assert seen == [True, True]

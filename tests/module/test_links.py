@@ -18,11 +18,11 @@ import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
 from gcs_module import module as gcs_module
-from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.config.files import StationLinks
 from mavproxy_handover.core.common.model import Station
 from mavproxy_handover.link.devices import LinkError, open_device
-from mavproxy_handover.stations.port import StationPort, open_ports
+from mavproxy_handover.operator.stations.port import StationPort, open_ports
+from mavproxy_handover.tools.clocks import Clocks
 from tests.module.conftest import Bench, Clock
 from tests.module.proxy import Master
 from tests.module.test_station_module import StationBench

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 from MAVProxy.modules.lib import mp_util
 
-from mavproxy_handover import module as vehicle_module
-from mavproxy_handover.version import VERSION
+from mavproxy_handover.companion import module as vehicle_module
+from mavproxy_handover.tools.version import VERSION
 from tests.module.conftest import Bench
 from tests.module.proxy import Output
 

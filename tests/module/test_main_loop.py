@@ -14,8 +14,8 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover import main_loop
-from mavproxy_handover.main_loop import poller, readable, waited_for
+from mavproxy_handover.supervision import main_loop
+from mavproxy_handover.supervision.main_loop import poller, readable, waited_for
 from tests.module.conftest import Bench
 
 WAIT_S = 5.0
@@ -324,7 +324,7 @@ class TestTheModule:
         self, busy: tuple[Bench, socket.socket], monkeypatch: pytest.MonkeyPatch
     ) -> None:
         bench, _far = busy
-        monkeypatch.setattr("mavproxy_handover.module.waited_for", lambda state: 1 / 0)
+        monkeypatch.setattr("mavproxy_handover.companion.module.waited_for", lambda state: 1 / 0)
         bench.a.send(mavlink.MAVLink_param_request_read_message(1, 1, b"", 1))
         function, argument = self.handler(bench)
         function(argument)

@@ -13,8 +13,8 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage
+from mavproxy_handover.tools.worker import LONGEST_S
 from mavproxy_handover.wire.package_transfer import PackageSender
-from mavproxy_handover.worker import LONGEST_S
 from tests.module.conftest import Bench
 from tests.module.test_faults import leases_in
 from tests.packages import MISSIONS, ROUND
@@ -291,7 +291,7 @@ class Slow:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.jobs: list[Callable[[], None]] = []
-        monkeypatch.setattr("mavproxy_handover.worker.in_thread", self.jobs.append)
+        monkeypatch.setattr("mavproxy_handover.tools.worker.in_thread", self.jobs.append)
 
     def end(self) -> None:
         self.jobs.pop()()

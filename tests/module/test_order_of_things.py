@@ -11,10 +11,10 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.link import AutopilotLink
-from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.core.common import events
 from mavproxy_handover.gate.judge import GateReason
+from mavproxy_handover.link.autopilot_line import AutopilotLink
+from mavproxy_handover.tools.clocks import Clocks
 from mavproxy_handover.wire.signing import SignedPeer
 from tests.module.conftest import Bench
 from tests.module.proxy import Master

@@ -10,14 +10,14 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.return_questions import ReturnQuestions
-from mavproxy_handover.autopilot.return_site import ReturnSite
 from mavproxy_handover.core.common.model import Phase
 from mavproxy_handover.core.safety.return_site import ReturnSiteChooser
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.mission.return_paths import PlaceFinder
 from mavproxy_handover.monitors.return_site import views
 from mavproxy_handover.monitors.return_site.views import Views
+from mavproxy_handover.operator.return_site.return_questions import ReturnQuestions
+from mavproxy_handover.operator.return_site.return_site import ReturnSite
 from tests.module.conftest import Bench
 from tests.module.vehicle import AUTO, LAND, RTL
 

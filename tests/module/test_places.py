@@ -15,11 +15,11 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as stock
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.rally_writer import READ_S, WRITE_S
 from mavproxy_handover.core.common.events import LinkJudged, PlaceJudged
 from mavproxy_handover.core.common.model import Phase
 from mavproxy_handover.mission.package import MissionPackage, load
 from mavproxy_handover.mission.return_paths import PlaceFinder
+from mavproxy_handover.operator.return_site.rally_writer import READ_S, WRITE_S
 from tests.module.conftest import Bench
 from tests.packages import ROUND
 

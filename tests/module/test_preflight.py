@@ -14,7 +14,6 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as stock
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.preflight import Preflight, reading
 from mavproxy_handover.core.common.limits import Limits
 from mavproxy_handover.core.common.model import GuardState
 from mavproxy_handover.core.safety.energy_prior import EnergySettings
@@ -27,6 +26,7 @@ from mavproxy_handover.monitors.preflight.rules import (
     judge,
     names_of,
 )
+from mavproxy_handover.operator.start.preflight import Preflight, reading
 from mavproxy_handover.vehicle.profiles import COPTER, PLANE, QUADPLANE, Profile
 from mavproxy_handover.vehicle.state import VehicleState
 from mavproxy_handover.wire.conversation import Conversations

@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.rally_list import MOST_POINTS
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.monitors.return_site import candidates as watch
+from mavproxy_handover.operator.return_site.rally_list import MOST_POINTS
 from tests.module.conftest import Bench
 from tests.module.test_places import HOME, RALLY, RALLY_1, RALLY_2, listed
 from tests.module.vehicle import Station

@@ -9,10 +9,10 @@ from dataclasses import replace
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.mission_protocol import fence_items
-from mavproxy_handover.gate.mission_items import item_message, item_of
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.mission.plan import FenceCircle
+from mavproxy_handover.mission.protocol_items import item_message, item_of
+from mavproxy_handover.vehicle.mission_protocol import fence_items
 from tests.module.conftest import Bench
 from tests.module.test_flight_uploads import ACCEPTED, Program
 from tests.module.test_ground_upload import SAFE

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import pytest
 
-from mavproxy_handover.schedule import Schedule
+from mavproxy_handover.tools.schedule import Schedule
 
 
 class Bench:

@@ -7,7 +7,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from mavproxy_handover.mission.package import MissionPackage
-from mavproxy_handover.vehicle_address import VehicleAddress
+from mavproxy_handover.wire.vehicle_address import VehicleAddress
 from tests.module.conftest import Bench
 
 WIFI = VehicleAddress("10.0.0.2", 14552)

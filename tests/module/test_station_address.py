@@ -17,7 +17,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from gcs_module import commands as station_commands
 from gcs_module import module as gcs_module
-from mavproxy_handover.vehicle_address import WAITING_LABEL, WAITING_LINK, pack_addresses, parse_address
+from mavproxy_handover.wire.vehicle_address import WAITING_LABEL, WAITING_LINK, pack_addresses, parse_address
 from tests.module.conftest import Clock
 from tests.module.proxy import LinkModule, Master
 from tests.module.test_station_module import StationBench, heartbeat

@@ -23,9 +23,9 @@ from mavproxy_handover.core.common.model import FlightAction, Phase, Reason
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.store.keys import key_of, write_key
-from mavproxy_handover.vehicle_address import WAITING_LABEL, VehicleAddress, pack_addresses
 from mavproxy_handover.wire.ids import PROBE_COMPID
 from mavproxy_handover.wire.package_transfer import PackageSender
+from mavproxy_handover.wire.vehicle_address import WAITING_LABEL, VehicleAddress, pack_addresses
 from sitl.vehicles.ports import PortPicker
 from tests.module.conftest import Clock
 from tests.module.proxy import LinkModule, Master, MPState

@@ -21,7 +21,7 @@ from gcs_module.briefing import NAMES
 from mavproxy_handover.core.common.model import Reason
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage
-from mavproxy_handover.version import VERSION
+from mavproxy_handover.tools.version import VERSION
 from mavproxy_handover.wire.package_transfer import PackageReceiver, PackageSender
 from mavproxy_handover.wire.texts import status_texts
 from sitl.vehicles.ports import PortPicker

@@ -15,7 +15,7 @@ import serial
 
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.store.lock import LockError, VehicleLock, lock_line
-from mavproxy_handover.watchdog_pipe import Told, WatchdogPipe, hold
+from mavproxy_handover.supervision.watchdog_pipe import Told, WatchdogPipe, hold
 from tests.module.conftest import Bench
 from tests.module.test_restart import kill
 

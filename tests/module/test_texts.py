@@ -14,7 +14,7 @@ from pymavlink.dialects.v20 import ardupilotmega as stock
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.common.model import FlightAction
-from mavproxy_handover.operator.announcer import SEVERITIES
+from mavproxy_handover.operator.stations.announcer import SEVERITIES
 from mavproxy_handover.wire.ids import RATES_COMPID
 from tests.module.conftest import Bench
 

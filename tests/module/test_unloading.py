@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from mavproxy_handover.unloading import AGAIN_S, UnloadQuestion
+from mavproxy_handover.companion.unloading import AGAIN_S, UnloadQuestion
 from tests.module.conftest import Bench
 
 

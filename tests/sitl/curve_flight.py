@@ -10,11 +10,11 @@ from itertools import pairwise
 from pathlib import Path
 
 from mavproxy_handover.core.safety.energy_prior import EnergySettings
-from mavproxy_handover.gate.mission_items import item_message
 from mavproxy_handover.mission.geodesy import distance_m
 from mavproxy_handover.mission.leg import Leg
 from mavproxy_handover.mission.pieces import Line
 from mavproxy_handover.mission.plan import Route
+from mavproxy_handover.mission.protocol_items import item_message
 from sitl.vehicles import VehicleSpec, launch
 from tests.sitl.energy_flight import Flight, arm
 from tests.sitl.guard_flight import HOME

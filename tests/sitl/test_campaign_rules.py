@@ -53,7 +53,7 @@ def copied(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("sitl/campaign/judge.py", True),
         ("sitl/campaign/page.py", False),
         ("gcs_module/menu.py", False),
-        ("mavproxy_handover/event_log.py", False),
+        ("mavproxy_handover/operator/stations/event_log.py", False),
     ],
 )
 def test_a_changed_module_is_another_digest_if_flights_depend_on_it(file: str, counts: bool, copied: Path) -> None:

@@ -16,7 +16,7 @@ from mavproxy_handover.mission import package as packages
 from mavproxy_handover.mission.items import COMMANDS
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.mission.plan import FenceCircle, FencePolygon, read_route
-from mavproxy_handover.resources import shipped
+from mavproxy_handover.tools.resources import shipped
 from sitl.main import main
 from sitl.script.moved import Place, moved, read_place
 from sitl.script.places import SetupError

@@ -16,7 +16,7 @@ import pytest
 import serial
 
 from mavproxy_handover.link.devices import open_device
-from mavproxy_handover.schedule import TICK_S
+from mavproxy_handover.tools.schedule import TICK_S
 from mavproxy_handover.wire.frames import Frame, FrameSplitter
 from sitl.run.noise import LineNoise
 from sitl.run.noisy_lines import main

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from mavproxy_handover.mission import package as packages
-from mavproxy_handover.resources import shipped
+from mavproxy_handover.tools.resources import shipped
 from sitl.main import main
 from sitl.script.expect import Commanders, Emergencies, Handovers, Landed
 from sitl.script.own import KINDS, own_scenario

@@ -16,7 +16,7 @@ from shapely.affinity import translate
 from shapely.geometry import MultiPolygon, Point, box, mapping, shape
 
 from mavproxy_handover.mission.geodesy import wrap_longitude_deg
-from mavproxy_handover.resources import shipped
+from mavproxy_handover.tools.resources import shipped
 from sitl.report.page import main_report, write_report
 from sitl.report.record import RecordError, load_run
 from tests.sitl.synthetic import write_folder

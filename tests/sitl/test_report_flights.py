@@ -14,7 +14,7 @@ from xml.etree import ElementTree as Xml
 
 import pytest
 
-from mavproxy_handover.resources import shipped
+from mavproxy_handover.tools.resources import shipped
 from sitl.report.exchange import exchanges
 from sitl.report.export import COLUMNS
 from sitl.report.page import main_report

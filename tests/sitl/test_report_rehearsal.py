@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from mavproxy_handover.mission.geodesy import distance_m
-from mavproxy_handover.operator.rehearsal_stats import Foreseen, LinkSeen, RehearsalBook
+from mavproxy_handover.operator.rehearsal.rehearsal_stats import Foreseen, LinkSeen, RehearsalBook
 from sitl.report.evidence import Evidence
 from sitl.report.journal_reader import Entry
 from sitl.report.rehearsal import EVENT, books, tables

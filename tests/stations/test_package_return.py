@@ -13,9 +13,9 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.core.common.model import Reason
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage, from_bytes
-from mavproxy_handover.operator.package_return import PackageReturn
-from mavproxy_handover.vehicle_address import parse_address
+from mavproxy_handover.operator.uploads.package_return import PackageReturn
 from mavproxy_handover.wire.package_transfer import PackageReceiver
+from mavproxy_handover.wire.vehicle_address import parse_address
 from tests.packages import ROUND
 
 A, B = 251, 252
@@ -30,7 +30,7 @@ def package() -> MissionPackage:
 
 @pytest.fixture(autouse=True)
 def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("mavproxy_handover.worker.in_thread", lambda run: run())
+    monkeypatch.setattr("mavproxy_handover.tools.worker.in_thread", lambda run: run())
 
 
 class Port:

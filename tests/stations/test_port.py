@@ -13,13 +13,13 @@ import pytest
 from pymavlink.dialects.v10 import ardupilotmega as v10
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.config.files import StationLinks
 from mavproxy_handover.core.common.model import Station
 from mavproxy_handover.link.devices import Device, open_device
 from mavproxy_handover.link.quality import Measure
-from mavproxy_handover.stations.port import StationPort
+from mavproxy_handover.operator.stations.port import StationPort
 from mavproxy_handover.store.keys import StationKeys
+from mavproxy_handover.tools.clocks import Clocks
 from mavproxy_handover.wire.frames import Frame, parse_one
 from mavproxy_handover.wire.signing import SignatureVerdict, SignedPeer
 from tests.link.frames import FakeDevice

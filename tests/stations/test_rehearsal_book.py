@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import pytest
 
 from mavproxy_handover.mission.geodesy import distance_m
-from mavproxy_handover.operator.rehearsal_stats import MOST, Foreseen, LinkSeen, RehearsalBook
+from mavproxy_handover.operator.rehearsal.rehearsal_stats import MOST, Foreseen, LinkSeen, RehearsalBook
 
 HERE, THERE = (52.67900, 5.92720), (52.67900, 5.92850)
 CHECK = (

@@ -14,7 +14,7 @@ import pytest
 from gcs_module.commands import StationCommands
 from gcs_module.fleet import our_settings
 from mavproxy_handover import cli
-from mavproxy_handover.commands import VehicleCommands
+from mavproxy_handover.companion.commands import VehicleCommands
 from mavproxy_handover.config import meanings
 from mavproxy_handover.config.toml import ConfigError
 from mavproxy_handover.config.vehicle import load_vehicle

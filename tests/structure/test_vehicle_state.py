@@ -11,11 +11,11 @@ from tests.structure.imports import edges, files
 
 #: reads a parameter for one question and its answer, and keeps nothing
 ANSWERS = {
-    "mavproxy_handover.autopilot.preflight:_collector",
-    "mavproxy_handover.autopilot.cruise:held_cruise",
-    "mavproxy_handover.autopilot.cruise:_value_of",
-    "mavproxy_handover.autopilot.cruise:_within",
-    "mavproxy_handover.autopilot.cruise:_write",
+    "mavproxy_handover.operator.start.preflight:_collector",
+    "mavproxy_handover.vehicle.cruise:held_cruise",
+    "mavproxy_handover.vehicle.cruise:_value_of",
+    "mavproxy_handover.vehicle.cruise:_within",
+    "mavproxy_handover.vehicle.cruise:_write",
 }
 CACHE = "mavproxy_handover.vehicle.parameters:Parameters"
 
@@ -122,7 +122,7 @@ def test_no_monitor_imports_another() -> None:
 
 
 #: by these a part would speak or act itself
-VOICES = ("mavproxy_handover.event_log", "mavproxy_handover.stations", "mavproxy_handover.companion.event_queue")
+VOICES = ("mavproxy_handover.operator", "mavproxy_handover.companion")
 
 
 def test_monitors_return_what_they_find_and_tell_nobody() -> None:
@@ -132,4 +132,4 @@ def test_monitors_return_what_they_find_and_tell_nobody() -> None:
         for other in others
         if monitor(module) and other.startswith(VOICES)
     ] == []
-    assert any(other.startswith(VOICES) for other in edges()["mavproxy_handover.autopilot.reports"])
+    assert any(other.startswith(VOICES) for other in edges()["mavproxy_handover.operator.base.reports"])

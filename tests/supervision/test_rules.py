@@ -10,7 +10,7 @@ from math import inf
 import pytest
 
 from mavproxy_handover.supervision.rules import Limits, Next, State, Watch
-from mavproxy_handover.watchdog_pipe import BEAT, ENDING, LET_GO, Told
+from mavproxy_handover.supervision.watchdog_pipe import BEAT, ENDING, LET_GO, Told
 
 KILLED, ABORTED = -9, -6
 

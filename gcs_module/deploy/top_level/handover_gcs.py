@@ -2,6 +2,6 @@
 
 """`module load handover_gcs`: MAVProxy loads a top-level module of this name. The code is in `gcs_module.module`."""
 
-from mavproxy_handover.must_load import starter
+from mavproxy_handover.supervision.must_load import starter
 
 init = starter("handover_gcs", "gcs_module.module")

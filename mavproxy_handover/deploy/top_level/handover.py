@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""`module load handover`: MAVProxy loads a top-level module of this name. The code is in `mavproxy_handover.module`."""
+"""`module load handover`: MAVProxy loads a top-level module of this name.
 
-from mavproxy_handover.must_load import starter
+The code is in `mavproxy_handover.companion.module`.
+"""
 
-init = starter("handover", "mavproxy_handover.module")
+from mavproxy_handover.supervision.must_load import starter
+
+init = starter("handover", "mavproxy_handover.companion.module")

@@ -48,7 +48,7 @@ __all__ = ["Box", "BoxNews", "PositionMonitor", "Standing"]
 
 #: positions of the autopilot come 20 times a second; one older than this is no match for a record that has just come
 _FRESH_S: Final = 0.5
-#: arming by a heartbeat older than this (s) does not count, as in `autopilot/messages.py`
+#: arming by a heartbeat older than this (s) does not count, as in `operator/vehicle/messages.py`
 _HEARTBEAT_S: Final = 2.5
 #: without a record for this time (s) a box is silent
 _SILENT_S: Final = 1.0

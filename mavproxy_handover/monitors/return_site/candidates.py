@@ -5,7 +5,7 @@
 Rules:
 
 1. Home is the autopilot's home, which moves when it arms. Until the autopilot has sent it, home is that of the plan.
-2. The commander may replace the rally points (`autopilot/rally_list.py`), for this flight.
+2. The commander may replace the rally points (`operator/return_site/rally_list.py`), for this flight.
 3. A site that was found in the autopilot's list after a restart is kept.
 4. A plane without rotors lands by the landing sequences of the mission that is flown now.
 """

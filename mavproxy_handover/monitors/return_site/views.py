@@ -19,7 +19,7 @@ from mavproxy_handover.mission.energy import Place, way_back
 from mavproxy_handover.mission.geodesy import distance_m
 from mavproxy_handover.mission.return_paths import flown_s
 from mavproxy_handover.monitors.return_site.candidates import HOME, Candidates
-from mavproxy_handover.schedule import attempt
+from mavproxy_handover.tools.schedule import attempt
 from mavproxy_handover.vehicle.return_limits import fence_limits, return_alt_m, return_mps
 from mavproxy_handover.vehicle.state import VehicleState
 

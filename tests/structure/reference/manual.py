@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from mavproxy_handover import cli
-from mavproxy_handover.version import VERSION
+from mavproxy_handover.tools.version import VERSION
 from tests.structure.imports import ROOT
 from tests.structure.reference.parsers import Command, Option, commands
 

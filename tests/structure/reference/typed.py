@@ -9,7 +9,7 @@ from unittest.mock import MagicMock
 
 from gcs_module.commands import StationCommands
 from gcs_module.fleet import our_settings
-from mavproxy_handover.commands import VehicleCommands
+from mavproxy_handover.companion.commands import VehicleCommands
 from tests.structure.reference.markdown import cell, code, page, table
 from tests.structure.reference.parsers import Command, commands
 
