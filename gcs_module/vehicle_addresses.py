@@ -7,8 +7,8 @@ Another station, or the vehicle, sends them (`MISSION_PACKAGE.addresses`). They 
 1. Only the operator opens a link to such an address, by the number of the question that was shown. A replaced question
    cannot be answered any more. No two vehicles of a station use the same number.
 2. The station's own links have priority. If it has any, nothing is asked; addresses that differ from them are shown.
-3. An address must be one that a vehicle can have (`vehicle_address.py`). It must not be this computer's own unless the
-   configuration allows that, and never a port of this program. One bad address spoils the others of its message.
+3. An address must be one that a vehicle can have (`wire/vehicle_address.py`). It must not be this computer's own unless
+   the configuration allows that, and never a port of this program. One bad address spoils the others of its message.
 4. While the vehicle is armed, nothing is asked and nothing changes. Addresses that arrive then are judged after it has
    disarmed. A vehicle that was not heard for SILENT_S does not count as armed: its link is of no use, and any program
    may have sent the last heartbeat.

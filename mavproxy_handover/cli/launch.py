@@ -114,7 +114,7 @@ def _of_mavproxy(link: str) -> str:
 
 
 def _labelled(vehicle: FleetVehicle) -> list[str]:
-    """The vehicle's links for MAVProxy, each with a label that names the vehicle. `module.py` uses the label."""
+    """The vehicle's links for MAVProxy, each with a label that names it, for `companion/module.py`."""
     found = []
     for number, link in enumerate(vehicle.links, 1):
         device = parse_device(link)

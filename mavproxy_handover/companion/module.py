@@ -13,7 +13,7 @@ output. It does what MAVProxy does not:
 * it is the vehicle's only judge: it holds the lock of the vehicle, and that of a serial line to the autopilot.
 
 MAVProxy's main loop sends the lease, so the lease stops if that loop stalls. The same is true of the signs of life to
-the supervisor (`watchdog_pipe.py`) or, without one, to a service manager (`supervision/manager.py`).
+the supervisor (`supervision/watchdog_pipe.py`) or, without one, to a service manager (`supervision/manager.py`).
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@
 
 Rules that live here:
 
-1. A name look-up may take half a minute, so in flight a thread does it (`worker.py`), one name at a time.
+1. A name look-up may take half a minute, so in flight a thread does it (`tools/worker.py`), one name at a time.
 2. The last found addresses stay until other ones are found. A restart in flight begins with them.
 3. IPv4 addresses come first, because a station program that listens on only one kind nearly always uses IPv4.
 4. An IPv4 address in IPv6 form (`::ffff:192.0.2.1`) is used as the IPv4 address.

@@ -8,7 +8,7 @@ from pathlib import Path
 
 __all__ = ["DEPLOY", "shipped"]
 
-_PACKAGE = Path(__file__).resolve().parent
+_PACKAGE = Path(__file__).resolve().parents[1]
 #: samples of configuration files
 DEPLOY = _PACKAGE / "deploy"
 

@@ -2,8 +2,8 @@
 
 """Tables of rehearsals on the ground, from a vehicle's journal.
 
-The journal has the statistics of a rehearsal each minute and at its end (`operator/rehearsal/rehearsal_stats.py`): the last
-ones count. A companion that was restarted begins new statistics, so one rehearsal may have several.
+The journal has the statistics of a rehearsal each minute and at its end (`operator/rehearsal/rehearsal_stats.py`). The
+last ones count. A companion that was restarted begins new statistics, so one rehearsal may have several.
 """
 
 from __future__ import annotations

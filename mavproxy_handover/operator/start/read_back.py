@@ -10,7 +10,7 @@ MAVLink's opaque ids). So the lists themselves are read, several items at once.
 * A command that arms waits at most `WAIT_S`: motors must not start long after the command. The reading continues, and
   the same command sent again finds it complete.
 * A later disarm of the commander withdraws the commands that wait: the motors stay off.
-* The rally list is the companion's own and is read every ten seconds anyway (`rally_writer.py`).
+* The rally list is the companion's own and is read every ten seconds anyway (`operator/return_site/rally_writer.py`).
 
 Times are monotonic seconds.
 """
