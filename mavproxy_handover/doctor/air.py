@@ -132,8 +132,15 @@ class _Listener:
         self._armed = False
         self._asked: dict[int, float] = {}
         self._trips_s: list[float] = []
-        whom = station.station.sysid, (vehicle.sysid, 0)
-        self.talk = Talk(open_device(text), *whom, peer, context.clocks, self._heed, lambda: not self._armed)
+        self.talk = Talk(
+            open_device(text),
+            station.station.sysid,
+            (vehicle.sysid, 0),
+            peer,
+            context.clocks,
+            self._heed,
+            lambda: not self._armed,
+        )
 
     def _heed(self, message: Any, frame: Frame) -> None:
         self._frames += 1

@@ -23,9 +23,9 @@ __all__ = ["RATES", "here", "line_findings", "usable"]
 RATES: Final = (921600, 115200, 57600, 460800, 230400, 500000, 1500000, 38400)
 
 
-def line_findings(context: CheckContext, spec: DeviceSpec, whose: str) -> Iterator[Finding]:
+def line_findings(context: CheckContext, spec: DeviceSpec, owner: str) -> Iterator[Finding]:
     """Findings that do not open it. It may be opened if none of them is an error (`usable`)."""
-    what, path = f"line of {whose}", context.at(Path(spec.host))
+    what, path = f"line of {owner}", context.at(Path(spec.host))
     try:
         status = path.stat()
     except FileNotFoundError:

@@ -31,16 +31,16 @@ _UNPRIVILEGED: Final = Path("/proc/sys/net/ipv4/ip_unprivileged_port_start")
 
 def ports(context: CheckContext) -> Iterator[Finding]:
     """The findings of this check."""
-    for whose, text in _links(context):
+    for owner, text in _links(context):
         try:
             spec = parse_device(text)
         except LinkError as fault:  # of an option: a configuration's links are checked when it is read
-            yield error(f"link of {whose}", str(fault), "Name a link in one of these forms.")
+            yield error(f"link of {owner}", str(fault), "Name a link in one of these forms.")
             continue
         if spec.kind in _LISTENING:
-            yield _port(context, whose, spec)
+            yield _port(context, owner, spec)
         elif spec.kind is not Kind.SERIAL:
-            yield from _way_out(whose, spec)
+            yield from _way_out(owner, spec)
 
 
 def _links(context: CheckContext) -> Iterator[tuple[str, str]]:
@@ -61,8 +61,8 @@ def _links(context: CheckContext) -> Iterator[tuple[str, str]]:
             yield peer.station.name, peer.link
 
 
-def _port(context: CheckContext, whose: str, spec: DeviceSpec) -> Finding:
-    what = f"link of {whose}"
+def _port(context: CheckContext, owner: str, spec: DeviceSpec) -> Finding:
+    what = f"link of {owner}"
     # the kernel's tables are read only for IPv4; an IPv6 port is opened
     in_use = None if ":" in spec.host else listens(spec.kind is Kind.UDP_IN, spec.host, spec.port)
     if in_use:
@@ -125,8 +125,8 @@ def _ours(context: CheckContext, holder: Process) -> bool:
     return context.running is not None and holder.pid in (0, context.running.pid)
 
 
-def _way_out(whose: str, spec: DeviceSpec) -> Iterator[Finding]:
-    what = f"link of {whose}"
+def _way_out(owner: str, spec: DeviceSpec) -> Iterator[Finding]:
+    what = f"link of {owner}"
     try:
         endpoint(spec)
     except LinkError:

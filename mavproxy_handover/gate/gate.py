@@ -47,7 +47,7 @@ from mavproxy_handover.gate.downloads import DOWNLOADS, LOG_REQUESTS, Downloads
 from mavproxy_handover.gate.filters import CompanionMatters, Filters
 from mavproxy_handover.gate.flush import Closing
 from mavproxy_handover.gate.in_force import AuthorityInForce
-from mavproxy_handover.gate.judge import Fate, GateReason, Verdict, judge
+from mavproxy_handover.gate.judge import Fate, GateReason, Verdict, decide, usual
 from mavproxy_handover.gate.naming import named
 from mavproxy_handover.gate.passed import PassedFrames
 from mavproxy_handover.gate.policy.access import Access
@@ -125,8 +125,11 @@ class Gate:
         tells people.
         """
         passed = self._passed
-        verdict = judge(frame, port.identity, self._in_force.view, self._vehicle, self._matters.modes())
-        commands = self._in_force.commands(port.sysid) and port.identity.speaks(frame)
+        view, identity = self._in_force.view, port.identity
+        verdict = usual(frame, identity, view, self._vehicle)
+        if verdict is None:
+            verdict = decide(frame, identity, view, self._vehicle, self._matters.modes())
+        commands = port.sysid == view.commander and identity.speaks(frame)
         if not commands:
             passed.note()
         verdict = self._filters.limit(port, frame, verdict, commands, now)
@@ -139,8 +142,8 @@ class Gate:
                 self.downloads.asked(port, frame, now)
             else:
                 self._to_autopilot(frame.raw)
-            passed.add(port, frame, verdict, now)
-            if not commands or verdict.access not in _FREQUENT or passed.unnoted >= UNNOTED:
+            unnoted = passed.add(port, frame, verdict, now)
+            if not commands or verdict.access not in _FREQUENT or unnoted >= UNNOTED:
                 passed.note()
             return verdict
         passed.counts[port.sysid][verdict.reason] += 1

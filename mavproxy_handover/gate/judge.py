@@ -50,7 +50,7 @@ from mavproxy_handover.vehicle.profiles import ASSUMED, Modes
 from mavproxy_handover.wire.frames import Frame, field_int, target, target_places
 from mavproxy_handover.wire.ids import COMPANION_COMPID, MISSION_START, STATION_COMPIDS
 
-__all__ = ["Fate", "GateReason", "StationIdentity", "Verdict", "judge", "outcome", "uploads"]
+__all__ = ["Fate", "GateReason", "StationIdentity", "Verdict", "decide", "judge", "outcome", "uploads", "usual"]
 
 
 class Fate(Enum):
@@ -190,10 +190,16 @@ def judge(
 
     The caller counts heartbeats of the commander: they are forwarded, and they are also its sign of life.
     """
-    usual = _USUAL.get(frame.msgid)
+    verdict = usual(frame, station, view, vehicle_sysid)
+    return decide(frame, station, view, vehicle_sysid, modes) if verdict is None else verdict
+
+
+def usual(frame: Frame, station: StationIdentity, view: AuthorityView, vehicle_sysid: int) -> Verdict | None:
+    """The verdict of `judge` on most frames, without a look at the flight modes. None: `decide` has it."""
+    found = _USUAL.get(frame.msgid)
     own = frame.sysid in station.sysids and (frame.compid in station.components or frame.sysid != station.sysid)
-    if usual is not None and frame.known and own and frame.sysid != vehicle_sysid:
-        length, system, component, others, commander = usual
+    if found is not None and frame.known and own and frame.sysid != vehicle_sysid:
+        length, system, component, others, commander = found
         payload = frame.payload
         if system is None or (
             len(payload) >= length
@@ -201,6 +207,11 @@ def judge(
             and (component is None or payload[component] != COMPANION_COMPID)
         ):
             return commander if station.sysid == view.commander else others
+    return None
+
+
+def decide(frame: Frame, station: StationIdentity, view: AuthorityView, vehicle_sysid: int, modes: Modes) -> Verdict:
+    """The verdict of `judge` on any frame, by all rules."""
     row = classify(frame)
     fate, reason = _decide(frame, row, station, view, vehicle_sysid, modes)
     return Verdict(fate, row.access, reason, row.what)

@@ -60,9 +60,10 @@ class PassedFrames:
         """The number of frames that wait to be noted."""
         return len(self._unnoted)
 
-    def add(self, port: Port, frame: Frame, verdict: Verdict, now: float) -> None:
-        """Add a frame that went to the autopilot."""
+    def add(self, port: Port, frame: Frame, verdict: Verdict, now: float) -> int:
+        """Add a frame that went to the autopilot. Returns the number of frames that wait to be noted."""
         self._unnoted.append((port, frame, verdict, now))
+        return len(self._unnoted)
 
     def companion_sent(self, raw: bytes, now: float) -> None:
         """The companion itself sends this whole frame to the autopilot."""

@@ -106,7 +106,7 @@ class AutopilotMessages:
         conversations = self._context.conversations
         if conversations and _for_companion(message, self._sysid):
             conversations.on_message(message, now)
-            self._mission.check_read_back(now)
+            attempt(self._reports.fault, "mission read back", self._mission.check_read_back, now)
         if state.custom_mode != mode:
             event_log.mode(state.profile.mode_name(state.custom_mode))
             if known:
