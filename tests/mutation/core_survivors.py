@@ -94,7 +94,17 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
             "where the run before left nothing, nothing is taken up"
         ),
     },
+    "authority.presence": {
+        "unfit: dropped from and/or: self.answer is None: not self.connected(now) or self.answer is None or "
+        "(not self.hearing.enough)": (
+            "who is connected has answered: the answer and its time are set together; the type checker wants it said"
+        ),
+    },
     "authority.coverage": {
+        "successor_awaited: dropped: return False": (
+            "who may still come back is lost until then, and what is forced ends when who was lost is back"
+        ),
+        "coverage: dropped: return _NOTHING": "it is asked only with an owner; the type checker wants it said",
         "_asked: truth turned: True in return (None, True, True)": "where nobody is partner no station is the partner",
         "_asked: truth turned: True in return (None, True, True) (number 2)": "the same",
         "successor_awaited: dropped from and/or: transfer.forced: transfer is not None and transfer.forced and "
