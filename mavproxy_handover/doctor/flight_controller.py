@@ -28,10 +28,10 @@ from mavproxy_handover.link.devices import DeviceSpec, Kind, LinkError, open_dev
 from mavproxy_handover.mission.heights import above_sea
 from mavproxy_handover.monitors.preflight import rules
 from mavproxy_handover.monitors.preflight.own_failsafes import plan_facts
-from mavproxy_handover.operator.start.preflight import reading
 from mavproxy_handover.store.keys import KeysError, load_key
 from mavproxy_handover.vehicle.guard_link import misfit_of
 from mavproxy_handover.vehicle.mission_protocol import MissionProtocol
+from mavproxy_handover.vehicle.parameter_reading import reading
 from mavproxy_handover.vehicle.profiles import Profile
 from mavproxy_handover.wire.conversation import Ask, Asking, NoAnswer, command_long
 from mavproxy_handover.wire.file_transfer import checksum

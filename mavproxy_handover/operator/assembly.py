@@ -10,8 +10,9 @@ from mavproxy_handover.gate.gate import Gate
 from mavproxy_handover.gate.in_force import AuthorityInForce
 from mavproxy_handover.operator.base.authority import Authority
 from mavproxy_handover.operator.base.reports import Reports
-from mavproxy_handover.operator.briefing import Briefing
+from mavproxy_handover.operator.briefing import Briefing, BriefingSources
 from mavproxy_handover.operator.commands.accepted import AcceptedCommands
+from mavproxy_handover.operator.commands.command_parts import CommandParts
 from mavproxy_handover.operator.commands.flight_commands import FlightCommands
 from mavproxy_handover.operator.commands.overrides import Overrides
 from mavproxy_handover.operator.operator_control import OperatorControl
@@ -72,13 +73,19 @@ def assemble_operator(
     around = Surroundings(lambda: in_force.view, zones, where, foreseen)
     rehearsal = RehearsalDesk(vehicle, arbiter, handle, voice, event_log, announcer, around)
     warnings = PreflightWarnings(in_force, autopilot.preflight, voice)
-    accepted = AcceptedCommands(in_force, autopilot, event_log, handle, fault)
-    commands = FlightCommands(gate, arbiter, autopilot, accepted, warnings, event_log, handle)
+    concerned = CommandParts(
+        autopilot.aircraft, autopilot.orders, autopilot.command_check, autopilot.read_back, autopilot.mission
+    )
+    accepted = AcceptedCommands(in_force, concerned, event_log, handle, fault)
+    commands = FlightCommands(gate, arbiter, concerned, accepted, warnings, event_log, handle)
     control = OperatorControl(voice, event_log, handle)
     package_return = PackageReturn(voice.ports, arbiter.unfit, event_log)
     overrides = Overrides(autopilot.command_check, lambda: in_force.view.commander, vehicle)
     messages = TransferMessages(
-        vehicle, TransferServices(autopilot, package_return, rehearsal, overrides, event_log), handle, fault
+        vehicle, TransferServices(autopilot.mission, package_return, rehearsal, overrides, event_log), handle, fault
+    )
+    sources = BriefingSources(
+        autopilot.aircraft, autopilot.route, autopilot.energy, autopilot.command_check, autopilot.return_site
     )
     services = Services(commands, autopilot.return_site.list, control, messages)
     return OperatorParts(
@@ -86,6 +93,6 @@ def assemble_operator(
         rehearsal,
         control,
         warnings,
-        Briefing(arbiter, autopilot, voice.ports, fault),
+        Briefing(arbiter, sources, voice.ports, fault),
         package_return,
     )

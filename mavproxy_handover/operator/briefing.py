@@ -19,11 +19,15 @@ from typing import Final
 from mavproxy_handover.core.arbiter import Arbiter
 from mavproxy_handover.core.common.causes import CAUSES
 from mavproxy_handover.core.common.messages import HandoverAhead, HandoverRequest
+from mavproxy_handover.monitors.energy import EnergyMonitor
+from mavproxy_handover.monitors.route import RouteMonitor
+from mavproxy_handover.operator.commands.command_check import CommandCheck
+from mavproxy_handover.operator.return_site.return_site import ReturnSite
 from mavproxy_handover.operator.stations.port import StationPort
-from mavproxy_handover.operator.vehicle.assembly import Autopilot
+from mavproxy_handover.vehicle.state import VehicleState
 from mavproxy_handover.wire import status
 
-__all__ = ["Briefing"]
+__all__ = ["Briefing", "BriefingSources"]
 
 #: interval of the briefings while the question is open (s)
 _AGAIN_S: Final = 10.0
@@ -40,18 +44,30 @@ class _Question:
     told_at: float = -inf
 
 
+@dataclass(frozen=True, slots=True)
+class BriefingSources:
+    """The parts that know what the lines say."""
+
+    aircraft: VehicleState
+    #: the aircraft against its route
+    route: RouteMonitor
+    energy: EnergyMonitor
+    command_check: CommandCheck
+    return_site: ReturnSite
+
+
 class Briefing:
     """Of one vehicle. Times are monotonic seconds."""
 
     def __init__(
         self,
         arbiter: Arbiter,
-        autopilot: Autopilot,
+        sources: BriefingSources,
         ports: Mapping[int, StationPort],
         fault: Callable[[str, str], None],
     ) -> None:
         self._arbiter = arbiter
-        self._autopilot = autopilot
+        self._sources = sources
         self._ports = ports
         self._fault = fault
         self._question: _Question | None = None
@@ -115,15 +131,15 @@ class Briefing:
             return "not known (internal fault)"
 
     def _leg(self, now: float) -> str:
-        aircraft = self._autopilot.aircraft
+        aircraft = self._sources.aircraft
         if aircraft.where is None:
             return "position not known"
         lat, lon, alt = aircraft.where
         place = f"{lat:.5f} {lon:.5f}, {alt:.0f} m above home, {aircraft.track[1]:.1f} m/s"
-        return f"{self._autopilot.route.words(now) or f'to waypoint {aircraft.waypoint}'}; {place}"
+        return f"{self._sources.route.words(now) or f'to waypoint {aircraft.waypoint}'}; {place}"
 
     def _battery(self) -> str:
-        fact, need = self._autopilot.energy.fact, self._autopilot.command_check.way_on_wh()
+        fact, need = self._sources.energy.fact, self._sources.command_check.way_on_wh()
         if fact.model is None or fact.left_wh is None:
             return f"what is left is not known{f': {fact.missing}' if fact.missing else ''}"
         whole = fact.model.battery_wh
@@ -132,11 +148,11 @@ class Briefing:
             if need is None
             else f"the mission needs {need / whole:.0%} with the reserve"
         )
-        place = self._autopilot.return_site.words()
+        place = self._sources.return_site.words()
         return f"{fact.left_wh / whole:.0%} left; {on}{f'; return to {place}' if place else ''}"
 
     def _wind(self) -> str:
-        fact = self._autopilot.energy.fact
+        fact = self._sources.energy.fact
         wind = None if fact.model is None else fact.model.wind
         if wind is None:
             return "not known"

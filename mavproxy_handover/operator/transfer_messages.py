@@ -16,8 +16,8 @@ from mavproxy_handover.operator.commands.overrides import Overrides
 from mavproxy_handover.operator.rehearsal.rehearsal import RehearsalDesk
 from mavproxy_handover.operator.stations.event_log import EventLog
 from mavproxy_handover.operator.stations.port import StationPort
+from mavproxy_handover.operator.uploads.mission_on_board import MissionOnBoard
 from mavproxy_handover.operator.uploads.package_return import PackageReturn
-from mavproxy_handover.operator.vehicle.assembly import Autopilot
 from mavproxy_handover.tools.schedule import attempt
 from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.frames import Frame
@@ -29,7 +29,7 @@ __all__ = ["TransferMessages", "TransferServices"]
 class TransferServices:
     """The parts that take messages of a station."""
 
-    autopilot: Autopilot
+    mission: MissionOnBoard
     package_return: PackageReturn
     rehearsal: RehearsalDesk
     overrides: Overrides
@@ -53,8 +53,8 @@ class TransferMessages:
         self._fault = fault
         #: message -> what takes it; the messages of a transfer itself go to the rules
         self._takes: Mapping[str, Callable[[StationPort, Any, float], None]] = {
-            "MISSION_PACKAGE": services.autopilot.mission.on_package,
-            "MISSION_CHUNK": services.autopilot.mission.on_package,
+            "MISSION_PACKAGE": services.mission.on_package,
+            "MISSION_CHUNK": services.mission.on_package,
             "MISSION_PACKAGE_ACK": services.package_return.on_ack,
             "HANDOVER_REHEARSE": services.rehearsal.take,
             "HANDOVER_OVERRIDE": self._override,

@@ -12,10 +12,10 @@ from mavproxy_handover.gate.in_force import AuthorityInForce
 from mavproxy_handover.gate.intent import INTENT_MESSAGES, intent_of
 from mavproxy_handover.gate.list_changes import list_change
 from mavproxy_handover.gate.refusal_text import thesis_command
+from mavproxy_handover.operator.commands.command_parts import CommandParts
 from mavproxy_handover.operator.start.orders import disarms
 from mavproxy_handover.operator.stations.event_log import EventLog
 from mavproxy_handover.operator.stations.port import StationPort
-from mavproxy_handover.operator.vehicle.assembly import Autopilot
 from mavproxy_handover.tools.schedule import attempt
 from mavproxy_handover.vehicle import mode_requests
 from mavproxy_handover.wire.frames import Frame
@@ -29,14 +29,14 @@ class AcceptedCommands:
     def __init__(
         self,
         in_force: AuthorityInForce,
-        autopilot: Autopilot,
+        parts: CommandParts,
         event_log: EventLog,
         handle: Callable[[Event, float], None],
         fault: Callable[[str, str], None],
     ) -> None:
         """`handle` gives an event to the rules; `fault` is told what broke, and where."""
         self._in_force = in_force
-        self._autopilot = autopilot
+        self._parts = parts
         self._narrator = event_log
         self._handle = handle
         self._fault = fault
@@ -46,12 +46,12 @@ class AcceptedCommands:
         in_flight = self._in_force.view.phase is not Phase.ON_LOAD
         self.released(port, frame, what, now)
         if in_flight and frame.msgid in INTENT_MESSAGES:
-            intent = intent_of(frame, self._autopilot.aircraft.judged_by)
+            intent = intent_of(frame, self._parts.aircraft.judged_by)
             if intent is not None:
-                self._autopilot.orders.passed(port, intent, now)
+                self._parts.orders.passed(port, intent, now)
         if disarms(frame):
-            self._autopilot.orders.disarmed(port, frame, self._autopilot.aircraft.armed, now)
-            self._autopilot.read_back.withdraw(now)
+            self._parts.orders.disarmed(port, frame, self._parts.aircraft.armed, now)
+            self._parts.read_back.withdraw(now)
 
     def released(self, port: StationPort, frame: Frame, what: str, now: float) -> None:
         """The companion has passed a command that it held on the ground."""
@@ -60,8 +60,8 @@ class AcceptedCommands:
         change = list_change(frame)
         if change is not None:
             on_ground = self._in_force.view.phase is Phase.ON_LOAD
-            self._autopilot.mission.list_changed(port, change, on_ground, now)
-        aircraft = self._autopilot.aircraft
+            self._parts.mission.list_changed(port, change, on_ground, now)
+        aircraft = self._parts.aircraft
         source = mode_requests.of_command(frame, aircraft.profile, aircraft.ways_down.leads_to)
         if source is not None:
             self._handle(source, now)

@@ -21,12 +21,12 @@ from mavproxy_handover.gate.intent import repeats, wish_of
 from mavproxy_handover.gate.judge import Verdict, uploads
 from mavproxy_handover.gate.policy.rows import begins_midway, classify
 from mavproxy_handover.operator.commands.accepted import AcceptedCommands
+from mavproxy_handover.operator.commands.command_parts import CommandParts
 from mavproxy_handover.operator.start.orders import UNDOING, commanded
 from mavproxy_handover.operator.start.preflight_warnings import PreflightWarnings
 from mavproxy_handover.operator.start.read_back import WITHDRAWN
 from mavproxy_handover.operator.stations.event_log import EventLog
 from mavproxy_handover.operator.stations.port import StationPort
-from mavproxy_handover.operator.vehicle.assembly import Autopilot
 from mavproxy_handover.wire.frames import Frame
 from mavproxy_handover.wire.ids import MISSION_START
 
@@ -39,7 +39,7 @@ class FlightCommands:
 
     gate: Gate
     arbiter: Arbiter
-    autopilot: Autopilot
+    parts: CommandParts
     accepted: AcceptedCommands
     warnings: PreflightWarnings
     event_log: EventLog
@@ -55,19 +55,19 @@ class FlightCommands:
     # ---- on the ground --------------------------------------------------------------------------------------------
 
     def _begins_flight(self, port: StationPort, frame: Frame, verdict: Verdict, now: float) -> None:
-        autopilot, midway = self.autopilot, begins_midway(classify(frame))
+        parts, midway = self.parts, begins_midway(classify(frame))
         if not midway:
-            autopilot.command_check.start(port, wish_of(frame), repeats(frame), now)
+            parts.command_check.start(port, wish_of(frame), repeats(frame), now)
         if commanded(frame) == MISSION_START:
-            autopilot.orders.start_asked(port, frame, verdict.what, now)
+            parts.orders.start_asked(port, frame, verdict.what, now)
             return
         needs = MIDWAY if midway else self.arbiter.take_off_needs(port.sysid, now)
-        needs = needs or (UNDOING if autopilot.orders.undoing else ())
+        needs = needs or (UNDOING if parts.orders.undoing else ())
         if needs:
             self._refuse_take_off(port, frame, verdict, needs, now)
             return
         command = port.sysid, frame.sysid, frame.compid, frame.msgid, wish_of(frame)
-        autopilot.read_back.ask(command, partial(self._takes_off, port, frame, verdict), now)
+        parts.read_back.ask(command, partial(self._takes_off, port, frame, verdict), now)
 
     def _takes_off(self, port: StationPort, frame: Frame, verdict: Verdict, trouble: str, now: float) -> None:
         """The mission was read back (`trouble`: why not): pass the command, or refuse it."""
@@ -83,7 +83,7 @@ class FlightCommands:
     def _refuse_take_off(
         self, port: StationPort, frame: Frame, verdict: Verdict, needs: tuple[str, ...], now: float
     ) -> None:
-        self.autopilot.orders.refuse_take_off(port, frame, needs, now)
+        self.parts.orders.refuse_take_off(port, frame, needs, now)
         kind, proven = (frame.msgid, verdict.reason), port.proves(frame)
         named, why = partial(self.gate.unsaid, frame), "; ".join(needs)
         self.event_log.refused(port.name, kind, verdict.what, named, why, True, proven, now)
@@ -91,9 +91,9 @@ class FlightCommands:
     # ---- in flight ------------------------------------------------------------------------------------------------
 
     def _in_flight(self, port: StationPort, frame: Frame, verdict: Verdict, now: float) -> None:
-        autopilot = self.autopilot
-        if uploads(frame, autopilot.aircraft.judged_by):
-            autopilot.mission.flight_uploads.on_frame(port, frame, now)
-        elif autopilot.orders.takes_over(frame):
+        parts = self.parts
+        if uploads(frame, parts.aircraft.judged_by):
+            parts.mission.flight_uploads.on_frame(port, frame, now)
+        elif parts.orders.takes_over(frame):
             self.accepted.note(port, frame, verdict.what)
-            autopilot.orders.pause_asked(port, frame, now)
+            parts.orders.pause_asked(port, frame, now)

@@ -13,8 +13,8 @@ from collections.abc import Callable
 from typing import Final
 
 from mavproxy_handover.monitors.return_site.candidates import Candidates
-from mavproxy_handover.operator.start.preflight import reading
 from mavproxy_handover.vehicle.mission_protocol import MissionProtocol
+from mavproxy_handover.vehicle.parameter_reading import reading
 from mavproxy_handover.vehicle.return_limits import NAMES
 from mavproxy_handover.vehicle.state import VehicleState
 from mavproxy_handover.wire.conversation import Conversation, Conversations

@@ -2,10 +2,7 @@
 
 """The check before flight: reads the autopilot's parameters on the ground, judges them, and reports findings.
 
-`reading` is the conversation, `Preflight` decides when; the rules are in `monitors/preflight/rules.py`.
-
-ArduPilot does not answer a request for a parameter that it does not have, so each missing name costs a time-out. The
-parameters are requested together, and again only those that have not come.
+The rules are in `monitors/preflight/rules.py`, the conversation in `vehicle/parameter_reading.py`.
 """
 
 from __future__ import annotations
@@ -13,74 +10,24 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
-from typing import Any, Final
-
-from pymavlink.dialects.v20 import handover as mavlink
+from typing import Final
 
 from mavproxy_handover.core.common.limits import Limits
 from mavproxy_handover.core.common.model import GuardState
 from mavproxy_handover.core.safety.energy_prior import EnergySettings
 from mavproxy_handover.monitors.preflight.own_failsafes import PlanFacts
 from mavproxy_handover.monitors.preflight.rules import KNOWN, Finding, Found, judge, names_of
+from mavproxy_handover.vehicle.parameter_reading import reading
 from mavproxy_handover.vehicle.state import VehicleState
-from mavproxy_handover.wire.conversation import Ask, Asking, Conversation, Conversations, NoAnswer
-from mavproxy_handover.wire.ids import AUTOPILOT_COMPID
+from mavproxy_handover.wire.conversation import Conversation, Conversations
 
-__all__ = ["Preflight", "reading"]
+__all__ = ["Preflight"]
 
-#: ArduPilot keeps 20 requests and drops the rest
-_AT_ONCE = 16
-_WAIT_S = 0.4
-_TRIES = 3
 #: scripts start a few seconds after the autopilot's first heartbeat; a guard that speaks has its parameters
 _SETTLE_S = 8.0
 _AGAIN_S = 30.0
 _REBOOT_S = 3.0
 _WRONG_CHANNEL = re.compile(r"HNDO: lease refused, channel (\d+) not (-?\d+)")
-
-
-# ---- reading ------------------------------------------------------------------------------------------------------
-
-
-def reading(sysid: int, names: tuple[str, ...]) -> Asking:
-    """Ask the autopilot of system `sysid` for parameters. Returns name -> value of those that it answered."""
-    values: dict[str, float] = {}
-    for start in range(0, len(names), _AT_ONCE):
-        batch = names[start : start + _AT_ONCE]
-        lacking: set[str] = set()
-        for _ in range(_TRIES):
-            missing = [name for name in batch if name not in values and name not in lacking]
-            if not missing:
-                break
-            requests = tuple(_request(sysid, name) for name in missing)
-            try:
-                yield Ask("parameters", requests, _collector(missing, values, lacking), timeout_s=_WAIT_S, tries=1)
-            except NoAnswer:
-                continue
-    return values
-
-
-def _request(sysid: int, name: str) -> Any:
-    return mavlink.MAVLink_param_request_read_message(sysid, AUTOPILOT_COMPID, name.encode("ascii"), -1)
-
-
-def _collector(wanted: list[str], values: dict[str, float], lacking: set[str]) -> Callable[[Any], Any]:
-    """Collects the answers; the request is answered when no wanted name is missing."""
-
-    def answer(m: Any) -> Any:
-        kind = m.get_type()
-        if kind not in ("PARAM_VALUE", "PARAM_ERROR") or m.param_id not in wanted:
-            return None
-        if kind == "PARAM_ERROR":
-            lacking.add(m.param_id)
-        elif math.isfinite(m.param_value):
-            values[m.param_id] = float(m.param_value)
-        return True if all(name in values or name in lacking for name in wanted) else None
-
-    return answer
-
-
-# ---- when ---------------------------------------------------------------------------------------------------------
 
 
 _UNSAID: Final = EnergySettings()

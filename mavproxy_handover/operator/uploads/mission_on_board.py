@@ -13,7 +13,6 @@ from mavproxy_handover.core.common.model import Phase
 from mavproxy_handover.gate.list_changes import ListChange
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.operator.base.context import Context
-from mavproxy_handover.operator.start.orders import Orders
 from mavproxy_handover.operator.start.read_back import ReadBack
 from mavproxy_handover.operator.stations.port import StationPort
 from mavproxy_handover.operator.uploads.flight_uploads import FlightUploads
@@ -47,12 +46,19 @@ class MissionSources:
 class MissionOnBoard:
     """The changes of one vehicle's mission. Times are monotonic seconds."""
 
-    def __init__(self, context: Context, flown: FlownMission, sources: MissionSources, orders: Orders) -> None:
+    def __init__(
+        self,
+        context: Context,
+        flown: FlownMission,
+        sources: MissionSources,
+        give_start_up: Callable[[str, float], None],
+    ) -> None:
+        """`give_start_up` ends a START that is under way, for a reason in words."""
         self._context = context
         self.flown = flown
         self.flight_uploads = sources.flight_uploads
         self._sources = sources
-        self._orders = orders
+        self._give_start_up = give_start_up
         #: work that waits until a restart in flight is over, and when it is due
         self._later: Callable[[float], None] = _nothing
         self._later_at = math.inf
@@ -123,7 +129,7 @@ class MissionOnBoard:
             self.flown.reroute(None, now)
             return
         why = f"{port.name} changed the {change.what}"
-        attempt(self._context.reports.fault, "end of START", self._orders.give_start_up, why, now)
+        attempt(self._context.reports.fault, "end of START", self._give_start_up, why, now)
         self._sources.loader.list_changed(port, change, now)
         self._sources.uploads.changed(port, change, now)
 

@@ -139,7 +139,7 @@ def assemble(
     loader = PackageLoader(context, PackageReader(config), flown, readiness, uploads, around.close_files)
     flight_uploads = FlightUploads(context, command_check, flown)
     mission = MissionOnBoard(
-        context, flown, MissionSources(loader, uploads, flight_uploads, readiness, read_back), orders
+        context, flown, MissionSources(loader, uploads, flight_uploads, readiness, read_back), orders.give_start_up
     )
 
     speeds = SpeedRestorer(context, flown, orders, return_site, command_check)
