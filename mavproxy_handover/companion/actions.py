@@ -8,6 +8,7 @@ import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from mavproxy_handover.companion.autopilot_parts import Autopilot
 from mavproxy_handover.companion.beacons import Beacons
 from mavproxy_handover.companion.decision_news import DecisionNews
 from mavproxy_handover.companion.fail_closed import FailClosed
@@ -18,10 +19,9 @@ from mavproxy_handover.core.common import events
 from mavproxy_handover.core.common.messages import TransferMessage
 from mavproxy_handover.core.common.model import AuthorityView, Reason
 from mavproxy_handover.core.common.never import assert_never
-from mavproxy_handover.operator.operator_control import OperatorControl
-from mavproxy_handover.operator.start.preflight_warnings import PreflightWarnings
+from mavproxy_handover.operator.checks.preflight_warnings import PreflightWarnings
+from mavproxy_handover.operator.requests.operator_control import OperatorControl
 from mavproxy_handover.operator.stations.sender import MessageSender
-from mavproxy_handover.operator.vehicle.assembly import Autopilot
 from mavproxy_handover.tools.schedule import attempt
 from mavproxy_handover.wire import codec
 

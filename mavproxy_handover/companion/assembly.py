@@ -9,11 +9,13 @@ from dataclasses import dataclass
 from typing import Final
 
 from mavproxy_handover.companion.actions import ActionParts, Actions
+from mavproxy_handover.companion.autopilot_parts import Autopilot, assemble
 from mavproxy_handover.companion.beacons import Beacons
 from mavproxy_handover.companion.decision_news import DecisionNews
 from mavproxy_handover.companion.edge import Edge
 from mavproxy_handover.companion.fail_closed import FailClosed
 from mavproxy_handover.companion.faults import FaultLog, FaultNews
+from mavproxy_handover.companion.operator_parts import OperatorParts, assemble_operator
 from mavproxy_handover.companion.periodic import EachSecond
 from mavproxy_handover.companion.restart import Restart
 from mavproxy_handover.companion.state_saver import PackageSaver, StateSaver
@@ -26,7 +28,6 @@ from mavproxy_handover.gate.in_force import AuthorityInForce
 from mavproxy_handover.gate.passed import PassedFrames
 from mavproxy_handover.gate.replies import GateReports
 from mavproxy_handover.gate.stale_streams import News
-from mavproxy_handover.operator.assembly import OperatorParts, assemble_operator
 from mavproxy_handover.operator.base.authority import Authority
 from mavproxy_handover.operator.base.reports import Reports
 from mavproxy_handover.operator.stations.announcer import Announcer
@@ -35,7 +36,6 @@ from mavproxy_handover.operator.stations.missing_heartbeats import MissingHeartb
 from mavproxy_handover.operator.stations.port import StationPort
 from mavproxy_handover.operator.stations.sender import MessageSender
 from mavproxy_handover.operator.uploads.package_loading import MissionSurroundings
-from mavproxy_handover.operator.vehicle.assembly import Autopilot, assemble
 from mavproxy_handover.store.journal import Journal, strangers_path
 from mavproxy_handover.store.state_store import StateStore
 from mavproxy_handover.tools.schedule import attempt

@@ -6,11 +6,11 @@ from __future__ import annotations
 
 from typing import Final
 
+from mavproxy_handover.companion.autopilot_parts import Autopilot
 from mavproxy_handover.core.arbiter import Arbiter
 from mavproxy_handover.core.common.model import AuthorityView, Reason
 from mavproxy_handover.gate.in_force import AuthorityInForce
 from mavproxy_handover.operator.stations.sender import MessageSender
-from mavproxy_handover.operator.vehicle.assembly import Autopilot
 from mavproxy_handover.wire import status
 
 __all__ = ["BEAT_ALONE_S", "BEAT_S", "Beacons"]

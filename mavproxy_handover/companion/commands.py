@@ -13,7 +13,7 @@ from mavproxy_handover.core.common import events
 from mavproxy_handover.core.common.model import GuardState
 from mavproxy_handover.core.safety.commands import Limit
 from mavproxy_handover.link.devices import Device
-from mavproxy_handover.operator.commands.overrides import CONSOLE
+from mavproxy_handover.operator.requests.overrides import CONSOLE
 from mavproxy_handover.operator.stations.missing_heartbeats import without_heartbeat
 from mavproxy_handover.operator.stations.port import StationPort
 

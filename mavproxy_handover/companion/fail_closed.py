@@ -13,13 +13,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
 
+from mavproxy_handover.companion.autopilot_parts import Autopilot
 from mavproxy_handover.companion.decision_news import DecisionNews
 from mavproxy_handover.core.common.events import Announce
 from mavproxy_handover.core.common.model import AuthorityView, FlightAction, LeaseState, ModeClass, Reason
 from mavproxy_handover.gate.flush import Closing
 from mavproxy_handover.gate.gate import Gate
 from mavproxy_handover.operator.stations.event_log import EventLog
-from mavproxy_handover.operator.vehicle.assembly import Autopilot
 from mavproxy_handover.tools.schedule import attempt
 
 __all__ = ["FailClosed"]

@@ -8,12 +8,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from mavproxy_handover.companion.autopilot_parts import Autopilot
 from mavproxy_handover.companion.beacons import BEAT_ALONE_S, Beacons
 from mavproxy_handover.companion.decision_news import DecisionNews
 from mavproxy_handover.companion.faults import FaultNews
 from mavproxy_handover.companion.state_saver import StateSaver
 from mavproxy_handover.operator.stations.missing_heartbeats import MissingHeartbeats
-from mavproxy_handover.operator.vehicle.assembly import Autopilot
 from mavproxy_handover.tools.schedule import attempt
 
 __all__ = ["EachSecond"]

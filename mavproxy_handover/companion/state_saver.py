@@ -8,11 +8,11 @@ import traceback
 from collections.abc import Callable
 from dataclasses import replace
 
+from mavproxy_handover.companion.autopilot_parts import Autopilot
 from mavproxy_handover.companion.restart import Restart
 from mavproxy_handover.core.arbiter import Arbiter
 from mavproxy_handover.core.common.snapshot import Snapshot
 from mavproxy_handover.mission.package import MissionPackage
-from mavproxy_handover.operator.vehicle.assembly import Autopilot
 from mavproxy_handover.store.journal import Journal
 
 __all__ = ["PackageSaver", "StateSaver"]

@@ -6,7 +6,7 @@ A program that does not know it sees no answer at all: it waits, asks again, and
 goes to senders that have shown that they know it, and all others get DENIED. Rules:
 
 1. A sender shows it by a message of our own dialect, or by a request of operator control in the layout of 2026.
-   `operator/operator_control.py` tells the layouts apart: a program with an older one may not know the result.
+   `operator/requests/operator_control.py` tells the layouts apart: a program with an older one may not know the result.
 2. Each sender (system and component) shows it for itself: another program that connects through the station may be of
    another kind.
 3. It is valid only while the station is heard. After `ANEW_S` without a heartbeat another program may have the same

@@ -21,7 +21,7 @@ from mavproxy_handover.core.common.causes import CAUSES
 from mavproxy_handover.core.common.messages import HandoverAhead, HandoverRequest
 from mavproxy_handover.monitors.energy import EnergyMonitor
 from mavproxy_handover.monitors.route import RouteMonitor
-from mavproxy_handover.operator.commands.command_check import CommandCheck
+from mavproxy_handover.operator.checks.command_check import CommandCheck
 from mavproxy_handover.operator.return_site.return_site import ReturnSite
 from mavproxy_handover.operator.stations.port import StationPort
 from mavproxy_handover.vehicle.state import VehicleState

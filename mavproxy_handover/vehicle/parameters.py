@@ -7,7 +7,7 @@ Rules:
 1. Every PARAM_VALUE of the autopilot counts, for any request: the autopilot also sends one for each parameter that is
    set. A value that is not a finite number is ignored.
 2. A value stays until another one arrives. Each value has the time of its last arrival.
-3. The check before flight reads all of them (`operator/start/preflight.py`) and reports the end of each reading. `read`
+3. `operator/checks/preflight.py` reads all of them before flight, and reports the end of each reading. `read`
    has only values since that reading began, so a parameter that the autopilot no longer has is missing there.
 4. Only `VehicleState` adds values. No other part keeps a parameter; each part reads it when it needs it.
 """

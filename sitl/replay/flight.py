@@ -2,7 +2,7 @@
 
 """One replay: a recorded flight, passed through the real edge of the autopilot and the real rules.
 
-The recorded messages go at their times into the same parts that fly (`operator/vehicle/assembly.py`). The events go
+The recorded messages go at their times into the same parts that fly (`companion/autopilot_parts.py`). The events go
 into the same `Arbiter`, and the same `EventLog` writes its decisions. Nothing is sent anywhere. Rules that live here:
 
 * The aircraft does what it did. After an order that was not given in the flight, the rules judge an aircraft that does
@@ -26,6 +26,7 @@ from typing import Any, Final, cast
 
 from pymavlink.dialects.v20 import handover as mavlink
 
+from mavproxy_handover.companion.autopilot_parts import assemble
 from mavproxy_handover.companion.event_queue import EventQueue
 from mavproxy_handover.config.running import Running
 from mavproxy_handover.config.vehicle import VehicleConfig
@@ -42,7 +43,6 @@ from mavproxy_handover.operator.stations.event_log import EventLog
 from mavproxy_handover.operator.stations.sender import MessageSender
 from mavproxy_handover.operator.uploads.package_loading import MissionSurroundings
 from mavproxy_handover.operator.uploads.prepared import Prepared, prepare
-from mavproxy_handover.operator.vehicle.assembly import assemble
 from mavproxy_handover.store.journal import Journal
 from mavproxy_handover.tools.clocks import Clocks
 from mavproxy_handover.tools.schedule import TICK_S

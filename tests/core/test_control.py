@@ -25,7 +25,7 @@ from mavproxy_handover.core.common.events import (
 from mavproxy_handover.core.common.limits import Limits
 from mavproxy_handover.core.common.model import AuthorityView, LeaseState, ZoneFact
 from mavproxy_handover.gate.judge import StationIdentity
-from mavproxy_handover.operator.operator_control import read_request
+from mavproxy_handover.operator.requests.operator_control import read_request
 from mavproxy_handover.wire.status import control_status
 from tests.core.bench import (
     A,

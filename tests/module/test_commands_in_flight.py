@@ -806,7 +806,7 @@ def test_without_a_fresh_position_nothing_is_judged(flown: Bench) -> None:
     assert passed(flown) == 1
 
 
-BROKEN = "mavproxy_handover.operator.commands.command_check"
+BROKEN = "mavproxy_handover.operator.checks.command_check"
 
 
 @pytest.mark.parametrize(

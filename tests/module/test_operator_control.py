@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.core.common.events import OperatorControlShown
 from mavproxy_handover.core.common.model import Phase
 from mavproxy_handover.mission.package import MissionPackage
-from mavproxy_handover.operator.operator_control import OperatorControl
+from mavproxy_handover.operator.requests.operator_control import OperatorControl
 from tests.module.conftest import Bench
 from tests.module.test_handover import IN_A, IN_B, IN_BOTH
 from tests.module.vehicle import AUTO, Station

@@ -26,7 +26,7 @@ from mavproxy_handover.monitors.preflight.rules import (
     judge,
     names_of,
 )
-from mavproxy_handover.operator.start.preflight import Preflight
+from mavproxy_handover.operator.checks.preflight import Preflight
 from mavproxy_handover.vehicle.parameter_reading import reading
 from mavproxy_handover.vehicle.profiles import COPTER, PLANE, QUADPLANE, Profile
 from mavproxy_handover.vehicle.state import VehicleState

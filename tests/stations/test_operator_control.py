@@ -14,7 +14,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.core.common.events import ControlRequested
 from mavproxy_handover.core.common.model import AuthorityView, LeaseState, Phase
 from mavproxy_handover.gate.judge import StationIdentity
-from mavproxy_handover.operator.operator_control import notification, read_request
+from mavproxy_handover.operator.requests.operator_control import notification, read_request
 from mavproxy_handover.wire.status import control_status
 
 A, B, TRACKER = 251, 252, 241

@@ -2,7 +2,7 @@
 
 """Checks the parameters of the autopilot's own failsafes: battery, geofence and return.
 
-The rules are a table for `operator/start/preflight.py`. They rest on these facts:
+The rules are a table for `operator/checks/preflight.py`. They rest on these facts:
 
 * Only plain RTL goes to the return site, the one point of the rally list, and only if home is no alternative to it.
   SMART_RTL flies back along its track, AUTO_RTL along the mission's landing sequence.

@@ -6,7 +6,7 @@ These rules do not refuse a flight; the arbiter decides about START. They find s
 after a failure. Examples are a failsafe that is disabled or acts too early, ignored rally points, and a guard that
 listens at the wrong port. `own_failsafes.py` has the rules for the autopilot's own failsafes.
 
-The rules are a table of pure functions, which `judge` applies. `operator/start/preflight.py` reads the parameters and
+The rules are a table of pure functions, which `judge` applies. `operator/checks/preflight.py` reads the parameters and
 decides when. Sources: the reasons in `ardupilot_lua/handover.parm`.
 """
 

@@ -45,7 +45,7 @@ from mavproxy_handover.mission.route_simulation import walk_legs
 from mavproxy_handover.monitors.preflight.own_failsafes import plan_facts
 from mavproxy_handover.monitors.preflight.plan_fit import not_as_checked
 from mavproxy_handover.operator.base.context import Context
-from mavproxy_handover.operator.commands.command_check import CommandCheck
+from mavproxy_handover.operator.checks.command_check import CommandCheck
 from mavproxy_handover.operator.stations.port import StationPort
 from mavproxy_handover.operator.uploads.flown_mission import FlownMission
 from mavproxy_handover.operator.uploads.prepared import Rerouted

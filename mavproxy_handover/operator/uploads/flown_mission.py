@@ -28,10 +28,10 @@ from mavproxy_handover.monitors.waypoints import WaypointMonitor
 from mavproxy_handover.monitors.zones import ZoneMonitor
 from mavproxy_handover.operator.base.context import Context
 from mavproxy_handover.operator.base.output_dispatcher import OutputDispatcher
-from mavproxy_handover.operator.commands.command_check import CommandCheck
+from mavproxy_handover.operator.checks.command_check import CommandCheck
+from mavproxy_handover.operator.checks.preflight import Preflight
+from mavproxy_handover.operator.checks.read_back import ReadBack
 from mavproxy_handover.operator.return_site.return_site import ReturnSite
-from mavproxy_handover.operator.start.preflight import Preflight
-from mavproxy_handover.operator.start.read_back import ReadBack
 from mavproxy_handover.operator.uploads.delivery import DeliveryPoint
 from mavproxy_handover.operator.uploads.prepared import Along, Prepared, Rerouted
 

@@ -40,7 +40,7 @@ from mavproxy_handover.mission.jumps import jumps
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.mission.route_simulation import walk_legs
 from mavproxy_handover.operator.base.context import Context
-from mavproxy_handover.operator.commands.command_check import CommandCheck
+from mavproxy_handover.operator.checks.command_check import CommandCheck
 from mavproxy_handover.operator.stations.port import StationPort
 from mavproxy_handover.operator.uploads.flown_mission import FlownMission
 from mavproxy_handover.operator.uploads.mission_readiness import MissionReadiness

@@ -13,7 +13,7 @@ from mavproxy_handover.core.common.model import Phase
 from mavproxy_handover.gate.list_changes import ListChange
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.operator.base.context import Context
-from mavproxy_handover.operator.start.read_back import ReadBack
+from mavproxy_handover.operator.checks.read_back import ReadBack
 from mavproxy_handover.operator.stations.port import StationPort
 from mavproxy_handover.operator.uploads.flight_uploads import FlightUploads
 from mavproxy_handover.operator.uploads.flown_mission import FlownMission

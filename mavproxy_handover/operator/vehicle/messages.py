@@ -18,10 +18,10 @@ from mavproxy_handover.monitors.reboots import RebootMonitor
 from mavproxy_handover.monitors.waypoints import WaypointMonitor
 from mavproxy_handover.operator.base.context import Context
 from mavproxy_handover.operator.base.output_dispatcher import OutputDispatcher
-from mavproxy_handover.operator.commands.command_check import CommandCheck
+from mavproxy_handover.operator.checks.command_check import CommandCheck
+from mavproxy_handover.operator.checks.preflight import Preflight
+from mavproxy_handover.operator.orders import Orders
 from mavproxy_handover.operator.return_site.return_site import ReturnSite
-from mavproxy_handover.operator.start.orders import Orders
-from mavproxy_handover.operator.start.preflight import Preflight
 from mavproxy_handover.operator.uploads.mission_on_board import MissionOnBoard
 from mavproxy_handover.operator.vehicle.guard import Guard
 from mavproxy_handover.operator.vehicle.speed_restorer import SpeedRestorer

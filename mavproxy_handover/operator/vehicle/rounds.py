@@ -18,9 +18,9 @@ from mavproxy_handover.monitors.execution import ExecutionMonitor
 from mavproxy_handover.monitors.position.source import PositionMonitor
 from mavproxy_handover.operator.base.context import Context
 from mavproxy_handover.operator.base.output_dispatcher import MonitorOutput, OutputDispatcher
+from mavproxy_handover.operator.checks.preflight import Preflight
+from mavproxy_handover.operator.orders import Orders
 from mavproxy_handover.operator.return_site.return_site import ReturnSite
-from mavproxy_handover.operator.start.orders import Orders
-from mavproxy_handover.operator.start.preflight import Preflight
 from mavproxy_handover.operator.uploads.mission_on_board import MissionOnBoard
 from mavproxy_handover.operator.vehicle.guard import Guard
 from mavproxy_handover.operator.vehicle.streams import Streams

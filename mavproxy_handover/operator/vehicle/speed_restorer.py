@@ -11,9 +11,9 @@ from __future__ import annotations
 
 from mavproxy_handover.mission.route_simulation import speed_at
 from mavproxy_handover.operator.base.context import Context
-from mavproxy_handover.operator.commands.command_check import CommandCheck
+from mavproxy_handover.operator.checks.command_check import CommandCheck
+from mavproxy_handover.operator.orders import Orders
 from mavproxy_handover.operator.return_site.return_site import ReturnSite
-from mavproxy_handover.operator.start.orders import Orders
 from mavproxy_handover.operator.uploads.flown_mission import FlownMission
 
 __all__ = ["SpeedRestorer"]

@@ -6,24 +6,24 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from mavproxy_handover.companion.autopilot_parts import Autopilot
 from mavproxy_handover.gate.gate import Gate
 from mavproxy_handover.gate.in_force import AuthorityInForce
 from mavproxy_handover.operator.base.authority import Authority
 from mavproxy_handover.operator.base.reports import Reports
 from mavproxy_handover.operator.briefing import Briefing, BriefingSources
-from mavproxy_handover.operator.commands.accepted import AcceptedCommands
-from mavproxy_handover.operator.commands.command_parts import CommandParts
-from mavproxy_handover.operator.commands.flight_commands import FlightCommands
-from mavproxy_handover.operator.commands.overrides import Overrides
-from mavproxy_handover.operator.operator_control import OperatorControl
+from mavproxy_handover.operator.checks.preflight_warnings import PreflightWarnings
 from mavproxy_handover.operator.rehearsal.rehearsal import RehearsalDesk, Surroundings
 from mavproxy_handover.operator.rehearsal.rehearsal_stats import Foreseen
-from mavproxy_handover.operator.services import OperatorServices, Services
-from mavproxy_handover.operator.start.preflight_warnings import PreflightWarnings
+from mavproxy_handover.operator.requests.accepted import AcceptedCommands
+from mavproxy_handover.operator.requests.command_parts import CommandParts
+from mavproxy_handover.operator.requests.flight_commands import FlightCommands
+from mavproxy_handover.operator.requests.operator_control import OperatorControl
+from mavproxy_handover.operator.requests.overrides import Overrides
+from mavproxy_handover.operator.requests.services import OperatorServices, Services
+from mavproxy_handover.operator.requests.transfer_messages import TransferMessages, TransferServices
 from mavproxy_handover.operator.stations.announcer import Announcer
-from mavproxy_handover.operator.transfer_messages import TransferMessages, TransferServices
 from mavproxy_handover.operator.uploads.package_return import PackageReturn
-from mavproxy_handover.operator.vehicle.assembly import Autopilot
 
 __all__ = ["OperatorParts", "assemble_operator"]
 

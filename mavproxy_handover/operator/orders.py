@@ -30,8 +30,8 @@ from mavproxy_handover.gate.refusal_text import called, how_to_lift, subject_of
 from mavproxy_handover.gate.refusals import OncePerCause
 from mavproxy_handover.monitors.energy import FAULT
 from mavproxy_handover.operator.base.context import Context
+from mavproxy_handover.operator.checks.read_back import WITHDRAWN, NotHeldError, ReadBack
 from mavproxy_handover.operator.return_site.return_site import ReturnSite
-from mavproxy_handover.operator.start.read_back import WITHDRAWN, NotHeldError, ReadBack
 from mavproxy_handover.operator.stations.port import StationPort
 from mavproxy_handover.wire.conversation import Ask, Asking, Conversation, NoAnswer, RefusedError
 from mavproxy_handover.wire.frames import Frame, field_float, field_int

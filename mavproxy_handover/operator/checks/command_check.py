@@ -251,7 +251,7 @@ class CommandCheck:
     def start(self, port: StationPort, wish: Hashable, repeats: bool, now: float) -> None:
         """START, or a part of it, was sent. If it is sent again to insist, it passes without the energy.
 
-        Only `lift` passes an internal fault of the energy. `operator/start/orders.py` tells why START is refused.
+        Only `lift` passes an internal fault of the energy. `operator/orders.py` tells why START is refused.
         """
         left = {} if self._energy.broken else {Limit.ENERGY: self._energy.shortfall}
         since = port.heard_since(now)

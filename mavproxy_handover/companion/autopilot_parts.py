@@ -23,11 +23,11 @@ from mavproxy_handover.operator.base.authority import Authority
 from mavproxy_handover.operator.base.context import Context
 from mavproxy_handover.operator.base.output_dispatcher import OutputDispatcher
 from mavproxy_handover.operator.base.reports import Reports
-from mavproxy_handover.operator.commands.command_check import CommandCheck
+from mavproxy_handover.operator.checks.command_check import CommandCheck
+from mavproxy_handover.operator.checks.preflight import Preflight
+from mavproxy_handover.operator.checks.read_back import ReadBack
+from mavproxy_handover.operator.orders import Orders
 from mavproxy_handover.operator.return_site.return_site import ReturnSite
-from mavproxy_handover.operator.start.orders import Orders
-from mavproxy_handover.operator.start.preflight import Preflight
-from mavproxy_handover.operator.start.read_back import ReadBack
 from mavproxy_handover.operator.uploads.flight_uploads import FlightUploads
 from mavproxy_handover.operator.uploads.flown_mission import FlownMission, MissionMonitors, MissionUsers
 from mavproxy_handover.operator.uploads.ground_uploads import GroundUploads

@@ -12,8 +12,8 @@ from mavproxy_handover.gate.in_force import AuthorityInForce
 from mavproxy_handover.gate.intent import INTENT_MESSAGES, intent_of
 from mavproxy_handover.gate.list_changes import list_change
 from mavproxy_handover.gate.refusal_text import thesis_command
-from mavproxy_handover.operator.commands.command_parts import CommandParts
-from mavproxy_handover.operator.start.orders import disarms
+from mavproxy_handover.operator.orders import disarms
+from mavproxy_handover.operator.requests.command_parts import CommandParts
 from mavproxy_handover.operator.stations.event_log import EventLog
 from mavproxy_handover.operator.stations.port import StationPort
 from mavproxy_handover.tools.schedule import attempt

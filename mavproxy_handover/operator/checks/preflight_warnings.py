@@ -7,7 +7,7 @@ from __future__ import annotations
 from typing import Final
 
 from mavproxy_handover.gate.in_force import AuthorityInForce
-from mavproxy_handover.operator.start.preflight import Preflight
+from mavproxy_handover.operator.checks.preflight import Preflight
 from mavproxy_handover.operator.stations.sender import MessageSender
 
 __all__ = ["PreflightWarnings"]

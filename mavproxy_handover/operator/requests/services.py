@@ -19,14 +19,14 @@ from mavproxy_handover.gate.gate import Gate
 from mavproxy_handover.gate.judge import Fate, Verdict
 from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.gate.refusal_text import thesis_command
-from mavproxy_handover.operator.commands.accepted import AcceptedCommands
-from mavproxy_handover.operator.commands.flight_commands import FlightCommands
-from mavproxy_handover.operator.operator_control import OperatorControl
 from mavproxy_handover.operator.rehearsal.rehearsal import RehearsalDesk
+from mavproxy_handover.operator.requests.accepted import AcceptedCommands
+from mavproxy_handover.operator.requests.flight_commands import FlightCommands
+from mavproxy_handover.operator.requests.operator_control import OperatorControl
+from mavproxy_handover.operator.requests.transfer_messages import TransferMessages
 from mavproxy_handover.operator.return_site.rally_list import RallyList
 from mavproxy_handover.operator.stations.event_log import EventLog
 from mavproxy_handover.operator.stations.port import StationPort
-from mavproxy_handover.operator.transfer_messages import TransferMessages
 from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.frames import Frame
 

@@ -6,9 +6,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mavproxy_handover.operator.commands.command_check import CommandCheck
-from mavproxy_handover.operator.start.orders import Orders
-from mavproxy_handover.operator.start.read_back import ReadBack
+from mavproxy_handover.operator.checks.command_check import CommandCheck
+from mavproxy_handover.operator.checks.read_back import ReadBack
+from mavproxy_handover.operator.orders import Orders
 from mavproxy_handover.operator.uploads.mission_on_board import MissionOnBoard
 from mavproxy_handover.vehicle.state import VehicleState
 

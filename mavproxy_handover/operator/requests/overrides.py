@@ -15,7 +15,7 @@ from typing import Any, Final
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.safety.commands import Limit
-from mavproxy_handover.operator.commands.command_check import CommandCheck
+from mavproxy_handover.operator.checks.command_check import CommandCheck
 from mavproxy_handover.operator.stations.port import StationPort
 from mavproxy_handover.wire.ids import LIMITS
 

@@ -12,8 +12,8 @@ from mavproxy_handover.core.common.events import Event, StationMessage
 from mavproxy_handover.core.common.messages import TransferMessage
 from mavproxy_handover.gate.client_capabilities import Dialect
 from mavproxy_handover.gate.judge import Verdict
-from mavproxy_handover.operator.commands.overrides import Overrides
 from mavproxy_handover.operator.rehearsal.rehearsal import RehearsalDesk
+from mavproxy_handover.operator.requests.overrides import Overrides
 from mavproxy_handover.operator.stations.event_log import EventLog
 from mavproxy_handover.operator.stations.port import StationPort
 from mavproxy_handover.operator.uploads.mission_on_board import MissionOnBoard

@@ -1,0 +1,3 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Checks: parameters before flight, the mission that the autopilot holds, commands in flight."""
