@@ -3,8 +3,8 @@
 """Who imports whom, read from the sources, and the floors that `docs/architecture.md` gives to the parts.
 
 A part is a folder of `mavproxy_handover/`, a file at its top, a folder within a folder that the table names, or another
-package. Imports count wherever they stand: at
-the top of a file, in a function, behind TYPE_CHECKING. What is loaded by a name in a string (`handover sim`) does not.
+package. `INNER` names the folders that have a table of their own. Imports count wherever they stand: at the top of a
+file, in a function, behind TYPE_CHECKING. What is loaded by a name in a string (`handover sim`) does not.
 """
 
 from __future__ import annotations
@@ -16,13 +16,15 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-__all__ = ["DOCUMENT", "ROOT", "Part", "edges", "files", "floors", "imported", "part_of", "simulation_part_of"]
+__all__ = ["DOCUMENT", "INNER", "ROOT", "Part", "edges", "files", "floors", "imported", "part_of", "part_within"]
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCUMENT = ROOT / "docs" / "architecture.md"
 PACKAGES = ("mavproxy_handover", "gcs_module", "sitl")
 #: data, and the top-level modules that MAVProxy loads by name
 DATA = ("mavproxy_handover.deploy", "gcs_module.deploy")
+#: table of floors -> the folder whose parts it lists
+INNER = {"operators": "mavproxy_handover/operator", "simulation": "sitl"}
 _ROW = re.compile(r"\| (\d+) \| `([\w/.]+)` \| (.+) \|")
 
 
@@ -37,7 +39,7 @@ class Part:
 
 @cache
 def floors(table: str = "floors") -> tuple[Part, ...]:
-    """A table of floors, from the top down: the house's, or that of its "simulation"."""
+    """A table of floors, from the top down: the house's, or one of `INNER`."""
     behind = DOCUMENT.read_text(encoding="utf-8").partition(f"<!-- {table}:begin -->")[2]
     rows = (_ROW.fullmatch(line) for line in behind.partition(f"<!-- {table}:end -->")[0].splitlines())
     return tuple(Part(int(row[1]), row[2], row[3]) for row in rows if row is not None)
@@ -65,10 +67,12 @@ def part_of(module: str) -> str:
     return inner if inner in {part.name for part in floors()} else _named(ROOT / package, rest[0])
 
 
-def simulation_part_of(module: str) -> str | None:
-    """The same within the simulation; None for what is no part of it, and for the package itself."""
-    package, *rest = module.split(".")
-    return f"sitl/{_named(ROOT / package, rest[0])}" if package == "sitl" and rest else None
+def part_within(folder: str, module: str) -> str | None:
+    """The same within a folder of `INNER`; None for what is no part of it, and for the folder itself."""
+    inside = module.replace(".", "/").removeprefix(f"{folder}/")
+    if inside == module.replace(".", "/"):
+        return None
+    return f"{folder.removeprefix('mavproxy_handover/')}/{_named(ROOT / folder, inside.split('/')[0])}"
 
 
 def _named(package: Path, name: str) -> str:

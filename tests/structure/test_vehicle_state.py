@@ -11,7 +11,7 @@ from tests.structure.imports import edges, files
 
 #: reads a parameter for one question and its answer, and keeps nothing
 ANSWERS = {
-    "mavproxy_handover.operator.checks.preflight:_collector",
+    "mavproxy_handover.vehicle.parameter_reading:_collector",
     "mavproxy_handover.vehicle.cruise:held_cruise",
     "mavproxy_handover.vehicle.cruise:_value_of",
     "mavproxy_handover.vehicle.cruise:_within",

@@ -1,3 +1,3 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What follows from a frame of a station after the verdict of the gate."""
+"""Requests of the stations, carried out after the verdict of the gate."""
