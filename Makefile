@@ -63,7 +63,7 @@ $(VENV)/installed: $(VENV)/dependencies $(SOURCES)
 demo: $(VENV)/installed
 	$(BIN)/handover sim --scenario nominal
 
-QUICK := $(addprefix tests/,core gate wire config stations link autopilot vehicle monitors)
+QUICK := $(addprefix tests/,core gate wire config operator companion link vehicle monitors)
 quick: $(VENV)/installed
 	$(BIN)/pytest -n 2 -m 'not slow and not process' $(QUICK)
 

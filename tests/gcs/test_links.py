@@ -2,7 +2,7 @@
 
 """The room for what waits at a station's links, and serial lines that take nothing.
 
-Whose the links are is tried with whole stations (`tests/stations`).
+Stations with several vehicles have their links in `tests/module/test_station_fleet.py`.
 """
 
 from __future__ import annotations

@@ -31,10 +31,10 @@ from mavproxy_handover.vehicle.parameter_reading import reading
 from mavproxy_handover.vehicle.profiles import COPTER, PLANE, QUADPLANE, Profile
 from mavproxy_handover.vehicle.state import VehicleState
 from mavproxy_handover.wire.conversation import Conversations
-from tests.autopilot.test_copter import talk
 from tests.module.conftest import Bench, Clock
 from tests.module.vehicle import Autopilot
 from tests.packages import MISSIONS, ROUND
+from tests.vehicle.profiles.test_copter import talk
 from tests.vehicle.test_plane_landing import route
 
 PARAMETER_FILE = Path(__file__).parents[2] / "ardupilot_lua" / "handover.parm"

@@ -371,7 +371,7 @@ def test_a_package_of_another_size_is_another_one_though_its_digest_is_promised_
     assert answer.next_offset == 0
 
 
-#: station 252: udpout 10.0.0.2:14552, as `tests/test_vehicle_address.py` has the bytes
+#: station 252: udpout 10.0.0.2:14552, as `tests/wire/test_vehicle_address.py` has the bytes
 ADDRESS = bytes.fromhex("fc0138d80a000002")
 
 

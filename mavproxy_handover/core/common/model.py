@@ -3,7 +3,7 @@
 """The terms of the system as types: phases, lease states, reasons, zones, missions, and the view for the gate.
 
 Values that travel (phases, lease states, consents, reasons) have the numbers of `wire/handover.xml`;
-`tests/test_dialect.py` compares the two.
+`tests/wire/test_dialect.py` compares the two.
 """
 
 from __future__ import annotations

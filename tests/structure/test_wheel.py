@@ -19,7 +19,7 @@ import pytest
 
 from mavproxy_handover.cli import COMMANDS
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("mavproxy_handover/", "gcs_module/", "sitl/")
 #: written out: what is not in a package of ours has to be here, and must be small
 TOP_LEVEL = {"handover.py", "handover_gcs.py", "handover_dialect.py", "handover_dialect.pth"}

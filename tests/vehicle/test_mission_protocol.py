@@ -18,8 +18,8 @@ from mavproxy_handover.vehicle.mission_protocol import fence_items, fence_parts
 from mavproxy_handover.vehicle.procedures import Loaded, Plan, Procedures
 from mavproxy_handover.vehicle.state import VehicleState
 from mavproxy_handover.wire.conversation import AutopilotError, NoAnswer
-from tests.autopilot.test_copter import talk
 from tests.module.vehicle import Autopilot
+from tests.vehicle.profiles.test_copter import talk
 
 HOME = MissionItem(0, 16, 0, 0, 0, 0, 0, 52.679, 5.924, 0)
 TAKEOFF = MissionItem(1, 22, 3, 0, 0, 0, 0, 52.679, 5.924, 30)

@@ -14,8 +14,8 @@ from mavproxy_handover.vehicle.cruise import held_cruise, write_cruise
 from mavproxy_handover.vehicle.profiles import PLANE, QUADPLANE
 from mavproxy_handover.vehicle.state import VehicleState
 from mavproxy_handover.wire.conversation import Asking, Conversation, NoAnswer
-from tests.autopilot.test_copter import talk
 from tests.module.vehicle import PlaneAutopilot
+from tests.vehicle.profiles.test_copter import talk
 from tests.vehicle.test_plane_landing import COMMANDS, route
 
 MODE, ARM = mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_CMD_COMPONENT_ARM_DISARM
