@@ -11,6 +11,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final
 
+from mavproxy_handover.link.forms import FORMS
+
 __all__ = ["MISSION", "STATION", "TABLES", "VEHICLE"]
 
 #: key -> what it means
@@ -98,9 +100,9 @@ VEHICLE: Final[Mapping[str, Meanings]] = {
     "station": {
         "name": "as in the mission package",
         "sysid": "its MAVLink id, as in the mission package",
-        "links": "one or more, side by side: udpout:HOST:PORT calls the station, udpin:HOST:PORT waits for it; "
-        "tcp:HOST:PORT, tcpin:HOST:PORT, /dev/ttyUSB0,57600; udpout:HOST:PORT@wwan0 leaves only by that interface; an "
-        "IPv6 address as HOST stands in brackets",
+        "links": f"one or more, side by side: {', '.join(FORMS.values())}. udpout and tcp call the station, udpin and "
+        "tcpin wait for it; udpout:HOST:PORT@wwan0 leaves only by that interface; an IPv6 address as HOST stands in "
+        "brackets",
         "key": "file of the key that it signs with; needed unless allow_unsigned",
         "module": "false: it runs no handover_gcs, but any program of the operator-control standard",
         "consent": "with module = false, where its operator cannot be asked: automatic (planned handovers need no "

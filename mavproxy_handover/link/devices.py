@@ -1,10 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Opens the device for a device string. The forms are in `forms`, the rules of all devices in `base`."""
+"""Opens the device for a device string. The forms are in `forms`, the rules of all devices in `base`.
+
+A new kind of link is a `Kind` with its form in `FORMS`, a class, and a row in `OPENS`.
+"""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Callable, Mapping
+from typing import Final
 
 from mavproxy_handover.link.base import Clock, Device, LinkCounters
 from mavproxy_handover.link.forms import DeviceSpec, Kind, LinkError, parse_device
@@ -19,6 +24,7 @@ __all__ = [
     "Kind",
     "LinkCounters",
     "LinkError",
+    "OPENS",
     "open_device",
     "open_link",
     "parse_device",
@@ -51,14 +57,24 @@ def open_link(text: str, names: Names, clock: Clock = time.monotonic, *, strict:
 
 
 def _made(spec: DeviceSpec, clock: Clock) -> Device:
-    if spec.kind is Kind.UDP_IN:
-        return UdpIn(spec, clock)
-    if spec.kind is Kind.UDP_OUT:
-        return UdpOutBy(spec, clock) if spec.way else UdpOut(spec, clock)
-    if spec.kind is Kind.TCP_OUT:
-        return TcpOut(spec, clock)
-    if spec.kind is Kind.TCP_IN:
-        return TcpIn(spec, clock)
+    return OPENS[spec.kind](spec, clock)
+
+
+def _udp_out(spec: DeviceSpec, clock: Clock) -> Device:
+    return UdpOutBy(spec, clock) if spec.way else UdpOut(spec, clock)
+
+
+def _serial_line(spec: DeviceSpec, clock: Clock) -> Device:
     from mavproxy_handover.link.serial_line import SerialLine  # imported only if there is a serial link
 
     return SerialLine(spec, clock)
+
+
+#: What opens a link of each kind.
+OPENS: Final[Mapping[Kind, Callable[[DeviceSpec, Clock], Device]]] = {
+    Kind.UDP_IN: UdpIn,
+    Kind.UDP_OUT: _udp_out,
+    Kind.TCP_OUT: TcpOut,
+    Kind.TCP_IN: TcpIn,
+    Kind.SERIAL: _serial_line,
+}

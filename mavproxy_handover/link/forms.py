@@ -18,19 +18,15 @@ from __future__ import annotations
 
 import ipaddress
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
 from typing import Final
 
-__all__ = ["DEFAULT_BAUD", "DeviceSpec", "Kind", "LinkError", "parse_device"]
+__all__ = ["DEFAULT_BAUD", "FORMS", "DeviceSpec", "Kind", "LinkError", "parse_device"]
 
 DEFAULT_BAUD: Final = 57600
 BAUD_RANGE: Final = (1200, 4_000_000)
-_FORMS: Final = (
-    "udpin:HOST:PORT, udpout:HOST:PORT[@WAY], tcp:HOST:PORT, tcpin:HOST:PORT, /dev/ttyX[,BAUD], serial:/dev/ttyX:BAUD; "
-    "an IPv6 address as HOST stands in brackets"
-)
-
 #: name of an interface in Linux, or an address
 _WAY: Final = re.compile(r"[A-Za-z0-9._-]{1,15}")
 
@@ -50,6 +46,17 @@ class Kind(Enum):
     TCP_OUT = "tcp"
     TCP_IN = "tcpin"
     SERIAL = "serial"
+
+
+#: The device strings of each kind. `link/devices.py` has the class of each.
+FORMS: Final[Mapping[Kind, str]] = {
+    Kind.UDP_IN: "udpin:HOST:PORT",
+    Kind.UDP_OUT: "udpout:HOST:PORT[@WAY]",
+    Kind.TCP_OUT: "tcp:HOST:PORT",
+    Kind.TCP_IN: "tcpin:HOST:PORT",
+    Kind.SERIAL: "/dev/ttyX[,BAUD], serial:/dev/ttyX:BAUD",
+}
+_FORMS: Final = f"{', '.join(FORMS.values())}; an IPv6 address as HOST stands in brackets"
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,8 @@ from __future__ import annotations
 
 import pytest
 
-from mavproxy_handover.link.devices import DeviceSpec, Kind, LinkError, open_device, parse_device
+from mavproxy_handover.link.devices import OPENS, DeviceSpec, Kind, LinkError, open_device, parse_device
+from mavproxy_handover.link.forms import FORMS
 
 
 @pytest.mark.parametrize(
@@ -76,3 +77,10 @@ def test_a_host_that_nobody_knows_is_one_line_that_names_the_link() -> None:
         with pytest.raises(LinkError, match=f"^link {kind}:no such host:14550 cannot be opened: ") as error:
             open_device(f"{kind}:no such host:14550")
         assert "\n" not in str(error.value)
+
+
+def test_every_kind_has_its_forms_and_what_opens_it() -> None:
+    assert set(FORMS) == set(OPENS) == set(Kind)
+    with pytest.raises(LinkError) as told:
+        parse_device("udp:127.0.0.1:14550")
+    assert [form for form in FORMS.values() if form not in str(told.value)] == []
