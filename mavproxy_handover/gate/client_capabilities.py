@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Tracks which senders understand NOT_IN_CONTROL, a new result of the operator-control standard.
+"""Tracks what the programs at the stations understand, and what they get instead of what they do not.
 
-A program that does not know it sees no answer at all: it waits, asks again, and some programs end. So NOT_IN_CONTROL
-goes to senders that have shown that they know it, and all others get DENIED. Rules:
+A program that does not know the result of a command sees no answer at all: it waits, asks again, and some programs end.
+So a result of INSTEAD goes only to senders that have shown that they know it; all others get the other result of its
+row. NOT_IN_CONTROL is a new result of the operator-control standard. Rules:
 
 1. A sender shows it by a message of our own dialect, or by a request of operator control in the layout of 2026.
    `operator/requests/operator_control.py` tells the layouts apart: a program with an older one may not know the result.
@@ -19,15 +20,23 @@ Memory is bounded: `MOST` senders of a station. Times are monotonic seconds.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from enum import Enum
 from typing import Final
 
-__all__ = ["ANEW_S", "MOST", "POLICIES", "Dialect", "ClientCapabilities"]
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.wire.ids import NOT_IN_CONTROL
+
+__all__ = ["ANEW_S", "INSTEAD", "MOST", "POLICIES", "Dialect", "ClientCapabilities"]
 
 ANEW_S: Final = 5.0
 MOST: Final = 16
 #: what the configuration may say of a station; the first one is the default
 POLICIES: Final = ("auto", "always", "never")
+
+#: Results that only senders get that have shown that they know them: what all others get.
+INSTEAD: Final[Mapping[int, int]] = {NOT_IN_CONTROL: mavlink.MAV_RESULT_DENIED}
 
 _Sender = tuple[int, int]  #: system, component
 
@@ -72,6 +81,10 @@ class ClientCapabilities:
         if self._policy != POLICIES[0]:
             return self._policy == "always"
         return sender in self._shown
+
+    def result(self, sender: _Sender, result: int) -> int:
+        """The result that goes to this sender: one that it knows."""
+        return result if result not in INSTEAD or self.knows_not_in_control(sender) else INSTEAD[result]
 
     def silence_ends(self, now: float) -> None:
         """Forget what was shown before the station was silent for `ANEW_S`. To be called when it is heard again."""

@@ -10,7 +10,7 @@ answered in the form of its protocol. No protocol has room for the reason, so a 
 2. An answer comes from the component that was addressed, because the sender waits for that; from the autopilot
    (component 1) if all components were addressed.
 3. No answer goes to an answer, nor to messages that programs repeat on their own: `SILENT`.
-4. NOT_IN_CONTROL goes only to senders that know it (`client_capabilities`); all others get DENIED.
+4. A result that the sender does not know is replaced by another one (`client_capabilities`).
 5. The text comes from the companion, to the station that asked. For a frame that was addressed to the companion there
    is a text only if its protocol has no answer. For reads there is none: programs read from every component.
 6. `RefusalLimiter` limits the answers to a storm of refused frames, `OncePerCause` the texts.
@@ -90,11 +90,14 @@ _QUESTIONS: Final = (Access.READ, Access.BULK, Access.RALLY_READ)
 _Builder = Callable[[Frame, Verdict], mavlink.MAVLink_message]
 
 
-def _command_ack(frame: Frame, verdict: Verdict, knows: bool = False) -> mavlink.MAVLink_message:
-    result = _RESULTS.get(verdict.reason, mavlink.MAV_RESULT_DENIED)
+def _unchanged(result: int) -> int:
+    return result
+
+
+def _command_ack(frame: Frame, verdict: Verdict, known: Callable[[int], int] = _unchanged) -> mavlink.MAVLink_message:
     return mavlink.MAVLink_command_ack_message(
         command=field_int(frame, "command"),
-        result=result if knows or result != NOT_IN_CONTROL else mavlink.MAV_RESULT_DENIED,
+        result=known(_RESULTS.get(verdict.reason, mavlink.MAV_RESULT_DENIED)),
         target_system=frame.sysid,
         target_component=frame.compid,
     )
@@ -160,10 +163,10 @@ _BUILDERS: Final = _builders()
 _SILENT_IDS: Final = frozenset(msgid for msgid, cls in mavlink.mavlink_map.items() if cls.msgname in SILENT)
 
 
-def refusal(frame: Frame, verdict: Verdict, own: mavlink.MAVLink, knows: bool) -> list[bytes]:
+def refusal(frame: Frame, verdict: Verdict, own: mavlink.MAVLink, known: Callable[[int], int]) -> list[bytes]:
     """The answer to a refused frame, ready to send to its sender. Empty if the protocol has no answer.
 
-    `knows`: its sender knows the result NOT_IN_CONTROL.
+    `known` turns a MAV_RESULT into one that its sender knows (`ClientCapabilities.result`).
 
     `own` packs it: its `srcSystem` is the vehicle's system id; its sequence number goes up by one, and its
     `srcComponent` is the same afterwards as before. Signed if `own` signs.
@@ -173,7 +176,7 @@ def refusal(frame: Frame, verdict: Verdict, own: mavlink.MAVLink, knows: bool) -
         return []
     if frame.msgid == _LIST and verdict.reason is GateReason.COMPANION_TARGET:  # programs ask every component for it
         return []
-    message = _command_ack(frame, verdict, knows) if build is _command_ack else build(frame, verdict)
+    message = _command_ack(frame, verdict, known) if build is _command_ack else build(frame, verdict)
     aim = target(frame)
     compid = aim[1] if aim is not None and aim[1] != 0 else AUTOPILOT_COMPID
     return [_pack(message, own, compid)]

@@ -12,6 +12,7 @@ from __future__ import annotations
 import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
 from pymavlink.dialects.v20 import handover as mavlink
@@ -68,7 +69,7 @@ class Replies:
         if not self._refusals.allow(port.sysid, frame.msgid, now):
             return
         capabilities, sender = port.capabilities, (frame.sysid, frame.compid)
-        for answer in refusal(frame, verdict, self._own, capabilities.knows_not_in_control(sender)):
+        for answer in refusal(frame, verdict, self._own, partial(capabilities.result, sender)):
             self.send(port, answer)
         if not has_words(frame, verdict):
             return

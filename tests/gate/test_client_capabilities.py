@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import pytest
 
-from mavproxy_handover.gate.client_capabilities import ANEW_S, MOST, ClientCapabilities, Dialect
+from mavproxy_handover.gate.client_capabilities import ANEW_S, INSTEAD, MOST, ClientCapabilities, Dialect
 
 PROGRAM, ANOTHER = (252, 190), (242, 190)
 
@@ -54,3 +54,13 @@ def test_a_flood_of_senders_takes_bounded_memory() -> None:
         capabilities.show((252, component), Dialect.OURS, 0.0)
     known = [component for component in range(256) if capabilities.knows_not_in_control((252, component))]
     assert known == list(range(1, 1 + MOST))
+
+
+def test_a_program_gets_no_result_that_it_does_not_know() -> None:
+    not_in_control, denied, failed = 10, 2, 4
+    capabilities = ClientCapabilities()
+    assert dict(INSTEAD) == {not_in_control: denied}
+    assert (capabilities.result(PROGRAM, not_in_control), capabilities.result(PROGRAM, failed)) == (denied, failed)
+    capabilities.show(PROGRAM, Dialect.STANDARD, 0.0)
+    assert capabilities.result(PROGRAM, not_in_control) == not_in_control
+    assert capabilities.result(ANOTHER, not_in_control) == denied

@@ -228,7 +228,7 @@ def test_the_refusal_says_that_there_is_no_session(desk: Desk, make: Make) -> No
     desk.ask(ftp(make, CREATE, GCSA, b"x"), 0.0)
     frame = ftp(make, OPEN, GCSB, b"y")
     own = mavlink.MAVLink(None, srcSystem=VEHICLE, srcComponent=191)
-    (answer,) = refusal(frame, desk.ask(frame, 0.1), own, knows=False)
+    (answer,) = refusal(frame, desk.ask(frame, 0.1), own, lambda result: result)
     message = mavlink.MAVLink(None).decode(bytearray(answer))
     assert (message.target_system, message.get_srcComponent()) == (GCSB, 1)
     assert (message.payload[3], message.payload[5], message.payload[12]) == (129, OPEN, 5)

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import pytest
@@ -12,6 +13,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.common.model import AuthorityView, LeaseState, Phase
 from mavproxy_handover.gate import refusals
+from mavproxy_handover.gate.client_capabilities import ClientCapabilities
 from mavproxy_handover.gate.judge import Fate, GateReason, StationIdentity, judge
 from mavproxy_handover.gate.refusals import SILENT, OncePerCause, RefusalLimiter, has_words, refusal
 from mavproxy_handover.wire.frames import Frame, parse_one
@@ -31,6 +33,10 @@ def own() -> mavlink.MAVLink:
     return mavlink.MAVLink(None, srcSystem=VEHICLE, srcComponent=191)
 
 
+def _program(knows: bool) -> Callable[[int], int]:
+    return partial(ClientCapabilities("always" if knows else "never").result, (252, 190))
+
+
 def answers_to(
     frame: Frame,
     own: mavlink.MAVLink,
@@ -41,7 +47,7 @@ def answers_to(
     """What the station reads when the gate has refused `frame`."""
     verdict = judge(frame, station, view, VEHICLE)
     assert verdict.fate is Fate.REFUSE
-    return [mavlink.MAVLink(None).decode(bytearray(packed)) for packed in refusal(frame, verdict, own, knows)]
+    return [mavlink.MAVLink(None).decode(bytearray(packed)) for packed in refusal(frame, verdict, own, _program(knows))]
 
 
 def is_told(frame: Frame, station: StationIdentity = OBSERVER, view: AuthorityView = VIEW) -> bool:
@@ -218,7 +224,7 @@ def test_every_refusal_of_the_dialect_has_an_answer_or_is_silent_on_purpose(make
     for cls in mavlink.mavlink_map.values():
         frame = make(cls.msgname, sysid=252)
         verdict = judge(frame, OBSERVER, VIEW, VEHICLE)
-        packed = refusal(frame, verdict, own, knows=False)
+        packed = refusal(frame, verdict, own, _program(knows=False))
         silent = verdict.fate is not Fate.REFUSE or cls.msgname in SILENT
         assert has_words(frame, verdict) != silent, cls.msgname
         assert not packed or not silent, cls.msgname
@@ -234,7 +240,7 @@ def test_only_refusals_are_answered(make: Make, own: mavlink.MAVLink) -> None:
     frame = make("COMMAND_LONG", command=400)
     verdict = judge(frame, COMMANDER, VIEW, VEHICLE)
     assert verdict.reason is GateReason.ALLOWED
-    assert refusal(frame, verdict, own, knows=True) == []
+    assert refusal(frame, verdict, own, _program(knows=True)) == []
     assert not has_words(frame, verdict)
 
 
