@@ -12,6 +12,7 @@ import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.common.model import AuthorityView, LeaseState, Phase
+from mavproxy_handover.gate.client_capabilities import Dialect
 from mavproxy_handover.gate.judge import Fate, GateReason
 from mavproxy_handover.wire.frames import Frame
 from tests.gate.door import Door
@@ -48,7 +49,9 @@ class TestCommandsInFlight:
     def test_it_is_refused_and_answered_if_not_and_the_gate_says_no_reason(self, door: Door, make: Make) -> None:
         """The check of commands tells why: a text of the gate would be the second one."""
         door.command_passes = False
-        came = door.up(A, auto(make))
+        frame = auto(make)
+        door.ports[GCSA].capabilities.show((frame.sysid, frame.compid), Dialect.OURS, door.now)  # it knows all results
+        came = door.up(A, frame)
         assert (came.verdict.fate, came.verdict.reason, came.passed) == (Fate.REFUSE, GateReason.SITUATION, [])
         (answer,) = [mavlink.MAVLink(None).decode(bytearray(raw)) for raw in came.answers]
         assert (answer.get_type(), answer.command, answer.result) == ("COMMAND_ACK", DO_SET_MODE, 1), (
