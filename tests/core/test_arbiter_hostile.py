@@ -106,6 +106,7 @@ waits = st.sampled_from([0.0, 0.0, 0.0, 0.1, 0.6, 2.1, 5.1])
 RESTART = "restart"
 
 
+@pytest.mark.slow
 @settings(max_examples=100, deadline=None)
 @given(
     st.lists(st.tuples(waits, st.one_of(events, st.just(RESTART))), max_size=40),

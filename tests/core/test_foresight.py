@@ -281,6 +281,7 @@ def test_over_bad_links_authority_moves_with_the_word_of_both_and_not_without(
         assert all(answer is not None and answer[0] for answer in answers)
 
 
+@pytest.mark.slow
 def test_over_good_links_every_early_yes_is_in_time() -> None:
     for delay_s in (0.001, 0.1, 0.5):
         flown = network(air=perfect(delay_s), ground=perfect(delay_s), visits={A: [(0, 66)], B: [(60, 200)]}).run(90.0)

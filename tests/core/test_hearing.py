@@ -176,6 +176,7 @@ def test_that_a_station_is_deaf_is_told_also_when_its_answer_shows_it() -> None:
 # ---- enough ----------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("on_off", [(2.0, 3.0), (1.0, 2.0), (5.0, 4.0)])
 def test_a_commander_that_hears_a_third_of_the_time_commands(on_off: tuple[float, float]) -> None:
     bench = on_mission()
@@ -245,6 +246,7 @@ def lost_after(seed: int, heard: float, within_s: float) -> float:
     return inf
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("heard", "longest_s"), [(0.0, 11.0), (0.03, 15.0), (0.05, 16.0), (0.06, 17.0)])
 def test_whom_chance_lets_hear_next_to_nothing_is_lost_in_time_in_99_of_100_trials(
     heard: float, longest_s: float
@@ -307,6 +309,7 @@ def test_whatever_the_rhythm_command_is_lost_five_times_in_ten_minutes_at_most(o
     assert len(bench.records("authority")) <= 5
 
 
+@pytest.mark.slow
 def test_a_commander_that_falls_silent_again_and_again_is_lost_five_times_at_most() -> None:
     bench = on_mission()
     for _ in range(60):

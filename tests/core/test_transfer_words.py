@@ -63,6 +63,7 @@ def asked(place: str, *, dead: bool) -> tuple[Counted, TransferKey]:
     return bench, TransferKey(A, view.partner, view.handover_id, view.epoch)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dead", [False, True])
 @pytest.mark.parametrize("word", WORDS)
 @pytest.mark.parametrize("step", range(len(STEPS) + 1))

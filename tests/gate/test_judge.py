@@ -90,6 +90,7 @@ def test_every_message_and_command_from_every_sender_in_every_phase(
     assert sum(check(case, station, sysid, version, wrong, make) for case in CASES) > 10000
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("station", "sysid", "version", "wrong"), [SENDERS[0], SENDERS[3], SENDERS[6]])
 def test_every_message_and_command_to_everybody_is_judged_as_if_to_the_vehicle(
     make: Callable[..., Frame], station: StationIdentity, sysid: int, version: int, wrong: GateReason | None

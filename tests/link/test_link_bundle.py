@@ -165,6 +165,7 @@ def test_a_copy_of_what_was_not_genuine_does_nothing_for_its_link(bench: Bench) 
     assert bench.bundle.quality(lte, bench.now).heard_ago_s is None
 
 
+@pytest.mark.slow
 def test_memory_of_frames_is_bounded(bench: Bench) -> None:
     for number in range(20000):
         bench.arrive(bench.devices[number & 1], frame_of_number(number))

@@ -158,6 +158,7 @@ def test_no_command_is_lost_or_doubled_while_wifi_is_cut_and_heals(seed: int) ->
     assert sorted(passed) == list(range(1000, 1400))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_a_fifth_lost_each_way_moves_the_downlink_rarely_and_never_stops_it(seed: int) -> None:
     bad = {"loss": 0.2}

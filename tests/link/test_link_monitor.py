@@ -375,6 +375,7 @@ def test_what_the_uplink_loses_is_no_loss_of_the_downlink(monitor: LinkMonitor) 
     assert (DEGRADED, Measure.LOSS) in kinds(events)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_a_fifth_lost_each_way_is_no_loss_of_the_downlink_that_counts(monitor: LinkMonitor, seed: int) -> None:
     events = fly(answered_before(monitor), 600, 0.2, 0.2, seed, begin_s=20.0)

@@ -299,6 +299,7 @@ NOISE = st.lists(
 ).map(b"".join)
 
 
+@pytest.mark.slow
 @settings(max_examples=300)
 @given(NOISE, st.lists(st.integers(0, 5000)))
 def test_garbage_never_raises_and_any_cut_of_it_gives_the_same(data: bytes, cuts: list[int]) -> None:
@@ -356,6 +357,7 @@ def test_a_damaged_length_costs_its_frame_and_delays_the_next_by_no_more_than_th
     }
 
 
+@pytest.mark.slow
 @settings(max_examples=300)
 @given(STREAM, st.lists(st.integers(0, 5000)), st.floats(0.3, 1.0))
 def test_after_any_noise_the_next_frame_is_found(noise: bytes, cuts: list[int], pause_s: float) -> None:
@@ -365,6 +367,7 @@ def test_after_any_noise_the_next_frame_is_found(noise: bytes, cuts: list[int], 
     assert (found[1], found[2]) == (pause_s, pause_s + 0.4)
 
 
+@pytest.mark.slow
 @settings(max_examples=300)
 @given(STREAM, st.lists(st.integers(0, 5000)))
 def test_in_time_any_cut_without_pauses_gives_what_it_gives_without_time(data: bytes, cuts: list[int]) -> None:

@@ -184,6 +184,7 @@ def test_a_state_that_a_guard_cannot_have_is_no_status(number: int) -> None:
     assert unpack_guard_status(bytes([2, number]) + STATUS_BYTES[2:]) is None
 
 
+@pytest.mark.slow
 @settings(deadline=None)
 @given(st.binary(max_size=40))
 def test_any_bytes_are_a_status_or_none(payload: bytes) -> None:

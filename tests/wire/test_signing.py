@@ -678,6 +678,7 @@ def test_a_lost_state_can_be_replaced_by_a_floor() -> None:
     assert verifier.check(heartbeat(MIDNIGHT + 1), MIDNIGHT_UTC_S, 0.0) is OK
 
 
+@pytest.mark.slow
 @settings(max_examples=300)
 @given(
     st.lists(

@@ -383,6 +383,7 @@ anything = st.one_of(st.none(), st.floats(), st.floats(0.0, 1.0), st.floats(0.0,
 reports = st.builds(PackReport, anything, anything, anything, anything, anything)
 
 
+@pytest.mark.slow
 @given(st.lists(st.tuples(reports, st.booleans(), st.floats(0.0, 100.0)), max_size=12))
 def test_whatever_is_said_nothing_raises_and_nothing_is_negative_or_more_than_full(
     said: list[tuple[PackReport, bool, float]],
@@ -396,6 +397,7 @@ def test_whatever_is_said_nothing_raises_and_nothing_is_negative_or_more_than_fu
         assert wh is None or 0.0 <= wh <= 100.0
 
 
+@pytest.mark.slow
 @given(st.lists(st.tuples(reports, st.floats(0.0, 100.0)), min_size=1, max_size=12))
 def test_in_flight_what_is_left_never_grows(said: list[tuple[PackReport, float]]) -> None:
     packs = batteries()
@@ -409,6 +411,7 @@ def test_in_flight_what_is_left_never_grows(said: list[tuple[PackReport, float]]
             before = wh
 
 
+@pytest.mark.slow
 @given(st.lists(st.tuples(reports, st.floats(0.0, 100.0), st.booleans()), min_size=1, max_size=12))
 def test_nor_over_a_restart_by_more_than_a_twentieth(said: list[tuple[PackReport, float, bool]]) -> None:
     packs = batteries()

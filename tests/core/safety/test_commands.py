@@ -280,6 +280,7 @@ def test_a_lifted_limit_that_nobody_would_leave_is_no_news() -> None:
 _LEFT = st.dictionaries(st.sampled_from(list(Limit)), st.sampled_from(["", "left"]))
 
 
+@pytest.mark.slow
 @given(
     kind=st.sampled_from(list(Kind)),
     policies=st.dictionaries(st.sampled_from(list(Limit)), st.sampled_from(POLICIES)),

@@ -332,6 +332,7 @@ motions = st.builds(
 )
 
 
+@pytest.mark.slow
 @given(st.lists(st.tuples(motions, numbers, numbers), max_size=40))
 def test_whatever_is_seen_nothing_raises_and_the_model_stays_one(
     seen: list[tuple[Motion, float, float]],

@@ -434,6 +434,7 @@ def test_a_long_pause_decides_nothing() -> None:
 NOISE = ("time", "energy", "fence", "coverage", "stations", "everything")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", NOISE)
 @pytest.mark.parametrize("seed", first(2, range(8)))
 def test_noise_on_every_input_makes_no_choice_flap(kind: str, seed: int) -> None:

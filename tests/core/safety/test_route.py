@@ -135,6 +135,7 @@ def test_limits_that_were_changed_count() -> None:
 STEPS = st.floats(0.0, 4.0)
 
 
+@pytest.mark.slow
 @given(st.lists(st.tuples(STEPS, st.floats(-30, 30), st.one_of(st.none(), st.floats(-60, 60)))))
 def test_within_its_limits_nobody_is_off_the_route(flight: list[tuple[float, float, float | None]]) -> None:
     check, now = RouteCheck(LIMITS), 0.0

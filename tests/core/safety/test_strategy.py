@@ -300,6 +300,7 @@ def test_another_cause_never_makes_it_milder(
         assert after.action >= before.action
 
 
+@pytest.mark.slow
 @given(st.lists(st.tuples(CAUSE_SETS, FACT_SETS), max_size=30), POLICIES)
 def test_nothing_milder_than_what_is_asked_for_and_the_same_twice_is_the_same(
     moments: list[tuple[set[Cause], frozenset[Fact]]], policies: dict[Cause, str]

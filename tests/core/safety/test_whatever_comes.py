@@ -186,6 +186,7 @@ TRUTHS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("name", TRUTHS)
 def test_noise_about_what_is_so_changes_no_decision(name: str, seed: int) -> None:
@@ -201,6 +202,7 @@ def test_noise_about_what_is_so_changes_no_decision(name: str, seed: int) -> Non
     assert len(bench.flights()) <= truth.most
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_noise_on_everything_at_once_leads_to_one_return(seed: int) -> None:
     """All of it, with the energy that is just enough among it: that one is never more than it was."""
