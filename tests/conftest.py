@@ -8,10 +8,11 @@ as often as wanted; a test that takes the fixture of that name runs once for eac
 
 from __future__ import annotations
 
+import gc
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 
 import pytest
@@ -47,6 +48,17 @@ def pytest_configure(config: pytest.Config) -> None:
     page = config.getoption("--flown")
     if page is not None and not hasattr(config, "workerinput"):
         config.pluginmanager.register(Recorder(page, GUARD, PARAMETERS, PLANE_PARAMETERS))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    """Collect without the garbage collector, and leave the tests that were collected out of its later rounds."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.enable()
+        gc.freeze()
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
