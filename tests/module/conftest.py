@@ -8,6 +8,7 @@ import json
 import socket
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,8 @@ from mavproxy_handover.companion.companion import Companion
 from mavproxy_handover.core.common.events import Action, Event, Tick
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage
+from mavproxy_handover.operator.uploads import package_reader
+from mavproxy_handover.operator.uploads.prepared import Prepared, prepare
 from mavproxy_handover.supervision.main_loop import readable
 from mavproxy_handover.wire.package_transfer import PackageSender
 from mavproxy_handover.wire.vehicle_address import pack_addresses
@@ -28,6 +31,8 @@ from tests.module.vehicle import Autopilot, Station
 from tests.packages import ROUND
 
 STEP_S = 0.05
+#: where a bench is made ready and nothing happens
+WAIT_STEP_S = 0.1
 
 
 class Clock:
@@ -113,9 +118,9 @@ class Bench:
         for station in (self.a, self.b):
             station.step(self.clock.now)
 
-    def run(self, seconds: float) -> None:
-        for _ in range(round(seconds / STEP_S)):
-            self.clock.now += STEP_S
+    def run(self, seconds: float, step_s: float = STEP_S) -> None:
+        for _ in range(round(seconds / step_s)):
+            self.clock.now += step_s
             self.loop()
 
     def until(self, condition: Callable[[], Any], limit_s: float = 20.0) -> None:
@@ -142,7 +147,7 @@ class Bench:
         if self.module is None:
             assert self.load() is not None, self.mpstate.console.lines
         self.until(lambda: self.companion.view.commander == 251)
-        self.run(1.5)
+        self.run(1.5, WAIT_STEP_S)
 
     def share(self, package: MissionPackage, station: Station | None = None) -> PackageSender:
         """Send a package from a station (GCSA) until the vehicle has said its last word of it."""
@@ -236,6 +241,26 @@ def nested_events(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[str]]:
     assert nested == []
 
 
+@pytest.fixture(autouse=True)
+def prepared_once(monkeypatch: pytest.MonkeyPatch, prepared: dict[object, Prepared]) -> None:
+    """The route of a mission is walked once, not in every test. The results never change."""
+
+    def once(package: MissionPackage) -> Prepared:
+        key = package.digest, repr(package.addresses)
+        if key not in prepared:
+            prepared[key] = prepare(package)
+        # a finder remembers where it was asked last
+        return replace(prepared[key], finder=package.zone_finder())
+
+    monkeypatch.setattr(package_reader, "prepare", once)
+
+
+@pytest.fixture(scope="session")
+def prepared() -> dict[object, Prepared]:
+    """What was prepared of packages, by digest and addresses."""
+    return {}
+
+
 @pytest.fixture
 def bench(clock: Clock, tmp_path: Path) -> Iterator[Bench]:
     """Not loaded yet. At the end nothing may have escaped from a callback, and nothing broken that was not planted."""
@@ -256,7 +281,7 @@ def ready(bench: Bench, delivery: MissionPackage) -> Bench:
     """The parent commands, the mission is loaded, the guard answers."""
     bench.connect()
     bench.share(delivery)
-    bench.run(1.0)
+    bench.run(1.0, WAIT_STEP_S)
     return bench
 
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import socket
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as stock
@@ -27,6 +27,48 @@ def frames(data: bytes) -> list[Any]:
     except mavlink.MAVError:
         found = mavlink.MAVLink(None).parse_buffer(data) or []
     return [m for m in found if m.get_type() != "BAD_DATA"]
+
+
+#: of each kind of message, the bytes of its id in a frame
+_IDS = {kind.msgname: number.to_bytes(3, "little") for number, kind in mavlink.mavlink_map.items()}
+
+
+class Inbox(list[Any]):
+    """Messages that have arrived. Each is decoded when a test looks at it: most are never looked at."""
+
+    def put(self, data: bytes) -> None:
+        """Take in a datagram. What is not one whole frame of MAVLink 2 without a signature is decoded at once."""
+        plain = len(data) > 11 and data[0] == 0xFD and data[2] == 0 and len(data) == data[1] + 12
+        self.extend([data] if plain else frames(data))
+
+    def got(self, kind: str, start: int = 0) -> list[Any]:
+        """The messages of one kind, from this place on."""
+        wanted = _IDS.get(kind)
+        return [
+            self[at]
+            for at, frame in enumerate(super().__getitem__(slice(start, None)), start)
+            if (frame[7:10] == wanted if frame.__class__ is bytes else frame.get_type() == kind)
+        ]
+
+    def __getitem__(self, at: Any) -> Any:
+        if isinstance(at, slice):
+            return [self[each] for each in range(*at.indices(len(self)))]
+        found = super().__getitem__(at)
+        if isinstance(found, bytes):
+            found = self[at] = _DECODER.decode(bytearray(found))
+        return found
+
+    def __iter__(self) -> Iterator[Any]:
+        at = 0
+        while at < len(self):
+            yield self[at]
+            at += 1
+
+    def __add__(self, other: Any) -> list[Any]:
+        return [*self, *other]
+
+    def __contains__(self, message: Any) -> bool:
+        return any(each == message for each in self)
 
 
 class Autopilot:
@@ -286,7 +328,7 @@ class Station:
         self.sysid = sysid
         self.alive = True
         self.digest = bytes(32)
-        self.received: list[Any] = []
+        self.received = Inbox()
         self.own = mavlink.MAVLink(None, srcSystem=sysid, srcComponent=190)
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.bind(("127.0.0.1", 0))
@@ -301,9 +343,10 @@ class Station:
                 data, self.vehicle = self._socket.recvfrom(65536)
             except BlockingIOError:
                 break
-            for message in frames(data):
-                self.received.append(message)
-                if self.alive and message.get_type() == "CONNECT":
+            seen = len(self.received)
+            self.received.put(data)
+            if self.alive:
+                for message in self.received.got("CONNECT", seen):
                     self._answer(message)
         if self.alive and now >= self._beat_at:
             self._beat_at = now + 1.0
@@ -328,7 +371,7 @@ class Station:
         self.send(mavlink.MAVLink_command_long_message(1, component, command, 0, *values))
 
     def got(self, kind: str) -> list[Any]:
-        return [m for m in self.received if m.get_type() == kind]
+        return self.received.got(kind)
 
     def acks(self, command: int) -> list[int]:
         """Results of a command, in the order in which they came."""
