@@ -15,7 +15,10 @@ __all__ = ["first", "seeds"]
 def first(count: int, values: Iterable[Any]) -> list[Any]:
     """These parameters; those after the first `count` are skipped, saying so, without `--long`."""
     return [
-        value if number < count else pytest.param(value, marks=pytest.mark.long) for number, value in enumerate(values)
+        value
+        if number < count
+        else pytest.param(*(value if isinstance(value, tuple) else (value,)), marks=pytest.mark.long)
+        for number, value in enumerate(values)
     ]
 
 

@@ -85,10 +85,9 @@ def test_a_companion_starts_and_restarts_whatever_a_doctor_looks_at(
     running = Companion(autopilot, config)
     try:
         running.sends_leases()
-        for _ in range(2):
-            time.sleep(3.0)
-            running.signal_child(signal.SIGKILL)
-            running.sends_leases()
+        time.sleep(3.0)
+        running.signal_child(signal.SIGKILL)
+        running.sends_leases()
         time.sleep(3.0)
         doctors.end()
         for trouble in ("in use", "locked", "cannot"):
@@ -96,7 +95,7 @@ def test_a_companion_starts_and_restarts_whatever_a_doctor_looks_at(
         assert "failed_closed" not in running.events()
     finally:
         running.close()
-    assert len(doctors.reports) >= 3
+    assert len(doctors.reports) >= 2
     assert not [text for text in doctors.said("ports") if "in use" in text]
     assert f"link of GCSA: udpin:127.0.0.1:{port} is held by the companion that runs" in doctors.said("ports")
     assert [text for text in doctors.said("service") if "what it holds is not opened here" in text]

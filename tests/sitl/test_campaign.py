@@ -36,9 +36,9 @@ A, B = 251, 252
 # ---- time ------------------------------------------------------------------------------------------------------------
 
 
-#: the second to the sixth: a place that is looked at after a pause, drift by a border, the phase of questions to a
-#: station, a gap whose time runs out, a border at which it was flown on and that is left behind
-@pytest.mark.parametrize("seed", first(6, [13, 2189, 3206, 7250, 1102031, 6002100, 4, 23, 30, 44]))
+#: the first five: a place that is looked at after a pause, drift by a border, the phase of questions to a station,
+#: a gap whose time runs out, a border at which it was flown on and that is left behind
+@pytest.mark.parametrize("seed", first(5, [2189, 3206, 7250, 1102031, 6002100, 4, 13, 23, 30, 44]))
 def test_the_same_comes_of_it_however_time_is_let_pass(seed: int) -> None:
     assert fly(seed).same == fly(seed, plain=True).same
 
@@ -634,9 +634,9 @@ def test_a_hard_flight_is_told_by_its_number_with_or_without_the_option(
 
 
 def test_both_ways_to_let_time_pass_are_compared(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["--compare", "--runs", "2", "--seed", "4"]) == 0
+    assert main(["--compare", "--runs", "1", "--seed", "4"]) == 0
     last = capsys.readouterr().out.splitlines()[-1]  # on a slow machine progress comes before it
-    assert last.startswith("2 flights, ")
+    assert last.startswith("1 flight")
     assert last.endswith("times; the same outcomes")
 
 

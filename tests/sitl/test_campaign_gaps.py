@@ -19,6 +19,7 @@ from sitl.campaign.plan import FlightPlan, draw
 from sitl.campaign.plane import Circle, Spot
 from sitl.campaign.times import NEVER, SECOND
 from sitl.campaign.world import World
+from tests.depth import first
 
 MODEL = draw(0).model()
 WAY = (Spot(0.0, 0.0, 50.0), Spot(3000.0, 0.0, 50.0))
@@ -161,7 +162,7 @@ def test_without_a_guard_the_autopilots_failsafe_ends_it() -> None:
     assert ("RTL", "GCS failsafe") in [(mode, by) for _at, mode, by in log.modes]
 
 
-@pytest.mark.parametrize("limit_s", [None, 8.0])
+@pytest.mark.parametrize("limit_s", first(1, [8.0, None]))
 def test_the_same_comes_of_it_however_time_is_let_pass(limit_s: float | None) -> None:
     plan = declaring(limit_s=limit_s)
     short, whole = World(plan).run(), World(plan, plain=True).run()

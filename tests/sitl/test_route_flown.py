@@ -20,6 +20,7 @@ from mavproxy_handover.core.safety.route import RouteCheck, RouteLimits
 from mavproxy_handover.mission import load
 from mavproxy_handover.mission.geodesy import offset
 from mavproxy_handover.mission.track import Motion, RouteTracker
+from tests.depth import first
 from tests.sitl.flown_missions import AUTO, GUIDED, SET_MODE, FlownMission, take_off
 
 MISSIONS = Path(__file__).resolve().parents[2] / "missions"
@@ -97,7 +98,7 @@ def test_nor_does_a_take_off_beside_the_plan_s_home() -> None:
     assert flight.told == []
 
 
-@pytest.mark.parametrize("rate_hz", [5.0, 1.0])
+@pytest.mark.parametrize("rate_hz", first(1, [1.0, 5.0]))
 def test_nor_does_a_pause_in_the_middle_of_a_leg_nor_one_in_a_turn(rate_hz: float) -> None:
     flight = begun("delivery")
     flight.rate_hz, flight.noise_m = rate_hz, 3.0
@@ -111,7 +112,7 @@ def test_nor_does_a_pause_in_the_middle_of_a_leg_nor_one_in_a_turn(rate_hz: floa
     assert flight.told == []
 
 
-@pytest.mark.parametrize("rate_hz", [5.0, 1.0])
+@pytest.mark.parametrize("rate_hz", first(1, [1.0, 5.0]))
 def test_nor_does_a_commander_who_flies_elsewhere_and_gives_the_mission_back(rate_hz: float) -> None:
     """GUIDED to a place 400 m off the route, then AUTO from there: it flies straight to its waypoint."""
     flight = begun("delivery")
@@ -128,7 +129,7 @@ def test_nor_does_a_commander_who_flies_elsewhere_and_gives_the_mission_back(rat
     assert flight.told == []
 
 
-@pytest.mark.parametrize("rate_hz", [5.0, 1.0])
+@pytest.mark.parametrize("rate_hz", first(1, [1.0, 5.0]))
 def test_nor_does_a_waypoint_that_is_skipped(rate_hz: float) -> None:
     flight = begun("delivery")
     flight.rate_hz = rate_hz
@@ -141,7 +142,7 @@ def test_nor_does_a_waypoint_that_is_skipped(rate_hz: float) -> None:
     assert flight.told == []
 
 
-@pytest.mark.parametrize(("wind_m_s", "direction"), [(5.0, 0.0), (8.0, 135.0), (8.0, 270.0)])
+@pytest.mark.parametrize(("wind_m_s", "direction"), first(2, [(8.0, 135.0), (8.0, 270.0), (5.0, 0.0)]))
 def test_nor_does_a_wind_that_can_be_made_good(wind_m_s: float, direction: float) -> None:
     flight = begun("delivery", SIM_WIND_SPD=wind_m_s, SIM_WIND_DIR=direction, SIM_WIND_T=1.0)
     flight.land()
