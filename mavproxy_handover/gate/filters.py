@@ -3,8 +3,9 @@
 """The filters of the gate, after the policy: each may change the verdict on a frame of a station.
 
 The policy (`judge.py`) gives the first verdict, by the class of the frame and by who has authority. Then the frame
-passes the filters of its class in the order of the table in `Filters`. A filter gets the verdict of the ones before it.
-The verdict of the last one is final. The order of the table is the rule:
+passes the filters that see it, in the order of the table in `Filters`: a filter sees frames of some classes, or some
+messages of them, and perhaps only those of the station with authority, or of the others. A filter gets the verdict of
+the ones before it. The verdict of the last one is final. The order of the table is the rule:
 
 1. Streams that ran before their station had authority come first: they stay refused, whatever else refuses them.
 2. Sticks come before targets, and targets that a filter has dropped cost no check of the situation.
@@ -16,33 +17,38 @@ The verdict of the last one is final. The order of the table is the rule:
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Final, NamedTuple
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.common.model import AuthorityView, Phase
+from mavproxy_handover.core.common.model import Phase
 from mavproxy_handover.gate.in_force import AuthorityInForce
 from mavproxy_handover.gate.intent import TARGET_MESSAGES, Aim, Intent, intent_of
 from mavproxy_handover.gate.judge import Fate, GateReason, Verdict, outcome, uploads
 from mavproxy_handover.gate.passed import PassedFrames
 from mavproxy_handover.gate.policy.access import Access
-from mavproxy_handover.gate.port import Port
-from mavproxy_handover.gate.stale_streams import arms
+from mavproxy_handover.gate.questions import ASKED
+from mavproxy_handover.gate.stale_streams import STICKS, releases
 from mavproxy_handover.gate.targets import TargetStreams
 from mavproxy_handover.vehicle.profiles import Modes
 from mavproxy_handover.wire.frames import Frame
 
 __all__ = ["CompanionMatters", "Filter", "Filters"]
 
-_FTP: Final[int] = mavlink.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL
+#: constants, because Python 3.11 takes 0.1 us to look up a member of an enumeration
+_FORWARD: Final = Fate.FORWARD
+_CONSUME: Final = Fate.CONSUME
+_ON_LOAD: Final = Phase.ON_LOAD
 #: the class of a frame; None: the policy drops it before it looks for one
 _Class = Access | None
 _CLASSES: Final[tuple[_Class, ...]] = (*Access, None)
 _STREAMS: Final[frozenset[_Class]] = frozenset((Access.STREAM,))
 _COMMANDS: Final[frozenset[_Class]] = frozenset((Access.COMMAND,))
 _ALL: Final[frozenset[_Class]] = frozenset(_CLASSES)
+_FILES: Final = frozenset((mavlink.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL,))
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,8 +67,10 @@ class CompanionMatters:
     modes: Callable[[], Modes]
 
 
-#: the verdict so far -> the verdict. `commands`: the frame comes from the station that has authority
-Limit = Callable[[Port, Frame, Verdict, bool, float], Verdict]
+#: frame, verdict so far, system id of the station, time -> the verdict
+Limit = Callable[[Frame, Verdict, int, float], Verdict]
+#: the filters of a frame, by its class
+_ByClass = Mapping[_Class, tuple[Limit, ...]]
 
 
 class Filter(NamedTuple):
@@ -71,16 +79,17 @@ class Filter(NamedTuple):
     #: what it keeps out, or takes from the autopilot
     what: str
     #: the classes of frames that it sees
-    sees: frozenset[_Class]
+    classes: frozenset[_Class]
     limit: Limit
-    #: it sees file transfer only
-    files: bool = False
-    #: it sees frames of stations without authority only
-    observers: bool = False
+    #: the ids of the messages that it sees; None: all of its classes
+    messages: frozenset[int] | None = None
+    #: True: it sees frames of the station that has authority only; False: of the other stations only; None: of all
+    commands: bool | None = None
 
-    def concerns(self, access: _Class, *, file: bool, commands: bool) -> bool:
-        """Whether it sees frames of this class."""
-        return access in self.sees and (file or not self.files) and not (commands and self.observers)
+    def sees(self, access: _Class, msgid: int | None, commands: bool) -> bool:
+        """Whether it sees such frames. `msgid` None: a message that no row names."""
+        named = self.messages is None or msgid in self.messages
+        return named and access in self.classes and self.commands in (None, commands)
 
 
 class Filters:
@@ -91,82 +100,84 @@ class Filters:
         self._passed = passed
         self._matters = matters
         self._targets = TargetStreams(matters.target_passes)
+        stale = passed.stale_streams.limit
+        served, served_to_others = partial(self._served_file, True), partial(self._served_file, False)
         self.table: tuple[Filter, ...] = (
-            Filter("sticks and setpoints that ran before their station had authority", _STREAMS, self._stale),
-            Filter("sticks before the vehicle is armed, and in a rehearsal", _STREAMS, self._sticks),
-            Filter("guided targets that leave energy, fence or coverage", _STREAMS, self._target),
-            Filter("files that the companion serves", _ALL, self._served_file, files=True),
-            Filter("commands in flight that leave energy, fence or coverage", _COMMANDS, self._in_flight),
+            Filter("sticks and setpoints that ran before their station had authority", _STREAMS, stale),
+            Filter("sticks before the vehicle is armed, and in a rehearsal", _STREAMS, self._sticks, STICKS),
+            Filter("guided targets that leave energy, fence or coverage", _STREAMS, self._target, TARGET_MESSAGES),
+            Filter("files that the companion serves to the commander", _ALL, served, _FILES, commands=True),
+            Filter("files that it serves to other stations", _ALL, served_to_others, _FILES, commands=False),
+            Filter(
+                "commands in flight that leave energy, fence or coverage", _COMMANDS, self._in_flight, commands=True
+            ),
             Filter("commands that the companion carries out", _COMMANDS, self._taken_over),
-            Filter("questions of observers while the commander's are open", _ALL, self._question, observers=True),
+            Filter("questions of observers while the commander's are open", ASKED, self._question, commands=False),
+            Filter("other requests of observers for files", _ALL - ASKED, self._question, _FILES, commands=False),
         )
-        #: the filters of a frame, by whether it is file transfer, whether its station has authority, and its class
-        self._rows: tuple[tuple[dict[_Class, tuple[Limit, ...]], ...], ...] = tuple(
-            tuple(self._limits(file=file, commands=commands) for commands in (False, True)) for file in (False, True)
+        names = frozenset[int]().union(*(row.messages for row in self.table if row.messages is not None))
+        #: the rows of the table that see a frame, by whether its station has authority, its message and its class.
+        #: Second: of messages that no row names
+        self._rows: tuple[tuple[Mapping[int, _ByClass], _ByClass], ...] = tuple(
+            ({msgid: self._limits(msgid, commands) for msgid in names}, self._limits(None, commands))
+            for commands in (False, True)
         )
 
-    def _limits(self, *, file: bool, commands: bool) -> dict[_Class, tuple[Limit, ...]]:
+    def _limits(self, msgid: int | None, commands: bool) -> _ByClass:
         return {
-            access: tuple(row.limit for row in self.table if row.concerns(access, file=file, commands=commands))
-            for access in _CLASSES
+            access: tuple(row.limit for row in self.table if row.sees(access, msgid, commands)) for access in _CLASSES
         }
 
-    def limit(self, port: Port, frame: Frame, verdict: Verdict, commands: bool, now: float) -> Verdict:
+    def limit(self, frame: Frame, verdict: Verdict, station: int, commands: bool, now: float) -> Verdict:
         """The final verdict. `verdict`: the policy's; `commands`: the frame comes from the station that has
         authority."""
-        for limit in self._rows[frame.msgid == _FTP][commands][verdict.access]:
-            verdict = limit(port, frame, verdict, commands, now)
+        by_message, rest = self._rows[commands]
+        for limit in by_message.get(frame.msgid, rest)[verdict.access]:
+            verdict = limit(frame, verdict, station, now)
         return verdict
 
-    def _stale(self, port: Port, frame: Frame, verdict: Verdict, _commands: bool, now: float) -> Verdict:
-        return self._passed.stale_streams.limit(frame, verdict, port.sysid, now)
-
-    def _sticks(self, _port: Port, frame: Frame, verdict: Verdict, _commands: bool, _now: float) -> Verdict:
-        reason = _no_sticks(self._in_force.view)
-        if reason is not None and verdict.fate is Fate.FORWARD and arms(frame):
+    def _sticks(self, frame: Frame, verdict: Verdict, _station: int, _now: float) -> Verdict:
+        view = self._in_force.view
+        reason = None
+        if view.rehearsal:
+            reason = GateReason.REHEARSAL
+        elif view.phase is _ON_LOAD and not view.armed:
+            reason = GateReason.NOT_ARMED
+        if reason is not None and verdict.fate is _FORWARD and not releases(frame):
             return verdict._replace(fate=Fate.DROP, reason=reason)
         return verdict
 
-    def _target(self, port: Port, frame: Frame, verdict: Verdict, _commands: bool, now: float) -> Verdict:
-        on_ground = self._in_force.view.phase is Phase.ON_LOAD
-        if frame.msgid in TARGET_MESSAGES and verdict.fate is Fate.FORWARD and not on_ground:
-            return self._targets.limit(frame, verdict, port.sysid, now, self._matters.modes())
+    def _target(self, frame: Frame, verdict: Verdict, station: int, now: float) -> Verdict:
+        if verdict.fate is _FORWARD and self._in_force.view.phase is not _ON_LOAD:
+            return self._targets.limit(frame, verdict, station, now, self._matters.modes())
         return verdict
 
-    def _served_file(self, port: Port, frame: Frame, verdict: Verdict, commands: bool, _now: float) -> Verdict:
+    def _served_file(self, commands: bool, frame: Frame, verdict: Verdict, station: int, _now: float) -> Verdict:
         if verdict.fate is Fate.DROP:
             return verdict
-        access = self._matters.served_file(port.sysid, frame)
+        access = self._matters.served_file(station, frame)
         if access is None:
             return verdict
         fate, reason = outcome(access, commands, self._in_force.view.armed)
         return Verdict(fate, access, reason, verdict.what)
 
-    def _in_flight(self, port: Port, frame: Frame, verdict: Verdict, commands: bool, now: float) -> Verdict:
-        in_flight = self._in_force.view.phase is not Phase.ON_LOAD
-        if verdict.fate is not Fate.CONSUME or not commands or not in_flight:
+    def _in_flight(self, frame: Frame, verdict: Verdict, station: int, now: float) -> Verdict:
+        if verdict.fate is not _CONSUME or self._in_force.view.phase is _ON_LOAD:
             return verdict
         modes = self._matters.modes()
         intent = None if uploads(frame, modes) else intent_of(frame, modes)
         if intent is None:  # a part of an upload ends at the companion
             return verdict
-        if self._matters.command_passes(intent, port.sysid, now):
+        if self._matters.command_passes(intent, station, now):
             return verdict._replace(fate=Fate.FORWARD, reason=GateReason.ALLOWED)
         return verdict._replace(fate=Fate.REFUSE, reason=GateReason.SITUATION)
 
-    def _taken_over(self, _port: Port, frame: Frame, verdict: Verdict, _commands: bool, _now: float) -> Verdict:
+    def _taken_over(self, frame: Frame, verdict: Verdict, _station: int, _now: float) -> Verdict:
         view = self._in_force.view
-        in_flight = view.phase is not Phase.ON_LOAD and not view.rehearsal
-        if verdict.fate is Fate.FORWARD and in_flight and self._matters.takes_over(frame):
+        in_flight = view.phase is not _ON_LOAD and not view.rehearsal
+        if verdict.fate is _FORWARD and in_flight and self._matters.takes_over(frame):
             return verdict._replace(fate=Fate.CONSUME, reason=GateReason.COMPANION)
         return verdict
 
-    def _question(self, port: Port, frame: Frame, verdict: Verdict, _commands: bool, now: float) -> Verdict:
-        return self._passed.questions.limit(frame, verdict, port.sysid, self._in_force.view.commander, now)
-
-
-def _no_sticks(view: AuthorityView) -> GateReason | None:
-    """Why no station's sticks pass now; None: the commander's pass."""
-    if view.rehearsal:
-        return GateReason.REHEARSAL
-    return GateReason.NOT_ARMED if view.phase is Phase.ON_LOAD and not view.armed else None
+    def _question(self, frame: Frame, verdict: Verdict, station: int, now: float) -> Verdict:
+        return self._passed.questions.limit(frame, verdict, station, self._in_force.view.commander, now)

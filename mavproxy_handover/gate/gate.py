@@ -66,7 +66,10 @@ _PARAM_VALUE: Final[int] = mavlink.MAVLINK_MSG_ID_PARAM_VALUE
 _OURS: Final = frozenset((COMPANION_COMPID, LANGUAGE_COMPID, PROBE_COMPID))
 #: classes of the commander's frames that may come often (rule 2)
 _FREQUENT: Final = frozenset((Access.READ, Access.BULK, Access.STREAM))
-_STREAM: Final = Access.STREAM
+#: constants, because Python 3.11 takes 0.1 us to look up a member of an enumeration
+_FORWARD: Final = Fate.FORWARD
+_REFUSE: Final = Fate.REFUSE
+_LIVENESS: Final = Access.LIVENESS
 #: the most frames that wait to be noted
 UNNOTED: Final = 512
 #: a heartbeat of this age (s) still says that its station lives
@@ -126,30 +129,33 @@ class Gate:
         """
         passed = self._passed
         view, identity = self._in_force.view, port.identity
+        commands = port.sysid == view.commander
         verdict = usual(frame, identity, view, self._vehicle)
         if verdict is None:
-            verdict = decide(frame, identity, view, self._vehicle, self._matters.modes())
-        commands = port.sysid == view.commander and identity.speaks(frame)
-        if not commands:
-            passed.note()
-        verdict = self._filters.limit(port, frame, verdict, commands, now)
+            speaks = identity.speaks(frame)
+            verdict = decide(frame, identity, speaks, view, self._vehicle, self._matters.modes())
+            commands = commands and speaks
+        if not commands and passed.unnoted:
+            passed.note_for(view.commander)
+        verdict = self._filters.limit(frame, verdict, port.sysid, commands, now)
         if passed.stale_streams.untold:
             self._replies.tell_streams(passed.stale_streams, now)
         if not commands:
             passed.rates.heard(port.sysid, now)
-        if verdict.fate is Fate.FORWARD:
+        if verdict.fate is _FORWARD:
             if frame.msgid in LOG_REQUESTS and commands:
                 self.downloads.asked(port, frame, now)
             else:
                 self._to_autopilot(frame.raw)
-            unnoted = passed.add(port, frame, verdict, now)
-            if not commands or verdict.access not in _FREQUENT or unnoted >= UNNOTED:
+            unnoted = passed.unnoted
+            unnoted.append((port, frame, verdict, now))
+            if not commands or verdict.access not in _FREQUENT or len(unnoted) >= UNNOTED:
                 passed.note()
             return verdict
         passed.counts[port.sysid][verdict.reason] += 1
-        if verdict.access is Access.LIVENESS and frame.sysid == port.sysid:
+        if verdict.access is _LIVENESS and frame.sysid == port.sysid:
             passed.stale_streams.beat(port.sysid)
-        if verdict.fate is Fate.REFUSE:
+        if verdict.fate is _REFUSE:
             self._replies.refuse(port, frame, verdict, self._matters.modes(), now)
         elif verdict.reason is GateReason.OBSERVER_RATES:
             self._replies.grant_rates(port, frame, passed.rates, now)
@@ -161,7 +167,7 @@ class Gate:
         assert self._in_force.commands(port.sysid)
         forwarded = Verdict(Fate.FORWARD, verdict.access, GateReason.ALLOWED, verdict.what)
         self._to_autopilot(frame.raw)
-        self._passed.add(port, frame, forwarded, now)
+        self._passed.unnoted.append((port, frame, forwarded, now))
         self._passed.note()
         return forwarded
 

@@ -191,11 +191,13 @@ def judge(
     The caller counts heartbeats of the commander: they are forwarded, and they are also its sign of life.
     """
     verdict = usual(frame, station, view, vehicle_sysid)
-    return decide(frame, station, view, vehicle_sysid, modes) if verdict is None else verdict
+    return decide(frame, station, station.speaks(frame), view, vehicle_sysid, modes) if verdict is None else verdict
 
 
 def usual(frame: Frame, station: StationIdentity, view: AuthorityView, vehicle_sysid: int) -> Verdict | None:
-    """The verdict of `judge` on most frames, without a look at the flight modes. None: `decide` has it."""
+    """The verdict of `judge` on most frames, without a look at the flight modes. None: `decide` has it.
+
+    Such a frame speaks for its station (`StationIdentity.speaks`)."""
     found = _USUAL.get(frame.msgid)
     own = frame.sysid in station.sysids and (frame.compid in station.components or frame.sysid != station.sysid)
     if found is not None and frame.known and own and frame.sysid != vehicle_sysid:
@@ -210,10 +212,12 @@ def usual(frame: Frame, station: StationIdentity, view: AuthorityView, vehicle_s
     return None
 
 
-def decide(frame: Frame, station: StationIdentity, view: AuthorityView, vehicle_sysid: int, modes: Modes) -> Verdict:
-    """The verdict of `judge` on any frame, by all rules."""
+def decide(
+    frame: Frame, station: StationIdentity, speaks: bool, view: AuthorityView, vehicle_sysid: int, modes: Modes
+) -> Verdict:
+    """The verdict of `judge` on any frame, by all rules. `speaks`: `station.speaks(frame)`."""
     row = classify(frame)
-    fate, reason = _decide(frame, row, station, view, vehicle_sysid, modes)
+    fate, reason = _decide(frame, row, station, speaks, view, vehicle_sysid, modes)
     return Verdict(fate, row.access, reason, row.what)
 
 
@@ -223,6 +227,13 @@ STAGED: Final = frozenset({mavlink.MAV_MISSION_TYPE_MISSION, mavlink.MAV_MISSION
 _WRITERS: Final = frozenset(
     {_ACK, *(msgid for msgid, cls in mavlink.mavlink_map.items() if cls.msgname in MISSION_TYPE_MESSAGES)}
 )
+
+#: constants, because Python 3.11 takes 0.1 us to look up a member of an enumeration
+_FORWARD: Final = Fate.FORWARD
+_NOT_IN_CONTROL: Final = GateReason.NOT_IN_CONTROL
+_LIVENESS: Final = Access.LIVENESS
+_COMMAND: Final = Access.COMMAND
+_ON_LOAD: Final = Phase.ON_LOAD
 
 _LOOKED_AT: Final = _WRITERS | INTENT_MESSAGES
 
@@ -261,7 +272,13 @@ _USUAL: Final = _usual_by_id()
 
 
 def _decide(
-    frame: Frame, row: Row, station: StationIdentity, view: AuthorityView, vehicle_sysid: int, modes: Modes
+    frame: Frame,
+    row: Row,
+    station: StationIdentity,
+    speaks: bool,
+    view: AuthorityView,
+    vehicle_sysid: int,
+    modes: Modes,
 ) -> tuple[Fate, GateReason]:
     if frame.sysid == vehicle_sysid:
         return Fate.DROP, GateReason.SPOOFED_VEHICLE
@@ -277,23 +294,22 @@ def _decide(
 
     if view.rehearsal and moves(frame, row, modes):
         return Fate.REFUSE, GateReason.REHEARSAL
-    speaks = station.speaks(frame)
     commands = station.sysid == view.commander and speaks
-    if row.access is Access.LIVENESS and frame.sysid != station.sysid:
+    if row.access is _LIVENESS and frame.sysid != station.sysid:
         commands = False
     fate, reason = outcome(row.access, commands, view.armed)
-    if not speaks and (reason is GateReason.NOT_IN_CONTROL or row.access in _STATIONS_OWN):
+    if not speaks and (reason is _NOT_IN_CONTROL or row.access in _STATIONS_OWN):
         return (Fate.DROP if row.access in _UNANSWERED else Fate.REFUSE), GateReason.COMPONENT
-    if fate is not Fate.FORWARD:
+    if fate is not _FORWARD:
         return fate, reason
-    on_ground = row.access is Access.COMMAND and view.phase is Phase.ON_LOAD
+    on_ground = row.access is _COMMAND and view.phase is _ON_LOAD
     if on_ground and row.part == MISSION_START:
         return Fate.CONSUME, GateReason.COMPANION
     if aim is not None and aim[1] == COMPANION_COMPID:
         return Fate.DROP if row.access is Access.STREAM else Fate.REFUSE, GateReason.COMPANION_TARGET
     if on_ground and takes_off(frame, row, modes):
         return Fate.CONSUME, GateReason.COMPANION
-    may_be = commands and frame.msgid in _LOOKED_AT and view.phase is not Phase.ON_LOAD
+    may_be = commands and frame.msgid in _LOOKED_AT and view.phase is not _ON_LOAD
     if may_be and (uploads(frame, modes) or intent_of(frame, modes) is not None):
         return Fate.CONSUME, GateReason.COMPANION
     return fate, reason

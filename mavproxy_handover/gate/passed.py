@@ -12,6 +12,7 @@ from __future__ import annotations
 import traceback
 from collections import Counter
 from collections.abc import Callable, Mapping
+from typing import Final
 
 from mavproxy_handover.gate.downlink import DownlinkPolicy
 from mavproxy_handover.gate.flush import Closing, FlushTracker
@@ -26,6 +27,10 @@ from mavproxy_handover.gate.stale_streams import StaleStreams
 from mavproxy_handover.wire.frames import Frame, parse_one
 
 __all__ = ["PassedFrames"]
+
+#: constants, because Python 3.11 takes 0.1 us to look up a member of an enumeration
+_STREAM: Final = Access.STREAM
+_LIVENESS: Final = Access.LIVENESS
 
 
 class PassedFrames:
@@ -53,17 +58,8 @@ class PassedFrames:
         self.own_reads = OwnReads()
         self.rates = ObserverRates(limits)
         self.downlink = DownlinkPolicy((port.identity for port in ports.values()), self.rates)
-        self._unnoted: list[tuple[Port, Frame, Verdict, float]] = []
-
-    @property
-    def unnoted(self) -> int:
-        """The number of frames that wait to be noted."""
-        return len(self._unnoted)
-
-    def add(self, port: Port, frame: Frame, verdict: Verdict, now: float) -> int:
-        """Add a frame that went to the autopilot. Returns the number of frames that wait to be noted."""
-        self._unnoted.append((port, frame, verdict, now))
-        return len(self._unnoted)
+        #: the frames that went to the autopilot and wait to be noted: port, frame, verdict, time
+        self.unnoted: list[tuple[Port, Frame, Verdict, float]] = []
 
     def companion_sent(self, raw: bytes, now: float) -> None:
         """The companion itself sends this whole frame to the autopilot."""
@@ -73,12 +69,12 @@ class PassedFrames:
 
     def note(self) -> None:
         """Note what the frames mean that went to the autopilot. A frame whose noting breaks is not noted."""
-        if self._unnoted:
+        if self.unnoted:
             self.note_for(self._in_force.view.commander)
 
     def note_for(self, commander: int | None) -> None:
         """Note the frames that wait. `commander`: the station that had authority when they passed."""
-        passed, self._unnoted = self._unnoted, []
+        passed, self.unnoted = self.unnoted, []
         for port, frame, verdict, at in passed:
             try:
                 self.counts[port.sysid][verdict.reason] += 1
@@ -92,9 +88,9 @@ class PassedFrames:
 
     def _commander_sent(self, port: Port, frame: Frame, verdict: Verdict, at: float) -> None:
         self.questions.commander_sent(frame, at)
-        if verdict.access is Access.STREAM:
+        if verdict.access is _STREAM:
             self.stale_streams.begun(frame)
-        elif verdict.access is Access.LIVENESS:
+        elif verdict.access is _LIVENESS:
             self.stale_streams.beat(port.sysid)
 
     # ---- what is left open at the autopilot -----------------------------------------------------------------------

@@ -43,7 +43,7 @@ from mavproxy_handover.wire.file_transfer import head_of
 from mavproxy_handover.wire.frames import Frame, field_bytes
 from mavproxy_handover.wire.ids import FTP_OPEN_READ, FTP_TERMINATE
 
-__all__ = ["BUDGETS", "PRIORITY_S", "SENDERS", "SLOW_LIST_S", "SLOW_S", "Budget", "Questions", "Sort"]
+__all__ = ["ASKED", "BUDGETS", "PRIORITY_S", "SENDERS", "SLOW_LIST_S", "SLOW_S", "Budget", "Questions", "Sort"]
 
 #: three times the autopilot's time-out of a session without requests
 PRIORITY_S: Final = 10.0
@@ -62,6 +62,9 @@ class Sort(Enum):
     QUESTION = "question"  #: to the autopilot: their number
     SLOWNESS = "slowness"  #: seconds for which bulk reads slow down the autopilot's streams
     COMPANION = "companion"  #: to the companion: their number
+
+    #: as in `Access`
+    __hash__ = object.__hash__
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +85,10 @@ BUDGETS: Final[Mapping[Sort, Budget]] = {
     Sort.COMPANION: Budget(50.0, 200.0),
 }
 
+#: constants, because Python 3.11 takes 0.1 us to look up a member of an enumeration
+_NOT_IN_CONTROL: Final = GateReason.NOT_IN_CONTROL
+_BULK: Final = Access.BULK
+_COMPANION: Final = Sort.COMPANION
 _FTP: Final = mavlink.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL
 _LISTS: Final = (mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_LIST, mavlink.MAVLINK_MSG_ID_PARAM_EXT_REQUEST_LIST)
 _COUNTED: Final[Mapping[tuple[Fate, Access | None], Sort]] = {
@@ -91,6 +98,8 @@ _COUNTED: Final[Mapping[tuple[Fate, Access | None], Sort]] = {
     (Fate.CONSUME, Access.TRANSFER): Sort.COMPANION,
     (Fate.CONSUME, Access.CONTROL): Sort.COMPANION,
 }
+#: the classes of questions
+ASKED: Final = frozenset(access for _fate, access in _COUNTED)
 
 
 @dataclass(slots=True)
@@ -129,20 +138,20 @@ class Questions:
     def limit(self, frame: Frame, verdict: Verdict, station_sysid: int, commander: int | None, now: float) -> Verdict:
         """The verdict that stands: `verdict`, or that the station must wait, or that it may end its own reading."""
         reads = frame.msgid == _FTP and station_sysid != commander
-        if reads and verdict.reason is GateReason.NOT_IN_CONTROL and self._ends_own(frame):
+        if reads and verdict.reason is _NOT_IN_CONTROL and self._ends_own(frame):
             verdict = verdict._replace(fate=Fate.FORWARD, access=Access.READ, reason=GateReason.ALLOWED)
         sort = _COUNTED.get((verdict.fate, verdict.access))
         if station_sysid == commander or sort is None:
             return verdict
-        known = sort is Sort.COMPANION or self._knows(station_sysid, (frame.sysid, frame.compid))
+        known = sort is _COMPANION or self._knows(station_sysid, (frame.sysid, frame.compid))
         costs = {sort: 1.0}
         slow_until = self._slow_until
-        if verdict.access is Access.BULK:
+        if verdict.access is _BULK:
             slow_until = max(slow_until, now + (SLOW_LIST_S if frame.msgid in _LISTS else SLOW_S))
             costs[Sort.SLOWNESS] = slow_until - max(self._slow_until, now)
         if not known or not self._affords(station_sysid, costs, now):
             return verdict._replace(fate=Fate.DROP, reason=GateReason.TOO_MANY)
-        autopilots = frame.msgid == _FTP and sort is not Sort.COMPANION
+        autopilots = frame.msgid == _FTP and sort is not _COMPANION
         if autopilots and commander is not None and self._commander_needs_files(commander, now):
             return verdict._replace(fate=Fate.REFUSE, reason=GateReason.FILE_BUSY)
         self._slow_until = slow_until

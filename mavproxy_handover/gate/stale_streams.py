@@ -43,7 +43,19 @@ from mavproxy_handover.gate.policy.messages import MESSAGE_RULES
 from mavproxy_handover.gate.refusals import RefusalLimiter
 from mavproxy_handover.wire.frames import Frame, field_int
 
-__all__ = ["BEATS", "KINDS", "PAUSE_S", "REMIND_S", "StaleStreams", "News", "State", "arms", "fuller", "lines"]
+__all__ = [
+    "BEATS",
+    "KINDS",
+    "PAUSE_S",
+    "REMIND_S",
+    "STICKS",
+    "StaleStreams",
+    "News",
+    "State",
+    "fuller",
+    "lines",
+    "releases",
+]
 
 PAUSE_S: Final = 1.0
 BEATS: Final = 3
@@ -61,8 +73,8 @@ KINDS: Final[Mapping[int, str]] = {
     msgid: _NAMES[cls.msgname] for msgid, cls in mavlink.mavlink_map.items() if cls.msgname in _NAMES
 }
 
-#: the kinds that replace a pilot's sticks: rudder and switches can arm by them
-_STICKS: Final = ("RC override", "manual control")
+#: messages that replace a pilot's sticks: rudder and switches can arm by them
+STICKS: Final = frozenset(msgid for msgid, kind in KINDS.items() if kind in ("RC override", "manual control"))
 
 #: Values of RC_CHANNELS_OVERRIDE that hold nothing: released, or unchanged. Channels 1 to 8, and the others.
 _FREE: Final = frozenset((0, 0xFFFF))
@@ -91,12 +103,8 @@ _RELEASES: Final[Mapping[int, Callable[[Frame], bool]]] = {
 }
 
 
-def arms(frame: Frame) -> bool:
-    """Whether a frame of a stream can arm an aircraft on the ground: sticks that hold something."""
-    return KINDS.get(frame.msgid) in _STICKS and not _releases(frame)
-
-
-def _releases(frame: Frame) -> bool:
+def releases(frame: Frame) -> bool:
+    """Whether a frame of a stream holds nothing: sticks that are released."""
     release = _RELEASES.get(frame.msgid)
     return release is not None and release(frame)
 
@@ -108,6 +116,13 @@ class State(Enum):
     RAN_BEFORE = "ran before"  #: its station commands now
     OBEYED = "obeyed"  #: the stream has ended: from now on the station's sticks count
     ENDED = "ended"  #: the stream has ended, and its station does not command
+
+
+#: constants, because Python 3.11 takes 0.1 us to look up a member of an enumeration
+_FORWARD: Final = Fate.FORWARD
+_NOT_IN_CONTROL: Final = GateReason.NOT_IN_CONTROL
+_REFUSED: Final = State.REFUSED
+_RAN_BEFORE: Final = State.RAN_BEFORE
 
 
 class News(NamedTuple):
@@ -200,12 +215,12 @@ class StaleStreams:
         kind = KINDS.get(frame.msgid)
         if kind is None:
             return verdict
-        if verdict.reason is GateReason.NOT_IN_CONTROL:
-            self._hold_or_release(frame, kind, station, State.REFUSED, now)
+        if verdict.reason is _NOT_IN_CONTROL:
+            self._hold_or_release(frame, kind, station, _REFUSED, now)
         elif (
             kind in self._streams[station]
-            and verdict.fate is Fate.FORWARD
-            and self._hold_or_release(frame, kind, station, State.RAN_BEFORE, now)
+            and verdict.fate is _FORWARD
+            and self._hold_or_release(frame, kind, station, _RAN_BEFORE, now)
         ):
             return verdict._replace(fate=Fate.DROP, reason=GateReason.RAN_BEFORE)
         return verdict
@@ -213,15 +228,15 @@ class StaleStreams:
     def _hold_or_release(self, frame: Frame, kind: str, station: int, state: State, now: float) -> bool:
         """Whether the frame holds something in a stale stream. Without authority every stream that holds is stale."""
         streams, sender = self._streams[station], (frame.sysid, frame.compid)
-        self._settle(station, kind, now, state is State.RAN_BEFORE)
+        self._settle(station, kind, now, state is _RAN_BEFORE)
         stream = streams.get(kind)
-        if stream is None and state is State.RAN_BEFORE:
+        if stream is None and state is _RAN_BEFORE:
             return False
-        if _releases(frame):
+        if releases(frame):
             if stream is not None:
                 stream.holders.discard(sender)
                 if not stream.holders:
-                    self._end(station, kind, now, state is State.RAN_BEFORE)
+                    self._end(station, kind, now, state is _RAN_BEFORE)
             return False
         stream = streams.setdefault(kind, _Stale())
         stream.hold([sender], now)
@@ -241,7 +256,7 @@ class StaleStreams:
         begun, self._begun = self._begun, {}
         streams = {} if station is None else self._streams.get(station, {})
         for kind, frames in begun.items():
-            holders = [sender for sender, frame in frames.items() if sender == _OTHERS or not _releases(frame)]
+            holders = [sender for sender, frame in frames.items() if sender == _OTHERS or not releases(frame)]
             if holders:
                 streams.setdefault(kind, _Stale()).hold(holders, now)
 

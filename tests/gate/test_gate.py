@@ -72,10 +72,10 @@ def test_only_what_the_commander_sends_often_waits_to_be_noted(
 ) -> None:
     frame = make(name, **fields)
     assert door.up(A, frame).passed == [frame.raw]
-    assert door.frames.unnoted == (0 if at_once else 1)
+    assert len(door.frames.unnoted) == (0 if at_once else 1)
     assert door.gate.counts[GCSA][GateReason.ALLOWED] == (1 if at_once else 0)
     door.gate.tick(door.now)
-    assert (door.frames.unnoted, door.gate.counts[GCSA][GateReason.ALLOWED]) == (0, 1)
+    assert (len(door.frames.unnoted), door.gate.counts[GCSA][GateReason.ALLOWED]) == (0, 1)
 
 
 def test_what_the_companion_releases_goes_the_way_of_what_passes(door: Door, make: Make) -> None:
@@ -89,7 +89,7 @@ def test_what_the_companion_releases_goes_the_way_of_what_passes(door: Door, mak
     assert (verdict.fate, verdict.reason, verdict.access) == (Fate.FORWARD, GateReason.ALLOWED, came.verdict.access)
     assert verdict.what == came.verdict.what
     assert door.passed == [frame.raw]
-    assert (door.frames.unnoted, counts[GateReason.ALLOWED], counts[GateReason.COMPANION]) == (0, 1, 1)
+    assert (len(door.frames.unnoted), counts[GateReason.ALLOWED], counts[GateReason.COMPANION]) == (0, 1, 1)
     with pytest.raises(AssertionError):
         door.gate.release(door.ports[GCSB], frame, came.verdict, door.now)
     assert door.passed == [frame.raw]
@@ -98,7 +98,7 @@ def test_what_the_companion_releases_goes_the_way_of_what_passes(door: Door, mak
 def test_what_another_station_sends_is_noted_at_once_and_what_came_before_it_too(door: Door, make: Make) -> None:
     door.up(A, make("RC_CHANNELS_OVERRIDE"))
     door.up(B, make("PARAM_REQUEST_READ", sysid=GCSB))
-    assert door.frames.unnoted == 0
+    assert len(door.frames.unnoted) == 0
     assert door.down(make("PARAM_VALUE", sysid=VEHICLE, compid=1)) == {GCSA, GCSB}, "the answer may come at once"
     assert door.down(make("PARAM_VALUE", sysid=VEHICLE, compid=1)) == {GCSA, GCSB}
 
@@ -144,9 +144,9 @@ def test_so_many_frames_wait_to_be_noted_at_most(door: Door, make: Make) -> None
     frame = make("RC_CHANNELS_OVERRIDE")
     for _ in range(UNNOTED - 1):
         door.up(A, frame)
-    assert door.frames.unnoted == UNNOTED - 1
+    assert len(door.frames.unnoted) == UNNOTED - 1
     door.up(A, frame)
-    assert (door.frames.unnoted, door.gate.counts[GCSA][GateReason.ALLOWED]) == (0, UNNOTED)
+    assert (len(door.frames.unnoted), door.gate.counts[GCSA][GateReason.ALLOWED]) == (0, UNNOTED)
 
 
 # ---- up: answers -----------------------------------------------------------------------------------------------------
