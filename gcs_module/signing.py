@@ -88,15 +88,16 @@ class LinkSigning:
         self._stamps = SigningClock()
         self._stamps.follow(self._outlives.sent)
         self._links: list[_Link] = []
-        self._proven: Callable[[Any], None] = lambda _master: None
         #: for the frames that MAVProxy checks by us, and for our own messages
         self._theirs, self._ours = self._verifier(), self._verifier()
         #: frames that arrived, by `_frame_id`
         self._heard: OrderedDict[bytes, _Heard] = OrderedDict()
         self._seen: deque[bytes] = deque(maxlen=_COPIES)
 
-    def sign(self, masters: Sequence[Any]) -> None:
-        """Sign every link. Links are added and removed, so this is to be called once a second."""
+    def sign(self, masters: Sequence[Any], proven: Callable[[Any], None]) -> None:
+        """Sign every link. Links are added and removed, so this is to be called once a second.
+
+        `proven` is called with the link by which a frame of the vehicle arrives, as soon as it is checked."""
         for link in list(self._links):
             if all(link.master is not master for master in masters):
                 self._remember(link)
@@ -104,7 +105,7 @@ class LinkSigning:
         for master in masters:
             link = self._link_of(master)
             link.mav = master.mav  # pymavlink makes another object when it switches to MAVLink 2
-            self._set_up(link)
+            self._set_up(link, proven)
 
     def _link_of(self, master: Any) -> _Link:
         for link in self._links:
@@ -114,10 +115,6 @@ class LinkSigning:
         link = _Link(master, master.mav, self._free_id(), kept)
         self._links.append(link)
         return link
-
-    def tell(self, proven: Callable[[Any], None]) -> None:
-        """Call `proven` with every link by which a frame of the vehicle arrives, as soon as it is checked."""
-        self._proven = proven
 
     def check(self, frame: Frame) -> SignatureVerdict | None:
         """The verdict on a frame that MAVProxy has not checked. None: a copy of one that came by another link."""
@@ -143,7 +140,7 @@ class LinkSigning:
                     signing.timestamp = max(signing.timestamp, newest)
         self._links.clear()
 
-    def _set_up(self, link: _Link) -> None:
+    def _set_up(self, link: _Link, proven: Callable[[Any], None]) -> None:
         signing = link.mav.signing
         now_s = self._clocks.monotonic()
         if signing.secret_key == self._key:
@@ -156,9 +153,9 @@ class LinkSigning:
         signing.sign_outgoing = True
         signing.link_id = link.link_id
         signing.allow_unsigned_callback = _radio_only
-        link.mav.check_signature = partial(self._accept, link)
+        link.mav.check_signature = partial(self._accept, link, proven)
 
-    def _accept(self, link: _Link, raw: bytes, _sysid: int, _compid: int) -> bool:
+    def _accept(self, link: _Link, proven: Callable[[Any], None], raw: bytes, _sysid: int, _compid: int) -> bool:
         """In place of pymavlink's check: a signed frame whose CRC is right."""
         frame = parse_one(bytes(raw))
         if frame is None:
@@ -170,7 +167,7 @@ class LinkSigning:
         elif verdict is not SignatureVerdict.REPLAYED or not self._is_copy(link, frame, now_s):
             return False
         link.mav.signing.timestamp = max(link.mav.signing.timestamp, self._theirs.newest)
-        self._proven(link.master)
+        proven(link.master)
         return True
 
     def _remember_frame(self, link: _Link, frame: Frame, now_s: float) -> None:

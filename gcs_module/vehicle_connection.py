@@ -43,8 +43,7 @@ class VehicleConnection:
         masters = self._links.of(self._sysid)
         self._senders.watch(masters)
         if self._signing is not None:
-            self._signing.tell(self._senders.proven)
-            self._signing.sign(masters)
+            self._signing.sign(masters, self._senders.proven)
 
     def release(self) -> None:
         """Restore the links."""

@@ -184,7 +184,6 @@ class HandoverModule(mp_module.MPModule):
         """Report the supervisor's facts, if there is one: why this is a restart, and if it was one too many."""
         if self._watchdog_pipe is None:
             return
-        self._watchdog_pipe.at_the_end = partial(self._guarded, "journal", self.companion.journal.close)
         told = self._watchdog_pipe.told
         if told.why:
             self.companion.event_log.started_again(told.why)
@@ -254,6 +253,10 @@ class HandoverModule(mp_module.MPModule):
         for descriptor in self.lock.descriptors:
             mp_util.child_fd_list_remove(descriptor)
         self.lock.release()
+
+    def close_journal(self) -> None:
+        """Called by the supervised process before it ends without an unload."""
+        self._guarded("journal", self.companion.journal.close)
 
     # ---- implementation ---------------------------------------------------------------------------------------------
 

@@ -27,13 +27,15 @@ from mavproxy_handover.supervision.supervisor import ENDS
 from mavproxy_handover.supervision.tlog import close_logs, log_options, take_queues
 from mavproxy_handover.supervision.watchdog_pipe import Refusal, WatchdogPipe, hold
 
-__all__ = ["Companion"]
+__all__ = ["Companion", "close_journal"]
 
 #: time (s) that MAVProxy has to end. With the steps after it, this is less than the supervisor's time-out
 END_S: Final = 1.4
 _LOOK_S: Final = 0.1
 #: times (s) for closing the tlog and for the last lines of the console
 _LOGS_S, _LAST_S, _CONSOLE_S = 0.5, 0.1, 0.2
+#: the name of our module in MAVProxy
+_MODULE: Final = "handover"
 #: an internal fault (EX_SOFTWARE)
 _FAULT: Final = 70
 #: no prompt, so signals reach the main thread, and `exit` as a word, because the end of the input ends nothing
@@ -101,7 +103,14 @@ def _end_on_time(line: WatchdogPipe) -> None:
     if wanted:
         line.ending()
     time.sleep(END_S)
-    line.at_the_end()
     if mpstate is not None:
+        close_journal(mpstate)
         close_logs(mpstate, _LAST_S)
     os._exit(int(not wanted))
+
+
+def close_journal(mpstate: Any) -> None:
+    """Let our module close its journal. MAVProxy lists a module after it has loaded it."""
+    for module, _package in list(mpstate.modules):
+        if module.name == _MODULE:
+            module.close_journal()

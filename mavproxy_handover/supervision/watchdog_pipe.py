@@ -10,7 +10,6 @@ supervisor (`module load handover` in a stock MAVProxy) there is no watchdog pip
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
@@ -54,8 +53,6 @@ class WatchdogPipe:
         self.lived = False
         #: why the module was not loaded, if it was not
         self.refused: Refusal | None = None
-        #: closes what must be closed if the process cannot end in another way
-        self.at_the_end: Callable[[], None] = lambda: None
         self._descriptor = descriptor
         self._beat_at = 0.0
         os.set_blocking(descriptor, False)

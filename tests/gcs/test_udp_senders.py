@@ -104,8 +104,7 @@ class Bench:
         callers.watch([self.master])
         if key is not None:
             signing = LinkSigning(key, Clocks(time.time, self.clock))
-            signing.tell(callers.proven)
-            signing.sign([self.master])
+            signing.sign([self.master], callers.proven)
         return callers
 
     def sender(self, *arguments: Any) -> Sender:

@@ -15,6 +15,7 @@ import serial
 
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.store.lock import LockError, VehicleLock, lock_line
+from mavproxy_handover.supervision.child import close_journal
 from mavproxy_handover.supervision.watchdog_pipe import Told, WatchdogPipe, hold
 from tests.module.conftest import Bench
 from tests.module.test_restart import kill
@@ -129,6 +130,22 @@ def test_unloaded_by_an_operator_its_silence_means_nothing_and_at_the_end_of_mav
     bench.mpstate.status.exit = True
     bench.mpstate.unload("handover")
     assert signs().lstrip(b".") == b"e"
+
+
+def test_a_process_that_cannot_unload_it_has_its_journal_closed(bench: Bench, held: Hold) -> None:
+    held()
+    bench.load()
+    bench.companion.journal.note("last", "an entry that waits")
+    close_journal(bench.mpstate)
+    journal = bench.companion.journal.path
+    lines = journal.read_text().splitlines()
+    assert '"event": "last"' in lines[-1]
+    bench.companion.journal.write("after")
+    assert journal.read_text().splitlines() == lines
+
+
+def test_a_process_without_the_module_has_no_journal_to_close(bench: Bench) -> None:
+    close_journal(bench.mpstate)
 
 
 def test_why_it_was_started_again_is_told(bench: Bench, held: Hold) -> None:
