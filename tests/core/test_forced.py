@@ -14,10 +14,12 @@ from dataclasses import replace
 import pytest
 
 from mavproxy_handover.core.common.events import (
+    Announce,
     Cancel,
     ControlAnswer,
     ControlResult,
     Fly,
+    ModeSeen,
     Record,
     Send,
     StationHeard,
@@ -26,7 +28,7 @@ from mavproxy_handover.core.common.events import (
     ViewChanged,
 )
 from mavproxy_handover.core.common.limits import Limits
-from mavproxy_handover.core.common.model import AuthorityView, FlightAction, LeaseState, ZoneFact
+from mavproxy_handover.core.common.model import AuthorityView, FlightAction, LeaseState, ModeClass, ZoneFact
 from tests.core.bench import (
     A,
     B,
@@ -819,6 +821,20 @@ class TestAskedAtOnce:
             bench.position(inside(A), inside(B) if number % 2 else outside(B), outside(C) if number % 2 else inside(C))
         (turned_at,) = [at for at, action in bench.log if isinstance(action, Fly)]
         assert turned_at <= lost_at + 2.0
+
+    def test_a_second_attempt_does_not_delay_the_return_that_a_pilot_has_held_back(self) -> None:
+        bench = in_both_zones()
+        bench.mode = ModeSeen(ModeClass.HANDS, "LOITER", radio=True)
+        bench.alive = {B, C}
+        bench.run(5.0)
+        lost_at = bench.now
+        bench.run(3.5)
+        bench.mode = ModeSeen(ModeClass.MISSION, "AUTO", radio=True)  # the pilot gives it back
+        bench.run(3.0)
+        assert [at - lost_at for at, _text in begun(bench)] == [0.0, 4.0]
+        # the second attempt has time until 6 s after the loss
+        assert [(at - lost_at, a) for at, a in bench.log if isinstance(a, Fly)] == [(5.0, RETURN)]
+        assert [a.text for _at, a in bench.log if isinstance(a, Announce) and a.action is None] == []
 
     def test_the_step_before_the_loss_throws_nobody_away(self) -> None:
         # GCSB was asked 3.9 s ago, and does not answer; GCSC is asked at the loss and is ready a moment later

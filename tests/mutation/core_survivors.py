@@ -241,7 +241,7 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
         "__init__: number one more: 0 in self._why, self._crossing = (Reason.NONE, 0)": (
             "it is looked at only for the transfer that the vehicle has announced, which sets it"
         ),
-        "_announced_as: number one more: 0 in return (self._why, self._crossing) if key == self._announced "
+        "_announced_reason: number one more: 0 in return (self._why, self._crossing) if key == self._announced "
         "else (Reason.NONE, 0)": (
             "this station has its part already in what is not announced, so its border is not looked at"
         ),
