@@ -99,7 +99,7 @@ explore: $(VENV)/installed
 
 mutants: $(VENV)/installed
 	$(BIN)/python tests/mutation/run.py
-	$(BIN)/python tests/mutation/core.py $(ARGS)
+	$(BIN)/python tests/mutation/core.py --record $(VENV)/mutants.json $(ARGS)
 
 scenarios: $(VENV)/installed
 	$(BIN)/python -m sitl.fly_all $(ARGS)

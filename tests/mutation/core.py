@@ -2,48 +2,50 @@
 
 """Tests the tests of the rules of authority, vehicle's and station's: `make mutants`, after those of the gate, or
 
-    python tests/mutation/core.py [--part I/N] [--sample N] [--only TEXT] [--first] [MODULE ...]
+    python tests/mutation/core.py [--part I/N] [--sample N] [--only TEXT] [--new] [--fast] [--record FILE] [MODULE ...]
                                                                             (default: all modules, every fault)
 
-Each fault, in the code (`faults`) or in a transition table (`table_faults`), must be noticed by `tests/core`, or by a
-small exploration (`tests/model`); one of a station (`station.MODULE`) by `tests/gcs`, by both sides together, or by
-that exploration. One that is not is a survivor; survivors that are no faults are listed in `core_survivors.py` with
-the reason, and any other ends this with exit code 1. So does one that is listed and does not survive any more, or that
-no fault is called by any more, and a module of the core that no test here is named for. `--part 1/4` takes every fourth
-fault, `--sample 100` a hundred of each module by chance, `--only TEXT` those that have that in their names; then what
-is listed and not met says nothing. `--first` asks only the tests that come first (`FIRST`): a fault that they let
-through has still to be tried with the others. `stories.py` looks for a story in which a fault shows.
+Each fault (`faults.py`), in the code or in a transition table, must be noticed by `tests/core`, or by a small
+exploration (`tests/model`); one of a station (`station.MODULE`) by `tests/gcs`, by both sides together, or by that
+exploration. A fault that none of them notices is a survivor. `core_survivors.py` lists the survivors that are no
+faults, with the reason. The exit code is 1 if
 
-Nothing is written: a mutant is compiled in memory, in a process of its own.
+* another fault survives,
+* a listed one does not survive any more, or no fault has its name,
+* a module of the core has no tests that are named for it here.
+
+`--part 1/4` takes every fourth fault, `--sample 100` a random hundred of each module, `--only TEXT` those with TEXT in
+their names, `--new` those that are not listed. `--fast` asks only the tests without the mark `slow`: a fault that they
+let through has still to be tried with the others. Then nothing is said of listed faults that are noticed. `--record
+FILE` is a file with the test that noticed each fault: it is read and written, and makes the next run fast. `stories.py`
+looks for a story in which a fault shows.
+
+No source file is written: `server.py` plants the faults in memory, in a process for each.
 """
 
 from __future__ import annotations
 
 import argparse
-import ast
 import io
+import json
+import os
 import random
 import sys
 import time
-from collections import Counter
-from collections.abc import Callable, Iterator
 from contextlib import redirect_stderr, redirect_stdout
-from dataclasses import dataclass, replace
-from itertools import product
 from pathlib import Path
-from typing import Any, cast
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT))
 
 from tests.mutation import run  # noqa: E402
 from tests.mutation.core_survivors import KNOWN_SURVIVORS  # noqa: E402
+from tests.mutation.faults import STATION, Fault, faults, file_of, plant, source_of, table_faults  # noqa: E402
 from tests.mutation.run import _Mutated, import_once, in_child  # noqa: E402
+from tests.mutation.server import ELSEWHERE, SURVIVED, Server  # noqa: E402
 
-__all__ = ["Fault", "faults", "main", "misnamed", "table_faults"]
+__all__ = ["asked", "main", "misnamed", "out_of_date"]
 
-#: modules of a ground station's rules begin with this
-STATION = "station."
 #: module -> the tests that notice its faults soonest
 FIRST = {
     "authority.transfer": (
@@ -223,291 +225,11 @@ EXPLORED = (
     "three stations",
 )
 
-#: tables of a module: what stands there is changed, one entry at a time
-TABLES = {
-    "authority.transfer": ("MOVES",),
-    "authority.phases": ("PHASES",),
-    "common.causes": ("CAUSES",),
-    "safety.strategy": ("FIRST", "POLICY_LADDERS", "MILDER_THAN"),
-}
-WORST = {"authority.transfer": "committed", "authority.phases": "ON_MISSION"}
 
-_TURNED: dict[type[ast.cmpop], type[ast.cmpop]] = {
-    ast.Eq: ast.NotEq,
-    ast.NotEq: ast.Eq,
-    ast.Lt: ast.LtE,
-    ast.LtE: ast.Lt,
-    ast.Gt: ast.GtE,
-    ast.GtE: ast.Gt,
-    ast.In: ast.NotIn,
-    ast.NotIn: ast.In,
-    ast.Is: ast.IsNot,
-    ast.IsNot: ast.Is,
-}
-_SIGNS: dict[type[ast.operator], type[ast.operator]] = {ast.Add: ast.Sub, ast.Sub: ast.Add}
-_SWAPS = {"min": "max", "max": "min", "any": "all", "all": "any"}
-
-
-Change = tuple[str, ast.AST, Callable[[], None], Callable[[], None]]
-
-
-@dataclass(frozen=True, slots=True)
-class Fault:
-    """One fault: a module's source with it, or an entry of a table: the table, the key, and where it leads now."""
-
-    name: str
-    source: str | None = None
-    entry: tuple[str, int, str] | None = None
-
-
-# ---- faults in the code --------------------------------------------------------------------------------------------
-
-
-def faults(source: str) -> Iterator[Fault]:
-    """Every fault of the functions in a module's source and of its values, one at a time."""
-    tree = ast.parse(source)
-    seen: Counter[str] = Counter()
-    for value, (operator, before, apply, undo) in _of_values(tree):
-        apply()
-        mutated = ast.unparse(ast.fix_missing_locations(tree))
-        undo()
-        yield Fault(f"{value}: {operator}: {_short(before)}", mutated)
-    for function, around, node in _inside(tree, "", tree):
-        # a number says nothing by itself
-        place = f" in {_short(around)}" if isinstance(node, ast.Constant) else ""
-        for operator, before, apply, undo in _changes(node):
-            text = _short(before) + place
-            apply()
-            mutated = ast.unparse(ast.fix_missing_locations(tree))
-            undo()
-            name = f"{function}: {operator}: {text}"
-            seen[name] += 1
-            yield Fault(name if seen[name] == 1 else f"{name} (number {seen[name]})", mutated)
-
-
-def _inside(node: ast.AST, function: str, around: ast.AST) -> Iterator[tuple[str, ast.AST, ast.AST]]:
-    """Every node of a function, with the function's name and the statement or condition around it.
-
-    Annotations and docstrings are left out.
-    """
-    for field, value in ast.iter_fields(node):
-        if field in ("annotation", "returns", "decorator_list"):
-            continue
-        for child in value if isinstance(value, list) else [value]:
-            if not isinstance(child, ast.AST):
-                continue
-            inner = child.name if isinstance(child, ast.FunctionDef) else function
-            # of a statement that holds others only its own expression
-            holds_others = isinstance(node, ast.stmt) and hasattr(node, "body")
-            nearest = child if isinstance(child, ast.stmt) or holds_others else around
-            if inner:
-                yield inner, nearest, child
-            yield from _inside(child, inner, nearest)
-
-
-def _of_values(tree: ast.Module) -> Iterator[tuple[str, Change]]:
-    """A number or truth that a module or a dataclass begins with is another, a collection lacks one; tables apart."""
-    for statement in tree.body:
-        if isinstance(statement, (ast.Assign, ast.AnnAssign)) and statement.value is not None:
-            target = statement.targets[0] if isinstance(statement, ast.Assign) else statement.target
-            name, value = ast.unparse(target), statement.value
-            if isinstance(value, ast.Tuple) and name.startswith("_"):
-                for place, element in enumerate(value.elts):
-                    if not isinstance(element, ast.Constant):
-                        rest = [*value.elts[:place], *value.elts[place + 1 :]]
-                        yield name, _set("dropped", element, value, "elts", rest)
-            for constant in value.elts if isinstance(value, ast.Tuple) else [value]:
-                for change in _changes(constant):
-                    yield name, change
-        elif isinstance(statement, ast.ClassDef):
-            for field in statement.body:
-                if isinstance(field, ast.AnnAssign) and isinstance(field.value, ast.Constant):
-                    for change in _changes(field.value):
-                        yield f"{statement.name}.{ast.unparse(field.target)}", change
-
-
-def _short(node: ast.AST) -> str:
-    return " ".join(ast.unparse(node).split())[:90]
-
-
-def _changes(node: ast.AST) -> Iterator[Change]:
-    if isinstance(node, (ast.If, ast.IfExp, ast.While)) and not _turnable(node.test):
-        yield _set("condition negated", node.test, node, "test", ast.UnaryOp(ast.Not(), node.test))
-    if isinstance(node, ast.Compare):
-        for place, operator in enumerate(node.ops):
-            turned = [*node.ops[:place], _TURNED[type(operator)](), *node.ops[place + 1 :]]
-            yield _set("comparison turned", node, node, "ops", turned)
-    if isinstance(node, (ast.BoolOp, ast.Return, ast.Assign, ast.keyword)):
-        yield from _without_not(node)
-    if isinstance(node, ast.BoolOp):
-        yield _set("and/or swapped", node, node, "op", ast.And() if isinstance(node.op, ast.Or) else ast.Or())
-        for place, value in enumerate(node.values):
-            rest = [each for other, each in enumerate(node.values) if other != place]
-            yield _set(f"dropped from and/or: {ast.unparse(value)[:50]}", node, node, "values", rest)
-    if isinstance(node, ast.Constant) and type(node.value) is bool:
-        yield _set("truth turned", node, node, "value", not node.value)
-    elif isinstance(node, ast.Constant) and type(node.value) in (int, float):
-        yield _set("number one more", node, node, "value", node.value + 1)
-    if isinstance(node, (ast.BinOp, ast.AugAssign)) and type(node.op) in _SIGNS:
-        yield _set("sign turned", node, node, "op", _SIGNS[type(node.op)]())
-    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in _SWAPS:
-        yield _set(f"{node.func.id} turned", node, node.func, "id", _SWAPS[node.func.id])
-    for block in ("body", "orelse"):
-        statements = getattr(node, block, None)
-        if isinstance(statements, list):
-            for place, statement in enumerate(statements):
-                last = isinstance(node, ast.FunctionDef) and place == len(statements) - 1
-                # without an attribute nothing works at all
-                starting = isinstance(node, ast.FunctionDef) and node.name == "__init__"
-                if _droppable(statement, last=last, starting=starting):
-                    without = [*statements[:place], ast.Pass(), *statements[place + 1 :]]
-                    yield _set("dropped", statement, node, block, without)
-
-
-def _without_not(node: ast.AST) -> Iterator[Change]:
-    """In a condition to drop `not` is to negate it."""
-    if isinstance(node, ast.BoolOp):
-        for place, value in enumerate(node.values):
-            if isinstance(value, ast.UnaryOp) and isinstance(value.op, ast.Not):
-                without = [*node.values[:place], value.operand, *node.values[place + 1 :]]
-                yield _set("not dropped", value, node, "values", without)
-    elif isinstance(node, (ast.Return, ast.Assign, ast.keyword)):
-        value = node.value
-        if isinstance(value, ast.UnaryOp) and isinstance(value.op, ast.Not):
-            yield _set("not dropped", value, node, "value", value.operand)
-
-
-def _turnable(test: ast.expr) -> bool:
-    """Whether to turn the comparison is to negate the condition."""
-    plain = (ast.Eq, ast.NotEq, ast.In, ast.NotIn, ast.Is, ast.IsNot)
-    return isinstance(test, ast.Compare) and len(test.ops) == 1 and isinstance(test.ops[0], plain)
-
-
-def _droppable(statement: ast.stmt, *, last: bool, starting: bool) -> bool:
-    if isinstance(statement, ast.Expr):
-        # where the type checker holds that nobody gets, nothing is missed
-        return isinstance(statement.value, ast.Call) and ast.unparse(statement.value.func) != "assert_never"
-    if isinstance(statement, ast.Return):
-        return not last
-    if isinstance(statement, (ast.Assign, ast.AugAssign)) and not starting:
-        targets = statement.targets if isinstance(statement, ast.Assign) else [statement.target]
-        parts = [part for target in targets for part in (target.elts if isinstance(target, ast.Tuple) else [target])]
-        return all(isinstance(part, (ast.Attribute, ast.Subscript)) for part in parts)
-    return isinstance(statement, ast.Delete)
-
-
-def _set(operator: str, before: ast.AST, node: ast.AST, field: str, value: Any) -> Change:
-    old = getattr(node, field)
-    return operator, before, lambda: setattr(node, field, value), lambda: setattr(node, field, old)
-
-
-# ---- faults in the tables ------------------------------------------------------------------------------------------
-
-
-def table_faults(module: str) -> Iterator[Fault]:
-    """An entry is missing, leads elsewhere, or is there that should not be."""
-    # worked out elsewhere: this process must not import what it will plant faults in
-    for table, number, target, name in in_child(lambda: list(_table_faults(module))):
-        yield Fault(name, entry=(table, number, target))
-
-
-def _table_faults(module: str) -> Iterator[tuple[str, int, str, str]]:
-    for table in TABLES.get(module, ()):
-        entries, keys, others = _table(module, table)
-        for number, key in enumerate(keys):
-            present = entries.get(key)
-            for target, value in others(key).items():
-                if value != present:
-                    yield table, number, target, f"{table}: {_named(key)} -> {target}"
-
-
-def _named(key: Any) -> str:
-    """A key of a table, for people."""
-    if isinstance(key, tuple):
-        return " + ".join(each.name for each in key)
-    return key if isinstance(key, str) else str(key.name)
-
-
-#: what a table's entry is changed to when it is to be missing
-_NOTHING: Any = None
-
-
-def _table(module: str, table: str) -> tuple[dict[Any, Any], list[Any], Callable[[Any], dict[str, Any]]]:
-    """A table, all keys it could have entries for, and what could stand there instead, by name."""
-    if not module.startswith("authority."):
-        return _safety_table(table)
-    targets: dict[str, Any]
-    if module == "authority.phases":
-        from mavproxy_handover.core.authority.phases import PHASES, PhaseCause
-        from mavproxy_handover.core.common.model import Phase
-
-        entries, keys = cast("dict[Any, Any]", PHASES), list[Any](product(Phase, PhaseCause))
-        targets = {phase.name: phase for phase in Phase}
-    else:
-        from mavproxy_handover.core.authority.transfer import MOVES, Cause, End, Step
-        from mavproxy_handover.core.common.model import Outcome, Reason
-
-        ends = {"committed": End(Outcome.COMMITTED, Reason.NONE), "aborted": End(Outcome.ABORTED, Reason.CANCELLED)}
-        entries, keys = cast("dict[Any, Any]", MOVES), list[Any](product(Step, Cause))
-        targets = {step.name: step for step in Step} | ends
-
-    def others(key: Any) -> dict[str, Any]:
-        # where nothing should be, the worst that could be there is enough
-        return {**targets, "nothing": _NOTHING} if key in entries else {WORST[module]: targets[WORST[module]]}
-
-    return entries, keys, others
-
-
-def _safety_table(table: str) -> tuple[dict[Any, Any], list[Any], Callable[[Any], dict[str, Any]]]:
-    from mavproxy_handover.core.common import causes
-    from mavproxy_handover.core.safety import strategy
-
-    entries = cast("dict[Any, Any]", getattr(causes if table == "CAUSES" else strategy, table))
-    others = {"CAUSES": _other_rows, "MILDER_THAN": _other_actions}.get(table, _other_ladders)
-    return entries, list(entries), lambda key: others(entries[key])
-
-
-def _other_rows(row: Any) -> dict[str, Any]:
-    """Of a cause: other times, another end, other policies."""
-    from mavproxy_handover.core.common.causes import Ends
-
-    ends = next(each for each in Ends if each is not row.ends)
-    return {
-        "a longer hold-off": replace(row, hold_off_s=row.hold_off_s + 0.5),
-        "a longer clearing time": replace(row, clear_s=row.clear_s + 0.5),
-        f"ends {ends.value}": replace(row, ends=ends),
-        "another policy first": replace(row, policies=(*row.policies[1:], row.policies[0])),
-        "the last policy missing": replace(row, policies=row.policies[:-1]),
-    }
-
-
-def _other_actions(action: Any) -> dict[str, Any]:
-    from mavproxy_handover.core.common.model import FlightAction
-
-    return {**{each.name: each for each in FlightAction if each is not action}, "nothing": _NOTHING}
-
-
-def _other_ladders(ladder: Any) -> dict[str, Any]:
-    """A rung is missing, asks for something else, or needs nothing."""
-    from mavproxy_handover.core.common.model import FlightAction
-
-    found: dict[str, Any] = {}
-    for place, rung in enumerate(ladder):
-        before, behind = ladder[:place], ladder[place + 1 :]
-        found[f"no {rung.action.name}"] = (*before, *behind)
-        for action in FlightAction:
-            found[f"{action.name} for {rung.action.name}"] = (*before, replace(rung, action=action), *behind)
-        found[f"{rung.action.name} always"] = (*before, replace(rung, needs=None), *behind)
-    return found
-
-
-def _plant(module: str, table: str, number: int, target: str) -> None:
-    entries, keys, others = _table(module, table)
-    value = others(keys[number])[target]
-    if value is _NOTHING:
-        del entries[keys[number]]
-    else:
-        entries[keys[number]] = value
+def _modules() -> list[str]:
+    core = ROOT / "mavproxy_handover" / "core"
+    modules = sorted(".".join(path.relative_to(core).with_suffix("").parts) for path in core.rglob("*.py"))
+    return modules + [module for module in FIRST if module.startswith(STATION) and file_of(module).exists()]
 
 
 # ---- whether they are noticed --------------------------------------------------------------------------------------
@@ -520,9 +242,9 @@ def unnoticed(module: str, fault: Fault | None, *, first: bool = False) -> bool:
 
     import pytest
 
-    name = ".".join(_file(module).relative_to(ROOT).with_suffix("").parts)
+    name = ".".join(file_of(module).relative_to(ROOT).with_suffix("").parts)
     if fault is not None and fault.source is not None:
-        path = _file(module)
+        path = file_of(module)
         sys.meta_path.insert(0, _Mutated(name, fault.source, path))
     with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
         try:
@@ -530,14 +252,14 @@ def unnoticed(module: str, fault: Fault | None, *, first: bool = False) -> bool:
         except Exception:
             return False
         if fault is not None and fault.entry is not None:
-            _plant(module, *fault.entry)
+            plant(module, *fault.entry)
         station = module.startswith(STATION)
         tests = ROOT / "tests" / ("gcs" if station else "core")
         slow = STATION_LAST if station else LAST
         everything = sorted(path.relative_to(tests).as_posix() for path in tests.rglob("test_*.py"))
         middle = [each for each in everything if each not in (*FIRST[module], *slow, "test_purity.py")]
         last = [each for each in slow if each not in FIRST[module]]
-        options = [*run.PYTEST, "--rootdir", str(ROOT), "--timeout=60"]
+        options = [*run.PYTEST, "--rootdir", str(ROOT), "--timeout=0"]
         # most faults die in the first files, and to read the others takes longer than that
         for files in (FIRST[module],) if first else (FIRST[module], middle, last):
             paths = [str(tests / each) for each in files]
@@ -546,7 +268,7 @@ def unnoticed(module: str, fault: Fault | None, *, first: bool = False) -> bool:
         if first:
             return True
         run.limit(run.TIMEOUT_S)  # the tests have had the clock for their own limits
-        return (station and module not in EXPLORED_STATION) or not _found_by_exploring()
+        return not explored(module) or not _found_by_exploring()
 
 
 class _EachInTime:
@@ -579,53 +301,61 @@ def _found_by_exploring() -> bool:
     return False
 
 
+def asked(module: str, file: str) -> bool:
+    """Whether the tests in this file, named from the root, have to notice the faults of a module."""
+    folder, slow = ("tests/gcs", STATION_LAST) if module.startswith(STATION) else ("tests/core", ())
+    named = [os.path.normpath(f"{folder}/{each}") for each in (*FIRST[module], *slow)]
+    return file in named or (file.startswith(f"{folder}/") and not file.endswith("/test_purity.py"))
+
+
+def explored(module: str) -> bool:
+    """Whether a module has a part in what is explored."""
+    return not module.startswith(STATION) or module in EXPLORED_STATION
+
+
 def of_module(
-    module: str, choose: Callable[[list[Fault]], list[Fault]], *, first: bool = False
-) -> tuple[int, list[str]]:
-    """How many faults were planted in a module, and which nobody noticed."""
-    assert in_child(lambda: unnoticed(module, None, first=first)) is True, f"{module}: found without any fault"
-    chosen = choose([*faults(_source(module)), *table_faults(module)])
-    alive = []
-    for number, fault in enumerate(chosen, 1):
-        if in_child(lambda fault=fault: unnoticed(module, fault, first=first)) is True:  # type: ignore[misc]
-            alive.append(fault.name)
-            print(f"  survived: {module}: {fault.name}", flush=True)
-        if number % 50 == 0:
-            print(f"  {module}: {number} of {len(chosen)}, {len(alive)} survived", flush=True)
-    return len(chosen), alive
+    module: str, chosen: list[tuple[int, Fault]], server: Server, noticed: dict[str, str], *, slow: bool
+) -> list[tuple[int, Fault]]:
+    """Plant these faults of a module; returns the survivors of the fast tests, or of the slow ones and the exploration.
 
-
-def _file(module: str) -> Path:
-    if module.startswith(STATION):
-        return ROOT.joinpath("gcs_module", module.removeprefix(STATION)).with_suffix(".py")
-    return ROOT.joinpath("mavproxy_handover", "core", *module.split(".")).with_suffix(".py")
-
-
-def _source(module: str) -> str:
-    return _file(module).read_text(encoding="utf-8")
-
-
-def _modules() -> list[str]:
-    core = ROOT / "mavproxy_handover" / "core"
-    modules = sorted(".".join(path.relative_to(core).with_suffix("").parts) for path in core.rglob("*.py"))
-    return modules + [module for module in FIRST if module.startswith(STATION) and _file(module).exists()]
+    `noticed`: by which test each was noticed last.
+    """
+    alive, elsewhere = [], 0
+    for place, (number, fault) in enumerate(chosen, 1):
+        by = server.ask(module, number, slow=slow, before=noticed.get(fault.name))
+        if by == ELSEWHERE:
+            if not elsewhere:
+                without = in_child(lambda: unnoticed(module, None, first=True))
+                assert without is True, f"{module}: found without any fault"
+            elsewhere += 1
+            survived = in_child(lambda fault=fault: unnoticed(module, fault, first=not slow)) is True  # type: ignore[misc]
+            by = SURVIVED if survived else "a process that imports it"
+        noticed[fault.name] = by
+        if by == SURVIVED:
+            alive.append((number, fault))
+            print(f"  {'survived' if slow else 'survived the fast tests'}: {module}: {fault.name}", flush=True)
+        if place % 50 == 0:
+            print(f"  {module}: {place} of {len(chosen)}, {len(alive)} survived, {elsewhere} elsewhere", flush=True)
+    return alive
 
 
 def misnamed() -> list[str]:
     """Modules of the core that no test here is named for, and names that no module has."""
     modules = _modules()
     wrong = [
-        f"no tests are named for {module}" for module in modules if module not in FIRST and any(faults(_source(module)))
+        f"no tests are named for {module}"
+        for module in modules
+        if module not in FIRST and any(faults(source_of(module)))
     ]
     return wrong + [f"there is no module {module}" for module in {**FIRST, **KNOWN_SURVIVORS} if module not in modules]
 
 
-def _out_of_date() -> list[str]:
+def out_of_date() -> list[str]:
     """What is said here of the core and does not hold any more."""
     wrong, modules = misnamed(), _modules()
     for module, known in KNOWN_SURVIVORS.items():
         if module in modules:
-            there = {fault.name for fault in (*faults(_source(module)), *table_faults(module))}
+            there = {fault.name for fault in (*faults(source_of(module)), *table_faults(module))}
             wrong += [f"listed, but there is no such fault: {module}: {name}" for name in known if name not in there]
     return wrong
 
@@ -637,43 +367,77 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--part", default="1/1", metavar="I/N", help="every Nth fault, beginning with the Ith")
     parser.add_argument("--sample", type=int, metavar="N", help="N faults of each module, by chance")
     parser.add_argument("--only", metavar="TEXT", default="", help="those whose names have it in them")
-    parser.add_argument("--first", action="store_true", help="ask only the tests that come first")
+    parser.add_argument("--new", action="store_true", help="leave out the survivors that are listed")
+    parser.add_argument(
+        "--fast", action="store_true", help="ask only the fast tests: neither slow ones nor exploration"
+    )
+    parser.add_argument("--record", type=Path, metavar="FILE", help="which test noticed which fault: read and written")
     parser.add_argument("--list", action="store_true", help="print the faults instead")
     options = parser.parse_args(arguments)
     part, parts = (int(each) for each in options.part.split("/"))
 
-    def choose(all_of_them: list[Fault]) -> list[Fault]:
-        chosen = [fault for fault in all_of_them[part - 1 :: parts] if options.only in fault.name]
+    def choose(module: str, all_of_them: list[Fault]) -> list[tuple[int, Fault]]:
+        left_out = KNOWN_SURVIVORS.get(module, {}) if options.new else {}
+        numbered = [*enumerate(all_of_them)][part - 1 :: parts]
+        chosen = [row for row in numbered if options.only in row[1].name and row[1].name not in left_out]
         if options.sample is not None and options.sample < len(chosen):
             chosen = random.Random(0).sample(chosen, options.sample)
         return chosen
 
-    whole = parts == 1 and options.sample is None and not options.only and not options.first
+    whole = parts == 1 and options.sample is None and not options.only and not (options.new or options.fast)
     unknown = [module for module in options.modules if module not in FIRST]
     if unknown:
         parser.error(f"unknown {', '.join(unknown)}; known are {', '.join(FIRST)}")
     import_once()
     run.TIMEOUT_S = 200
-    out_of_date = _out_of_date()
-    for what in out_of_date:
+    not_there = out_of_date()
+    for what in not_there:
         print(f"  {what}", flush=True)
-    wrong = len(out_of_date)
-    for module in options.modules or FIRST:
-        if options.list:
-            for fault in choose([*faults(_source(module)), *table_faults(module)]):
+    wrong = len(not_there)
+    chosen = {
+        module: choose(module, [*faults(source_of(module)), *table_faults(module)])
+        for module in options.modules or FIRST
+    }
+    if options.list:
+        for module, rows in chosen.items():
+            for _number, fault in rows:
                 print(f"{module}: {fault.name}")
-            continue
-        begun = time.monotonic()
-        total, alive = of_module(module, choose, first=options.first)
-        known = KNOWN_SURVIVORS.get(module, {})
-        surprising = [name for name in alive if name not in known]
-        stale = [name for name in known if name not in alive] if whole else []
+        return 1 if wrong else 0
+    server = Server(
+        [str(file_of(module)) for module in _modules()],
+        asked,
+        lambda module: explored(module) and _found_by_exploring(),
+    )
+    record: dict[str, dict[str, str]] = {}
+    if options.record is not None and options.record.exists():
+        record = json.loads(options.record.read_text(encoding="utf-8"))
+    left = chosen
+    for slow in (False,) if options.fast else (False, True):
+        asked_now, left = left, {}
+        for module, rows in asked_now.items():
+            begun = time.monotonic()
+            alive = of_module(module, rows, server, record.setdefault(module, {}), slow=slow)
+            left[module] = alive
+            if options.record is not None:
+                options.record.write_text(json.dumps(record, indent=1), encoding="utf-8")
+            which = "slow tests" if slow else "fast tests"
+            print(
+                f"{module}, {which}: {len(rows)} faults, {len(rows) - len(alive)} noticed, "
+                f"{time.monotonic() - begun:.0f} s",
+                flush=True,
+            )
+    server.close()
+    for module, rows in left.items():
+        alive_names, known = [fault.name for _number, fault in rows], KNOWN_SURVIVORS.get(module, {})
+        surprising = [name for name in alive_names if name not in known]
+        stale = [name for name in known if name not in alive_names] if whole else []
         for name in stale:
             print(f"  listed, but noticed: {module}: {name}")
         wrong += len(surprising) + len(stale)
+        total = len(chosen[module])
         print(
-            f"{module}: {total} faults, {total - len(alive)} noticed, {len(alive) - len(surprising)} known survivors, "
-            f"{len(surprising)} unknown, {time.monotonic() - begun:.0f} s",
+            f"{module}: {total} faults, {total - len(rows)} noticed, {len(rows) - len(surprising)} known survivors, "
+            f"{len(surprising)} unknown",
             flush=True,
         )
     return 1 if wrong else 0

@@ -35,7 +35,10 @@ from tests.mutation.survivors import KNOWN_SURVIVORS  # noqa: E402
 
 TIMEOUT_S = 120
 #: nobody reads why an assert fails, so none is rewritten to tell: that takes longer than most of the tests
-PYTEST = ("-x", "-q", "--no-header", "--tb=no", "-p", "no:cacheprovider", "--hypothesis-seed=0", "--assert=plain")
+PYTEST = (
+    *("-x", "-q", "--no-header", "--tb=no", "-p", "no:cacheprovider", "--assert=plain"),
+    *("--hypothesis-seed=0", "--hypothesis-profile=mutants"),
+)
 #: Module -> tests that are to notice its faults.
 TESTED = {
     "gate": ("test_gate.py", "test_filters.py", "test_downlink.py", "test_questions.py", "test_stale_streams.py"),
@@ -104,7 +107,8 @@ def import_once() -> None:
     from pymavlink.dialects.v20 import handover  # noqa: F401
 
     # what was found with one fault must not help to find the next: on another machine nobody remembers it
-    hypothesis.settings.register_profile("mutants", database=None, deadline=None)
+    slow = [hypothesis.HealthCheck.too_slow]  # a busy machine is no fault
+    hypothesis.settings.register_profile("mutants", database=None, deadline=None, suppress_health_check=slow)
     hypothesis.settings.load_profile("mutants")
     gc.collect()
     gc.freeze()  # pytest looks through everything for garbage at its end, in every child

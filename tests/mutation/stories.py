@@ -28,6 +28,7 @@ ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT))
 
 from tests.mutation import core  # noqa: E402
+from tests.mutation.faults import STATION, faults, file_of, source_of  # noqa: E402
 from tests.mutation.run import _Mutated, in_child, limit  # noqa: E402
 
 __all__ = ["Difference", "Story", "find", "main", "player", "shorten", "story"]
@@ -128,7 +129,7 @@ def player(module: str = "", source: str | None = None) -> Player:
         del sys.modules[name]
     finder = None
     if source is not None:
-        path = core._file(module)
+        path = file_of(module)
         finder = _Mutated(".".join(path.relative_to(ROOT).with_suffix("").parts), source, path)
         sys.meta_path.insert(0, finder)
     try:
@@ -381,9 +382,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--stories", type=int, default=400, metavar="N", help="so many are tried (default: 400)")
     parser.add_argument("--only", metavar="TEXT", default="", help="faults whose names have it in them")
     options = parser.parse_args(arguments)
-    if options.module not in core.FIRST or options.module.startswith(core.STATION):
+    if options.module not in core.FIRST or options.module.startswith(STATION):
         parser.error(f"unknown {options.module}; known are the modules of the core: {', '.join(core.FIRST)}")
-    for fault in core.faults(core._source(options.module)):
+    for fault in faults(source_of(options.module)):
         if options.only in fault.name:
             source, begun = fault.source, time.monotonic()
             assert source is not None

@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What can be planted in a running process, and which lines a test reaches."""
+
+from __future__ import annotations
+
+import ast
+from types import CodeType
+
+import pytest
+
+from tests.mutation.faults import faults
+from tests.mutation.server import _changed, _Lines
+
+SOURCE = """
+NUMBER = 4
+
+def plain(value, limit=5):
+    if value < limit:
+        return value
+    return limit
+
+class Some:
+    field: int = 6
+
+    def method(self):
+        return [each for each in (1, 2)]
+
+TABLE = {"one": lambda value: not value}
+"""
+
+
+def planted(old: str, new: str) -> set[str] | None:
+    """The names of the functions that differ; None if it cannot be planted."""
+    assert old in SOURCE
+    found: dict[tuple[str, str, int], CodeType] = {}
+    codes = [compile(source, "some.py", "exec") for source in (SOURCE, SOURCE.replace(old, new))]
+    return {key[1] for key in found} if _changed(*codes, found) else None
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "names"),
+    [
+        ("value < limit", "value <= limit", {"plain"}),
+        ("(1, 2)", "(1, 3)", {"Some.method"}),
+        ("not value", "value", {"<lambda>"}),
+        ("limit=5", "limit=6", None),
+        ("NUMBER = 4", "NUMBER = 5", None),
+        ("field: int = 6", "field: int = 7", None),
+        ('"one"', '"two"', None),
+    ],
+)
+def test_a_function_is_planted_and_what_a_module_begins_with_is_not(old: str, new: str, names: set[str] | None) -> None:
+    assert planted(old, new) == names
+
+
+def test_each_fault_of_a_function_makes_another_module() -> None:
+    original = compile(ast.parse(SOURCE), "some.py", "exec")
+    made = [fault.edit.made(lambda tree: compile(tree, "some.py", "exec")) for fault in faults(SOURCE) if fault.edit]
+    assert len(made) == 8
+    assert original not in made
+    assert compile(ast.parse(SOURCE), "some.py", "exec") == original
+
+
+@pytest.mark.parametrize(("value", "lines"), [(4, {4, 5, 6}), (9, {4, 5, 7})])
+def test_the_lines_that_are_reached(value: int, lines: set[int]) -> None:
+    module: dict[str, object] = {}
+    exec(compile(SOURCE, "some.py", "exec"), module)
+    plain = module["plain"]
+    assert callable(plain)
+    with _Lines({"some.py"}) as reached:
+        plain(value)
+    assert reached.reached == {"some.py": sum(1 << line for line in lines)}
+
+
+def test_a_function_that_is_called_often_reaches_all_of_its_lines() -> None:
+    module: dict[str, object] = {}
+    exec(compile(SOURCE, "some.py", "exec"), module)
+    plain = module["plain"]
+    assert callable(plain)
+    with _Lines({"some.py"}) as reached:
+        for _number in range(1000):
+            plain(4)
+    assert reached.reached["some.py"] & 1 << 7
