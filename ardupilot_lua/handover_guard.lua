@@ -10,21 +10,26 @@
 --   1. copy this file to the scripts directory of the autopilot's SD card (APM/scripts)
 --   2. load handover.parm (ArduPlane: handover_plane.parm), set HNDO_CHAN to the port of the companion, reboot
 --   3. start the companion; "HNDO: lease live" appears and the vehicle can be armed
---   Where other than the companion may write to its port: put a key beside this file, see handover_guard.md.
+--
+-- If other devices can write to the companion's port, put a key beside this file, see handover_guard.md.
 --
 -- How to test in SITL
 --   1. copy this file to "scripts" in the working directory of the simulation, load handover.parm
 --   2. arm: refused ("HNDO: no lease from companion"); start the companion on SERIAL1 (tcp 5762); arm: accepted
 --   3. fly in GUIDED, stop the companion: RTL after HNDO_TIMEOUT (a QuadPlane that hovers: QRTL)
 --
--- CAUTION: needs firmware 4.5 or later. Run it alone: all scripts share one MAVLink receive queue, a second script
--- that receives MAVLink takes leases away from this one.
+-- CAUTION: needs firmware 4.5 or later. Run no second script that receives MAVLink: all scripts share one receive
+-- queue, so the other script would take leases away from this one.
 --
 -- Numbers: Lua integers have 32 bits on the autopilot and 64 on a desktop. Everything that comes from the wire or the
 -- clock is masked to 32 bits and compared by serial_ahead() or elapsed(), which are right in both.
+--
+-- Order of this file: constants, one row for each kind of vehicle, parameters, state, authority (update_state), arming,
+-- what the vehicle does (observe, classify), responses, the table of transitions (enforce), leases, commands and the
+-- receive queue, status and log, the main loop (update, at the end).
 
--- ArduPilot's Lua allows 100 local variables in a function, this file being one: constants and state stand in tables,
--- and so do the functions of what only some vehicles need (`key`, `gcs_id`).
+-- ArduPilot's Lua allows 100 local variables in a function, and this file is one function. Constants, state and the
+-- functions of one subject (`lease`, `key`, `gcs_id`, ...) are therefore fields of tables.
 
 local MAV_SEVERITY = {EMERGENCY=0, ALERT=1, CRITICAL=2, ERROR=3, WARNING=4, NOTICE=5, INFO=6, DEBUG=7}
 
@@ -34,64 +39,66 @@ local TEXT = {
     BYTES = 50,                     -- one STATUSTEXT
     AUTH_BYTES = 41,                -- longest reason that the arming check shows
     FAULT = "guard fault, see messages",
-    SECOND = "two guards run, remove one script",
+    TWO_GUARDS = "two guards run, remove one script",
     RESTARTED = "scripting restarted, reboot",
 }
 
 local MS = {
-    UPDATE = 50,                    -- a lease that dies is noticed within this time
-    BUSY = 10,                      -- next call while the receive queue is not empty yet
-    STALL = 500,                    -- woken later than this: the script slept, not the companion
-    STATUS = 500,                   -- status to the companion
-    HELLO = 100,                    -- status to a companion that does not know the nonce of this guard yet
-    ASKED = 1000,                   -- that companion has been heard within this time
-    SETTLE = 2000,                  -- after a new nonce, leases with another one are expected for this long
-    SECOND = 1000,                  -- registrations, ids and log
-    LANDED = 3000,                  -- after a flight, this long on the ground before the motors are stopped
+    UPDATE = 50,                    -- period of the main loop: an expired lease is noticed within this time
+    BUSY = 10,                      -- period while the receive queue is not empty
+    STALL = 500,                    -- a call later than this means that this script was stalled, not the companion
+    STATUS = 500,                   -- period of the status message to the companion
+    HELLO = 100,                    -- period of the status to a companion that does not know the nonce of this guard
+    ASKED = 1000,                   -- such a companion was heard within this time
+    SETTLE = 2000,                  -- after a new nonce, leases with the former one are expected for this long
+    SECOND = 1000,                  -- period of registrations, ids, log and retries
+    LANDED = 3000,                  -- after a flight, time on the ground before the motors are stopped
     TAMPER_HOLD = 10000,            -- no arming for this long after the registrations were wiped
     FAULT = 10000,                  -- no arming for this long after an error of this script
-    BOOT = 60000,                   -- scripts that start later than this after the autopilot were restarted alone
-    AUX = 1000,                     -- after a DO_AUX_FUNCTION or a full queue no mode counts as the pilot's
-    RADIO = 2000,                   -- a pilot whose radio has been gone for this long does not fly any more
-    FAILSAFE = 10000,               -- a failsafe, a take-off, or what follows traffic avoidance may last this long
-    SEQUENCE = 1000,                -- after a change to AUTO its item may still be that of before
-    TYPE = 60000,                   -- an unknown vehicle type is said again
+    BOOT = 60000,                   -- a script that starts later than this was restarted without the autopilot
+    AUX = 1000,                     -- after a DO_AUX_FUNCTION or a full queue, no mode counts as the pilot's
+    RADIO = 2000,                   -- a pilot whose radio has been lost for this long does not fly any more
+    FAILSAFE = 10000,               -- limit for a failsafe that holds, for a take-off, and after traffic avoidance
+    SEQUENCE = 1000,                -- after a change to AUTO the mission item may still be the former one
+    TYPE = 60000,                   -- an unknown vehicle type is reported again
 }
 
--- Work per call. A script that uses more than 10000 VM instructions in a call is removed for good, pcall or not; a
--- frame costs about 60 of them, one whose CRC is computed up to 1000, and the tag of a lease as much again.
+-- Limits of the work in one call. The firmware removes a script that uses more than 10000 VM instructions in a call,
+-- and pcall does not help. A frame costs about 60 instructions, a CRC up to 1000, the tag of a lease another 1000.
 local WORK = {
-    QUEUE_FRAMES = 25,
+    QUEUE_FRAMES = 25,              -- length of the receive queue
     FRAMES_PER_CALL = 12,
-    SUMS_PER_CALL = 3,              -- CRCs and tags; the frame that reaches it is read to its end
-    COMMANDS_A_SECOND = 10,         -- of a kind; more are neither checked nor answered
-    CATCH_UP_CALLS = 13,            -- after a stall: empties a full queue of leases before anything is judged (0.15 s)
-    READ_ON_CALLS = 6,              -- to the end of the queue, before a pilot is believed (0.06 s)
+    SUMS_PER_CALL = 3,              -- CRCs and tags; the frame that reaches the limit is still read completely
+    COMMANDS_A_SECOND = 10,         -- of one kind; further ones are neither checked nor answered
+    CATCH_UP_CALLS = 13,            -- after a stall: calls that empty a full queue before the lease is judged (0.15 s)
+    READ_ON_CALLS = 6,              -- calls that read the queue to its end before a pilot is believed (0.06 s)
 }
 
--- what is done in flight, as the status tells it
+-- what the guard has done in this loss, as the status reports it
 local ACTION = {NONE=0, RTL=1, SMART_RTL=2, LAND=3, DISARM=4}
 -- reasons of a mode that mean the same on every vehicle (ModeReason of the firmware)
 local REASON = {EKF=6, AVOIDANCE=14, AVOIDANCE_RECOVERY=15}
 
--- What numbers mean on each kind of vehicle, by FWVersion:type(). The companion's profile of the same kind
--- (vehicle/profiles/) has the same numbers; a test compares the two.
---   radio_failsafe  parameter that switches the radio failsafe on
+-- One row for each kind of vehicle: what the firmware's numbers mean. The key is FWVersion:type(). The companion's
+-- profile of the same kind (vehicle/profiles/) has the same numbers; a test compares the two. "Reason": ModeReason of
+-- the firmware.
+--   radio_failsafe  name of the parameter that switches the radio failsafe on
 --   auto            mode that flies the mission
---   rtl             plain return, for last_resort
---   returns         modes that return
---   landings        modes that land
+--   rtl             plain return, for last_resort()
+--   returns         modes that return, with their names
+--   landings        modes that land, with their names
 --   manual          modes in which a pilot steers by hand
---   pilots          reasons of a mode: the pilot chose it; DO_AUX_FUNCTION comes with 53 (4.5: 1) as well
---   failsafes       reasons: a failsafe of the autopilot
---   commands        reasons: somebody's order
---   sequences       reasons: the autopilot has led the mission to its landing sequence
---   resumed         reasons: the failsafe is over, the mode of before is back
---   ladder, hover   what is tried in flight, by HNDO_ACTION, and while hovering where that differs: mode, its name and its
---                   number in the status, and the wait after a refusal. A refused mode costs a STATUSTEXT, an error in the
---                   log and a buzzer, hence the pauses
---   lacks           HNDO_ACTION that the vehicle does not have -> what is said of it
---   guesses         whether it flies is an estimate, whether its EKF is well is not told
+--   pilots          reasons: the pilot chose the mode. DO_AUX_FUNCTION has the reason 53 as well (4.5: 1)
+--   failsafes       reasons: a failsafe of the autopilot chose the mode
+--   commands        reasons: a command or a script chose the mode, with their names
+--   sequences       reasons: the autopilot itself moved the mission to its landing sequence
+--   resumed         reasons: a failsafe is over and the autopilot restored the former mode
+--   ladder          for each HNDO_ACTION the modes to try in flight, in order. The last rung is repeated.
+--                     mode, name: of the rung; action: its number in the status; wait_ms: pause after a refusal.
+--                     A refused mode costs a STATUSTEXT, an error in the log and a buzzer: that is why there are pauses
+--   hover           the same for a QuadPlane in a VTOL mode; absent on vehicles that have none
+--   lacks           for each HNDO_ACTION that the vehicle does not have, the text that says so
+--   guesses         true: the firmware only estimates whether it flies, and does not tell a script its EKF's health
 local VEHICLES = {}
 do
     local function set(...)
@@ -112,7 +119,7 @@ do
     local rtl_3 = {mode=6, name="RTL", action=ACTION.RTL, wait_ms=0}
     local smart = {mode=21, name="SMART_RTL", action=ACTION.SMART_RTL, wait_ms=0}
     local land = {mode=9, name="LAND", action=ACTION.LAND, wait_ms=2000}
-    -- ArduCopter. A helicopter (13) has the same numbers, but must not be taken out of AUTOROTATE.
+    -- ArduCopter. A helicopter (13) has the same numbers, but is not supported: the guard could end its AUTOROTATE.
     VEHICLES[COPTER] = {
         radio_failsafe = "FS_THR_ENABLE",
         auto = 3,
@@ -137,7 +144,7 @@ do
         guesses = false,
     }
 
-    -- RTL for ever: an aircraft with wings has no landing in place. QRTL climbs where it hovers, then returns.
+    -- RTL is repeated without end, because an aircraft on wings cannot land in place. QRTL climbs first, then returns.
     local home = {{mode=11, name="RTL", action=ACTION.RTL, wait_ms=1000},
                   {mode=11, name="RTL", action=ACTION.RTL, wait_ms=2000}}
     local qland = {mode=20, name="QLAND", action=ACTION.LAND, wait_ms=2000}
@@ -155,7 +162,7 @@ do
         manual = set(0, 2, 3, 4, 5, 6, 7, 8, 17, 18, 19, 22, 23),
         -- RC switch, RC telemetry, RC auxiliary switch
         pilots = set(1, 42, 53),
-        -- as above, and VTOL transition failed, VTOL take-off failed, radio or GCS lost in the mode TAKEOFF
+        -- those of ArduCopter; VTOL transition failed, VTOL take-off failed, radio or GCS lost in the mode TAKEOFF
         failsafes = set(3, 4, 5, 6, 7, 10, 11, 14, 17, 19, 23, 24, 25, 50, 51),
         commands = orders,
         -- battery, RTL that has arrived (RTL_AUTOLAND)
@@ -169,7 +176,7 @@ do
     }
 end
 
--- any other is refused; its name, where the number is known
+-- Names of vehicle types that are not supported: they do not arm.
 local OTHERS = {[1]="Rover", [4]="Tracker", [7]="Sub", [12]="Blimp", [13]="Heli"}
 
 local MAV = {
@@ -187,7 +194,7 @@ local MAV = {
     TUNNEL_HEAD_BYTES = 5,          -- payload_type, target_system, target_component, payload_length
 }
 
--- the lease and the answer to it
+-- The lease (companion to guard), the status (guard to companion), and the state of the lease, a field of the status.
 local LEASE = {TYPE=47116, BYTES=24, VERSION=2, HELD=1, TRANSFER=2, LOST=3, RECOVERING=4, ALONE=5, TAG_BYTES=8,
                TAGGED=1, TWO_GUARDS=2}
 local STATUS = {TYPE=47117, BYTES=24, VERSION=2, ENFORCING=1, ARMED=2, FLYING=4, TAMPERED=8, UNKNOWN_VEHICLE=16,
@@ -284,25 +291,27 @@ HNDO.ALONE_MAX = bind_add_param("ALONE_MAX", 8, 0)
 
 local config = {enable=true, timeout_ms=3000, lost_ms=1000, action=ACTION.RTL, chan=1, compid=191, sysid_sw=true,
                 alone_ms=0}
--- retired: nonces of earlier companion runs, newest last; two_guards: the companion hears two; alone_at: when ALONE was
--- said first since somebody commanded last; alone_ms: for how long then
+-- The last accepted lease. live: not expired; at: when it was received; ttl_ms: life that it states for itself;
+-- retired: nonces of former companions, newest last; two_guards: the companion hears two guards; alone_at: time of the
+-- first lease with ALONE since a station last commanded; alone_ms: how long that lease allowed
 local lease = {seen=false, live=false, nonce=0, sequence=0, epoch=0, state=0, commander=0, ttl_ms=0, at=0, chan=-1,
                retired={}, two_guards=false, alone_at=nil, alone_ms=0}
--- text: for people
+-- Leases that were refused. text: reason of the last one, until a lease is accepted
 local refused = {count=0, text=nil}
--- The nonce of this guard, which each lease has to carry (see own.stir), never 0 once drawn. told: the companion may know
--- it; asked_at, chan: when and where one was heard last that does not.
-local own = {nonce=0, told=false, changed_at=nil, asked_at=nil, chan=-1}
+-- The nonce of this guard, which each lease must carry (see this_guard.draw_nonce); never 0 once drawn. told: a status
+-- with it was sent; asked_at, chan: when and where a companion was last heard that does not know it
+local this_guard = {nonce=0, told=false, changed_at=nil, asked_at=nil, chan=-1}
 local state = STATE.WAITING
 local tampering = {seen=false, at=nil}
 
--- the autopilot: name of its type where it is not known here; radio_failsafe: its parameter of that, if there is one
+-- The autopilot. known: VEHICLES has a row for its type; name: of its type, for messages; radio_failsafe: the parameter
+-- object, nil if the firmware has no such parameter
 local autopilot = {sysid=1, type=nil, known=false, name="", major=0, minor=0, radio_failsafe=nil}
 pcall(function()
     autopilot.major, autopilot.minor = FWVersion:major(), FWVersion:minor()
     autopilot.type = FWVersion:type()
 end)
--- of no type: no number means anything
+-- the row of this vehicle; an unknown type has an empty row
 local firmware = VEHICLES[autopilot.type] or {returns={}, landings={}, manual={}, pilots={}, failsafes={}, commands={},
                                               sequences={}, resumed={}, lacks={}}
 autopilot.known = VEHICLES[autopilot.type] ~= nil
@@ -312,21 +321,30 @@ if autopilot.known then
     autopilot.radio_failsafe = there and parameter or nil
 end
 
--- The receive queue. heard: channels that a frame has come from; run: frames read since it was empty; ended: read to
--- its end since the mode last changed; full_at: it may have overflowed; aux_at, aux_by: a DO_AUX_FUNCTION came that may
--- have been done; ours_at: since then the firmware leaves it to the guard; own: the table of ids is as large as the guard
--- has made it; second: another guard has started before this one; restarted: scripting has, alone; blind: too small for
--- commands; commands: how many of a kind came in this second; sums: computed in this call; hurry: too many for a status
--- with a tag, so the next call reads less.
-local rx = {ids={MAV.TUNNEL, MAV.COMMAND_LONG, MAV.COMMAND_INT}, heard={}, run=0, ended=false, full_at=nil, aux_at=nil,
-            aux_by="", ours_at=nil, own=false, second=false, restarted=false, blind=false, commands={}, sums=0,
-            hurry=false}
+-- The receive queue and the commands that were read from it.
+--   ids             message ids that are registered
+--   heard           channels that a frame has come from
+--   in_a_row        frames read since the queue was last empty
+--   drained         the queue has been read to its end since the mode last changed
+--   full_at         when the queue was full, so that frames may have been lost
+--   aux_at, aux_by  when and from which sender a DO_AUX_FUNCTION came that the autopilot may have executed
+--   aux_ours_at     since when the firmware leaves DO_AUX_FUNCTION to this script
+--   own_table       this script has created the table of ids, with room for all of them
+--   no_commands     the table of ids belongs to another script and has no room for commands
+--   second_guard    another guard started before this one
+--   restarted       scripting was restarted, the autopilot was not
+--   commands        commands of each kind in this second
+--   sums            CRCs and tags computed in this call
+--   read_less       the last call had no instructions left for a status with a tag: this call reads less
+local rx = {ids={MAV.TUNNEL, MAV.COMMAND_LONG, MAV.COMMAND_INT}, heard={}, in_a_row=0, drained=false, full_at=nil,
+            aux_at=nil, aux_by="", aux_ours_at=nil, own_table=false, second_guard=false, restarted=false,
+            no_commands=false, commands={}, sums=0, read_less=false}
 
 local function clock()
     return millis():toint()
 end
 
--- milliseconds since an instant; 0 when it lies ahead, as the stamp of a frame that came in during this very call may
+-- Milliseconds since an instant. 0 if it lies ahead: a frame may come in, and be stamped, while this call runs.
 local function elapsed(now, instant)
     local d = (now - instant) & 0xFFFFFFFF
     if d < 0 or d > 0x7FFFFFFF then
@@ -341,33 +359,46 @@ local function serial_ahead(a, b)
     return d > 0 and d <= 0x7FFFFFFF
 end
 
-local since = {said={}}             -- instants; said: of the texts, by kind
+-- Times of events (ms). start: of this script, or of the last change of HNDO_ENABLE; lost: state became LOST; last_run,
+-- status, second, last_resort: last time that each was done; said: last time of each kind of text
+local since = {said={}}
 since.start = clock()
 since.last_run, since.status, since.second, since.lost = since.start, since.start, since.start, since.start
--- grace_over: a guard that has just started has given the companion HNDO_TIMEOUT to appear; catch_up: calls that only
--- read; late: the last call came as late as after a stall; fault_at: an error of this script
+-- This script. grace_over: HNDO_TIMEOUT is over in which the companion may appear after the start; catch_up: calls left
+-- that only read the queue; late: the last call came after a stall; fault_at: time of the last error of this script
 local running = {grace_over=false, catch_up=0, late=false, fault_at=nil}
 
 local ENFORCEMENT = {CALM=0, MISSING=1, ORDERING=2, RETURNING=3, LANDING=4, PILOT=5, FAILSAFE=6}
-local SEEN = {AUTHORITY=1, DISARMED=2, GROUND=3, RETURN=4, LANDS=5, LAND_ORDER=6, KEPT=7, OVER=8, HELD=9, UNREAD=10,
-              HANDS=11, SWITCH=12, OTHER=13}
+local SEEN = {AUTHORITY=1, DISARMED=2, GROUND=3, RETURN=4, LANDING=5, LAND_ORDER=6, TOLERATED=7, OVERDUE=8, HOLDING=9,
+              UNDECIDED=10, MANUAL=11, PILOT_CHOICE=12, OTHER=13}
 
 local enforcement = ENFORCEMENT.CALM
--- The aircraft. at: last look; changes: how often mode or reason have changed; before: when the former ones were seen
--- last; unread: calls left to read on before the pilot is believed (by_pilot) or not (why_not); watched: by the radio
--- failsafe (switched off, the firmware may call any radio valid for ever); radio, radio_at: it lives, it lived;
--- avoided_at: traffic was avoided, less than 10 s ago; hand: the mode that the pilot was last believed in, as long as only
--- failsafes have changed it; item: of a landing sequence; strayed: it was led back to an earlier one.
+-- The vehicle, as observe() last saw it.
+--   flown, flown_at          it has flown since it was armed; when last
+--   disarm_tried, disarm_at  the guard has tried to disarm it since it was armed; when last
+--   mode, reason             the mode and the firmware's reason for it
+--   changes                  how often mode or reason have changed
+--   at                       time of the last observation
+--   former_at                time of the last observation of the former mode: the change came after it
+--   reads_left               calls left that read the queue before the mode is attributed; 0: it is attributed
+--   by_pilot, why_not        the mode is attributed to the pilot; if not, the text that says why
+--   radio_watched            the radio failsafe is on. If it is off, the firmware may call a dead radio valid
+--   radio_valid, radio_at    the radio is watched and valid; when last
+--   avoided_at               time of the last traffic avoidance, if less than 10 s ago
+--   pilot_mode               the mode last attributed to the pilot; kept while only failsafes change the mode
+--   item, strayed            item of the landing sequence; the mission was set back to an earlier item
 local craft = {armed=false, flying=false, flown=false, flown_at=0, disarm_tried=false, disarm_at=0, mode=nil,
-               reason=nil, changes=0, at=since.start, before=since.start, unread=0, by_pilot=false, why_not="",
-               watched=false, radio=false, radio_at=since.start, avoided_at=nil, hand=nil, item=nil, strayed=false}
+               reason=nil, changes=0, at=since.start, former_at=since.start, reads_left=0, by_pilot=false, why_not="",
+               radio_watched=false, radio_valid=false, radio_at=since.start, avoided_at=nil, pilot_mode=nil, item=nil,
+               strayed=false}
 
--- The loss. action: for the status; mode: what the guard has set or left alone, since when; changes: those of craft
--- when it first acted; climbing: what it stands back for is a take-off; resorted: see last_resort.
+-- The present loss of authority. action: for the status; mode, since: the mode that the guard has set or accepted, and
+-- when; changes: craft.changes when it first acted; attempts: rung of the ladder; tried_at, wait_ms: last try, pause
+-- after it; climbing: the guard stands back for a take-off; last_resort: see last_resort()
 local loss = {action=ACTION.NONE, mode=nil, since=0, changes=0, attempts=0, wait_ms=0, tried_at=0, climbing=false,
-              resorted=false}
+              last_resort=false}
 
--- at most one text of a kind in gap_ms
+-- Sends a text to the stations, at most one of a kind in gap_ms.
 local function say(severity, kind, gap_ms, text)
     local now = clock()
     local before = since.said[kind]
@@ -385,7 +416,8 @@ local function notice_tampering(now, text)
     say(MAV_SEVERITY.WARNING, "tamper", 10000, text)
 end
 
-local function value_of(parameter, low, high)
+-- The value of a parameter, limited to its range. A value that cannot be read counts as the lowest one.
+local function clamped(parameter, low, high)
     local v = parameter:get()
     if not v or v ~= v or v < low then
         return low
@@ -397,7 +429,7 @@ local function value_of(parameter, low, high)
 end
 
 function config.read(now)
-    local enable = value_of(HNDO.ENABLE, 0, 1) >= 0.5
+    local enable = clamped(HNDO.ENABLE, 0, 1) >= 0.5
     if enable ~= config.enable then
         config.enable = enable
         since.start, running.grace_over = now, false
@@ -405,31 +437,32 @@ function config.read(now)
             say(MAV_SEVERITY.WARNING, "disabled", 2000, "guard disabled")
         end
     end
-    config.timeout_ms = math.floor(value_of(HNDO.TIMEOUT, 1, 30) * 1000)
-    config.lost_ms = math.floor(value_of(HNDO.LOST_T, 0, 60) * 1000)
-    local action = math.floor(value_of(HNDO.ACTION, ACTION.RTL, ACTION.LAND))
+    config.timeout_ms = math.floor(clamped(HNDO.TIMEOUT, 1, 30) * 1000)
+    config.lost_ms = math.floor(clamped(HNDO.LOST_T, 0, 60) * 1000)
+    local action = math.floor(clamped(HNDO.ACTION, ACTION.RTL, ACTION.LAND))
     if action ~= config.action and firmware.lacks[action] then
         say(MAV_SEVERITY.NOTICE, "action", 2000, firmware.lacks[action])
     end
     config.action = action
-    config.chan = math.floor(value_of(HNDO.CHAN, -1, 15))
-    config.compid = math.floor(value_of(HNDO.COMPID, 1, 255))
-    config.sysid_sw = value_of(HNDO.SYSID_SW, 0, 1) >= 0.5
-    config.alone_ms = math.floor(value_of(HNDO.ALONE_MAX, 0, 600) * 1000)
+    config.chan = math.floor(clamped(HNDO.CHAN, -1, 15))
+    config.compid = math.floor(clamped(HNDO.COMPID, 1, 255))
+    config.sysid_sw = clamped(HNDO.SYSID_SW, 0, 1) >= 0.5
+    config.alone_ms = math.floor(clamped(HNDO.ALONE_MAX, 0, 600) * 1000)
 end
 
--- ------------------------------------------------------------------------------------------------ who commands
+-- ------------------------------------------------------------------------------------------------ authority
 
--- Whether the aircraft may still fly on alone: in flight, for as long as the first lease of this loss said, whatever
--- later ones say, and never once the loss is acted on.
+-- True while the vehicle may fly on without a commander. The first lease with ALONE sets the time, later ones do not
+-- extend it. Only in flight, and not after the guard has begun to act on the loss.
 function lease.alone(now)
     return craft.flying and enforcement == ENFORCEMENT.CALM and
         elapsed(now, lease.alone_at) < math.min(lease.alone_ms, config.alone_ms)
 end
 
-local function judge(now)
+-- Sets `state` by the last lease and its age.
+local function update_state(now)
     if lease.live and elapsed(now, lease.at) >= math.min(config.timeout_ms, lease.ttl_ms) then
-        lease.live = false          -- latched: only a newly accepted lease revives it
+        lease.live = false          -- it stays so until a new lease is accepted
     end
     if not running.grace_over and elapsed(now, since.start) >= config.timeout_ms then
         running.grace_over = true
@@ -441,7 +474,7 @@ local function judge(now)
         state = STATE.WAITING
     elseif not lease.live then
         state = STATE.EXPIRED
-    elseif lease.state == LEASE.LOST or lease.commander == 0 then   -- without a commander, whatever state it claims
+    elseif lease.state == LEASE.LOST or lease.commander == 0 then   -- no commander means LOST in every state
         state = STATE.LOST
     elseif lease.state == LEASE.ALONE and not lease.alone(now) then
         state = STATE.LOST
@@ -453,6 +486,7 @@ local function judge(now)
     end
 end
 
+-- The reason against arming, nil if there is none.
 local function arming_objection(now)
     if state == STATE.DISABLED then
         return nil
@@ -460,11 +494,11 @@ local function arming_objection(now)
     if not autopilot.known then
         return autopilot.name .. " not supported"
     end
-    if rx.blind then
+    if rx.no_commands then
         return "MAVLink rx taken by a script"
     end
     if running.fault_at and elapsed(now, running.fault_at) < MS.FAULT then
-        return TEXT.FAULT           -- what fails here may be what would bring the vehicle home
+        return TEXT.FAULT           -- the part that fails may be the part that would bring the vehicle home
     end
     running.fault_at = nil
     if craft.armed then             -- see permit_arming
@@ -474,8 +508,8 @@ local function arming_objection(now)
         return "another script tampers"
     end
     tampering.at = nil
-    if rx.second or (lease.live and lease.two_guards) then
-        return TEXT.SECOND
+    if rx.second_guard or (lease.live and lease.two_guards) then
+        return TEXT.TWO_GUARDS
     end
     if rx.restarted then
         return TEXT.RESTARTED
@@ -499,12 +533,13 @@ local function arming_objection(now)
 end
 
 local auth_id = arming:get_aux_auth_id()
-if not auth_id then                 -- the firmware then refuses to arm by itself: too many authorisers
-    say(MAV_SEVERITY.ERROR, "auth", 0, "no arming authorisation to be had")
+if not auth_id then                 -- too many scripts want one: the firmware itself refuses arming then
+    say(MAV_SEVERITY.ERROR, "auth", 0, "no arming authorisation available")
 end
 
--- Authorisation is lent, not given: the firmware keeps the last answer of a script that has died. It is taken back as
--- soon as the motors run (nobody asks for it then): a script killed in flight leaves a vehicle that does not arm.
+-- Tells the firmware whether the vehicle may arm. The firmware keeps the last answer of a script that has died. So the
+-- guard withdraws its authorisation while the motors run, when the firmware does not ask for it. If the script dies in
+-- flight, the vehicle does not arm again.
 local function permit_arming(now)
     if not auth_id then
         return
@@ -517,94 +552,98 @@ local function permit_arming(now)
     end
 end
 
--- ------------------------------------------------------------------------------------------------ what is seen
+-- ---------------------------------------------------------------------------------------------- what the vehicle does
 
 --[[
 Theory of operation
 
-Every call looks at the vehicle once (observe), takes it for one of SEEN (look), and takes one step of TRANSITIONS: state
-and what is seen give the next state and what is done (DEED). Nothing else changes the state. A pair that is not there is
-a fault of this script; the guard then asks for the way home.
+Each call observes the vehicle once (observe) and classifies it as one of SEEN (classify). Then it takes one step of
+TRANSITIONS: the state of enforcement and the class give the next state and the response (RESPONSE). Nothing else
+changes the state of enforcement. A missing entry of the table is a fault of this script; the guard then orders the way
+home.
+
+"The loss" is the time in which authority is missing. "The way home" is the mode that HNDO_ACTION names (ladder, hover).
 
   state       authority  the guard
   CALM        is there   does nothing
-  MISSING     missing    has not seen the aircraft fly in this loss: it stays disarmed or is disarmed
-  ORDERING    missing    asks for the way home, again with pauses while it is refused (ladder, hover)
-  RETURNING   missing    watches a return, whoever chose it
-  LANDING     missing    watches a landing: a mode that lands, or AUTO while it comes down
-  PILOT       missing    stands back for a pilot whose radio lives
-  FAILSAFE    missing    stands back for a failsafe that holds the aircraft, 10 s, longer with a failed EKF; for traffic
-                         avoidance, and 10 s after it; for the take-off of an aircraft with wings, 10 s at most
+  MISSING     missing    has not seen the vehicle fly in this loss: it stays disarmed or is disarmed
+  ORDERING    missing    orders the way home; after a refusal it pauses and orders again
+  RETURNING   missing    watches a return, from any source
+  LANDING     missing    watches a landing: a mode that lands, or AUTO while it descends at a landing item
+  PILOT       missing    stands back for a pilot with a valid radio
+  FAILSAFE    missing    stands back for a failsafe that holds the vehicle: 10 s, longer with a failed EKF; for traffic
+                         avoidance and 10 s after it; for the take-off of an aircraft with wings, at most 10 s
 
-  seen, the first that fits
-  AUTHORITY   authority is there, or the guard is switched off
-  DISARMED    the motors are off
-  GROUND      armed, not flying
-  RETURN      a mode that returns, or AUTO in a landing sequence that the autopilot has chosen
-  LANDS       a landing, or one that was left alone before
-  LAND_ORDER  a landing since the loss by a command, without a companion that says LOST, or by a switch that is not
-              believed
-  KEPT        the mode that the guard stands back for, as long as PATIENCE has it
-  OVER        the same mode, longer than that
-  HELD        a failsafe's mode that neither returns nor lands; a take-off that the loss finds under way
-  UNREAD      a mode with the pilot's reason; the queue may still hold the DO_AUX_FUNCTION that chose it
-  HANDS       a pilot's mode to steer by hand
-  SWITCH      any other mode that a pilot has chosen since the loss
-  OTHER       everything else: a station, a script, DO_AUX_FUNCTION, a switch without a radio failsafe
+  SEEN, the first that fits
+  AUTHORITY     authority is there, or the guard is switched off
+  DISARMED      the motors are off
+  GROUND        armed, not flying
+  RETURN        a mode that returns, or AUTO in a landing sequence that the autopilot has chosen
+  LANDING       a landing that is allowed, or that the guard has set or accepted before
+  LAND_ORDER    a landing by a command while the companion does not say LOST, or by a switch that is not believed; CALM
+                and MISSING accept it, because it was ordered before the loss
+  TOLERATED     the mode that the guard stands back for, within PATIENCE
+  OVERDUE       the same mode, after PATIENCE is over
+  HOLDING       a failsafe's mode that neither returns nor lands, or a take-off under way when the loss began
+  UNDECIDED     a mode with a pilot's reason; the queue may still hold the DO_AUX_FUNCTION that chose it
+  MANUAL        a pilot steers by hand
+  PILOT_CHOICE  any other mode that a pilot has chosen since the loss
+  OTHER         everything else: a station, a script, DO_AUX_FUNCTION, a switch without a radio failsafe
 --]]
--- authority is missing, for longer than it may
+-- True if authority is missing, and the time for which it may be missing is over.
 local function authority_missing(now)
     if state == STATE.WAITING or state == STATE.EXPIRED then
         return running.grace_over
     end
-    if state == STATE.LOST then     -- a loss that began with silence does not end with a lease that says LOST
+    if state == STATE.LOST then     -- after an expired lease, a lease that says LOST does not end the loss
         return enforcement ~= ENFORCEMENT.CALM or elapsed(now, since.lost) >= config.lost_ms
     end
     return false
 end
 
--- A firmware that cannot tell who has chosen the mode: it may be the pilot.
+-- True if the reason of a mode allows that the pilot chose it. A firmware that tells no reason allows it, too.
 local function may_be_pilots(reason)
     return reason == nil or firmware.pilots[reason]
 end
 
--- Whether the pilot chose the mode that has just been seen: not if a DO_AUX_FUNCTION came up to a second before, or may
--- have been lost because the queue was full. One that is left to the guard does nothing when it is lost: a flood then
--- keeps no pilot from the aircraft.
-local function judge_pilot()
-    local left_to_us = rx.ours_at and elapsed(craft.before, rx.ours_at) >= MS.AUX
-    if rx.blind then
+-- Decides whether the pilot chose the present mode. Not if a DO_AUX_FUNCTION came up to a second before the mode was
+-- seen, or may have been lost because the queue was full. A command that the firmware leaves to this script changes no
+-- mode if it is lost. From then on a flood cannot keep a pilot from the aircraft.
+local function attribute_mode()
+    local aux_ours = rx.aux_ours_at and elapsed(craft.former_at, rx.aux_ours_at) >= MS.AUX
+    if rx.no_commands then
         craft.why_not = "switch undone, rx taken"
-    elseif rx.aux_at and elapsed(craft.before, rx.aux_at) < MS.AUX then
+    elseif rx.aux_at and elapsed(craft.former_at, rx.aux_at) < MS.AUX then
         craft.why_not = "DO_AUX of " .. rx.aux_by .. " undone"
-    elseif not left_to_us and (not rx.ended or (rx.full_at and elapsed(craft.before, rx.full_at) < MS.AUX)) then
+    elseif not aux_ours and (not rx.drained or (rx.full_at and elapsed(craft.former_at, rx.full_at) < MS.AUX)) then
         craft.why_not = "switch undone, rx flooded"
     else
-        craft.by_pilot, craft.hand = true, craft.mode
+        craft.by_pilot, craft.pilot_mode = true, craft.mode
     end
-    craft.unread = 0
+    craft.reads_left = 0
 end
 
-local function hovers()
+local function is_hovering()
     return firmware.hover ~= nil and quadplane ~= nil and quadplane:in_vtol_mode()
 end
 
--- On wings, from the roll to the height of the take-off: a turn towards home may not end well there.
-local function climbs()
-    return firmware.guesses and vehicle.is_taking_off ~= nil and vehicle:is_taking_off() and not hovers()
+-- True in a take-off on wings, from the roll to its height: a turn towards home near the ground is dangerous.
+local function is_climbing_out()
+    return firmware.guesses and vehicle.is_taking_off ~= nil and vehicle:is_taking_off() and not is_hovering()
 end
 
--- A landing sequence is one of the autopilot's as long as nobody leads it back to an earlier item.
+-- A landing sequence counts as the autopilot's until a command sets the mission back to an earlier item.
 local function follow_sequence(now)
     local item = mission ~= nil and mission:get_current_nav_index() or 0
     if craft.item and item < craft.item then
         craft.strayed = true
     end
-    if elapsed(now, craft.before) >= MS.SEQUENCE then
+    if elapsed(now, craft.former_at) >= MS.SEQUENCE then
         craft.item = item
     end
 end
 
+-- Reads the vehicle into `craft`.
 local function observe(now)
     craft.armed = arming:is_armed()
     craft.flying = craft.armed and vehicle:get_likely_flying()
@@ -613,35 +652,36 @@ local function observe(now)
     elseif craft.flying then
         craft.flown, craft.flown_at = true, now
     end
-    craft.watched = autopilot.radio_failsafe ~= nil and (autopilot.radio_failsafe:get() or 0) > 0
-    craft.radio = craft.watched and rc ~= nil and rc:has_valid_input()
-    if craft.radio then
+    craft.radio_watched = autopilot.radio_failsafe ~= nil and (autopilot.radio_failsafe:get() or 0) > 0
+    craft.radio_valid = craft.radio_watched and rc ~= nil and rc:has_valid_input()
+    if craft.radio_valid then
         craft.radio_at = now
     end
     local mode, reason = vehicle:get_mode(), nil
     if vehicle.get_control_mode_reason then
         reason = vehicle:get_control_mode_reason()
     end
-    local judging = craft.unread > 0
+    local judging = craft.reads_left > 0
     if judging then
-        craft.unread = craft.unread - 1
+        craft.reads_left = craft.reads_left - 1
     end
     if mode ~= craft.mode or reason ~= craft.reason then
-        craft.mode, craft.reason, craft.changes, craft.before = mode, reason, craft.changes + 1, craft.at
-        -- a failsafe that is over gives back what it took
-        craft.by_pilot, rx.ended = firmware.resumed[reason] and firmware.manual[mode] and mode == craft.hand, false
+        craft.mode, craft.reason, craft.changes, craft.former_at = mode, reason, craft.changes + 1, craft.at
+        -- after a failsafe the autopilot restores the mode that the pilot had
+        craft.by_pilot = firmware.resumed[reason] and firmware.manual[mode] and mode == craft.pilot_mode
+        rx.drained = false
         if not (firmware.resumed[reason] or firmware.failsafes[reason]) then
-            craft.hand = nil
+            craft.pilot_mode = nil
         end
         craft.item, craft.strayed = nil, false
         if not may_be_pilots(reason) then
-            craft.unread, judging = 0, false
-        elseif not judging then     -- who changes it again and again gains no time
-            craft.unread = WORK.READ_ON_CALLS
+            craft.reads_left, judging = 0, false
+        elseif not judging then     -- repeated changes do not extend the time
+            craft.reads_left = WORK.READ_ON_CALLS
         end
     end
-    if judging and (rx.ended or craft.unread == 0) then
-        judge_pilot()
+    if judging and (rx.drained or craft.reads_left == 0) then
+        attribute_mode()
     end
     if mode == firmware.auto and firmware.sequences[reason] then
         follow_sequence(now)
@@ -654,13 +694,13 @@ local function observe(now)
     craft.at = now
 end
 
--- whether what the guard stands back for goes on
+-- for each state in which the guard stands back: true while it may go on
 local PATIENCE = {
     [ENFORCEMENT.PILOT] = function(now)
         return elapsed(now, craft.radio_at) < MS.RADIO
     end,
     [ENFORCEMENT.FAILSAFE] = function(now)
-        if loss.climbing and not climbs() then
+        if loss.climbing and not is_climbing_out() then
             return false
         end
         return elapsed(now, loss.since) < MS.FAILSAFE or craft.avoided_at ~= nil or
@@ -669,7 +709,8 @@ local PATIENCE = {
     end,
 }
 
-local function look(now)
+-- The class of what observe() has seen: one of SEEN, see the theory of operation.
+local function classify(now)
     if not authority_missing(now) then
         return SEEN.AUTHORITY
     end
@@ -679,41 +720,42 @@ local function look(now)
     if not craft.flying then
         return SEEN.GROUND
     end
-    local mode, reason, pilot = craft.mode, craft.reason, craft.by_pilot and craft.radio
+    local mode, reason, pilot = craft.mode, craft.reason, craft.by_pilot and craft.radio_valid
     if firmware.returns[mode] or (mode == firmware.auto and firmware.sequences[reason] and not craft.strayed) then
         return SEEN.RETURN
     end
     if firmware.landings[mode] or (mode == firmware.auto and vehicle.is_landing and vehicle:is_landing()) then
         if mode == loss.mode then
-            return SEEN.LANDS
+            return SEEN.LANDING
         end
         if may_be_pilots(reason) then
-            return craft.unread > 0 and SEEN.UNREAD or pilot and SEEN.LANDS or SEEN.LAND_ORDER
+            return craft.reads_left > 0 and SEEN.UNDECIDED or pilot and SEEN.LANDING or SEEN.LAND_ORDER
         end
-        return firmware.commands[reason] and state ~= STATE.LOST and SEEN.LAND_ORDER or SEEN.LANDS
+        return firmware.commands[reason] and state ~= STATE.LOST and SEEN.LAND_ORDER or SEEN.LANDING
     end
-    if mode == loss.mode then       -- the mode decides: its reason is overwritten when it is ordered again
+    if mode == loss.mode then       -- not its reason: the firmware overwrites it when the same mode is ordered again
         local patience = PATIENCE[enforcement]
-        return patience and patience(now) and SEEN.KEPT or SEEN.OVER
+        return patience and patience(now) and SEEN.TOLERATED or SEEN.OVERDUE
     end
     if firmware.failsafes[reason] or (reason == REASON.AVOIDANCE_RECOVERY and craft.avoided_at) then
-        return SEEN.HELD
+        return SEEN.HOLDING
     end
-    if enforcement <= ENFORCEMENT.MISSING and climbs() then
-        return SEEN.HELD
+    if enforcement <= ENFORCEMENT.MISSING and is_climbing_out() then
+        return SEEN.HOLDING
     end
-    if may_be_pilots(reason) and craft.unread > 0 then
-        return SEEN.UNREAD
+    if may_be_pilots(reason) and craft.reads_left > 0 then
+        return SEEN.UNDECIDED
     end
     if pilot and firmware.manual[mode] then
-        return SEEN.HANDS
+        return SEEN.MANUAL
     end
-    return pilot and craft.changes ~= loss.changes and SEEN.SWITCH or SEEN.OTHER
+    return pilot and craft.changes ~= loss.changes and SEEN.PILOT_CHOICE or SEEN.OTHER
 end
 
--- ------------------------------------------------------------------------------------------------ what is done
+-- ------------------------------------------------------------------------------------------------ responses
 
-local DEED = {}
+-- what the guard does in a step; each returns true if it has set a mode
+local RESPONSE = {}
 
 local function loss_name()
     if state == STATE.LOST then
@@ -726,7 +768,8 @@ local function mode_name(mode)
     return firmware.returns[mode] or firmware.landings[mode] or "AUTO, landing"
 end
 
-local function settle(now, text)
+-- Leaves the vehicle in the mode that it has, and says so once.
+local function accept_mode(now, text)
     if loss.mode ~= craft.mode then
         say(MAV_SEVERITY.NOTICE, "settle", 2000, loss_name() .. ", " .. text)
         loss.mode, loss.since = craft.mode, now
@@ -734,8 +777,8 @@ local function settle(now, text)
     loss.attempts = 0
 end
 
--- who has chosen the mode that is undone
-local function culprit()
+-- The source of the mode that is undone, for the message.
+local function undone_text()
     if firmware.commands[craft.reason] then
         return firmware.commands[craft.reason] .. " undone"
     end
@@ -745,46 +788,48 @@ local function culprit()
     if not craft.by_pilot then
         return craft.why_not
     end
-    return craft.watched and "switch undone, no radio" or "switch undone, " .. firmware.radio_failsafe .. " 0"
+    return craft.radio_watched and "switch undone, no radio" or "switch undone, " .. firmware.radio_failsafe .. " 0"
 end
 
--- Tries the next rung of the ladder once its pause is over; returns it if the autopilot accepts the mode.
+-- Tries the next rung of the ladder when its pause is over. Returns the rung if the autopilot accepts the mode, else
+-- nil.
 local function send_home(now)
     if not craft.flying or (loss.attempts > 0 and elapsed(now, loss.tried_at) < loss.wait_ms) then
         return nil
     end
-    local ladders = hovers() and firmware.hover or firmware.ladder
+    local ladders = is_hovering() and firmware.hover or firmware.ladder
     local ladder = ladders[config.action]
-    local try = ladder[math.min(loss.attempts + 1, #ladder)]
+    local rung = ladder[math.min(loss.attempts + 1, #ladder)]
     loss.attempts = math.min(loss.attempts + 1, #ladder)
-    loss.tried_at, loss.wait_ms = now, try.wait_ms
-    if not vehicle:set_mode(try.mode) then
-        say(MAV_SEVERITY.CRITICAL, "refused", 1000, loss_name() .. ", " .. try.name .. " refused")
+    loss.tried_at, loss.wait_ms = now, rung.wait_ms
+    if not vehicle:set_mode(rung.mode) then
+        say(MAV_SEVERITY.CRITICAL, "refused", 1000, loss_name() .. ", " .. rung.name .. " refused")
         return nil
     end
-    loss.mode, loss.action, loss.attempts = try.mode, try.action, 0
-    return try
+    loss.mode, loss.action, loss.attempts = rung.mode, rung.action, 0
+    return rung
 end
 
-function DEED.tell()
+function RESPONSE.announce()
     say(MAV_SEVERITY.NOTICE, "loss", 2000, loss_name())
 end
 
-function DEED.forget()
+function RESPONSE.reset()
     loss.mode, loss.attempts, loss.wait_ms, loss.climbing = nil, 0, 0, false
 end
 
-function DEED.finish()
+function RESPONSE.end_loss()
     loss.action = ACTION.NONE
     if state == STATE.LIVE and craft.flying then
         local mode = firmware.landings[loss.mode] or firmware.returns[loss.mode]
         say(MAV_SEVERITY.NOTICE, "back", 1000, "authority back" .. (mode and ", staying in " .. mode or ""))
     end
-    DEED.forget()
+    RESPONSE.reset()
 end
 
--- A script's disarm stops the motors in the air as well: be sure of the ground. An estimate is none.
-function DEED.disarm(now)
+-- Stops the motors on the ground. A script's disarm stops them in the air as well, so the guard must be sure that the
+-- vehicle is on the ground. An estimate (`guesses`) is not enough once the vehicle has flown.
+function RESPONSE.disarm(now)
     if craft.flown and (firmware.guesses or elapsed(now, craft.flown_at) < MS.LANDED) then
         return
     end
@@ -798,20 +843,20 @@ function DEED.disarm(now)
     end
 end
 
-function DEED.watch(now)
-    settle(now, "in " .. mode_name(craft.mode))
+function RESPONSE.watch(now)
+    accept_mode(now, "in " .. mode_name(craft.mode))
 end
 
-function DEED.stand_back(now)
+function RESPONSE.stand_back(now)
     if enforcement == ENFORCEMENT.PILOT then
-        settle(now, "pilot flies")
+        accept_mode(now, "pilot flies")
     else
-        loss.climbing = not firmware.failsafes[craft.reason] and climbs()
-        settle(now, craft.avoided_at and "traffic avoidance" or loss.climbing and "taking off" or "failsafe acts")
+        loss.climbing = not firmware.failsafes[craft.reason] and is_climbing_out()
+        accept_mode(now, craft.avoided_at and "traffic avoidance" or loss.climbing and "taking off" or "failsafe acts")
     end
 end
 
-function DEED.order(now, why)
+function RESPONSE.order(now, why)
     local done = send_home(now)
     if done then
         why = loss.climbing and "taken off" or why
@@ -822,31 +867,34 @@ function DEED.order(now, why)
     return done ~= nil
 end
 
-function DEED.undo(now)
+function RESPONSE.undo(now)
     local done = send_home(now)
     if done then
-        say(MAV_SEVERITY.WARNING, "undone", 2000, loss_name() .. ", " .. culprit())
+        say(MAV_SEVERITY.WARNING, "undone", 2000, loss_name() .. ", " .. undone_text())
     end
     return done ~= nil
 end
 
 -- ------------------------------------------------------------------------------------------------ enforcement
 
--- State and what is seen: next state (none: it stays), what is done, and why. The columns are those of SEEN.
+-- For each state of enforcement (row) and each of SEEN (column): the next state (`to`; none: it stays), the response,
+-- and the reason for its message. Short names keep a row on one line: `calm` and `over` end the loss. `told` announces
+-- it. `gone` and `off` disarm. `call` orders the way home; `undo` does so, and names the source of the mode that it
+-- undoes.
 local TRANSITIONS = {}
 do
-    local E, D = ENFORCEMENT, DEED
-    local calm, told, gone = {to=E.CALM}, {to=E.MISSING, deed=D.tell}, {to=E.MISSING, deed=D.disarm}
-    local over, down, off, stay, miss = {to=E.CALM, deed=D.finish}, {to=E.MISSING, deed=D.forget}, {deed=D.disarm}, {},
-        {to=E.MISSING}
-    local home, land = {to=E.RETURNING, deed=D.watch}, {to=E.LANDING, deed=D.watch}
-    local hand, fail = {to=E.PILOT, deed=D.stand_back}, {to=E.FAILSAFE, deed=D.stand_back}
-    local call, undo = {to=E.ORDERING, deed=D.order}, {to=E.ORDERING, deed=D.undo}
-    local left = {to=E.ORDERING, deed=D.order, why="landing left"}
-    local dead = {to=E.ORDERING, deed=D.order, why="radio gone"}
-    local held = {to=E.ORDERING, deed=D.order, why="held 10 s"}
-    --                        AUTHORITY  GROUND   LANDS          KEPT          HELD          HANDS         OTHER
-    --                              DISARMED RETURN  LAND_ORDER       OVER           UNREAD        SWITCH
+    local E, R = ENFORCEMENT, RESPONSE
+    local calm, told, gone = {to=E.CALM}, {to=E.MISSING, response=R.announce}, {to=E.MISSING, response=R.disarm}
+    local over, down = {to=E.CALM, response=R.end_loss}, {to=E.MISSING, response=R.reset}
+    local off, stay, miss = {response=R.disarm}, {}, {to=E.MISSING}
+    local home, land = {to=E.RETURNING, response=R.watch}, {to=E.LANDING, response=R.watch}
+    local hand, fail = {to=E.PILOT, response=R.stand_back}, {to=E.FAILSAFE, response=R.stand_back}
+    local call, undo = {to=E.ORDERING, response=R.order}, {to=E.ORDERING, response=R.undo}
+    local left = {to=E.ORDERING, response=R.order, why="landing left"}
+    local dead = {to=E.ORDERING, response=R.order, why="radio gone"}
+    local held = {to=E.ORDERING, response=R.order, why="held 10 s"}
+    --                        AUTHORITY  GROUND   LANDING       TOLERATED     HOLDING       MANUAL        OTHER
+    --                              DISARMED RETURN  LAND_ORDER       OVERDUE       UNDECIDED     PILOT_CHOICE
     TRANSITIONS[E.CALM] =      {calm, told, gone, home, land, land, call, call, fail, miss, hand, call, call}
     TRANSITIONS[E.MISSING] =   {over, down, off,  home, land, land, call, call, fail, stay, hand, call, call}
     TRANSITIONS[E.ORDERING] =  {over, down, off,  home, land, call, call, call, fail, stay, hand, hand, call}
@@ -858,52 +906,52 @@ end
 
 -- One step of the table. Returns whether a mode was set.
 local function step(now)
-    local seen = look(now)
+    local seen = classify(now)
     local row = TRANSITIONS[enforcement]
     local move = row and row[seen]
-    if not move then                -- the way home is asked for, unless the aircraft is on the ground
+    if not move then                -- order the way home; send_home() does nothing on the ground
         say(MAV_SEVERITY.ERROR, "entry", 10000, string.format("fault, no entry %d/%d", enforcement, seen))
-        move = {to=ENFORCEMENT.ORDERING, deed=DEED.order}
+        move = {to=ENFORCEMENT.ORDERING, response=RESPONSE.order}
     end
     if enforcement <= ENFORCEMENT.MISSING then
         loss.changes = craft.changes
     end
     enforcement = move.to or enforcement
-    return move.deed and move.deed(now, move.why)
+    return move.response and move.response(now, move.why)
 end
 
 local function enforce(now)
-    judge(now)
+    update_state(now)
     observe(now)
-    if not autopilot.known then     -- its modes are not those above: none is set
+    if not autopilot.known then     -- the numbers of its modes are unknown: set none
         return
     end
-    if step(now) then               -- whoever changes the mode next changes that one
+    if step(now) then               -- observe the mode that was just set: a later change is a change of this one
         observe(now)
         step(now)
     end
-    if craft.flying and enforcement ~= ENFORCEMENT.CALM and not rx.ours_at and mavlink.block_command then
-        rx.ours_at = mavlink:block_command(MAV.CMD_AUX_FUNCTION) and now or nil
+    if craft.flying and enforcement ~= ENFORCEMENT.CALM and not rx.aux_ours_at and mavlink.block_command then
+        rx.aux_ours_at = mavlink:block_command(MAV.CMD_AUX_FUNCTION) and now or nil
     end
 end
 
--- When enforcement itself fails, for a binding that this firmware does not have: one plain RTL for each loss, asked for
--- each second until it is accepted.
+-- Replaces enforce() if that raises an error, for example because this firmware lacks a binding: one plain RTL in each
+-- loss, ordered every second until it is accepted.
 local function last_resort(now)
-    judge(now)
+    update_state(now)
     if not authority_missing(now) then
-        loss.resorted, since.resort = false, nil
-    elseif not loss.resorted and autopilot.known and arming:is_armed() and
-        (not since.resort or elapsed(now, since.resort) >= MS.SECOND) then
-        since.resort = now
+        loss.last_resort, since.last_resort = false, nil
+    elseif not loss.last_resort and autopilot.known and arming:is_armed() and
+        (not since.last_resort or elapsed(now, since.last_resort) >= MS.SECOND) then
+        since.last_resort = now
         local told, mode = pcall(vehicle.get_mode, vehicle)
-        loss.resorted = told and firmware.returns[mode] ~= nil or vehicle:set_mode(firmware.rtl)
+        loss.last_resort = told and firmware.returns[mode] ~= nil or vehicle:set_mode(firmware.rtl)
     end
 end
 
 -- ------------------------------------------------------------------------------------------------ the lease
 
--- X.25 checksum as MAVLink uses it. Corrupted messages reach scripts too, so it is computed for every lease.
+-- X.25 checksum as MAVLink uses it. The firmware passes corrupted messages to scripts, so every lease is checked.
 local function x25(text, extra)
     local crc = 0xFFFF
     local byte = string.byte
@@ -927,6 +975,7 @@ local function crc_fits(msg, magic, len, msgid, crc)
     return x25(covered, MAV.CRC_EXTRA[msgid]) == crc
 end
 
+-- Counts a lease that is refused, and says why.
 local function refuse(reason)
     refused.count = (refused.count + 1) & 0xFFFF
     refused.text = "lease refused, " .. reason
@@ -937,46 +986,49 @@ local function refuse(reason)
     end
 end
 
--- Another version of the layout: guard and companion come from different releases.
+-- Refuses a lease of another version: guard and companion come from different releases.
 local function refuse_version(version)
     refused.count = (refused.count + 1) & 0xFFFF
     refused.text = version < LEASE.VERSION and "companion is older, update it" or "guard is older, update it"
     say(MAV_SEVERITY.WARNING, "version", 10000, refused.text)
 end
 
--- The nonce of this guard. A lease counts only if it carries it, so a lease that was recorded before a start of this
--- script is refused. It is told in the status. When a companion takes the place of another one, the nonce becomes the next
--- number: what was recorded of the one before carries the former nonce. So no lease is ever accepted twice.
-function own.change(now)
-    own.nonce = (own.nonce + 1) & 0xFFFFFFFF
-    if own.nonce == 0 then
-        own.nonce = 1
+-- Replaces the nonce of this guard by the next number. A lease counts only if it carries this nonce, so a lease that
+-- was recorded before this script started is refused. The companion learns the nonce from the status. The nonce changes
+-- when another companion takes over: recordings of the former companion carry the former nonce. So no lease is accepted
+-- twice.
+function this_guard.next_nonce(now)
+    this_guard.nonce = (this_guard.nonce + 1) & 0xFFFFFFFF
+    if this_guard.nonce == 0 then
+        this_guard.nonce = 1
     end
-    own.changed_at = now
+    this_guard.changed_at = now
 end
 
--- A lease for another guard, or of before a restart. 0 is a companion that asks for the nonce. Until it has heard of a new
--- one, a companion sends the former: that is not told.
-function own.refuse(now, chan, nonce)
-    own.asked_at, own.chan = now, chan
-    if nonce == 0 or not own.told then
+-- Refuses a lease with another nonce than this guard's: it is for another guard, or older than a restart. 0 is a
+-- companion that asks for the nonce. A companion uses the former nonce until it has heard of the new one: no message
+-- then.
+function this_guard.refuse_nonce(now, chan, nonce)
+    this_guard.asked_at, this_guard.chan = now, chan
+    if nonce == 0 or not this_guard.told then
         return
     end
     refused.count = (refused.count + 1) & 0xFFFF
-    if elapsed(now, own.changed_at or since.start) >= MS.SETTLE then
+    if elapsed(now, this_guard.changed_at or since.start) >= MS.SETTLE then
         refused.text = "lease for another guard or start"
         say(MAV_SEVERITY.WARNING, "guard nonce", lease.live and 60000 or 10000, refused.text)
     end
 end
 
--- Which companion may speak. It draws a nonce when it starts and keeps it; the sequence rises within a nonce, so a
--- recorded lease cannot be played again. A new nonce is a companion that has restarted, or somebody who pretends so:
---   * its epoch is newer than the last one: accepted at once. A companion takes epoch + 1 from its journal when it
---     restarts, so a lawful restart is never delayed, and a recording of an earlier run has an older epoch.
---   * its epoch is the same: accepted once the old nonce has fallen silent and its lease is dead. That is a companion
---     that died before its journal was written; as long as the old one speaks there are two, and the first one counts.
---   * its epoch is older: stale, refused while armed. On the ground, with the old lease dead, it is accepted: the
---     journal was wiped or the computer exchanged, and nothing flies on it.
+-- Decides whether a companion with another nonce may take over. A companion draws a nonce when it starts and keeps it.
+-- Its sequence rises within a nonce, so a recorded lease cannot be replayed. A new nonce is a companion that has
+-- restarted, or an attacker that pretends so. What counts is its epoch, compared with that of the last lease:
+--   * newer: accepted at once. A companion that restarts continues with the epoch of its journal + 1, so it is never
+--     delayed. A recording of an earlier run has an older epoch.
+--   * equal: accepted after the last lease has expired. Such a companion died before its journal was written. While
+--     leases with the former nonce come there are two companions, and the first one counts.
+--   * older: refused while armed. On the ground it is accepted after the last lease has expired: the journal was wiped
+--     or the computer exchanged, and no flight depends on it.
 -- A nonce that was replaced never comes back (the last eight are remembered).
 function lease.newcomer_objection(nonce, epoch)
     for i = 1, #lease.retired do
@@ -1029,27 +1081,27 @@ function lease.accept(now, chan, stamp, lease_state, commander, flags, nonce, se
         if #lease.retired > 8 then
             table.remove(lease.retired, 1)
         end
-        own.change(now)
+        this_guard.next_nonce(now)
     end
     lease.seen, lease.live, lease.two_guards = true, true, flags & LEASE.TWO_GUARDS ~= 0
     lease.state, lease.commander = lease_state, commander
     lease.nonce, lease.sequence, lease.epoch = nonce, sequence, epoch
     lease.ttl_ms = ttl_ms
-    lease.at = stamp and stamp:toint() or now   -- when it came in: waiting in the queue does not keep it young
+    lease.at = stamp and stamp:toint() or now   -- when it was received: its age includes the time in the queue
     lease.chan = chan
     if lease_state == LEASE.ALONE then
-        lease.commander = autopilot.sysid       -- for the GCS id: the companion's heartbeats are watched meanwhile
+        lease.commander = autopilot.sysid       -- for the GCS id: the GCS failsafe then watches the companion
         if not lease.alone_at then
             lease.alone_at, lease.alone_ms = lease.at, left_s * 1000
         end
     elseif lease_state <= LEASE.TRANSFER and commander ~= 0 then
         lease.alone_at = nil
     end
-    refused.text, own.asked_at = nil, nil
+    refused.text, this_guard.asked_at = nil, nil
 end
 
--- HalfSipHash-2-4 with 64 bits of result (Aumasson and Bernstein): adds, turns and xors of 32-bit words, made for small
--- processors. A lease costs it about 950 VM instructions. Unlike a CRC it cannot be computed without the key.
+-- HalfSipHash-2-4 with a result of 64 bits (Aumasson and Bernstein): additions, rotations and xors of 32-bit words,
+-- made for small processors. The tag of a lease costs about 950 VM instructions. Without the key it cannot be computed.
 local function half_siphash(k0, k1, text)
     local mask = 0xFFFFFFFF
     local v0, v1, v2, v3 = k0, k1 ~ 0xEE, 0x6C796765 ~ k0, 0x74656462 ~ k1
@@ -1087,8 +1139,9 @@ local function half_siphash(k0, k1, text)
     return low, v1 ~ v3
 end
 
--- The key of the tag: the first 8 of the 32 bytes in a file beside this one, written as 64 hexadecimal digits. No file:
--- no tag is asked for. A file that cannot be used: no lease is good, because somebody wanted them checked.
+-- The key of the tag: the first 8 of the 32 bytes in the file handover.key beside this script, written as 64
+-- hexadecimal digits. Without the file, leases need no tag. With a file that cannot be used every lease is refused,
+-- because its owner wants leases checked.
 local key = {required=false, k0=nil, k1=nil}
 
 function key.read()
@@ -1112,10 +1165,10 @@ function key.read()
     end
 end
 
--- The nonce of this start: a hash of what differs from one start to the next. It is drawn when the script starts and once
--- more, with the noise of then, before it is told for the first time. A source may be missing or always the same.
-function own.stir()
-    local noise = {string.pack("<I4", own.nonce)}
+-- Draws the nonce of this start: a hash of values that differ from one start to the next. It is drawn when the script
+-- starts, and again with fresh sensor noise before the first status. Any of the sources may be missing or constant.
+function this_guard.draw_nonce()
+    local noise = {string.pack("<I4", this_guard.nonce)}
     local function add(format, get)
         pcall(function()
             noise[#noise + 1] = string.pack(format, get())
@@ -1131,13 +1184,14 @@ function own.stir()
     add("<f", function() return baro:get_pressure() end)
     add("<f", function() return battery:voltage(0) end)
     add("<i4", function() return gps:time_week_ms(0):toint() end)
-    own.nonce = half_siphash(key.k0 or 0, key.k1 or 0, table.concat(noise))
-    if own.nonce == 0 then
-        own.nonce = 1
+    this_guard.nonce = half_siphash(key.k0 or 0, key.k1 or 0, table.concat(noise))
+    if this_guard.nonce == 0 then
+        this_guard.nonce = 1
     end
 end
 
--- The tag covers payload type, target and the lease: what is right for one vehicle is wrong for any other.
+-- The reason against the tag of a lease, nil if there is none. The tag covers payload type, target and lease, so the
+-- tag of one vehicle's lease does not fit another vehicle.
 function key.objection(body, flags)
     if not key.required then
         return nil
@@ -1155,7 +1209,7 @@ function key.objection(body, flags)
     return nil
 end
 
--- returns how many sums were computed
+-- Checks a lease and accepts or refuses it. Returns how many sums (CRC, tag) were computed.
 local function read_lease(now, msg, chan, stamp, crc, magic, len, sysid, compid)
     local objection = lease.channel_objection(chan)
     if not objection then
@@ -1175,7 +1229,7 @@ local function read_lease(now, msg, chan, stamp, crc, magic, len, sysid, compid)
         refuse("CRC")
         return 1
     end
-    -- trailing zeros are not sent, and what stands behind the end of the message is not to be trusted
+    -- MAVLink 2 does not send trailing zeros, and the bytes after the end of the message are undefined
     local full = MAV.TUNNEL_HEAD_BYTES + LEASE.BYTES + LEASE.TAG_BYTES
     local body = string.sub(msg, 13, 12 + len) .. string.rep("\0", full - len)
     local _, target, component, length, version, lease_state, commander, flags, nonce, sequence, epoch, ttl_ms, left_s,
@@ -1196,8 +1250,8 @@ local function read_lease(now, msg, chan, stamp, crc, magic, len, sysid, compid)
     else
         objection = key.objection(body, flags)
     end
-    if not objection and guard_nonce ~= own.nonce then
-        own.refuse(now, chan, guard_nonce)
+    if not objection and guard_nonce ~= this_guard.nonce then
+        this_guard.refuse_nonce(now, chan, guard_nonce)
         return key.required and 2 or 1
     end
     objection = objection or lease.freshness_objection(nonce, sequence, epoch)
@@ -1209,9 +1263,9 @@ local function read_lease(now, msg, chan, stamp, crc, magic, len, sysid, compid)
     return key.required and 2 or 1
 end
 
--- What DO_AUX_FUNCTION orders, once the firmware leaves it to the guard (from the first loss in flight on): nothing while
--- authority is missing, and what the firmware would do otherwise. One moment in STABILIZE with the throttle stick down
--- stops ArduCopter's motors for good, so undoing is not enough.
+-- Executes DO_AUX_FUNCTION after the firmware leaves it to this script (from the first loss in flight on). It is denied
+-- while authority is missing; otherwise it does what the firmware would do. To undo a mode is not enough: one moment in
+-- STABILIZE with the throttle stick down stops ArduCopter's motors, and they stay stopped.
 local function run_aux_function(msg)
     if enforcement ~= ENFORCEMENT.CALM then
         say(MAV_SEVERITY.WARNING, "aux", 10000, "DO_AUX of " .. rx.aux_by .. " denied")
@@ -1224,27 +1278,28 @@ local function run_aux_function(msg)
     return ok and done and MAV.RESULT_ACCEPTED or MAV.RESULT_FAILED
 end
 
--- MAV_CMD_SCRIPTING would stop this script. A blocked command gets no answer from the firmware: it is answered here.
--- DO_AUX_FUNCTION is remembered: it changes the mode with the reason of a pilot's switch.
+-- Handles two commands; returns how many sums were computed. MAV_CMD_SCRIPTING would stop this script: the firmware has
+-- blocked it and does not answer it, so it is denied here. DO_AUX_FUNCTION is remembered, because it changes the mode
+-- with the reason of a pilot's switch.
 local function read_command(now, msg, chan, stamp, crc, magic, len, msgid, sysid, compid)
     local command = string.unpack("<I2", msg, 41)
     if command ~= MAV.CMD_SCRIPTING and command ~= MAV.CMD_AUX_FUNCTION then
         return 0
     end
     local is_aux = command == MAV.CMD_AUX_FUNCTION
-    local carried_out = is_aux and rx.ours_at and enforcement == ENFORCEMENT.CALM
+    local will_run = is_aux and rx.aux_ours_at and enforcement == ENFORCEMENT.CALM
     local count = (rx.commands[command] or 0) + 1
     rx.commands[command] = count
-    -- a flood of them must not cost the leases, and each would cost a CRC: what is more than a few is bad by its number
-    local flood = count > WORK.COMMANDS_A_SECOND and not carried_out
+    -- Each CRC costs time that leases need. So commands above the limit are ignored without a check.
+    local flood = count > WORK.COMMANDS_A_SECOND and not will_run
     if not flood and not crc_fits(msg, magic, len, msgid, crc) then
         return 1
     end
     if is_aux then
         rx.aux_by = string.format("%d/%d", sysid, compid)
         local came_at = stamp and stamp:toint() or now
-        if carried_out or not rx.ours_at or not serial_ahead(came_at, rx.ours_at) then
-            rx.aux_at = came_at     -- any other is denied: whoever sends it keeps no pilot from the aircraft
+        if will_run or not rx.aux_ours_at or not serial_ahead(came_at, rx.aux_ours_at) then
+            rx.aux_at = came_at     -- any other one is denied and changes no mode, so the pilot is still believed
         end
     end
     if flood then
@@ -1252,7 +1307,7 @@ local function read_command(now, msg, chan, stamp, crc, magic, len, msgid, sysid
     end
     local result = MAV.RESULT_DENIED
     if is_aux then
-        if not rx.ours_at then
+        if not rx.aux_ours_at then
             return 1
         end
         result = run_aux_function(msg)
@@ -1264,6 +1319,7 @@ local function read_command(now, msg, chan, stamp, crc, magic, len, msgid, sysid
     return 1
 end
 
+-- Reads one frame; returns how many sums were computed.
 local function read_frame(now, msg, chan, stamp)
     local crc, magic, len, _, _, _, sysid, compid, msgid = string.unpack("<I2BBBBBBBI3", msg)
     if msgid == MAV.TUNNEL then
@@ -1278,19 +1334,19 @@ local function read_frame(now, msg, chan, stamp)
     return 0
 end
 
--- returns true when frames may be left
+-- Reads frames until the queue is empty or the limits of WORK are reached. Returns true if frames may be left.
 function rx.read(now)
-    local most = rx.hurry and 1 or WORK.SUMS_PER_CALL
+    local most = rx.read_less and 1 or WORK.SUMS_PER_CALL
     for _ = 1, WORK.FRAMES_PER_CALL do
         local msg, chan, stamp = mavlink:receive_chan()
         if not msg then
-            rx.run, rx.ended = 0, true
+            rx.in_a_row, rx.drained = 0, true
             return false
         end
         rx.heard[chan] = true
-        rx.run = math.min(rx.run + 1, WORK.QUEUE_FRAMES)
-        if rx.run == WORK.QUEUE_FRAMES then
-            rx.full_at = now        -- it was full, and may have lost what came then
+        rx.in_a_row = math.min(rx.in_a_row + 1, WORK.QUEUE_FRAMES)
+        if rx.in_a_row == WORK.QUEUE_FRAMES then
+            rx.full_at = now        -- the queue was full, and frames may have been lost
         end
         rx.sums = rx.sums + read_frame(now, msg, chan, stamp)
         if rx.sums >= most then
@@ -1300,28 +1356,29 @@ function rx.read(now)
     return true
 end
 
--- ------------------------------------------------------------------------------------------------ standing orders
+-- ------------------------------------------------------------------------------------------------ every second
 
--- The receive table is common to all scripts, and init() with more ids than its first caller asked for writes past its
--- end (4.6): it is called with three only where nobody has called it yet, which receive_chan() tells by raising.
-function rx.take()
+-- Creates the receive table. It is common to all scripts, and on 4.6 a second init() with more ids writes past its end.
+-- So init() is called only if no script has called it yet: receive_chan() raises an error then.
+function rx.init()
     if not pcall(mavlink.receive_chan, mavlink) then
-        rx.own = true
+        rx.own_table = true
         mavlink:init(WORK.QUEUE_FRAMES, #rx.ids)
     else
         say(MAV_SEVERITY.NOTICE, "shared", 0, "MAVLink rx was in use before")
     end
 end
 
--- Registers again what another script may have wiped. No free entry: empty the table, and where it is not the guard's
--- own take one entry, for the lease alone. That works on 4.6; a second init() on 4.5 and 4.7 changes nothing.
+-- Registers the message ids again, because another script may have wiped them. If no entry is free, the table is
+-- emptied. If another script has created it, only one entry is safe, and the lease gets it. This works on 4.6; on 4.5
+-- and 4.7 a second init() changes nothing.
 function rx.register(now, at_start)
     for i = 1, #rx.ids do
         local ok, was_missing = pcall(mavlink.register_rx_msgid, mavlink, rx.ids[i])
         if not ok then
             notice_tampering(now, "MAVLink rx taken by another script")
-            if not rx.own then
-                rx.ids, rx.blind = {MAV.TUNNEL}, true
+            if not rx.own_table then
+                rx.ids, rx.no_commands = {MAV.TUNNEL}, true
             end
             mavlink:init(WORK.QUEUE_FRAMES, #rx.ids)
             for k = 1, #rx.ids do
@@ -1331,12 +1388,13 @@ function rx.register(now, at_start)
         elseif was_missing and not at_start then
             notice_tampering(now, "MAVLink rx was reset by a script")
         elseif at_start and not was_missing and rx.ids[i] == MAV.TUNNEL then
-            -- Also so after a restart of scripting alone. On 4.7 this is the first script then to ask for an authorisation,
-            -- if no other one comes before it; up to 4.6 the one of the guard before is still there. When the autopilot
-            -- boots, the scripts start before a minute is over.
+            -- The lease's id is registered already: by a second guard, or by this one before scripting was restarted.
+            -- Time tells the two apart: after a boot, scripts start within a minute. After such a restart this script
+            -- may be the first to ask for an authorisation (4.7). Up to 4.6 the authorisation of the former run is
+            -- still there.
             local early = since.start >= 0 and since.start < MS.BOOT
             local not_first = auth_id ~= nil and auth_id > 0
-            rx.second, rx.restarted = not_first and early, not_first and not early
+            rx.second_guard, rx.restarted = not_first and early, not_first and not early
         end
     end
     if mavlink.block_command then
@@ -1352,8 +1410,9 @@ do
     end
 end
 
--- The new station has to be heard within FS_GCS_TIMEOUT of this: the firmware goes on counting from the old one's last
--- heartbeat. Firmware that accepts a range of ids has it closed, or stations between the two would count as well.
+-- Sets the autopilot's GCS id to the commander. The firmware counts FS_GCS_TIMEOUT from the last heartbeat of the
+-- former commander, so the new one must be heard within that time. Newer firmware accepts a range of ids: its upper end
+-- is set to 0, so that only the commander counts.
 function gcs_id.follow()
     if not (config.sysid_sw and autopilot.known) or state ~= STATE.LIVE then
         return
@@ -1378,8 +1437,8 @@ function gcs_id.follow()
     end
 end
 
--- What makes a status go out at once, and a log record with it, as it was sent last.
-local status = {state=-1, action=-1, flags=-1, epoch=0, nonce=0, own=0, enforcement=-1, commander=0}
+-- The last status that was sent. A change of one of these fields sends a status, and writes a log record, at once.
+local status = {state=-1, action=-1, flags=-1, epoch=0, nonce=0, guard_nonce=0, enforcement=-1, commander=0}
 
 function status.flags_now()
     local flags = 0
@@ -1389,23 +1448,23 @@ function status.flags_now()
     if craft.flying then flags = flags | STATUS.FLYING end
     if tampering.seen then flags = flags | STATUS.TAMPERED end
     if not autopilot.known then flags = flags | STATUS.UNKNOWN_VEHICLE end
-    if rx.second then flags = flags | STATUS.SECOND end
+    if rx.second_guard then flags = flags | STATUS.SECOND end
     return flags
 end
 
--- Firmware before the end of 2025 dies of a message to a channel without a port: only one that was heard is answered.
--- Returns whether the message has gone, or cannot go at all.
+-- Sends the status. Returns false if the link has no room now and the status must be sent again. Firmware before the
+-- end of 2025 crashes on a message to a channel without a port. So the guard sends only where it has heard a frame.
 function status.send(flags)
     local chan = config.chan
     if chan < 0 then
-        chan = lease.chan >= 0 and lease.chan or own.chan   -- -1 until a companion has spoken: nobody to tell
+        chan = lease.chan >= 0 and lease.chan or this_guard.chan   -- -1 until a companion was heard
     end
     if not rx.heard[chan] then
         return true
     end
-    if not own.told then
-        own.stir()
-        own.told = true
+    if not this_guard.told then
+        this_guard.draw_nonce()
+        this_guard.told = true
     end
     local length = STATUS.BYTES
     if key.k0 then
@@ -1413,7 +1472,8 @@ function status.send(flags)
     end
     local address = string.pack("<I2BB", STATUS.TYPE, autopilot.sysid, config.compid)
     local body = string.pack("<BBBBI4I4I4I2BBI4", STATUS.VERSION, state, loss.action, flags, lease.nonce,
-                             lease.sequence, lease.epoch, refused.count, autopilot.major, autopilot.minor, own.nonce)
+                             lease.sequence, lease.epoch, refused.count, autopilot.major, autopilot.minor,
+                             this_guard.nonce)
     local text = address .. string.char(length) .. body
     if key.k0 then
         text = text .. string.pack("<I4I4", half_siphash(key.k0, key.k1, address .. body))
@@ -1426,24 +1486,25 @@ function status.send(flags)
     return not ok or room
 end
 
+-- Sends the status if it is due. Returns true if it was sent because a field has changed.
 function status.report(now)
     local flags = status.flags_now()
     local changed = status.state ~= state or status.action ~= loss.action or status.flags ~= flags or
         status.epoch ~= lease.epoch or status.nonce ~= lease.nonce or status.enforcement ~= enforcement or
-        status.own ~= own.nonce
-    local asked = own.asked_at and elapsed(now, own.asked_at) < MS.ASKED
-    if own.told and not changed and elapsed(now, since.status) < (asked and MS.HELLO or MS.STATUS) then
+        status.guard_nonce ~= this_guard.nonce
+    local asked = this_guard.asked_at and elapsed(now, this_guard.asked_at) < MS.ASKED
+    if this_guard.told and not changed and elapsed(now, since.status) < (asked and MS.HELLO or MS.STATUS) then
         return false
     end
-    rx.hurry = key.k0 ~= nil and rx.sums >= WORK.SUMS_PER_CALL
-    if rx.hurry then
+    rx.read_less = key.k0 ~= nil and rx.sums >= WORK.SUMS_PER_CALL
+    if rx.read_less then
         return false
     end
     if not status.send(flags) then
-        return false                -- no room on the link: next call
+        return false                -- no room on the link: try in the next call
     end
     status.state, status.enforcement, status.action, status.flags = state, enforcement, loss.action, flags
-    status.epoch, status.nonce, status.own = lease.epoch, lease.nonce, own.nonce
+    status.epoch, status.nonce, status.guard_nonce = lease.epoch, lease.nonce, this_guard.nonce
     since.status = now
     return changed
 end
@@ -1458,11 +1519,11 @@ function status.log(now)
                  refused.count, enforcement)
 end
 
-local function second(now)
+local function every_second(now)
     autopilot.sysid = math.floor(param:get("MAV_SYSID") or param:get("SYSID_THISMAV") or 1)
     rx.commands = {}
     if rx.aux_at and elapsed(now, rx.aux_at) >= MS.TAMPER_HOLD then
-        rx.aux_at = nil             -- before the clock has gone half-way round
+        rx.aux_at = nil             -- before the 32-bit clock makes an old time look new
     end
     if rx.full_at and elapsed(now, rx.full_at) >= MS.TAMPER_HOLD then
         rx.full_at = nil
@@ -1470,8 +1531,8 @@ local function second(now)
     if not autopilot.known then
         say(MAV_SEVERITY.ERROR, "type", MS.TYPE, autopilot.name .. " not supported")
     end
-    if (rx.second or rx.restarted) and not craft.armed then
-        say(MAV_SEVERITY.ERROR, "second", 30000, rx.second and TEXT.SECOND or TEXT.RESTARTED)
+    if (rx.second_guard or rx.restarted) and not craft.armed then
+        say(MAV_SEVERITY.ERROR, "second", 30000, rx.second_guard and TEXT.TWO_GUARDS or TEXT.RESTARTED)
     end
     rx.register(now, false)
     gcs_id.follow()
@@ -1486,8 +1547,9 @@ local function announce_commander()
     status.commander = commander
 end
 
+-- Everything that is not enforcement: arming, messages, GCS id, status, log.
 local function housekeeping(now)
-    judge(now)
+    update_state(now)
     permit_arming(now)
     announce_commander()
     if gcs_id.epoch ~= lease.epoch or gcs_id.nonce ~= lease.nonce or gcs_id.set ~= lease.commander then
@@ -1502,12 +1564,13 @@ local function housekeeping(now)
         status.log(now)
     end
     if due then
-        second(now)
+        every_second(now)
     end
 end
 
 -- ------------------------------------------------------------------------------------------------ running
 
+-- Calls f(now). An error is logged and reported, and does not end this script. Returns true and the result, or false.
 local function protected(f, now)
     local ok, result = pcall(f, now)
     if ok then
@@ -1518,10 +1581,11 @@ local function protected(f, now)
     return false, nil
 end
 
+-- The main loop. It enforces before it parses, so that a flood of frames cannot delay enforcement.
 local function update()
     local now = clock()
     local stalled = elapsed(now, since.last_run) > MS.STALL
-    local always_late = stalled and running.late    -- not one stall: this script never gets its turn in time
+    local always_late = stalled and running.late    -- not a single stall: the scheduler is always late
     since.last_run, running.late, rx.sums = now, stalled, 0
     protected(config.read, now)
     if stalled then
@@ -1529,7 +1593,7 @@ local function update()
     end
     local _, more
     local catching_up = running.catch_up > 0
-    if catching_up then             -- leases may be waiting, oldest first: hear them all before judging
+    if catching_up then             -- after a stall, newer leases may wait in the queue: read them before enforcement
         _, more = protected(rx.read, now)
         running.catch_up = more and running.catch_up - 1 or 0
     end
@@ -1537,23 +1601,23 @@ local function update()
         if not protected(enforce, now) then
             protected(last_resort, now)
         end
-        if not catching_up then     -- the queue is read once in a call: twice may be too many instructions
+        if not catching_up then     -- read the queue only once in a call, for the limit of instructions
             _, more = protected(rx.read, now)
         end
     end
     if not protected(housekeeping, now) and auth_id and state ~= STATE.DISABLED then
-        -- the last answer may be of before the fault
+        -- the authorisation may date from before the fault
         pcall(arming.set_aux_auth_failed, arming, auth_id, TEXT.PREFIX .. TEXT.FAULT)
     end
-    if more or craft.unread > 0 or rx.hurry then
+    if more or craft.reads_left > 0 or rx.read_less then
         return update, MS.BUSY
     end
     return update, MS.UPDATE
 end
 
 key.read()
-own.stir()
-rx.take()
+this_guard.draw_nonce()
+rx.init()
 rx.register(since.start, true)
 autopilot.sysid = math.floor(param:get("MAV_SYSID") or param:get("SYSID_THISMAV") or 1)
 say(MAV_SEVERITY.INFO, "loaded", 0, "handover guard " .. TEXT.VERSION .. (key.required and " loaded, key" or " loaded"))

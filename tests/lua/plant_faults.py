@@ -55,18 +55,27 @@ FILES = (
 #: whose tests are asked first about the functions of these names
 LIKELY = {
     "test_guard_tag": ("key", "half_siphash"),
-    "test_guard_nonce": ("own",),
+    "test_guard_nonce": ("this_guard",),
     "test_guard_lease": ("lease", "x25", "crc_fits", "read_lease", "read_frame", "refuse", "serial_ahead", "elapsed"),
     "test_guard_pilot": (
-        "judge_pilot",
+        "attribute_mode",
         "may_be_pilots",
-        "culprit",
+        "undone_text",
         "read_command",
         "run_aux_function",
     ),
-    "test_guard_wings": ("hovers", "climbs", "follow_sequence", "VEHICLES"),
+    "test_guard_wings": ("is_hovering", "is_climbing_out", "follow_sequence", "VEHICLES"),
     "test_guard_arming": ("arming_objection", "permit_arming"),
-    "test_guard_standing": ("rx", "gcs_id", "status", "say", "second", "housekeeping", "announce_commander", "WORK"),
+    "test_guard_standing": (
+        "rx",
+        "gcs_id",
+        "status",
+        "say",
+        "every_second",
+        "housekeeping",
+        "announce_commander",
+        "WORK",
+    ),
 }
 #: of processor time: no more than so many times what the tests take without a fault, for a fault that loops for ever
 PATIENCE = 3

@@ -9,7 +9,7 @@ __all__ = ["KNOWN_SURVIVORS"]
 _MILLISECOND = "a millisecond, or a value that is its own bound"
 _BOXED = "a boxed number compares like a plain one"
 _WORK = "work counts for a little more: a frame less is read in the call"
-_ZEROS = "behind the end of a known message the firmware has zeros"
+_ZEROS = "after the end of a known message the firmware has zeros"
 _DIFFERS = "a count that only has to differ from the one before"
 _AGAIN = "set to 0 by what is done with the mode in the same call"
 _CALL = "a bound that one call more keeps as well: ten milliseconds"
@@ -28,60 +28,60 @@ KNOWN_SURVIVORS: dict[str, str] = {
     "(number 2)": _MILLISECOND,
     'VEHICLES: one more: {mode=21, name="QRTL", action=ACTION.RTL, wait_ms=0}, qland} (number 2)': _MILLISECOND,
     "follow_sequence: one more: local item = mission ~= nil and mission:get_current_nav_index() or 0": _DIFFERS,
-    "follow_sequence: edge: if elapsed(now, craft.before) >= MS.SEQUENCE then": _MILLISECOND,
+    "follow_sequence: edge: if elapsed(now, craft.former_at) >= MS.SEQUENCE then": _MILLISECOND,
     "authority_missing: edge: return enforcement ~= ENFORCEMENT.CALM or elapsed(now, since.lost) >= config.lost_ms": (
         _MILLISECOND
     ),
-    "value_of: edge: if not v or v ~= v or v < low then": _MILLISECOND,
-    "value_of: edge: if v > high then": _MILLISECOND,
-    "config.read: edge: local enable = value_of(HNDO.ENABLE, 0, 1) >= 0.5": "a switch at one half",
-    "config.read: edge: config.sysid_sw = value_of(HNDO.SYSID_SW, 0, 1) >= 0.5": "a switch at one half",
+    "clamped: edge: if not v or v ~= v or v < low then": _MILLISECOND,
+    "clamped: edge: if v > high then": _MILLISECOND,
+    "config.read: edge: local enable = clamped(HNDO.ENABLE, 0, 1) >= 0.5": "a switch at one half",
+    "config.read: edge: config.sysid_sw = clamped(HNDO.SYSID_SW, 0, 1) >= 0.5": "a switch at one half",
     "x25: mask dropped: local t = (byte(text, i) ~ crc) & 0xFF": _MASKED,
     "x25: mask dropped: local t = (extra ~ crc) & 0xFF": _MASKED,
     "x25: mask dropped: return ((crc >> 8) ~ (t << 8) ~ (t << 3) ~ (t >> 4)) & 0xFFFF": "no more than 16 bits are set",
     "half_siphash: mask dropped: a = (a << 16 | a >> 16) & mask": _MASKED,
     "half_siphash: mask dropped: c = (c << 16 | c >> 16) & mask": _MASKED,
-    "last_resort: left out: judge(now)": "enforce has judged before it failed",
+    "last_resort: left out: update_state(now)": "enforce has judged before it failed",
     "lease.alone: edge: elapsed(now, lease.alone_at) < math.min(lease.alone_ms, config.alone_ms)": _MILLISECOND,
-    "judge: edge: if not running.grace_over and elapsed(now, since.start) >= config.timeout_ms then": _MILLISECOND,
-    "judge: edge: if lease.live and elapsed(now, lease.at) >= math.min(config.timeout_ms, lease.ttl_ms) then": (
+    "update_state: edge: if not running.grace_over and elapsed(now, since.start) >= config.timeout_ms then": _MILLISECOND,
+    "update_state: edge: if lease.live and elapsed(now, lease.at) >= math.min(config.timeout_ms, lease.ttl_ms) then": (
         _MILLISECOND
     ),
     "arming_objection: edge: if tampering.at and elapsed(now, tampering.at) < MS.TAMPER_HOLD then": _MILLISECOND,
-    "judge_pilot: edge: elseif rx.aux_at and elapsed(craft.before, rx.aux_at) < MS.AUX then": _MILLISECOND,
-    "judge_pilot: edge: local left_to_us = rx.ours_at and elapsed(craft.before, rx.ours_at) >= MS.AUX": _MILLISECOND,
-    "judge_pilot: edge: elseif not left_to_us and (not rx.ended or (rx.full_at and "
-    "elapsed(craft.before, rx.full_at) < MS.AUX)) then": _MILLISECOND,
+    "attribute_mode: edge: elseif rx.aux_at and elapsed(craft.former_at, rx.aux_at) < MS.AUX then": _MILLISECOND,
+    "attribute_mode: edge: local aux_ours = rx.aux_ours_at and elapsed(craft.former_at, rx.aux_ours_at) >= MS.AUX": _MILLISECOND,
+    "attribute_mode: edge: elseif not aux_ours and (not rx.drained or (rx.full_at and "
+    "elapsed(craft.former_at, rx.full_at) < MS.AUX)) then": _MILLISECOND,
     "observe: always true: if judging then": "a count of calls below zero is as good as zero",
-    "observe: one more: craft.unread = craft.unread - 1": _CALL,
-    "observe: one more: if judging and (rx.ended or craft.unread == 0) then": _CALL,
+    "observe: one more: craft.reads_left = craft.reads_left - 1": _CALL,
+    "observe: one more: if judging and (rx.drained or craft.reads_left == 0) then": _CALL,
     "observe: edge: elseif craft.avoided_at and elapsed(now, craft.avoided_at) >= MS.FAILSAFE then": _MILLISECOND,
-    "observe: minus: craft.mode, craft.reason, craft.changes, craft.before = "
+    "observe: minus: craft.mode, craft.reason, craft.changes, craft.former_at = "
     "mode, reason, craft.changes + 1, craft.at": _DIFFERS,
-    "observe: one more: craft.mode, craft.reason, craft.changes, craft.before = "
+    "observe: one more: craft.mode, craft.reason, craft.changes, craft.former_at = "
     "mode, reason, craft.changes + 1, craft.at": _DIFFERS,
     "PATIENCE: edge: return elapsed(now, craft.radio_at) < MS.RADIO": _MILLISECOND,
     "PATIENCE: edge: return elapsed(now, loss.since) < MS.FAILSAFE or craft.avoided_at ~= nil or": _MILLISECOND,
-    "DEED.forget: one more: loss.mode, loss.attempts, loss.wait_ms, loss.climbing = nil, 0, 0, false (number 2)": (
+    "RESPONSE.reset: one more: loss.mode, loss.attempts, loss.wait_ms, loss.climbing = nil, 0, 0, false (number 2)": (
         _MILLISECOND
     ),
-    "DEED.disarm: edge: if craft.flown and (firmware.guesses or elapsed(now, craft.flown_at) < MS.LANDED) then": (
+    "RESPONSE.disarm: edge: if craft.flown and (firmware.guesses or elapsed(now, craft.flown_at) < MS.LANDED) then": (
         _MILLISECOND
     ),
-    "send_home: one more: loss.mode, loss.action, loss.attempts = try.mode, try.action, 0": _AGAIN,
+    "send_home: one more: loss.mode, loss.action, loss.attempts = rung.mode, rung.action, 0": _AGAIN,
     "lease.accept: or: lease.at = stamp and stamp:toint() or now": _BOXED,
     'key.read: one more: local digits = string.match(file:read(80) or "", "^%s*(%x+)%s*$")': (
-        "behind the digits: how much white space is read"
+        "after the digits: how much white space is read"
     ),
     "key.read: one more: for i = 1, 8 do (number 2)": "eight bytes are taken of them",
     "key.read: left out: file:close()": "the garbage collector closes it",
     'half_siphash: mask dropped: local tail = string.sub(text, whole + 1) .. string.rep("\\0", 3 - size % 4) .. '
     "string.char(size & 0xFF)": "no text is that long",
     "half_siphash: one more: for i = 1, whole + 1, 4 do (number 2)": "steps of four: the next one is past either",
-    'key.objection: one more: if string.pack("<I4I4", low, high) ~= string.sub(body, 26, 33) then (number 2)': (
+    'key.objection: one more: if string.pack("<I4I4", low, high) ~= string.sub(body, 30, 37) then (number 2)': (
         "the body ends there"
     ),
-    'read_lease: left out: objection = "length"': "the length that is stated is compared with the same one behind it",
+    'read_lease: left out: objection = "length"': "the length that is stated is compared with the same length after it",
     "read_lease: one more: return 1": _WORK,
     "read_lease: one more: return key.required and 2 or 1": _WORK,
     'read_lease: plus: local body = string.sub(msg, 13, 12 + len) .. string.rep("\\0", full - len)': _ZEROS,
@@ -99,7 +99,7 @@ KNOWN_SURVIVORS: dict[str, str] = {
     "read_command: one more: return 1": _WORK,
     "read_command: one more: return 1 (number 2)": _WORK,
     "read_command: one more: return 1 (number 3)": _WORK,
-    "rx.read: one more: rx.run, rx.ended = 0, true": "a queue of 24 frames counts as full",
+    "rx.read: one more: rx.in_a_row, rx.drained = 0, true": "a queue of 24 frames counts as full",
     "rx.register: one more: for k = 1, #rx.ids do": "the next second does it",
     "read_frame: one more: return 0 (number 2)": _WORK,
     "housekeeping: and: if gcs_id.epoch ~= lease.epoch or gcs_id.nonce ~= lease.nonce or gcs_id.set ~= lease.commander "
@@ -107,8 +107,8 @@ KNOWN_SURVIVORS: dict[str, str] = {
     "housekeeping: and: if gcs_id.epoch ~= lease.epoch or gcs_id.nonce ~= lease.nonce or gcs_id.set ~= lease.commander "
     "then (number 2)": "what would be set is set, where the commander is the same",
     "update: edge: local stalled = elapsed(now, since.last_run) > MS.STALL": _MILLISECOND,
-    "second: edge: if rx.aux_at and elapsed(now, rx.aux_at) >= MS.TAMPER_HOLD then": _MILLISECOND,
-    "second: edge: if rx.full_at and elapsed(now, rx.full_at) >= MS.TAMPER_HOLD then": _MILLISECOND,
+    "every_second: edge: if rx.aux_at and elapsed(now, rx.aux_at) >= MS.TAMPER_HOLD then": _MILLISECOND,
+    "every_second: edge: if rx.full_at and elapsed(now, rx.full_at) >= MS.TAMPER_HOLD then": _MILLISECOND,
     "gcs_id.follow: edge: if high and high > 0 then": "0 is set to 0",
     "gcs_id.follow: always true: if high and high > 0 then": "what is not there cannot be set",
 }

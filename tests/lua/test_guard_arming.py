@@ -222,7 +222,7 @@ def test_enabling_gives_the_companion_time(bench: Bench) -> None:
 def test_too_many_authorisers_is_said_and_keeps_the_vehicle_down() -> None:
     greedy = "for _ = 1, 3 do arming:set_aux_auth_passed(arming:get_aux_auth_id()) end"
     bench = Bench(earlier_script=greedy).with_lease()
-    assert "HNDO: no arming authorisation to be had" in bench.texts
+    assert "HNDO: no arming authorisation available" in bench.texts
     assert bench.refusal == "Too many auxiliary authorisers"
     assert bench.status.state == 2  # what the companion is told goes on
     assert not any("fault" in text for text in bench.texts)

@@ -42,11 +42,11 @@ STATES = ("CALM", "MISSING", "ORDERING", "RETURNING", "LANDING", "PILOT", "FAILS
 
 #: what is seen -> for each state: next state, what is done, why; "=" is the same state
 TABLE = {
-    "AUTHORITY": ("CALM", *["CALM finish"] * 6),
-    "DISARMED": ("MISSING tell", *["MISSING forget"] * 6),
+    "AUTHORITY": ("CALM", *["CALM end_loss"] * 6),
+    "DISARMED": ("MISSING announce", *["MISSING reset"] * 6),
     "GROUND": ("MISSING disarm", *["= disarm"] * 6),
     "RETURN": ("RETURNING watch",) * 7,
-    "LANDS": ("LANDING watch",) * 7,
+    "LANDING": ("LANDING watch",) * 7,
     "LAND_ORDER": (
         "LANDING watch",
         "LANDING watch",
@@ -56,29 +56,29 @@ TABLE = {
         "ORDERING undo",
         "ORDERING undo",
     ),
-    "KEPT": (*["ORDERING order"] * 5, "=", "="),
-    "OVER": (
+    "TOLERATED": (*["ORDERING order"] * 5, "=", "="),
+    "OVERDUE": (
         *["ORDERING order"] * 3,
         *["ORDERING order: landing left"] * 2,
         "ORDERING order: radio gone",
         "ORDERING order: held 10 s",
     ),
-    "HELD": ("FAILSAFE stand_back",) * 7,
-    "UNREAD": ("MISSING", *["="] * 6),
-    "HANDS": ("PILOT stand_back",) * 7,
-    "SWITCH": ("ORDERING order", "ORDERING order", *["PILOT stand_back"] * 5),
+    "HOLDING": ("FAILSAFE stand_back",) * 7,
+    "UNDECIDED": ("MISSING", *["="] * 6),
+    "MANUAL": ("PILOT stand_back",) * 7,
+    "PILOT_CHOICE": ("ORDERING order", "ORDERING order", *["PILOT stand_back"] * 5),
     "OTHER": (*["ORDERING order"] * 3, *["ORDERING undo"] * 4),
 }
 
 _DUMP = """
-local deed_names, state_names = {}, {}
-for name, deed in pairs(DEED) do deed_names[deed] = name end
+local names, state_names = {}, {}
+for name, response in pairs(RESPONSE) do names[response] = name end
 for name, number in pairs(ENFORCEMENT) do state_names[number] = name end
 for name, number in pairs(ENFORCEMENT) do
     for seen, column in pairs(SEEN) do
         local move = TRANSITIONS[number][column]
         local text = move.to and state_names[move.to] or "="
-        text = text .. (move.deed and " " .. deed_names[move.deed] or "") .. (move.why and ": " .. move.why or "")
+        text = text .. (move.response and " " .. names[move.response] or "") .. (move.why and ": " .. move.why or "")
         gcs:send_text(7, name .. "|" .. seen .. "|" .. text)
     end
 end
@@ -190,11 +190,11 @@ SEE: dict[str, Callable[[Bench], None]] = {
     "DISARMED": see_disarmed,
     "GROUND": see_ground,
     "RETURN": set_mode(SMART_RTL, BY_GCS),
-    "LANDS": set_mode(LAND, BY_BATTERY),
+    "LANDING": set_mode(LAND, BY_BATTERY),
     "LAND_ORDER": set_mode(LAND, BY_GCS),
-    "HELD": set_mode(CIRCLE, BY_FENCE),
-    "HANDS": by_switch(STABILIZE),
-    "SWITCH": by_switch(GUIDED),
+    "HOLDING": set_mode(CIRCLE, BY_FENCE),
+    "MANUAL": by_switch(STABILIZE),
+    "PILOT_CHOICE": by_switch(GUIDED),
     "OTHER": set_mode(GUIDED, BY_GCS),
 }
 
@@ -219,11 +219,11 @@ def test_pairs_that_a_mode_brings_about(state: str, seen: str) -> None:
         bench.vehicle.mode_requests.clear()
         SEE[seen](bench)
         bench.run(2100 if state == "ORDERING" else 130)
-    target, _, deed = TABLE[seen][STATES.index(state)].partition(" ")
+    target, _, response = TABLE[seen][STATES.index(state)].partition(" ")
     assert STATES[bench.enforcement] == (state if target == "=" else target)
-    acts = deed.startswith(("order", "undo"))
-    assert bool(bench.vehicle.mode_requests) == acts, (deed, bench.vehicle.mode_requests)
-    assert bool(bench.vehicle.disarms) == (deed == "disarm" or state == "MISSING")
+    acts = response.startswith(("order", "undo"))
+    assert bool(bench.vehicle.mode_requests) == acts, (response, bench.vehicle.mode_requests)
+    assert bool(bench.vehicle.disarms) == (response == "disarm" or state == "MISSING")
 
 
 def test_a_loss_that_begins_while_a_switch_is_judged_waits_for_the_verdict() -> None:

@@ -123,7 +123,7 @@ def test_parameters_are_documented_in_script_and_page(source: str) -> None:
 def test_ranges_are_the_same_in_code_description_and_page(source: str) -> None:
     """A value outside its range is taken for the nearest one inside."""
     page = PAGE.read_text(encoding="utf-8")
-    taken = dict(re.findall(r"value_of\(HNDO\.(\w+), (-?\d+, \d+)\)", source))
+    taken = dict(re.findall(r"clamped\(HNDO\.(\w+), (-?\d+, \d+)\)", source))
     assert set(taken) == {"ENABLE", "TIMEOUT", "LOST_T", "CHAN", "COMPID", "SYSID_SW", "ALONE_MAX"}
     for name, bounds in taken.items():
         low, high = bounds.split(", ")

@@ -288,9 +288,13 @@ class TestReplayWithinOneStart:
         assert not any("refused" in text or "another" in text for text in bench.texts)
 
     def test_after_the_largest_nonce_comes_1(self) -> None:
-        text = GUARD.read_text(encoding="utf-8").replace("own.stir()\nrx.take()", "own.nonce = 0xFFFFFFFF\nrx.take()")
-        text = text.replace("        own.stir()\n        own.told = true", "        own.told = true")
-        assert text.count("own.stir()") == 1
+        text = GUARD.read_text(encoding="utf-8").replace(
+            "this_guard.draw_nonce()\nrx.init()", "this_guard.nonce = 0xFFFFFFFF\nrx.init()"
+        )
+        text = text.replace(
+            "        this_guard.draw_nonce()\n        this_guard.told = true", "        this_guard.told = true"
+        )
+        assert text.count("this_guard.draw_nonce()") == 1
         bench = Bench(heard=False)
         bench.scripting.stop()
         bench.scripting.enabled = True

@@ -22,8 +22,8 @@ from tests.lua.stub import CALM, COPTER, FAILSAFE, GUARD, MISSING, PILOT, PLANE,
 #: by the numbers of SEEN
 SEEN = (
     "",
-    *("AUTHORITY", "DISARMED", "GROUND", "RETURN", "LANDS", "LAND_ORDER", "KEPT", "OVER", "HELD", "UNREAD", "HANDS"),
-    *("SWITCH", "OTHER"),
+    *("AUTHORITY", "DISARMED", "GROUND", "RETURN", "LANDING", "LAND_ORDER", "TOLERATED", "OVERDUE"),
+    *("HOLDING", "UNDECIDED", "MANUAL", "PILOT_CHOICE", "OTHER"),
 )
 MODES, REASONS, STATES = range(31), range(58), range(7)  # a few more than there are
 
@@ -39,14 +39,14 @@ return function()
     enforcement = asked.state
     state = bits & 4 ~= 0 and STATE.LOST or STATE.EXPIRED
     since.lost = now - 60000
-    craft.armed, craft.flying, craft.mode, craft.unread = true, true, mode, 0
-    craft.by_pilot, craft.radio, craft.radio_at = bits & 2 ~= 0, true, now
+    craft.armed, craft.flying, craft.mode, craft.reads_left = true, true, mode, 0
+    craft.by_pilot, craft.radio_valid, craft.radio_at = bits & 2 ~= 0, true, now
     craft.changes, craft.avoided_at, craft.strayed = 5, nil, bits & 32 ~= 0
     loss.changes, loss.since, loss.climbing = 4, now, false
     loss.mode = bits & 8 ~= 0 and mode or nil
     for reason = 0, 57 do
         craft.reason = reason
-        letters[#letters + 1] = string.char(64 + look(now))
+        letters[#letters + 1] = string.char(64 + classify(now))
     end
     gcs:send_text(7, string.format("%d/%d/%d/", asked.state, mode, bits) .. table.concat(letters))
     asked.bits = bits + 1
@@ -89,16 +89,16 @@ def must_be(numbers: Numbers, seen: Moment) -> str:
     if seen.mode in numbers.landings.values() or (auto and seen.landing):
         ordered = seen.reason in numbers.commands.values() and not seen.lost
         feigned = seen.reason in numbers.pilots.values() and not seen.by_pilot
-        return "LAND_ORDER" if (ordered or feigned) and not seen.same else "LANDS"
+        return "LAND_ORDER" if (ordered or feigned) and not seen.same else "LANDING"
     if seen.same:
-        return "KEPT" if seen.state in (PILOT, FAILSAFE) else "OVER"
+        return "TOLERATED" if seen.state in (PILOT, FAILSAFE) else "OVERDUE"
     if seen.reason in numbers.failsafes.values():
-        return "HELD"
+        return "HOLDING"
     if numbers.winged and seen.taking_off and seen.state in (CALM, MISSING):
-        return "HELD"
+        return "HOLDING"
     if not seen.by_pilot:
         return "OTHER"
-    return "HANDS" if seen.mode in numbers.by_hand.values() else "SWITCH"
+    return "MANUAL" if seen.mode in numbers.by_hand.values() else "PILOT_CHOICE"
 
 
 def moment(state: int, mode: int, bits: int, reason: int) -> Moment:

@@ -24,7 +24,7 @@ def python(value: Any) -> Any:
 @pytest.fixture(scope="module")
 def rows() -> dict[int, dict[str, Any]]:
     source = GUARD.read_text(encoding="utf-8")
-    table = source[source.index("local ACTION =") : source.index("-- any other is refused")]
+    table = source[source.index("local ACTION =") : source.index("-- Names of vehicle types that are not supported")]
     found = python(LuaRuntime().execute(table + "return VEHICLES"))
     assert isinstance(found, dict)
     return found

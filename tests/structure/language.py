@@ -10,6 +10,7 @@ is one. `--count` prints the number of findings for each folder instead.
 What it reads
 -------------
 * Python: docstrings, comments, and string literals that are prose (`_prose`); Lua: comments and such literals.
+* In a list of terms in columns, each explanation is a text of its own.
 * Markdown: paragraphs, list items, table cells and headings. Code blocks are left out.
 * Code in backticks counts as one word of unknown meaning. A formatted value in a message does, too.
 
@@ -165,6 +166,9 @@ _COMPILED: Final = [(rule, re.compile(rule.pattern, re.IGNORECASE)) for rule in 
 _FIRST: Final = {"first-what": ("module or class",), "first-it": ("module or class", "function")}
 _WORD: Final = re.compile(r"[^\W_]")
 _END: Final = re.compile(r"[.!?][)\"'”]*\s+(?=[\"'(“]?[A-Z0-9X])|[:;]\s|\s[–—-]\s|\s\(|\)\s?|…")
+#: a term and its explanation, in columns
+_TERM: Final = r"\S[^.:;]*?\s{2,}(?=\S)"
+_TAG: Final = re.compile(r"^ *// @\w+: *")
 _FULL_STOP: Final = re.compile(r"[.!?](\s|$)")
 
 
@@ -246,8 +250,15 @@ def _python(source: str) -> Iterator[Text]:
 
 
 def _lua(source: str) -> Iterator[Text]:
-    comments = []
+    comments: list[tuple[int, int, str]] = []
+    in_block = False
     for number, line in enumerate(source.split("\n"), 1):
+        in_block = not line.startswith("--]]") and (in_block or line.startswith("--[["))
+        if in_block:
+            # one tag on each line of a parameter's documentation
+            column = -1 if _TAG.match(line) else 0
+            comments.append((number, column, _TAG.sub("", line).lstrip("-[] ")))
+            continue
         code, dashes, comment = line.partition("--")
         if dashes:
             comments.append((number, len(code) if not code.strip() else -1, comment.lstrip("-[] ")))
@@ -305,7 +316,7 @@ def _blocks(lines: list[str], line: int, kind: str) -> Iterator[Text]:
             fenced = not fenced
         if fenced or (not block and raw.startswith("    ")):
             continue
-        item = re.match(r"([*+-]|\d+\.|#+) +(?=\S)", text)
+        item = re.match(rf"([*+-]|\d+\.|#+) +(?=\S)|{_TERM}", text)
         ends = not text or text.startswith(("|", "```", "<!--")) or not re.search(r"\w", text) or item is not None
         if ends and block:
             yield Text(kind, begun, _plain("\n".join(block)))
