@@ -203,7 +203,7 @@ CASES = (
     Case("arming with a live lease, by every way", with_lease, SWITCH),
     Case("arming without a lease", without_lease, SWITCH),
     Case("arming while the lease says LOST", saying(LOST, 0, "HNDO: no station has authority"), SWITCH),
-    Case("arming while it says HELD by nobody", saying(HELD, 0, "HNDO: no station has authority"), SWITCH),
+    Case("arming while it says HELD without a commander", saying(HELD, 0, "HNDO: no station has authority"), SWITCH),
     Case("arming while it says RECOVERING", saying(RECOVERING, 251, "HNDO: authority is being recovered"), SWITCH),
     Case("forced arming without a lease", forced),
     Case("arming without a lease, all checks off", all_checks_off, {"ARMING_CHECK": 0, "ARMING_SKIPCHK": -1}),

@@ -149,6 +149,43 @@ def test_what_is_read_of_lua(tmp_path: Path) -> None:
     ]
 
 
+LUA_BLOCKS = """--[[
+  // @Param: HNDO_X
+  // @Description: A value of
+  // @User: Standard
+--]]
+--[[
+The theory
+
+of two lines and
+a list
+
+  CALM   is there
+  OVER   is gone. It goes
+         on
+--]]
+-- fields of a table:
+--   first, last  a number
+--   each         another one
+"""
+
+
+def test_what_is_read_of_blocks_and_lists_of_lua(tmp_path: Path) -> None:
+    (tmp_path / "guard.lua").write_text(LUA_BLOCKS, encoding="utf-8")
+    assert sorted((t.line, t.text) for t in read(tmp_path / "guard.lua")) == [
+        (2, "HNDO_X"),
+        (3, "A value of"),
+        (4, "Standard"),
+        (7, "The theory"),
+        (9, "of two lines and\na list"),
+        (12, "is there"),
+        (13, "is gone. It goes\non"),
+        (16, "fields of a table:"),
+        (17, "a number"),
+        (18, "another one"),
+    ]
+
+
 def test_what_is_read_of_a_document(tmp_path: Path) -> None:
     source = "# A head\n\nA [link](x.md) and\n`code`.\n\n```\nnobody\n```\n\n    nobody\n\n"
     source += "| a | b |\n|---|---|\n| c `d` | e |\n- item\n"
