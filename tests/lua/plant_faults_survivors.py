@@ -43,13 +43,17 @@ KNOWN_SURVIVORS: dict[str, str] = {
     "half_siphash: mask dropped: c = (c << 16 | c >> 16) & mask": _MASKED,
     "last_resort: left out: update_state(now)": "enforce has judged before it failed",
     "lease.alone: edge: elapsed(now, lease.alone_at) < math.min(lease.alone_ms, config.alone_ms)": _MILLISECOND,
-    "update_state: edge: if not running.grace_over and elapsed(now, since.start) >= config.timeout_ms then": _MILLISECOND,
+    "update_state: edge: if not running.grace_over and elapsed(now, since.start) >= config.timeout_ms then": (
+        _MILLISECOND
+    ),
     "update_state: edge: if lease.live and elapsed(now, lease.at) >= math.min(config.timeout_ms, lease.ttl_ms) then": (
         _MILLISECOND
     ),
     "arming_objection: edge: if tampering.at and elapsed(now, tampering.at) < MS.TAMPER_HOLD then": _MILLISECOND,
     "attribute_mode: edge: elseif rx.aux_at and elapsed(craft.former_at, rx.aux_at) < MS.AUX then": _MILLISECOND,
-    "attribute_mode: edge: local aux_ours = rx.aux_ours_at and elapsed(craft.former_at, rx.aux_ours_at) >= MS.AUX": _MILLISECOND,
+    "attribute_mode: edge: local aux_ours = rx.aux_ours_at and elapsed(craft.former_at, rx.aux_ours_at) >= MS.AUX": (
+        _MILLISECOND
+    ),
     "attribute_mode: edge: elseif not aux_ours and (not rx.drained or (rx.full_at and "
     "elapsed(craft.former_at, rx.full_at) < MS.AUX)) then": _MILLISECOND,
     "observe: always true: if judging then": "a count of calls below zero is as good as zero",
