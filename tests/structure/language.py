@@ -9,7 +9,8 @@ is one. `--count` prints the number of findings for each folder instead.
 
 What it reads
 -------------
-* Python: docstrings, comments, and string literals that are prose (`_prose`); Lua: comments and such literals.
+* Python: docstrings, comments, and string literals that are prose (`_prose`); Lua: comments and such literals;
+  parameter files of ArduPilot: comments.
 * In a list of terms in columns, each explanation is a text of its own.
 * Markdown: paragraphs, list items, table cells and headings. Code blocks are left out.
 * Code in backticks counts as one word of unknown meaning. A formatted value in a message does, too.
@@ -221,6 +222,9 @@ def read(path: Path) -> list[Text]:
         return [*_python(source)]
     if path.suffix == ".lua":
         return [*_lua(source)]
+    if path.suffix == ".parm":
+        lines = enumerate(source.split("\n"), 1)
+        return [*_commented([(number, 0, line.lstrip("# ")) for number, line in lines if line.startswith("#")])]
     return [*_blocks(source.split("\n"), 1, "document")]
 
 
@@ -346,7 +350,7 @@ def _files(path: Path) -> list[Path]:
     if path.is_file():
         return [path]
     pattern = "*.md" if path.name == "docs" else "**/*"
-    return sorted(file for file in path.glob(pattern) if file.suffix in (".py", ".lua", ".md"))
+    return sorted(file for file in path.glob(pattern) if file.suffix in (".py", ".lua", ".parm", ".md"))
 
 
 def main(arguments: list[str]) -> int:

@@ -186,6 +186,16 @@ def test_what_is_read_of_blocks_and_lists_of_lua(tmp_path: Path) -> None:
     ]
 
 
+def test_what_is_read_of_a_parameter_file(tmp_path: Path) -> None:
+    source = "# RTL to\n# the return site.\nFS_X 1\n\n# Not set:\n#   FS_Y  a value\n#         of two lines\n"
+    (tmp_path / "x.parm").write_text(source, encoding="utf-8")
+    assert [(t.line, t.text) for t in read(tmp_path / "x.parm")] == [
+        (1, "RTL to\nthe return site."),
+        (5, "Not set:"),
+        (6, "a value\nof two lines"),
+    ]
+
+
 def test_what_is_read_of_a_document(tmp_path: Path) -> None:
     source = "# A head\n\nA [link](x.md) and\n`code`.\n\n```\nnobody\n```\n\n    nobody\n\n"
     source += "| a | b |\n|---|---|\n| c `d` | e |\n- item\n"
