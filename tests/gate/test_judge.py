@@ -83,7 +83,14 @@ def check(
     return len(VIEWS)
 
 
-@pytest.mark.parametrize(("station", "sysid", "version", "wrong"), SENDERS)
+#: in `make quick`: each genuine station, the vehicle's id and another station's
+_QUICK = (0, 2, 3, 5, 6, 8)
+
+
+@pytest.mark.parametrize(
+    ("station", "sysid", "version", "wrong"),
+    [pytest.param(*row, marks=() if n in _QUICK else pytest.mark.slow) for n, row in enumerate(SENDERS)],
+)
 def test_every_message_and_command_from_every_sender_in_every_phase(
     make: Callable[..., Frame], station: StationIdentity, sysid: int, version: int, wrong: GateReason | None
 ) -> None:
