@@ -2,7 +2,8 @@
 
 """Descriptions of all configuration keys for people, table by table. `docs/reference` is made from them.
 
-Types, ranges and defaults are in the modules that read the files; a test compares the keys with theirs. `MISSION`
+Causes have their meaning in `core/common/causes.py`, links their forms in `link/forms.py`. Types, ranges and defaults
+are in the modules that read the files; a test compares the keys with theirs. `MISSION`
 describes mission.toml. A unit is in the name of its key.
 """
 
@@ -11,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final
 
+from mavproxy_handover.core.common.causes import CAUSES
 from mavproxy_handover.link.forms import FORMS
 
 __all__ = ["MISSION", "STATION", "TABLES", "VEHICLE"]
@@ -47,22 +49,8 @@ _ENERGY: Final[Meanings] = {
     "drag_per_m": "see drag_per_s",
     "start": "what a budget that does not close does to START",
 }
-_NO_STATION: Final = "inside zones, but no station of theirs could take the aircraft"
 _HELD_NOWHERE: Final = '; "hold" comes to "return": it is outside its commander\'s zone then, and held only inside'
-_CAUSES: Final[Meanings] = {
-    "energy": "no more is left than the route to the return site needs, with the reserve",
-    "commander_lost": "no commander is heard, and no other station takes the aircraft",
-    "out_of_coverage": "outside every zone; a mission's own on_out_of_coverage goes before",
-    "no_station": _NO_STATION,
-    "coverage_ends": "the border of the last zone that counts is ahead",
-    "authentication": "another sender pretends to be the commander",
-    "links_weak": "the commander's links are bad, and no station's are better",
-    "guard_lost": "the guard is not heard any more",
-    "fence": "outside the autopilot's fence, which keeps it itself (FENCE_ACTION)",
-    "off_route": "see [route]",
-    "position_stale": "no fresh position",
-    "autopilot_lost": "the autopilot is not heard",
-}
+_CAUSES: Final[Meanings] = {cause.value: row.meaning for cause, row in CAUSES.items()}
 
 #: purpose of each table, by its name in the file
 TABLES: Final[Meanings] = {
@@ -152,7 +140,7 @@ VEHICLE: Final[Mapping[str, Meanings]] = {
         "autopilot_lost_s": "an older heartbeat of the autopilot counts as lost",
         "guard_lost_s": "an older status of the guard counts as lost",
     },
-    "policy": {**_CAUSES, "no_station": _NO_STATION + _HELD_NOWHERE},
+    "policy": {**_CAUSES, "no_station": _CAUSES["no_station"] + _HELD_NOWHERE},
     "hold_off": _CAUSES,
     "clear": _CAUSES,
     "links": {

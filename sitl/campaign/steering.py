@@ -89,10 +89,6 @@ def never(first: Cause, second: Cause, phase: Phase) -> str | None:
     return next((reason for reason in reasons if reason is not None), None)
 
 
-CELLS: Final = tuple(
-    Cell(*pair, phase) for phase, pair in product(PHASES, combinations(Cause, 2)) if never(*pair, phase) is None
-)
-
 #: how a cause is brought about: fault, its target, how long it lasts (s)
 _PROVOKES: Final[Mapping[Cause, tuple[tuple[Fault, Target, float, float], ...]]] = {
     Cause.ENERGY: ((Fault.SAG, Target.NOBODY, 0.85, 0.99),),
@@ -119,6 +115,12 @@ _PROVOKES: Final[Mapping[Cause, tuple[tuple[Fault, Target, float, float], ...]]]
     Cause.POSITION_STALE: ((Fault.NO_FIX, Target.NOBODY, 7.0, 22.0),),
     Cause.AUTOPILOT_LOST: ((Fault.BLIND, Target.NOBODY, 6.0, 20.0),),
 }
+#: a cause that no fault brings about is not tried
+CELLS: Final = tuple(
+    Cell(*pair, phase)
+    for phase, pair in product(PHASES, combinations((cause for cause in Cause if cause in _PROVOKES), 2))
+    if never(*pair, phase) is None
+)
 #: the same where that would not do: of a commander that is lost alone, another station takes the aircraft at once
 _NOBODY_ELSE: Final = (
     (Fault.DEAD, Target.ALL, 12.0, 90.0),

@@ -14,7 +14,8 @@ monitors; a condition that rests on a measured number has a hysteresis there. A 
 * A cause ends by its rule: when its condition has been away for `clear_s`, or with the flight.
 * A cause whose policy is "off" never begins.
 
-CAUSES has everything about a cause except the action, which is in `safety/strategy.py`.
+CAUSES has everything about a cause except the action, which is in `safety/strategy.py`. The configuration, its sample,
+the reference and the page about safety are made from it.
 """
 
 from __future__ import annotations
@@ -62,7 +63,8 @@ class CauseRow:
     """One row of the table of causes.
 
     `reason`: its number on the wire; `words`: for people. `hold_off_s`: how long its condition has to last; `clear_s`:
-    how long its condition has to be away. `policies`: those that it can have, the default first.
+    how long its condition has to be away. `policies`: those that it can have, the default first. `meaning`: for the
+    people who write a configuration.
     """
 
     reason: Reason
@@ -71,45 +73,60 @@ class CauseRow:
     clear_s: float
     ends: Ends
     policies: tuple[str, ...]
+    meaning: str
 
 
 _SIGN, _FLIGHT = Ends.WITH_ITS_SIGN, Ends.WITH_THE_FLIGHT
 
 
-def _row(reason: Reason, words: str, hold_off_s: float, clear_s: float, ends: Ends, policies: str) -> CauseRow:
-    return CauseRow(reason, words, hold_off_s, clear_s, ends, tuple(policies.split()))
+def _row(
+    reason: Reason, words: str, hold_off_s: float, clear_s: float, ends: Ends, policies: str, meaning: str
+) -> CauseRow:
+    return CauseRow(reason, words, hold_off_s, clear_s, ends, tuple(policies.split()), meaning)
 
 
 CAUSES: Final[Mapping[Cause, CauseRow]] = {
     # energy does not come back: an aircraft that has turned back for it does not turn round again
     Cause.ENERGY: _row(
-        Reason.ENERGY, "energy for the way back only", 2.0, 0.0, _FLIGHT, "return land warn off"),
+        Reason.ENERGY, "energy for the way back only", 2.0, 0.0, _FLIGHT, "return land warn off",
+        "no more is left than the route to the return site needs, with the reserve"),
     # the commander has been silent for heartbeat_lost_s already
     Cause.COMMANDER_LOST: _row(
-        Reason.COMMANDER_LOST, "commander lost", 0.0, 0.0, _SIGN, "return land warn"),
+        Reason.COMMANDER_LOST, "commander lost", 0.0, 0.0, _SIGN, "return land warn",
+        "no commander is heard, and no other station takes the aircraft"),
     Cause.OUT_OF_COVERAGE: _row(
-        Reason.OUT_OF_COVERAGE, "out of coverage", 1.0, 0.0, _SIGN, "return land warn"),
+        Reason.OUT_OF_COVERAGE, "out of coverage", 1.0, 0.0, _SIGN, "return land warn",
+        "outside every zone; a mission's own on_out_of_coverage goes before"),
     Cause.NO_STATION: _row(
-        Reason.NO_STATION, "no station here could take the aircraft", 2.0, 1.0, _SIGN, "return hold land warn off"),
+        Reason.NO_STATION, "no station here could take the aircraft", 2.0, 1.0, _SIGN, "return hold land warn off",
+        "inside zones, but no station of theirs could take the aircraft"),
     # during a hold-off the aircraft would fly on towards the border
     Cause.COVERAGE_ENDS: _row(
-        Reason.COVERAGE_ENDS, "coverage ends ahead", 0.0, 0.0, _SIGN, "hold return warn off"),
+        Reason.COVERAGE_ENDS, "coverage ends ahead", 0.0, 0.0, _SIGN, "hold return warn off",
+        "the border of the last zone that counts is ahead"),
     Cause.AUTHENTICATION: _row(
-        Reason.AUTHENTICATION, "repeated authentication failures", 0.0, 30.0, _SIGN, "warn hold return land off"),
+        Reason.AUTHENTICATION, "repeated authentication failures", 0.0, 30.0, _SIGN, "warn hold return land off",
+        "another sender pretends to be the commander"),
     Cause.LINKS_WEAK: _row(
-        Reason.LINK_QUALITY, "links weak, and no better station", 10.0, 10.0, _SIGN, "warn hold return land off"),
+        Reason.LINK_QUALITY, "links weak, and no better station", 10.0, 10.0, _SIGN, "warn hold return land off",
+        "the commander's links are bad, and no station's are better"),
     Cause.GUARD_LOST: _row(
-        Reason.GUARD_LOST, "guard lost", 3.0, 1.0, _SIGN, "warn hold return land off"),
+        Reason.GUARD_LOST, "guard lost", 3.0, 1.0, _SIGN, "warn hold return land off",
+        "the guard is not heard any more"),
     # the autopilot keeps its fence itself
     Cause.FENCE: _row(
-        Reason.FENCE, "outside the fence", 1.0, 3.0, _SIGN, "warn return land off"),
+        Reason.FENCE, "outside the fence", 1.0, 3.0, _SIGN, "warn return land off",
+        "outside the autopilot's fence, which keeps it itself (FENCE_ACTION)"),
     Cause.OFF_ROUTE: _row(
-        Reason.OFF_ROUTE, "off route", 0.0, 0.0, _SIGN, "warn hold return land off"),
+        Reason.OFF_ROUTE, "off route", 0.0, 0.0, _SIGN, "warn hold return land off",
+        "see [route]"),
     Cause.POSITION_STALE: _row(
-        Reason.POSITION_STALE, "no fresh position", 1.0, 1.0, _SIGN, "warn land off"),
+        Reason.POSITION_STALE, "no fresh position", 1.0, 1.0, _SIGN, "warn land off",
+        "no fresh position"),
     # nothing can be commanded: people are told, and the autopilot has its own failsafe
     Cause.AUTOPILOT_LOST: _row(
-        Reason.AUTOPILOT_LOST, "autopilot not heard", 0.0, 1.0, _SIGN, "warn off"),
+        Reason.AUTOPILOT_LOST, "autopilot not heard", 0.0, 1.0, _SIGN, "warn off",
+        "the autopilot is not heard"),
 }  # fmt: skip
 
 

@@ -9,44 +9,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mavproxy_handover.core.common.causes import CAUSES, POLICIES, Cause, CauseWatch, Ends
+from tests.core.safety.ledger import EXPECTED
 
 WEAK, GUARD, LOST, ENERGY = Cause.LINKS_WEAK, Cause.GUARD_LOST, Cause.COMMANDER_LOST, Cause.ENERGY
 
-#: hold-off and clearing time of each cause in seconds, and whether it lasts as long as the flight
-TIMES = {
-    "energy": (2.0, 0.0, True),
-    "commander_lost": (0.0, 0.0, False),
-    "out_of_coverage": (1.0, 0.0, False),
-    "no_station": (2.0, 1.0, False),
-    "coverage_ends": (0.0, 0.0, False),
-    "authentication": (0.0, 30.0, False),
-    "links_weak": (10.0, 10.0, False),
-    "guard_lost": (3.0, 1.0, False),
-    "fence": (1.0, 3.0, False),
-    "off_route": (0.0, 0.0, False),
-    "position_stale": (1.0, 1.0, False),
-    "autopilot_lost": (0.0, 1.0, False),
-}
-#: what each may lead to at the most, the one without a word in the configuration first
-ALLOWED = {
-    "energy": "return land warn off",
-    "commander_lost": "return land warn",
-    "out_of_coverage": "return land warn",
-    "no_station": "return hold land warn off",
-    "coverage_ends": "hold return warn off",
-    "authentication": "warn hold return land off",
-    "links_weak": "warn hold return land off",
-    "guard_lost": "warn hold return land off",
-    "fence": "warn return land off",
-    "off_route": "warn hold return land off",
-    "position_stale": "warn land off",
-    "autopilot_lost": "warn off",
-}
-
 
 def test_the_table_is_what_the_page_says() -> None:
-    assert {c.value: (r.hold_off_s, r.clear_s, r.ends is Ends.WITH_THE_FLIGHT) for c, r in CAUSES.items()} == TIMES
-    assert {cause.value: " ".join(row.policies) for cause, row in CAUSES.items()} == ALLOWED
+    assert {c.value: (r.hold_off_s, r.clear_s, r.ends is Ends.WITH_THE_FLIGHT) for c, r in CAUSES.items()} == {
+        word: row.times for word, row in EXPECTED.items()
+    }
+    assert {c.value: row.policies for c, row in CAUSES.items()} == {
+        word: tuple(row.asks) + (("off",) if row.off else ()) for word, row in EXPECTED.items()
+    }
 
 
 @pytest.mark.parametrize("cause", Cause)

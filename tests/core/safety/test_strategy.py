@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from mavproxy_handover.core.common.causes import CAUSES, Cause
 from mavproxy_handover.core.common.model import FlightAction
 from mavproxy_handover.core.safety.strategy import Decision, Fact, Strategy, decide
+from tests.core.safety.ledger import EXPECTED
 
 W, T, H, C, R, L = FlightAction
 LETTERS = {"w": W, "H": H, "T": T, "C": C, "R": R, "L": L}
@@ -22,51 +23,8 @@ ALOFT = frozenset({Fact.FLYING, Fact.AUTOPILOT})
 #: The four that the ladders ask for, in the order of the bits below.
 BITS = (Fact.SUCCESSOR, Fact.GAP, Fact.MAY_HOLD, Fact.PLACE)
 
-#: cause, policy -> what it asks for in the air.
-#:   successor    --------++++++++
-#:   gap          ----++++----++++
-#:   may hold     --++--++--++--++
-#:   place        -+-+-+-+-+-+-+-+
-TABLE = {
-    ("energy", "return"):          "LRLRLRLRLRLRLRLR",
-    ("energy", "land"):            "LLLLLLLLLLLLLLLL",
-    ("energy", "warn"):            "wwwwwwwwwwwwwwww",
-    ("commander_lost", "return"):  "LRLRCCCCTTTTTTTT",
-    ("commander_lost", "land"):    "LLLLCCCCTTTTTTTT",
-    ("commander_lost", "warn"):    "wwwwCCCCTTTTTTTT",
-    ("out_of_coverage", "return"): "LRLRCCCCLRLRCCCC",
-    ("out_of_coverage", "land"):   "LLLLCCCCLLLLCCCC",
-    ("out_of_coverage", "warn"):   "wwwwCCCCwwwwCCCC",
-    ("no_station", "return"):      "LRLRCCCCTTTTTTTT",
-    ("no_station", "hold"):        "LRHHCCCCTTTTTTTT",
-    ("no_station", "land"):        "LLLLCCCCTTTTTTTT",
-    ("no_station", "warn"):        "wwwwCCCCTTTTTTTT",
-    ("coverage_ends", "hold"):     "LRHHCCCCLRHHCCCC",
-    ("coverage_ends", "return"):   "LRLRCCCCLRLRCCCC",
-    ("coverage_ends", "warn"):     "wwwwCCCCwwwwCCCC",
-    ("authentication", "warn"):    "wwwwwwwwwwwwwwww",
-    ("authentication", "hold"):    "LRHHLRHHLRHHLRHH",
-    ("authentication", "return"):  "LRLRLRLRLRLRLRLR",
-    ("authentication", "land"):    "LLLLLLLLLLLLLLLL",
-    ("links_weak", "warn"):        "wwwwwwwwwwwwwwww",
-    ("links_weak", "hold"):        "LRHHLRHHLRHHLRHH",
-    ("links_weak", "return"):      "LRLRLRLRLRLRLRLR",
-    ("links_weak", "land"):        "LLLLLLLLLLLLLLLL",
-    ("guard_lost", "warn"):        "wwwwwwwwwwwwwwww",
-    ("guard_lost", "hold"):        "LRHHLRHHLRHHLRHH",
-    ("guard_lost", "return"):      "LRLRLRLRLRLRLRLR",
-    ("guard_lost", "land"):        "LLLLLLLLLLLLLLLL",
-    ("fence", "warn"):             "wwwwwwwwwwwwwwww",
-    ("fence", "return"):           "LRLRLRLRLRLRLRLR",
-    ("fence", "land"):             "LLLLLLLLLLLLLLLL",
-    ("off_route", "warn"):         "wwwwwwwwwwwwwwww",
-    ("off_route", "hold"):         "LRHHLRHHLRHHLRHH",
-    ("off_route", "return"):       "LRLRLRLRLRLRLRLR",
-    ("off_route", "land"):         "LLLLLLLLLLLLLLLL",
-    ("position_stale", "warn"):    "wwwwwwwwwwwwwwww",
-    ("position_stale", "land"):    "LLLLLLLLLLLLLLLL",
-    ("autopilot_lost", "warn"):    "wwwwwwwwwwwwwwww",
-}  # fmt: skip
+#: cause, policy -> what it asks for in the air
+TABLE = {(cause, policy): letters for cause, row in EXPECTED.items() for policy, letters in row.asks.items()}
 
 #: the same, of an aircraft that is on its way to a place, or landing
 RETURNING = {"w": W, "H": W, "T": T, "C": W, "R": R, "L": L}

@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Which files are generated, and what each should hold."""
+"""Which files are generated, whole or in part, and what each should hold."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 from tests.structure.imports import ROOT
+from tests.structure.reference.blocks import blocks
 from tests.structure.reference.completion import completion
 from tests.structure.reference.configuration import configuration, mission
 from tests.structure.reference.locked import locked
@@ -33,4 +34,5 @@ def generated() -> dict[Path, str]:
         ROOT / "docs" / "requirements.md": requirements(),
         **manual(),
         **completion(),
+        **blocks(),
     }
