@@ -5,9 +5,12 @@
 from __future__ import annotations
 
 from tests.structure.imports import ROOT
+from tests.structure.reference.blocks import blocks
 from tests.structure.reference.files import generated
 
-for path, text in generated().items():
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(text, encoding="utf-8")
-    print(f"{path.relative_to(ROOT)} written")
+for make in (blocks, generated):  # pages are made from files that have blocks
+    for path, text in make().items():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+        if make is generated:
+            print(f"{path.relative_to(ROOT)} written")
