@@ -14,6 +14,7 @@ import copy
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import islice
 
 __all__ = ["Mutant", "mutants"]
 
@@ -31,6 +32,10 @@ _COMPARISONS: dict[type[ast.cmpop], type[ast.cmpop]] = {
 }
 
 
+#: what `_mutate` may change
+_CHANGED = (ast.If, ast.IfExp, ast.While, ast.Compare, ast.BoolOp, ast.Constant, ast.Expr, ast.Return)
+
+
 @dataclass(frozen=True, slots=True)
 class Mutant:
     """A module's source with one fault in it."""
@@ -42,56 +47,50 @@ class Mutant:
 def mutants(source: str) -> Iterator[Mutant]:
     """Every mutant of the functions in a module's source."""
     seen: Counter[str] = Counter()
-    size = sum(1 for _ in ast.walk(ast.parse(source)))
-    for index in range(size):
-        for choice in range(3):
-            tree = ast.parse(source)
-            node = _nth(tree, index)
-            before = ast.unparse(node) if isinstance(node, (ast.expr, ast.stmt)) else ""
-            function = _function(tree, node)
-            operator = _mutate(tree, node, choice) if function else ""
-            if not operator:
-                continue
-            name = f"{function}: {operator}: {' '.join(before.split())[:90]}"
-            seen[name] += 1
-            if seen[name] > 1:
-                name += f" (number {seen[name]})"
-            yield Mutant(name, ast.unparse(ast.fix_missing_locations(tree)))
+    whole = ast.parse(source)
+    owners = _owners(whole)
+    for index, found in enumerate(ast.walk(whole)):
+        function = owners.get(found, "")
+        if not function or not isinstance(found, _CHANGED):
+            continue
+        before = " ".join(ast.unparse(found).split())
+        tree = ast.parse(source)
+        operator = _mutate(tree, next(islice(ast.walk(tree), index, None)))
+        if not operator:
+            continue
+        name = f"{function}: {operator}: {before[:90]}"
+        seen[name] += 1
+        if seen[name] > 1:
+            name += f" (number {seen[name]})"
+        yield Mutant(name, ast.unparse(ast.fix_missing_locations(tree)))
 
 
-def _nth(tree: ast.AST, index: int) -> ast.AST:
-    for number, node in enumerate(ast.walk(tree)):
-        if number == index:
-            return node
-    raise IndexError(index)
-
-
-def _function(tree: ast.AST, wanted: ast.AST) -> str:
-    """The innermost function around a node; nothing outside of functions is mutated."""
-    found = ""
+def _owners(tree: ast.AST) -> dict[ast.AST, str]:
+    """The innermost function around each node; nothing outside of functions is mutated."""
+    found: dict[ast.AST, str] = {}
     for node in ast.walk(tree):
-        if isinstance(node, (ast.FunctionDef, ast.Lambda)) and any(child is wanted for child in ast.walk(node)):
-            found = getattr(node, "name", found)
+        if isinstance(node, ast.FunctionDef):
+            found.update(dict.fromkeys(ast.walk(node), node.name))
     return found
 
 
-def _mutate(tree: ast.AST, node: ast.AST, choice: int) -> str:
+def _mutate(tree: ast.AST, node: ast.AST) -> str:
     """Change the tree at a node; the operator's name, or "" if this node has no such fault."""
-    if choice == 0 and isinstance(node, (ast.If, ast.IfExp, ast.While)):
+    if isinstance(node, (ast.If, ast.IfExp, ast.While)):
         node.test = ast.UnaryOp(ast.Not(), node.test)
         return "condition negated"
-    if choice == 0 and isinstance(node, ast.Compare) and len(node.ops) == 1 and type(node.ops[0]) in _COMPARISONS:
+    if isinstance(node, ast.Compare) and len(node.ops) == 1 and type(node.ops[0]) in _COMPARISONS:
         node.ops = [_COMPARISONS[type(node.ops[0])]()]
         return "comparison turned"
-    if choice == 0 and isinstance(node, ast.BoolOp):
+    if isinstance(node, ast.BoolOp):
         node.op = ast.And() if isinstance(node.op, ast.Or) else ast.Or()
         return "and/or swapped"
-    if choice == 0 and isinstance(node, ast.Constant) and type(node.value) is int and not _annotation(tree, node):
+    if isinstance(node, ast.Constant) and type(node.value) is int and not _annotation(tree, node):
         node.value += 1
         return "number one more"
-    if choice == 0 and isinstance(node, ast.Expr) and isinstance(node.value, ast.Call):
+    if isinstance(node, ast.Expr) and isinstance(node.value, ast.Call):
         return _replace(tree, node, "call dropped")
-    if choice == 0 and isinstance(node, ast.Return) and not _last(tree, node):
+    if isinstance(node, ast.Return) and not _last(tree, node):
         return _replace(tree, node, "return dropped")
     return ""
 
