@@ -552,7 +552,7 @@ local function permit_arming(now)
     end
 end
 
--- ---------------------------------------------------------------------------------------------- what the vehicle does
+-- --------------------------------------------------------------------------------------- what the vehicle does
 
 --[[
 Theory of operation
@@ -1356,7 +1356,7 @@ function rx.read(now)
     return true
 end
 
--- ------------------------------------------------------------------------------------------------ every second
+-- ----------------------------------------------------------------------- registrations, GCS id, status and log
 
 -- Creates the receive table. It is common to all scripts, and on 4.6 a second init() with more ids writes past its end.
 -- So init() is called only if no script has called it yet: receive_chan() raises an error then.

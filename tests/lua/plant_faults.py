@@ -42,6 +42,7 @@ FILES = (
     "test_guard_wings",
     "test_guard_channels",
     "test_guard_vehicles",
+    "test_guard_rows",
     "test_guard_firmware",
     "test_guard_lease",
     "test_guard_nonce",
@@ -64,7 +65,8 @@ LIKELY = {
         "read_command",
         "run_aux_function",
     ),
-    "test_guard_wings": ("is_hovering", "is_climbing_out", "follow_sequence", "VEHICLES"),
+    "test_guard_rows": ("VEHICLES",),
+    "test_guard_wings": ("is_hovering", "is_climbing_out", "follow_sequence"),
     "test_guard_arming": ("arming_objection", "permit_arming"),
     "test_guard_standing": (
         "rx",
