@@ -14,9 +14,10 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.core.common.model import AuthorityView, LeaseState, Phase
 from mavproxy_handover.gate.client_capabilities import Dialect
 from mavproxy_handover.gate.judge import Fate, GateReason
+from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.wire.frames import Frame
 from tests.gate.door import Door
-from tests.gate.ledger import GCSA, GCSB, A, B
+from tests.gate.ledger import GCSA, GCSB, VEHICLE, A, B
 
 Make = Callable[..., Frame]
 FLYING = AuthorityView(Phase.ON_MISSION, GCSA, None, 1, LeaseState.HELD, armed=True)
@@ -85,6 +86,18 @@ class TestCommandsInFlight:
     def test_a_part_of_an_upload_stays_with_the_companion(self, door: Door, make: Make) -> None:
         came = door.up(A, make("MISSION_COUNT", count=3, mission_type=0))
         assert (came.verdict.fate, came.passed, door.asked) == (Fate.CONSUME, [], [])
+
+
+class TestServedFiles:
+    """Files that the companion serves in the autopilot's place."""
+
+    def test_it_answers_no_request_that_the_policy_drops(self, door: Door, make: Make) -> None:
+        door.served_file = lambda _station, _frame: Access.RALLY_READ
+        request = {"target_system": VEHICLE, "target_component": 1, "payload": bytes(251)}
+        served = door.up(B, make("FILE_TRANSFER_PROTOCOL", sysid=GCSB, **request))
+        assert (served.verdict.fate, served.verdict.access) == (Fate.CONSUME, Access.RALLY_READ)
+        dropped = door.up(B, make("FILE_TRANSFER_PROTOCOL", sysid=GCSB, **{**request, "target_system": VEHICLE + 1}))
+        assert (dropped.verdict.fate, dropped.verdict.reason) == (Fate.DROP, GateReason.OTHER_TARGET)
 
 
 class TestCommandsOfTheCompanion:
