@@ -87,7 +87,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     flights = []
     for name in names:
         profile = _profile_of(name)
-        if profile is not ASSUMED and plane is None:
+        if plane is None and profile.firmware == "ArduPlane":
             print(f"{name:<22} skipped: it is flown by a {profile.name}, and no arduplane is found", flush=True)
             continue
         for vehicle in (each for each in vehicles if flies(each) is profile):

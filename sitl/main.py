@@ -237,10 +237,8 @@ def _vehicle(arguments: argparse.Namespace, package: packages.MissionPackage) ->
     """The vehicle that flies the mission. Raises SetupError: it is not for it, or is not there."""
     vehicle: str = arguments.vehicle
     if vehicle == "auto":
-        if package.profile is not ASSUMED:
-            vehicle = package.profile.name
-        else:
-            vehicle = "arducopter" if find_arducopter(arguments.arducopter) else "builtin"
+        fitting = [kind for kind in KINDS if flies(kind) is package.profile]
+        vehicle = "arducopter" if "arducopter" in fitting and find_arducopter(arguments.arducopter) else fitting[0]
     check_vehicle(vehicle, package, arguments.arducopter, arguments.arduplane)
     return vehicle
 
@@ -255,7 +253,7 @@ def check_vehicle(
             "no arducopter found: give --arducopter PATH, set $ARDUCOPTER, bring one with --fetch-arducopter, or "
             "take --vehicle builtin"
         )
-    if package.profile is not ASSUMED and find_arduplane(arduplane) is None:
+    if package.profile.firmware == "ArduPlane" and find_arduplane(arduplane) is None:
         raise SetupError("no arduplane found: give --arduplane PATH, set $ARDUPLANE, or build it in ~/ardupilot")
 
 

@@ -19,10 +19,11 @@ import math
 from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 from pymavlink import mavutil
 
+from mavproxy_handover.vehicle.profiles import ASSUMED, profile_of
 from sitl.report.journal_reader import Entry
 
 __all__ = ["VEHICLE", "Clock", "Sample", "Watch", "number", "samples_of"]
@@ -31,8 +32,8 @@ __all__ = ["VEHICLE", "Clock", "Sample", "Watch", "number", "samples_of"]
 VEHICLE = "vehicle"
 
 AUTOPILOT = 1
-#: MAV_TYPE of a plane, and of those that hover as well: ArduPlane's modes have other numbers than ArduCopter's
-_WINGED_TYPES = {1, *range(19, 26)}
+#: firmware -> number of a mode -> its name
+_MODES: Final = {"ArduCopter": mavutil.mode_mapping_acm, "ArduPlane": mavutil.mode_mapping_apm}
 ARMED_FLAG = 128
 SAMPLE_INTERVAL_S = 0.2
 AIRBORNE_M = 2.0
@@ -142,8 +143,8 @@ class Watch:
     def _on_heartbeat(self, message: Any, now: float) -> list[Entry]:
         found = []
         number = message.custom_mode
-        names = mavutil.mode_mapping_apm if message.type in _WINGED_TYPES else mavutil.mode_mapping_acm
-        mode = names.get(number, f"mode {number}")
+        profile = profile_of(message.autopilot, message.type) or ASSUMED
+        mode = _MODES[profile.firmware].get(number, f"mode {number}")
         if mode != self.mode:
             self.mode = mode
             found.append(Entry(now, VEHICLE, "mode", f"mode {mode}", {"mode": mode}))

@@ -10,9 +10,9 @@ wings START needs to know how a return ends, and its autopilot takes longer: bot
 from __future__ import annotations
 
 from collections.abc import Collection
+from typing import Final
 
 from mavproxy_handover.mission.package import MissionPackage
-from mavproxy_handover.vehicle.profiles import ASSUMED
 from sitl.report.matching import Match
 from sitl.script.steps import Deed, Pause, Type, Wait, WaitReady
 
@@ -28,8 +28,8 @@ _PACKAGE_S = 60.0
 _ZONE_S = 20.0
 _READY_S = 120.0
 _START_S = 60.0
-#: ArduPlane arms this long (simulated seconds) after its first position, when its gyros have agreed for a time
-_GYROS_S = 15.0
+#: firmware -> how long (simulated s) after its first position it arms: ArduPlane waits until its gyros agree
+_SETTLES_S: Final = {"ArduPlane": 15.0}
 
 
 def opening(
@@ -52,10 +52,10 @@ def opening(
         for station in package.stations
     ]
     steps.append((_vehicle("authority", parent, since="begin"), _CONNECT_S, ""))
-    winged = package.profile is not ASSUMED
+    settles_s = _SETTLES_S.get(package.profile.firmware, 0.0)
     steps.append((WaitReady(True), _READY_S, ""))
-    if winged:
-        steps.append((Pause(_GYROS_S), _READY_S, ""))
+    if settles_s:
+        steps.append((Pause(settles_s), _READY_S, ""))
     if begin == "connected":
         return steps
     if not on_board:
@@ -63,7 +63,7 @@ def opening(
         steps.append((Type(parent, "handover share"), _PACKAGE_S, told))
     steps.append((_vehicle("mission_loaded", since="begin"), _PACKAGE_S, ""))
     steps.append((_vehicle("zone_entered", parent, since="begin"), _ZONE_S, ""))
-    if winged:
+    if settles_s:
         steps.append((_vehicle("preflight", since="begin"), _PACKAGE_S, ""))
     if not on_board:
         steps += [

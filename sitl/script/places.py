@@ -30,17 +30,11 @@ def mission_folder(name: str) -> Path:
 
 
 def guard_files(profile: Profile = ASSUMED) -> tuple[Path, tuple[Path, ...]]:
-    """The guard's script and its parameter files for an aircraft of that profile. Raises SetupError.
-
-    Where none ships for wings, the base parameters of the simulated plane switch scripting on, and the guard's own have
-    their defaults.
-    """
+    """The guard's script and its parameter files for an aircraft of that profile. Raises SetupError."""
     folder = resources.shipped("ardupilot_lua")
     script = folder / "handover_guard.lua"
     parameters = folder / profile.parameter_file
-    if profile is not ASSUMED and not parameters.is_file():
-        parameters = script
     for path in (script, parameters):
         if not path.is_file():
             raise SetupError(f"{path} is missing: the guard cannot be put on the vehicle")
-    return script, () if parameters == script else (parameters,)
+    return script, (parameters,)

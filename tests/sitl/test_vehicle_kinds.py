@@ -115,11 +115,10 @@ def test_the_command_line_says_what_is_simulated(program: Path) -> None:
     assert environment == {}
 
 
-def test_the_guard_of_wings_has_parameters_of_its_own_once_they_ship() -> None:
+def test_the_guard_of_wings_has_parameters_of_its_own() -> None:
     script, parameters = guard_files(QUADPLANE)
     assert script.name == "handover_guard.lua"
-    ships = (ROOT / "ardupilot_lua" / "handover_plane.parm").exists()
-    assert [path.name for path in parameters] == (["handover_plane.parm"] if ships else [])
+    assert [path.name for path in parameters] == ["handover_plane.parm"]
     assert [path.name for path in guard_files()[1]] == ["handover.parm"]
 
 
