@@ -146,7 +146,8 @@ class Coverage:
 
     def words(self, cause: Cause, now: float) -> str:
         """A cause of authority, links or coverage with its figures, for people; "" without figures."""
-        return _WORDS[cause](self, now)
+        words = _WORDS.get(cause)
+        return "" if words is None else words(self, now)
 
     def _commander(self, now: float) -> str:
         owner = self._authority.owner

@@ -162,3 +162,11 @@ def test_what_is_wrong_has_its_figures_and_its_name_where_there_are_none(
 def test_where_the_edge_says_nothing_the_name_has_to_do(cause: Cause) -> None:
     rules = Known()
     assert figures_of(rules).of(cause, ConditionsSeen(), 100.0) == CAUSES[cause].words
+
+
+@pytest.mark.parametrize("cause", Cause)
+def test_authority_without_figures_for_a_cause_says_nothing(cause: Cause) -> None:
+    rules = Known()
+    rules.owner = None
+    coverage = Coverage(rules, rules, rules, Limits())  # type: ignore[arg-type]
+    assert isinstance(coverage.words(cause, 100.0), str)
