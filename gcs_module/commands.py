@@ -143,7 +143,7 @@ class StationCommands:
                 "NUMBER|no: open a link to the vehicle's address of this question, or refuse all",
                 self._connect,
             ),
-            "take": ("MISSION: make a mission that another station has offered this station's own", self._take),
+            "take": ("MISSION: make a mission that another station has offered this station's own", self._accept_offer),
         }
 
     def takes(self, args: list[str]) -> bool:
@@ -406,7 +406,7 @@ class StationCommands:
         for line in (*((f"briefing  {old}",) if old else ()), *book.lines):
             module.view.show(line)
 
-    def _take(self, name: str) -> None:
+    def _accept_offer(self, name: str) -> None:
         self._module.view.line(self._module.mission_transfer.inbox.accept_offer(name, self._module.state.disarmed))
 
     def _list_addresses(self) -> None:

@@ -55,9 +55,9 @@ class StationEventLog:
         self._journal.write("unloaded")
         self._journal.close()
 
-    def settle(self, within_s: float) -> bool:
+    def wait_until_written(self, within_s: float) -> bool:
         """Wait, `within_s` at most, until the journal is written; returns whether it is. Not for the main loop."""
-        return self._journal.settle(within_s)
+        return self._journal.wait_until_written(within_s)
 
     def fault(self, where: str, text: str) -> None:
         """An internal fault."""
@@ -122,7 +122,7 @@ class FlightEventLog:
 
     def text(self, text: Text, now: float) -> None:
         """A text of the vehicle."""
-        if self._sampler("texts", None).take(now) is None:
+        if self._sampler("texts", None).admit(now) is None:
             return
         self._write("text", text.words)
         if text.shown:
@@ -147,12 +147,12 @@ class FlightEventLog:
         """A message of a transfer, "in" or "out"; other messages are ignored. `via`: None is the vehicle's link."""
         if not isinstance(message, TransferMessage):
             return
-        if self._sampler(who, via).take(now) is not None:
+        if self._sampler(who, via).admit(now) is not None:
             self._write("message", direction=direction, station=who, via=via, **codec.values_of(message))
 
     def stream(self, text: str, now: float) -> None:
         """The gate's text about this station's sticks and setpoints."""
-        if self._sampler("sticks", None).take(now) is not None:
+        if self._sampler("sticks", None).admit(now) is not None:
             self._write("stream", text)
             self._view.line(text, EVENTS["stream"])
 

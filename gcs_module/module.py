@@ -331,7 +331,7 @@ class HandoverGcsModule(mp_module.MPModule):
             self._each_second_at = now + 1.0
             self._guarded("links", self.links.refresh)
             self._guarded("beat", self._beat)
-            self._guarded("shared log", partial(self._shared_log.look, now))
+            self._guarded("shared log", partial(self._shared_log.check, now))
             for aircraft in self.aircraft:
                 self._guarded(f"second of {aircraft.vehicle.called}", partial(aircraft.each_second, now))
             self._guarded("menu", self.menu.tick)

@@ -92,7 +92,7 @@ class StationRouteWatch:
     def _check_motion(self, motion: Motion, now: float) -> Notice | None:
         self._checked_at = now
         self.track = None if self._tracker is None else self._tracker.follow(motion, now)
-        news = self._check.look(self.track, now)
+        news = self._check.update(self.track, now)
         if news is None:
             return None
         text = f"{news.text[:1].upper()}{news.text[1:]}, as this station sees it."

@@ -76,7 +76,7 @@ class Follower:
         self._links: list[tuple[PassiveLink, LinkReader]] = []
         for device in devices:
             reader = LinkReader(self.scene, device.text, self._station_name)
-            link = PassiveLink(device, partial(self._heard, reader), time.monotonic)
+            link = PassiveLink(device, partial(self._read_frame, reader), time.monotonic)
             self._links.append((link, reader))
         self._sockets = [link.bind() for link, _reader in self._links]
 
@@ -84,7 +84,7 @@ class Follower:
         """Start to follow, in the running event loop."""
         for (link, _reader), opened in zip(self._links, self._sockets, strict=True):
             self._tasks.append(asyncio.create_task(link.run(opened)))
-        for job in (self._read, self._look, self._show):
+        for job in (self._read, self._find_new, self._show):
             self._tasks.append(asyncio.create_task(self._forever(job)))
 
     def end(self) -> None:
@@ -139,11 +139,11 @@ class Follower:
         entries = [(journal, entry) for journal, (new, _) in zip(journals, found, strict=True) for entry in new]
         entries.sort(key=lambda each: each[1].utc or utc_now)
         for journal, entry in entries:
-            journal.writer.take(entry, now, utc_now)
+            journal.writer.add_entry(entry, now, utc_now)
         share = _AT_A_TIME // len(journals)
         return 0.0 if any(taken >= share for _, taken in found) else _EVERY_S
 
-    async def _look(self) -> float:
+    async def _find_new(self) -> float:
         """Find new journals and missions."""
         laid = await asyncio.to_thread(self._find)
         for path in laid[0]:
@@ -187,7 +187,7 @@ class Follower:
         return 1.0
 
     @staticmethod
-    def _heard(reader: LinkReader, frame: Frame) -> None:
+    def _read_frame(reader: LinkReader, frame: Frame) -> None:
         reader.on_frame(frame, time.monotonic(), time.time())
 
     def _station_name(self, sysid: int) -> str:

@@ -110,7 +110,7 @@ class Writer:
         self._station: Station | None = None
         self._waiting: deque[tuple[Entry, float, float]] = deque(maxlen=_WAITING)
 
-    def take(self, entry: Entry, now: float, utc_now: float) -> None:
+    def add_entry(self, entry: Entry, now: float, utc_now: float) -> None:
         """An entry that was read just now. `utc_now`: seconds since 1970 by this machine's clock."""
         at = now if entry.utc is None else min(now, now - (utc_now - entry.utc))
         utc = utc_now if entry.utc is None else entry.utc

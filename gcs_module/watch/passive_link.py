@@ -41,16 +41,16 @@ def parse_passive_link(text: str) -> DeviceSpec:
 
 
 class PassiveLink:
-    """One link. `heard`: gets each frame; `now`: the clock, monotonic seconds."""
+    """One link. `on_frame`: gets each frame; `now`: the clock, monotonic seconds."""
 
-    def __init__(self, device: DeviceSpec, heard: Callable[[Frame], None], now: Callable[[], float]) -> None:
+    def __init__(self, device: DeviceSpec, on_frame: Callable[[Frame], None], now: Callable[[], float]) -> None:
         self.device = device
         #: its state, in words
         self.state = "not open yet"
         #: frames beyond MOST_FRAMES a second, and bytes that are no frames
         self.thrown_away = 0
         self.garbage = 0
-        self._heard = heard
+        self._on_frame = on_frame
         self._now = now
         self._second, self._left = 0, MOST_FRAMES
 
@@ -86,7 +86,7 @@ class PassiveLink:
             data = await loop.sock_recv(opened, _BYTES)
             # a splitter for each datagram: there may be several senders, and frames are never cut
             splitter = FrameSplitter()
-            self._take(splitter.feed(data))
+            self._handle_frames(splitter.feed(data))
             self.garbage += splitter.counters.garbage_bytes + splitter.waiting
 
     async def _stream(self) -> None:
@@ -98,11 +98,11 @@ class PassiveLink:
             self.state = "connected"
             while data := await loop.sock_recv(opened, _BYTES):
                 before = splitter.counters.garbage_bytes
-                self._take(splitter.feed(data, self._now()))
+                self._handle_frames(splitter.feed(data, self._now()))
                 self.garbage += splitter.counters.garbage_bytes - before
         self.state = "not connected: the server has ended it"
 
-    def _take(self, frames: list[Frame]) -> None:
+    def _handle_frames(self, frames: list[Frame]) -> None:
         second = int(self._now())
         if second != self._second:
             self._second, self._left = second, MOST_FRAMES
@@ -111,4 +111,4 @@ class PassiveLink:
         self.thrown_away += len(frames) - len(taken)
         for frame in taken:
             with suppress(Exception):  # a fault in one frame must not cost the next ones
-                self._heard(frame)
+                self._on_frame(frame)

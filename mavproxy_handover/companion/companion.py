@@ -68,7 +68,7 @@ class Companion:
         self._due_at = _UNKNOWN
         #: MAVProxy's messages whose CRC is checked already: MAVProxy may have loaded another dialect
         self._checked = checked_types(mavutil.mavlink) | checked_types(mavlink)
-        self._queue: EventQueue[float] = EventQueue(self._take, self._begin_order)
+        self._queue: EventQueue[float] = EventQueue(self._apply_event, self._begin_order)
         self._base = base = base_of(running, ports, edge)
         self.journal, self.arbiter, self.event_log = base.journal, base.arbiter, base.event_log
         hub = Hub(self.handle, self.fail_closed, self._send_lease, self._grounded)
@@ -129,7 +129,7 @@ class Companion:
         for frame in frames:
             try:
                 if gate.sign_of_life(port, frame):
-                    port.heard(frame, now)
+                    port.record_heartbeat(frame, now)
                     self.handle(events.StationHeard(port.sysid), now)
                 verdict = gate.up(port, frame, now)
                 if verdict.fate is not Fate.FORWARD or verdict.access in _CHANGES:
@@ -233,7 +233,7 @@ class Companion:
         if not self.failed:
             self._queue.put(event, now)
 
-    def _take(self, event: events.Event, now: float) -> None:
+    def _apply_event(self, event: events.Event, now: float) -> None:
         """Give one event to the rules and carry out their actions."""
         self._due_at = _UNKNOWN
         try:
@@ -266,9 +266,11 @@ class Companion:
         """Do a job. A fault is reported, and the next job is still done."""
         attempt(self.fault, where, job, *arguments)
 
-    def settle(self, within_s: float) -> bool:
+    def wait_until_written(self, within_s: float) -> bool:
         """Wait (s) until journal and state are on the disk; whether they are. Not for the main loop."""
-        return all(each.settle(within_s) for each in (self.journal, self._base.strangers, self._base.restart))
+        return all(
+            each.wait_until_written(within_s) for each in (self.journal, self._base.strangers, self._base.restart)
+        )
 
     def close(self) -> None:
         """Close links, state and journals."""

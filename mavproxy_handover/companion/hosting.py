@@ -64,7 +64,7 @@ class SharedLog:
         self._mpstate, self._show = mpstate, show
         self._known = False
 
-    def look(self, _now: float) -> None:
+    def check(self, _now: float) -> None:
         """Check the tlog. Call it each second, because MAVProxy opens it after the modules."""
         file = getattr(self._mpstate, "logfile", None)
         if self._known or file is None:

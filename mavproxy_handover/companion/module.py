@@ -115,11 +115,11 @@ class HandoverModule(mp_module.MPModule):
         self._links = [(port, link) for port in ports.values() for link in port.links]
         self._idle_at = 0.0
         jobs = [("measuring links", partial(self._measure, port), _measured_s(port)) for port in ports.values()]
-        jobs += [("link", partial(self._look_at, port, link), _POLL_S) for port, link in self._links]
+        jobs += [("link", partial(self._read_link, port, link), _POLL_S) for port, link in self._links]
         self._running, self._names = running, names
         self._record = BackgroundWriter("run record")
-        jobs.append(("names", partial(self._look_up), _POLL_S))
-        jobs.append(("shared log", partial(SharedLog.look, SharedLog(mpstate, self._show)), 1.0))
+        jobs.append(("names", partial(self._update_addresses), _POLL_S))
+        jobs.append(("shared log", partial(SharedLog.check, SharedLog(mpstate, self._show)), 1.0))
         self._schedule = Schedule(jobs, self.companion.fault)
         #: time of the last read of a station's frames
         self._heard_at = -math.inf
@@ -140,7 +140,7 @@ class HandoverModule(mp_module.MPModule):
         self._unload_question = UnloadQuestion(
             mpstate.command_map, "handover", flies=self._flies, show=self._show, clock=time.monotonic
         )
-        self._unload_question.take()
+        self._unload_question.install()
         self.companion.event_log.loaded(VERSION, str(config.path))
         for note in running.notes:
             self.companion.event_log.running_by(note)
@@ -205,7 +205,7 @@ class HandoverModule(mp_module.MPModule):
     def mavlink_packet(self, m: Any) -> None:
         """A message from the vehicle's side."""
         if self._to_autopilot.signed:
-            self._guarded("stamps of the autopilot", partial(self._to_autopilot.heard, m))
+            self._guarded("stamps of the autopilot", partial(self._to_autopilot.track_timestamp, m))
         try:
             self.companion.on_autopilot(m, time.monotonic())
         except Exception:
@@ -333,13 +333,13 @@ class HandoverModule(mp_module.MPModule):
         if waited_for(self.mpstate):
             return
         for port, link in self._links:
-            self._guarded("link", partial(self._look_at, port, link, now))
+            self._guarded("link", partial(self._read_link, port, link, now))
 
-    def _look_at(self, port: StationPort, link: Device, _now: float) -> None:
+    def _read_link(self, port: StationPort, link: Device, _now: float) -> None:
         self._serve(port, link)
         self._watch(port, link)
 
-    def _look_up(self, now: float) -> None:
+    def _update_addresses(self, now: float) -> None:
         """Start look-ups of host names in a thread, and store the results for a restart."""
         self._names.tick(now)
         if self._names.known != self._running.addresses:

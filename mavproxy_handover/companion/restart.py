@@ -111,9 +111,9 @@ class Restart:
             return None
         return store.load_package(restored.kept_by)
 
-    def settle(self, within_s: float) -> bool:
+    def wait_until_written(self, within_s: float) -> bool:
         """Wait at most `within_s` until the disk has everything. Returns True if it has."""
-        return self._store is None or self._store.settle(within_s)
+        return self._store is None or self._store.wait_until_written(within_s)
 
     def close(self) -> None:
         """Close the store at the end of the run. This does not wait for a disk that hangs."""

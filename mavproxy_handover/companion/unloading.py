@@ -21,7 +21,7 @@ _WORDS: Final = ("unload", "reload")
 
 
 class UnloadQuestion:
-    """Replaces `module` in MAVProxy's table of commands, from `take` to `give_back`. Times are monotonic seconds."""
+    """Replaces `module` in MAVProxy's table of commands, from `install` to `give_back`. Times are monotonic seconds."""
 
     def __init__(
         self,
@@ -41,7 +41,7 @@ class UnloadQuestion:
         self._inner: tuple[Callable[[list[str]], None], str] | None = None
         self._own: tuple[Callable[[list[str]], None], str] | None = None
 
-    def take(self) -> None:
+    def install(self) -> None:
         """Redirect the command to here."""
         self._inner = self._command_map.get("module")
         if self._inner is not None:

@@ -363,7 +363,7 @@ class Arbiter:
                 self._safety.handle(event, now, actions)
         self._transfer_manager.speak(now, actions)
         self._judge_safety(now, actions)
-        self._rehearsal.look(now)
+        self._rehearsal.update(now)
         self._contacts.ask(self._authority, self.mission_digest, now, actions)
         if self._epoch != self._authority.epoch:
             self._epoch, self._epoch_since = self._authority.epoch, now
@@ -396,7 +396,7 @@ class Arbiter:
         if not self._known(station):
             return
         waits = self._authority.lost and station == self._authority.owner
-        self._contacts.heard(station, now, actions, commanded=waits)
+        self._contacts.note_heard(station, now, actions, commanded=waits)
         if self._presence[station].station.standard:
             self._return(station, now, actions)
 
@@ -425,7 +425,7 @@ class Arbiter:
             case ConnectAck():
                 dropped = self._on_connect_ack(station, message, now, actions)
             case OkAhead():
-                dropped = self._transfer_manager.foresight.heard(station, message, actions)
+                dropped = self._transfer_manager.foresight.accept_answer(station, message, actions)
             case HandoverAhead():
                 dropped = "not the sender's to say"
             case _:
@@ -534,7 +534,7 @@ class Arbiter:
 
     def _on_mission(self, event: MissionLoaded, actions: list[Action]) -> None:
         self._candidates.hold(Mission(event.digest, event.route))
-        self._safety.emergency.adopt(event.out_of_coverage)
+        self._safety.emergency.set_policy(event.out_of_coverage)
         if event.digest:
             names = " ".join(self.name(station) for station in event.route)
             actions.append(Record("mission_loaded", f"mission loaded, commanders along the route: {names}"))
@@ -587,12 +587,12 @@ class Arbiter:
         if self._flight.position_lost(now):
             actions.append(Record("position_stale", "no fresh position: no handover by zone", Reason.POSITION_STALE))
         executor = self._safety.executor
-        executor.settle(now, actions)
+        executor.resolve_doubt(now, actions)
         untold = executor.tells_at()
         facts = self._judge(now, actions)
         if untold is not None and untold == executor.tells_at():
             executor.tell_return(now, actions)
-        if executor.look(facts, now, actions):  # the autopilot does not follow: the table has something graver
+        if executor.verify_order(facts, now, actions):  # the autopilot does not follow: the table has something graver
             self._judge(now, actions)
 
     def _judge(self, now: float, actions: list[Action]) -> Situation:

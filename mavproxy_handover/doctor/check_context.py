@@ -78,7 +78,7 @@ class CheckContext:
 
     looked_at: float = -inf
 
-    def look_out(self) -> None:
+    def stop_if_companion_runs(self) -> None:
         """Check for a new companion. Call this often while a link, a port or a line is open here.
 
         Raises CompanionStarted as soon as a companion of this vehicle runs, because it needs them.
@@ -91,7 +91,7 @@ class CheckContext:
         if self.running is not None:
             raise CompanionStarted
 
-    def look_again(self) -> None:
+    def find_companion(self) -> None:
         """Check again whether a companion of this vehicle runs."""
         self.running = self._who_runs()
 
@@ -154,7 +154,7 @@ def admit(
         # a system that was never started has no such user yet: systemd-sysusers makes it at the start
         context.account = named or context.account
         context.account_missing = "" if named is not None or unit is None else user
-    context.look_again()
+    context.find_companion()
     return context
 
 

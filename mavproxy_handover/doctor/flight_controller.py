@@ -64,7 +64,7 @@ def autopilot(context: CheckContext) -> Iterator[Finding]:
         if context.kind == "companion":
             yield unseen(_NAME, "there is no configuration to compare it with", "Put the configuration right first.")
         return
-    context.look_again()
+    context.find_companion()
     if context.running is not None:
         yield from autopilot_by_journal(context)
         return
@@ -123,7 +123,7 @@ class _Visit:
     def _open(self, spec: DeviceSpec) -> Talk:
         other = self._vehicle.sysid, AUTOPILOT_COMPID
         device = open_device(spec.text)
-        ways = self._heed, self._grounded, self._context.look_out
+        ways = self._heed, self._grounded, self._context.stop_if_companion_runs
         return Talk(device, self._vehicle.sysid, other, self._peer, self._context.clocks, *ways)
 
     def _heed(self, message: Any, _frame: Frame) -> None:

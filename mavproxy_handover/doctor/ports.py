@@ -104,7 +104,7 @@ def _bind(spec: DeviceSpec) -> None:
 
 
 def _held(context: CheckContext, what: str, spec: DeviceSpec) -> Finding:
-    context.look_again()  # it may have been restarted meanwhile
+    context.find_companion()  # it may have been restarted meanwhile
     holder = port_holder(spec.kind is Kind.UDP_IN, spec.port)
     if _ours(context, holder):
         return ok(what, f"{spec.text} is held by the {context.kind} that runs")

@@ -62,7 +62,7 @@ def position_box(context: CheckContext) -> Iterator[Finding]:
     vehicle = context.vehicle
     if vehicle is None or not vehicle.position.box:
         return
-    context.look_again()
+    context.find_companion()
     if context.running is not None:
         yield from position_box_by_journal(context)
         return
@@ -86,7 +86,7 @@ def _listen(context: CheckContext, line: BoxLine) -> _Heard:
     place = None if own is None or context.aircraft.armed else Place.by_autopilot(own)
     begun = now = context.clocks.monotonic()
     while now < begun + _LISTEN_S:
-        context.look_out()
+        context.stop_if_companion_runs()
         fix, raw = line.read(), line.raw()
         if raw:
             heard.layout.judge(raw, place, armed=False)

@@ -48,7 +48,7 @@ def stations(context: CheckContext) -> Iterator[Finding]:
     vehicle = context.vehicle
     if vehicle is None:
         return
-    context.look_again()
+    context.find_companion()
     if context.running is not None:
         yield from links_by_journal(context)
         return
@@ -106,7 +106,7 @@ def _opened(context: CheckContext, vehicle: VehicleConfig, config: StationLinks)
 def _listen(context: CheckContext, asked: list[_Asked]) -> None:
     end = context.clocks.monotonic() + _LISTEN_S
     while (now := context.clocks.monotonic()) < end and not all(_complete(each, now) for each in asked):
-        context.look_out()
+        context.stop_if_companion_runs()
         waiting = select.poll()
         for each in asked:
             assert each.port is not None

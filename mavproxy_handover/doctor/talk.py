@@ -99,9 +99,9 @@ class Talk:
             waiting.register(number, select.POLLIN)
         waiting.poll(_WAIT_S * 1000.0)
         for frame in self.device.read():
-            self._take(frame)
+            self._handle_frame(frame)
 
-    def _take(self, frame: Frame) -> None:
+    def _handle_frame(self, frame: Frame) -> None:
         self.heard[frame.sysid] += 1
         sysid, compid = self._other
         if frame.sysid != sysid or compid not in (0, frame.compid):

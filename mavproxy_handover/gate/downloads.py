@@ -52,7 +52,7 @@ class Downloads:
         """A message of LOG_REQUESTS of the commander, to be passed on."""
         self._log.asked(port, frame, now)
 
-    def take(self, port: Port, frame: Frame, raw: bytes, now: float) -> None:
+    def forward(self, port: Port, frame: Frame, raw: bytes, now: float) -> None:
         """A frame of the vehicle for a station. `raw`: the frame as it is sent."""
         try:
             kept = frame.msgid == _LOG_DATA and self._log.keeps(port, frame, raw, now)

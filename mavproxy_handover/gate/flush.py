@@ -29,9 +29,9 @@ and component that began it. Rules, from ArduPilot's source:
    says. A plane forgets an attitude after 3 s by itself.
 5. **Log download**: ended, because it fills the channel.
 
-Nothing is sent for what has ended already. The answers of the autopilot (`heard`) and the frames of the station show
-that. Memory is bounded: `_MOST_OPEN` of a kind for one station. The oldest is forgotten first; of files, the oldest
-that the autopilot has not acknowledged.
+Nothing is sent for what has ended already. The answers of the autopilot (`note_reply`) and the frames of the station
+show that. Memory is bounded: `_MOST_OPEN` of a kind for one station. The oldest is forgotten first; of files, the
+oldest that the autopilot has not acknowledged.
 """
 
 from __future__ import annotations
@@ -178,12 +178,12 @@ class FlushTracker:
             opened = self._open[station_sysid] = _Open()
         handler(frame, opened, (frame.sysid, frame.compid), component)
 
-    def heard(self, frame: Frame) -> None:
+    def note_reply(self, frame: Frame) -> None:
         """A frame of the autopilot. It may say that an upload has ended, or that a file is not open."""
         if frame.msgid == _ACK:
-            self._heard_ack(frame)
+            self._note_ack(frame)
         elif frame.msgid == _FTP:
-            self._heard_file(frame)
+            self._note_file_reply(frame)
 
     def flush(self, station_sysid: int, *, ends_streams: bool = True) -> list[Closing]:
         """Close everything that a station has open, and forget it. Guided streams only with `ends_streams` (rule 4)."""
@@ -280,12 +280,12 @@ class FlushTracker:
         else:
             _remember(opened.logs, sender, component)
 
-    def _heard_ack(self, frame: Frame) -> None:
+    def _note_ack(self, frame: Frame) -> None:
         if field_int(frame, "type") not in _UPLOAD_GOES_ON:
             for opened in self._open.values():
                 opened.uploads.pop((_addressee(frame), field_int(frame, "mission_type")), None)
 
-    def _heard_file(self, frame: Frame) -> None:
+    def _note_file_reply(self, frame: Frame) -> None:
         head = head_of(field_bytes(frame, "payload"))
         asked = (head.sequence - 1) & 0xFFFF
         session_of = _addressee(frame), head.session

@@ -141,7 +141,7 @@ class Gate:
         if passed.stale_streams.untold:
             self._replies.tell_streams(passed.stale_streams, now)
         if not commands:
-            passed.rates.heard(port.sysid, now)
+            passed.rates.note_heard(port.sysid, now)
         if verdict.fate is _FORWARD:
             if frame.msgid in LOG_REQUESTS and commands:
                 self.downloads.asked(port, frame, now)
@@ -198,13 +198,13 @@ class Gate:
             if frame.msgid == _CONTROL_STATUS:
                 return True
             if frame.compid == AUTOPILOT_COMPID:
-                passed.flusher.heard(frame)
+                passed.flusher.note_reply(frame)
                 if frame.msgid == _PARAM_VALUE and passed.own_reads.keeps(frame, now):
                     return True
         raw = named(frame, self._names)
         for station in passed.downlink.receivers(frame, self._ports, self._in_force.view, now):
             if frame.msgid in DOWNLOADS:
-                self.downloads.take(self._ports[station], frame, raw, now)
+                self.downloads.forward(self._ports[station], frame, raw, now)
             else:
                 self._replies.send(self._ports[station], raw)
         return True

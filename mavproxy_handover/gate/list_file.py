@@ -126,7 +126,7 @@ class ListFile:
             return Access.RALLY_WRITE if file.writes else Access.RALLY_READ
         return _ACCESS.get(head.opcode) if file.over is None else None
 
-    def take(self, station: int, request: Any, sender: Sender) -> Turn:
+    def answer(self, station: int, request: Any, sender: Sender) -> Turn:
         """Answer a request that passed the gate: it opens the file, or belongs to a session (`access`)."""
         payload = bytes(request.payload)
         head = head_of(payload)
@@ -147,7 +147,7 @@ class ListFile:
         return _burst(file, head) if head.opcode == FTP_BURST else _read(file, head)
 
     def conclude(self, station: int) -> Turn:
-        """Acknowledge the list that `take` returned: it has replaced the old one."""
+        """Acknowledge the list that `answer` returned: it has replaced the old one."""
         file = self._files[station]
         assert file.over is not None
         head = file.over[0]

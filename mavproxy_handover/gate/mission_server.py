@@ -4,7 +4,7 @@
 
 It answers in the autopilot's place. An upload of a station is collected here as a whole before any of it goes further.
 A station reads the list that is offered here. The gate decides which station may send such messages. The owner of the
-server checks the list between `take` and `conclude`. Rules:
+server checks the list between `handle` and `conclude`. Rules:
 
 1. One upload at a time. Uploads of other senders are denied meanwhile. The same sender starts again by a new
    MISSION_COUNT.
@@ -155,7 +155,7 @@ class MissionServer:
             return False
         return message.mission_type in (self.kind, _ALL if message.get_type() == "MISSION_CLEAR_ALL" else self.kind)
 
-    def take(self, message: Any, sender: Sender, now: float) -> Turn:
+    def handle(self, message: Any, sender: Sender, now: float) -> Turn:
         """Handle a message of a station's program that `knows` accepts."""
         return self._handlers[message.get_type()](message, sender, now)
 

@@ -159,7 +159,7 @@ class ObserverRates:
         told = mavlink.MAVLink_message_interval_message(msgid, self._interval_us(observer, msgid))
         return [_ack(frame, command, mavlink.MAV_RESULT_ACCEPTED), told]
 
-    def heard(self, station_sysid: int, now: float) -> None:
+    def note_heard(self, station_sysid: int, now: float) -> None:
         """Note that a frame of the station came: its requests stay."""
         observer = self._observers.get(station_sysid)
         if observer is not None:

@@ -228,7 +228,7 @@ class StaleStreams:
     def _hold_or_release(self, frame: Frame, kind: str, station: int, state: State, now: float) -> bool:
         """Whether the frame holds something in a stale stream. Without authority every stream that holds is stale."""
         streams, sender = self._streams[station], (frame.sysid, frame.compid)
-        self._settle(station, kind, now, state is _RAN_BEFORE)
+        self._end_if_paused(station, kind, now, state is _RAN_BEFORE)
         stream = streams.get(kind)
         if stream is None and state is _RAN_BEFORE:
             return False
@@ -275,9 +275,9 @@ class StaleStreams:
         """Find streams that have paused. To be called often."""
         for station, streams in self._streams.items():
             for kind in list(streams):
-                self._settle(station, kind, now, station == commander)
+                self._end_if_paused(station, kind, now, station == commander)
 
-    def _settle(self, station: int, kind: str, now: float, commands: bool) -> None:
+    def _end_if_paused(self, station: int, kind: str, now: float, commands: bool) -> None:
         stream = self._streams[station].get(kind)
         if stream is not None and stream.beats >= BEATS and now - stream.held_at >= PAUSE_S:
             self._end(station, kind, now, commands)

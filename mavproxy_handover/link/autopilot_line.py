@@ -64,7 +64,7 @@ class AutopilotLink:
         """Whether the autopilot has a key."""
         return self._peer is not None
 
-    def heard(self, message: Any) -> None:
+    def track_timestamp(self, message: Any) -> None:
         """A message of the autopilot's side, from MAVProxy. The key serves only to follow its timestamps."""
         if self._peer is None or message.get_type() != "HEARTBEAT":
             return

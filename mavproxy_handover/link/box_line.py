@@ -124,7 +124,7 @@ class BoxLine:
             return None
         now = self._clock()
         if self._socket is None:
-            self._socket = self._dialling.look(now)
+            self._socket = self._dialling.poll(now)
             if self._socket is None:
                 return None
             self.counters.connects += 1

@@ -97,12 +97,12 @@ class Dialling:
         """The address for this attempt, "" if none is known."""
         if self._names is None:
             return self._spec.host
-        self._names.look_again(self._spec.host)
+        self._names.request(self._spec.host)
         hosts = self._names.addresses(self._spec.host)
         self._turn += 1
         return hosts[(self._turn - 1) % len(hosts)] if hosts else ""
 
-    def look(self, now: float) -> socket.socket | None:
+    def poll(self, now: float) -> socket.socket | None:
         """Return the socket once after an attempt has succeeded; otherwise start the next attempt when it is due."""
         if self._socket is None:
             if self._backoff.due(now):

@@ -118,7 +118,7 @@ class SequenceTracker:
         self._late_run = 0
         self._late_next = -1
 
-    def take(self, seq: int) -> tuple[int, int, int, int]:
+    def count(self, seq: int) -> tuple[int, int, int, int]:
         """Take a number; return what to add to (due, lost, duplicates, reordered).
 
         `lost` is -1 when a lost frame came late.
@@ -192,7 +192,7 @@ class LinkMonitor:
             if len(self._streams) >= _STREAMS:
                 self._streams.popitem(last=False)
         else:
-            due, lost, duplicates, reordered = tracker.take(frame.seq)
+            due, lost, duplicates, reordered = tracker.count(frame.seq)
             bucket.due += due
             bucket.lost += lost
             bucket.duplicates += duplicates

@@ -139,10 +139,10 @@ class Names:
         if is_number(host):
             return (host,)
         if host not in self._known:
-            self.look_again(host)
+            self.request(host)
         return self._known.get(host, ())
 
-    def look_again(self, host: str) -> None:
+    def request(self, host: str) -> None:
         """Look up a name again, at most every half minute."""
         if not is_number(host):
             self._wanted[host] = None

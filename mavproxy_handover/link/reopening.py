@@ -149,7 +149,7 @@ class ReopeningLink(Device):
     def _go_to_another(self, now: float) -> None:
         """Use another address, because nothing is heard. The name may have several addresses, or a new one."""
         self._heard_at = now
-        self._names.look_again(self._spec.host)
+        self._names.request(self._spec.host)
         if self._spec.kind in _LISTENING:  # it listens on its own address, so the sender's address does not matter
             return
         addresses = self._addresses()

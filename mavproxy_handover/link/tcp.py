@@ -171,7 +171,7 @@ class TcpOut(Device):
 
     def _see_to_connecting(self) -> None:
         now = self._clock()
-        made = self._dialling.look(now)
+        made = self._dialling.poll(now)
         if made is not None:
             self._connection = _Connection(made, now, self._dialling.address[0])
             self.counters.connects += 1

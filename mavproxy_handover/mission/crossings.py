@@ -128,7 +128,7 @@ class WayAhead:
         end = self._ends.get(seen.waypoint)
         if end is None:
             return ()
-        self._look(seen)
+        self._note_speed(seen)
         spot = next((spot for spot in self._spots.get(seen.waypoint, ()) if self._is_at(spot, seen)), None)
         if spot is not None:
             here_s, late_s, slower = self._time_on(spot, seen), 0.0, 1.0
@@ -146,7 +146,7 @@ class WayAhead:
                 found.append(BorderFact(number, in_s, border.holding))
         return tuple(found)
 
-    def _look(self, seen: Seen) -> None:
+    def _note_speed(self, seen: Seen) -> None:
         if seen.waypoint != self._waypoint:
             self._waypoint, self._waits_since = seen.waypoint, None
             self._speeds_seen.clear()

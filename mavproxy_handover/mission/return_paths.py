@@ -72,7 +72,7 @@ class PlaceFinder:
         """True if the fence holds a place."""
         return self._fence.holds(place)
 
-    def look(self, here: _Spot, place: _Spot, height_m: float) -> PlaceView:
+    def evaluate(self, here: _Spot, place: _Spot, height_m: float) -> PlaceView:
         """Judge a return site and the straight path to it at that height above home."""
         east, north = east_north_m(*here, *place)
         length_m = math.hypot(east, north)

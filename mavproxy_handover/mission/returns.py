@@ -54,7 +54,7 @@ def with_return(route: Route, zones: Sequence[Zone], terrain: Terrain | None) ->
     facts, spots = [], {}
     for away, place in sorted(far, key=lambda entry: entry[0])[:_MOST]:
         spot = spots[place.name] = (place.lat_deg, place.lon_deg)
-        view = finder.look((lat, lon), spot, max(alt, place.alt_m))
+        view = finder.evaluate((lat, lon), spot, max(alt, place.alt_m))
         facts.append(
             PlaceFact(
                 place.name,

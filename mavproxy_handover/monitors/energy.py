@@ -117,14 +117,14 @@ class _Estimate:
     def _on_battery(self, number: int, report: PackReport, now: float, on_ground: bool) -> None:
         self._reports[number] = report, now
         if self._batteries is not None:
-            self._batteries.take(number, report, now, on_ground)
+            self._batteries.add_report(number, report, now, on_ground)
 
-    def adopt(self, settings: EnergySettings, now: float, prior: EnergyPrior) -> None:
+    def apply_settings(self, settings: EnergySettings, now: float, prior: EnergyPrior) -> None:
         """A mission is loaded: its numbers go before the vehicle's. `prior`: what counts where both say nothing."""
         self._use(settings.over(self._own), prior)
         for number, (report, at) in self._reports.items():
             if self._batteries is not None and now - at < _COUNT_S:
-                self._batteries.take(number, report, at, True)
+                self._batteries.add_report(number, report, at, True)
 
     @property
     def memory(self) -> tuple[PackMemory, ...]:
@@ -343,14 +343,14 @@ class EnergyMonitor:
         except Exception:
             self._tell_fault()
 
-    def adopt(
+    def apply_settings(
         self, settings: EnergySettings, way: Callable[[float], Sequence[Piece]], now: float, prior: EnergyPrior
     ) -> list[Output]:
         """A mission is loaded: its numbers go before the vehicle's. `way`: its pieces, at a height of return; `prior`:
         what counts where both say nothing."""
         self._start.set_way(way)
         try:
-            self.estimate.adopt(settings, now, prior)
+            self.estimate.apply_settings(settings, now, prior)
             self._follow()
             return self._start.judge(self.estimate.observe(now, grounded=True), now)
         except Exception:

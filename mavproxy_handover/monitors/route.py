@@ -59,7 +59,7 @@ class RouteMonitor:
         self._looked_at = now
         motion = self._motion(state)
         self.track = None if self._tracker is None or motion is None else self._tracker.follow(motion, now)
-        news = self._check.look(self.track, now)
+        news = self._check.update(self.track, now)
         return [] if news is None else [news]
 
     @staticmethod

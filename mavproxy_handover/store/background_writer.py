@@ -7,8 +7,8 @@ Rules that live here
 * One thread for each thing that is written. If one thread hangs, the others go on.
 * A new job replaces a waiting job of the same name, because the older one is obsolete. So no more jobs can wait than
   there are names.
-* Nothing here raises. Only `settle` and `close` wait, at most as long as they are told. The threads do not keep the
-  program from ending.
+* Nothing here raises. Only `wait_until_written` and `close` wait, at most as long as they are told. The threads do not
+  keep the program from ending.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class BackgroundWriter:
             self._changed.notify_all()
         return True
 
-    def settle(self, within_s: float) -> bool:
+    def wait_until_written(self, within_s: float) -> bool:
         """Wait until all jobs are done, at most `within_s`. Returns True if they are."""
         until = time.monotonic() + within_s
         with self._changed:
@@ -71,7 +71,7 @@ class BackgroundWriter:
         with self._changed:
             self._closed = True
             self._changed.notify_all()
-        done = self.settle(within_s)
+        done = self.wait_until_written(within_s)
         with self._changed:
             self._waiting.clear()  # the disk hangs: drop the jobs, so that nothing is written if it recovers later
         return done

@@ -121,7 +121,7 @@ def flights(base: Path) -> list[Flight]:
             continue
         with suppress(ValueError):
             begun = datetime.strptime(named["time"], "%Y%m%dT%H%M%SZ").replace(tzinfo=timezone.utc)
-            found.append((begun, int(named["count"] or 1), _look(path, named["who"], begun)))
+            found.append((begun, int(named["count"] or 1), _describe(path, named["who"], begun)))
     return [flight for _begun, _count, flight in sorted(found, key=lambda each: (each[0], each[1], each[2].who))]
 
 
@@ -138,7 +138,7 @@ def latest_flight(base: Path) -> list[Path]:
     return [flight.path for flight in chosen]
 
 
-def _look(path: Path, who: str, begun: datetime) -> Flight:
+def _describe(path: Path, who: str, begun: datetime) -> Flight:
     size, last = 0, path.stat().st_mtime
     for folder, _folders, names in os.walk(path):
         for name in names:

@@ -117,10 +117,10 @@ class Journal:
         folder = self.path.with_name(f"{self.path.stem}-{name}")
         self._writer.put(f"folder {name}", partial(self._lay, folder, dict(files)))
 
-    def settle(self, within_s: float) -> bool:
+    def wait_until_written(self, within_s: float) -> bool:
         """Wait at most `within_s` until all entries are written or lost. Returns True if they are."""
         self.flush()
-        return self._writer.settle(within_s)
+        return self._writer.wait_until_written(within_s)
 
     def close(self, within_s: float = CLOSE_S) -> None:
         """Write the waiting entries, at most for `within_s`, and close the file. Later entries are lost and counted."""

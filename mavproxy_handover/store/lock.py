@@ -45,17 +45,17 @@ class VehicleLock:
         try:
             try:
                 folder.mkdir(parents=True, exist_ok=True)
-                self._take(path, path, vehicle)
+                self._acquire(path, path, vehicle)
             except OSError:
                 if strict or place is None:
                     raise
             if place is not None:
-                self._take(place / f"{memory_name(folder, vehicle)}.lock", path, vehicle)
+                self._acquire(place / f"{memory_name(folder, vehicle)}.lock", path, vehicle)
         except BaseException:
             self.release()
             raise
 
-    def _take(self, path: Path, named: Path, vehicle: str) -> None:
+    def _acquire(self, path: Path, named: Path, vehicle: str) -> None:
         """Lock `path`; an error names `named`."""
         descriptor = os.open(path, os.O_RDONLY | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
         self.descriptors.append(descriptor)

@@ -96,14 +96,14 @@ class Slots:
             raise OSError("a record was cut")
 
     def _read(self) -> tuple[Condition, int, bytes]:
-        slots = [self._look(slot) for slot in (0, 1)]
+        slots = [self._read_slot(slot) for slot in (0, 1)]
         found = [condition for condition, _serial, _record in slots]
         for condition in (Condition.HELD, Condition.VOID, Condition.DAMAGED):
             if condition in found:
                 return max((slot for slot in slots if slot[0] is condition), key=lambda slot: slot[1])
         return Condition.EMPTY, 0, b""
 
-    def _look(self, slot: int) -> tuple[Condition, int, bytes]:
+    def _read_slot(self, slot: int) -> tuple[Condition, int, bytes]:
         whole = os.pread(self._descriptor, SLOT_BYTES, slot * SLOT_BYTES).ljust(SLOT_BYTES, b"\0")
         kind, serial, length, checksum = _HEAD.unpack_from(whole)
         record = whole[_HEAD.size : _HEAD.size + length]

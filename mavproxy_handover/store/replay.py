@@ -110,9 +110,9 @@ class ReplayStore:
         self._not_before_s = now_s + self._interval_s
         self._writer.put("stamps", partial(self._write, self._stamps(self._reserve)))
 
-    def settle(self, within_s: float) -> bool:
+    def wait_until_written(self, within_s: float) -> bool:
         """Wait at most `within_s` until the current write is done. Returns True if it is."""
-        return self._writer.settle(within_s)
+        return self._writer.wait_until_written(within_s)
 
     def close(self, within_s: float = CLOSE_S) -> bool:
         """Write the state, and wait for it at most `within_s`. Returns True if it is written. No call may follow.

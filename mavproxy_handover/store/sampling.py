@@ -47,7 +47,7 @@ class Sampler:
         self._left_out = 0
         self._told_at = -inf
 
-    def take(self, now: float, kind: Hashable = None) -> int | None:
+    def admit(self, now: float, kind: Hashable = None) -> int | None:
         """Number of entries left out of this kind since its last written one; None: leave this one out.
 
         `kind` None: the entry is unlike all others.

@@ -165,9 +165,9 @@ class StateStore:
                 troubles.append(self._troubles.popleft())
         return troubles
 
-    def settle(self, within_s: float) -> bool:
+    def wait_until_written(self, within_s: float) -> bool:
         """Wait at most `within_s` until the disk has everything or has failed. Returns True if so."""
-        return self._writer.settle(within_s)
+        return self._writer.wait_until_written(within_s)
 
     def close(self, within_s: float = CLOSE_S) -> bool:
         """Close the store and wait for the disk, at most `within_s`. Returns True if the disk has everything."""

@@ -117,7 +117,7 @@ class Watch:
         """Record the start of a process."""
         self.state, self._since, self._started_at = State.STARTING, now, now
 
-    def heard(self, signs: bytes, now: float) -> None:
+    def handle_signals(self, signs: bytes, now: float) -> None:
         """Handle signals of the process. ENDING is never left."""
         for sign in signs:
             state = _BY_SIGN.get(sign)

@@ -182,7 +182,7 @@ class Supervisor:
                 watch.pardon(now - slept_at - wait_s)
             if signs in ready:
                 data = _read(signs)
-                watch.heard(data, now)
+                watch.handle_signals(data, now)
                 if not data:  # closed, for example by its end, which a signal reports
                     waiting.unregister(signs)
             if self._wake[0] in ready and self._wanted_to_end():

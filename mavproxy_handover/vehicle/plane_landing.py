@@ -84,7 +84,7 @@ class WaysDown:
         comes = self.flown is None and not self._is_down(self._seq)
         return ModeClass.LAND if comes else None
 
-    def adopt(self, route: Route | None) -> None:
+    def set_route(self, route: Route | None) -> None:
         """Set the mission that the autopilot holds; None: it is not known."""
         self._route = route
         self._ways = () if route is None else ways_down(route)

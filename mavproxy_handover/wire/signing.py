@@ -250,7 +250,7 @@ class _Stream:
         #: newest stamp at the end of each past slice
         self._ends: deque[int] = deque()
 
-    def take(self, stamp: int, now_s: float) -> bool:
+    def accept(self, stamp: int, now_s: float) -> bool:
         """Returns True if this stamp is new, and remembers it."""
         present = self._slices[-1]
         if now_s >= self.turn_at or len(present) >= _SLICE_STAMPS:
@@ -326,7 +326,7 @@ class Verifier:
         verdict = SignatureVerdict.OK
         if stream is None:
             verdict = self._first(name, stamp, delay, now_utc_s, now_s)
-        elif not stream.take(stamp, now_s):
+        elif not stream.accept(stamp, now_s):
             # it is remembered even if it should be too old, so that it never counts as fresh again
             return SignatureVerdict.REPLAYED
         else:

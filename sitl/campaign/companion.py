@@ -374,7 +374,7 @@ class Companion:
         if self._aircraft.flying and self.fix:
             self._move(now, always=always)
         if self._aircraft.flying and self.fix:
-            self._route.look(self._track(*self._aircraft.at(now)[:2]), in_seconds(now))
+            self._route.update(self._track(*self._aircraft.at(now)[:2]), in_seconds(now))
         signs = events.ConditionsSeen(
             self._aircraft.flying and self.places.short, self._route.deviation is not None, self._aircraft.breached
         )

@@ -109,7 +109,7 @@ class Places:
         for name, place in self._places:
             way = self._way(place, x, y, z)
             height = max(z, place.alt_m, model.return_alt_m)
-            view = self._finder.look(here_deg, on_earth(place.x_m, place.y_m), height)
+            view = self._finder.evaluate(here_deg, on_earth(place.x_m, place.y_m), height)
             need = model.need_wh(way)
             self._facts[name] = PlaceFact(
                 name,
@@ -135,7 +135,7 @@ class Places:
         if self._settled_at == inf:
             self._settled_at = now_s + _SETTLE_S
             if aircraft.flying:  # what the list holds is where a return goes
-                self._chooser.adopt(next(name for name, place in self._places if place == aircraft.rally))
+                self._chooser.restore(next(name for name, place in self._places if place == aircraft.rally))
         returning = aircraft.flying and aircraft.mode is Mode.RTL
         unsettled = now_s < self._settled_at or view.lease is LeaseState.RECOVERING
         fixed = unsettled or (returning and not self._may_bounce(view))

@@ -60,9 +60,9 @@ def test_whoever_is_heard_for_the_first_time_is_told_of_and_asked_at_once() -> N
     made, authority = contacts()
     asked(made, authority, 100.0)
     actions: list[Action] = []
-    made.heard(A, 100.3, actions)
-    made.heard(B, 100.3, actions)
-    made.heard(A, 100.4, actions)
+    made.note_heard(A, 100.3, actions)
+    made.note_heard(B, 100.3, actions)
+    made.note_heard(A, 100.4, actions)
     assert actions == [
         Record("station_heard", "GCSA is heard", station=A),
         Record("station_heard", "GCSB is heard", station=B),
@@ -73,15 +73,15 @@ def test_whoever_is_heard_for_the_first_time_is_told_of_and_asked_at_once() -> N
 @pytest.mark.parametrize(("silent_s", "news"), [(4.9, []), (5.0, ["station_heard"])])
 def test_heard_again_is_news_after_a_loss(silent_s: float, news: list[str]) -> None:
     made, _authority = contacts()
-    made.heard(A, 100.0, [])
+    made.note_heard(A, 100.0, [])
     actions: list[Action] = []
-    made.heard(A, 100.0 + silent_s, actions)
+    made.note_heard(A, 100.0 + silent_s, actions)
     assert [action.event for action in actions if isinstance(action, Record)] == news
 
 
 def test_an_answer_connects_once() -> None:
     made, authority = contacts()
-    made.heard(A, 100.0, [])
+    made.note_heard(A, 100.0, [])
     asked(made, authority, 100.0)
     actions: list[Action] = []
     assert made.answered(A, answer(7), 100.1, actions) is None
@@ -96,7 +96,7 @@ def test_an_answer_connects_once() -> None:
 
 def test_what_is_no_answer_to_an_open_question_says_why_and_proves_nothing() -> None:
     made, authority = contacts()
-    made.heard(A, 100.0, [])
+    made.note_heard(A, 100.0, [])
     asked(made, authority, 100.0)
     assert made.answered(A, answer(6), 100.1, []) == "stale answer to CONNECT"
     assert made.answered(A, answer(7), 100.2, []) is None

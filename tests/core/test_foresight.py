@@ -207,10 +207,10 @@ class TestWhoeverSaysIt:
         foresight = flown.arbiter._transfer_manager.foresight
         key = foresight.key
         assert key is not None
-        assert foresight.heard(C, OkAhead(key), []) == "not the sender's to say"
+        assert foresight.accept_answer(C, OkAhead(key), []) == "not the sender's to say"
         for field in ("from_station", "to_station", "crossing", "epoch"):
             other = replace(key, **{field: getattr(key, field) + 1})
-            assert foresight.heard(B, OkAhead(other), []) == "no such border ahead"
+            assert foresight.accept_answer(B, OkAhead(other), []) == "no such border ahead"
 
     def test_no_answer_moves_anything(self) -> None:
         """Before the border is reached, whatever both say."""

@@ -51,7 +51,7 @@ def journal(machine: Machine, *entries: tuple[str, dict[str, object]]) -> None:
     written = Journal(machine.path(JOURNAL), "drone-1")
     for event, values in entries:
         written.write(event, **values)  # type: ignore[arg-type]
-    assert written.settle(10.0)
+    assert written.wait_until_written(10.0)
     written.close()
 
 

@@ -87,7 +87,7 @@ def test_an_upload_has_ended_when_the_autopilot_says_so(
 ) -> None:
     """DENIED is the answer to a question that its own sender asks while the upload lasts, which goes on."""
     send(tracker, make("MISSION_COUNT", count=3, mission_type=1))
-    tracker.heard(
+    tracker.note_reply(
         make("MISSION_ACK", sysid=1, compid=1, target_system=GCSA, target_component=190, mission_type=1, type=result)
     )
     assert (tracker.flush(GCSA) == []) is ended
@@ -98,7 +98,7 @@ def test_other_messages_of_the_autopilot_end_nothing(tracker: FlushTracker, make
     send(tracker, make("MISSION_COUNT"), ftp(make, 6, b"x"))
     for name in ("COMMAND_ACK", "MISSION_REQUEST_INT", "HEARTBEAT", "PARAM_VALUE"):
         fields = {} if name in ("HEARTBEAT", "PARAM_VALUE") else {"target_system": GCSA, "target_component": 190}
-        tracker.heard(make(name, sysid=1, compid=1, **fields))
+        tracker.note_reply(make(name, sysid=1, compid=1, **fields))
     assert len(tracker.flush(GCSA)) == 2
 
 
@@ -110,7 +110,7 @@ def test_the_end_of_another_upload_is_not_the_end_of_this_one(
 ) -> None:
     send(tracker, make("MISSION_COUNT", count=3, mission_type=1))
     fields = {"target_system": GCSA, "target_component": 190, "mission_type": 1, **other}
-    tracker.heard(make("MISSION_ACK", sysid=1, compid=1, **fields))
+    tracker.note_reply(make("MISSION_ACK", sysid=1, compid=1, **fields))
     assert len(tracker.flush(GCSA)) == 1
 
 
@@ -171,11 +171,11 @@ def test_a_file_is_closed_when_the_autopilot_says_that_the_station_closed_it(
     tracker: FlushTracker, make: Make, opcode: int, session: int, closed: bool
 ) -> None:
     send(tracker, ftp(make, 6, b"x"), ftp(make, opcode, session=session))
-    tracker.heard(answer(make, REFUSED, opcode, session=session))
-    tracker.heard(answer(make, DONE, opcode, session=session, target=GCSB))
+    tracker.note_reply(answer(make, REFUSED, opcode, session=session))
+    tracker.note_reply(answer(make, DONE, opcode, session=session, target=GCSB))
     assert len(tracker.flush(GCSA)) == 1
     send(tracker, ftp(make, 6, b"x"), ftp(make, opcode, session=session))
-    tracker.heard(answer(make, DONE, opcode, session=session))
+    tracker.note_reply(answer(make, DONE, opcode, session=session))
     assert (tracker.flush(GCSA) == []) is closed
 
 
@@ -189,14 +189,16 @@ def test_an_end_that_the_autopilot_never_heard_of_is_none(tracker: FlushTracker,
 
 def test_a_file_that_could_not_be_opened_is_not_open(tracker: FlushTracker, make: Make) -> None:
     send(tracker, ftp(make, 6, b"x"))
-    tracker.heard(answer(make, REFUSED, 7))  # of a write: the file is still open
-    tracker.heard(answer(make, REFUSED, 6, target=GCSB))
-    tracker.heard(answer(make, REFUSED, 6, session=5))
-    tracker.heard(answer(make, REFUSED, 6, sequence=2))
-    tracker.heard(make("FILE_TRANSFER_PROTOCOL", sysid=1, target_system=GCSA, target_component=190, payload=[0] * 251))
+    tracker.note_reply(answer(make, REFUSED, 7))  # of a write: the file is still open
+    tracker.note_reply(answer(make, REFUSED, 6, target=GCSB))
+    tracker.note_reply(answer(make, REFUSED, 6, session=5))
+    tracker.note_reply(answer(make, REFUSED, 6, sequence=2))
+    tracker.note_reply(
+        make("FILE_TRANSFER_PROTOCOL", sysid=1, target_system=GCSA, target_component=190, payload=[0] * 251)
+    )
     assert len(tracker.flush(GCSA)) == 1
     send(tracker, ftp(make, 6, b"x", sequence=0xFFFF))
-    tracker.heard(answer(make, REFUSED, 6, sequence=0))
+    tracker.note_reply(answer(make, REFUSED, 6, sequence=0))
     assert tracker.flush(GCSA) == []
 
 
@@ -207,9 +209,9 @@ def test_a_second_file_that_is_refused_does_not_hide_the_first(
 ) -> None:
     """There is one open file at the autopilot; asked for another one it refuses, and the first stays open."""
     send(tracker, ftp(make, 6, b"@PARAM/param.pck", sequence=0))
-    tracker.heard(answer(make, DONE, 6, sequence=1))
+    tracker.note_reply(answer(make, DONE, 6, sequence=1))
     send(tracker, ftp(make, 6, path, session=session, sequence=2))
-    tracker.heard(answer(make, REFUSED, 6, session=session, sequence=3))
+    tracker.note_reply(answer(make, REFUSED, 6, session=session, sequence=3))
     ((what, [spoil, _close]),) = read(tracker.arming())
     assert what == "file '@PARAM/param.pck' closed, contents thrown away"
     assert spoil.payload[2:4] == [4, 7]
@@ -217,7 +219,7 @@ def test_a_second_file_that_is_refused_does_not_hide_the_first(
 
 def test_a_crowd_of_requests_does_not_hide_the_file_that_is_open(tracker: FlushTracker, make: Make) -> None:
     send(tracker, ftp(make, 6, b"@PARAM/param.pck"))
-    tracker.heard(answer(make, DONE, 6))
+    tracker.note_reply(answer(make, DONE, 6))
     for compid in range(1, 100):
         send(tracker, ftp(make, 6, b"x", compid=compid))
     assert [what for what, _ in read(tracker.arming())] == ["file '@PARAM/param.pck' closed, contents thrown away"]
@@ -402,7 +404,7 @@ def test_whatever_a_frame_holds_nothing_raises(msgid: int, contents: bytes, sysi
     frame = Frame(b"", 2, msgid, sysid, 1, 0, False, contents.ljust(size, b"\0")[:size], True)
     tracker = FlushTracker(VEHICLE)
     tracker.saw(frame, FORWARDED, GCSA)
-    tracker.heard(frame)
+    tracker.note_reply(frame)
     for closing in [*tracker.arming(), *tracker.flush(GCSA)]:
         for raw in closing.frames:
             assert mavlink.MAVLink(None).decode(bytearray(raw)).get_srcSystem() == sysid

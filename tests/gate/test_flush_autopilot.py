@@ -97,7 +97,7 @@ class Companion:
         assert data, "the autopilot closed the connection"
         for frame in self.splitter.feed(data):
             if (frame.sysid, frame.compid) == (VEHICLE, 1):
-                self.tracker.heard(frame)
+                self.tracker.note_reply(frame)
                 self.messages.append(mavlink.MAVLink(None).decode(bytearray(frame.raw)))
 
     def wait(self, kind: str, condition: Callable[[Any], bool] = lambda m: True, timeout_s: float = 15.0) -> Any:

@@ -68,7 +68,7 @@ def ask(
     seq: int = 7,
 ) -> Turn:
     head = Head(seq, session, opcode, len(data) if size is None else size, 0, 0, offset)
-    return file.take(STATION, message((1, 1), head, data), PROGRAM)
+    return file.answer(STATION, message((1, 1), head, data), PROGRAM)
 
 
 def heard(turn: Turn) -> list[tuple[int, bytes]]:
@@ -303,4 +303,4 @@ def test_no_request_whatever_it_holds_raises(file: ListFile) -> None:
                 ask(file, begun, NAME)
                 payload = bytes((fill, fill, 3, opcode)) + bytes([fill]) * 247
                 request: Any = mavlink.MAVLink_file_transfer_protocol_message(0, 1, 1, list(payload))
-                file.take(STATION, request, PROGRAM)
+                file.answer(STATION, request, PROGRAM)

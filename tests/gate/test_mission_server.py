@@ -71,17 +71,17 @@ def server(*held: MissionItem) -> MissionServer:
 
 def upload(desk: MissionServer, number: int, now: float = 0.0) -> Turn:
     """All items, without a hitch; returns the turn at which the list is whole."""
-    desk.take(count(number), QGC, now)
-    turns = [desk.take(sent(seq), QGC, now) for seq in range(number)]
+    desk.handle(count(number), QGC, now)
+    turns = [desk.handle(sent(seq), QGC, now) for seq in range(number)]
     return turns[-1]
 
 
 def test_a_list_is_asked_for_item_by_item_and_answered_when_it_is_dealt_with() -> None:
     desk = server()
-    assert words(desk.take(count(3), QGC, 0.0)) == ["int 0"]
-    assert words(desk.take(sent(0), QGC, 0.1)) == ["int 1"]
-    assert words(desk.take(sent(1), QGC, 0.2)) == ["int 2"]
-    whole = desk.take(sent(2, 52.3), QGC, 0.3)
+    assert words(desk.handle(count(3), QGC, 0.0)) == ["int 0"]
+    assert words(desk.handle(sent(0), QGC, 0.1)) == ["int 1"]
+    assert words(desk.handle(sent(1), QGC, 0.2)) == ["int 2"]
+    whole = desk.handle(sent(2, 52.3), QGC, 0.3)
     assert words(whole) == []
     assert whole.whole is not None
     assert (whole.whole.sender, whole.whole.kind) == (QGC, MISSION)
@@ -102,7 +102,7 @@ def test_while_it_is_dealt_with_the_last_item_is_asked_for_so_that_the_program_g
     upload(desk, 2)
     assert words(desk.tick(AGAIN_S - 0.01)) == []
     assert words(desk.tick(AGAIN_S)) == ["item 1"]
-    assert words(desk.take(sent(1), QGC, 0.6)) == [], "the copy is nothing new"
+    assert words(desk.handle(sent(1), QGC, 0.6)) == [], "the copy is nothing new"
     assert words(desk.tick(2 * AGAIN_S)) == ["int 1"]
     for turn in range(3, 100):  # as long as it takes
         assert len(desk.tick(turn * AGAIN_S).answers) == 1
@@ -111,7 +111,7 @@ def test_while_it_is_dealt_with_the_last_item_is_asked_for_so_that_the_program_g
 
 def test_what_does_not_come_is_asked_for_again_in_both_forms_and_then_given_up() -> None:
     desk = server()
-    desk.take(count(2), QGC, 0.0)
+    desk.handle(count(2), QGC, 0.0)
     asked = [words(desk.tick(at * AGAIN_S)) for at in range(1, 4)]
     assert asked == [["item 0"], ["int 0"], ["item 0"]]
     over = desk.tick(PATIENCE_S)
@@ -123,10 +123,10 @@ def test_what_does_not_come_is_asked_for_again_in_both_forms_and_then_given_up()
 
 def test_a_program_that_sends_the_older_items_is_asked_in_the_older_form() -> None:
     desk = server()
-    desk.take(count(2), QGC, 0.0)
-    turn = desk.take(older_item_message(item(0), VEHICLE, MISSION), QGC, 0.1)
+    desk.handle(count(2), QGC, 0.0)
+    turn = desk.handle(older_item_message(item(0), VEHICLE, MISSION), QGC, 0.1)
     assert words(turn) == ["item 1"]
-    whole = desk.take(older_item_message(item(1), VEHICLE, MISSION), QGC, 0.2).whole
+    whole = desk.handle(older_item_message(item(1), VEHICLE, MISSION), QGC, 0.2).whole
     assert whole is not None
     assert [i.lat_deg for i in whole.items] == [52.1, 52.1]
 
@@ -134,11 +134,11 @@ def test_a_program_that_sends_the_older_items_is_asked_in_the_older_form() -> No
 @pytest.mark.parametrize("stray", [0, 2, 65535], ids=["a copy", "one ahead", "out of range"])
 def test_an_item_out_of_turn_changes_nothing_and_is_answered_by_nothing(stray: int) -> None:
     desk = server()
-    desk.take(count(3), QGC, 0.0)
-    desk.take(sent(0), QGC, 0.1)
-    assert desk.take(sent(stray, 10.0), QGC, 0.2) == Turn()
-    assert words(desk.take(sent(1), QGC, 0.3)) == ["int 2"]
-    whole = desk.take(sent(2), QGC, 0.4).whole
+    desk.handle(count(3), QGC, 0.0)
+    desk.handle(sent(0), QGC, 0.1)
+    assert desk.handle(sent(stray, 10.0), QGC, 0.2) == Turn()
+    assert words(desk.handle(sent(1), QGC, 0.3)) == ["int 2"]
+    whole = desk.handle(sent(2), QGC, 0.4).whole
     assert whole is not None
     assert {i.lat_deg for i in whole.items} == {52.1}
 
@@ -147,54 +147,54 @@ def test_the_answer_is_given_again_to_a_copy_of_the_last_item_for_a_while() -> N
     desk = server()
     upload(desk, 2)
     desk.conclude(ACCEPTED, 1.0)
-    assert words(desk.take(sent(1), QGC, 1.0 + REMEMBERED_S - 0.1)) == ["ack 0"]
-    assert words(desk.take(sent(0), QGC, 1.1)) == [], "not the last one"
-    assert words(desk.take(sent(1), OTHER, 1.1)) == [], "not its sender"
-    assert words(desk.take(sent(1), QGC, 1.0 + REMEMBERED_S)) == []
+    assert words(desk.handle(sent(1), QGC, 1.0 + REMEMBERED_S - 0.1)) == ["ack 0"]
+    assert words(desk.handle(sent(0), QGC, 1.1)) == [], "not the last one"
+    assert words(desk.handle(sent(1), OTHER, 1.1)) == [], "not its sender"
+    assert words(desk.handle(sent(1), QGC, 1.0 + REMEMBERED_S)) == []
 
 
 def test_another_sender_is_denied_while_an_upload_is_open_and_does_not_disturb_it() -> None:
     desk = server()
-    desk.take(count(2), QGC, 0.0)
+    desk.handle(count(2), QGC, 0.0)
     for message in (count(5), clear()):
-        denied = desk.take(message, OTHER, 0.1)
+        denied = desk.handle(message, OTHER, 0.1)
         assert words(denied) == [f"ack {DENIED}"]
         assert addressed(denied) == {OTHER}
         assert denied.words == "another upload is under way"
-    assert desk.take(sent(0, 10.0), OTHER, 0.2) == Turn()
-    assert desk.take(ack(mavlink.MAV_MISSION_OPERATION_CANCELLED), OTHER, 0.2) == Turn()
-    assert words(desk.take(sent(0), QGC, 0.3)) == ["int 1"]
+    assert desk.handle(sent(0, 10.0), OTHER, 0.2) == Turn()
+    assert desk.handle(ack(mavlink.MAV_MISSION_OPERATION_CANCELLED), OTHER, 0.2) == Turn()
+    assert words(desk.handle(sent(0), QGC, 0.3)) == ["int 1"]
 
 
 def test_its_sender_may_begin_anew_but_not_while_the_list_is_dealt_with() -> None:
     desk = server()
-    desk.take(count(3), QGC, 0.0)
-    desk.take(sent(0, 10.0), QGC, 0.1)
-    assert words(desk.take(count(1), QGC, 0.2)) == ["int 0"]
-    whole = desk.take(sent(0, 52.1), QGC, 0.3).whole
+    desk.handle(count(3), QGC, 0.0)
+    desk.handle(sent(0, 10.0), QGC, 0.1)
+    assert words(desk.handle(count(1), QGC, 0.2)) == ["int 0"]
+    whole = desk.handle(sent(0, 52.1), QGC, 0.3).whole
     assert whole is not None
     assert [i.lat_deg for i in whole.items] == [52.1]
-    assert desk.take(count(7), QGC, 0.4) == Turn()
-    assert desk.take(clear(), QGC, 0.4) == Turn()
+    assert desk.handle(count(7), QGC, 0.4) == Turn()
+    assert desk.handle(clear(), QGC, 0.4) == Turn()
     assert words(desk.conclude(ACCEPTED, 0.5)) == ["ack 0"]
-    assert words(desk.take(count(7), QGC, 0.6)) == ["int 0"]
+    assert words(desk.handle(count(7), QGC, 0.6)) == ["int 0"]
 
 
 def test_its_sender_may_call_it_off_until_it_is_whole() -> None:
     desk = server()
     cancel = ack(mavlink.MAV_MISSION_OPERATION_CANCELLED)
-    desk.take(count(2), QGC, 0.0)
-    assert desk.take(ack(ACCEPTED), QGC, 0.1) == Turn(), "the end of a download"
-    assert desk.take(cancel, QGC, 0.1).words == "the upload was called off by its sender"
+    desk.handle(count(2), QGC, 0.0)
+    assert desk.handle(ack(ACCEPTED), QGC, 0.1) == Turn(), "the end of a download"
+    assert desk.handle(cancel, QGC, 0.1).words == "the upload was called off by its sender"
     assert desk.sender is None
     upload(desk, 1)
-    assert desk.take(cancel, QGC, 0.2) == Turn()
+    assert desk.handle(cancel, QGC, 0.2) == Turn()
     assert desk.sender == QGC
 
 
 @pytest.mark.parametrize("number", [701, 65535])
 def test_too_many_items_are_refused_before_any_is_asked_for(number: int) -> None:
-    turn = server().take(count(number), QGC, 0.0)
+    turn = server().handle(count(number), QGC, 0.0)
     assert words(turn) == [f"ack {mavlink.MAV_MISSION_NO_SPACE}"]
     assert turn.words == f"{number} items (at most 700)"
 
@@ -202,7 +202,7 @@ def test_too_many_items_are_refused_before_any_is_asked_for(number: int) -> None
 def test_a_flood_of_counts_is_answered_each_and_leaves_one_upload() -> None:
     desk = server()
     for _ in range(1000):
-        assert words(desk.take(count(700), QGC, 0.0)) == ["int 0"]
+        assert words(desk.handle(count(700), QGC, 0.0)) == ["int 0"]
     assert words(desk.tick(AGAIN_S)) == ["item 0"]
 
 
@@ -219,8 +219,8 @@ def test_a_flood_of_counts_is_answered_each_and_leaves_one_upload() -> None:
 )
 def test_an_item_that_is_none_ends_the_upload_at_once(changed: dict[str, float], result: int, says: str) -> None:
     desk = server()
-    desk.take(count(2), QGC, 0.0)
-    turn = desk.take(sent(0, **changed), QGC, 0.1)
+    desk.handle(count(2), QGC, 0.0)
+    turn = desk.handle(sent(0, **changed), QGC, 0.1)
     assert (words(turn), turn.words) == ([f"ack {result}"], says)
     assert desk.sender is None
 
@@ -231,9 +231,9 @@ def test_a_parameter_that_is_left_open_is_0() -> None:
 
 def test_the_holder_of_the_server_may_refuse_an_item() -> None:
     desk = MissionServer(MISSION, 700, lambda i: Flaw(3, "no such command") if i.seq == 1 else None)
-    desk.take(count(2), QGC, 0.0)
-    assert words(desk.take(sent(0), QGC, 0.1)) == ["int 1"]
-    turn = desk.take(sent(1), QGC, 0.1)
+    desk.handle(count(2), QGC, 0.0)
+    assert words(desk.handle(sent(0), QGC, 0.1)) == ["int 1"]
+    turn = desk.handle(sent(1), QGC, 0.1)
     assert (words(turn), turn.words) == (["ack 3"], "no such command")
 
 
@@ -241,7 +241,7 @@ def test_nothing_to_hold_is_a_list_as_well() -> None:
     for message, kind in ((count(0), MISSION), (clear(), MISSION), (clear(ALL), ALL)):
         desk = server(item(0), item(1))
         assert desk.knows(message)
-        whole = desk.take(message, QGC, 0.0).whole
+        whole = desk.handle(message, QGC, 0.0).whole
         assert whole is not None
         assert (whole.items, whole.kind) == ((), kind)
         assert words(desk.tick(5.0)) == [], "there is no item to ask for"
@@ -251,18 +251,18 @@ def test_nothing_to_hold_is_a_list_as_well() -> None:
 
 def test_a_copy_of_a_clear_is_answered_as_the_clear_was() -> None:
     desk = server(item(0))
-    desk.take(clear(), QGC, 0.0)
+    desk.handle(clear(), QGC, 0.0)
     desk.conclude(DENIED, 0.1)
-    again = desk.take(clear(), QGC, 1.0)
+    again = desk.handle(clear(), QGC, 1.0)
     assert (words(again), again.whole) == ([f"ack {DENIED}"], None)
-    assert desk.take(clear(), QGC, 0.1 + REMEMBERED_S).whole is not None
+    assert desk.handle(clear(), QGC, 0.1 + REMEMBERED_S).whole is not None
 
 
 def test_a_part_of_a_list_is_laid_into_what_is_offered() -> None:
     desk = server(item(0, 50.0), item(1, 51.0), item(2, 52.0))
     part = mavlink.MAVLink_mission_write_partial_list_message(*VEHICLE, 1, 1, MISSION)
-    assert words(desk.take(part, QGC, 0.0)) == ["int 1"]
-    whole = desk.take(sent(1, 10.0), QGC, 0.1).whole
+    assert words(desk.handle(part, QGC, 0.0)) == ["int 1"]
+    whole = desk.handle(sent(1, 10.0), QGC, 0.1).whole
     assert whole is not None
     assert [(i.seq, i.lat_deg) for i in whole.items] == [(0, 50.0), (1, 10.0), (2, 52.0)]
 
@@ -270,14 +270,14 @@ def test_a_part_of_a_list_is_laid_into_what_is_offered() -> None:
 def test_a_part_may_go_on_behind_the_end_by_one_as_arducopter_has_it() -> None:
     desk = server(item(0, 50.0), item(1, 51.0))
     part = mavlink.MAVLink_mission_write_partial_list_message(*VEHICLE, 1, 2, MISSION)
-    assert words(desk.take(part, QGC, 0.0)) == ["int 1"]
-    desk.take(sent(1, 10.0), QGC, 0.1)
-    whole = desk.take(sent(2, 20.0), QGC, 0.1).whole
+    assert words(desk.handle(part, QGC, 0.0)) == ["int 1"]
+    desk.handle(sent(1, 10.0), QGC, 0.1)
+    whole = desk.handle(sent(2, 20.0), QGC, 0.1).whole
     assert whole is not None
     assert [(i.seq, i.lat_deg) for i in whole.items] == [(0, 50.0), (1, 10.0), (2, 20.0)]
     full = MissionServer(MISSION, most=2)
     full.offered = (item(0), item(1))
-    assert words(full.take(part, QGC, 0.0)) == [f"ack {mavlink.MAV_MISSION_ERROR}"]
+    assert words(full.handle(part, QGC, 0.0)) == [f"ack {mavlink.MAV_MISSION_ERROR}"]
 
 
 @pytest.mark.parametrize("now_there", [(item(0, 50.0),), (item(0, 50.0), item(1, 51.0), item(2, 53.0)), (), None])
@@ -285,10 +285,10 @@ def test_a_part_of_a_list_that_has_changed_meanwhile_is_not_taken(now_there: tup
     """The fault: of a list that had become shorter the part was taken for the whole."""
     desk = server(item(0, 50.0), item(1, 51.0), item(2, 52.0))
     part = mavlink.MAVLink_mission_write_partial_list_message(*VEHICLE, 1, 2, MISSION)
-    desk.take(part, QGC, 0.0)
-    desk.take(sent(1, 10.0), QGC, 0.1)
+    desk.handle(part, QGC, 0.0)
+    desk.handle(sent(1, 10.0), QGC, 0.1)
     desk.offered = now_there
-    turn = desk.take(sent(2, 20.0), QGC, 0.2)
+    turn = desk.handle(sent(2, 20.0), QGC, 0.2)
     assert (turn.whole, words(turn)) == (None, [f"ack {mavlink.MAV_MISSION_ERROR}"])
     assert turn.words == "the list has changed meanwhile"
     assert desk.sender is None
@@ -298,35 +298,35 @@ def test_a_part_of_a_list_that_has_changed_meanwhile_is_not_taken(now_there: tup
 def test_a_part_that_is_none_is_refused(first: int, last: int) -> None:
     part = mavlink.MAVLink_mission_write_partial_list_message(*VEHICLE, first, last, MISSION)
     for desk in (server(item(0), item(1), item(2)), server()):
-        assert words(desk.take(part, QGC, 0.0)) == [f"ack {mavlink.MAV_MISSION_ERROR}"]
+        assert words(desk.handle(part, QGC, 0.0)) == [f"ack {mavlink.MAV_MISSION_ERROR}"]
 
 
 def test_what_is_offered_is_read_in_both_forms_during_an_upload_too() -> None:
     desk = server(item(0, 50.0), item(7, 51.0))
-    desk.take(count(3), OTHER, 0.0)
+    desk.handle(count(3), OTHER, 0.0)
     listed = mavlink.MAVLink_mission_request_list_message(*VEHICLE, MISSION)
-    assert words(desk.take(listed, QGC, 0.1)) == ["count 2"]
-    assert words(desk.take(read(1), QGC, 0.2)) == ["MISSION_ITEM_INT 1 510000000"]
+    assert words(desk.handle(listed, QGC, 0.1)) == ["count 2"]
+    assert words(desk.handle(read(1), QGC, 0.2)) == ["MISSION_ITEM_INT 1 510000000"]
     older = mavlink.MAVLink_mission_request_message(*VEHICLE, 0, MISSION)
-    assert words(desk.take(older, QGC, 0.3)) == ["MISSION_ITEM 0 50.00000"]
-    assert words(desk.take(read(2), QGC, 0.4)) == [f"ack {mavlink.MAV_MISSION_INVALID_SEQUENCE}"]
+    assert words(desk.handle(older, QGC, 0.3)) == ["MISSION_ITEM 0 50.00000"]
+    assert words(desk.handle(read(2), QGC, 0.4)) == [f"ack {mavlink.MAV_MISSION_INVALID_SEQUENCE}"]
     desk.current = 1
-    (shown,) = desk.take(read(1), QGC, 0.5).answers
+    (shown,) = desk.handle(read(1), QGC, 0.5).answers
     assert shown.current == 1
 
 
 def test_who_reads_what_is_not_known_is_told_so() -> None:
     desk = server()
     listed = mavlink.MAVLink_mission_request_list_message(*VEHICLE, MISSION)
-    assert words(desk.take(listed, QGC, 0.0)) == [f"ack {mavlink.MAV_MISSION_ERROR}"]
-    assert words(desk.take(read(0), QGC, 0.0)) == [f"ack {mavlink.MAV_MISSION_INVALID_SEQUENCE}"]
+    assert words(desk.handle(listed, QGC, 0.0)) == [f"ack {mavlink.MAV_MISSION_ERROR}"]
+    assert words(desk.handle(read(0), QGC, 0.0)) == [f"ack {mavlink.MAV_MISSION_INVALID_SEQUENCE}"]
     part = mavlink.MAVLink_mission_request_partial_list_message(*VEHICLE, 0, 1, MISSION)
-    assert words(desk.take(part, QGC, 0.0)) == [f"ack {mavlink.MAV_MISSION_UNSUPPORTED}"]
+    assert words(desk.handle(part, QGC, 0.0)) == [f"ack {mavlink.MAV_MISSION_UNSUPPORTED}"]
 
 
 def test_whoever_loses_control_loses_its_upload_and_is_told() -> None:
     desk = server()
-    desk.take(count(2), QGC, 0.0)
+    desk.handle(count(2), QGC, 0.0)
     over = desk.give_up("its sender no longer has authority", 1.0)
     assert words(over) == [f"ack {mavlink.MAV_MISSION_OPERATION_CANCELLED}"]
     assert addressed(over) == {QGC}
@@ -369,6 +369,6 @@ def test_any_numbers_in_an_item_are_taken_or_refused_and_never_raise() -> None:
                 *VEHICLE, 0, 3, 16, 0, 1, value, value, value, value, place, place, value, MISSION
             )
             desk = server()
-            desk.take(count(1), QGC, 0.0)
-            turn = desk.take(message, QGC, 0.1)
+            desk.handle(count(1), QGC, 0.0)
+            turn = desk.handle(message, QGC, 0.1)
             assert turn.whole is not None or words(turn)[0].startswith("ack ")

@@ -233,10 +233,10 @@ def test_one_stations_wishes_take_nothing_from_another(make: Make) -> None:
 def test_wishes_end_with_a_long_silence_and_stay_while_the_station_is_heard(rates: ObserverRates, make: Make) -> None:
     frame = make("ATTITUDE", sysid=1, compid=1)
     rates.asked(want(make, ATTITUDE, 1_000_000), GCSA, 0.0)
-    rates.heard(GCSA, 20.0)
+    rates.note_heard(GCSA, 20.0)
     assert rates.due(frame, GCSA, 50.0)
     assert not rates.due(frame, GCSA, 51.0)
-    rates.heard(GCSA, 51.0)
+    rates.note_heard(GCSA, 51.0)
     assert not rates.due(frame, GCSA, 52.0)
 
 

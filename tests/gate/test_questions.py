@@ -196,7 +196,7 @@ def test_nobody_else_uses_file_transfer_while_the_commander_writes_a_file(desk: 
     desk.ask(ftp(make, TERMINATE, GCSA), 0.2)
     done = [1, 0, 3, 128, 0, TERMINATE, *[0] * 245]
     aim = {"target_system": GCSA, "target_component": 190}
-    desk.flusher.heard(make("FILE_TRANSFER_PROTOCOL", sysid=1, compid=1, payload=done, **aim))
+    desk.flusher.note_reply(make("FILE_TRANSFER_PROTOCOL", sysid=1, compid=1, payload=done, **aim))
     assert desk.outcome(ftp(make, OPEN, GCSB, b"@SYS/tasks.txt"), 10.1) == FILE_BUSY
     assert desk.outcome(ftp(make, OPEN, GCSB, b"@SYS/tasks.txt"), 10.2) == ALLOWED
 

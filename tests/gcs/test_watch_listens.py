@@ -283,5 +283,5 @@ def test_a_flood_is_thrown_away() -> None:
     frames: list[Frame] = []
     ear = PassiveLink(parse_passive_link("udpin:127.0.0.1:1"), frames.append, lambda: 5.5)
     flood = FrameSplitter(1 << 22).feed(packed(heartbeat()) * (MOST_FRAMES + 500))
-    ear._take(flood)
+    ear._handle_frames(flood)
     assert (len(frames), ear.thrown_away) == (MOST_FRAMES, 500)

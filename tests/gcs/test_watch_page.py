@@ -59,7 +59,7 @@ def get(address: str, *, Accept: str = "text/html", **headers: str) -> tuple[int
 def test_the_page_and_all_that_it_needs_come_from_here(tmp_path: Path) -> None:
     (flight,) = flights(tmp_path, 1)
     flight.step(0.0)
-    assert flight.journal.settle(5.0)
+    assert flight.journal.wait_until_written(5.0)
     (tmp_path / "drone-1" / "broken.jsonl").write_bytes(b"\xff\n{}\n" * 100)
     before = {path: (path.stat().st_mtime_ns, path.stat().st_size) for path in tmp_path.rglob("*")}
     with watching(str(tmp_path)) as (address, process):

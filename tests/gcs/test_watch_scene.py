@@ -32,7 +32,7 @@ class Watching:
     def say(self, who: str, event: str, text: str = "", written_s: float = 0.0, **fields: Any) -> None:
         writer = self.writers.setdefault(who, Writer(self.scene, f"{who}.jsonl"))
         utc = UTC + self.now - NOW
-        writer.take(Entry(utc - written_s, who, event, text, fields), self.now, utc)
+        writer.add_entry(Entry(utc - written_s, who, event, text, fields), self.now, utc)
 
     def view(self, commander: str | None, phase: str = "on_mission", lease: str = "held", **more: Any) -> None:
         self.say("drone-1", "view", phase=phase, commander=commander, lease=lease, epoch=3, **more)

@@ -47,7 +47,7 @@ def test_a_journal_that_rolls_over_is_read_to_its_end_and_from_its_beginning(tmp
     tail, found = Tail(path), []
     for number in range(60):
         journal.write("e", n=number)
-        assert journal.settle(5.0)
+        assert journal.wait_until_written(5.0)
         if number % 3 == 0:  # so some entries are read out of the file that has moved away
             found += numbers(tail)
     found += numbers(tail)

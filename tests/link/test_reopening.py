@@ -103,7 +103,7 @@ def test_a_name_is_looked_up_beside_the_main_loop_and_its_address_stays(resolver
     assert known.known == {"gcs.example": ("192.0.2.7",)}
     del resolver.addresses["gcs.example"]
     for at in (130.3, 160.4):
-        known.look_again("gcs.example")
+        known.request("gcs.example")
         known.tick(at)
         resolver.answer()
         known.tick(at + 0.1)
@@ -125,7 +125,7 @@ def test_one_that_is_known_is_asked_for_every_half_minute_at_most(resolver: Reso
     resolver.addresses["gcs.example"] = ("192.0.2.7",)
     for tenth in range(600):
         known.addresses("gcs.example")
-        known.look_again("gcs.example")
+        known.request("gcs.example")
         known.tick(100.0 + tenth / 10)
         resolver.answer()
     assert len(resolver.asked) == 2

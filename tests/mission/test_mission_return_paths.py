@@ -32,7 +32,7 @@ def sets(*stations: set[int]) -> frozenset[frozenset[int]]:
 def look(
     zones: tuple[Zone, ...], here: tuple[float, float], place: tuple[float, float], height: float = 30.0
 ) -> PlaceView:
-    return PlaceFinder(zones, Fence(())).look(here, place, height)
+    return PlaceFinder(zones, Fence(())).evaluate(here, place, height)
 
 
 def test_the_way_is_cut_where_zones_begin_and_end() -> None:
@@ -170,7 +170,7 @@ def test_place_and_way_against_the_fence(
     inside: bool,
     way_inside: bool,
 ) -> None:
-    view = PlaceFinder((), Fence(fence)).look(here, place, 30.0)
+    view = PlaceFinder((), Fence(fence)).evaluate(here, place, 30.0)
     assert (view.inside, view.way_inside) == (inside, way_inside)
     assert outside_fence(fence, *place) is not inside
 

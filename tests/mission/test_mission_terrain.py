@@ -224,7 +224,7 @@ def test_a_return_on_wings_leads_down_to_its_height_and_may_meet_the_ground_ther
 def test_a_place_behind_the_hill_is_not_clear(small):
     package = with_hill(small, 145.0)
     finder = PlaceFinder(package.zones, Fence(()), package.relief())
-    assert not finder.look((0.0, 10.005), (0.0, 10.001), 40.0).way_clear
-    assert finder.look((0.0, 10.005), (0.0, 10.001), 55.0).way_clear
-    assert finder.look((0.0, 10.005), (0.0, 10.0045), 40.0).way_clear
-    assert PlaceFinder(package.zones, Fence(())).look((0.0, 10.005), (0.0, 10.001), 40.0).way_clear
+    assert not finder.evaluate((0.0, 10.005), (0.0, 10.001), 40.0).way_clear
+    assert finder.evaluate((0.0, 10.005), (0.0, 10.001), 55.0).way_clear
+    assert finder.evaluate((0.0, 10.005), (0.0, 10.0045), 40.0).way_clear
+    assert PlaceFinder(package.zones, Fence(())).evaluate((0.0, 10.005), (0.0, 10.001), 40.0).way_clear

@@ -280,8 +280,8 @@ def new_time_with_each_loss(patch: pytest.MonkeyPatch) -> None:
 
 
 def energy_is_nothing(patch: pytest.MonkeyPatch) -> None:
-    look = Conditions.look
-    patch.setattr(Conditions, "look", lambda self, now: look(self, now) - {Wrong.ENERGY})
+    look = Conditions.evaluate
+    patch.setattr(Conditions, "evaluate", lambda self, now: look(self, now) - {Wrong.ENERGY})
 
 
 def what_is_milder_comes_first(patch: pytest.MonkeyPatch) -> None:

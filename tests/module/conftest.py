@@ -177,7 +177,7 @@ class Bench:
 
     def journal(self, event: str | None = None) -> list[dict[str, Any]]:
         """Entries of the journal, of one event or all."""
-        assert self.module is None or self.companion.settle(10.0)
+        assert self.module is None or self.companion.wait_until_written(10.0)
         paths = (self.folder / "companion.jsonl", self.folder / "companion-strangers.jsonl")
         lines = [line for path in paths for line in path.read_text().splitlines()]
         entries = sorted((json.loads(line) for line in lines), key=lambda entry: entry["t"])
@@ -222,7 +222,7 @@ def first_load(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 @pytest.fixture(autouse=True)
 def nested_events(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[str]]:
     """No event is handled inside another one: those that are, are listed here, and the test fails."""
-    take = Companion._take
+    take = Companion._apply_event
     handled: list[str] = []
     nested: list[str] = []
 
@@ -236,7 +236,7 @@ def nested_events(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[str]]:
         finally:
             handled.pop()
 
-    monkeypatch.setattr(Companion, "_take", counted)
+    monkeypatch.setattr(Companion, "_apply_event", counted)
     yield nested
     assert nested == []
 

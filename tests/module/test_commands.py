@@ -94,7 +94,7 @@ def test_status_tells_of_a_journal_that_loses_entries(bench: Bench) -> None:
     bench.load()
     for _ in range(3):
         bench.companion.journal.write("odd", value={(1, 2): 3})
-    assert bench.companion.settle(10.0)
+    assert bench.companion.wait_until_written(10.0)
     assert bench.mpstate.type("handover status")[-1] == "journal   3 entries lost: is the disk full?"
 
 

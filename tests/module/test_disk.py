@@ -149,7 +149,7 @@ def test_a_disk_that_hangs_holds_up_no_lease_and_no_handover(
         bench.until(lambda commander=commander: bench.companion.view.commander == commander, limit_s=60.0)  # type: ignore[misc]
     free.set()
     assert bench.companion.faults == {}
-    assert bench.companion.settle(10.0)
+    assert bench.companion.wait_until_written(10.0)
 
 
 def test_what_is_loaded_is_not_looked_through_for_garbage_in_flight(bench: Bench) -> None:

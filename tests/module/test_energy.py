@@ -533,7 +533,7 @@ def test_it_is_written_when_a_twentieth_is_drawn_and_not_with_every_report(
     monkeypatch.setattr(StateFile, "save", lambda self, *what: written.append(what))
     for hundredth in range(1, 21):
         drain(bench, 3, hundredth / 100.0)
-        assert bench.companion.settle(10.0)
+        assert bench.companion.wait_until_written(10.0)
     assert 3 <= len(written) <= 5
 
 

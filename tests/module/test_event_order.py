@@ -222,7 +222,7 @@ def test_an_event_that_is_handled_inside_another_one_is_noticed(
 ) -> None:
     """The check that all tests of this folder end with can fail."""
     monkeypatch.setattr(
-        ready.companion._parts.news.announcer, "tell", lambda _told, now: ready.companion._take(Tick(), now)
+        ready.companion._parts.news.announcer, "tell", lambda _told, now: ready.companion._apply_event(Tick(), now)
     )
     ready.decide(told("first"))
     assert nested_events == ["Tick inside Tick"]

@@ -92,14 +92,14 @@ def test_what_strangers_make_us_write_is_apart_and_bounded(signed: SignedBench) 
     companion = signed.companion
     port, frames = companion.ports[251], one_of_each(251)
     own, strangers = companion.journal.path, signed.folder / "companion-strangers.jsonl"
-    companion.settle(10.0)
+    companion.wait_until_written(10.0)
     before = own.read_bytes()
     assert companion._base.strangers._max_bytes == 8 * MIB
     companion._base.strangers._max_bytes = 20_000
     for second in range(600):
         port.rejected.append((frames[second % len(frames)], SignatureVerdict.BAD))
         companion.on_station(port, [], signed.clock.now + second)
-    companion.settle(10.0)
+    companion.wait_until_written(10.0)
     refused = b'"event": "refused"'
     assert own.read_bytes().count(refused) == before.count(refused), "nothing of it is among what matters"
     assert strangers.with_name("companion-strangers.jsonl.1").exists()

@@ -60,7 +60,7 @@ def watch(bench: Bench) -> Any:
 
 
 PLANTS: dict[str, Callable[[pytest.MonkeyPatch], None]] = {
-    "the map": lambda patch: patch.setattr(PlaceFinder, "look", broken),
+    "the map": lambda patch: patch.setattr(PlaceFinder, "evaluate", broken),
     "the way back": lambda patch: patch.setattr(views, "way_back", broken),
     "what is asked": lambda patch: patch.setattr(ReturnQuestions, "ask", broken),
     "a look": lambda patch: patch.setattr(ReturnSite, "_judge_candidates", broken),
@@ -114,7 +114,7 @@ def test_a_place_that_cannot_be_looked_at_leaves_the_others(flying: Bench, monke
 
 def test_the_place_is_chosen_by_what_is_left_now(flying: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     with monkeypatch.context() as patch:
-        patch.setattr(PlaceFinder, "look", broken)
+        patch.setattr(PlaceFinder, "evaluate", broken)
         flying.autopilot.battery = 0.001
         flying.until(lambda: flying.autopilot.mode == LAND, 30.0)
         words = watch(flying).words()
@@ -128,7 +128,7 @@ def test_what_was_never_looked_at_is_out_of_reach_when_only_the_reserve_is_left(
     """As behind a restart in flight, where looking breaks from the beginning."""
     start(ready)
     with monkeypatch.context() as patch:
-        patch.setattr(PlaceFinder, "look", broken)
+        patch.setattr(PlaceFinder, "evaluate", broken)
         watch(ready).views.seen.clear()
         ready.run(5.0)
         assert not watch(ready).short
@@ -142,7 +142,7 @@ def test_flying_on_unseen_makes_the_way_back_longer(ready: Bench, monkeypatch: p
     ready.autopilot.battery = 0.34
     ready.run(10.0)
     with monkeypatch.context() as patch:
-        patch.setattr(PlaceFinder, "look", broken)
+        patch.setattr(PlaceFinder, "evaluate", broken)
         known = watch(ready).margin_wh
         ready.run(8.0)
         assert watch(ready).margin_wh == known, "a moment is no matter"

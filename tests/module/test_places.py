@@ -513,9 +513,9 @@ def test_where_no_place_is_inside_the_fence_the_best_of_all_tells_of_the_energy(
     flying: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The fault: then no number of energy was one, and it flew on until the battery was empty."""
-    look = PlaceFinder.look
+    look = PlaceFinder.evaluate
     out = {"inside": False, "way_inside": False}
-    monkeypatch.setattr(PlaceFinder, "look", lambda *way: replace(look(*way), **out))
+    monkeypatch.setattr(PlaceFinder, "evaluate", lambda *way: replace(look(*way), **out))
     fly_to(flying, IN_B, 5.0)
     assert flying.companion.autopilot.return_site.short is False
     flying.autopilot.battery = 0.2
@@ -569,7 +569,7 @@ def test_what_breaks_here_costs_no_authority_and_no_return(flying: Bench, monkey
     def broken(*_arguments: Any) -> Any:
         raise RuntimeError("planted")
 
-    monkeypatch.setattr(PlaceFinder, "look", broken)
+    monkeypatch.setattr(PlaceFinder, "evaluate", broken)
     flying.run(3.0)
     assert flying.companion.faults["return sites"] >= 2
     assert not flying.companion.failed

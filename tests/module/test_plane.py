@@ -104,7 +104,7 @@ def test_it_starts_in_auto(ready: Bench) -> None:
 @pytest.mark.parametrize("message", [True, False])
 def test_a_mission_item_that_leads_down_is_the_commanders_word(flight: Bench, message: bool) -> None:
     """What is flown changes and the mode does not: nobody's command would make it a pilot's."""
-    flight.companion.autopilot.aircraft.ways_down.adopt(route(*COMMANDS))
+    flight.companion.autopilot.aircraft.ways_down.set_route(route(*COMMANDS))
     if message:
         flight.a.send(mavlink.MAVLink_mission_set_current_message(1, 1, 7))
     else:
@@ -197,8 +197,8 @@ def test_a_place_is_judged_at_the_height_at_which_its_way_ends(ready: Bench, mon
     """ArduPlane glides down to the place in the list: a ridge before it is met far below the height of now."""
     places, looked = ready.companion.autopilot.return_site, []
     finder = places.candidates.finder
-    look = finder.look
-    monkeypatch.setattr(type(finder), "look", lambda _self, *way: looked.append(way[2]) or look(*way))
+    look = finder.evaluate
+    monkeypatch.setattr(type(finder), "evaluate", lambda _self, *way: looked.append(way[2]) or look(*way))
     lat, lon = ready.autopilot.position or (0.0, 0.0)
     ready.autopilot.position = None
     for _ in range(4):

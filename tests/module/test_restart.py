@@ -47,7 +47,7 @@ def kill(bench: Bench, away_s: float = 1.0) -> None:
     """The process ends here. Its sockets and files go with it; nobody hears a word of it."""
     companion = bench.companion
     assert bench.mpstate.escaped == []
-    assert companion.settle(10.0)
+    assert companion.wait_until_written(10.0)
     for port in companion.ports.values():
         port.close()
     companion.journal.close()
@@ -516,7 +516,7 @@ class TestTheDiskTakesNothing:
 
     @pytest.fixture
     def full(self, flight: Bench) -> Iterator[pytest.MonkeyPatch]:
-        assert flight.companion.settle(10.0)
+        assert flight.companion.wait_until_written(10.0)
         patch = pytest.MonkeyPatch()
         patch.setattr(StateFile, "save", no_room)
         yield patch
@@ -549,7 +549,7 @@ class TestTheDiskTakesNothing:
         self.hand_over(flight)
         full.undo()
         flight.run(2.1)
-        assert flight.companion.settle(10.0)
+        assert flight.companion.wait_until_written(10.0)
         kept = StateFile(flight.folder / "state", "drone-1").load()
         assert kept is not None
         assert (kept.snapshot.owner, kept.snapshot.epoch) == (252, 2)
@@ -637,11 +637,11 @@ class TestUnwritable:
 
     def test_nothing_changed_nothing_is_written(self, flight: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
         written: list[Any] = []
-        assert flight.companion.settle(10.0)
+        assert flight.companion.wait_until_written(10.0)
         monkeypatch.setattr(StateFile, "save", lambda self, *what: written.append(what))
         monkeypatch.setattr(Slots, "write", lambda self, *what: written.append(what))
         flight.run(10.0)
-        assert flight.companion.settle(10.0)
+        assert flight.companion.wait_until_written(10.0)
         assert written == []
 
 

@@ -53,6 +53,6 @@ def test_the_mission_lies_beside_the_journal_of_every_run_that_flies_it(
     bench.mpstate.unload("handover")
     second = tmp_path / "second" / "drone-1.jsonl"
     bench.load(journal=str(second))
-    assert bench.companion.journal.settle(5.0)
+    assert bench.companion.journal.wait_until_written(5.0)
     for journal in (first, second):
         assert load(journal.with_name(f"{journal.stem}-{name}")).digest == delivery.digest

@@ -115,7 +115,7 @@ class Fleet:
         return [line for line in self.mpstate.console.lines if about in line]
 
     def journal(self, event: str) -> list[dict[str, Any]]:
-        assert self.module.event_log.settle(10.0)
+        assert self.module.event_log.wait_until_written(10.0)
         lines = (self.folder / "GCSA.jsonl").read_text().splitlines()
         return [entry for entry in map(json.loads, lines) if entry["event"] == event]
 

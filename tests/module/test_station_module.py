@@ -112,7 +112,7 @@ class StationBench:
         return [(m.command, m.param1) for m in self.sent() if m.get_type() == "COMMAND_LONG"]
 
     def journal(self, event: str) -> list[dict[str, Any]]:
-        assert self.module is None or self.module.event_log.settle(10.0)
+        assert self.module is None or self.module.event_log.wait_until_written(10.0)
         lines = (self.folder / "GCSA.jsonl").read_text().splitlines()
         return [entry for entry in map(json.loads, lines) if entry["event"] == event]
 

@@ -24,7 +24,7 @@ class Prompt:
         self.question = UnloadQuestion(
             self.map, "handover", flies=lambda: self.flies, show=self.shown.append, clock=lambda: self.now
         )
-        self.question.take()
+        self.question.install()
 
     def type(self, line: str) -> None:
         self.map["module"][0](line.split())
@@ -90,7 +90,7 @@ def test_who_has_taken_its_place_since_stays() -> None:
 def test_without_such_a_command_there_is_nothing_to_take() -> None:
     table: dict[str, Any] = {}
     question = UnloadQuestion(table, "handover", flies=lambda: True, show=print, clock=lambda: 0.0)
-    question.take()
+    question.install()
     question.give_back()
     assert table == {}
 

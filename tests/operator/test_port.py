@@ -140,11 +140,11 @@ def test_since_when_a_station_is_heard_without_an_interruption(routed: Routed) -
     port, beat = routed.port, routed.frame()
     assert port.heard_since(500.0) == 500.0, "never heard"
     for at in (1000.0, 1001.0, 1004.0):
-        port.heard(beat, at)
+        port.record_heartbeat(beat, at)
         assert port.heard_since(at) == 1000.0
     assert port.heard_since(1007.5) == 1000.0
     assert port.heard_since(1007.6) == 1007.6, "interrupted at this moment"
-    port.heard(beat, 1008.0)
+    port.record_heartbeat(beat, 1008.0)
     assert port.heard_since(1009.0) == 1008.0
 
 

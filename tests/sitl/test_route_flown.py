@@ -64,7 +64,7 @@ class Watched(FlownMission):
         if fact is not None:
             self.facts += 1
             self.worst_m = max(self.worst_m, abs(fact.cross_track_m))
-        news = self._check.look(fact, now)
+        news = self._check.update(fact, now)
         self.told += [] if news is None else [news.text]
 
 

@@ -45,7 +45,7 @@ def disk() -> Iterator[Disk]:
 def test_a_job_is_done_in_a_thread_that_keeps_nobody_from_ending(behind: BackgroundWriter) -> None:
     seen: list[threading.Thread] = []
     assert behind.put("a", lambda: seen.append(threading.current_thread()))
-    assert behind.settle(WAIT_S)
+    assert behind.wait_until_written(WAIT_S)
     assert seen[0] is not threading.main_thread()
     assert seen[0].daemon
 
@@ -58,7 +58,7 @@ def test_of_one_name_only_the_newest_job_runs_and_the_others_in_order(behind: Ba
         behind.put("package", lambda number=number: disk.write(f"package {number}"))  # type: ignore[misc]
     assert not behind.idle
     disk.free.set()
-    assert behind.settle(WAIT_S)
+    assert behind.wait_until_written(WAIT_S)
     assert disk.done == ["state 1", "state 4", "package 4"]
     assert behind.idle
 
@@ -67,16 +67,16 @@ def test_what_breaks_ends_alone(behind: BackgroundWriter) -> None:
     done: list[str] = []
     behind.put("a", lambda: {}["nothing"])
     behind.put("b", lambda: done.append("b"))
-    assert behind.settle(WAIT_S)
+    assert behind.wait_until_written(WAIT_S)
     behind.put("c", lambda: done.append("c"))
-    assert behind.settle(WAIT_S)
+    assert behind.wait_until_written(WAIT_S)
     assert done == ["b", "c"]
 
 
 def test_a_disk_that_hangs_is_waited_for_no_longer_than_told(behind: BackgroundWriter, disk: Disk) -> None:
     behind.put("a", lambda: disk.write("a"))
     behind.put("b", lambda: disk.write("b"))
-    assert not behind.settle(0.01)
+    assert not behind.wait_until_written(0.01)
     assert not behind.close(0.01)
     assert disk.done == []
 
@@ -87,7 +87,7 @@ def test_what_had_not_begun_when_it_was_closed_is_not_done_later(behind: Backgro
     behind.put("b", lambda: disk.write("b"))
     behind.close(0.0)
     disk.free.set()
-    assert behind.settle(WAIT_S)
+    assert behind.wait_until_written(WAIT_S)
     assert disk.done == ["a"]
 
 
@@ -111,9 +111,9 @@ def test_without_room_for_a_thread_a_job_is_not_taken_and_nothing_raises(
     with monkeypatch.context() as full:
         full.setattr(threading.Thread, "start", no_room)
         assert not behind.put("a", lambda: done.append("a"))
-    assert behind.settle(0.0)
+    assert behind.wait_until_written(0.0)
     assert behind.put("b", lambda: done.append("b"))
-    assert behind.settle(WAIT_S)
+    assert behind.wait_until_written(WAIT_S)
     assert done == ["b"]
 
 
@@ -124,9 +124,9 @@ def test_a_job_that_raises_ends_alone_and_is_told(behind: BackgroundWriter, capl
         raise ZeroDivisionError("of the job's own")
 
     assert behind.put("broken", broken)
-    assert behind.settle(WAIT_S)
+    assert behind.wait_until_written(WAIT_S)
     assert behind.put("next", lambda: done.append("next"))
-    assert behind.settle(WAIT_S)
+    assert behind.wait_until_written(WAIT_S)
     assert done == ["next"]
     (record,) = caplog.records
     assert record.getMessage() == "test: broken failed"

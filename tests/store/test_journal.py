@@ -26,7 +26,7 @@ WAIT_S = 10.0
 
 def settled(journal: Journal) -> Journal:
     """What was given is in the file, or lost."""
-    assert journal.settle(WAIT_S)
+    assert journal.wait_until_written(WAIT_S)
     return journal
 
 
@@ -121,7 +121,7 @@ def test_notes_that_nobody_flushes_do_not_pile_up(path: Path) -> None:
         journal.note("note", number=number)
     assert entries(path) == []
     journal.note("note", number=255)
-    assert journal._writer.settle(WAIT_S)
+    assert journal._writer.wait_until_written(WAIT_S)
     assert [entry["number"] for entry in entries(path)] == list(range(256))
 
 
@@ -256,11 +256,11 @@ def test_in_flight_a_place_that_cannot_be_written_is_no_error_and_is_tried_again
     path = tmp_path / "logs" / "journal.jsonl"
     journal = Journal(path, "drone-1", strict=False)
     journal.write("first")
-    assert journal.settle(5.0)
+    assert journal.wait_until_written(5.0)
     assert journal.lost == 1
     (tmp_path / "logs").unlink()
     journal.write("second")
-    assert journal.settle(5.0)
+    assert journal.wait_until_written(5.0)
     journal.close()
     assert [json.loads(line)["event"] for line in path.read_text().splitlines()] == ["journal_lost", "second"]
 

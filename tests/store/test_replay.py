@@ -72,7 +72,7 @@ def test_our_own_stamps_go_on_above_all_that_was_sent_where_that_is_asked_for(pa
 
 def settle(store: ReplayStore) -> None:
     """Wait for the write that is under way."""
-    assert store.settle(WAIT_S)
+    assert store.wait_until_written(WAIT_S)
 
 
 WAIT_S = 30.0
@@ -416,7 +416,7 @@ def test_the_main_loop_does_not_wait_for_the_disk(path: Path, monkeypatch: pytes
     assert peer.check(heartbeat(STAMP + 10 * SECOND), UTC_S, 10.0) is OK
     store.tick(10.0)  # the first write is still under way: no second one beside it
     assert fsyncs == 1
-    assert not store.settle(0.0)
+    assert not store.wait_until_written(0.0)
     threading.Timer(0.05, free.set).start()
     assert store.close(WAIT_S)  # waits for the first write, lest that one comes last
     assert json.loads(path.read_text())["stamps"] == {"GCSA": {fingerprint(KEY): STAMP + 10 * SECOND}}
@@ -429,7 +429,7 @@ def test_the_end_does_not_wait_for_a_disk_that_hangs(path: Path, monkeypatch: py
     assert peer.check(heartbeat(STAMP), UTC_S, 0.0) is OK
     assert not store.close(0.01)
     free.set()
-    assert store.settle(WAIT_S)
+    assert store.wait_until_written(WAIT_S)
 
 
 def sealed(stamps: object) -> bytes:

@@ -133,7 +133,7 @@ class TestKept:
         packs = Batteries(126.0, 1, 3.0, 1e9, 385.0)
         most = PackReport(used_mah=1e8, remaining=1.0, voltage_v=1000.0, current_a=10_000.0)
         for second in range(10):
-            packs.take(0, replace(most, used_mah=1e8 * (second % 2)), float(second), False)
+            packs.add_report(0, replace(most, used_mah=1e8 * (second % 2)), float(second), False)
         assert packs.memory
         assert (packs.memory[0].used_wh or 0.0) > 1e7
         snapshot = replace(BEFORE, packs=packs.memory)

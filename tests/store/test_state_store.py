@@ -101,7 +101,7 @@ def saved(keeper: StateStore, *snapshots: Snapshot) -> StateStore:
     keeper.recall()
     for snapshot in snapshots:
         keeper.save(snapshot)
-    assert keeper.settle(WAIT_S)
+    assert keeper.wait_until_written(WAIT_S)
     return keeper
 
 
@@ -123,7 +123,7 @@ class TestWithinABoot:
         assert place.on_disk() is None
         assert place.recalled() == (SECOND, "")
         hanging.set()
-        assert keeper.settle(WAIT_S)
+        assert keeper.wait_until_written(WAIT_S)
         assert place.on_disk() == SECOND
 
     def test_nor_does_one_that_cannot_be_written(self, place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -131,13 +131,13 @@ class TestWithinABoot:
         with monkeypatch.context() as read_only:
             read_only.setattr(StateFile, "save", fails)
             keeper.save(SECOND)
-            assert keeper.settle(WAIT_S)
+            assert keeper.wait_until_written(WAIT_S)
             assert keeper.tick() == ["the disk does not take it: Read-only file system"]
             assert place.on_disk() == FIRST
             assert place.recalled() == (SECOND, "")
-            assert keeper.settle(WAIT_S)
+            assert keeper.wait_until_written(WAIT_S)
         keeper.tick()
-        assert keeper.settle(WAIT_S)
+        assert keeper.wait_until_written(WAIT_S)
         assert place.on_disk() == SECOND, "tried again"
 
     def test_what_has_not_changed_is_written_once(self, place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -147,7 +147,7 @@ class TestWithinABoot:
         keeper = saved(place.start(), FIRST)
         for _ in range(5):
             assert keeper.tick() == []
-            assert keeper.settle(WAIT_S)
+            assert keeper.wait_until_written(WAIT_S)
         assert len(written) == 1
 
     def test_damage_on_the_disk_does_not_matter(self, place: Place) -> None:
@@ -304,11 +304,11 @@ class TestItCannotBeKept:
             with pytest.raises(OSError):
                 keeper.save(SECOND)
         assert list(place.memory.glob("*.state")) == []
-        assert keeper.settle(WAIT_S)
+        assert keeper.wait_until_written(WAIT_S)
         assert place.on_disk() == SECOND
         with pytest.raises(OSError, match="nowhere"):
             keeper.save(FIRST)
-        assert keeper.settle(WAIT_S)  # the disk gets it all the same
+        assert keeper.wait_until_written(WAIT_S)  # the disk gets it all the same
         assert place.recalled()[0] == replace(FIRST, owner=None, proven=False)
 
     def test_the_next_one_that_can_be_kept_counts(self, place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -359,7 +359,7 @@ class TestPackages:
     def test_it_is_kept_in_both_places(self, place: Place, delivery: MissionPackage) -> None:
         keeper = place.start()
         keeper.keep(delivery)
-        assert keeper.settle(WAIT_S)
+        assert keeper.wait_until_written(WAIT_S)
         assert StateFile(place.disk, "drone-1").load_package(delivery.digest) is not None
         for file in place.disk.iterdir():
             file.unlink()
@@ -370,7 +370,7 @@ class TestPackages:
     def test_after_a_loss_of_power_it_is_the_disks(self, place: Place, delivery: MissionPackage) -> None:
         keeper = place.start()
         keeper.keep(delivery)
-        assert keeper.settle(WAIT_S)
+        assert keeper.wait_until_written(WAIT_S)
         place.power_lost()
         assert place.start().load_package(delivery.digest) is not None
         assert place.start().load_package(DIGEST) is None
@@ -381,7 +381,7 @@ class TestPackages:
         monkeypatch.setattr(StateFile, "save_package", fails)
         keeper = place.start()
         keeper.keep(delivery)
-        assert keeper.settle(WAIT_S)
+        assert keeper.wait_until_written(WAIT_S)
         assert keeper.tick() == ["the mission package cannot be kept: Read-only file system"] * 2
 
 

@@ -25,16 +25,16 @@ def watch(limits: Limits | None = None) -> Watch:
 def living(limits: Limits | None = None) -> Watch:
     """The same, and it has given its first sign at 101 s."""
     found = watch(limits)
-    found.heard(BEAT, 101.0)
+    found.handle_signals(BEAT, 101.0)
     return found
 
 
 def dies(supervised: Watch, now: float, code: int = KILLED) -> Next:
     """A process that lives dies; the next one lives half a second later."""
-    supervised.heard(BEAT, now - 0.1)
+    supervised.handle_signals(BEAT, now - 0.1)
     after = supervised.ended(code, now)
     supervised.started(after.at)
-    supervised.heard(BEAT, after.at + 0.5)
+    supervised.handle_signals(BEAT, after.at + 0.5)
     return after
 
 
@@ -56,13 +56,13 @@ def dies(supervised: Watch, now: float, code: int = KILLED) -> Next:
 )
 def test_each_state_has_its_patience(signs: bytes, state: State, due: float) -> None:
     supervised = watch()
-    supervised.heard(signs, 101.0)
+    supervised.handle_signals(signs, 101.0)
     assert (supervised.state, supervised.due()) == (state, pytest.approx(due))
 
 
 def test_every_sign_of_life_begins_the_time_anew() -> None:
     supervised = living()
-    supervised.heard(BEAT, 101.9)
+    supervised.handle_signals(BEAT, 101.9)
     assert supervised.due() == pytest.approx(103.1)
 
 
@@ -91,7 +91,7 @@ def test_an_end_that_was_wanted_is_the_end(code: int, passed_on: int) -> None:
 
 def test_the_word_exit_is_wanted_too() -> None:
     supervised = living()
-    supervised.heard(ENDING, 105.0)
+    supervised.handle_signals(ENDING, 105.0)
     assert supervised.ended(0, 106.0) == Next(code=0)
 
 
@@ -215,7 +215,7 @@ def test_in_flight_the_first_start_is_tried_again_too() -> None:
 
 def test_a_death_after_the_module_was_unloaded_is_one() -> None:
     supervised = living()
-    supervised.heard(LET_GO, 103.0)
+    supervised.handle_signals(LET_GO, 103.0)
     assert supervised.ended(ABORTED, 150.0).told == Told("it was killed by SIGABRT")
 
 

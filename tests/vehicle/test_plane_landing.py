@@ -27,7 +27,7 @@ class Cockpit:
 
     def __init__(self, mission: Route | None) -> None:
         self.aircraft = VehicleState()
-        self.aircraft.ways_down.adopt(mission)
+        self.aircraft.ways_down.set_route(mission)
         self.now = 10.0
 
     def mode(self, mode: int, kind: int = 1) -> ModeClass | None:

@@ -35,14 +35,14 @@ class Contacts:
         self._limits = limits
         self.presence = {station.sysid: Presence(station, limits) for station in stations}
 
-    def heard(self, station: int, now: float, actions: list[Action], *, commanded: bool = False) -> None:
+    def note_heard(self, station: int, now: float, actions: list[Action], *, commanded: bool = False) -> None:
         """A station is heard; a station that was away is asked at once. `commanded`: it waits to command again."""
         presence = self.presence[station]
         if not presence.alive(now):
             presence.hearing.begin(commanded=commanded)
             actions.append(Record("station_heard", f"{presence.station.name} is heard", station=station))
             presence.ask_at_once(now)
-        presence.heard(now)
+        presence.note_heard(now)
 
     def answer(
         self, station: int, question: Connect, authority: Authority, digest: bytes, actions: list[Action]

@@ -113,7 +113,7 @@ class Foresight:
 
     def number_for(self, partner: int, reason: Reason, now: float) -> int:
         """The border for which a transfer to this partner begins now; 0: for none that the stations know of."""
-        self._look(now)
+        self._update(now)
         ahead = self._ahead
         if ahead is None or reason not in FORESEEN or ahead.key.to_station != partner:
             return 0
@@ -197,7 +197,7 @@ class Foresight:
             if presence is not None and not presence.station.standard:
                 yield station != following, station
 
-    def _look(self, now: float) -> None:
+    def _update(self, now: float) -> None:
         """Whether it is still the same border, for the same commander."""
         ahead, authority = self._ahead, self._authority
         if ahead is None or self._in_use():
@@ -216,7 +216,7 @@ class Foresight:
 
     # ---- what is said ---------------------------------------------------------------------------------------------
 
-    def heard(self, station: int, answer: OkAhead, actions: list[Action]) -> str | None:
+    def accept_answer(self, station: int, answer: OkAhead, actions: list[Action]) -> str | None:
         """A station's answer; returns why it was dropped, None if it counts."""
         ahead = self._ahead
         if ahead is None or answer.key != ahead.key:
@@ -231,7 +231,7 @@ class Foresight:
 
     def speak(self, now: float, actions: list[Action]) -> None:
         """Tell both stations, each second until the transfer begins."""
-        self._look(now)
+        self._update(now)
         ahead = self._ahead
         if ahead is None or now < self._say_at:
             return

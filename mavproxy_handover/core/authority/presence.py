@@ -67,7 +67,7 @@ class Presence:
 
     # ---- what happens -----------------------------------------------------------------------------------------------
 
-    def heard(self, now: float) -> None:
+    def note_heard(self, now: float) -> None:
         """The station is heard."""
         self.heard_at = now
 

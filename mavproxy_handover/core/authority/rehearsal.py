@@ -98,7 +98,7 @@ class Rehearsal:
         self._nobody_since = None
         self._authority.end_rehearsal()
 
-    def look(self, now: float) -> None:
+    def update(self, now: float) -> None:
         """Note whether there is a commander. Called after each event."""
         if not self._flight.rehearsing or self._authority.view.commander is not None:
             self._nobody_since = None

@@ -157,7 +157,7 @@ class CauseWatch:
         #: the causes there are
         self.active: frozenset[Cause] = frozenset()
 
-    def look(self, conditions: Set[Cause], now: float) -> frozenset[Cause]:
+    def update(self, conditions: Set[Cause], now: float) -> frozenset[Cause]:
         """Take the conditions of this moment; returns the causes. Between two calls the earlier conditions hold."""
         conditions = conditions - self._off
         for cause in [cause for cause in self._begins_at if cause not in conditions]:

@@ -164,7 +164,7 @@ class _Pack:
         self._left_wh, self._used_wh = memory.left_wh, memory.used_wh
         self._most_wh, self._ohm = memory.most_wh, memory.ohm
 
-    def take(self, report: PackReport, now: float, on_ground: bool) -> None:
+    def add_report(self, report: PackReport, now: float, on_ground: bool) -> None:
         """A report of the monitor."""
         report = report.sane()
         if on_ground and self._resumed:  # the flight that it was taken up from is over
@@ -340,10 +340,10 @@ class Batteries:
         for pack, kept in zip(self._packs, memory, strict=False):
             pack.resume(kept, now)
 
-    def take(self, number: int, report: PackReport, now: float, on_ground: bool) -> None:
+    def add_report(self, number: int, report: PackReport, now: float, on_ground: bool) -> None:
         """Take the report of monitor `number`. `on_ground`: disarmed, so almost no power is drawn."""
         if 0 <= number < len(self._packs):
-            self._packs[number].take(report, now, on_ground)
+            self._packs[number].add_report(report, now, on_ground)
 
     def charge(self, now: float, on_ground: bool = False) -> Charge:
         """What they hold now. `on_ground`: as far as that is known; in the air what is silent draws on."""

@@ -20,8 +20,8 @@ by leaving that mode. After a return it circles some way from the return site. A
 landing sequence. Only the mode can show that. So each profile has its own `Handling`.
 
 A climb, a breached fence or an unknown destination can hide the progress of a return or a landing. The time does not
-run while one of them lasts. It starts with the first look after that. So the result does not depend on how often `look`
-is called. `due_at` says when the next call is needed if no event comes.
+run while one of them lasts. It starts with the first look after that. So the result does not depend on how often
+`verify` is called. `due_at` says when the next call is needed if no event comes.
 
 An order that does not show in time is commanded again, TRIES times. After that the autopilot is `unable` to do the
 action. `strategy.py` gets this as a fact (the aircraft cannot hold, no return site can be reached) and goes on to the
@@ -143,7 +143,7 @@ class CommandVerification:
         self._tries = 0
         #: the order has shown by mode, or by rest
         self._shown = False
-        #: the autopilot has refused the order, and `look` has not handled that yet
+        #: the autopilot has refused the order, and `verify` has not handled that yet
         self._refused = False
         #: the return or the landing that a pilot or a failsafe has interrupted
         self._interrupted: FlightAction | None = None
@@ -156,7 +156,7 @@ class CommandVerification:
         #: speed (m/s) when the order was given
         self._first_speed = 0.0
         self._motion: MotionSeen | None = None
-        #: when `look` has to be called at the latest; None: no time runs
+        #: when `verify` has to be called at the latest; None: no time runs
         self.due_at: float | None = None
         #: until when an order need not show yet, so that nothing milder is news; None: that time does not run
         self.shows_by: float | None = None
@@ -265,7 +265,7 @@ class CommandVerification:
         self.shows_by = shows_by
         return self.order
 
-    def look(self, mode: ModeTracker, facts: Set[Fact], breached: bool, now: float) -> Seen | None:
+    def verify(self, mode: ModeTracker, facts: Set[Fact], breached: bool, now: float) -> Seen | None:
         """Compare the aircraft to the order; returns what is new about it.
 
         `breached`: the aircraft is outside the fence. AGAIN asks for the same command once more.

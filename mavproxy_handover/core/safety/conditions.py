@@ -144,7 +144,7 @@ class Conditions:
         passed_at_m = self.passed_at_m
         return passed_at_m is not None and self._authority.margin_m(owner) >= passed_at_m
 
-    def look(self, now: float) -> frozenset[Cause]:
+    def evaluate(self, now: float) -> frozenset[Cause]:
         """What looks wrong now."""
         authority, flight = self._authority, self._flight
         found: set[Cause] = set()

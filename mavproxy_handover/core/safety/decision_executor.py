@@ -137,7 +137,7 @@ class DecisionExecutor:
 
     def mode_source_seen(self, event: ModeSourceSeen, now: float, actions: list[Action]) -> None:
         """A source has, or may have, chosen the mode."""
-        self._changed(self._mode.heard(event, now), now, actions)
+        self._changed(self._mode.note_source(event, now), now, actions)
         if event.hand is not ModeSource.COMMANDER:
             return
         self._hold_cause = None
@@ -149,9 +149,9 @@ class DecisionExecutor:
             if event.flown in GIVES_BACK and event.flown is self._mode.flown and not self._mode.piloted:
                 self._verification.sent_on(now)
 
-    def settle(self, now: float, actions: list[Action]) -> None:
+    def resolve_doubt(self, now: float, actions: list[Action]) -> None:
         """Time has passed: a doubt may be over."""
-        self._changed(self._mode.settle(now), now, actions)
+        self._changed(self._mode.resolve_doubt(now), now, actions)
 
     def _changed(self, change: Change | None, now: float, actions: list[Action]) -> None:
         if change is None:
@@ -259,17 +259,17 @@ class DecisionExecutor:
 
     def _fly(self, action: FlightAction, reason: Reason, now: float, actions: list[Action]) -> None:
         if action in _SAME:
-            self._mode.heard(ModeSourceSeen(ModeSource.COMPANION), now)
+            self._mode.note_source(ModeSourceSeen(ModeSource.COMPANION), now)
         elif action in self._flight.handling.by_mode:
-            self._mode.heard(ModeSourceSeen(ModeSource.COMPANION, self._flight.handling.by_mode[action]), now)
+            self._mode.note_source(ModeSourceSeen(ModeSource.COMPANION, self._flight.handling.by_mode[action]), now)
         actions.append(Fly(action, reason))
 
-    def look(self, facts: Situation, now: float, actions: list[Action]) -> bool:
+    def verify_order(self, facts: Situation, now: float, actions: list[Action]) -> bool:
         """Compare the aircraft to the order in force; returns whether a new decision is needed."""
         verification, decision = self._verification, self._emergency.told
         verification.watch(self._flight.handling)
         order, breached = verification.order, self._conditions.reported.fence
-        seen = verification.look(self._mode, facts, breached, now)
+        seen = verification.verify(self._mode, facts, breached, now)
         if seen is None:
             return False
         order = order or verification.order

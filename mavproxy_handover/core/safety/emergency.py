@@ -135,10 +135,10 @@ class Emergency:
         """The policy in force outside every zone."""
         return self._strategy.policies[Cause.OUT_OF_COVERAGE]
 
-    def adopt(self, out_of_coverage: str | None) -> None:
+    def set_policy(self, out_of_coverage: str | None) -> None:
         """The mission brings its own policy; None: it has none, and the one in force stays."""
         if out_of_coverage is not None:
-            self._strategy.adopt(Cause.OUT_OF_COVERAGE, out_of_coverage)
+            self._strategy.set_policy(Cause.OUT_OF_COVERAGE, out_of_coverage)
 
     def resume(self) -> None:
         """A restart during or after an emergency. It is over if no cause is found."""
@@ -189,7 +189,7 @@ class Emergency:
         if self._left and Fact.FLYING in facts:
             self._watch.resume(self._left)
             self._left = frozenset()
-        decision, told = self._strategy.judge(self._watch.look(signs, now), facts), self.told
+        decision, told = self._strategy.judge(self._watch.update(signs, now), facts), self.told
         if unshown is not None and (decision is None or decision.action < unshown):
             return None
         waits = decision is not None and decision.action is FlightAction.TRANSFER

@@ -154,12 +154,12 @@ class ModeTracker:
 
     # ---- what is heard --------------------------------------------------------------------------------------------
 
-    def heard(self, event: ModeSourceSeen, now: float) -> Change | None:
+    def note_source(self, event: ModeSourceSeen, now: float) -> Change | None:
         """A source has, or may have, chosen the mode."""
         self._asked[event.hand] = now, event.flown
         if event.hand is ModeSource.COMMANDER:
             self._overtaken = False
-        return self.settle(now)
+        return self.resolve_doubt(now)
 
     def ordered(self) -> None:
         """The companion gives an order: an earlier command of the commander does not answer it."""
@@ -178,9 +178,9 @@ class ModeTracker:
         elif event.flown is not before:
             self._before = self.chosen_by, before
             self.chosen_by, self._since, self._unheard = ModeSource.DOUBT, now, unheard
-        return self.settle(now)
+        return self.resolve_doubt(now)
 
-    def settle(self, now: float) -> Change | None:
+    def resolve_doubt(self, now: float) -> Change | None:
         """Attribute a mode change in doubt, if that is possible by now; None: nothing is new."""
         if self.chosen_by is not ModeSource.DOUBT:
             return None

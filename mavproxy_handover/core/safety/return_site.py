@@ -184,7 +184,7 @@ class _Steady:
         """Whether it counts as it was at every recent look."""
         return self._level_s in (0.0, BETTER_S)
 
-    def look(self, value: bool, passed_s: float) -> bool:
+    def update(self, value: bool, passed_s: float) -> bool:
         """Take the value of now, `passed_s` after the last look; returns the value that counts."""
         change_s = passed_s if value else -passed_s * BETTER_S / WORSE_S
         self._level_s = min(BETTER_S, max(0.0, self._level_s + change_s))
@@ -212,19 +212,19 @@ class _Record:
         parts = (self._inside, self._way, self._full, self._some, self._all, self._there)
         return all(part.settled for part in parts)
 
-    def look(self, now: Standing, passed_s: float, *, others: bool) -> Standing:
+    def update(self, now: Standing, passed_s: float, *, others: bool) -> Standing:
         """Take the standing by the facts; returns the one that counts. `others`: other stations could take the
         aircraft."""
         if others:
             self._cover(now)
-        full = self._full.look(now.reach is Reach.YES, passed_s)
-        some = self._some.look(now.reach is not Reach.NO, passed_s)
-        all_the_way = self._all.look(now.coverage is Coverage.ALL, passed_s)
-        there = self._there.look(now.coverage is not Coverage.NO, passed_s)
+        full = self._full.update(now.reach is Reach.YES, passed_s)
+        some = self._some.update(now.reach is not Reach.NO, passed_s)
+        all_the_way = self._all.update(now.coverage is Coverage.ALL, passed_s)
+        there = self._there.update(now.coverage is not Coverage.NO, passed_s)
         return Standing(
-            self._inside.look(now.inside, passed_s),
+            self._inside.update(now.inside, passed_s),
             Reach.YES if full and some else Reach.RESERVE if some else Reach.NO,
-            self._way.look(now.way_free, passed_s),
+            self._way.update(now.way_free, passed_s),
             Coverage.ALL if all_the_way and there else Coverage.THERE if there else Coverage.NO,
         )
 
@@ -243,7 +243,7 @@ class ReturnSiteChooser:
         #: since when each one could: from the beginning (-inf), since it came back, or not now (inf)
         self._since: dict[int, float] = {}
 
-    def adopt(self, name: str) -> None:
+    def restore(self, name: str) -> None:
         """Keep this return site, which was chosen already."""
         self._name = name
 
@@ -273,7 +273,7 @@ class ReturnSiteChooser:
             record = self._records.get(place.name)
             if record is None:
                 record = self._records[place.name] = _Record(raw)
-            counts = record.look(raw, passed_s, others=others)
+            counts = record.update(raw, passed_s, others=others)
             found[place.name] = place, counts
             certain[place.name] = place, _worse(counts, raw)
         self._records = {name: record for name, record in self._records.items() if name in found}

@@ -97,7 +97,7 @@ class _Measure:
         self._beyond = self._within = False  #: at the last value
         self._beyond_s = self._within_s = 0.0
 
-    def take(self, value: float | None, passed_s: float) -> None:
+    def add_sample(self, value: float | None, passed_s: float) -> None:
         """The value now, None if there is none, and how long it is since the last one."""
         if value is None:
             self._beyond = self._within = False
@@ -131,7 +131,7 @@ class RouteCheck:
         self._distance = _Measure(self._limits.off_route_m, self._limits)
         self._course = _Measure(self._limits.off_heading_deg, self._limits)
 
-    def look(self, fact: TrackFact | None, now: float) -> RouteNews | None:
+    def update(self, fact: TrackFact | None, now: float) -> RouteNews | None:
         """Where the aircraft is now, None where it flies no leg; returns what is news."""
         passed_s, self._at = max(0.0, now - self._at), now
         if fact is None:
@@ -140,8 +140,8 @@ class RouteCheck:
         if passed_s > _GAP_S:
             self._distance.count_anew()
             self._course.count_anew()
-        self._distance.take(_known(fact.cross_track_m), passed_s)
-        self._course.take(_known(fact.course_off_deg), passed_s)
+        self._distance.add_sample(_known(fact.cross_track_m), passed_s)
+        self._course.add_sample(_known(fact.course_off_deg), passed_s)
         return self._conclude(fact)
 
     def _conclude(self, fact: TrackFact | None) -> RouteNews | None:

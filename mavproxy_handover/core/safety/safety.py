@@ -90,7 +90,7 @@ class Safety:
     def resume(self, restored: Snapshot) -> None:
         """Continue where the run before ended, which was in flight. Authority is restored already."""
         certain, held_for = restored.proven, restored.held_for
-        self.emergency.adopt(restored.out_of_coverage)
+        self.emergency.set_policy(restored.out_of_coverage)
         self.conditions.crossing.resume(restored.gap_since, certain=certain)
         self.emergency.resume_lasting(restored.lasting)
         if restored.phase is Phase.EMERGENCY or (restored.stands and held_for is None):
@@ -160,7 +160,7 @@ class Safety:
 
     def judge(self, now: float) -> tuple[Situation, News | None]:
         """Decide; returns the facts, and the decision if it is news. The caller carries it out (`carry_out`)."""
-        conditions = self.conditions.look(now)
+        conditions = self.conditions.evaluate(now)
         if not self._flight.flying and self._flight.armed is not None:
             self.hold_timer.aircraft_known()
             self.verification.grounded()

@@ -192,7 +192,7 @@ class Strategy:
         #: causes that the commander has overruled, each with the action that it asked for
         self.overruled: frozenset[tuple[Cause, FlightAction]] = frozenset()
 
-    def adopt(self, cause: Cause, policy: str) -> None:
+    def set_policy(self, cause: Cause, policy: str) -> None:
         """The mission brings its own policy for a cause."""
         self.policies[cause] = policy
 

@@ -50,7 +50,7 @@ class SiteChoice:
         """The name of the chosen site; None: none is chosen."""
         return None if self.now is None else self.now.place.name
 
-    def take_up(self, held: RallyPoint | None, energy: EnergyFact, now: float) -> None:
+    def restore_from_list(self, held: RallyPoint | None, energy: EnergyFact, now: float) -> None:
         """The list was read for the first time: in flight, the place that it holds becomes the choice."""
         if self._settled_at != math.inf:
             return
@@ -62,7 +62,7 @@ class SiteChoice:
         self._views.forget_others()
         if known is None and self._state.where is not None:
             self._views.evaluate(place, self._state.where, energy)
-        self._chooser.adopt(place.name)
+        self._chooser.restore(place.name)
 
     def update(
         self, usable: Set[int], energy: EnergyFact, now: float, *, recovering: bool, returning: bool, may_bounce: bool

@@ -95,7 +95,7 @@ class Views:
             height = max(here[2], min(height, limits.ceiling_m))
         if state.profile.returns_level:  # it comes down to the height of the place in the list, and flies there at that
             height = candidates.point(place).alt_m
-        view = candidates.finder.look(here[:2], spot, height)
+        view = candidates.finder.evaluate(here[:2], spot, height)
         inside = view.inside and candidates.within(limits, place)
         need = None if model is None else model.need_wh(way)
         margin = spare = needs = left = None

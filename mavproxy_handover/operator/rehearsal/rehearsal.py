@@ -48,7 +48,7 @@ _TYPED: Final = {True: "REHEARSE", False: "REHEARSE END"}
 #: reports of one station
 _REPORTS_PER_S: Final = 2
 #: how often links are looked at, and how often the journal gets what was seen so far (s)
-_LOOK_S, _KEEP_S = 0.5, 60.0
+_SAMPLE_S, _KEEP_S = 0.5, 60.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,13 +91,13 @@ class RehearsalDesk:
         #: the stations whose last wish to begin one (True), or to end one, the rules refused
         self._refused: set[tuple[int, bool]] = set()
         self._reports = RefusalLimiter(_REPORTS_PER_S)
-        self._look_at = self._keep_at = -inf
+        self._sample_at = self._keep_at = -inf
         #: the name of the station that had authority when a transfer began
         self._owner = ""
 
     # ---- what stations want ---------------------------------------------------------------------------------------
 
-    def take(self, port: StationPort, message: Any, now: float) -> None:
+    def handle_request(self, port: StationPort, message: Any, now: float) -> None:
         """HANDOVER_REHEARSE of a station, any."""
         if message.vehicle != self._vehicle:
             return
@@ -136,7 +136,7 @@ class RehearsalDesk:
         if moved.on:
             self._open(now, restarted=False)
         elif self.book is not None and not self.book.over:
-            self._look(now)
+            self._sample_links(now)
             self.book.end(now, moved.text.partition(": ")[2])
             self._event_log.rehearsal_report(self.book.lines(now), self.book.entry(now))
 
@@ -151,7 +151,7 @@ class RehearsalDesk:
     def _open(self, now: float, *, restarted: bool) -> None:
         self.book = RehearsalBook(now, self._around.foreseen(), restarted=restarted)
         self._owner = self._arbiter.name(self._around.view().commander)
-        self._look_at, self._keep_at = now, now + _KEEP_S
+        self._sample_at, self._keep_at = now, now + _KEEP_S
 
     # ---- what is seen ---------------------------------------------------------------------------------------------
 
@@ -191,15 +191,15 @@ class RehearsalDesk:
             return
         if self._pages is None:  # it was under way when this run began
             self._open(now, restarted=True)
-        if now >= self._look_at:
-            self._look(now)
+        if now >= self._sample_at:
+            self._sample_links(now)
         if now >= self._keep_at and self.book is not None:
             self._keep_at = now + _KEEP_S
             self._event_log.rehearsal_report((), self.book.entry(now))
 
-    def _look(self, now: float) -> None:
+    def _sample_links(self, now: float) -> None:
         assert self.book is not None
-        self._look_at = now + _LOOK_S
+        self._sample_at = now + _SAMPLE_S
         self.book.expects(self._around.foreseen())
         links = [_seen(port, now) for port in self._voice.ports.values()]
         self.book.saw(now, self._around.place(), self._around.where(), [each for port in links for each in port])

@@ -45,7 +45,7 @@ class FlightCommands:
     event_log: EventLog
     handle: Callable[[Event, float], None]
 
-    def take(self, port: StationPort, frame: Frame, verdict: Verdict, now: float) -> None:
+    def handle_command(self, port: StationPort, frame: Frame, verdict: Verdict, now: float) -> None:
         """Handle a command of the commander that the gate leaves to the companion."""
         if self.gate.view.phase is Phase.ON_LOAD:
             self._begins_flight(port, frame, verdict, now)

@@ -88,7 +88,7 @@ class OperatorControl:
         self._question: tuple[int, int] | None = None
         self._acknowledged: tuple[int, int] | None = None
 
-    def take(self, port: StationPort, frame: Frame, message: Any, handover_id: int, now: float) -> None:
+    def handle_message(self, port: StationPort, frame: Frame, message: Any, handover_id: int, now: float) -> None:
         """A request of a station, or the owner's word that it has heard of one; `handover_id`: of the transfer."""
         itself = frame.sysid == port.sysid
         if message.get_type() == "COMMAND_ACK":

@@ -65,12 +65,12 @@ class OperatorServices:
         self._rehearsal = rehearsal
         self._narrator = event_log
         self.table: Mapping[Access, Service] = {
-            Access.COMMAND: services.commands.take,
-            Access.READ: services.commands.take,
+            Access.COMMAND: services.commands.handle_command,
+            Access.READ: services.commands.handle_command,
             Access.RALLY_READ: self._rally,
             Access.RALLY_WRITE: self._rally,
             Access.CONTROL: self._control,
-            Access.TRANSFER: services.messages.take,
+            Access.TRANSFER: services.messages.handle_message,
         }
 
     def follow_up(self, port: StationPort, frame: Frame, verdict: Verdict, now: float) -> None:
@@ -102,4 +102,4 @@ class OperatorServices:
     def _control(self, port: StationPort, frame: Frame, _verdict: Verdict, now: float) -> None:
         message = codec.decode_bytes(frame.raw)
         if message is not None:
-            self._services.control.take(port, frame, message, self._gate.view.handover_id, now)
+            self._services.control.handle_message(port, frame, message, self._gate.view.handover_id, now)

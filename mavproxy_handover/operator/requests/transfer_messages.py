@@ -52,22 +52,22 @@ class TransferMessages:
         self._handle = handle
         self._fault = fault
         #: message -> what takes it; the messages of a transfer itself go to the rules
-        self._takes: Mapping[str, Callable[[StationPort, Any, float], None]] = {
+        self._handlers: Mapping[str, Callable[[StationPort, Any, float], None]] = {
             "MISSION_PACKAGE": services.mission.on_package,
             "MISSION_CHUNK": services.mission.on_package,
             "MISSION_PACKAGE_ACK": services.package_return.on_ack,
-            "HANDOVER_REHEARSE": services.rehearsal.take,
+            "HANDOVER_REHEARSE": services.rehearsal.handle_request,
             "HANDOVER_OVERRIDE": self._override,
         }
 
-    def take(self, port: StationPort, frame: Frame, _verdict: Verdict, now: float) -> None:
+    def handle_message(self, port: StationPort, frame: Frame, _verdict: Verdict, now: float) -> None:
         """A message of a station."""
         message = codec.decode_bytes(frame.raw)
         if message is None:
             return
         port.spoke(frame.compid)
         port.capabilities.show((frame.sysid, frame.compid), Dialect.OURS, now)
-        self._takes.get(message.get_type(), self._to_rules)(port, message, now)
+        self._handlers.get(message.get_type(), self._to_rules)(port, message, now)
 
     def _override(self, port: StationPort, message: Any, now: float) -> None:
         if message.vehicle == self._vehicle:

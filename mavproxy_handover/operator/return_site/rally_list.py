@@ -78,7 +78,7 @@ class RallyList:
             return
         self._give_up(now)
         self._server.offered = rally_items(self._points())
-        turn = self._server.take(message, sender, now)
+        turn = self._server.handle(message, sender, now)
         if self._server.sender == sender:
             self._port = port
         self._reports.answer(port, _WORDS, turn, now)
@@ -88,7 +88,7 @@ class RallyList:
 
     def _on_file_message(self, port: StationPort, message: Any, sender: tuple[int, int], now: float) -> None:
         self._give_up(now)
-        turn = self.file.take(port.sysid, message, sender)
+        turn = self.file.answer(port.sysid, message, sender)
         if turn.whole is not None:
             self._replaced(tuple(map(_point, turn.whole.items)), port.name, now)
             turn = self.file.conclude(port.sysid)

@@ -228,7 +228,7 @@ class ReturnSite:
         if self._before.at == -math.inf:
             return  # it is not known whether the aircraft flies
         arbiter, energy = self._authority.arbiter, self._energy()
-        self._choice.take_up(self._rally_writer.held, energy, now)
+        self._choice.restore_from_list(self._rally_writer.held, energy, now)
         returning = self._state.flying and self._state.to_place
         recovering = arbiter.view.lease is LeaseState.RECOVERING
         may_bounce = ordered and returning and self._may_bounce(now)

@@ -168,16 +168,16 @@ class EventLog:
             sampler = self._samplers[station, what] = Sampler(*bounds)
         return sampler
 
-    def _heard_out(self, station: str, now: float) -> bool:
+    def _has_room(self, station: str, now: float) -> bool:
         """Whether there is room for another entry that a station causes."""
-        return self._sampler(station, "what it said and was told", _SAID).take(now) is not None
+        return self._sampler(station, "what it said and was told", _SAID).admit(now) is not None
 
     # ---- authority ------------------------------------------------------------------------------------------------
 
     def record(self, action: Record, now: float) -> None:
         """An entry that the arbiter asks for."""
         station = self._name(action.station)
-        if action.event in _ANSWERS and station is not None and not self._heard_out(station, now):
+        if action.event in _ANSWERS and station is not None and not self._has_room(station, now):
             return
         self._journal.write(
             action.event,
@@ -234,7 +234,7 @@ class EventLog:
     ) -> None:
         """A message of a transfer: "in", before it is handled, or "out"."""
         name = self._arbiter.name(station)
-        if self._heard_out(name, now):
+        if self._has_room(name, now):
             self._journal.write(
                 "message", direction=direction, station=name, attempt=attempt, **codec.values_of(message)
             )
@@ -247,12 +247,12 @@ class EventLog:
 
     def senseless(self, kind: str, station: str, now: float) -> None:
         """A message of a transfer with values that are not allowed, or about another vehicle."""
-        if self._heard_out(station, now):
+        if self._has_room(station, now):
             self._journal.write("dropped", f"{kind} of {station} is not valid", station=station)
 
     def request_not_understood(self, station: str, why: str, now: float) -> None:
         """A request of operator control that is not valid."""
-        if self._heard_out(station, now):
+        if self._has_room(station, now):
             self._journal.write("control", f"request of {station} not understood: {why}", station=station)
 
     def owner_asked(self, station: str, requester: str) -> None:
@@ -334,7 +334,7 @@ class EventLog:
         now: float,
     ) -> bool:
         """Whether an entry is written: of frames that come again and again few are."""
-        kept_back = sampler.take(now, kind)
+        kept_back = sampler.admit(now, kind)
         if kept_back is None:
             return False
         name = named()
@@ -345,12 +345,12 @@ class EventLog:
 
     def told(self, station: str, text: str, now: float) -> None:
         """A station was told why something is refused."""
-        if self._heard_out(station, now):
+        if self._has_room(station, now):
             self._journal.write("told", text, station=station)
 
     def stream(self, station: str, news: News, now: float) -> None:
         """A station was told about its sticks or setpoints."""
-        if self._heard_out(station, now):
+        if self._has_room(station, now):
             text = _STREAMS[news.state].format(kind=news.kind, station=station)
             self._journal.write("stream", text, station=station, stream=news.kind, state=news.state.value)
 
@@ -379,7 +379,7 @@ class EventLog:
 
         A program that repeats the upload without end causes one message each second.
         """
-        kept_back = self._sampler(station, "rejected lists", _PROVEN).take(now, (what, why))
+        kept_back = self._sampler(station, "rejected lists", _PROVEN).admit(now, (what, why))
         if kept_back is None:
             return False
         also = kept_back or None
@@ -531,7 +531,7 @@ class EventLog:
 
     def rally_list(self, count: int, station: str, now: float) -> None:
         """The commander has replaced the mission's rally points."""
-        if not self._heard_out(station, now):
+        if not self._has_room(station, now):
             return
         text = f"{count} rally points of {station} replace the mission's for this flight"
         self._journal.write("rally_list", text, station=station, count=count)
@@ -635,7 +635,7 @@ class EventLog:
 
     def start_asked(self, station: str, what: str, now: float) -> None:
         """The commander's START, which the companion itself carries out."""
-        if self._heard_out(station, now):
+        if self._has_room(station, now):
             self._journal.write("accepted", station=station, what=what)
 
     def start_begun(self, station: str, starts_by: str) -> None:

@@ -116,7 +116,7 @@ class StationPort:
         """Note the component of the station's own messages."""
         self.component = component
 
-    def heard(self, heartbeat: Frame, now: float) -> None:
+    def record_heartbeat(self, heartbeat: Frame, now: float) -> None:
         """Note a heartbeat of the station itself."""
         self.spoke(heartbeat.compid)
         if now - self.heartbeat_at >= ANEW_S:

@@ -105,7 +105,7 @@ class FlightUploads:
             if not server.knows(message):
                 continue
             self._offer(kind)
-            turn = server.take(message, sender, now)
+            turn = server.handle(message, sender, now)
             if server.sender == sender:
                 self._ports[kind] = port
             self._carry_out(kind, port, turn, now)

@@ -120,7 +120,7 @@ class FlownMission:
         self.package = package
         monitors.zones.set_mission(prepared.finder, package.route)
         self.delivery.set_mission(package)
-        energy = monitors.energy.adopt(package.energy, prepared.way, now, package.profile.energy)
+        energy = monitors.energy.apply_settings(package.energy, prepared.way, now, package.profile.energy)
         self._dispatcher.dispatch(energy, now)
         self.changed_aloft, self._uploaded = False, uploaded
         self._flies(package.route, now)
@@ -183,7 +183,7 @@ class FlownMission:
         self.route = route
         self._users.read_back.set_route(route, now)
         self._monitors.plan_fit.flies(None if route is None else route.profile)
-        self._state.ways_down.adopt(route)
+        self._state.ways_down.set_route(route)
         self._monitors.route.set_route(route)
         self._monitors.energy.released(None if route is None else released_at(route))
 

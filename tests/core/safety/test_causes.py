@@ -38,22 +38,22 @@ def test_what_this_system_is_for_cannot_be_switched_off(cause: Cause) -> None:
 
 def test_a_sign_without_a_hold_off_is_a_cause_at_once_and_over_at_once() -> None:
     watch = CauseWatch()
-    assert watch.look({LOST}, 100.0) == {LOST}
-    assert watch.look(set(), 100.1) == set()
+    assert watch.update({LOST}, 100.0) == {LOST}
+    assert watch.update(set(), 100.1) == set()
 
 
 def test_a_sign_is_a_cause_once_it_has_stayed() -> None:
     watch = CauseWatch()
-    assert watch.look({GUARD}, 100.0) == set()
+    assert watch.update({GUARD}, 100.0) == set()
     assert watch.due_at() == 103.0
-    assert watch.look({GUARD}, 102.9) == set()
-    assert watch.look({GUARD}, 103.0) == {GUARD}
+    assert watch.update({GUARD}, 102.9) == set()
+    assert watch.update({GUARD}, 103.0) == {GUARD}
 
 
 def test_a_sign_that_was_there_between_two_looks_only_counts_from_the_first() -> None:
     watch = CauseWatch()
-    watch.look(set(), 100.0)
-    assert watch.look({GUARD}, 110.0) == set()
+    watch.update(set(), 100.0)
+    assert watch.update({GUARD}, 110.0) == set()
     assert watch.due_at() == 113.0
 
 
@@ -62,49 +62,49 @@ def test_what_flickers_gets_through() -> None:
     watch = CauseWatch()
     seen = []
     for second in range(9):
-        seen.append(watch.look({GUARD} if second % 2 == 0 else set(), 100.0 + second))
+        seen.append(watch.update({GUARD} if second % 2 == 0 else set(), 100.0 + second))
     # filled: 0, 1, 0.75, 1.75, 1.5, 2.5, 2.25, 3.25 (no sign then), 3.0
     assert [GUARD in causes for causes in seen] == [False] * 8 + [True]
 
 
 def test_what_happened_once_is_forgotten_at_a_quarter_of_the_pace() -> None:
     watch = CauseWatch()
-    watch.look({GUARD}, 100.0)
-    watch.look(set(), 102.0)  # two seconds of three
-    watch.look({GUARD}, 106.0)  # one has run back in four
+    watch.update({GUARD}, 100.0)
+    watch.update(set(), 102.0)  # two seconds of three
+    watch.update({GUARD}, 106.0)  # one has run back in four
     assert watch.due_at() == 108.0
-    watch.look(set(), 106.0)
-    watch.look({GUARD}, 150.0)
+    watch.update(set(), 106.0)
+    watch.update({GUARD}, 150.0)
     assert watch.due_at() == 153.0
 
 
 def test_a_cause_is_over_when_its_sign_has_been_away() -> None:
     watch = CauseWatch()
-    watch.look({WEAK}, 100.0)
-    assert watch.look({WEAK}, 110.0) == {WEAK}
+    watch.update({WEAK}, 100.0)
+    assert watch.update({WEAK}, 110.0) == {WEAK}
     assert watch.due_at() is None
-    assert watch.look(set(), 120.0) == {WEAK}
+    assert watch.update(set(), 120.0) == {WEAK}
     assert watch.due_at() == 130.0
-    assert watch.look({WEAK}, 125.0) == {WEAK}
-    assert watch.look(set(), 126.0) == {WEAK}
-    assert watch.look(set(), 135.9) == {WEAK}
-    assert watch.look(set(), 136.0) == set()
+    assert watch.update({WEAK}, 125.0) == {WEAK}
+    assert watch.update(set(), 126.0) == {WEAK}
+    assert watch.update(set(), 135.9) == {WEAK}
+    assert watch.update(set(), 136.0) == set()
     assert watch.due_at() is None
 
 
 def test_energy_does_not_come_back() -> None:
     watch = CauseWatch()
-    watch.look({ENERGY}, 100.0)
-    assert watch.look({ENERGY}, 102.0) == {ENERGY}
-    assert watch.look(set(), 5000.0) == {ENERGY}
+    watch.update({ENERGY}, 100.0)
+    assert watch.update({ENERGY}, 102.0) == {ENERGY}
+    assert watch.update(set(), 5000.0) == {ENERGY}
     watch.landed()
     assert watch.active == frozenset()
-    assert watch.look(set(), 5001.0) == set()
+    assert watch.update(set(), 5001.0) == set()
 
 
 def test_after_a_landing_what_is_wrong_on_the_ground_too_goes_on() -> None:
     watch = CauseWatch()
-    watch.look({GUARD, LOST}, 100.0)
+    watch.update({GUARD, LOST}, 100.0)
     watch.landed()
     assert watch.active == {LOST}
     assert watch.due_at() == 103.0
@@ -113,30 +113,30 @@ def test_after_a_landing_what_is_wrong_on_the_ground_too_goes_on() -> None:
 def test_hold_offs_and_clearing_may_be_others_than_the_tables() -> None:
     watch = CauseWatch(hold_off_s={LOST: 0.7}, clear_s={LOST: 2.0})
     # 0.1 + 0.7 is the moment that is handed out; counted as seconds since, it would be a rounding error away
-    assert watch.look({LOST}, 0.1) == set()
+    assert watch.update({LOST}, 0.1) == set()
     due = watch.due_at()
     assert due == 0.1 + 0.7
-    assert watch.look({LOST}, due) == {LOST}
-    assert watch.look(set(), 5.0) == {LOST}
-    assert watch.look(set(), 7.0) == set()
+    assert watch.update({LOST}, due) == {LOST}
+    assert watch.update(set(), 5.0) == {LOST}
+    assert watch.update(set(), 7.0) == set()
 
 
 def test_a_cause_that_is_off_is_none() -> None:
     watch = CauseWatch(off={LOST})
-    assert watch.look({LOST, WEAK}, 100.0) == set()
-    assert watch.look({LOST, WEAK}, 110.0) == {WEAK}
+    assert watch.update({LOST, WEAK}, 100.0) == set()
+    assert watch.update({LOST, WEAK}, 110.0) == {WEAK}
 
 
 def test_a_clock_that_stands_or_goes_back_fills_nothing() -> None:
     watch = CauseWatch()
-    watch.look({GUARD}, 100.0)
+    watch.update({GUARD}, 100.0)
     for _ in range(100):
-        assert watch.look({GUARD}, 100.0) == set()
-    assert watch.look({GUARD}, 90.0) == set()
-    assert watch.look(set(), 90.0) == set()
-    assert watch.look({GUARD}, 100.0) == set()
-    assert watch.look({GUARD}, 102.9) == set()
-    assert watch.look({GUARD}, 103.0) == {GUARD}
+        assert watch.update({GUARD}, 100.0) == set()
+    assert watch.update({GUARD}, 90.0) == set()
+    assert watch.update(set(), 90.0) == set()
+    assert watch.update({GUARD}, 100.0) == set()
+    assert watch.update({GUARD}, 102.9) == set()
+    assert watch.update({GUARD}, 103.0) == {GUARD}
 
 
 @given(st.lists(st.tuples(st.sets(st.sampled_from(Cause)), st.floats(0.0, 20.0)), max_size=40))
@@ -147,7 +147,7 @@ def test_whatever_comes_a_cause_has_had_its_sign_and_due_is_never_behind(
     for signs, step in looks:
         now += step
         signs_so_far |= signs
-        active = watch.look(signs, now)
+        active = watch.update(signs, now)
         assert active <= signs_so_far
         assert {cause for cause in signs if CAUSES[cause].hold_off_s == 0.0} <= active
         due = watch.due_at()

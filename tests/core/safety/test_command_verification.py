@@ -47,7 +47,7 @@ class Watched:
 
     def look(self, after_s: float = 0.0) -> Seen | None:
         self.now += after_s
-        return self.supervision.look(self.helm, self.facts, self.breached, self.now)
+        return self.supervision.verify(self.helm, self.facts, self.breached, self.now)
 
 
 def returning(left_m: float | None = FAR_M, climb_mps: float = 0.0) -> Watched:

@@ -168,9 +168,9 @@ def test_a_cause_that_is_off_is_none() -> None:
 
 def test_a_mission_without_a_policy_leaves_the_one_in_force() -> None:
     emergency = Emergency(Limits(policies={OUT: "land"}))
-    emergency.adopt(None)
+    emergency.set_policy(None)
     assert emergency.out_of_coverage == "land"
-    emergency.adopt("warn")
+    emergency.set_policy("warn")
     assert emergency.out_of_coverage == "warn"
     emergency.judge({OUT}, ALOFT, 100.0)
     assert decisions([emergency.judge({OUT}, ALOFT, 101.0)]) == [Decision(FlightAction.WARN, OUT)]

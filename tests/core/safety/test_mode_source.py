@@ -49,9 +49,9 @@ def test_who_was_heard_of_has_chosen_what_he_can(
     heard: tuple[ModeSource, ModeClass | None], flown: ModeClass, radio: bool
 ) -> None:
     helm = flying(radio=radio)
-    helm.heard(ModeSourceSeen(*heard), AT - 4.9)
+    helm.note_source(ModeSourceSeen(*heard), AT - 4.9)
     change(helm, flown, radio=radio)
-    helm.settle(AT + 1.0)
+    helm.resolve_doubt(AT + 1.0)
     by_itself = flown in (RTL, LAND) or (flown is HANDS and heard == (ModeSource.FAILSAFE, None))
     unknown = ModeSource.PILOT if radio else ModeSource.FAILSAFE if by_itself else ModeSource.STRANGER
     assert helm.chosen_by is (heard[0] if flown in EXPLAINS[heard] else unknown)
@@ -70,18 +70,18 @@ def test_who_was_heard_of_has_chosen_what_he_can(
 def test_what_was_long_ago_explains_nothing(hand: ModeSource, within_s: float) -> None:
     for earlier, found in ((within_s, hand), (within_s + 0.1, ModeSource.PILOT)):
         helm = flying(radio=True)
-        helm.heard(ModeSourceSeen(hand), AT - earlier)
+        helm.note_source(ModeSourceSeen(hand), AT - earlier)
         change(helm, RTL, radio=True)
-        helm.settle(AT + 1.0)
+        helm.resolve_doubt(AT + 1.0)
         assert helm.chosen_by is found
 
 
 @pytest.mark.parametrize(("earlier_s", "found"), [(5.0, ModeSource.FAILSAFE), (5.1, ModeSource.STRANGER)])
 def test_a_failsafe_of_long_ago_does_not_hover_by_hand(earlier_s: float, found: ModeSource) -> None:
     helm = flying()
-    helm.heard(ModeSourceSeen(ModeSource.FAILSAFE), AT - earlier_s)
+    helm.note_source(ModeSourceSeen(ModeSource.FAILSAFE), AT - earlier_s)
     change(helm, HANDS)
-    helm.settle(AT + 1.0)
+    helm.resolve_doubt(AT + 1.0)
     assert helm.chosen_by is found
 
 
@@ -90,7 +90,7 @@ def test_a_word_may_come_behind_its_deed_and_until_then_nobody_is_fought() -> No
     assert change(helm, RTL, radio=True) is None
     assert helm.facts() == {Fact.PILOT, Fact.RETURNING}
     assert helm.due_at() == AT + 1.0
-    assert helm.heard(ModeSourceSeen(ModeSource.FAILSAFE), AT + 0.9) is Change.FAILSAFE
+    assert helm.note_source(ModeSourceSeen(ModeSource.FAILSAFE), AT + 0.9) is Change.FAILSAFE
     assert helm.facts() == {Fact.FAILSAFE, Fact.RETURNING}
     assert helm.due_at() is None
 
@@ -98,10 +98,10 @@ def test_a_word_may_come_behind_its_deed_and_until_then_nobody_is_fought() -> No
 def test_a_word_that_comes_later_changes_nothing() -> None:
     helm = flying(radio=True)
     change(helm, HANDS, radio=True)
-    assert helm.settle(AT + 0.99) is None
-    assert helm.settle(AT + 1.0) is Change.PILOT
-    assert helm.settle(AT + 1.1) is None
-    assert helm.heard(ModeSourceSeen(ModeSource.COMMANDER), AT + 1.2) is None
+    assert helm.resolve_doubt(AT + 0.99) is None
+    assert helm.resolve_doubt(AT + 1.0) is Change.PILOT
+    assert helm.resolve_doubt(AT + 1.1) is None
+    assert helm.note_source(ModeSourceSeen(ModeSource.COMMANDER), AT + 1.2) is None
     assert helm.facts() == {Fact.PILOT}
 
 
@@ -141,9 +141,9 @@ def test_what_it_comes_to(flown: ModeClass, hand: ModeSource) -> None:
 def test_what_a_failsafe_gives_back_is_no_pilots() -> None:
     """ArduPlane's short radio failsafe circles, and goes on with the mode of before."""
     helm = flying(radio=True)
-    helm.heard(ModeSourceSeen(ModeSource.FAILSAFE), AT)
+    helm.note_source(ModeSourceSeen(ModeSource.FAILSAFE), AT)
     assert change(helm, STOP, at=AT) is Change.FAILSAFE
-    helm.heard(ModeSourceSeen(ModeSource.FAILSAFE, AUTO), AT + 3.0)
+    helm.note_source(ModeSourceSeen(ModeSource.FAILSAFE, AUTO), AT + 3.0)
     assert change(helm, AUTO, radio=True, at=AT + 3.1) is Change.FAILSAFE
     assert helm.facts() == set()
 
@@ -160,7 +160,7 @@ def test_a_mission_that_lands_is_landing_and_so_is_the_end_of_a_return() -> None
 def test_a_pilot_whose_radio_is_gone_flies_no_more_and_does_when_it_is_back() -> None:
     helm = flying(radio=True)
     change(helm, HANDS, radio=True)
-    helm.settle(AT + 1.0)
+    helm.resolve_doubt(AT + 1.0)
     for radio, facts in ((False, set()), (True, {Fact.PILOT})):
         helm.seen(ModeSeen(HANDS, radio=radio), True, AT + 2.0)
         assert helm.facts() == facts
@@ -172,7 +172,7 @@ def by_pilot(helm: ModeTracker, *modes: ModeClass) -> list[Change | None]:
     for number, flown in enumerate(modes):
         at = AT + 10.0 * number
         change(helm, flown, radio=True, at=at)
-        found.append(helm.settle(at + 1.0))
+        found.append(helm.resolve_doubt(at + 1.0))
     return found
 
 
@@ -223,7 +223,7 @@ def test_a_moment_by_hand_gives_it_back_as_well(back: ModeClass) -> None:
     helm = flying(radio=True)
     change(helm, HANDS, radio=True)
     assert change(helm, back, radio=True, at=AT + 0.9) is None
-    assert helm.settle(AT + 1.9) is Change.GIVEN_BACK
+    assert helm.resolve_doubt(AT + 1.9) is Change.GIVEN_BACK
     assert not helm.piloted
 
 
@@ -231,7 +231,7 @@ def test_a_moment_in_a_return_gives_nothing_back() -> None:
     helm = flying(radio=True)
     change(helm, RTL, radio=True)
     assert change(helm, AUTO, radio=True, at=AT + 0.9) is None
-    assert helm.settle(AT + 1.9) is Change.PILOT
+    assert helm.resolve_doubt(AT + 1.9) is Change.PILOT
     assert helm.piloted
 
 
@@ -253,17 +253,17 @@ def test_to_return_or_to_land_gives_nothing_back() -> None:
 def test_auto_by_the_commander_gives_back_nothing_of_the_pilots_and_ends_his_flight() -> None:
     helm = flying(AUTO, radio=True)
     by_pilot(helm, HANDS)
-    helm.heard(ModeSourceSeen(ModeSource.COMMANDER, AUTO), AT + 9.0)
+    helm.note_source(ModeSourceSeen(ModeSource.COMMANDER, AUTO), AT + 9.0)
     assert change(helm, AUTO, radio=True, at=AT + 10.0) is Change.COMMANDER
     assert helm.facts() == set()
 
 
 def test_hands_that_the_commander_chose_are_not_the_pilots_to_give_back() -> None:
     helm = flying(AUTO, radio=True)
-    helm.heard(ModeSourceSeen(ModeSource.COMMANDER, HANDS), AT - 1.0)
+    helm.note_source(ModeSourceSeen(ModeSource.COMMANDER, HANDS), AT - 1.0)
     assert change(helm, HANDS, radio=True) is Change.COMMANDER
     change(helm, AUTO, radio=True, at=AT + 10.0)
-    assert helm.settle(AT + 11.0) is Change.PILOT
+    assert helm.resolve_doubt(AT + 11.0) is Change.PILOT
 
 
 @pytest.mark.parametrize(
@@ -290,7 +290,7 @@ def test_of_those_who_may_have_it_was_who_was_heard_of_last_and_at_once_the_firs
 ) -> None:
     helm = flying(radio=True)
     for hand, ago_s in heard:
-        helm.heard(ModeSourceSeen(hand), AT - ago_s)
+        helm.note_source(ModeSourceSeen(hand), AT - ago_s)
     change(helm, RTL, radio=True)
     assert helm.chosen_by is found
 
@@ -311,7 +311,7 @@ def test_a_return_that_began_while_the_autopilot_was_not_heard_is_the_guards(flo
     """The fault: with a radio it was a pilot's, and else a failsafe's, so nothing graver was commanded any more."""
     helm = flying(radio=radio)
     assert helm.seen(ModeSeen(flown, radio=radio), True, AT, unheard=True) is None
-    assert helm.settle(AT + 1.0) is Change.UNHEARD
+    assert helm.resolve_doubt(AT + 1.0) is Change.UNHEARD
     assert helm.chosen_by is ModeSource.GUARD
     assert not helm.facts() & {Fact.PILOT, Fact.FAILSAFE}
 
@@ -321,7 +321,7 @@ def test_a_return_that_began_while_the_autopilot_was_not_heard_is_the_guards(flo
 )
 def test_unless_somebody_was_heard_of(hand: ModeSource, change: Change) -> None:
     helm = flying(radio=True)
-    helm.heard(ModeSourceSeen(hand), AT - 2.0)
+    helm.note_source(ModeSourceSeen(hand), AT - 2.0)
     assert helm.seen(ModeSeen(RTL, radio=True), True, AT, unheard=True) is change
 
 
@@ -330,7 +330,7 @@ def test_what_a_pilot_may_have_given_back_then_is_nobodys(flown: ModeClass) -> N
     """The fault: a pilot who had flown by hand meanwhile was believed to have it still, in AUTO."""
     helm = flying(RTL, radio=True)
     helm.seen(ModeSeen(flown, radio=True), True, AT, unheard=True)
-    assert helm.settle(AT + 1.0) is Change.GIVEN_BACK
+    assert helm.resolve_doubt(AT + 1.0) is Change.GIVEN_BACK
     assert helm.chosen_by is ModeSource.NOBODY
     assert not helm.piloted
 
@@ -340,14 +340,14 @@ def test_what_else_was_chosen_then_is_a_pilots_or_a_strangers(flown: ModeClass) 
     for radio, hand in ((True, ModeSource.PILOT), (False, ModeSource.STRANGER)):
         helm = flying(radio=radio)
         helm.seen(ModeSeen(flown, radio=radio), True, AT, unheard=True)
-        helm.settle(AT + 1.0)
+        helm.resolve_doubt(AT + 1.0)
         assert helm.chosen_by is hand
 
 
 def test_the_next_change_is_judged_by_itself() -> None:
     helm = flying(radio=True)
     helm.seen(ModeSeen(RTL, radio=True), True, AT, unheard=True)
-    helm.settle(AT + 1.0)
+    helm.resolve_doubt(AT + 1.0)
     change(helm, LAND, radio=True, at=AT + 20.0)
-    helm.settle(AT + 21.0)
+    helm.resolve_doubt(AT + 21.0)
     assert helm.chosen_by is ModeSource.PILOT

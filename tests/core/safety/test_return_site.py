@@ -419,7 +419,7 @@ def test_a_place_that_is_gone_is_left_at_once_even_then() -> None:
 
 def test_the_place_that_was_found_in_force_stays_like_one_that_was_chosen() -> None:
     flight = Flight()
-    flight.chooser.adopt("home")
+    flight.chooser.restore("home")
     near = replace(NEAR, time_s=80.0)
     assert flight.look(HOME, near).place.name == "home"
 
@@ -468,13 +468,13 @@ def test_where_the_mission_is_about_to_return_the_soonest_of_equals_is_enough() 
     """As it was reckoned before the flight; what stands lower is not gone over to for that, nor is a return sent on."""
     chooser, there = ReturnSiteChooser(), replace(NEAR, time_s=30.0)
     for sooner, name in ((29.0, "home"), (30.0, "rally 1"), (31.0, "rally 1")):
-        chooser.adopt("rally 1")
+        chooser.restore("rally 1")
         here = replace(HOME, time_s=sooner)
         for second in range(40):
             choice = chooser.choose((here, there), frozenset(ALL), second, ends=second == 39)
             assert choice is not None
             assert choice.place.name == (name if second == 39 else "rally 1")
-    chooser.adopt("rally 1")
+    chooser.restore("rally 1")
     lower = replace(HOME, time_s=5.0, there=frozenset())
     choice = chooser.choose((lower, there), frozenset(ALL), 100.0, ends=True)
     assert choice is not None

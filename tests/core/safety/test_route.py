@@ -23,7 +23,7 @@ def fact(across_m: float, course_deg: float | None = 0.0, seq: int = 5) -> Track
 def told(facts: list[TrackFact | None], every_s: float = 1.0, limits: RouteLimits = LIMITS) -> list[tuple[float, str]]:
     """What is told, with its time: the first look is at 0 s."""
     check = RouteCheck(limits)
-    news = ((n * every_s, check.look(fact, 100.0 + n * every_s)) for n, fact in enumerate(facts))
+    news = ((n * every_s, check.update(fact, 100.0 + n * every_s)) for n, fact in enumerate(facts))
     return [(at_s, entry.text) for at_s, entry in news if entry is not None]
 
 
@@ -102,7 +102,7 @@ def test_what_was_not_seen_is_not_counted() -> None:
 def test_a_clock_that_stands_or_goes_back_counts_nothing() -> None:
     check = RouteCheck(LIMITS)
     for now in (100.0, 100.0, 99.0, 98.0, 99.5, 101.0):  # 3 s forward, in 1.5 s pieces
-        news = check.look(fact(41), now)
+        news = check.update(fact(41), now)
     assert news == RouteNews(True, OFF_41, fact(41))
 
 
@@ -110,11 +110,11 @@ def test_the_fact_of_the_present_deviation_is_there_to_be_asked() -> None:
     check = RouteCheck(LIMITS)
     for now in range(4):
         assert check.deviation is None
-        check.look(fact(41), float(now))
+        check.update(fact(41), float(now))
     assert check.deviation == fact(41)
-    check.look(fact(77, seq=6), 4.0)
+    check.update(fact(77, seq=6), 4.0)
     assert check.deviation == fact(77, seq=6)
-    check.look(None, 5.0)
+    check.update(None, 5.0)
     assert check.deviation is None
 
 
@@ -141,7 +141,7 @@ def test_within_its_limits_nobody_is_off_the_route(flight: list[tuple[float, flo
     check, now = RouteCheck(LIMITS), 0.0
     for step_s, across_m, course_deg in flight:
         now += step_s
-        assert check.look(fact(across_m, course_deg), now) is None
+        assert check.update(fact(across_m, course_deg), now) is None
 
 
 @given(st.lists(st.tuples(STEPS, st.floats(20.1, 500))))
@@ -149,7 +149,7 @@ def test_noise_around_the_limit_is_told_once(flight: list[tuple[float, float]]) 
     check, now, news = RouteCheck(LIMITS), 0.0, 0
     for step_s, across_m in flight:
         now += step_s
-        news += check.look(fact(across_m), now) is not None
+        news += check.update(fact(across_m), now) is not None
     assert news <= 1
 
 
@@ -161,7 +161,7 @@ def test_begin_and_end_take_turns_and_are_three_seconds_apart(flight: list[tuple
     news = []
     for step_s, across_m, course_deg in flight:
         now += step_s
-        entry = check.look(fact(across_m, course_deg), now)
+        entry = check.update(fact(across_m, course_deg), now)
         if entry is not None:
             news.append((now, entry.off))
         assert (check.deviation is not None) is (bool(news) and news[-1][1])

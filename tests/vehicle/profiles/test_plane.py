@@ -294,7 +294,7 @@ def test_rtl_that_becomes_a_return_by_rotors_is_one(quadplane: Cockpit, mode: in
 
 def test_rtl_that_goes_on_to_the_landing_at_once_is_one(plane: Cockpit) -> None:
     """RTL_AUTOLAND 2: it shows as AUTO at another item, and AUTO of before is no answer."""
-    plane.aircraft.ways_down.adopt(route(*COMMANDS))
+    plane.aircraft.ways_down.set_route(route(*COMMANDS))
     plane.flies(AUTO, item=2)
     command = plane.autopilot._command
 
@@ -314,7 +314,7 @@ def test_a_return_that_cannot_be_had_becomes_a_landing_by_rotors(quadplane: Cock
 
 
 def test_a_return_that_cannot_be_had_becomes_the_missions_landing(plane: Cockpit) -> None:
-    plane.aircraft.ways_down.adopt(route(*COMMANDS))
+    plane.aircraft.ways_down.set_route(route(*COMMANDS))
     plane.flies(AUTO)
     plane.autopilot.lacks, plane.autopilot.way_down = {RTL}, 6
     made = plane.does(plane.plane.bring_home(FlightAction.RETURN))
@@ -329,7 +329,7 @@ def test_with_rotors_to_land_now_is_to_land_here(quadplane: Cockpit) -> None:
 
 
 def test_without_rotors_to_land_now_is_the_missions_way_down(plane: Cockpit) -> None:
-    plane.aircraft.ways_down.adopt(route(*COMMANDS))
+    plane.aircraft.ways_down.set_route(route(*COMMANDS))
     plane.flies(AUTO, item=2)
     plane.autopilot.way_down = 6
     made = plane.does(plane.plane.bring_home(FlightAction.LAND))
@@ -339,7 +339,7 @@ def test_without_rotors_to_land_now_is_the_missions_way_down(plane: Cockpit) -> 
 @pytest.mark.parametrize("item", [6, 8])
 def test_what_its_mission_has_led_to_its_landing_goes_on_with_it(plane: Cockpit, item: int) -> None:
     """DO_LAND_START would have it go around from its last metres, whatever the battery says."""
-    plane.aircraft.ways_down.adopt(route(*COMMANDS))
+    plane.aircraft.ways_down.set_route(route(*COMMANDS))
     for seq in range(4, item + 1):
         plane.flies(AUTO, item=seq)
     assert plane.aircraft.flown is ModeClass.MISSION
@@ -359,7 +359,7 @@ def test_of_a_mission_that_nobody_knows_the_way_down_is_believed(plane: Cockpit)
 
 
 def test_on_its_way_down_it_is_not_sent_to_the_beginning_of_it_again(plane: Cockpit) -> None:
-    plane.aircraft.ways_down.adopt(route(*COMMANDS))
+    plane.aircraft.ways_down.set_route(route(*COMMANDS))
     plane.flies(RTL)
     plane.flies(AUTO, item=7)
     assert plane.aircraft.flown is ModeClass.RETURN
