@@ -50,13 +50,13 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
         ),
     },
     "safety.return_site": {
-        "look: number one more: 0.0 in self.value = self._level_s > 0.0": (
+        "update: number one more: 0.0 in self.value = self._level_s > 0.0": (
             "it is used only at both ends of the scale, and the upper end is more than 1"
         ),
-        "look: dropped from and/or: some: full and some": (
+        "update: dropped from and/or: some: full and some": (
             "with the full reserve left a part of it is left too: `full` does not stay true longer than `some`"
         ),
-        "look: dropped from and/or: there: all_the_way and there": (
+        "update: dropped from and/or: there: all_the_way and there": (
             "a way that is covered ends at a covered place: `all_the_way` does not stay true longer than `there`"
         ),
         "stays_until: comparison turned: now < since + BETTER_S < inf (number 2)": (
@@ -182,21 +182,20 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
         "tell_return: dropped from and/or: told is not None: told is not None and told.action is FlightAction.RETURN": (
             "a return that is to be told has been decided; the line is for the type checker"
         ),
-        "look: truth turned: False in return False": "a second decision in the same moment is the same",
-        "look: truth turned: False in return False (number 2)": "the same",
+        "verify_order: truth turned: False in return False": "a second decision in the same moment is the same",
+        "verify_order: truth turned: False in return False (number 2)": "the same",
     },
     "safety.mode_source": {
         "__init__: truth turned: False in self._flying = False": "before the first mode there is none to differ from",
         "__init__: truth turned: False in self._unheard = False": (
             "it is used only while a mode is in doubt, and the doubt sets it"
         ),
-        "settle: dropped: self._since, self._unheard = (-inf, False)": (
+        "resolve_doubt: dropped: self._since, self._unheard = (-inf, False)": (
             "both are used only while a mode is in doubt, and the doubt sets them"
         ),
-        "settle: truth turned: False in self.chosen_by, self._since, self._unheard = (ModeSource.GUARD, -inf, False)": (
-            "it is used only while a mode is in doubt, and the doubt sets it"
-        ),
-        "settle: truth turned: False in self._since, self._unheard = (-inf, False)": (
+        "resolve_doubt: truth turned: False in self.chosen_by, self._since, self._unheard = "
+        "(ModeSource.GUARD, -inf, False)": ("it is used only while a mode is in doubt, and the doubt sets it"),
+        "resolve_doubt: truth turned: False in self._since, self._unheard = (-inf, False)": (
             "it is used only while a mode is in doubt, and the doubt sets it"
         ),
     },
@@ -211,7 +210,7 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
         "_goes_on: dropped: self._tries = 0": "the same",
         "go_on: number one more: 1 in self._begin(FlightAction.CONTINUE, 1, now)": "the same",
         "sent_on: number one more: 1 in self._begin(FlightAction.CONTINUE, 1, now)": "the same",
-        "look: number one more: 1 in self._begin(order, self._tries + 1, now)": (
+        "verify: number one more: 1 in self._begin(order, self._tries + 1, now)": (
             "an order that was interrupted had one try at least, so this is its last one either way"
         ),
         "_moves: dropped from and/or: not self._excused: was_excused and (not self._excused)": (
@@ -220,13 +219,13 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
     },
     "safety.route": {
         "side: comparison turned: self.cross_track_m > 0": "at 0 the aircraft is on the leg",
-        "take: dropped from and/or: within: within and self._within": (
+        "add_sample: dropped from and/or: within: within and self._within": (
             "the time counted so is not used, and the next value clears it"
         ),
-        "take: dropped from and/or: beyond: beyond and self._beyond_s >= self._limits.off_hold_s": (
+        "add_sample: dropped from and/or: beyond: beyond and self._beyond_s >= self._limits.off_hold_s": (
             "it grows only with a value beyond the limit, and then it is over its time at once"
         ),
-        "take: dropped from and/or: within: within and self._within_s >= self._limits.off_clear_s": (
+        "add_sample: dropped from and/or: within: within and self._within_s >= self._limits.off_clear_s": (
             "without a value well within the limit it is 0"
         ),
         "_words: dropped from and/or: fact.course_off_deg is None: "
