@@ -2,6 +2,8 @@
 
 """The border ahead at which this station will be asked, and its operator's early answer. Pure.
 
+When the vehicle asks is in `mavproxy_handover/core/authority/foresight.py`; the sentence to the operator in `core.py`.
+
 Rules that live here
 --------------------
 * The vehicle sends each second which border it foresees, between which two stations, and in how many seconds

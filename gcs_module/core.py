@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The rules of a ground station, without I/O: the counterpart of `mavproxy_handover.core`.
+"""The rules of a ground station, and its sentences to the operator, without I/O: see `mavproxy_handover.core`.
 
 Rules that live here
 --------------------

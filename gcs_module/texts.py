@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Complete STATUSTEXTs of the companion.
+"""Joins the pieces of STATUSTEXTs of the companion. The station's own sentences are in `core.py`.
 
 MAVProxy shows most of them itself; those are not shown twice. A text longer than one message comes in pieces with a
 common id; a missing piece must not keep the others from the operator. A decision also comes as HANDOVER_DECISION, and

@@ -50,7 +50,9 @@ def companion_argv(config: Path, master: str, logfile: Path, journal: Path | Non
 
     `master`: the autopilot's device. `logfile`: the tlog. `journal`: replaces the configuration's.
     """
-    from mavproxy_handover.config.running import start_of  # imports numerical libraries: see `few_threads`
+    from mavproxy_handover.config.running import (
+        start_of,
+    )  # imports numerical libraries: see `supervision/script.py`, few_threads
 
     vehicle = start_of(config).config
     return [
@@ -114,7 +116,7 @@ def _of_mavproxy(link: str) -> str:
 
 
 def _labelled(vehicle: FleetVehicle) -> list[str]:
-    """The vehicle's links for MAVProxy, each with a label that names it, for `companion/module.py`."""
+    """The vehicle's links for MAVProxy, each with a label by which the station's module finds it."""
     found = []
     for number, link in enumerate(vehicle.links, 1):
         device = parse_device(link)

@@ -9,6 +9,8 @@ Rules
 * If the state cannot be stored, for whatever reason, the older stored state must be removed. After a restart it would
   give authority to the former commander. The new state is in force anyway.
 * Without a store nothing is kept: after a restart in flight no station commands.
+* After a power loss the disk may hold an older state than the one that was told. `store/state_store.py` decides whether
+  a stored state is `proven` to be the newest one. If it is not, `core/authority/authority.py` asks the stations.
 """
 
 from __future__ import annotations

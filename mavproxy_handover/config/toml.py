@@ -110,7 +110,9 @@ class Table:
         return value
 
     def link(self, key: str, value: Any) -> str:
-        """`value`, out of `key`, as a link in pymavlink's device form."""
+        """`value` as a link in pymavlink's device form. It is given, because a key may hold a list of links; `key` is
+        for the error.
+        """
         try:
             return parse_device(value).text
         except LinkError as error:

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The authority that is in force: the view by which every frame is judged."""
+"""The authority that is in force: the view by which every frame is judged. `core/authority/authority.py` makes it."""
 
 from __future__ import annotations
 

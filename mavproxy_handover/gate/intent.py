@@ -3,7 +3,7 @@
 """Reads what a frame of the commander asks of an aircraft in flight, for frames that the situation judges.
 
 The policy names these frames (`JUDGED_RULES`; messages that are no commands are here). This module only reads frames,
-and a frame may contain anything. It judges nothing and looks up no place.
+and a frame may contain anything. It looks up no place. `operator/checks/command_check.py` judges.
 """
 
 from __future__ import annotations

@@ -3,7 +3,8 @@
 """Judges streams of guided targets when the target changes, not frame by frame.
 
 A program repeats a target many times a second, or moves it a little each time. To compare a target with zones and fence
-costs a hundred times more than to pass the frame on. So a verdict stays valid for a while:
+costs a hundred times more than to pass the frame on. So a verdict stays valid for a while
+(`operator/checks/command_check.py` makes it):
 
 1. A target within `NEAR_M` of the last judged one has the same verdict, for `HOLDS_S`: the aircraft moves, and what it
    can reach changes.

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Texts as STATUSTEXT messages. A text that is longer than one message is sent in pieces.
+"""Texts as STATUSTEXT messages: a text that is longer than one message is sent in pieces. No sentences are here.
 
 Most programs join the pieces by id and number without changes (MAVProxy, MAVSDK, QGroundControl). So a text is cut
 where a piece is full, even within a word. A piece that is not full ends the text (MAVLink: "any null character in the

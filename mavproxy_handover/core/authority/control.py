@@ -3,6 +3,7 @@
 """Requests of operator control: the rules of the MAVLink standard, fitted to what the vehicle may promise in flight.
 
 `judge_control` is pure and total: the request and what holds now in, an answer and an effect out.
+`requests.py` carries the effect out.
 
 * A request by the commander says whether takeover is allowed from now on. While a transfer waits for the commander's
   consent, a request that allows takeover is the consent. One that does not allow it is the refusal. The request does

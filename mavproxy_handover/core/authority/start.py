@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Beginning of a flight: by START, or by another way into the air.
+"""Beginning of a flight: by START, or by another way into the air. A restart of the companion: `companion/restart.py`.
 
 `start_needs` is a pure and total function: from the state of the vehicle to the needs of START that are not met.
 """

@@ -248,9 +248,9 @@ class Transfer:
         operator_timeout_s: float | None = None,
         crossing: int = 0,
     ) -> None:
-        """`consented`: the commander has agreed before. `forced_until`: there is no commander to ask, and the time
-        limit
-        of the transfer. `crossing`: its border, if that was foreseen (`foresight.py`), else 0."""
+        """`consented`: the commander has agreed before. `forced_until`: there is no commander to ask; the time limit of
+        the transfer. `crossing`: its border, if that was foreseen (`foresight.py`), else 0.
+        """
         forced = forced_until is not None
         self._limits = limits
         self._operator_timeout_s = limits.operator_timeout_s if operator_timeout_s is None else operator_timeout_s

@@ -48,11 +48,11 @@ class AuthorityFacts(Protocol):
 
     @property
     def covered(self) -> bool:
-        """The owner's zone holds the aircraft."""
+        """The owner's zone holds the aircraft. False does not mean `out_of_coverage`: another zone may hold it."""
 
     @property
     def out_of_coverage(self) -> bool:
-        """No zone holds the aircraft."""
+        """No zone of any station holds the aircraft."""
 
     @property
     def attacked(self) -> bool:

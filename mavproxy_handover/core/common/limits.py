@@ -1,6 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Every number that the rules use, with its unit in its name. `config/vehicle.py` has their ranges."""
+"""The limits of the rules that the vehicle's file may set, each with its unit in its name.
+
+`config/vehicle.py` has their ranges. A number that no file sets is a constant in the module of its rule, as TRIES in
+`core/safety/command_verification.py`.
+"""
 
 from __future__ import annotations
 

@@ -13,6 +13,8 @@ it. The limits say how long each may take:
   aircraft that has not got nearer by NEARER_M within `stuck_s` is blown backwards, or flies somewhere else. At the
   destination (`at_place_m`) no more motion is expected: the aircraft waits, or comes down.
 * LAND shows by the mode, then by a descent.
+* A copter that does not take RTL is commanded to LAND in the same attempt: `bring_home` in
+  `vehicle/profiles/copter.py`. So LAND shows an ordered RETURN too (`Handling.shows` in `core/common/handling.py`).
 * CONTINUE, which ends a hold, shows only by motion: the mode of a paused mission is the mode of a flown one.
 
 This is the table for copters. An aircraft with wings never rests. It holds by circling, in a mode for that, and goes on

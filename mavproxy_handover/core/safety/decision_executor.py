@@ -127,8 +127,7 @@ class DecisionExecutor:
         """Whether a pilot or a failsafe flies: then the companion does not order the aircraft on."""
         return not self._mode.facts().isdisjoint(OVERRULE)
 
-    # ---- the source of the mode
-    # ------------------------------------------------------------------------------------------------
+    # ---- the source of the mode -----------------------------------------------------------------------------------
 
     def mode_seen(self, event: ModeSeen, now: float, actions: list[Action]) -> None:
         """The autopilot reports its mode."""

@@ -15,7 +15,7 @@ Two measures, each judged for itself; the aircraft is off its route while one of
 A measure is over after it was beyond its limit for `off_hold_s` in all since it was last well within it. It is no
 longer over after it was well within for `off_clear_s` without a break. After a deviation both times start again. Well
 within means below two thirds of the limit: so noise around a limit does not repeat a message, and does not delay one.
-If no leg is flown (take-off, landing, return, GUIDED), there is no route to be off.
+If no leg is flown (take-off, landing, return, GUIDED), there is no route to be off. Height is not judged.
 """
 
 from __future__ import annotations

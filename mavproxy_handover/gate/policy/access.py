@@ -24,7 +24,9 @@ class Access(Enum):
     LIVENESS = "liveness"  #: the commander's is passed on; all others are only noticed
     COMMAND = "command"  #: the commander's is passed on; all others are refused and told so
     SAFEGUARD = "safeguard"  #: as COMMAND on the ground; while the vehicle is armed, from no station
-    STREAM = "stream"  #: the commander's is passed on; all others, which are frequent, are dropped without an answer
+    #: sticks, setpoints and other frequent input (LOG_REQUEST_* too): the commander's is passed on, all others are
+    #: dropped without an answer
+    STREAM = "stream"
     ANSWERED = "answered"  #: the commander's is passed on; all others are answered by the companion
     RALLY_READ = "rally points"  #: any station; the companion answers from its own list; never passed on
     RALLY_WRITE = "rally upload"  #: the commander's goes to that list; never passed on; all others are refused

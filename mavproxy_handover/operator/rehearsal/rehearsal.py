@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""A rehearsal on the ground: requests and reports of stations. The rules decide whether there may be one.
+"""A rehearsal on the ground: requests and reports of stations. `core/authority/rehearsal.py` decides.
 
 HANDOVER_REHEARSE begins or ends one, or asks for its report; HANDOVER_REHEARSAL answers. A station repeats its question
 until it is answered, so a copy (the same nonce of the same station) is answered again and changes nothing. Any known

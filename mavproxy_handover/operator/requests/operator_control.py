@@ -2,6 +2,8 @@
 
 """Operator control on the wire: MAV_CMD_REQUEST_OPERATOR_CONTROL in its layout of 2026, its traps, its answers.
 
+Which request is granted is decided in `core/authority/control.py`.
+
 The layout of 2024 had other parameters: p1 system id (0 from a ground station), p2 action, p3 takeover, p4 time-out.
 Read by the present layout, a request of then (p1 0, p2 1) is a release. A release that comes with p2 set is therefore
 refused with a word about it: a misread one would take authority away in flight.

@@ -4,7 +4,7 @@
 
 A station sends HANDOVER_OVERRIDE, and repeats it until the companion answers with the same message. A copy (the same
 station, limit and nonce) is answered again, but does not lift the limit again. A station that does not command is
-refused.
+refused. What a lifted limit changes is in `core/safety/commands.py`.
 """
 
 from __future__ import annotations

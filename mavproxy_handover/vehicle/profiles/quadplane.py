@@ -2,7 +2,8 @@
 
 """The profile of a plane with rotors (QuadPlane).
 
-It flies like a plane, and takes off and lands like a copter.
+It flies like a plane, and takes off and lands like a copter. The modes and all that is not replaced here are those of
+`plane.py`.
 
 ArduPlane gives it the MAV_TYPE of a plane. It shows itself by Q_ENABLE, or by the MAV_VTOL_STATE that it reports.
 """
