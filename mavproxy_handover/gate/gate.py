@@ -158,7 +158,7 @@ class Gate:
         if verdict.fate is _REFUSE:
             self._replies.refuse(port, frame, verdict, self._matters.modes(), now)
         elif verdict.reason is GateReason.OBSERVER_RATES:
-            self._replies.grant_rates(port, frame, passed.rates, now)
+            self._replies.answer_rates(port, frame, passed.rates, now)
         return verdict
 
     def release(self, port: Port, frame: Frame, verdict: Verdict, now: float) -> Verdict:

@@ -11,11 +11,13 @@ answers the request itself, and passes on every n-th message to keep to it. Rule
 3. `WISHES` go to the stations that asked. Nothing else can be asked for: no parameters, files or tunnels.
 4. No message is granted more often than `ObserverLimits.message_hz`. What goes beyond `DEFAULTS` is limited to
    `ObserverLimits.bytes_per_s` for each station.
-5. SET_MESSAGE_INTERVAL and GET_MESSAGE_INTERVAL are acknowledged in the name of the component that was asked. The
-   answer tells the interval that is kept. REQUEST_DATA_STREAM asks for a group, as in ArduCopter, and has no answer.
+5. SET_MESSAGE_INTERVAL and GET_MESSAGE_INTERVAL are acknowledged in the name of the component that was asked, or of
+   the autopilot if all were asked. The answer tells the interval that is kept. REQUEST_DATA_STREAM asks for a group,
+   as in ArduCopter, and has no answer.
 6. Requests end when the station commands, and then asks the autopilot itself (`forget`). They also end when nothing
    came from the station for `ObserverLimits.silence_s`.
 
+`questions.py` decides which other reads of an observer pass, and how often.
 Memory is bounded: by the messages that may be asked for, and by `_MOST_SOURCES` of them.
 
 Sources: MAVLink message-interval microservice; stream groups of ArduCopter's GCS_MAVLink_Copter.cpp.
@@ -137,7 +139,7 @@ class ObserverRates:
     def asked(self, frame: Frame, station_sysid: int, now: float) -> list[mavlink.MAVLink_message]:
         """Accept a request for rates that the gate gave to the companion (`Access.ANSWERED`). Returns the answers.
 
-        The caller packs them in the vehicle's name, from the component that the request was addressed to.
+        The caller packs them in the name of the component that was asked (`Replies.answer_rates`).
         """
         if not frame.known:
             return []

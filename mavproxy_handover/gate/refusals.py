@@ -34,7 +34,17 @@ from mavproxy_handover.wire.file_transfer import head_of
 from mavproxy_handover.wire.frames import Frame, field_bytes, field_int, target
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, FTP_NAK, NOT_IN_CONTROL
 
-__all__ = ["CAUSE_S", "SILENT", "OncePerCause", "RefusalLimiter", "has_words", "line_of_text", "refusal"]
+__all__ = [
+    "CAUSE_S",
+    "SILENT",
+    "OncePerCause",
+    "RefusalLimiter",
+    "asked_component",
+    "has_words",
+    "line_of_text",
+    "pack_as",
+    "refusal",
+]
 
 FTP_ERROR_NO_SESSION: Final = 5
 FTP_ERROR_UNKNOWN_COMMAND: Final = 7
@@ -177,9 +187,13 @@ def refusal(frame: Frame, verdict: Verdict, own: mavlink.MAVLink, known: Callabl
     if frame.msgid == _LIST and verdict.reason is GateReason.COMPANION_TARGET:  # programs ask every component for it
         return []
     message = _command_ack(frame, verdict, known) if build is _command_ack else build(frame, verdict)
+    return [pack_as(message, own, asked_component(frame))]
+
+
+def asked_component(frame: Frame) -> int:
+    """The component that a frame is addressed to, which answers it; the autopilot if it is addressed to all."""
     aim = target(frame)
-    compid = aim[1] if aim is not None and aim[1] != 0 else AUTOPILOT_COMPID
-    return [_pack(message, own, compid)]
+    return aim[1] if aim is not None and aim[1] != 0 else AUTOPILOT_COMPID
 
 
 def has_words(frame: Frame, verdict: Verdict) -> bool:
@@ -195,12 +209,13 @@ def has_words(frame: Frame, verdict: Verdict) -> bool:
 
 def line_of_text(text: str, severity: int, own: mavlink.MAVLink) -> bytes:
     """A line of text in the autopilot's name that answers no question. `own`: as for `refusal`."""
-    return _pack(
+    return pack_as(
         mavlink.MAVLink_statustext_message(severity=severity, text=text.encode("ascii")), own, AUTOPILOT_COMPID
     )
 
 
-def _pack(message: mavlink.MAVLink_message, own: mavlink.MAVLink, compid: int) -> bytes:
+def pack_as(message: mavlink.MAVLink_message, own: mavlink.MAVLink, compid: int) -> bytes:
+    """Pack an answer in the name of a component of the vehicle. `own`: as for `refusal`."""
     before = own.srcComponent
     own.srcComponent = compid
     try:

@@ -3,8 +3,8 @@
 """Sends the answers of the gate: refusals, data rates of observers, and news of sticks and setpoints.
 
 Every refusal is answered in its protocol, and a text says why, but not more often than the limits of `refusals.py`
-allow: that is known before an answer is made. Data rates that an observer asks for are the companion's to give
-(`observers.py`): the autopilot is not asked.
+allow: that is known before an answer is made. The companion itself answers an observer that asks for data rates
+(`observers.py` grants or denies them): the autopilot is not asked.
 """
 
 from __future__ import annotations
@@ -22,12 +22,19 @@ from mavproxy_handover.gate.judge import Verdict
 from mavproxy_handover.gate.observers import ObserverRates
 from mavproxy_handover.gate.port import Port
 from mavproxy_handover.gate.refusal_text import sentence, subject_of
-from mavproxy_handover.gate.refusals import OncePerCause, RefusalLimiter, has_words, line_of_text, refusal
+from mavproxy_handover.gate.refusals import (
+    OncePerCause,
+    RefusalLimiter,
+    asked_component,
+    has_words,
+    line_of_text,
+    pack_as,
+    refusal,
+)
 from mavproxy_handover.gate.stale_streams import News, StaleStreams, State, lines
 from mavproxy_handover.vehicle.profiles import Modes
-from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.frames import Frame
-from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, COMPANION_COMPID
+from mavproxy_handover.wire.ids import COMPANION_COMPID
 
 __all__ = ["GateReports", "Replies"]
 
@@ -38,7 +45,7 @@ _RATE_ANSWERS_PER_S: Final = 20
 
 @dataclass(frozen=True, slots=True)
 class GateReports:
-    """Reports of the gate to the rest of the companion."""
+    """What the companion does for the gate: `fault` and `stream` write to its journal, `say` tells a station."""
 
     #: what broke: where, and the text
     fault: Callable[[str, str], None]
@@ -62,7 +69,6 @@ class Replies:
         self._in_words = OncePerCause()
         self._rate_answers = RefusalLimiter(_RATE_ANSWERS_PER_S)
         self._own = mavlink.MAVLink(None, srcSystem=vehicle, srcComponent=COMPANION_COMPID)
-        self._as_autopilot = mavlink.MAVLink(None, srcSystem=vehicle, srcComponent=AUTOPILOT_COMPID)
 
     def refuse(self, port: Port, frame: Frame, verdict: Verdict, modes: Modes, now: float) -> None:
         """Answer a refused frame in its protocol, and say why."""
@@ -79,12 +85,12 @@ class Replies:
             words = sentence(subject, verdict.reason, name, capabilities.of(sender), modes=modes)
             self._reports.say(port.sysid, words, now)
 
-    def grant_rates(self, port: Port, frame: Frame, rates: ObserverRates, now: float) -> None:
-        """Answer an observer that asks for data rates, in the autopilot's name."""
+    def answer_rates(self, port: Port, frame: Frame, rates: ObserverRates, now: float) -> None:
+        """Grant or deny the data rates that an observer asks for, in the name of the component that was asked."""
         answers = rates.asked(frame, port.sysid, now)
         if answers and self._rate_answers.allow(port.sysid, "rates", now):
             for answer in answers:
-                self.send(port, codec.pack(answer, self._as_autopilot))
+                self.send(port, pack_as(answer, self._own, asked_component(frame)))
 
     def tell_streams(self, streams: StaleStreams, now: float) -> None:
         """Tell stations the news of their sticks and setpoints."""

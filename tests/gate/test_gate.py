@@ -183,15 +183,26 @@ def test_who_asks_again_and_again_for_parameters_in_flight_reads_of_it_every_ten
     assert door.said[-1] == (GCSC, said[1])
 
 
-def test_an_observers_wish_for_rates_is_answered_by_the_companion_in_the_autopilots_name(
-    door: Door, make: Make
-) -> None:
+def test_an_observers_wish_for_rates_is_granted_by_the_companion(door: Door, make: Make) -> None:
     wish = make("COMMAND_LONG", sysid=GCSB, command=511, param1=30.0, param2=1e6)
     came = door.up(B, wish)
     assert (came.verdict.fate, came.passed) == (Fate.CONSUME, [])
     (answer,) = map(decoded, came.answers)
     assert (answer.get_type(), answer.result, answer.get_srcComponent()) == ("COMMAND_ACK", 0, 1)
     assert door.down(make("ATTITUDE", sysid=VEHICLE, compid=1)) == {GCSA, GCSB}
+
+
+@pytest.mark.parametrize(("asked", "answers"), [(0, 1), (1, 1), (191, 191)])
+def test_a_wish_for_rates_is_answered_by_the_component_that_was_asked(
+    door: Door, make: Make, asked: int, answers: int
+) -> None:
+    """The fault: the autopilot's component answered for every other one. A program waits for the one it asked."""
+    wish = make("COMMAND_LONG", sysid=GCSB, target_component=asked, command=510, param1=30.0)
+    answered = [decoded(each) for each in door.up(B, wish).answers]
+    assert [(each.get_type(), each.get_srcComponent()) for each in answered] == [
+        ("COMMAND_ACK", answers),
+        ("MESSAGE_INTERVAL", answers),
+    ]
 
 
 def test_wishes_are_answered_twenty_times_a_second_at_most(make: Make) -> None:
