@@ -16,6 +16,7 @@ import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.common.model import Phase
+from mavproxy_handover.core.safety.commands import Limit
 from mavproxy_handover.core.safety.energy import EnergyFact
 from mavproxy_handover.mission.geodesy import offset
 from mavproxy_handover.mission.package import MissionPackage, load
@@ -240,6 +241,17 @@ def test_the_policy_is_the_configurations(
     fly_to(bench, OUT_OF_ZONES)
     assert passed(bench) == arrives
     assert (told in bench.a.texts()) if told else bench.a.texts() == ""
+
+
+def test_a_warning_is_told_though_another_limit_is_lifted(bench: Bench, delivery: MissionPackage) -> None:
+    take_off(bench, delivery, 'coverage = "warn"')
+    bench.companion.autopilot.command_check.lift(Limit.FENCE, "GCSA", bench.clock.now)
+    fly_to(bench, OUT_OF_FENCE)
+    assert passed(bench) == 1
+    assert "target, warning: leaves coverage in " in bench.a.texts()
+    assert "geofence" not in bench.a.texts(), "the operator has lifted it, and knows"
+    (entry,) = bench.journal("command_passed")
+    assert (entry["limits"], entry["outcome"]) == (["fence", "coverage"], "lifted")
 
 
 # ---- never refused ------------------------------------------------------------------------------------------------

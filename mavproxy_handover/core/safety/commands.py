@@ -5,8 +5,9 @@
 Theory of operation
 -------------------
 The gate has checked before that the sender commands. A command has a `Kind`; the table `JUDGED` says which limits a
-kind can leave. If a command would leave a limit (`left`, in words, worked out by the caller), the limit's policy
-decides: "off" is not checked, "warn" lets the command pass with a warning, "refuse" refuses it.
+kind can exceed. The caller works out the limits that a command would exceed (`exceeded`: each limit, and in words by
+how much or where). The limit's policy decides: "off" is not checked, "warn" lets the command pass with a warning,
+"refuse" refuses it. `operator/checks/command_check.py` is the caller and tells people.
 
 Commands that lead away from danger are in no row, and are never refused: RTL, LAND, BRAKE, LOITER, a pause, the pilot's
 modes. The default is "refuse" for all three limits. An operator reads a warning only after the aircraft is on its way.
@@ -49,8 +50,11 @@ __all__ = [
     "Ruling",
 ]
 
+#: a copy after less than this time is a retransmission of a program, and does not lift the limit
 QUIET_S: Final = 10.0
+#: a copy after more than this time is a new command
 UNTIL_S: Final = 30.0
+#: for how long an operator lifts a limit
 LIFTED_S: Final = 60.0
 #: what the configuration may say of a limit, the word without one first
 POLICIES: Final = ("refuse", "warn", "off")
@@ -104,13 +108,15 @@ class Outcome(Enum):
 class Ruling:
     """The verdict and its reason.
 
-    `limits`: those that are warned of or lifted, or the one of the refusal; `words`: of these. `copy_after_s`: seconds
-    since the last copy of the same command; None: there was none.
+    `limits`: those that are lifted and those that are warned of, or the one of the refusal; `words`: of these.
+    `warning`: of the limits that are only warned of; "" if there is none. `copy_after_s`: seconds since the last copy
+    of the same command; None: there was none.
     """
 
     outcome: Outcome
     limits: tuple[Limit, ...] = ()
     words: str = ""
+    warning: str = ""
     copy_after_s: float | None = field(default=None, compare=False)
 
     @property
@@ -166,7 +172,7 @@ class CommandRules:
         self,
         kind: Kind,
         wish: Hashable,
-        left: Mapping[Limit, str],
+        exceeded: Mapping[Limit, str],
         station: int,
         now: float,
         *,
@@ -177,12 +183,12 @@ class CommandRules:
     ) -> Ruling:
         """The verdict on a command of `station`, which commands.
 
-        `wish`: what tells it from others of its kind. `left`: the limits that it would leave, in words. `heard_since`:
-        since when the station has been heard without an interruption. `repeats`: it says of itself that it was sent
-        before. `quiet_s`: how long programs may go on repeating it. `begun_at`: when its first message came, if it took
-        more than one.
+        `wish`: what tells it from others of its kind. `exceeded`: the limits that it would exceed, in words.
+        `heard_since`: since when the station has been heard without an interruption. `repeats`: it says of itself that
+        it was sent before. `quiet_s`: how long programs may go on repeating it. `begun_at`: when its first message
+        came, if it took more than one.
         """
-        limits = [limit for limit in self.looks_at(kind) if left.get(limit)]
+        limits = [limit for limit in self.looks_at(kind) if exceeded.get(limit)]
         warned = [limit for limit in limits if self._policies[limit] == "warn"]
         strict = [limit for limit in limits if limit not in warned]
         begun_at = now if begun_at is None else begun_at
@@ -198,19 +204,20 @@ class CommandRules:
             asked.answered(refused, now)
             self._asked[station, kind] = asked
         if refused is not None:
-            return Ruling(Outcome.REFUSED, (refused,), left[refused], after_s)
-        told = tuple(by_hand or warned)
+            return Ruling(Outcome.REFUSED, (refused,), exceeded[refused], copy_after_s=after_s)
         outcome = Outcome.LIFTED if by_hand else Outcome.WARNED if warned else Outcome.PASSES
-        return Ruling(outcome, told, ", ".join(left[limit] for limit in told), after_s)
+        told = [*by_hand, *warned]
+        words, warning = (", ".join(exceeded[limit] for limit in each) for each in (told, warned))
+        return Ruling(outcome, tuple(told), words, warning, after_s)
 
-    def _asked_before(self, kind: Kind, wish: Hashable, station: int, now: float) -> tuple[_Asked, float | None]:
-        """The record of the same command, and seconds since its last copy; None: it is a new command."""
+    def _asked_before(self, kind: Kind, wish: Hashable, station: int, begun_at: float) -> tuple[_Asked, float | None]:
+        """The record of the same command, and seconds from its last copy to `begun_at`; None: it is a new command."""
         asked = self._asked.get((station, kind))
         if asked is None or asked.wish != wish or kind in STREAMED:
             return _Asked(wish, -inf, None), None
-        after_s = now - asked.at
+        after_s = begun_at - asked.at
         copies_s = QUIET_S if asked.named is None else UNTIL_S
-        if after_s > copies_s or now - asked.lifted_at > LIFTED_S:
+        if after_s > copies_s or begun_at - asked.lifted_at > LIFTED_S:
             return _Asked(wish, -inf, None), None
         return asked, after_s
 

@@ -484,10 +484,11 @@ class CommandCheck:
             event_log.command_refused(port.name, word, ruling)
         by_hand = ruling.copy_after_s is not None and ruling.copy_after_s >= _BY_HAND_S
         cause = word, ruling.limits, kind, by_hand
-        if ruling.outcome is Outcome.LIFTED or not self._words.allow(port.sysid, cause, now):
+        told = ruling.warning if ruling.passes else ruling.words  # the operator knows the limits that were lifted
+        if not told or not self._words.allow(port.sysid, cause, now):
             return
         if ruling.passes:
-            voice.say(port, f"{word}, warning: {ruling.words}")
+            voice.say(port, f"{word}, warning: {told}")
             return
         again_in_s = None if kind is Kind.TARGET else quiet_s
-        voice.say(port, f"{word} refused: {ruling.words}. {how_to_lift(ruling.limits[0], again_in_s)}")
+        voice.say(port, f"{word} refused: {told}. {how_to_lift(ruling.limits[0], again_in_s)}")

@@ -82,7 +82,8 @@ def test_the_gravest_limit_is_named() -> None:
     assert milder.rule(Kind.FLY_TO, 1, ALL, GCSA, 0.0, heard_since=-inf) == Ruling(REFUSED, (FENCE,), "over the fence")
     all_warned = CommandRules(dict.fromkeys(Limit, "warn"))
     ruling = all_warned.rule(Kind.FLY_TO, 1, ALL, GCSA, 0.0, heard_since=-inf)
-    assert ruling == Ruling(WARNED, (ENERGY, FENCE, COVERAGE), "no energy, over the fence, out of coverage")
+    words = "no energy, over the fence, out of coverage"
+    assert ruling == Ruling(WARNED, (ENERGY, FENCE, COVERAGE), words, words)
 
 
 def ask(rules: CommandRules, at: float, kind: Kind = Kind.GO_ON, wish: int = 1, **more: Any) -> Outcome:
@@ -208,6 +209,15 @@ def test_sent_again_it_lifts_the_limit_that_was_named_and_no_other() -> None:
     assert rule(12.0) == Ruling(REFUSED, (COVERAGE,), "out of coverage")
     assert rule(13.0).outcome is REFUSED
     assert rule(25.0) == Ruling(LIFTED, (ENERGY, COVERAGE), "no energy, out of coverage")
+
+
+def test_what_is_only_warned_of_is_told_beside_the_limit_that_was_lifted() -> None:
+    """The fault: while an operator had lifted one limit, the warning of another one was dropped."""
+    rules = CommandRules({COVERAGE: "warn"})
+    two = {FENCE: "over the fence", COVERAGE: "out of coverage"}
+    rules.lift(FENCE, 0.0)
+    ruling = rules.rule(Kind.GO_ON, 1, two, GCSA, 1.0, heard_since=-inf)
+    assert ruling == Ruling(LIFTED, (FENCE, COVERAGE), "over the fence, out of coverage", "out of coverage")
 
 
 def test_a_limit_that_comes_up_since_is_refused_for_itself() -> None:
