@@ -49,7 +49,15 @@ from mavproxy_handover.store.background_writer import BackgroundWriter
 from mavproxy_handover.store.lock import VehicleLock, lock_line
 from mavproxy_handover.store.memory import memory_folder, memory_name
 from mavproxy_handover.store.replay import ReplayStore
-from mavproxy_handover.supervision.main_loop import DOWNLOAD_S, STAY_S, TALKING_S, ends, poller, readable, waited_for
+from mavproxy_handover.supervision.main_loop import (
+    DOWNLOAD_S,
+    STAY_S,
+    TALKING_S,
+    is_ending,
+    poller,
+    readable,
+    waited_for,
+)
 from mavproxy_handover.supervision.manager import ServiceManager, named_manager
 from mavproxy_handover.supervision.must_load import loaded, refused
 from mavproxy_handover.supervision.watchdog_pipe import watchdog_pipe
@@ -236,8 +244,8 @@ class HandoverModule(mp_module.MPModule):
         for name, value in self._kept.items():
             setattr(self.settings, name, value)
         if self._watchdog_pipe is not None:
-            (self._watchdog_pipe.ending if ends(self.mpstate) else self._watchdog_pipe.let_go)()
-        elif ends(self.mpstate):
+            (self._watchdog_pipe.ending if is_ending(self.mpstate) else self._watchdog_pipe.let_go)()
+        elif is_ending(self.mpstate):
             self._manager.stopping()
         self._manager.close()
         if self._replay is not None:

@@ -3,7 +3,7 @@
 """The route check on the vehicle: compares the aircraft with the mission that the companion has written.
 
 It returns news for the journal and orders nothing; the safety decisions tell people. If another program has written a
-mission since, the route is not known, and nothing is expected of the aircraft.
+mission since, the route is not known, and nothing is expected of the aircraft. Height is not judged.
 """
 
 from __future__ import annotations
@@ -33,12 +33,15 @@ class RouteMonitor:
         self._check = RouteCheck(limits)
         self._tracker: RouteTracker | None = None
         self._looked_at = -math.inf
-        #: position on the leg at the last check; None: no leg is flown
+        #: position on the leg at the last check, which `words` shows for _SHOWN_S; None: no leg is flown
         self.track: TrackFact | None = None
 
     @property
     def deviation(self) -> TrackFact | None:
-        """The position on the leg while the aircraft is off its route; else None."""
+        """The position on the leg while the aircraft is off its route; else None.
+
+        Without a check it stays as it was: a deviation is over only after the aircraft was seen on its route again.
+        """
         return self._check.deviation
 
     def words(self, now: float) -> str:
@@ -53,8 +56,10 @@ class RouteMonitor:
 
     def update(self, state: VehicleState, now: float) -> list[RouteNews]:
         """Compare the last position with the leg that is flown, if the last check is old enough."""
-        heard_at = min(state.telemetry.waypoint.at, state.telemetry.heartbeat.at)
-        if now - self._looked_at < _LOOK_S or now - heard_at > _STOPPED_S:  # the target item is not known
+        if now - self._looked_at < _LOOK_S:
+            return []
+        # without these two messages it is not known to which item the aircraft flies
+        if now - min(state.telemetry.waypoint.at, state.telemetry.heartbeat.at) > _STOPPED_S:
             return []
         self._looked_at = now
         motion = self._motion(state)

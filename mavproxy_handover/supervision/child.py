@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from mavproxy_handover.supervision.console import Console, read_lines
-from mavproxy_handover.supervision.main_loop import end, ends
+from mavproxy_handover.supervision.main_loop import end, is_ending
 from mavproxy_handover.supervision.rules import LOCKED, REFUSED
 from mavproxy_handover.supervision.script import MAIN, Script, mpstate_of
 from mavproxy_handover.supervision.supervisor import ENDS
@@ -73,7 +73,7 @@ class Companion:
         mpstate = mpstate_of()
         if mpstate is not None:
             close_logs(mpstate, _LOGS_S)
-            if line.lived and ends(mpstate):  # MAVProxy always ends with 1
+            if line.lived and is_ending(mpstate):  # MAVProxy always ends with 1
                 code = 0
         if line.refused is not None:
             code = _CODES[line.refused]
@@ -97,7 +97,7 @@ def _end_on_time(line: WatchdogPipe) -> None:
         mpstate = mpstate_of()
         if mpstate is not None and asked:
             end(mpstate)
-        if asked or (mpstate is not None and ends(mpstate)):
+        if asked or (mpstate is not None and is_ending(mpstate)):
             break
     wanted = asked or line.lived  # otherwise MAVProxy could not start
     if wanted:

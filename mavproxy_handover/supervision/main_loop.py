@@ -18,17 +18,18 @@ import select
 from collections.abc import Collection, Iterable
 from typing import Any
 
-__all__ = ["DOWNLOAD_S", "STAY_S", "TALKING_S", "end", "ends", "poller", "readable", "waited_for"]
+__all__ = ["DOWNLOAD_S", "STAY_S", "TALKING_S", "end", "is_ending", "poller", "readable", "waited_for"]
 
 #: MAVProxy's fastest timers run ten times a second
 STAY_S = 0.05
 #: interval (s) of offering download frames to a link: 20 kB at 10 MB/s
 DOWNLOAD_S = 0.002
-#: after frames with at most this distance (s) more are expected
+#: if the last two arrivals were less than this (s) apart, the station is sending: the module waits for more frames
+#: (`companion/module.py`)
 TALKING_S = 0.1
 
 
-def ends(mpstate: Any) -> bool:
+def is_ending(mpstate: Any) -> bool:
     """True if MAVProxy is about to end."""
     event = getattr(mpstate.status, "stop_event", None)
     return bool(mpstate.status.exit if event is None else event.is_set())

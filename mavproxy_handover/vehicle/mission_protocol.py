@@ -26,6 +26,7 @@ from mavproxy_handover.wire.conversation import Ask, Asking, AutopilotError, NoA
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID
 
 __all__ = [
+    "LOADING",
     "MissionProtocol",
     "NoRoomError",
     "fence_items",
@@ -34,6 +35,8 @@ __all__ = [
     "same_fence",
 ]
 
+#: name of the conversation that writes a whole plan, the three lists
+LOADING: Final = "load"
 _MISSION, _FENCE, _RALLY = (
     mavlink.MAV_MISSION_TYPE_MISSION,
     mavlink.MAV_MISSION_TYPE_FENCE,

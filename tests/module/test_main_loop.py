@@ -338,7 +338,7 @@ class TestTheModule:
 def test_mavproxy_is_ended_as_its_version_has_it(status: SimpleNamespace) -> None:
     """Up to 1.8.74, and from 1.8.75 on."""
     mpstate = SimpleNamespace(status=status)
-    assert not main_loop.ends(mpstate)
+    assert not main_loop.is_ending(mpstate)
     main_loop.end(mpstate)
-    assert main_loop.ends(mpstate)
+    assert main_loop.is_ending(mpstate)
     assert status.stop_event.is_set() if hasattr(status, "stop_event") else status.exit is True

@@ -70,12 +70,12 @@ class Views:
         """
         places = self._candidates.places
         others = [place for place in places if place.name not in (chosen, HOME)]
-        now = [place for place in places if place.name in (chosen, HOME)]
+        due = [place for place in places if place.name in (chosen, HOME)]
         for _ in range(min(_AT_ONCE, len(others))):
             self._turn = (self._turn + 1) % len(others)
-            now.append(others[self._turn])
-        now += [place for place in others if place.name not in self.seen and place not in now]
-        for place in now:
+            due.append(others[self._turn])
+        due += [place for place in others if place.name not in self.seen and place not in due]
+        for place in due:
             self.evaluate(place, here, energy, beyond_m)
 
     def evaluate(self, place: Place, here: _Where, energy: EnergyFact, beyond_m: float = 0.0) -> None:
@@ -98,6 +98,7 @@ class Views:
         view = candidates.finder.evaluate(here[:2], spot, height)
         inside = view.inside and candidates.within(limits, place)
         need = None if model is None else model.need_wh(way)
+        # energy left beyond need and reserve; beyond the need alone
         margin = spare = needs = left = None
         metre_wh = 0.0
         if model is not None and need is not None and energy.left_wh is not None:
@@ -110,17 +111,17 @@ class Views:
                 farther = Piece(_FARTHER_M, level.bearing_deg, speed_mps=level.speed_mps)
                 metre_wh = model.reserve_factor * model.piece_wh(farther) / _FARTHER_M
         fact = PlaceFact(
-            place.name,
-            distance_m(*here[:2], *spot),
-            flown_s(way, model, speed_mps),
-            margin,
-            spare,
-            needs,
-            left,
-            inside,
-            inside and view.way_inside,
-            view.there,
-            view.way,
-            view.way_clear,
+            name=place.name,
+            distance_m=distance_m(*here[:2], *spot),
+            time_s=flown_s(way, model, speed_mps),
+            margin_wh=margin,
+            spare_wh=spare,
+            needs=needs,
+            left=left,
+            inside=inside,
+            way_inside=inside and view.way_inside,
+            there=view.there,
+            way=view.way,
+            way_clear=view.way_clear,
         )
         self.seen[place.name] = Seen(fact, energy.at, energy.left_wh, metre_wh)

@@ -24,7 +24,7 @@ from collections.abc import Callable
 from typing import Final
 
 from mavproxy_handover.mission.items import RallyPoint, alike
-from mavproxy_handover.vehicle.mission_protocol import MissionProtocol
+from mavproxy_handover.vehicle.mission_protocol import LOADING, MissionProtocol
 from mavproxy_handover.wire.conversation import Asking, Conversation, Conversations
 
 __all__ = ["START_S", "RallyWriter"]
@@ -33,9 +33,8 @@ WRITE_S: Final = 5.0
 READ_S: Final = 10.0
 START_S: Final = 10.0
 _AGAIN_S: Final = 8.0
-#: names of the conversations: the one of this class, and the one that writes a whole plan with this list
+#: name of the conversation
 _NAME: Final = "rally"
-_LOADING: Final = "load"
 _COUNTER: Final = "RALLY_TOTAL"
 
 
@@ -61,11 +60,12 @@ class RallyWriter:
         self._changed = changed
         #: the point that the list held when it was read last; None: the list held no point, or several
         self.held: RallyPoint | None = None
-        #: the list has been read
+        #: the list has been read, or is written without waiting for that (`hurry`)
         self.known = False
         #: the last write failed, and the list has not held the wanted point since
         self.failing = False
         self._wanted: RallyPoint | None = None
+        #: the list is read from time to time and kept, from the first `forget` on
         self._ours = False
         #: the point that is being written
         self._writes: RallyPoint | None = None
@@ -92,12 +92,12 @@ class RallyWriter:
         self._read_at = now + START_S
 
     def counted(self, name: str, now: float) -> None:
-        """The autopilot has sent the value of a parameter."""
+        """The autopilot has sent the value of a parameter, of any name: RALLY_TOTAL counts the points of the list."""
         if name == _COUNTER and self.known and _NAME not in self._conversations:
             self._read_at = min(self._read_at, now)
 
     def hurry(self, now: float) -> None:
-        """A return waits: write the wanted point now, without reading the list first."""
+        """A return waits: write the wanted point now, without reading the list first. It counts as known from now."""
         self.known, self._write_at = True, -math.inf
         self._read_at = max(self._read_at, now + READ_S)
         self.tick(now)
@@ -105,7 +105,7 @@ class RallyWriter:
     def tick(self, now: float) -> None:
         """Time has passed; to be called often."""
         talks, wanted = self._conversations, self._wanted
-        if _LOADING in talks:
+        if LOADING in talks:
             self._drop()
         elif _NAME in talks:
             if self._writes is not None and wanted is not None and not alike(self._writes, wanted):

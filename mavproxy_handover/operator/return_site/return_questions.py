@@ -3,7 +3,7 @@
 """Questions to the autopilot about a return: its home, its parameters of a return, and its geofence.
 
 Each question is repeated until it is answered, but not while a mission is being written. The vehicle's state keeps the
-answers; the candidates keep the geofence.
+answers; the candidates keep the geofence. `return_site.py` chooses; `rally_writer.py` reads and writes the rally list.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from collections.abc import Callable
 from typing import Final
 
 from mavproxy_handover.monitors.return_site.candidates import Candidates
-from mavproxy_handover.vehicle.mission_protocol import MissionProtocol
+from mavproxy_handover.vehicle.mission_protocol import LOADING, MissionProtocol
 from mavproxy_handover.vehicle.parameter_reading import reading
 from mavproxy_handover.vehicle.return_limits import NAMES
 from mavproxy_handover.vehicle.state import VehicleState
@@ -24,7 +24,6 @@ __all__ = ["ReturnQuestions"]
 _AGAIN_S: Final = 10.0
 #: names of conversations
 _WHERE_HOME_IS, _PARAMETERS, _OWN_FENCE = "where home is", "parameters of a return", "fence of a return"
-_LOADING: Final = "load"
 
 
 class ReturnQuestions:
@@ -47,11 +46,12 @@ class ReturnQuestions:
         self._lists = MissionProtocol(sysid)
         #: when each question is due
         self._home_at = self._parameters_at = self._fence_at = math.inf
-        #: until then a choice waits for the list to be read
+        #: until then `ReturnSite` does not choose unless the rally list has been read
         self.unread_until = -math.inf
 
     def set_mission(self, fence: bool, now: float) -> None:
-        """The autopilot holds another mission. `fence`: it has a geofence of its own."""
+        """The autopilot holds another mission. `fence`: the mission
+        brings its own geofence, so that the one in the autopilot need not be read."""
         self._home_at = self._parameters_at = now
         self._fence_at = math.inf if fence else now
         self.unread_until = now + _AGAIN_S
@@ -66,7 +66,7 @@ class ReturnQuestions:
 
     def ask(self, now: float) -> None:
         """Ask the questions that are due."""
-        if _LOADING in self._conversations:
+        if LOADING in self._conversations:
             return
         if now >= self._home_at and _WHERE_HOME_IS not in self._conversations:
             self._home_at = now + _AGAIN_S

@@ -30,6 +30,7 @@ from mavproxy_handover.operator.uploads.package_reader import PackageReader
 from mavproxy_handover.operator.uploads.prepared import Along, Prepared, prepare
 from mavproxy_handover.tools.schedule import attempt
 from mavproxy_handover.tools.worker import Worker
+from mavproxy_handover.vehicle.mission_protocol import LOADING
 from mavproxy_handover.vehicle.procedures import Plan
 from mavproxy_handover.wire.conversation import Conversation
 from mavproxy_handover.wire.package_transfer import held_already
@@ -41,7 +42,6 @@ _LOADED = mavlink.HANDOVER_PACKAGE_RESULT_LOADED
 #: the sender of a package asks every half second; for this time (s) the last answer is repeated
 _SAID_AGAIN_S: Final = 5.0
 #: name of the conversation
-_LOAD: Final = "load"
 #: the source of a package that no station has sent
 _ON_BOARD: Final = "on board"
 
@@ -121,7 +121,7 @@ class PackageLoader:
         """Whether the sender of this package may be told again what it was told last: an answer was lost."""
         said = self._reader.said(digest)
         if said == _RECEIVED:
-            return _LOAD in self._conversations
+            return LOADING in self._conversations
         if said == _LOADED:
             return digest == held and now - self._loaded_at <= _SAID_AGAIN_S
         return True
@@ -161,7 +161,7 @@ class PackageLoader:
 
     def _break_off(self, why: str, now: float) -> None:
         """End the load that is under way."""
-        if not self._conversations.drop(_LOAD) or self._writing is None:
+        if not self._conversations.drop(LOADING) or self._writing is None:
             return
         (package, port), self._writing = self._writing, None
         self._failed(package, why, port, now)
@@ -173,7 +173,7 @@ class PackageLoader:
         """
         package = self._readiness.on_board
         waits = self._readiness.kept or now < self._on_board_at
-        if package is None or waits or self._authority.arbiter.mission_digest or _LOAD in self._conversations:
+        if package is None or waits or self._authority.arbiter.mission_digest or LOADING in self._conversations:
             return
         self._on_board_at = now + ON_BOARD_RETRY_S
 
@@ -232,7 +232,7 @@ class PackageLoader:
             self._flown.loaded(prepared, now)
 
         asking = self._procedures().load(_plan(package, self._flown.first_point(package)))
-        self._conversations.begin(_LOAD, asking, done, now)
+        self._conversations.begin(LOADING, asking, done, now)
 
     def _failed(self, package: MissionPackage, why: str, port: StationPort | None, now: float) -> None:
         """Tell the sender, the other operators and the journal that a package was not loaded."""
