@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from mavproxy_handover.config.vehicle import VehicleConfig
-from mavproxy_handover.core.authority.consent import refused_on_route, without_consent
+from mavproxy_handover.core.authority.consent_lines import refused_on_route, without_consent
 from mavproxy_handover.doctor.check_context import CheckContext
 from mavproxy_handover.doctor.finding import Finding, error, ok, warning
 from mavproxy_handover.link.forms import Kind, parse_device

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from enum import Enum
 from math import cos, inf, isclose, isfinite, radians, sin
 
-from mavproxy_handover.core.authority.consent import refused_on_route, without_consent
+from mavproxy_handover.core.authority.consent_lines import refused_on_route, without_consent
 from mavproxy_handover.core.common.limits import Limits
 from mavproxy_handover.core.common.model import Station
 from mavproxy_handover.core.safety.energy import Wind

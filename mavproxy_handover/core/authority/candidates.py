@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from math import inf
 
-from mavproxy_handover.core.authority.consent import refused_on_route, without_consent
+from mavproxy_handover.core.authority.consent_lines import refused_on_route, without_consent
 from mavproxy_handover.core.authority.cures import cure, ended
 from mavproxy_handover.core.authority.links import Links
 from mavproxy_handover.core.authority.presence import Presence
