@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Consent in the vehicle's file: the lines that handovers need.
+"""Check of the lines `consent` in the vehicle's file: which ones handovers need.
+
+The question to an operator, its answers and what they change are in `transfer.py`; the time limits in
+`core/common/limits.py`.
 
 A station without our module may have a program that cannot ask its operator. Then the vehicle's file must answer for it
 (`consent` in its `[[station]]`). START, `handover check` and `handover doctor` use the same rule.
