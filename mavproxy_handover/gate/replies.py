@@ -45,7 +45,7 @@ _RATE_ANSWERS_PER_S: Final = 20
 
 @dataclass(frozen=True, slots=True)
 class GateReports:
-    """What the companion does for the gate: `fault` and `stream` write to its journal, `say` tells a station."""
+    """Services of the companion for the gate: `fault` and `stream` write to its journal, `say` tells a station."""
 
     #: what broke: where, and the text
     fault: Callable[[str, str], None]
