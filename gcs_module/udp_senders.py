@@ -151,8 +151,8 @@ class UdpSenders:
             try:
                 taken = self._for_parser(link, data, address, known)
             except Exception:
-                self._fault("callers", traceback.format_exc(limit=-3))
-                taken = data
+                self._fault("UDP senders", traceback.format_exc(limit=-3))
+                taken = data  # a fault of this limit must not make the station deaf: the signature is checked later
             if taken:
                 link.sender, link.at = address, self._clock()
                 return taken

@@ -3,10 +3,10 @@
 """Questions to every station whether it is there (CONNECT), and answers to the same question.
 
 After a restart in flight the vehicle asks as often as it repeats a message of a transfer: an answer brings back the
-commander of the run before, and a lost question must not cost seconds. It asks as often if the answer of the commander
-is overdue, and if a station answers fewer than half of its questions. It asks a station that has missed any question
-half as often (`hearing.py`). With one question a second, a link that loses a third of everything
-leaves ten seconds without an answer several times in an hour.
+commander of the run before, and a lost question must not cost seconds. At other times `Presence.pause_s` sets the pause
+between two questions: short while an answer is overdue, else by the share of answers (`Hearing.pause_s`). With one
+question a second, a link that loses a third of everything leaves ten seconds without an answer several times in an
+hour.
 
 The results are in the station's `Presence`. Questions are numbered by nonces of this run: an answer to any other is
 no proof, and is dropped.

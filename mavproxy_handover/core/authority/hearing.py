@@ -22,6 +22,9 @@ low that the uplink alone does not reach it: with 20 % lost each way 64 % of the
 lost each way 45 %. The loss of the downlink apart from that of the uplink is measured on each link
 (`link/monitor.py`), and makes the link weak.
 
+The pause between two questions follows from the share (`pause_s`): the usual one while the station answers all or
+none, short below one half, twice that between.
+
 Chance
 ------
 Where chance decides what is heard, lucky answers count until they leave the window. Trials of this rule alone, 40,000

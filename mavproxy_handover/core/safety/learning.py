@@ -10,7 +10,8 @@ Rules:
    what was seen recently: of the long run and the last samples the dearer one holds. It goes no lower than `LEAST_PART`
    of what was configured, and as high as it is seen.
 3. The motion tells the phase that a power belongs to. What it takes to cruise is brought down only by samples whose
-   airspeed is known and near that of cruise; with a tail wind, or an unknown wind, it can only go up.
+   airspeed is known and near that of cruise. A sample in an unknown wind, or with an airspeed well below cruise, as in
+   a strong tail wind, can only raise it.
 4. Wind has three sources, the best first: the autopilot's WIND message; the lean in steady flight, if the drag of the
    airframe is configured; the lean limit, where the airspeed is the fastest that it holds. ArduPilot sends WIND with
    speed 0 without an estimate. Its value is raised by `WIND_READS_LOW`: in five flights of ArduCopter in SITL, in 3 to

@@ -2,8 +2,9 @@
 
 """The policy of auxiliary functions: what DO_AUX_FUNCTION switches, by the number in its first parameter.
 
-Such a switch does the same as a parameter, a command or a mode, so it has the same class. A number without a row is
-locked while the vehicle is armed: its effect on a return is not known.
+Such a switch does the same as a parameter, a command or a mode, so it has the same class. A number without a row has
+the class SAFEGUARD, because its effect on a return is not known: `gate/judge.py` locks that class while the vehicle is
+armed.
 
 Names and numbers of ArduCopter and ArduPlane 4.5 to 4.7 (RCn_OPTION). If two versions differ, the newer name is used.
 """

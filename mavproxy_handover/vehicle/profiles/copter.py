@@ -2,6 +2,8 @@
 
 """The profile of a copter: ArduCopter.
 
+`CopterProcedures` says how it returns: by RTL, or by LAND if RTL does not show.
+
 Sources: ArduCopter's mode.h, events.cpp, ekf_check.cpp, fence.cpp and RC_Channel_Copter.cpp; GCS_MAVLink_Copter.cpp for
 texts, arming, MISSION_START and DO_PAUSE_CONTINUE.
 """
