@@ -13,6 +13,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage
+from mavproxy_handover.operator.uploads import package_reader
 from mavproxy_handover.tools.worker import LONGEST_S
 from mavproxy_handover.wire.package_transfer import PackageSender
 from tests.module.conftest import Bench
@@ -383,7 +384,7 @@ def test_a_package_that_takes_for_ever_is_refused_and_keeps_no_other_one_out(
 def test_a_fault_while_a_package_is_read_is_an_internal_fault_and_refuses_it(
     bench: Bench, delivery: MissionPackage, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(MissionPackage, "walk", lambda _self: 1 / 0)
+    monkeypatch.setattr(package_reader, "prepare", lambda _package: 1 / 0)
     bench.connect()
     sender = bench.share(delivery)
     assert (sender.result, sender.text) == (REFUSED, "internal fault")

@@ -26,6 +26,7 @@ from mavproxy_handover.core.common.model import (
     Station,
 )
 from mavproxy_handover.mission.package import MissionPackage
+from mavproxy_handover.operator.uploads import package_reader
 from mavproxy_handover.store import state_file, state_store
 from mavproxy_handover.store.memory import Slots, memory_folder
 from mavproxy_handover.store.state_file import StateFile
@@ -135,6 +136,7 @@ class TestInFlight:
     ) -> None:
         """A zone like a comb takes seconds, and the guard gives a restart three."""
         monkeypatch.setattr(MissionPackage, "walk", lambda _self: pytest.fail("it was walked"))
+        monkeypatch.setattr(package_reader, "prepare", lambda _package: pytest.fail("it was prepared"))
         restart(flight)
         flight.run(2.0)
         assert leases(flight) == [(RECOVERING, 0, 2), (HELD, 251, 2)]
