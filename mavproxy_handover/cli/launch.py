@@ -50,9 +50,8 @@ def companion_argv(config: Path, master: str, logfile: Path, journal: Path | Non
 
     `master`: the autopilot's device. `logfile`: the tlog. `journal`: replaces the configuration's.
     """
-    from mavproxy_handover.config.running import (
-        start_of,
-    )  # imports numerical libraries: see `supervision/script.py`, few_threads
+    # it imports numerical libraries, and `few_threads` in `supervision/script.py` must come first
+    from mavproxy_handover.config.running import start_of
 
     vehicle = start_of(config).config
     return [

@@ -3,8 +3,8 @@
 """Descriptions of all configuration keys for people, table by table. `docs/reference` is made from them.
 
 Causes have their meaning in `core/common/causes.py`, links their forms in `link/forms.py`. Types, ranges and defaults
-are in the modules that read the files; a test compares the keys with theirs. `MISSION`
-describes mission.toml. A unit is in the name of its key.
+are in the modules that read the files; a test compares the keys with theirs. `MISSION` describes mission.toml. A unit
+is in the name of its key.
 """
 
 from __future__ import annotations

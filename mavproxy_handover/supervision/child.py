@@ -16,6 +16,7 @@ import threading
 import time
 import traceback
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -103,10 +104,13 @@ def _end_on_time(line: WatchdogPipe) -> None:
     if wanted:
         line.ending()
     time.sleep(END_S)
-    if mpstate is not None:
-        close_journal(mpstate)
-        close_logs(mpstate, _LAST_S)
-    os._exit(int(not wanted))
+    try:
+        if mpstate is not None:
+            with suppress(Exception):  # the module reports its faults itself; here the process has to end
+                close_journal(mpstate)
+            close_logs(mpstate, _LAST_S)
+    finally:
+        os._exit(int(not wanted))
 
 
 def close_journal(mpstate: Any) -> None:

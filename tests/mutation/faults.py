@@ -12,6 +12,7 @@ from itertools import product
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
+from tests.mutation.mutants import COMPARISONS
 from tests.mutation.run import in_child
 
 __all__ = ["ROOT", "STATION", "Edit", "Fault", "faults", "file_of", "plant", "source_of", "table_faults"]
@@ -28,18 +29,6 @@ TABLES = {
 }
 WORST = {"authority.transfer": "committed", "authority.phases": "ON_MISSION"}
 
-_TURNED: dict[type[ast.cmpop], type[ast.cmpop]] = {
-    ast.Eq: ast.NotEq,
-    ast.NotEq: ast.Eq,
-    ast.Lt: ast.LtE,
-    ast.LtE: ast.Lt,
-    ast.Gt: ast.GtE,
-    ast.GtE: ast.Gt,
-    ast.In: ast.NotIn,
-    ast.NotIn: ast.In,
-    ast.Is: ast.IsNot,
-    ast.IsNot: ast.Is,
-}
 _SIGNS: dict[type[ast.operator], type[ast.operator]] = {ast.Add: ast.Sub, ast.Sub: ast.Add}
 _SWAPS = {"min": "max", "max": "min", "any": "all", "all": "any"}
 
@@ -158,7 +147,7 @@ def _changes(node: ast.AST) -> Iterator[Change]:
         yield _set("condition negated", node.test, node, "test", ast.UnaryOp(ast.Not(), node.test))
     if isinstance(node, ast.Compare):
         for place, operator in enumerate(node.ops):
-            turned = [*node.ops[:place], _TURNED[type(operator)](), *node.ops[place + 1 :]]
+            turned = [*node.ops[:place], COMPARISONS[type(operator)](), *node.ops[place + 1 :]]
             yield _set("comparison turned", node, node, "ops", turned)
     if isinstance(node, (ast.BoolOp, ast.Return, ast.Assign, ast.keyword)):
         yield from _without_not(node)

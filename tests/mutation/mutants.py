@@ -16,9 +16,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import islice
 
-__all__ = ["Mutant", "mutants"]
+__all__ = ["COMPARISONS", "Mutant", "mutants"]
 
-_COMPARISONS: dict[type[ast.cmpop], type[ast.cmpop]] = {
+#: a comparison -> the one that a fault puts in its place
+COMPARISONS: dict[type[ast.cmpop], type[ast.cmpop]] = {
     ast.Eq: ast.NotEq,
     ast.NotEq: ast.Eq,
     ast.Lt: ast.LtE,
@@ -79,8 +80,8 @@ def _mutate(tree: ast.AST, node: ast.AST) -> str:
     if isinstance(node, (ast.If, ast.IfExp, ast.While)):
         node.test = ast.UnaryOp(ast.Not(), node.test)
         return "condition negated"
-    if isinstance(node, ast.Compare) and len(node.ops) == 1 and type(node.ops[0]) in _COMPARISONS:
-        node.ops = [_COMPARISONS[type(node.ops[0])]()]
+    if isinstance(node, ast.Compare) and len(node.ops) == 1 and type(node.ops[0]) in COMPARISONS:
+        node.ops = [COMPARISONS[type(node.ops[0])]()]
         return "comparison turned"
     if isinstance(node, ast.BoolOp):
         node.op = ast.And() if isinstance(node.op, ast.Or) else ast.Or()

@@ -24,6 +24,8 @@ class Module:
     name = "handover"
     def close_journal(self):
         Path("closed").touch()
+        if Path("broken").exists():
+            raise OSError("no disk")
 
 class Other:
     name = "link"
@@ -44,8 +46,11 @@ Companion(Script(Path("stuck.py")), ["--non-interactive"])(WatchdogPipe(int(sys.
 """
 
 
-def test_a_process_whose_main_loop_is_stuck_closes_the_journal_and_ends(tmp_path: Path) -> None:
+@pytest.mark.parametrize("broken", [False, True])
+def test_a_process_whose_main_loop_is_stuck_closes_the_journal_and_ends(tmp_path: Path, broken: bool) -> None:
     (tmp_path / "stuck.py").write_text(STUCK)
+    if broken:
+        (tmp_path / "broken").touch()
     reader, writer = os.pipe()
     child = subprocess.Popen(
         [sys.executable, "-c", CHILD, str(writer)],

@@ -17,7 +17,7 @@ __all__ = ["CommandParts"]
 
 @dataclass(frozen=True, slots=True)
 class CommandParts:
-    """Of one vehicle."""
+    """The parts of one vehicle, for the services that carry out commands."""
 
     aircraft: VehicleState
     orders: Orders
