@@ -11,8 +11,8 @@ from mavproxy_handover.core.common.model import AuthorityView
 from mavproxy_handover.monitors.borders import BorderMonitor
 from mavproxy_handover.monitors.conditions import ConditionMonitor
 from mavproxy_handover.monitors.energy import EnergyMonitor
-from mavproxy_handover.monitors.execution import ExecutionMonitor
 from mavproxy_handover.monitors.gaps import GapMonitor
+from mavproxy_handover.monitors.mode_and_motion import ExecutionMonitor
 from mavproxy_handover.monitors.position.source import Box, PositionMonitor
 from mavproxy_handover.monitors.preflight.plan_fit import PlanFitMonitor
 from mavproxy_handover.monitors.reboots import RebootMonitor

@@ -31,8 +31,8 @@ from mavproxy_handover.mission.items import RallyPoint
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.mission.plan import Route
 from mavproxy_handover.monitors.return_site.candidates import Candidates
-from mavproxy_handover.monitors.return_site.choice import SiteChoice
 from mavproxy_handover.monitors.return_site.margin import Margin
+from mavproxy_handover.monitors.return_site.selection import SiteChoice
 from mavproxy_handover.monitors.return_site.views import JUDGING, Views
 from mavproxy_handover.operator.base.context import Context
 from mavproxy_handover.operator.return_site.rally_list import RallyList

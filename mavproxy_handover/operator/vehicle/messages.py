@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.common.events import AutopilotState
 from mavproxy_handover.monitors.energy import EnergyMonitor
-from mavproxy_handover.monitors.execution import ExecutionMonitor
+from mavproxy_handover.monitors.mode_and_motion import ExecutionMonitor
 from mavproxy_handover.monitors.reboots import RebootMonitor
 from mavproxy_handover.monitors.waypoints import WaypointMonitor
 from mavproxy_handover.operator.base.context import Context

@@ -14,7 +14,7 @@ from mavproxy_handover.core.common.model import AuthorityView
 from mavproxy_handover.monitors.borders import BorderMonitor
 from mavproxy_handover.monitors.conditions import ConditionMonitor
 from mavproxy_handover.monitors.energy import EnergyMonitor
-from mavproxy_handover.monitors.execution import ExecutionMonitor
+from mavproxy_handover.monitors.mode_and_motion import ExecutionMonitor
 from mavproxy_handover.monitors.position.source import PositionMonitor
 from mavproxy_handover.operator.base.context import Context
 from mavproxy_handover.operator.base.output_dispatcher import MonitorOutput, OutputDispatcher
