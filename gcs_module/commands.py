@@ -396,14 +396,14 @@ class StationCommands:
 
     def _briefing(self) -> None:
         """Show the last briefing, of any age."""
-        module, book = self._module, self._module.briefing
-        if not book.lines:
+        module, briefing = self._module, self._module.briefing
+        if not briefing.lines:
             module.view.show(
                 "briefing  none yet: it comes with the question whether this station will take the aircraft"
             )
             return
-        old = age(time.monotonic() - book.at)
-        for line in (*((f"briefing  {old}",) if old else ()), *book.lines):
+        old = age(time.monotonic() - briefing.at)
+        for line in (*((f"briefing  {old}",) if old else ()), *briefing.lines):
             module.view.show(line)
 
     def _accept_offer(self, name: str) -> None:

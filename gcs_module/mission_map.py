@@ -24,7 +24,7 @@ from mavproxy_handover.mission.flat import parts, quiet_place
 from mavproxy_handover.mission.gaps import undeclared
 from mavproxy_handover.mission.geodesy import LocalPlane
 from mavproxy_handover.mission.package import MissionPackage
-from mavproxy_handover.mission.route_simulation import Gap, Walk, by_commander
+from mavproxy_handover.mission.route_simulation import Gap, RouteSimulation, by_commander
 from mavproxy_handover.mission.zones import Zone, overlap
 
 __all__ = ["Crossing", "MissionMap", "ZoneView", "mission_map"]
@@ -79,12 +79,12 @@ class MissionMap:
 
 def mission_map(package: MissionPackage) -> MissionMap:
     """Compute what a mission shows. The time needed depends on the mission."""
-    walk, plane = package.walk(), LocalPlane(package.route.home.lat_deg, package.route.home.lon_deg)
+    simulation, plane = package.simulate(), LocalPlane(package.route.home.lat_deg, package.route.home.lon_deg)
     colours = {entry.sysid: rgb(station_colour(number)) for number, entry in enumerate(package.stations)}
-    way = LineString([plane.to_plane(sample.lat_deg, sample.lon_deg) for sample in walk.samples])
+    way = LineString([plane.to_plane(sample.lat_deg, sample.lon_deg) for sample in simulation.samples])
     areas = [shapely.union_all(parts(plane, zone.outline())) for zone in package.zones]
     begins_m: dict[int, float] = {}
-    for sample in walk.samples:
+    for sample in simulation.samples:
         begins_m.setdefault(sample.seq, sample.distance_along_m)
     return MissionMap(
         package.digest,
@@ -93,7 +93,7 @@ def mission_map(package: MissionPackage) -> MissionMap:
             for zone, area in zip(package.zones, areas, strict=True)
         ),
         Paths(tuple(_overlaps(package.zones, plane)), _OVERLAP, _THIN),
-        _route(package, walk, colours, plane),
+        _route(package, simulation, colours, plane),
         tuple(
             Crossing(
                 number,
@@ -103,7 +103,7 @@ def mission_map(package: MissionPackage) -> MissionMap:
                 each.distance_along_m,
                 colours[each.to_station],
             )
-            for number, each in enumerate(walk.handovers, 1)
+            for number, each in enumerate(simulation.handovers, 1)
         ),
         begins_m,
     )
@@ -150,25 +150,27 @@ def _hatches(area: Polygon) -> BaseGeometry:
     return rotate(shapely.MultiLineString(rows), 45.0, origin=(x, y))
 
 
-def _route(package: MissionPackage, walk: Walk, colours: Mapping[int, Colour], plane: LocalPlane) -> dict[str, Paths]:
+def _route(
+    package: MissionPackage, simulation: RouteSimulation, colours: Mapping[int, Colour], plane: LocalPlane
+) -> dict[str, Paths]:
     by_station: dict[int, list[Line]] = {}
-    for commander, stretch in by_commander(walk.samples):
+    for commander, stretch in by_commander(simulation.samples):
         by_station.setdefault(commander, []).append(_way(((s.lat_deg, s.lon_deg) for s in stretch), plane))
     found = {
         f"route {station}": Paths(tuple(line for line in lines if line), colours[station], _PLAIN, edged=True)
         for station, lines in by_station.items()
     }
-    open_gaps = undeclared(package.gaps, walk)
-    declared = tuple(gap for gap in walk.gaps if gap not in open_gaps)
+    open_gaps = undeclared(package.gaps, simulation)
+    declared = tuple(gap for gap in simulation.gaps if gap not in open_gaps)
     for name, gaps, colour in (("uncovered", open_gaps, _UNCOVERED), ("gap", declared, _INK)):
         if gaps:
-            found[name] = Paths(tuple(_of_gap(gap, walk, plane) for gap in gaps), colour, _BROAD)
+            found[name] = Paths(tuple(_of_gap(gap, simulation, plane) for gap in gaps), colour, _BROAD)
     return found
 
 
-def _of_gap(gap: Gap, walk: Walk, plane: LocalPlane) -> Line:
+def _of_gap(gap: Gap, simulation: RouteSimulation, plane: LocalPlane) -> Line:
     first, last = gap.distance_along_m, gap.distance_along_m + gap.length_m
-    return _way(((s.lat_deg, s.lon_deg) for s in walk.samples if first <= s.distance_along_m <= last), plane)
+    return _way(((s.lat_deg, s.lon_deg) for s in simulation.samples if first <= s.distance_along_m <= last), plane)
 
 
 def _way(places: Iterable[Place], plane: LocalPlane) -> Line:

@@ -78,7 +78,7 @@ def read(folder: Path) -> Mission:
 def _mission(package: MissionPackage, ground: MissionMap) -> Mission:
     key = ground.digest.hex()[:16]
     by_seq: dict[int, list[Sample]] = {}
-    for sample in package.walk().samples:
+    for sample in package.simulate().samples:
         by_seq.setdefault(sample.seq, []).append(sample)
     return Mission(
         key,

@@ -113,7 +113,7 @@ def main(args: Sequence[str]) -> int:
         if options.map:
             from mavproxy_handover.mission.picture import draw
 
-            draw(package, Path(options.map), report.walk)
+            draw(package, Path(options.map), report.simulation)
     except (MissionError, ConfigError) as error:
         print(f"handover check: {error}", file=sys.stderr)
         return 2

@@ -93,7 +93,7 @@ def main(argv: Sequence[str]) -> int:
 
 
 def _run(card: Path, vehicle: str, key_file: Path | None, *, check: bool, force: bool) -> int:
-    _look_at_root(card, force=force)
+    _check_root(card, force=force)
     wanted = _wanted(vehicle, key_file)
     findings = survey(card, wanted)
     missing = [name for name, data in wanted.items() if _read(card / _FOLDER / name) != data]
@@ -126,7 +126,7 @@ def _wanted(vehicle: str, key_file: Path | None) -> dict[str, bytes]:
     return wanted
 
 
-def _look_at_root(card: Path, *, force: bool) -> None:
+def _check_root(card: Path, *, force: bool) -> None:
     if not card.is_dir():
         raise _Unusable(f"{card}: {'is not a folder' if card.exists() else 'no such folder'}; is the card mounted?")
     for inner, up in ((card.resolve().parts[-2:], 2), (card.resolve().parts[-1:], 1)):

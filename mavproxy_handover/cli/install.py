@@ -186,7 +186,7 @@ def _write_all(root: Path, kind: str, found: Sequence[Item], *, force: bool, ane
                 written[str(item.path)] = _digest(item.text.encode())
             print(f"written  {item.path}")
         for path in sorted(set(written) - {str(item.path) for item in found}):  # of an earlier installation
-            if _take_back(root, path, written, force=force):
+            if _delete_written(root, path, written, force=force):
                 print(f"deleted  {path}")
     finally:
         _keep_manifest(root, kind, written)
@@ -335,7 +335,7 @@ def _uninstall(arguments: argparse.Namespace, root: Path) -> None:
         for path in sorted(written):
             if path in shared:
                 written.pop(path)
-            elif _take_back(root, path, written, force=arguments.force):
+            elif _delete_written(root, path, written, force=arguments.force):
                 print(f"deleted  {path}")
     finally:
         _keep_manifest(root, kind, written)
@@ -348,7 +348,7 @@ def _uninstall(arguments: argparse.Namespace, root: Path) -> None:
             print(f"deleted  {folder}")
 
 
-def _take_back(root: Path, path: str, written: dict[str, str], *, force: bool) -> bool:
+def _delete_written(root: Path, path: str, written: dict[str, str], *, force: bool) -> bool:
     """Delete a written file, unless it was changed. Returns True if it is gone."""
     target = below(root, PurePosixPath(path))
     try:

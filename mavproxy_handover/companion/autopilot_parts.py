@@ -12,7 +12,7 @@ from mavproxy_handover.monitors.borders import BorderMonitor
 from mavproxy_handover.monitors.conditions import ConditionMonitor
 from mavproxy_handover.monitors.energy import EnergyMonitor
 from mavproxy_handover.monitors.gaps import GapMonitor
-from mavproxy_handover.monitors.mode_and_motion import ExecutionMonitor
+from mavproxy_handover.monitors.mode_and_motion import ModeAndMotionMonitor
 from mavproxy_handover.monitors.position.source import Box, PositionMonitor
 from mavproxy_handover.monitors.preflight.plan_fit import PlanFitMonitor
 from mavproxy_handover.monitors.reboots import RebootMonitor
@@ -123,7 +123,7 @@ def assemble(
     )
     return_site = ReturnSite(config.sysid, context, lambda: energy.fact)
     orders = Orders(context, read_back, return_site)
-    execution = ExecutionMonitor(lambda: return_site.goes_to)
+    mode_and_motion = ModeAndMotionMonitor(lambda: return_site.goes_to)
     conditions = ConditionMonitor(
         lambda: return_site.energy_words if return_site.short else None, lambda: monitors.route.deviation, reports.fault
     )
@@ -147,14 +147,14 @@ def assemble(
         config.sysid,
         context,
         dispatcher,
-        MessageMonitors(execution, energy, monitors.waypoints, RebootMonitor()),
+        MessageMonitors(mode_and_motion, energy, monitors.waypoints, RebootMonitor()),
         MessageUsers(guard, preflight, streams, orders, return_site, command_check, speeds),
         mission,
     )
     rounds = Rounds(
         context,
         dispatcher,
-        RoundMonitors(positions, energy, monitors.borders, execution, conditions),
+        RoundMonitors(positions, energy, monitors.borders, mode_and_motion, conditions),
         RoundParts(guard, preflight, streams, telemetry, orders, return_site, mission),
     )
     return Autopilot(

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from mavproxy_handover.core.common.events import Announce
 from mavproxy_handover.operator.briefing import Briefing
-from mavproxy_handover.operator.rehearsal.rehearsal import RehearsalDesk
+from mavproxy_handover.operator.rehearsal.rehearsal import RehearsalManager
 from mavproxy_handover.operator.stations.announcer import Announcer
 from mavproxy_handover.operator.stations.event_log import EventLog
 from mavproxy_handover.tools.schedule import attempt
@@ -24,7 +24,7 @@ class DecisionNews:
     event_log: EventLog
     announcer: Announcer
     briefing: Briefing
-    rehearsal: RehearsalDesk
+    rehearsal: RehearsalManager
     fault: Callable[[str, str], None]
 
     def tell(self, told: Announce, now: float) -> None:

@@ -396,7 +396,7 @@ class HandoverModule(mp_module.MPModule):
         # checked in every round; nearly always true
         if not self.mpstate.mav_outputs and not self.mpstate.sysid_outputs:
             return
-        for output in _take_outputs(self.mpstate, self.companion.config):
+        for output in _remove_outputs(self.mpstate, self.companion.config):
             self._guarded("output", output.close)
             self._show(f"handover: output {output.address} is closed: stations belong in the configuration")
 
@@ -422,7 +422,7 @@ def _outputs(mpstate: Any, config: VehicleConfig) -> list[Any]:
     return [output for output in (*mpstate.mav_outputs, *mpstate.sysid_outputs.values()) if output not in allowed]
 
 
-def _take_outputs(mpstate: Any, config: VehicleConfig) -> list[Any]:
+def _remove_outputs(mpstate: Any, config: VehicleConfig) -> list[Any]:
     """Remove the forbidden outputs from MAVProxy's lists."""
     outputs = _outputs(mpstate, config)
     for output in outputs:

@@ -13,7 +13,7 @@ from mavproxy_handover.operator.base.authority import Authority
 from mavproxy_handover.operator.base.reports import Reports
 from mavproxy_handover.operator.briefing import Briefing, BriefingSources
 from mavproxy_handover.operator.checks.preflight_warnings import PreflightWarnings
-from mavproxy_handover.operator.rehearsal.rehearsal import RehearsalDesk, Surroundings
+from mavproxy_handover.operator.rehearsal.rehearsal import RehearsalManager, Surroundings
 from mavproxy_handover.operator.rehearsal.rehearsal_stats import Foreseen
 from mavproxy_handover.operator.requests.accepted import AcceptedCommands
 from mavproxy_handover.operator.requests.command_parts import CommandParts
@@ -33,7 +33,7 @@ class OperatorParts:
     """The parts that the companion works with."""
 
     services: OperatorServices
-    rehearsal: RehearsalDesk
+    rehearsal: RehearsalManager
     control: OperatorControl
     warnings: PreflightWarnings
     briefing: Briefing
@@ -71,7 +71,7 @@ def assemble_operator(
         )
 
     around = Surroundings(lambda: in_force.view, zones, where, foreseen)
-    rehearsal = RehearsalDesk(vehicle, arbiter, handle, voice, event_log, announcer, around)
+    rehearsal = RehearsalManager(vehicle, arbiter, handle, voice, event_log, announcer, around)
     warnings = PreflightWarnings(in_force, autopilot.preflight, voice)
     concerned = CommandParts(
         autopilot.aircraft, autopilot.orders, autopilot.command_check, autopilot.read_back, autopilot.mission

@@ -404,7 +404,7 @@ class Arbiter:
         """A station is there. If it is the commander that was lost, and hears enough, it commands again."""
         if self._authority.waits_for(station) and not self._presence[station].hearing.barred:
             self._transfer_manager.move(Cause.COMMANDER_RETURNED, now, actions)
-            self._authority.take_back(station, actions)
+            self._authority.restore_owner(station, actions)
 
     def _owner_lost_at(self, owner: int) -> float:
         """When the owner counts as lost if nothing more is heard of it, or it does not answer."""
@@ -490,7 +490,7 @@ class Arbiter:
         authority = self._authority
         was_armed = self._flight.armed
         self._flight.autopilot_said(event, now)
-        self._look_at_rehearsal(now, actions)
+        self._end_rehearsal_if_over(now, actions)
         if not event.armed and authority.phase is not Phase.ON_LOAD and not self._flight.rehearsing:
             self._land(now, actions)
         elif self._flight.flying and authority.phase is Phase.ON_LOAD and not authority.starting:
@@ -512,7 +512,7 @@ class Arbiter:
         for presence in self._presence.values():
             presence.hearing.forgive()
 
-    def _look_at_rehearsal(self, now: float, actions: list[Action]) -> None:
+    def _end_rehearsal_if_over(self, now: float, actions: list[Action]) -> None:
         over = self._rehearsal.over(now)
         if over is not None:
             self._end_rehearsal(*over, now, actions)
@@ -560,7 +560,7 @@ class Arbiter:
         if authority.recover_until is not None and now >= authority.recover_until and authority.owner is not None:
             authority.wait_no_longer(authority.owner, now, actions)
             self._transfer_manager.seek(now, actions)
-        self._look_at_rehearsal(now, actions)
+        self._end_rehearsal_if_over(now, actions)
 
     def _tell_deaf(self, station: int, actions: list[Action]) -> None:
         text = f"{self.name(station)} {self._candidates.hears_little}"

@@ -95,7 +95,7 @@ def _consent(context: CheckContext, vehicle: VehicleConfig) -> Iterator[Finding]
         do = f"Write the line in {context.path}. Else START needs its program to show operator control first."
         yield warning("consent", text, do)
     if context.package is not None:
-        for text in refused_on_route(stations, context.package.walk().commanders):
+        for text in refused_on_route(stations, context.package.simulate().commanders):
             yield error("consent", text, f'Write consent = "automatic" in {context.path}, or fly another route.')
 
 

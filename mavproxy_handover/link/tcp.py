@@ -252,7 +252,9 @@ class TcpIn(Device):
         now = self._clock()
         self._part(now)
         arrived = {descriptor for descriptor, _what in self._arrivals.poll(0)}
-        newcomers = self._take_clients(now) if self._listener is not None and self._listener.fileno() in arrived else []
+        newcomers = (
+            self._accept_clients(now) if self._listener is not None and self._listener.fileno() in arrived else []
+        )
         frames: list[Frame] = []
         senders: dict[int, _Connection] = {}
         left = _STRANGERS_READ_BYTES
@@ -350,7 +352,7 @@ class TcpIn(Device):
             for _heard_at, client in genuine[:-_GENUINE]:
                 self._turn_away(client)
 
-    def _take_clients(self, now: float) -> list[_Connection]:
+    def _accept_clients(self, now: float) -> list[_Connection]:
         """Accept new connections. They are read before another one is closed for them."""
         taken: list[_Connection] = []
         assert self._listener is not None

@@ -144,7 +144,7 @@ class _Udp(Device):
     def _shut(self) -> None:
         self._socket.close()
 
-    def _look_at_buffer(self) -> None:
+    def _count_dropped(self) -> None:
         """Count what the system dropped because the buffer was full."""
         self._look_in = _LOOK
         try:
@@ -159,7 +159,7 @@ class _Udp(Device):
         """The next datagram; None if there is none. One that is too long is returned as empty."""
         self._look_in -= 1
         if not self._look_in:
-            self._look_at_buffer()
+            self._count_dropped()
         try:
             data, address = self._socket.recvfrom(_DATAGRAM_BYTES + 1)
         except OSError as error:
@@ -226,7 +226,7 @@ class UdpOut(_Udp):
         if once and self._peer_alone:  # nearly every read: skip what only the other cases need
             self._look_in -= 1
             if not self._look_in:
-                self._look_at_buffer()
+                self._count_dropped()
             try:
                 data = self._socket.recv(_DATAGRAM_BYTES + 1)
             except OSError as error:
@@ -264,13 +264,13 @@ class UdpOutBy(UdpOut):
         self._lost = True
 
     def _send(self, data: bytes, frames: int = 1) -> bool:
-        if self._lost and not self._closed and not self._take_way():
+        if self._lost and not self._closed and not self._bind_way():
             return self._refused(frames)
         sent = super()._send(data, frames)
         self._lost = not sent and self._by_name and self.trouble != ""
         return sent
 
-    def _take_way(self) -> bool:
+    def _bind_way(self) -> bool:
         try:
             if self._by_name:  # internally by number, which may be changed at any time and needs no rights
                 number = socket.if_nametoindex(self._way)

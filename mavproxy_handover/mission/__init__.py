@@ -16,7 +16,7 @@ from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.items import MissionItem, RallyPoint, difference
 from mavproxy_handover.mission.package import MissionPackage, StationEntry, from_bytes, load
 from mavproxy_handover.mission.plan import Home, Route, read_route
-from mavproxy_handover.mission.route_simulation import Gap, Handover, Walk, commanders_along
+from mavproxy_handover.mission.route_simulation import Gap, Handover, RouteSimulation, commanders_along
 from mavproxy_handover.mission.zones import Circle, Zone, ZoneFinder, overlap
 
 __all__ = [
@@ -30,7 +30,7 @@ __all__ = [
     "RallyPoint",
     "Route",
     "StationEntry",
-    "Walk",
+    "RouteSimulation",
     "Zone",
     "ZoneFinder",
     "commanders_along",

@@ -41,7 +41,7 @@ from mavproxy_handover.mission.plan import Route
 from mavproxy_handover.mission.route_simulation import (
     Gap,
     Handover,
-    Walk,
+    RouteSimulation,
     curves_lacking,
     landing_sequences,
     sequence_place,
@@ -88,7 +88,7 @@ class CheckReport:
     """Result of the check of a mission."""
 
     package: MissionPackage
-    walk: Walk
+    simulation: RouteSimulation
     findings: tuple[Finding, ...]
     #: assumed time of a transfer, seconds
     transfer_s: float
@@ -125,25 +125,25 @@ def check(
     distance of a rally point from the route. `wind`: wind for energy and wings; None: that of [energy] for an unknown
     wind. `stations`: stations of the vehicle's file, if it is known.
     """
-    walk = package.walk(wind)
+    simulation = package.simulate(wind)
     path = package.path(wind)
     model = package.energy.model(wind, package.profile.energy)
     energy = None if model is None else budget_of(package.route, package.cruise_speed_mps, model)
-    crossed = package.stretches(walk, wind)
+    crossed = package.stretches(simulation, wind)
     return_alt_m = package.profile.energy.return_alt_m if model is None else model.return_alt_m
     findings = [
-        *_start(package, walk),
-        *_gaps(package, walk, path),
+        *_start(package, simulation),
+        *_gaps(package, simulation, path),
         *(() if path is None else _turns(path)),
         *_returns(package),
         *_declared(package, crossed),
-        *_handovers(package, walk, crossed, transfer_s),
-        *_waypoints(package, walk),
-        *_operators(walk, transfer_s, operator_s),
-        *_consent(walk, stations),
+        *_handovers(package, simulation, crossed, transfer_s),
+        *_waypoints(package, simulation),
+        *_operators(simulation, transfer_s, operator_s),
+        *_consent(simulation, stations),
         *_lonely_zones(package, crossed),
-        *_rally(package, walk, reach_m, return_alt_m),
-        *_fence(package, walk),
+        *_rally(package, simulation, reach_m, return_alt_m),
+        *_fence(package, simulation),
         *_ground(package, return_alt_m),
         *_heights(package),
         *_curves(package),
@@ -156,7 +156,7 @@ def check(
     order = list(Severity)
     findings.sort(key=lambda finding: order.index(finding.severity))
     air = None if path is None else package.air(wind)
-    return CheckReport(package, walk, tuple(findings), transfer_s, energy, crossed, path, air)
+    return CheckReport(package, simulation, tuple(findings), transfer_s, energy, crossed, path, air)
 
 
 def _addresses(package: MissionPackage) -> Iterator[Finding]:
@@ -169,16 +169,16 @@ def _addresses(package: MissionPackage) -> Iterator[Finding]:
                 yield Finding(Severity.WARNING, f"{text}: give the vehicle's address, as the station reaches it")
 
 
-def _start(package: MissionPackage, walk: Walk) -> Iterator[Finding]:
-    if package.parent.sysid not in walk.samples[0].holding:
+def _start(package: MissionPackage, simulation: RouteSimulation) -> Iterator[Finding]:
+    if package.parent.sysid not in simulation.samples[0].holding:
         text = f"take-off is outside the zone of the parent station {package.parent.name}"
         yield Finding(Severity.ERROR, text)
 
 
-def _gaps(package: MissionPackage, walk: Walk, path: Path | None) -> Iterator[Finding]:
+def _gaps(package: MissionPackage, simulation: RouteSimulation, path: Path | None) -> Iterator[Finding]:
     # a mission that only warns out of coverage has decided to fly its gaps
     warns = package.policies.get("on_out_of_coverage") == "warn"
-    found = undeclared(package.gaps, walk)
+    found = undeclared(package.gaps, simulation)
     same, told = Counter(_same(gap) for gap in found), set[tuple[int, float, float, float]]()
     for gap in found:
         if _same(gap) in told:  # each round of a circle has it
@@ -262,9 +262,11 @@ def _declared(package: MissionPackage, crossed: Sequence[Stretch]) -> Iterator[F
             yield Finding(Severity.ERROR, f"gap {declared.words} is declared, and the route has none there")
 
 
-def _handovers(package: MissionPackage, walk: Walk, crossed: Sequence[Stretch], transfer_s: float) -> Iterator[Finding]:
+def _handovers(
+    package: MissionPackage, simulation: RouteSimulation, crossed: Sequence[Stretch], transfer_s: float
+) -> Iterator[Finding]:
     behind = [stretch.found.distance_along_m + stretch.found.length_m for stretch in crossed]
-    for number, handover in enumerate(walk.handovers, 1):
+    for number, handover in enumerate(simulation.handovers, 1):
         name = f"handover {number} {_pair(package, handover)}"
         if any(isclose(handover.distance_along_m, end, abs_tol=0.1) for end in behind):  # on contact
             continue
@@ -276,21 +278,22 @@ def _handovers(package: MissionPackage, walk: Walk, crossed: Sequence[Stretch], 
         elif handover.overlap_s < 2.0 * transfer_s:
             text = f"{name}: {handover.overlap_s:.1f} s inside both zones leave no time for a second try"
             yield Finding(Severity.WARNING, text)
-    if len(walk.handovers) != package.expected_handovers:
-        text = f"the route makes {len(walk.handovers)} handovers, {MISSION_FILE} expects {package.expected_handovers}"
+    if len(simulation.handovers) != package.expected_handovers:
+        made, expected = len(simulation.handovers), package.expected_handovers
+        text = f"the route makes {made} handovers, {MISSION_FILE} expects {expected}"
         yield Finding(Severity.ERROR, text)
-    flown = set(walk.commanders)
+    flown = set(simulation.commanders)
     for station in package.stations:
         if station.sysid not in flown:
             yield Finding(Severity.WARNING, f"station {station.name} never commands on this route")
 
 
-def _waypoints(package: MissionPackage, walk: Walk) -> Iterator[Finding]:
+def _waypoints(package: MissionPackage, simulation: RouteSimulation) -> Iterator[Finding]:
     """Findings about handovers without a waypoint, although waypoints should decide."""
     belonging = package.belonging
     if belonging is None:
         return
-    for number, handover in enumerate(walk.handovers, 1):
+    for number, handover in enumerate(simulation.handovers, 1):
         name, seq = f"handover {number} {_pair(package, handover)}", handover.seq
         if not belonging.returns.isdisjoint((seq, seq + 1)):
             continue
@@ -305,13 +308,13 @@ def _waypoints(package: MissionPackage, walk: Walk) -> Iterator[Finding]:
             yield Finding(Severity.WARNING, text)
 
 
-def _operators(walk: Walk, transfer_s: float, operator_s: float) -> Iterator[Finding]:
+def _operators(simulation: RouteSimulation, transfer_s: float, operator_s: float) -> Iterator[Finding]:
     """Handover regions that are long enough, but end before an operator has to have answered.
 
     The operator is asked `operator_s` before the region begins, but not before the previous handover.
     """
     short, asked_at = [], 0.0
-    for number, handover in enumerate(walk.handovers, 1):
+    for number, handover in enumerate(simulation.handovers, 1):
         begins_s = min(operator_s, handover.time_s - asked_at)
         left_s = begins_s + handover.overlap_s
         if handover.overlap_s >= transfer_s and left_s < operator_s + transfer_s:
@@ -327,9 +330,9 @@ def _operators(walk: Walk, transfer_s: float, operator_s: float) -> Iterator[Fin
         yield Finding(Severity.INFO, text)
 
 
-def _consent(walk: Walk, stations: Sequence[Station]) -> Iterator[Finding]:
+def _consent(simulation: RouteSimulation, stations: Sequence[Station]) -> Iterator[Finding]:
     """Findings about handovers without possible consent, for which START is refused."""
-    for text in refused_on_route(stations, walk.commanders):
+    for text in refused_on_route(stations, simulation.commanders):
         yield Finding(Severity.ERROR, text)
     for text in without_consent(stations):
         yield Finding(Severity.WARNING, f"{text}. Else START needs its program to show operator control first")
@@ -346,7 +349,9 @@ def _lonely_zones(package: MissionPackage, crossed: Sequence[Stretch]) -> Iterat
             yield Finding(Severity.ERROR, f"the zone of {zone.station_name} overlaps no other zone")
 
 
-def _rally(package: MissionPackage, walk: Walk, reach_m: float, return_alt_m: float) -> Iterator[Finding]:
+def _rally(
+    package: MissionPackage, simulation: RouteSimulation, reach_m: float, return_alt_m: float
+) -> Iterator[Finding]:
     route, finder = package.route, package.zone_finder()
     for number, point in enumerate(route.rally, 1):
         name = f"rally point {number} at {_place(point.lat_deg, point.lon_deg)}"
@@ -354,7 +359,7 @@ def _rally(package: MissionPackage, walk: Walk, reach_m: float, return_alt_m: fl
             yield Finding(Severity.WARNING, f"{name} is in no zone: no station would command the aircraft there")
         if outside_fence(route.fence, point.lat_deg, point.lon_deg):
             yield Finding(Severity.WARNING, f"{name} is outside the geofence: no return goes there")
-        nearest = min(distance_m(s.lat_deg, s.lon_deg, point.lat_deg, point.lon_deg) for s in walk.samples)
+        nearest = min(distance_m(s.lat_deg, s.lon_deg, point.lat_deg, point.lon_deg) for s in simulation.samples)
         if nearest > reach_m:
             text = f"{name} is out of reach: {nearest:.0f} m off the route, {reach_m:g} m are allowed (--reach)"
             yield Finding(Severity.ERROR, text)
@@ -368,15 +373,15 @@ def _rally(package: MissionPackage, walk: Walk, reach_m: float, return_alt_m: fl
     ]
     if not places:
         return
-    far = max(walk.samples, key=lambda s: min(distance_m(s.lat_deg, s.lon_deg, *place) for place in places))
+    far = max(simulation.samples, key=lambda s: min(distance_m(s.lat_deg, s.lon_deg, *place) for place in places))
     away = min(distance_m(far.lat_deg, far.lon_deg, *place) for place in places)
     yield Finding(Severity.INFO, f"home or a rally point is never farther than {away:.0f} m (on the way to {far.seq})")
 
 
-def _fence(package: MissionPackage, walk: Walk) -> Iterator[Finding]:
+def _fence(package: MissionPackage, simulation: RouteSimulation) -> Iterator[Finding]:
     if not places_inside(package.route):
         yield Finding(Severity.ERROR, "no return site is inside the geofence")
-    for sample in walk.samples:
+    for sample in simulation.samples:
         if outside_fence(package.route.fence, sample.lat_deg, sample.lon_deg):
             place = f"{_place(sample.lat_deg, sample.lon_deg)}, {_way(sample.distance_along_m)}"
             yield Finding(Severity.ERROR, f"the route leaves the geofence of the plan at {place}")
@@ -617,26 +622,27 @@ def _address_lines(package: MissionPackage) -> Iterator[str]:
 
 def report_text(report: CheckReport) -> str:
     """The report as a table to print, without a line end at its end."""
-    package, walk = report.package, report.walk
+    package, simulation = report.package, report.simulation
     names = {station.sysid: station.name for station in package.stations}
-    gap = sum(gap.length_m for gap in walk.gaps)
-    covered = 100.0 * (1.0 - gap / walk.length_m) if walk.length_m > 0.0 else 100.0
+    gap = sum(gap.length_m for gap in simulation.gaps)
+    covered = 100.0 * (1.0 - gap / simulation.length_m) if simulation.length_m > 0.0 else 100.0
     lines = [
         f"mission     {package.name}  ({', '.join(package.files)}; digest {package.digest.hex()[:12]})",
         f"stations    {', '.join(f'{s.name} ({s.sysid})' for s in package.stations)}; zones from {package.detector}",
-        f"route       {len(package.route.items)} items, {walk.length_m / 1000.0:.2f} km, at least "
-        f"{_minutes(walk.duration_s)} at {package.cruise_speed_mps:g} m/s, {len(package.route.rally)} rally points",
+        f"route       {len(package.route.items)} items, {simulation.length_m / 1000.0:.2f} km, at least "
+        f"{_minutes(simulation.duration_s)} at {package.cruise_speed_mps:g} m/s, "
+        f"{len(package.route.rally)} rally points",
         f"coverage    {covered:.1f} % of the route{_crossed_line(report)}",
-        f"commanders  {' -> '.join(names[sysid] for sysid in walk.commanders)}",
+        f"commanders  {' -> '.join(names[sysid] for sysid in simulation.commanders)}",
         f"energy      {_energy_line(report)}",
         *_wings_lines(report),
         *_address_lines(package),
     ]
-    if walk.handovers:
+    if simulation.handovers:
         rows: list[tuple[str, ...]] = [
             ("#", "from", "to", "starts at", "along", "after", "to item", "overlap", "time", "needed")
         ]
-        for number, handover in enumerate(walk.handovers, 1):
+        for number, handover in enumerate(simulation.handovers, 1):
             rows.append(
                 (
                     str(number),

@@ -30,7 +30,7 @@ from mavproxy_handover.mission.geodesy import distance_m
 from mavproxy_handover.mission.items import LANDINGS, RETURN_TO_LAUNCH
 from mavproxy_handover.mission.pace import Pace, speed_up_mps2
 from mavproxy_handover.mission.plan import Route
-from mavproxy_handover.mission.route_simulation import Sample, Walk
+from mavproxy_handover.mission.route_simulation import RouteSimulation, Sample
 
 __all__ = ["Seen", "WayAhead"]
 
@@ -85,19 +85,21 @@ class WayAhead:
     """
 
     @classmethod
-    def of(cls, walk: Walk, route: Route) -> WayAhead:
+    def of(cls, simulation: RouteSimulation, route: Route) -> WayAhead:
         """The path of a simulated route."""
         rests = frozenset(item.seq for item in route.items if item.command in (*LANDINGS, RETURN_TO_LAUNCH))
-        return cls(walk, flies_past=route.profile.flies_past, rests=rests)
+        return cls(simulation, flies_past=route.profile.flies_past, rests=rests)
 
-    def __init__(self, walk: Walk, *, flies_past: bool = False, rests: frozenset[int] = frozenset()) -> None:
-        samples = walk.samples
+    def __init__(
+        self, simulation: RouteSimulation, *, flies_past: bool = False, rests: frozenset[int] = frozenset()
+    ) -> None:
+        samples = simulation.samples
         self._samples = samples
         self._flies_past = flies_past
         self._alongs = [sample.distance_along_m for sample in samples]
         if flies_past:
             self._times = [sample.time_s for sample in samples]
-            self._speeds = _walked_speeds(samples)
+            self._speeds = _simulated_speeds(samples)
         else:
             pace = Pace(samples, rests)
             self._times, self._speeds = pace.times_s, pace.speeds_mps
@@ -267,7 +269,7 @@ def _stays(before: Sample, after: Sample, seq: int) -> bool:
     return after.seq == seq and after.distance_along_m - before.distance_along_m < _ON_THE_SPOT_M
 
 
-def _walked_speeds(samples: tuple[Sample, ...]) -> list[float]:
+def _simulated_speeds(samples: tuple[Sample, ...]) -> list[float]:
     """Ground speed of the simulation after each of its places; at the last place the speed before it."""
     speeds = [0.0] * len(samples)
     for number in range(len(samples) - 2, -1, -1):

@@ -25,7 +25,7 @@ from mavproxy_handover.mission.items import COMMANDS
 from mavproxy_handover.mission.leg import round_by_round
 from mavproxy_handover.mission.pieces import Line
 from mavproxy_handover.mission.plan import Route
-from mavproxy_handover.mission.route_simulation import Gap, Leg, Sample, Walk
+from mavproxy_handover.mission.route_simulation import Gap, Leg, RouteSimulation, Sample
 
 __all__ = ["LONGEST_S", "DeclaredGap", "Stretch", "read_gaps", "stretches", "undeclared"]
 
@@ -133,12 +133,12 @@ class _Found:
     seq: int
 
 
-def _found(walk: Walk) -> Iterator[_Found]:
+def _found(simulation: RouteSimulation) -> Iterator[_Found]:
     """The gaps of the simulation, in order: each is a row of samples that no zone holds."""
-    gaps = iter(walk.gaps)
+    gaps = iter(simulation.gaps)
     before = frozenset[int]()
-    ahead: tuple[Sample | None, ...] = (*walk.samples[1:], None)
-    for sample, following in zip(walk.samples, ahead, strict=True):
+    ahead: tuple[Sample | None, ...] = (*simulation.samples[1:], None)
+    for sample, following in zip(simulation.samples, ahead, strict=True):
         if sample.holding:
             before = sample.holding
         elif following is None:
@@ -153,15 +153,15 @@ def _fits(declared: DeclaredGap, found: _Found) -> bool:
     return declared.to_item == found.seq if declared.to_station is None else declared.to_station in found.after
 
 
-def undeclared(gaps: Sequence[DeclaredGap], walk: Walk) -> tuple[Gap, ...]:
+def undeclared(gaps: Sequence[DeclaredGap], simulation: RouteSimulation) -> tuple[Gap, ...]:
     """Gaps of the route that the mission does not declare."""
-    return tuple(found.gap for found in _found(walk) if not any(_fits(declared, found) for declared in gaps))
+    return tuple(found.gap for found in _found(simulation) if not any(_fits(declared, found) for declared in gaps))
 
 
 def stretches(
     gaps: Sequence[DeclaredGap],
     legs: Sequence[Leg],
-    walk: Walk,
+    simulation: RouteSimulation,
     settings: EnergySettings,
     wind: Wind | None = None,
     *,
@@ -178,7 +178,7 @@ def stretches(
     model = settings.over(EnergySettings(battery_wh=1.0, hover_w=10.0)).model(wind)
     assert model is not None
     made, legs = [], round_by_round(legs)
-    for found in _found(walk):
+    for found in _found(simulation):
         # a declaration with an item is for this gap only; one with a station is for all gaps to it
         fitting = sorted((each for each in gaps if _fits(each, found)), key=lambda each: each.to_item is None)
         if fitting:

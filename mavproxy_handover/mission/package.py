@@ -46,10 +46,10 @@ from mavproxy_handover.mission.plan import FencePart, Route, on_ground, read_rou
 from mavproxy_handover.mission.returns import with_return
 from mavproxy_handover.mission.route_simulation import (
     Leg,
-    Walk,
+    RouteSimulation,
     commanders_along,
     legs_of,
-    walk_legs,
+    simulate_legs,
 )
 from mavproxy_handover.mission.terrain import Relief, Terrain, read_terrain, relief_of
 from mavproxy_handover.mission.waypoint_ownership import Belonging, belonging_of
@@ -205,12 +205,12 @@ class MissionPackage:
         path = self.path(wind)
         return legs_of(self.route, self.cruise_speed_mps) if path is None else path.legs
 
-    def walk(self, wind: Wind | None = None) -> Walk:
+    def simulate(self, wind: Wind | None = None) -> RouteSimulation:
         """What is flown, walked through the zones: commanders in order, handovers, gaps. `wind`: see `air`; copters are
         walked without it."""
         if self.profile.flies_past:
             finder = self.zone_finder()
-            return walk_legs(self.legs(wind), finder, self.parent.sysid, belonging=self.belonging)
+            return simulate_legs(self.legs(wind), finder, self.parent.sysid, belonging=self.belonging)
         return commanders_along(
             self.route,
             self.zone_finder(),
@@ -219,10 +219,10 @@ class MissionPackage:
             belonging=self.belonging,
         )
 
-    def stretches(self, walk: Walk, wind: Wind | None = None) -> tuple[Stretch, ...]:
+    def stretches(self, simulation: RouteSimulation, wind: Wind | None = None) -> tuple[Stretch, ...]:
         """The declared gaps on the simulated route. `wind` None: that of [energy] for an unknown wind."""
         stops = not self.profile.flies_past
-        return stretches(self.gaps, self.legs(wind), walk, self.energy, wind, stops=stops)
+        return stretches(self.gaps, self.legs(wind), simulation, self.energy, wind, stops=stops)
 
     def with_mission(
         self, items: tuple[MissionItem, ...], fence: tuple[FencePart, ...], cruise_mps: float

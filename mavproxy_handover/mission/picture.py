@@ -36,7 +36,7 @@ from mavproxy_handover.mission.geodesy import LocalPlane
 from mavproxy_handover.mission.items import COMMANDS, LANDINGS, RETURN_TO_LAUNCH, TAKEOFFS
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.mission.plan import FenceCircle
-from mavproxy_handover.mission.route_simulation import Gap, Sample, Walk, by_commander
+from mavproxy_handover.mission.route_simulation import Gap, RouteSimulation, Sample, by_commander
 from mavproxy_handover.mission.zones import Circle, Zone, overlap
 
 if TYPE_CHECKING:
@@ -49,17 +49,18 @@ __all__ = ["MapSheet", "draw"]
 Place = tuple[float, float]
 
 
-def draw(package: MissionPackage, path: str | Path, walk: Walk | None = None) -> None:
+def draw(package: MissionPackage, path: str | Path, simulation: RouteSimulation | None = None) -> None:
     """Draw the map of `package` into the file `path`, whose ending tells the format.
 
-    `walk` saves walking the route again. Raises MissionError when matplotlib is missing or the file cannot be written.
+    `simulation` saves another simulation of the route. Raises MissionError when matplotlib is missing or the file
+    cannot be written.
     """
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
     except ImportError:
         raise MissionError(f"{path}: a map needs matplotlib (install the extra 'sim')") from None
-    sheet = MapSheet(package, walk)
+    sheet = MapSheet(package, simulation)
     figure = Figure(figsize=sheet.size_inches(), dpi=130)
     FigureCanvasAgg(figure)
     sheet.paint(figure.add_axes((0.0, 0.0, 1.0, 1.0)))
@@ -71,20 +72,24 @@ def draw(package: MissionPackage, path: str | Path, walk: Walk | None = None) ->
 
 
 class MapSheet:
-    """One map for one pair of axes. `walk` saves walking again; `also`: places that must be on it.
+    """One map for one pair of axes. `simulation` saves another one; `also`: places that must be on it.
 
     A report draws a flight on it, by `place`: then the plan steps back.
     """
 
-    def __init__(self, package: MissionPackage, walk: Walk | None = None, also: Iterable[Place] = ()) -> None:
-        self._package, self._walk = package, walk or package.walk()
-        walk = self._walk
+    def __init__(
+        self, package: MissionPackage, simulation: RouteSimulation | None = None, also: Iterable[Place] = ()
+    ) -> None:
+        self._package, self._simulation = package, simulation or package.simulate()
+        simulation = self._simulation
         home = package.route.home
         self._plane = LocalPlane(home.lat_deg, home.lon_deg)
         self._colour = {station.sysid: station_colour(number) for number, station in enumerate(package.stations)}
-        self._marks = list({sample.seq: self.place(sample.lat_deg, sample.lon_deg) for sample in walk.samples}.values())
+        self._marks = list(
+            {sample.seq: self.place(sample.lat_deg, sample.lon_deg) for sample in simulation.samples}.values()
+        )
         self._marks += self._rally_points()
-        self._marks += [self.place(handover.lat_deg, handover.lon_deg) for handover in walk.handovers]
+        self._marks += [self.place(handover.lat_deg, handover.lon_deg) for handover in simulation.handovers]
         self._bounds = self._all_bounds([self.place(*place) for place in also])
 
     def size_inches(self) -> tuple[float, float]:
@@ -161,7 +166,7 @@ class MapSheet:
     def _quiet_place(self, zone: Zone) -> tuple[float, float]:
         """The middle of the largest circle in the zone that is free of other zones, route, marks and their notes."""
         area = shapely.union_all(self._parts(zone.outline()))
-        line = shapely.LineString([self.place(sample.lat_deg, sample.lon_deg) for sample in self._walk.samples])
+        line = shapely.LineString([self.place(sample.lat_deg, sample.lon_deg) for sample in self._simulation.samples])
         marks = shapely.MultiPoint(self._marks).buffer(math.sqrt(area.area) / 8.0)
         others = [other for other in self._package.zones if other is not zone]
         outlines = (shapely.union_all(self._parts(other.outline())) for other in others)
@@ -199,7 +204,7 @@ class MapSheet:
     def _route(self, axes: Axes) -> None:
         named: set[int] = set()
         names = {station.sysid: station.name for station in self._package.stations}
-        for commander, stretch in by_commander(self._walk.samples):
+        for commander, stretch in by_commander(self._simulation.samples):
             points = [self.place(sample.lat_deg, sample.lon_deg) for sample in stretch]
             label = f"route, {names[commander]} commands" if commander not in named else None
             named.add(commander)
@@ -227,13 +232,13 @@ class MapSheet:
                 },
                 zorder=5,
             )
-        open_gaps = undeclared(self._package.gaps, self._walk)
+        open_gaps = undeclared(self._package.gaps, self._simulation)
         self._gaps(axes, open_gaps, "no coverage", {"color": ALARM, "alpha": 0.6})
-        declared = [gap for gap in self._walk.gaps if gap not in open_gaps]
+        declared = [gap for gap in self._simulation.gaps if gap not in open_gaps]
         self._gaps(axes, declared, "gap, crossed alone", {"color": INK, "linestyle": (0, (1.0, 1.2))})
 
     def _plan(self, axes: Axes) -> None:
-        points = [self.place(sample.lat_deg, sample.lon_deg) for sample in self._walk.samples]
+        points = [self.place(sample.lat_deg, sample.lon_deg) for sample in self._simulation.samples]
         axes.plot(*columns(points), color=INK, linewidth=1.0, linestyle=(0, (5, 3)), label="planned route", zorder=4)
 
     def _gaps(self, axes: Axes, gaps: Sequence[Gap], words: str, style: Mapping[str, Any]) -> None:
@@ -241,7 +246,9 @@ class MapSheet:
         for gap in gaps:
             first, last = gap.distance_along_m, gap.distance_along_m + gap.length_m
             points = [
-                self.place(s.lat_deg, s.lon_deg) for s in self._walk.samples if first <= s.distance_along_m <= last
+                self.place(s.lat_deg, s.lon_deg)
+                for s in self._simulation.samples
+                if first <= s.distance_along_m <= last
             ]
             axes.plot(*columns(points), linewidth=5.0, label=label, zorder=6, **style)
             label = None
@@ -249,10 +256,10 @@ class MapSheet:
     def _arrows(self) -> Iterator[tuple[float, float, float, float, int]]:
         """One arrow in the last third of each item's way, where it is long enough."""
         by_item: dict[int, list[Sample]] = {}
-        for sample in self._walk.samples:
+        for sample in self._simulation.samples:
             by_item.setdefault(sample.seq, []).append(sample)
         for way in by_item.values():
-            if way[-1].distance_along_m - way[0].distance_along_m < 0.03 * self._walk.length_m:
+            if way[-1].distance_along_m - way[0].distance_along_m < 0.03 * self._simulation.length_m:
                 continue
             place = way[0].distance_along_m + 0.62 * (way[-1].distance_along_m - way[0].distance_along_m)
             here = max(1, next(n for n, sample in enumerate(way) if sample.distance_along_m >= place))
@@ -267,7 +274,7 @@ class MapSheet:
 
     def _handovers(self, axes: Axes) -> None:
         names = {station.sysid: station.name for station in self._package.stations}
-        for number, handover in enumerate(self._walk.handovers, 1):
+        for number, handover in enumerate(self._simulation.handovers, 1):
             x, y = self.place(handover.lat_deg, handover.lon_deg)
             label = "handover starts (time inside both zones)" if number == 1 else None
             colour = self._colour[handover.to_station]
@@ -324,7 +331,7 @@ class MapSheet:
 
     def _ends(self) -> dict[int, tuple[float, float]]:
         """Where each item ends. Wings fly past it: there it is the place of the item."""
-        ends = {sample.seq: self.place(sample.lat_deg, sample.lon_deg) for sample in self._walk.samples}
+        ends = {sample.seq: self.place(sample.lat_deg, sample.lon_deg) for sample in self._simulation.samples}
         if self._package.profile.flies_past:
             ends |= {
                 item.seq: self.place(item.lat_deg, item.lon_deg)
@@ -375,11 +382,11 @@ class MapSheet:
         )
 
     def _facts(self) -> str:
-        package, walk = self._package, self._walk
-        minutes = f"{int(walk.duration_s) // 60} min {int(walk.duration_s) % 60:02d} s"
+        package, simulation = self._package, self._simulation
+        minutes = f"{int(simulation.duration_s) // 60} min {int(simulation.duration_s) % 60:02d} s"
         return (
-            f"{walk.length_m / 1000.0:.2f} km, at least {minutes} at {package.cruise_speed_mps:g} m/s, "
-            f"{len(walk.handovers)} handovers"
+            f"{simulation.length_m / 1000.0:.2f} km, at least {minutes} at {package.cruise_speed_mps:g} m/s, "
+            f"{len(simulation.handovers)} handovers"
         )
 
     def _heading(self, axes: Axes, facts: str) -> None:

@@ -61,7 +61,7 @@ __all__ = [
     "Handover",
     "Leg",
     "Sample",
-    "Walk",
+    "RouteSimulation",
     "by_commander",
     "commanders_along",
     "cruise_of",
@@ -73,7 +73,7 @@ __all__ = [
     "sequence_legs",
     "sequence_place",
     "speed_at",
-    "walk_legs",
+    "simulate_legs",
 ]
 
 STEP_M = 5.0
@@ -145,7 +145,7 @@ class Gap:
 
 
 @dataclass(frozen=True, slots=True)
-class Walk:
+class RouteSimulation:
     """Result of the simulation of a route."""
 
     samples: tuple[Sample, ...]
@@ -365,21 +365,21 @@ def commanders_along(
     cruise_speed_mps: float | None = None,
     step_m: float = STEP_M,
     belonging: Belonging | None = None,
-) -> Walk:
+) -> RouteSimulation:
     """Simulate `route` through the zones of `finder`, from take-off under `parent` (a system id) to landing.
 
     `belonging`: the owners of its waypoints, if these decide.
     """
-    return walk_legs(legs_of(route, cruise_speed_mps), finder, parent, step_m, belonging)
+    return simulate_legs(legs_of(route, cruise_speed_mps), finder, parent, step_m, belonging)
 
 
-def walk_legs(
+def simulate_legs(
     legs: tuple[Leg, ...],
     finder: ZoneFinder,
     parent: int,
     step_m: float = STEP_M,
     belonging: Belonging | None = None,
-) -> Walk:
+) -> RouteSimulation:
     """Simulate a path of at least one leg, whose beginning is under `parent`."""
     legs = round_by_round(legs)
     places = list(_places(legs, finder, max(step_m, sum(leg.size_m for leg in legs) / MOST_STEPS)))
@@ -419,7 +419,7 @@ def walk_legs(
                 place.curved,
             )
         )
-    return Walk(tuple(samples), tuple(handovers), tuple(_gaps(places)))
+    return RouteSimulation(tuple(samples), tuple(handovers), tuple(_gaps(places)))
 
 
 def _places(legs: tuple[Leg, ...], finder: ZoneFinder, step_m: float) -> Iterator[_Place]:

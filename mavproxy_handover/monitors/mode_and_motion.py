@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The execution monitor: mode, possible source of the mode, and motion, for the check that decisions are carried out.
+"""The monitor of mode and motion: mode, its possible source, and motion, for the check that decisions are carried out.
 
 The rules that draw conclusions are `core/safety/mode_source.py` and `core/safety/command_verification.py`.
 """
@@ -17,7 +17,7 @@ from mavproxy_handover.vehicle import mode_requests
 from mavproxy_handover.vehicle.state import VehicleState
 from mavproxy_handover.wire.lease import GuardStatus
 
-__all__ = ["ExecutionMonitor"]
+__all__ = ["ModeAndMotionMonitor"]
 
 #: after this time (s) without a message, a stream of at least one message a second has stopped
 _STOPPED_S: Final = 3.0
@@ -25,8 +25,8 @@ _STOPPED_S: Final = 3.0
 _RADIO_S: Final = 10.0
 
 
-class ExecutionMonitor:
-    """The execution monitor of one aircraft. Times are monotonic seconds.
+class ModeAndMotionMonitor:
+    """The monitor of one aircraft. Times are monotonic seconds.
 
     `place` returns latitude and longitude (degrees) of the return site; None: not known.
     """

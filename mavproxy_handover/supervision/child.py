@@ -25,7 +25,7 @@ from mavproxy_handover.supervision.main_loop import end, is_ending
 from mavproxy_handover.supervision.rules import LOCKED, REFUSED
 from mavproxy_handover.supervision.script import MAIN, Script, mpstate_of
 from mavproxy_handover.supervision.supervisor import ENDS
-from mavproxy_handover.supervision.tlog import close_logs, log_options, take_queues
+from mavproxy_handover.supervision.tlog import close_logs, log_options, replace_queues
 from mavproxy_handover.supervision.watchdog_pipe import Refusal, WatchdogPipe, hold
 
 __all__ = ["Companion", "close_journal"]
@@ -60,11 +60,11 @@ class Companion:
         signal.pthread_sigmask(signal.SIG_BLOCK, ENDS)  # inherited by all threads
         hold(line)
         console = Console()
-        console.take_over()
+        console.redirect_output()
         threading.Thread(target=_end_on_time, args=(line,), name="ending", daemon=True).start()
         if not any(option in self.argv for option in _NO_PROMPT):
             threading.Thread(target=_read_console, name="input", daemon=True).start()
-        take_queues(MAIN)
+        replace_queues(MAIN)
         more = log_options(list(self.argv))
         try:
             code = self.script.run([*self.argv, *more, *_ALWAYS])

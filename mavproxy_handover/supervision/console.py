@@ -37,7 +37,7 @@ class Console:
         self._change = threading.Condition()
         self._thread = threading.Thread(target=self._run, name="console", daemon=True)
 
-    def take_over(self) -> None:
+    def redirect_output(self) -> None:
         """Redirect the output of this process to here."""
         sys.stdout, sys.stderr = _Stream(self, 1), _Stream(self, 2)
         self._thread.start()

@@ -20,7 +20,7 @@ from typing import Any, Final
 
 from MAVProxy.modules.lib import multiproc
 
-__all__ = ["LogQueue", "close_logs", "log_options", "take_queues"]
+__all__ = ["LogQueue", "close_logs", "log_options", "replace_queues"]
 
 #: most entries: some minutes of a busy link
 _MOST: Final = 50_000
@@ -55,7 +55,7 @@ class LogQueue:
         return self._entries.empty()
 
 
-def take_queues(script: str) -> None:
+def replace_queues(script: str) -> None:
     """Give such queues to the module named `script` (MAVProxy). Other modules, which use processes, keep theirs."""
     original = multiproc.Queue
 

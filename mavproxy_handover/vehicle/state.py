@@ -120,7 +120,7 @@ class Telemetry:
         #: STATUSTEXT
         self.text = ""
 
-    def take_heartbeat(self, m: Any, now: float, known: Profile | None) -> None:
+    def record_heartbeat(self, m: Any, now: float, known: Profile | None) -> None:
         """HEARTBEAT; `known`: the profile that it stands for, None: there is none."""
         self.heartbeat = Heartbeat(
             now,
@@ -172,7 +172,7 @@ class VehicleState:
         known = profile_of(m.autopilot, m.type)
         if self._stays is not None and m.autopilot == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA:
             known = self._stays
-        self.telemetry.take_heartbeat(m, now, known)
+        self.telemetry.record_heartbeat(m, now, known)
         self.ways_down.mode(self.telemetry.heartbeat.profile, m.custom_mode, now)
 
     def _on_position(self, m: Any, now: float) -> None:

@@ -24,7 +24,7 @@ from mavproxy_handover.mission.energy import Place, pieces_along
 from mavproxy_handover.mission.fence import Fence
 from mavproxy_handover.mission.gaps import DeclaredGap, Stretch, stretches
 from mavproxy_handover.mission.plan import FenceCircle
-from mavproxy_handover.mission.route_simulation import Leg, walk_legs
+from mavproxy_handover.mission.route_simulation import Leg, simulate_legs
 from mavproxy_handover.mission.zones import Zone, ZoneFinder
 from sitl.campaign.aircraft import Aircraft
 from sitl.campaign.plan import FlightPlan
@@ -113,5 +113,5 @@ class Desk:
             for station in plan.stations
             if station.zone.margin_m(*gap.place(gap.begins_m - 5.0)) > 0.0
         ]
-        walk = walk_legs(legs, ZoneFinder(self.zones), plan.stations[0].sysid)
+        walk = simulate_legs(legs, ZoneFinder(self.zones), plan.stations[0].sysid)
         return stretches(declared, legs, walk, plan.settings, plan.truth.wind)

@@ -54,7 +54,7 @@ def own_scenario(package: MissionPackage, folder: Path, seed: int | None = None)
             f"{folder}: the mission ends in the air: its last item must be a landing or a return, or it never ends"
         )
     names = {station.sysid: station.name for station in package.stations}
-    walk = package.walk()
+    walk = package.simulate()
     commanders = [names[sysid] for sysid in walk.commanders]
     head: dict[str, Any] = {"name": package.name, "mission": str(folder.resolve()), "begin": "start", "signed": True}
     start: list[dict[str, Any]] = []
@@ -105,7 +105,7 @@ def _somewhere(package: MissionPackage, luck: random.Random) -> dict[str, Any]:
     """A waypoint on the way, not the first and not the last."""
     flown = [item.seq for item in package.route.items if COMMANDS[item.command].flown and item.has_place]
     inner = flown[1:-1] or flown[:1]
-    return {"wait_reached": luck.choice(inner), "timeout_s": _time_s(package.walk().duration_s)}
+    return {"wait_reached": luck.choice(inner), "timeout_s": _time_s(package.simulate().duration_s)}
 
 
 #: the aircraft is down where it may be, and its motors stand

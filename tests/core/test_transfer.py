@@ -401,7 +401,7 @@ class TestForced:
     def test_when_operators_are_all_that_is_waited_for_the_hurry_is_over(self) -> None:
         transfer = Transfer(KEY, Reason.COMMANDER_LOST, Limits(), 100.0, forced_until=102.0)
         transfer.move(Cause.PARTNER_ASKS, 100.5)
-        assert transfer.patient
+        assert transfer.hurry_over
         assert transfer.timeout_at == 130.5
         transfer.move(Cause.PARTNER_ASKS, 110.0)  # to say it again wins no time
         assert transfer.timeout_at == 130.5
@@ -411,18 +411,18 @@ class TestForced:
         transfer = Transfer(KEY, Reason.COMMANDER_LOST, Limits(), 100.0, forced_until=102.0)
         transfer.invite(C, 100.0, ready=False)
         transfer.move(Cause.PARTNER_ASKS, 100.5)
-        assert (transfer.patient, transfer.timeout_at) == (False, 102.0)
+        assert (transfer.hurry_over, transfer.timeout_at) == (False, 102.0)
         transfer.move(Cause.PARTNER_ASKS, 100.6, station=C)
-        assert (transfer.patient, transfer.timeout_at) == (True, 130.6)
+        assert (transfer.hurry_over, transfer.timeout_at) == (True, 130.6)
 
     def test_a_question_from_before_the_loss_is_asked_anew(self) -> None:
         # it was another question: without an answer to this one the hurry lasts
         transfer = transfer_in(Step.REQUEST)
         transfer.move(Cause.PARTNER_ASKS, 100.5)
         transfer.move(Cause.COMMANDER_LOST, 101.0)
-        assert (transfer.patient, transfer.timeout_at, transfer.retry_at) == (False, 103.0, 101.0)
+        assert (transfer.hurry_over, transfer.timeout_at, transfer.retry_at) == (False, 103.0, 101.0)
         transfer.move(Cause.PARTNER_ASKS, 101.1)
-        assert (transfer.patient, transfer.timeout_at) == (True, 131.1)
+        assert (transfer.hurry_over, transfer.timeout_at) == (True, 131.1)
 
     @pytest.mark.parametrize(
         ("step", "implied"),

@@ -107,6 +107,6 @@ def run(plan: bytes) -> MissionPackage | None:
     assert package.digest == hashlib.sha256(zlib.decompress(data)).digest()
     report = check(package)
     assert report_text(report)
-    assert report.walk.commanders
+    assert report.simulation.commanders
     assert package.route.upload_items()
     return package

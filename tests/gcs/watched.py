@@ -31,7 +31,7 @@ class Flight:
     ahead_s: float
 
     def __post_init__(self) -> None:
-        self.samples = self.package.walk().samples
+        self.samples = self.package.simulate().samples
         self.names = {entry.sysid: entry.name for entry in self.package.stations}
         self.journal = Journal(self.folder / "companion.jsonl", self.name)
         files = dict(self.package.files)

@@ -366,7 +366,7 @@ def told(name: str, severity: Severity) -> list[str]:
 
 def test_ten_turns_are_counted_and_leave_the_zone() -> None:
     report = check(load(DATA / "loiter_turns"))
-    assert report.walk.length_m == pytest.approx(200.0 + 6283.2 + 200.0, rel=0.005)
+    assert report.simulation.length_m == pytest.approx(200.0 + 6283.2 + 200.0, rel=0.005)
     assert report.energy is not None
     assert report.energy.need_wh > 100.0
     texts = told("loiter_turns", Severity.ERROR)
@@ -380,7 +380,7 @@ def test_ten_turns_are_counted_and_leave_the_zone() -> None:
 def test_splines_around_a_square_leave_zones_that_hold_the_square() -> None:
     report = check(load(DATA / "spline"))
     square_m = 5 * 400.0
-    assert report.walk.length_m - 400.0 == pytest.approx(1.115 * square_m, rel=0.01)
+    assert report.simulation.length_m - 400.0 == pytest.approx(1.115 * square_m, rel=0.01)
     assert sum(text.startswith("no coverage for") for text in told("spline", Severity.ERROR)) == 5
 
 

@@ -93,7 +93,7 @@ def infos(small, **options):
 def test_a_region_that_is_over_before_an_operator_has_to_answer_is_worth_knowing(small):
     """He is asked beforehand: as long before it as he may take, and not before take-off."""
     move_zones(small, (10.0, 10.00221), (10.002, 10.006))
-    handover = load(small.write()).walk().handovers[0]
+    handover = load(small.write()).simulate().handovers[0]
     begins_s, overlap_s = handover.time_s, handover.overlap_s
     assert infos(small, operator_s=begins_s) == [], "there is time enough"
     assert infos(small, operator_s=1.5 + begins_s) == []

@@ -20,7 +20,7 @@ FOREVER = 1e9
 @pytest.fixture(scope="module", params=["delivery", "linear", "corridor", "ridge", "waypoints"])
 def walked(request):
     package = load(MISSIONS / request.param)
-    walk = package.walk()
+    walk = package.simulate()
     return package, walk, WayAhead(walk, flies_past=True)  # with the times of the walk
 
 
@@ -97,7 +97,7 @@ def test_of_an_item_that_the_way_does_not_have_nothing_is_known(walked):
 @pytest.mark.parametrize("name", ["loiter_turns", "spline"])
 def test_on_a_curve_each_border_is_as_far_ahead_as_the_walk_has_it(name):
     """On ten turns the same border is crossed again and again, and on a spline the end of the leg tells nothing."""
-    walk = load(DATA / name).walk()
+    walk = load(DATA / name).simulate()
     way = WayAhead(walk, flies_past=True)
     curves = {sample.seq for sample in walk.samples if sample.curved}
     places = [sample for sample in walk.samples if sample.seq in curves]

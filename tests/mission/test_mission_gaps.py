@@ -52,7 +52,7 @@ def test_what_is_declared_is_read(gappy):
 
 def test_a_mission_without_gaps_has_none(small):
     package = load(small.write())
-    assert (package.gaps, package.stretches(package.walk())) == ((), ())
+    assert (package.gaps, package.stretches(package.simulate())) == ((), ())
 
 
 @pytest.mark.parametrize(
@@ -95,7 +95,7 @@ def test_twice_the_same_is_one_too_many(gappy):
 
 def stretch(small, **options):
     package = load(small.write())
-    (found,) = package.stretches(package.walk(), **options)
+    (found,) = package.stretches(package.simulate(), **options)
     return found
 
 

@@ -76,7 +76,7 @@ def story(folder: Path) -> list[Any]:
     """What the check finds, without places."""
     report = check(load(folder))
     words = [re.sub(r"\d+\.\d{5} [NS] \d+\.\d{5} [EW]", "PLACE", f"{f.severity} {f.text}") for f in report.findings]
-    walk = report.walk
+    walk = report.simulation
     return [
         words,
         walk.commanders,

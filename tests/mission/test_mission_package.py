@@ -62,7 +62,7 @@ def test_package_holds_what_the_folder_says(small):
     assert (package.expected_handovers, package.cruise_speed_mps, package.delivery_waypoint) == (1, 8.0, 2)
     assert package.policies == {"on_out_of_coverage": "land"}
     assert sorted(package.files) == ["mission.toml", "small.plan", "zones.geojson"]
-    assert package.walk().commanders == (251, 252)
+    assert package.simulate().commanders == (251, 252)
 
 
 def test_cruise_speed_is_the_plans_unless_stated(small):
@@ -82,7 +82,7 @@ def test_route_may_be_a_waypoint_file(small):
         "QGC WPL 110\n0 1 0 16 0 0 0 0 0 10.001 0 1\n1 0 3 22 0 0 0 0 0 10.001 30 1\n2 0 3 21 0 0 0 0 0 10.005 0 1\n"
     )
     (small.folder / "mission.toml").write_text(small.toml.replace("small.plan", "small.waypoints"))
-    assert load(small.folder).walk().commanders == (251, 252)
+    assert load(small.folder).simulate().commanders == (251, 252)
 
 
 def test_policies_and_files_cannot_be_changed(small):
@@ -303,7 +303,7 @@ waypoints = [2, 3, 4]
     # 55.6597 m are half a thousandth of a degree of longitude
     assert (west, east) == (pytest.approx(10.0005, abs=1e-7), pytest.approx(10.0035, abs=1e-7))
     assert north == pytest.approx(55.6597 / 110574.276, abs=1e-8)
-    (handover,) = package.walk().handovers
+    (handover,) = package.simulate().handovers
     assert handover.lon_deg == pytest.approx(10.0025, abs=1e-6)
     assert handover.overlap_length_m == pytest.approx(111.319, abs=0.1)
 
@@ -439,7 +439,7 @@ def only_mission_errors(data: bytes) -> None:
         text = str(error)
     else:
         # what is accepted can be walked and sent on
-        package.walk()
+        package.simulate()
         assert from_bytes(package.to_bytes()) == package
         text = "accepted"
     assert "\n" not in text

@@ -27,7 +27,7 @@ def back(small: Any) -> Any:
 
 def end(small: Any) -> tuple[float, float]:
     package = load(small.write())
-    walked = package.walk().samples[-1]
+    walked = package.simulate().samples[-1]
     assert legs_of(package.route)[-1].end[:2] == (walked.lat_deg, walked.lon_deg)
     return walked.lat_deg, walked.lon_deg
 

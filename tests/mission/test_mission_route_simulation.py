@@ -198,7 +198,7 @@ def test_long_route_is_walked_in_bounded_steps(small):
 
 
 def test_delivery_crosses_the_region_four_times(missions):
-    found = load(missions / "delivery").walk()
+    found = load(missions / "delivery").simulate()
     assert found.commanders == (251, 252, 251, 252, 251)
     assert found.gaps == ()
     for handover in found.handovers:
@@ -207,7 +207,7 @@ def test_delivery_crosses_the_region_four_times(missions):
 
 
 def test_delivery_stays_ten_seconds_in_each_zone_between_the_regions(missions):
-    found = load(missions / "delivery").walk()
+    found = load(missions / "delivery").simulate()
     alone, start = [], 0.0
     for before, after in zip(found.samples, found.samples[1:], strict=False):
         if len(before.holding) == 2 and len(after.holding) == 1:
@@ -219,11 +219,11 @@ def test_delivery_stays_ten_seconds_in_each_zone_between_the_regions(missions):
 
 
 def test_delivery_takes_about_five_minutes(missions):
-    assert 240.0 <= load(missions / "delivery").walk().duration_s <= 330.0
+    assert 240.0 <= load(missions / "delivery").simulate().duration_s <= 330.0
 
 
 def test_the_mission_in_fiji_crosses_the_180th_meridian_within_its_handover_region(missions):
-    walk = load(missions / "meridian").walk()
+    walk = load(missions / "meridian").simulate()
     assert walk.commanders == (251, 252, 251)
     out, back = walk.handovers
     assert (out.lon_deg, back.lon_deg) == (pytest.approx(179.9985, abs=1e-5), pytest.approx(-179.9985, abs=1e-5))
@@ -232,10 +232,10 @@ def test_the_mission_in_fiji_crosses_the_180th_meridian_within_its_handover_regi
 
 
 def test_linear_crosses_the_region_twice(missions):
-    assert load(missions / "linear").walk().commanders == (251, 252, 251)
+    assert load(missions / "linear").simulate().commanders == (251, 252, 251)
 
 
 def test_corridor_passes_four_stations(missions):
-    found = load(missions / "corridor").walk()
+    found = load(missions / "corridor").simulate()
     assert found.commanders == (251, 252, 253, 254)
     assert found.gaps == ()

@@ -130,14 +130,14 @@ def test_items_in_between_that_are_not_flown_to_leave_no_hole(line):
     line.toml = TOML.replace("[1, 2, 5]", "[1, 2, 6]").replace("[3, 4]", "[3, 5]")
     package = load(line.write())
     assert package.belonging.covers(B, package.route) == {3, 5, 6}
-    assert check(package).walk.gaps == ()
+    assert check(package).simulation.gaps == ()
 
 
 # --- where authority moves ---
 
 
 def test_authority_moves_at_the_waypoints_and_not_where_zones_begin(line):
-    out, back = load(line.write()).walk().handovers
+    out, back = load(line.write()).simulate().handovers
     assert (out.from_station, out.to_station, out.seq) == (A, B, 3)
     assert (back.from_station, back.to_station, back.seq) == (B, A, 5)
     # its zone begins a corridor's width before the waypoint
@@ -145,16 +145,16 @@ def test_authority_moves_at_the_waypoints_and_not_where_zones_begin(line):
 
 
 def test_what_is_left_of_both_zones_counts_from_the_waypoint_on(line):
-    (out, _back) = load(line.write()).walk().handovers
+    (out, _back) = load(line.write()).simulate().handovers
     assert out.overlap_length_m == pytest.approx(PIECE_M, abs=0.1)
     assert out.overlap_s == pytest.approx(PIECE_M / 10.0, abs=0.01)
 
 
 def test_a_hold_at_the_waypoint_is_over_when_it_is_reached(line):
     line.items[2]["params"][0] = 20
-    plain, held = load(line.write()).walk(), None
+    plain, held = load(line.write()).simulate(), None
     line.items[2]["params"][0] = 0
-    held = load(line.write()).walk()
+    held = load(line.write()).simulate()
     assert plain.handovers[0].time_s - held.handovers[0].time_s == pytest.approx(20.0)
     assert plain.handovers[0].overlap_s == pytest.approx(held.handovers[0].overlap_s)
 
@@ -162,7 +162,7 @@ def test_a_hold_at_the_waypoint_is_over_when_it_is_reached(line):
 def test_the_borders_ahead_are_the_waypoints(line):
     """Both operators are asked ahead of the waypoint, not of the place where the next zone begins."""
     package = load(line.write())
-    way = WayAhead(package.walk(), flies_past=True)  # with the times of the walk
+    way = WayAhead(package.simulate(), flies_past=True)  # with the times of the walk
     borders = way.borders(Seen(2, 0.0, 10.001, 40.0, 0.0, 0.0), 1e9)
     assert [set(border.holding) for border in borders] == [{A, B}, {B}, {A, B}]
     # from 10.001 to 10.005, and to 10.006, at 10 m/s
@@ -172,7 +172,7 @@ def test_the_borders_ahead_are_the_waypoints(line):
 def test_a_zone_that_ends_before_the_waypoint_moves_authority_all_the_same(line):
     """The lists leave a way that B covers alone: A has it to the end of its zone."""
     package = load(line.write())
-    walk = package.walk()
+    walk = package.simulate()
     other = belonging_of(Where("mission.toml"), package.route, [(A, [1, 2, 3]), (B, [4])])
     from mavproxy_handover.mission.route_simulation import commanders_along
 
@@ -200,7 +200,7 @@ def test_a_zone_that_ends_too_soon_behind_its_waypoint_is_a_warning(line):
 
 
 def test_the_round_that_ships_moves_authority_at_waypoints_4_6_and_9(missions):
-    walk = load(missions / "waypoints").walk()
+    walk = load(missions / "waypoints").simulate()
     assert walk.commanders == (A, B, C, A)
     assert [handover.seq for handover in walk.handovers] == [4, 6, 9]
     assert walk.gaps == ()

@@ -310,9 +310,9 @@ def errors(small, **options):
 def test_the_time_in_a_region_is_that_of_the_fastest_ground_speed(winged):
     """1113.2 m at 15 m/s and 5 m/s of wind from behind; from ahead, where that is known, at 10 m/s."""
     package = load(winged.write())
-    assert package.walk().handovers[0].overlap_s == near(55.66)
-    assert package.walk(Wind(5.0, 90.0)).handovers[0].overlap_s == near(111.32, 0.2)
-    assert package.walk(Wind(5.0, 270.0)).handovers[0].overlap_s == near(55.66)
+    assert package.simulate().handovers[0].overlap_s == near(55.66)
+    assert package.simulate(Wind(5.0, 90.0)).handovers[0].overlap_s == near(111.32, 0.2)
+    assert package.simulate(Wind(5.0, 270.0)).handovers[0].overlap_s == near(55.66)
 
 
 def test_the_table_tells_airspeed_wind_and_radius(winged):
@@ -465,7 +465,7 @@ def test_a_copter_flies_the_lines_of_its_route_and_no_wind_changes_that(small):
     package = load(small.write())
     assert package.path() is None
     assert package.legs() == legs_of(package.route, 5.0)
-    assert package.walk(Wind(9.0, 90.0)) == package.walk()
+    assert package.simulate(Wind(9.0, 90.0)) == package.simulate()
     assert not any(line.startswith("wings") for line in _lines(small, Wind(4.0, 90.0)))
 
 
@@ -475,11 +475,11 @@ def test_a_copter_flies_the_lines_of_its_route_and_no_wind_changes_that(small):
 def test_ferry_passes_three_stations_with_two_handovers(missions):
     package = load(missions / "ferry")
     assert (package.profile, package.cruise_speed_mps) == (QUADPLANE, 22.0)
-    walk = package.walk()
+    walk = package.simulate()
     assert walk.commanders == (251, 252, 253)
     assert walk.gaps == ()
     assert 12_000.0 < walk.length_m < 12_600.0
-    assert all(handover.overlap_s > 30.0 for handover in package.walk(Wind(12.0, 270.0)).handovers)
+    assert all(handover.overlap_s > 30.0 for handover in package.simulate(Wind(12.0, 270.0)).handovers)
     assert [item.command for item in package.route.items] == [84, 16, 16, 16, 16, 85]
     assert package.route.rally == (RallyPoint(52.696912, 5.36213, 60.0), RallyPoint(52.713986, 5.415407, 60.0))
 

@@ -83,7 +83,7 @@ def test_the_delivery_has_a_polygon_and_a_rectangle(delivery: MissionPackage) ->
 
 
 def test_the_delivery_crosses_the_region_four_times(delivery: MissionPackage) -> None:
-    walk = delivery.walk()
+    walk = delivery.simulate()
     assert walk.commanders == (GCSA, GCSB, GCSA, GCSB, GCSA)
     assert [handover.seq for handover in walk.handovers] == [3, 5, 7, 12]
     assert walk.gaps == ()
@@ -122,7 +122,7 @@ def test_waypoint_12_of_the_delivery_is_flown_after_the_fourth_crossing_and_the_
 def test_the_field_test_has_two_polygons_and_two_crossings(field_test: MissionPackage) -> None:
     assert len(outline(field_test, "GCSA")) == 4
     assert len(outline(field_test, "GCSB")) == 4
-    walk = field_test.walk()
+    walk = field_test.simulate()
     assert walk.commanders == (GCSA, GCSB, GCSA)
     assert [handover.seq for handover in walk.handovers] == [4, 12]
     assert walk.gaps == ()

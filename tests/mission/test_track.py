@@ -18,7 +18,7 @@ from mavproxy_handover.mission.geodesy import bearing_deg, offset
 from mavproxy_handover.mission.items import MissionItem
 from mavproxy_handover.mission.path import path_of
 from mavproxy_handover.mission.plan import Home, Route
-from mavproxy_handover.mission.route_simulation import legs_of, walk_legs
+from mavproxy_handover.mission.route_simulation import legs_of, simulate_legs
 from mavproxy_handover.mission.track import Motion, RouteTracker
 from mavproxy_handover.mission.wings import Air
 from mavproxy_handover.vehicle.profiles import QUADPLANE
@@ -359,7 +359,7 @@ WINGED = Route(
 def test_wings_that_fly_their_path_are_on_their_route_all_the_way():
     """Its turns of 150 m and its circle are beside the legs, and nothing is expected of them there."""
     zone = Zone(251, "A", Circle(*HOME, 20_000.0))
-    samples = walk_legs(path_of(WINGED, Air(22.0, None, 5.0)).legs, ZoneFinder((zone,)), 251).samples
+    samples = simulate_legs(path_of(WINGED, Air(22.0, None, 5.0)).legs, ZoneFinder((zone,)), 251).samples
     flight, facts = RouteTracker(WINGED), []
     for here, ahead in pairwise(samples):
         if here.alt_m < 59.0 or here.time_s == ahead.time_s:

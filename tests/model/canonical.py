@@ -488,7 +488,7 @@ class Packer:
             asking=plain,
             fallen=plain,
             others=plain,
-            patient=plain,
+            hurry_over=plain,
             ready=plain,
             attempt=_Fixed(lambda: 1),
             read_until=_Ago(0.0),

@@ -125,7 +125,7 @@ def test_that_a_lost_radio_would_go_unnoticed_is_read_before_the_flight(bench: B
     bench.connect()
     bench.until(lambda: bench.companion.autopilot.preflight.findings is not None, 60.0)
     autopilot = bench.companion.autopilot
-    assert autopilot.rounds._monitors.execution.radio_watched(autopilot.aircraft) is False
+    assert autopilot.rounds._monitors.mode_and_motion.radio_watched(autopilot.aircraft) is False
 
 
 def test_the_commanders_accepted_command_is_its_word(flown: Bench) -> None:

@@ -378,7 +378,7 @@ def test_a_hold_and_a_flight_on_that_the_rules_decide_are_known_to_be_the_compan
 def test_a_circle_around_the_place_is_at_the_place(flight: Bench) -> None:
     flight.autopilot.mode = RTL
     seen = []
-    monitor = flight.companion.autopilot.rounds._monitors.execution
+    monitor = flight.companion.autopilot.rounds._monitors.mode_and_motion
     update = monitor.update
 
     def note(state: object, now: float) -> list[object]:

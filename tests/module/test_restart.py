@@ -135,7 +135,7 @@ class TestInFlight:
         self, flight: Bench, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         """A zone like a comb takes seconds, and the guard gives a restart three."""
-        monkeypatch.setattr(MissionPackage, "walk", lambda _self: pytest.fail("it was walked"))
+        monkeypatch.setattr(MissionPackage, "simulate", lambda _self: pytest.fail("it was walked"))
         monkeypatch.setattr(package_reader, "prepare", lambda _package: pytest.fail("it was prepared"))
         restart(flight)
         flight.run(2.0)

@@ -21,7 +21,7 @@ from mavproxy_handover.monitors.gaps import GapMonitor, lacking
 from mavproxy_handover.vehicle.state import VehicleState
 
 RIDGE = load(Path(__file__).parents[2] / "missions" / "ridge")
-(RIDGE_GAP,) = RIDGE.stretches(RIDGE.walk())
+(RIDGE_GAP,) = RIDGE.stretches(RIDGE.simulate())
 AUTO, GUIDED = 3, 4
 #: the gap of the ridge goes from 5.91222 to 5.91548 E; a metre is this much
 LAT, BEGINS, METRE = 52.684, 5.912221, 1.0 / 67539.66

@@ -108,7 +108,7 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
         "_asked: truth turned: True in return (None, True, True)": "without a partner no station is the partner",
         "_asked: truth turned: True in return (None, True, True) (number 2)": "the same",
         "successor_awaited: dropped from and/or: transfer.forced: transfer is not None and transfer.forced and "
-        "(not transfer.patient) and hurried": "after the loss every transfer under way is forced",
+        "(not transfer.hurry_over) and hurried": "after the loss every transfer under way is forced",
     },
     "safety.conditions": {
         "due_at: dropped: times.append(flight.position_lost_at())": (

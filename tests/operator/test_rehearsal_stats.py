@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import pytest
 
 from mavproxy_handover.mission.geodesy import distance_m
-from mavproxy_handover.operator.rehearsal.rehearsal_stats import MOST, Foreseen, LinkSeen, RehearsalBook
+from mavproxy_handover.operator.rehearsal.rehearsal_stats import MOST, Foreseen, LinkSeen, RehearsalStats
 
 HERE, THERE = (52.67900, 5.92720), (52.67900, 5.92850)
 CHECK = (
@@ -18,8 +18,8 @@ CHECK = (
 )
 
 
-def book(foreseen: Sequence[Foreseen] = CHECK) -> RehearsalBook:
-    return RehearsalBook(100.0, foreseen)
+def book(foreseen: Sequence[Foreseen] = CHECK) -> RehearsalStats:
+    return RehearsalStats(100.0, foreseen)
 
 
 def link(
@@ -152,7 +152,7 @@ class TestTheRest:
 
     @pytest.mark.parametrize("restarted", [False, True])
     def test_how_it_ended(self, restarted: bool) -> None:
-        seen = RehearsalBook(100.0, (), restarted=restarted)
+        seen = RehearsalStats(100.0, (), restarted=restarted)
         assert seen.lines(110.0)[0] == "rehearsal under way, 10 s" + (", seen since a restart" if restarted else "")
         seen.end(160.0, "ended by GCSA")
         assert seen.over

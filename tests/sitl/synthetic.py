@@ -61,7 +61,7 @@ def nominal() -> list[Entry]:
     names = {station.sysid: station.name for station in package.stations}
     script = Script()
     _ground(script)
-    walk = package.walk()
+    walk = package.simulate()
     start_t = wall(BOOT_S)
     commander, number = 251, 0
     reached = 0

@@ -39,7 +39,7 @@ class Counted(FlownMission):
     held: list[tuple[float, frozenset[int]]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        walk = self.package.walk()
+        walk = self.package.simulate()
         self._finder = self.package.zone_finder()
         self._way = WayAhead.of(walk, self.package.route)
         self._looks = 0
@@ -155,7 +155,7 @@ def test_another_speed_that_the_commander_orders_is_followed_within_some_seconds
 def test_it_is_right_in_a_recorded_flight_of_arducopter_too() -> None:
     """Its positions once a second, so a border comes between two of them."""
     package = load(ROUND)
-    finder, way = package.zone_finder(), WayAhead.of(package.walk(), package.route)
+    finder, way = package.zone_finder(), WayAhead.of(package.simulate(), package.route)
     lines = RECORDED.read_text(encoding="utf-8").splitlines()[2:]
     looks = []
     for line in lines:

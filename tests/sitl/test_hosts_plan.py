@@ -252,7 +252,7 @@ class Alone:
 
     def walk(self) -> Any:
         """One commander."""
-        walk = self._package.walk()
+        walk = self._package.simulate()
         return SimpleNamespace(commanders=walk.commanders[:1], duration_s=walk.duration_s)
 
 

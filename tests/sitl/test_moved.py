@@ -52,7 +52,7 @@ def test_every_mission_is_the_same_flight_anywhere(name: str, place: Place) -> N
     assert there.digest != package.digest
     assert packages.from_bytes(there.to_bytes()) == there
     assert _away_m(there) == pytest.approx(_away_m(package), rel=1e-3, abs=0.01)
-    here, walked = package.walk(), there.walk()
+    here, walked = package.simulate(), there.simulate()
     assert walked.commanders == here.commanders
     assert walked.duration_s == pytest.approx(here.duration_s, rel=5e-3)
     assert len(there.route.fence) == len(package.route.fence)

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from mavproxy_handover.mission.geodesy import distance_m
-from mavproxy_handover.operator.rehearsal.rehearsal_stats import Foreseen, LinkSeen, RehearsalBook
+from mavproxy_handover.operator.rehearsal.rehearsal_stats import Foreseen, LinkSeen, RehearsalStats
 from sitl.report.evidence import Evidence
 from sitl.report.journal_reader import Entry
 from sitl.report.rehearsal import EVENT, books, tables
@@ -23,8 +23,8 @@ def entry(values: dict[str, Any], t: float = 1.0, who: str = "drone-1") -> Entry
 
 
 @pytest.fixture
-def book() -> RehearsalBook:
-    seen = RehearsalBook(100.0, (Foreseen("GCSA", "GCSB", HERE, 3, 14.2), Foreseen("GCSB", "GCSA", HERE, 5, 15.0)))
+def book() -> RehearsalStats:
+    seen = RehearsalStats(100.0, (Foreseen("GCSA", "GCSB", HERE, 3, 14.2), Foreseen("GCSB", "GCSA", HERE, 5, 15.0)))
     seen.saw(110.0, "GCSA+GCSB", HERE, [LinkSeen("GCSA", "udpout", 1.5, 0.02, 0.034)])
     seen.saw(111.0, "GCSA", HERE, [LinkSeen("GCSB", "udpout", None, None, None)])
     seen.handover("GCSA", "GCSB", 112.0, 0.034, "zone", distance_m)
@@ -34,7 +34,7 @@ def book() -> RehearsalBook:
     return seen
 
 
-def test_what_the_vehicle_wrote_is_what_is_shown(book: RehearsalBook) -> None:
+def test_what_the_vehicle_wrote_is_what_is_shown(book: RehearsalStats) -> None:
     handovers, links, refused, would = tables(entry(book.entry(130.0)))
     assert handovers.rows == (
         ("1", "GCSA → GCSB", "12.0 s", "0.03 s of 14.2 s", "way to item 3, 0 m off", "committed (zone)"),

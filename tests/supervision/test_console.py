@@ -34,7 +34,7 @@ def console(monkeypatch: pytest.MonkeyPatch) -> Console:
     with monkeypatch.context() as streams:
         streams.setattr(sys, "stdout", sys.stdout)
         streams.setattr(sys, "stderr", sys.stderr)
-        small.take_over()
+        small.redirect_output()
     return small
 
 
@@ -52,7 +52,7 @@ def test_print_goes_through_it(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(sys, name, getattr(sys, name))
     console = Console()
     monkeypatch.setattr(console, "put", lambda descriptor, text: put.append((descriptor, text)))
-    console.take_over()
+    console.redirect_output()
     print("to people", flush=True)
     print("of trouble", file=sys.stderr)
     assert put == [(1, "to people"), (1, "\n"), (2, "of trouble"), (2, "\n")]

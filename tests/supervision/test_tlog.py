@@ -14,7 +14,7 @@ import pytest
 from MAVProxy.modules.lib import multiproc
 
 from mavproxy_handover.supervision import tlog
-from mavproxy_handover.supervision.tlog import LogQueue, close_logs, log_options, take_queues
+from mavproxy_handover.supervision.tlog import LogQueue, close_logs, log_options, replace_queues
 
 
 def test_a_queue_that_nobody_empties_stays_small_and_counts() -> None:
@@ -30,7 +30,7 @@ def test_only_mavproxy_itself_gets_such_queues(monkeypatch: pytest.MonkeyPatch) 
     """Its windows are processes of their own."""
     original = multiproc.Queue
     monkeypatch.setattr(multiproc, "Queue", original)
-    take_queues("mavproxy's script")
+    replace_queues("mavproxy's script")
     ours: dict[str, Any] = {"__name__": "mavproxy's script", "multiproc": multiproc}
     others: dict[str, Any] = {"__name__": "MAVProxy.modules.mavproxy_map", "multiproc": multiproc}
     for namespace in (ours, others):

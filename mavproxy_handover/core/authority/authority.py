@@ -198,7 +198,7 @@ class Authority:
         actions.append(Record("authority_lost", text, Reason.COMMANDER_LOST, owner))
         self.refresh(Reason.COMMANDER_LOST, actions)
 
-    def take_back(self, owner: int, actions: list[Action]) -> None:
+    def restore_owner(self, owner: int, actions: list[Action]) -> None:
         """The owner has answered, or is heard again where it cannot answer."""
         self.lost = False
         if not self.recovering:
@@ -254,7 +254,7 @@ class Authority:
         self.owner, self.claimant = claimant, None
         self.recover_until = None
         self.epoch += _UNSEEN - 1
-        self.take_back(claimant, actions)
+        self.restore_owner(claimant, actions)
 
     def _learn_epoch(self, station: int, answer: ConnectAck, actions: list[Action]) -> None:
         """Learn the epoch of a station that remembers a later one, or another commander in this one.

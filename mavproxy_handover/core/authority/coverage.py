@@ -82,7 +82,7 @@ class Coverage:
         if not authority.lost:
             return False
         hurried = now < authority.hurry_until(self._limits.forced_timeout_s)
-        soon = transfer is not None and transfer.forced and not transfer.patient and hurried
+        soon = transfer is not None and transfer.forced and not transfer.hurry_over and hurried
         return authority.recovering or soon
 
     # ---- coverage ---------------------------------------------------------------------------------------------------

@@ -57,7 +57,7 @@ class Requests:
         text = f"{answer} ({decision.text})" if decision.text else answer
         actions.append(Record("control", text, Reason.OPERATOR, request.station))
         actions.append(ControlAnswer(request.station, decision.result, decision.text))
-        self._take_effect(decision.effect, request, now, actions)
+        self._carry_out(decision.effect, request, now, actions)
 
     def _facts(self, station: int, now: float) -> ControlFacts:
         authority, zones, transfer = self._authority, self._candidates.zones, self._authority.transfer
@@ -82,7 +82,7 @@ class Requests:
             name=authority.name(station),
         )
 
-    def _take_effect(self, effect: Effect, request: ControlRequested, now: float, actions: list[Action]) -> None:
+    def _carry_out(self, effect: Effect, request: ControlRequested, now: float, actions: list[Action]) -> None:
         authority, transfer_manager = self._authority, self._transfer_manager
         match effect:
             case Effect.NOTHING:

@@ -31,7 +31,7 @@ During a forced transfer no station commands, and the aircraft turns home if it 
 could take the aircraft is asked at once (`others`). CONNECT_HANDOVER goes to the first one that is ready. That one is
 the partner from then on, and the others stay in reserve. If the partner falls away, or lets CONNECT wait while another
 is ready, the next one becomes the partner. If the time is up and only operators have still to answer, the question
-stays open and the hurry ends (`patient`): the aircraft turns home meanwhile. If every station that is asked has said
+stays open and the hurry ends (`hurry_over`): the aircraft turns home meanwhile. If every station that is asked has said
 that its operator is asked, the hurry ends at once. Then only a yes moves authority.
 
 The reason of a transfer is its rank (`RANKS` in `common/model.py`). A transfer for a graver reason takes its place
@@ -46,7 +46,7 @@ What MOVES says, and what it does not say
 -----------------------------------------
 MOVES has every change of the step and every end of a transfer that is not forced. A pair that is not there changes
 nothing. A forced transfer with several candidates has more state than its step (`others`, `ready`, `asking`,
-`patient`). So three methods of `Transfer` go around MOVES for it:
+`hurry_over`). So three methods of `Transfer` go around MOVES for it:
 
 * `_of_other`: a cause of a station in reserve changes only these fields and the time limit, never step, partner or end.
   There is one exception, in `move`: in step REQUEST a station in reserve that is ready becomes the partner. The cause
@@ -222,11 +222,11 @@ class Transfer:
         "fallen",
         "forced",
         "forced_until",
+        "hurry_over",
         "key",
         "operator_asked",
         "others",
         "partner_asks",
-        "patient",
         "read_until",
         "ready",
         "reason",
@@ -259,7 +259,7 @@ class Transfer:
         #: the time limit of a forced transfer, whatever its step; inf if there is no hurry
         self.forced_until = inf if forced_until is None else forced_until
         #: forced, and no longer in a hurry: the transfer waits for operators
-        self.patient = False
+        self.hurry_over = False
         #: in a forced transfer: the stations that are asked besides the partner; of all these the ones that are ready,
         #: and the ones whose operators are being asked
         self.others: tuple[int, ...] = ()
@@ -292,7 +292,7 @@ class Transfer:
         if self._reserve():  # another station is waiting
             limit_s = min(limit_s, self._limits.reserve_timeout_s)
         elif self.forced and self.step is Step.REQUEST:
-            self.timeout_at = self._asked_until if self.patient else self.forced_until
+            self.timeout_at = self._asked_until if self.hurry_over else self.forced_until
             return
         self.timeout_at = min(now + limit_s, self.forced_until)
 
@@ -356,7 +356,7 @@ class Transfer:
         """No operator is waited for any more."""
         self.asking = frozenset()
 
-    def take_fallen(self) -> tuple[tuple[int, Reason], ...]:
+    def pop_fallen(self) -> tuple[tuple[int, Reason], ...]:
         """The candidates that fell away since the last call, and why."""
         fallen, self.fallen = self.fallen, ()
         return fallen
@@ -431,14 +431,14 @@ class Transfer:
         if station not in self.asking:
             self.asking |= {station}
             self._asked_until = now + self._operator_timeout_s
-            if self.patient:
+            if self.hurry_over:
                 self._limit(now)
             elif self.forced and self.step is Step.REQUEST and self.asking.issuperset(self.partners):
-                self._be_patient(now)
+                self._end_hurry(now)
 
-    def _be_patient(self, now: float) -> None:
+    def _end_hurry(self, now: float) -> None:
         """Only operators have still to answer: there is no hurry any more."""
-        self.patient, self.forced_until = True, inf
+        self.hurry_over, self.forced_until = True, inf
         self._limit(now)
 
     def _prefer(self, station: int) -> None:
@@ -469,11 +469,11 @@ class Transfer:
                 self.forced_until = now + self._limits.forced_timeout_s
             self._fall(self.key.to_station, self._no_answer())
             return self._next(now)
-        if self.step is Step.REQUEST and self.asking and not self.patient:
+        if self.step is Step.REQUEST and self.asking and not self.hurry_over:
             for station in self.partners:
                 if station not in self.asking:
                     self._fall(station, Reason.PARTNER_SILENT)
-            self._be_patient(now)
+            self._end_hurry(now)
             if self.key.to_station not in self.asking:
                 self.key = self._key_of(self.others[0])
                 self.others = self.others[1:]

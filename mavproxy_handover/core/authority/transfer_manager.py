@@ -274,7 +274,7 @@ class TransferManager:
 
     def _bury(self, transfer: Transfer, now: float, actions: list[Action]) -> None:
         """Pause the candidates that fell away, so that they are not asked again at once."""
-        for station, why in transfer.take_fallen():
+        for station, why in transfer.pop_fallen():
             self._candidates.pause(station, transfer.reason, why, now)
             text = f"handover {transfer.key.handover_id} (forced): {self._authority.name(station)}: {in_words(why)}"
             actions.append(Record("candidate", text, why, station))

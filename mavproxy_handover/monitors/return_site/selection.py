@@ -24,7 +24,7 @@ from mavproxy_handover.monitors.return_site.margin import Margin
 from mavproxy_handover.monitors.return_site.views import Views
 from mavproxy_handover.vehicle.state import VehicleState
 
-__all__ = ["SiteChoice"]
+__all__ = ["SiteSelection"]
 
 #: time (s) for the stations to be heard after the start of this run; the place found in the list stays meanwhile
 _SETTLE_S: Final = 5.0
@@ -32,7 +32,7 @@ _SETTLE_S: Final = 5.0
 _LAST_S: Final = 12.0
 
 
-class SiteChoice:
+class SiteSelection:
     """The choice for one vehicle. Times are monotonic seconds."""
 
     def __init__(self, state: VehicleState, candidates: Candidates, views: Views, margin: Margin) -> None:

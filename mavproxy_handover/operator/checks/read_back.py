@@ -68,7 +68,7 @@ class ReadBack:
             self._difference = str(error)
             raise NotHeldError(self._difference) from None
 
-    def take_difference(self) -> str:
+    def pop_difference(self) -> str:
         """How the lists of the autopilot differ from the mission, once; "" if no difference was found."""
         difference, self._difference = self._difference, ""
         return difference

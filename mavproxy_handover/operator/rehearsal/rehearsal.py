@@ -31,14 +31,14 @@ from mavproxy_handover.core.common.events import (
 from mavproxy_handover.core.common.model import AuthorityView, FlightAction, in_words
 from mavproxy_handover.gate.refusals import RefusalLimiter
 from mavproxy_handover.mission.geodesy import distance_m
-from mavproxy_handover.operator.rehearsal.rehearsal_stats import Foreseen, LinkSeen, RehearsalBook
+from mavproxy_handover.operator.rehearsal.rehearsal_stats import Foreseen, LinkSeen, RehearsalStats
 from mavproxy_handover.operator.stations.announcer import Announcer
 from mavproxy_handover.operator.stations.event_log import EventLog
 from mavproxy_handover.operator.stations.port import StationPort
 from mavproxy_handover.operator.stations.sender import MessageSender
 from mavproxy_handover.wire import status
 
-__all__ = ["RehearsalDesk", "Surroundings"]
+__all__ = ["RehearsalManager", "Surroundings"]
 
 _BEGIN: Final[int] = mavlink.HANDOVER_REHEARSAL_WISH_BEGIN
 _END: Final[int] = mavlink.HANDOVER_REHEARSAL_WISH_END
@@ -63,7 +63,7 @@ class Surroundings:
     foreseen: Callable[[], Sequence[Foreseen]]
 
 
-class RehearsalDesk:
+class RehearsalManager:
     """Of one vehicle. Times are monotonic seconds."""
 
     def __init__(
@@ -85,7 +85,7 @@ class RehearsalDesk:
         self._announcer = announcer
         self._around = around
         #: of the one under way, or the last one; None: there was none
-        self.book: RehearsalBook | None = None
+        self.stats: RehearsalStats | None = None
         #: the last wish of each station to begin and to end one: its nonce, and whether it came true
         self._last: dict[tuple[int, int], tuple[int, bool]] = {}
         #: the stations whose last wish to begin one (True), or to end one, the rules refused
@@ -125,7 +125,7 @@ class RehearsalDesk:
 
     def lines(self, now: float) -> tuple[str, ...]:
         """The report, as far as it goes."""
-        return ("no rehearsal since the companion was started",) if self.book is None else self.book.lines(now)
+        return ("no rehearsal since the companion was started",) if self.stats is None else self.stats.lines(now)
 
     # ---- what the rules say ---------------------------------------------------------------------------------------
 
@@ -135,10 +135,10 @@ class RehearsalDesk:
         self._announcer.rehearsal(moved)
         if moved.on:
             self._open(now, restarted=False)
-        elif self.book is not None and not self.book.over:
+        elif self.stats is not None and not self.stats.over:
             self._sample_links(now)
-            self.book.end(now, moved.text.partition(": ")[2])
-            self._event_log.rehearsal_report(self.book.lines(now), self.book.entry(now))
+            self.stats.end(now, moved.text.partition(": ")[2])
+            self._event_log.rehearsal_report(self.stats.lines(now), self.stats.entry(now))
 
     def refused(self, refused: RehearsalRefused, now: float) -> None:
         """Tell a station why its request to begin or end a rehearsal is refused."""
@@ -149,60 +149,60 @@ class RehearsalDesk:
         self._voice.say(port, text)
 
     def _open(self, now: float, *, restarted: bool) -> None:
-        self.book = RehearsalBook(now, self._around.foreseen(), restarted=restarted)
+        self.stats = RehearsalStats(now, self._around.foreseen(), restarted=restarted)
         self._owner = self._arbiter.name(self._around.view().commander)
         self._sample_at, self._keep_at = now, now + _KEEP_S
 
     # ---- what is seen ---------------------------------------------------------------------------------------------
 
     @property
-    def _pages(self) -> RehearsalBook | None:
-        """The book, while there is something to write into it."""
-        return None if self.book is None or self.book.over else self.book
+    def _open_stats(self) -> RehearsalStats | None:
+        """The statistics of the rehearsal under way; None: none is."""
+        return None if self.stats is None or self.stats.over else self.stats
 
     def record(self, record: Record, now: float) -> None:
         """An entry that the arbiter asks for: of a handover."""
-        book = self._pages
-        if book is None or record.station is None:
+        stats = self._open_stats
+        if stats is None or record.station is None:
             return
         to, took_s = self._arbiter.name(record.station), record.duration_s or 0.0
         if record.event == "transfer_committed":
-            book.handover(self._owner, to, now, took_s, in_words(record.reason), distance_m)
+            stats.handover(self._owner, to, now, took_s, in_words(record.reason), distance_m)
             self._owner = to
         elif record.event == "transfer_aborted":
-            book.aborted(self._owner, to, now, took_s, in_words(record.reason))
+            stats.aborted(self._owner, to, now, took_s, in_words(record.reason))
         elif record.event == "authority":
             self._owner = to
 
     def told(self, told: Announce, now: float) -> None:
         """A decision was told; here it is what would be done."""
-        book = self._pages
-        if book is not None and told.action is not None and told.action > FlightAction.TRANSFER:
-            book.would(now, told.text.removeprefix("REHEARSAL: "))
+        stats = self._open_stats
+        if stats is not None and told.action is not None and told.action > FlightAction.TRANSFER:
+            stats.would(now, told.text.removeprefix("REHEARSAL: "))
 
     def turned_away(self, station: str, what: str, why: str) -> None:
         """Something of a station was refused."""
-        if self._pages is not None:
-            self._pages.refused(station, what, why)
+        if self._open_stats is not None:
+            self._open_stats.refused(station, what, why)
 
     def tick(self, now: float) -> None:
         """Time has passed; to be called often."""
         if not self._around.view().rehearsal:
             return
-        if self._pages is None:  # it was under way when this run began
+        if self._open_stats is None:  # it was under way when this run began
             self._open(now, restarted=True)
         if now >= self._sample_at:
             self._sample_links(now)
-        if now >= self._keep_at and self.book is not None:
+        if now >= self._keep_at and self.stats is not None:
             self._keep_at = now + _KEEP_S
-            self._event_log.rehearsal_report((), self.book.entry(now))
+            self._event_log.rehearsal_report((), self.stats.entry(now))
 
     def _sample_links(self, now: float) -> None:
-        assert self.book is not None
+        assert self.stats is not None
         self._sample_at = now + _SAMPLE_S
-        self.book.expects(self._around.foreseen())
+        self.stats.expects(self._around.foreseen())
         links = [_seen(port, now) for port in self._voice.ports.values()]
-        self.book.saw(now, self._around.place(), self._around.where(), [each for port in links for each in port])
+        self.stats.saw(now, self._around.place(), self._around.where(), [each for port in links for each in port])
 
 
 def _seen(port: StationPort, now: float) -> list[LinkSeen]:

@@ -18,7 +18,7 @@ from math import inf
 from statistics import median
 from typing import Any, Final
 
-__all__ = ["MOST", "Foreseen", "LinkSeen", "RehearsalBook"]
+__all__ = ["MOST", "Foreseen", "LinkSeen", "RehearsalStats"]
 
 #: entries of a kind
 MOST: Final = 100
@@ -101,7 +101,7 @@ class _Handover:
     off_m: float | None = None
 
 
-class RehearsalBook:
+class RehearsalStats:
     """Of one rehearsal. Times are monotonic seconds."""
 
     def __init__(self, begun_at: float, foreseen: Sequence[Foreseen], *, restarted: bool = False) -> None:
@@ -154,7 +154,7 @@ class RehearsalBook:
         self, from_station: str, to_station: str, now: float, took_s: float, why: str, distance_m: Any = None
     ) -> None:
         """Authority has moved; `distance_m`: tells how far two places are apart (m)."""
-        found = self._take_foreseen(from_station, to_station)
+        found = self._match_foreseen(from_station, to_station)
         off_m = None if found is None or self.where is None else distance_m(*self.where, *found.where)
         self._note(from_station, to_station, now, took_s, why, True, found, off_m)
 
@@ -162,7 +162,7 @@ class RehearsalBook:
         """A transfer was aborted."""
         self._note(from_station, to_station, now, took_s, why, False, None, None)
 
-    def _take_foreseen(self, from_station: str, to_station: str) -> Foreseen | None:
+    def _match_foreseen(self, from_station: str, to_station: str) -> Foreseen | None:
         """The next one on the route, if it is that; one that was left out before it is never made."""
         for number in range(self._made, len(self._foreseen)):
             found = self._foreseen[number]

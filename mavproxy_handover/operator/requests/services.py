@@ -19,7 +19,7 @@ from mavproxy_handover.gate.gate import Gate
 from mavproxy_handover.gate.judge import Fate, Verdict
 from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.gate.refusal_text import thesis_command
-from mavproxy_handover.operator.rehearsal.rehearsal import RehearsalDesk
+from mavproxy_handover.operator.rehearsal.rehearsal import RehearsalManager
 from mavproxy_handover.operator.requests.accepted import AcceptedCommands
 from mavproxy_handover.operator.requests.flight_commands import FlightCommands
 from mavproxy_handover.operator.requests.operator_control import OperatorControl
@@ -56,7 +56,7 @@ class OperatorServices:
         gate: Gate,
         services: Services,
         accepted: AcceptedCommands,
-        rehearsal: RehearsalDesk,
+        rehearsal: RehearsalManager,
         event_log: EventLog,
     ) -> None:
         self._gate = gate

@@ -12,7 +12,7 @@ from mavproxy_handover.core.common.events import Event, StationMessage
 from mavproxy_handover.core.common.messages import TransferMessage
 from mavproxy_handover.gate.client_capabilities import Dialect
 from mavproxy_handover.gate.judge import Verdict
-from mavproxy_handover.operator.rehearsal.rehearsal import RehearsalDesk
+from mavproxy_handover.operator.rehearsal.rehearsal import RehearsalManager
 from mavproxy_handover.operator.requests.overrides import Overrides
 from mavproxy_handover.operator.stations.event_log import EventLog
 from mavproxy_handover.operator.stations.port import StationPort
@@ -31,7 +31,7 @@ class TransferServices:
 
     mission: MissionOnBoard
     package_return: PackageReturn
-    rehearsal: RehearsalDesk
+    rehearsal: RehearsalManager
     overrides: Overrides
     event_log: EventLog
 

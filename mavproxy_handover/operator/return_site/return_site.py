@@ -32,7 +32,7 @@ from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.mission.plan import Route
 from mavproxy_handover.monitors.return_site.candidates import Candidates
 from mavproxy_handover.monitors.return_site.margin import Margin
-from mavproxy_handover.monitors.return_site.selection import SiteChoice
+from mavproxy_handover.monitors.return_site.selection import SiteSelection
 from mavproxy_handover.monitors.return_site.views import JUDGING, Views
 from mavproxy_handover.operator.base.context import Context
 from mavproxy_handover.operator.return_site.rally_list import RallyList
@@ -67,7 +67,7 @@ class ReturnSite:
         self.candidates = Candidates(state)
         self.views = Views(state, self.candidates, reports.fault)
         self._margin = Margin(state, self.candidates, self.views)
-        self._choice = SiteChoice(state, self.candidates, self.views, self._margin)
+        self._selection = SiteSelection(state, self.candidates, self.views, self._margin)
         self._questions = ReturnQuestions(sysid, state, self.candidates, conversations, self._update_home)
         self._rally_writer = RallyWriter(sysid, conversations, self._held, self._not_held, self._overwritten)
         #: the rally list as stations see it
@@ -87,7 +87,7 @@ class ReturnSite:
     @property
     def choice(self) -> Choice | None:
         """The chosen return site; None while there are no candidates."""
-        return self._choice.now
+        return self._selection.now
 
     @property
     def where(self) -> tuple[str, float, float] | None:
@@ -99,7 +99,7 @@ class ReturnSite:
             held = self._rally_writer.held
             place = None if held is None else self.candidates.like(held)
         else:
-            place = self.candidates.named(self._choice.name)
+            place = self.candidates.named(self._selection.name)
         return None if place is None else (place.name, place.lat_deg, place.lon_deg)
 
     @property
@@ -211,7 +211,7 @@ class ReturnSite:
         attempt(self._reports.fault, JUDGING, self._judge_candidates, now, returning)
 
     def _judge_candidates(self, now: float, ordered: bool) -> None:
-        state, chosen = self._state, self._choice.name
+        state, chosen = self._state, self._selection.name
         self.candidates.gather_sent()
         self.views.forget_others()
         here, unseen_s = state.where, now - state.position.at
@@ -228,15 +228,15 @@ class ReturnSite:
         if self._before.at == -math.inf:
             return  # it is not known whether the aircraft flies
         arbiter, energy = self._authority.arbiter, self._energy()
-        self._choice.restore_from_list(self._rally_writer.held, energy, now)
+        self._selection.restore_from_list(self._rally_writer.held, energy, now)
         returning = self._state.flying and self._state.to_place
         recovering = arbiter.view.lease is LeaseState.RECOVERING
         may_bounce = ordered and returning and self._may_bounce(now)
-        bounces_to = self._choice.update(
+        bounces_to = self._selection.update(
             arbiter.usable(now), energy, now, recovering=recovering, returning=returning, may_bounce=may_bounce
         )
         choice = self.choice
-        place = self.candidates.named(self._choice.name)
+        place = self.candidates.named(self._selection.name)
         if choice is None or place is None:
             return
         self._bounces_to = bounces_to or self._bounces_to

@@ -41,7 +41,7 @@ from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.mission.plan import MAX_CORNERS, MAX_ITEMS, Route, with_items
 from mavproxy_handover.mission.protocol_items import Flaw, flaw
 from mavproxy_handover.mission.returns import with_return
-from mavproxy_handover.mission.route_simulation import walk_legs
+from mavproxy_handover.mission.route_simulation import simulate_legs
 from mavproxy_handover.monitors.preflight.own_failsafes import plan_facts
 from mavproxy_handover.monitors.preflight.plan_fit import not_as_checked
 from mavproxy_handover.operator.base.context import Context
@@ -246,5 +246,5 @@ def _read_route(
     wrong = into_ground(route, legs, package.relief())
     if wrong:
         raise MissionError(wrong)
-    walk = walk_legs(legs, package.zone_finder(), commander)
-    return Rerouted(ahead, walk.commanders, facts, WayAhead.of(walk, route))
+    simulation = simulate_legs(legs, package.zone_finder(), commander)
+    return Rerouted(ahead, simulation.commanders, facts, WayAhead.of(simulation, route))

@@ -38,7 +38,7 @@ from mavproxy_handover.mission.heights import into_ground
 from mavproxy_handover.mission.items import COMMANDS, MissionItem, difference
 from mavproxy_handover.mission.jumps import jumps
 from mavproxy_handover.mission.package import MissionPackage
-from mavproxy_handover.mission.route_simulation import walk_legs
+from mavproxy_handover.mission.route_simulation import simulate_legs
 from mavproxy_handover.operator.base.context import Context
 from mavproxy_handover.operator.checks.command_check import CommandCheck
 from mavproxy_handover.operator.stations.port import StationPort
@@ -239,7 +239,7 @@ def _judge(package: MissionPackage, held: HeldPlan, commander: int) -> _Judged:
             raise MissionError(f"the geofence of package {package.name} was cleared")
         package = package.with_mission(held.items, held.fence, held.cruise_mps)
     legs = package.legs()
-    walk = walk_legs(legs, package.zone_finder(), commander, belonging=package.belonging)
+    simulation = simulate_legs(legs, package.zone_finder(), commander, belonging=package.belonging)
     left = {}
     if not own:
         wrong = into_ground(package.route, legs, package.relief())
@@ -251,9 +251,9 @@ def _judge(package: MissionPackage, held: HeldPlan, commander: int) -> _Judged:
             Limit.COVERAGE: leaves_coverage(legs, package.zone_finder(), stations),
         }
     # in flight the repetition of a DO_JUMP is not known, so there is no countdown to a border
-    way = None if jumps(package.route.items) else WayAhead.of(walk, package.route)
-    along = Along(package.stretches(walk), way, walk.handovers)
-    prepared = Prepared(package, package.zone_finder(), walk.commanders, way_of(package), along)
+    way = None if jumps(package.route.items) else WayAhead.of(simulation, package.route)
+    along = Along(package.stretches(simulation), way, simulation.handovers)
+    prepared = Prepared(package, package.zone_finder(), simulation.commanders, way_of(package), along)
     return _Judged(prepared, own, left)
 
 

@@ -87,7 +87,7 @@ class MissionOnBoard:
             if self.flown.route is package.route:
                 self.flown.set_along(along)
 
-        self._later = lambda _now: self._sources.loader.walk_along(package, found)
+        self._later = lambda _now: self._sources.loader.find_along(package, found)
         self._later_at = now if package.gaps else now + _RESTART_S
 
         def done(talk: Conversation, now: float) -> None:
@@ -135,7 +135,7 @@ class MissionOnBoard:
 
     def check_read_back(self, now: float) -> None:
         """Drop the mission if it was read back and differs; to be called after each conversation with the autopilot."""
-        difference = self._sources.read_back.take_difference()
+        difference = self._sources.read_back.pop_difference()
         if difference:
             self._sources.loader.changed_past(difference, now)
             self._sources.read_back.refuse(now)

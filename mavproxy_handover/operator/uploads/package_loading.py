@@ -185,7 +185,7 @@ class PackageLoader:
 
         self._worker.submit(lambda: prepare(package), prepared)
 
-    def walk_along(self, package: MissionPackage, found: Callable[[Along], None]) -> None:
+    def find_along(self, package: MissionPackage, found: Callable[[Along], None]) -> None:
         """Beside the main loop: what lies along the way of a package that the autopilot holds already."""
 
         def prepared(result: Prepared | Exception, _now: float) -> None:

@@ -66,9 +66,9 @@ class Rerouted:
 
 def prepare(package: MissionPackage) -> Prepared:
     """Walk the route of a package through its zones."""
-    walk = package.walk()
-    along = Along(package.stretches(walk), WayAhead.of(walk, package.route), walk.handovers)
-    return Prepared(package, package.zone_finder(), walk.commanders, way_of(package), along)
+    simulation = package.simulate()
+    along = Along(package.stretches(simulation), WayAhead.of(simulation, package.route), simulation.handovers)
+    return Prepared(package, package.zone_finder(), simulation.commanders, way_of(package), along)
 
 
 def way_of(package: MissionPackage) -> Way:

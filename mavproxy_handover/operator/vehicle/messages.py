@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.common.events import AutopilotState
 from mavproxy_handover.monitors.energy import EnergyMonitor
-from mavproxy_handover.monitors.mode_and_motion import ExecutionMonitor
+from mavproxy_handover.monitors.mode_and_motion import ModeAndMotionMonitor
 from mavproxy_handover.monitors.reboots import RebootMonitor
 from mavproxy_handover.monitors.waypoints import WaypointMonitor
 from mavproxy_handover.operator.base.context import Context
@@ -42,7 +42,7 @@ _RESTARTED: Final = "Autopilot restarted in flight. Check the aircraft."
 class MessageMonitors:
     """The monitors that read single messages."""
 
-    execution: ExecutionMonitor
+    mode_and_motion: ModeAndMotionMonitor
     energy: EnergyMonitor
     waypoints: WaypointMonitor
     reboots: RebootMonitor
@@ -145,11 +145,11 @@ class AutopilotMessages:
         # without a recent heartbeat, arming and mode may have changed
         if now - self._state.telemetry.heartbeat.at < _HEARTBEAT_S:
             # the mode comes first: what is flown already is not ordered again
-            attempt(self._reports.fault, "motion", self._tell_execution, now)
+            attempt(self._reports.fault, "motion", self._tell_mode_and_motion, now)
             self._context.authority.handle(self.autopilot_state(), now)
 
-    def _tell_execution(self, now: float) -> None:
-        self._dispatcher.dispatch(self._monitors.execution.on_state(self._state, now), now)
+    def _tell_mode_and_motion(self, now: float) -> None:
+        self._dispatcher.dispatch(self._monitors.mode_and_motion.on_state(self._state, now), now)
 
     def autopilot_state(self) -> AutopilotState:
         """The event for the rules: armed, flying, the kind of aircraft, and the room that it needs to hold."""
@@ -160,7 +160,7 @@ class AutopilotMessages:
 
     def _on_text(self, message: Any, now: float) -> None:
         self._users.preflight.text(message.text)
-        self._dispatcher.dispatch(self._monitors.execution.text(self._state, message.text), now)
+        self._dispatcher.dispatch(self._monitors.mode_and_motion.text(self._state, message.text), now)
 
     def _on_position(self, _message: Any, now: float) -> None:
         if self._state.telemetry.own_position.at == now:  # else the message held no position
@@ -170,7 +170,7 @@ class AutopilotMessages:
         found, status = self._users.guard.on_tunnel(message, now)
         self._dispatcher.dispatch(found, now)
         if status is not None:
-            self._dispatcher.dispatch(self._monitors.execution.guard(status), now)
+            self._dispatcher.dispatch(self._monitors.mode_and_motion.guard(status), now)
 
     def _on_energy(self, message: Any, now: float) -> None:
         state = self._state  # before the first heartbeat, arming is not known

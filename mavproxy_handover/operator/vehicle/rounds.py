@@ -14,7 +14,7 @@ from mavproxy_handover.core.common.model import AuthorityView
 from mavproxy_handover.monitors.borders import BorderMonitor
 from mavproxy_handover.monitors.conditions import ConditionMonitor
 from mavproxy_handover.monitors.energy import EnergyMonitor
-from mavproxy_handover.monitors.mode_and_motion import ExecutionMonitor
+from mavproxy_handover.monitors.mode_and_motion import ModeAndMotionMonitor
 from mavproxy_handover.monitors.position.source import PositionMonitor
 from mavproxy_handover.operator.base.context import Context
 from mavproxy_handover.operator.base.output_dispatcher import MonitorOutput, OutputDispatcher
@@ -38,7 +38,7 @@ class RoundMonitors:
     positions: PositionMonitor
     energy: EnergyMonitor
     borders: BorderMonitor
-    execution: ExecutionMonitor
+    mode_and_motion: ModeAndMotionMonitor
     conditions: ConditionMonitor
 
 
@@ -89,7 +89,7 @@ class Rounds:
         self._attempt("the way ahead", parts.mission.do_later, now)
         self._attempt("the way ahead", self._update, monitors.borders.update, now)
         self._attempt("return sites", self._judge_places, now)
-        self._attempt("motion", self._update, monitors.execution.update, now)
+        self._attempt("motion", self._update, monitors.mode_and_motion.update, now)
         self._attempt("conditions", self._update, monitors.conditions.update, now)
 
     def _update(self, update: Callable[[VehicleState, float], Sequence[MonitorOutput]], now: float) -> None:
