@@ -34,7 +34,7 @@ class ActionParts:
 
     arbiter: Arbiter
     autopilot: Autopilot
-    voice: MessageSender
+    message_sender: MessageSender
     news: DecisionNews
     control: OperatorControl
     warnings: PreflightWarnings
@@ -91,10 +91,10 @@ class Actions:
             case events.RehearsalRefused():
                 parts.news.rehearsal.refused(action, now)
             case events.ControlAnswer():
-                parts.control.answer(parts.voice.ports[action.station], action.result, action.text, now)
+                parts.control.answer(parts.message_sender.ports[action.station], action.result, action.text, now)
             case events.NotifyOwner():
                 name, view = parts.arbiter.name(action.requester), parts.closing.gate.view
-                parts.control.ask_owner(parts.voice.ports[action.station], action, name, view.handover_id)
+                parts.control.ask_owner(parts.message_sender.ports[action.station], action, name, view.handover_id)
             case _:
                 assert_never(action)
 
@@ -109,7 +109,7 @@ class Actions:
 
     def _send(self, action: events.Send, now: float) -> None:
         parts = self._parts
-        port = parts.voice.ports[action.station]
+        port = parts.message_sender.ports[action.station]
         if isinstance(action.message, TransferMessage):
             told = "out", port.sysid, action.message, now, action.attempt
             attempt(self._fault, "journal", parts.news.event_log.message, *told)

@@ -56,7 +56,7 @@ class Base:
     faults: FaultLog
     in_force: AuthorityInForce
     passed: PassedFrames
-    voice: MessageSender
+    message_sender: MessageSender
     restart: Restart
     arbiter: Arbiter
     event_log: EventLog
@@ -117,11 +117,11 @@ def base_of(running: Running, ports: Mapping[int, StationPort], edge: Edge) -> B
     def not_kept(text: str) -> None:
         """Memory or disk does not take the state. That is no internal fault, and no flight ends by it."""
         event_log.kept_elsewhere(text)
-        voice.say_to_all(text)
+        message_sender.say_to_all(text)
 
-    voice = MessageSender(config.sysid, write_autopilot, ports, faults.report)
-    keeper = None if config.state is None else StateStore(config.state, config.name)
-    restart = Restart(keeper, faults.report, not_kept)
+    message_sender = MessageSender(config.sysid, write_autopilot, ports, faults.report)
+    store = None if config.state is None else StateStore(config.state, config.name)
+    restart = Restart(store, faults.report, not_kept)
     identity = Identity(config.name, tuple(entry.station for entry in config.stations), config.parent, edge.nonce)
     arbiter = Arbiter(identity, config.limits, restart.restored)
     event_log = EventLog(
@@ -133,21 +133,30 @@ def base_of(running: Running, ports: Mapping[int, StationPort], edge: Edge) -> B
         lambda: in_force.view.phase,
     )
     return Base(
-        journal, strangers, faults, in_force, passed, voice, restart, arbiter, event_log, PackageSaver(restart, journal)
+        journal,
+        strangers,
+        faults,
+        in_force,
+        passed,
+        message_sender,
+        restart,
+        arbiter,
+        event_log,
+        PackageSaver(restart, journal),
     )
 
 
 def parts_of(running: Running, base: Base, edge: Edge, hub: Hub) -> Parts:
     """Construct the parts. Raises what their construction raises, and closes state and journals before."""
     config, now = running.config, edge.clocks.monotonic()
-    voice, event_log, arbiter, fault = base.voice, base.event_log, base.arbiter, base.faults.report
+    message_sender, event_log, arbiter, fault = base.message_sender, base.event_log, base.arbiter, base.faults.report
 
     def close_mission_files() -> None:
         for station, closing in base.passed.close_mission_files():
             event_log.closed(station, closing)
 
     authority = Authority(arbiter, hub.handle, base.in_force.commands)
-    reports = Reports(event_log, voice, fault)
+    reports = Reports(event_log, message_sender, fault)
     mission = MissionSurroundings(base.packages.save, close_mission_files, lambda: base.passed.list_open)
     try:
         autopilot = assemble(running, authority, reports, mission, edge.clocks, edge.nonce, edge.box)
@@ -156,41 +165,47 @@ def parts_of(running: Running, base: Base, edge: Edge, hub: Hub) -> Parts:
         raise
     matters = CompanionMatters(
         autopilot.command_check.target,
-        lambda intent, station, now: autopilot.command_check.judge(voice.ports[station], intent, now).passes,
+        lambda intent, station, now: autopilot.command_check.judge(message_sender.ports[station], intent, now).passes,
         autopilot.orders.takes_over,
         autopilot.return_site.list.file.access,
         lambda: autopilot.aircraft.judged_by,
     )
     gate = Gate(
-        config.sysid, voice.ports, base.in_force, base.passed, edge.write_autopilot, _gate_reports(base), matters
+        config.sysid,
+        message_sender.ports,
+        base.in_force,
+        base.passed,
+        edge.write_autopilot,
+        _gate_reports(base),
+        matters,
     )
     gate.distrust()
     gate.change(arbiter.view, now)
-    announcer = Announcer(voice)
+    announcer = Announcer(message_sender)
     operator = assemble_operator(config.sysid, authority, base.in_force, gate, autopilot, reports, announcer)
     news = DecisionNews(event_log, announcer, operator.briefing, operator.rehearsal, fault)
     saver = StateSaver(base.restart, arbiter, autopilot, fault)
-    beacons = Beacons(base.in_force, arbiter, autopilot, voice, now)
-    faults = FaultNews(base.faults, voice)
+    beacons = Beacons(base.in_force, arbiter, autopilot, message_sender, now)
+    faults = FaultNews(base.faults, message_sender)
     closing = FailClosed(gate, autopilot, event_log, news, fault)
     parts = ActionParts(
-        arbiter, autopilot, voice, news, operator.control, operator.warnings, saver, beacons, faults, closing
+        arbiter, autopilot, message_sender, news, operator.control, operator.warnings, saver, beacons, faults, closing
     )
     actions = Actions(config.sysid, parts, hub.fail_closed, hub.send_lease, fault)
-    heartbeats = MissingHeartbeats(voice)
+    heartbeats = MissingHeartbeats(message_sender)
     each_second = EachSecond(autopilot, beacons, news, saver, faults, heartbeats, hub.grounded)
     return Parts(autopilot, gate, operator, news, beacons, closing, actions, faults, each_second)
 
 
 def _gate_reports(base: Base) -> GateReports:
-    voice, event_log = base.voice, base.event_log
+    message_sender, event_log = base.message_sender, base.event_log
 
     def stream(news: News, now: float) -> None:
-        event_log.stream(voice.ports[news.station].name, news, now)
+        event_log.stream(message_sender.ports[news.station].name, news, now)
 
     def say(station: int, text: str, now: float) -> None:
-        port = voice.ports[station]
+        port = message_sender.ports[station]
         event_log.told(port.name, text, now)
-        voice.say(port, text)
+        message_sender.say(port, text)
 
     return GateReports(base.faults.report, stream, say)

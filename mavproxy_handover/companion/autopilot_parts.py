@@ -97,7 +97,7 @@ def assemble(
     is one."""
     config, key = running.config, running.guard_key
     state = VehicleState()
-    conversations = Conversations(reports.voice.to_autopilot, reports.fault)
+    conversations = Conversations(reports.message_sender.to_autopilot, reports.fault)
     procedures = Procedures(config.sysid, state)
     context = Context(state, conversations, lambda: procedures, authority, reports)
     dispatcher = OutputDispatcher(authority.handle, reports)
@@ -106,7 +106,7 @@ def assemble(
     guard_link = GuardLink(config.sysid, key, leases)
     guard = Guard(config.sysid, state, leases, guard_link, reports, clocks.monotonic)
     preflight = Preflight(config.sysid, state, config.limits, conversations, reports.event_log.preflight, config.energy)
-    streams = Streams(context.procedures, reports.voice.ask_rates)
+    streams = Streams(context.procedures, reports.message_sender.ask_rates)
     telemetry = Telemetry(state, authority.arbiter.zones, reports, clocks.utc, config.limits.position_stale_s)
     read_back = ReadBack(conversations, context.procedures)
 

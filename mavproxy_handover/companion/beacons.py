@@ -24,12 +24,17 @@ class Beacons:
     """Of one vehicle. Times are monotonic seconds."""
 
     def __init__(
-        self, in_force: AuthorityInForce, arbiter: Arbiter, autopilot: Autopilot, voice: MessageSender, now: float
+        self,
+        in_force: AuthorityInForce,
+        arbiter: Arbiter,
+        autopilot: Autopilot,
+        message_sender: MessageSender,
+        now: float,
     ) -> None:
         self._in_force = in_force
         self._arbiter = arbiter
         self._autopilot = autopilot
-        self._voice = voice
+        self._message_sender = message_sender
         #: when the stations got the companion's heartbeat last
         self._beaten_at = now
         #: why authority is as it is
@@ -57,15 +62,15 @@ class Beacons:
             answer_left_s=arbiter.answer_left_s(now),
             place=autopilot.return_site.where,
         )
-        self._voice.to_stations(told)
+        self._message_sender.to_stations(told)
 
     def send_control_status(self) -> None:
         """CONTROL_STATUS to every station."""
-        self._voice.to_stations(status.control_status(self._in_force.view))
+        self._message_sender.to_stations(status.control_status(self._in_force.view))
 
     def beat_autopilot(self) -> None:
         """The companion's heartbeat to the autopilot."""
-        self._voice.to_autopilot(status.heartbeat(self._in_force.view))
+        self._message_sender.to_autopilot(status.heartbeat(self._in_force.view))
 
     def beat_stations(self, now: float, pause_s: float) -> None:
         """The companion's heartbeat to the stations, if the last one is `pause_s` old.
@@ -75,4 +80,4 @@ class Beacons:
         """
         if now - self._beaten_at >= pause_s:
             self._beaten_at = now
-            self._voice.beat(status.heartbeat(self._in_force.view))
+            self._message_sender.beat(status.heartbeat(self._in_force.view))

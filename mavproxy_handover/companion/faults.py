@@ -38,22 +38,22 @@ class FaultLog:
 class FaultNews:
     """Tells each station of the first fault of a kind, and at the next take-off if there were more."""
 
-    def __init__(self, log: FaultLog, voice: MessageSender) -> None:
+    def __init__(self, log: FaultLog, message_sender: MessageSender) -> None:
         self._log = log
-        self._voice = voice
+        self._message_sender = message_sender
         #: for each station: the number of faults when it was told of their kind
-        self._told: dict[int, Counter[str]] = {station: Counter() for station in voice.ports}
+        self._told: dict[int, Counter[str]] = {station: Counter() for station in message_sender.ports}
 
     def each_second(self, now: float) -> None:
         """Tell the stations that are heard."""
         for station, told in self._told.items():
-            port = self._voice.ports[station]
+            port = self._message_sender.ports[station]
             if now - port.heartbeat_at > _HEARS_S:
                 continue
             for where, count in list(self._log.counts.items()):  # telling may break as well
                 if not told[where]:
                     told[where] = count
-                    self._voice.say(port, f"internal fault of the companion: {where}")
+                    self._message_sender.say(port, f"internal fault of the companion: {where}")
 
     def flight_begins(self) -> None:
         """Stations are told again of every kind of which there were more faults."""

@@ -51,7 +51,7 @@ def assemble_operator(
 ) -> OperatorParts:
     """Construct the parts for vehicle `vehicle` (system id)."""
     arbiter, handle = authority.arbiter, authority.handle
-    event_log, voice, fault = reports.event_log, reports.voice, reports.fault
+    event_log, message_sender, fault = reports.event_log, reports.message_sender, reports.fault
 
     def zones() -> str:
         """The names of the zones that hold the aircraft."""
@@ -71,15 +71,15 @@ def assemble_operator(
         )
 
     around = Surroundings(lambda: in_force.view, zones, where, foreseen)
-    rehearsal = RehearsalManager(vehicle, arbiter, handle, voice, event_log, announcer, around)
-    warnings = PreflightWarnings(in_force, autopilot.preflight, voice)
+    rehearsal = RehearsalManager(vehicle, arbiter, handle, message_sender, event_log, announcer, around)
+    warnings = PreflightWarnings(in_force, autopilot.preflight, message_sender)
     concerned = CommandParts(
         autopilot.aircraft, autopilot.orders, autopilot.command_check, autopilot.read_back, autopilot.mission
     )
     accepted = AcceptedCommands(in_force, concerned, event_log, handle, fault)
     commands = FlightCommands(gate, arbiter, concerned, accepted, warnings, event_log, handle)
-    control = OperatorControl(voice, event_log, handle)
-    package_return = PackageReturn(voice.ports, arbiter.unfit, event_log)
+    control = OperatorControl(message_sender, event_log, handle)
+    package_return = PackageReturn(message_sender.ports, arbiter.unfit, event_log)
     overrides = Overrides(autopilot.command_check, lambda: in_force.view.commander, vehicle)
     messages = TransferMessages(
         vehicle, TransferServices(autopilot.mission, package_return, rehearsal, overrides, event_log), handle, fault
@@ -93,6 +93,6 @@ def assemble_operator(
         rehearsal,
         control,
         warnings,
-        Briefing(arbiter, sources, voice.ports, fault),
+        Briefing(arbiter, sources, message_sender.ports, fault),
         package_return,
     )

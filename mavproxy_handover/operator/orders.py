@@ -168,7 +168,7 @@ class Orders:
         if self.starting:  # a repetition
             mine = asker == self._starter
             result = mavlink.MAV_RESULT_IN_PROGRESS if mine else mavlink.MAV_RESULT_TEMPORARILY_REJECTED
-            self._reports.voice.acknowledge(port, asker.sender, MISSION_START, result)
+            self._reports.message_sender.acknowledge(port, asker.sender, MISSION_START, result)
             return
         self._reports.event_log.start_asked(port.name, what, now)
         self._asked[port.sysid] = asker
@@ -208,10 +208,10 @@ class Orders:
 
     def refuse_take_off(self, port: StationPort, frame: Frame, needs: tuple[str, ...], now: float) -> None:
         """A command that arms or takes off is refused: tell the station what START still needs."""
-        voice, sender = self._reports.voice, (frame.sysid, frame.compid)
+        message_sender, sender = self._reports.message_sender, (frame.sysid, frame.compid)
         command = commanded(frame)
         if command is not None and not (needs == (WITHDRAWN,) and self._answered_by_disarm(frame)):
-            voice.acknowledge(port, sender, command, mavlink.MAV_RESULT_TEMPORARILY_REJECTED)
+            message_sender.acknowledge(port, sender, command, mavlink.MAV_RESULT_TEMPORARILY_REJECTED)
         modes = self._procedures().profile.gate
         self._tell_needs(port, called(subject_of(frame), modes=modes), needs, now)
 
@@ -231,7 +231,7 @@ class Orders:
             by_hand = len(needs) == 1 and needs[0].startswith("energy: ")
             again_in_s = None if needs == (f"energy: {FAULT}",) else QUIET_S
             lifts = f". {how_to_lift(Limit.ENERGY, again_in_s)}" if by_hand else ""
-            self._reports.voice.say(port, f"{refused(what, needs)}{lifts}")
+            self._reports.message_sender.say(port, f"{refused(what, needs)}{lifts}")
 
     def give_start_up(self, why: str, now: float) -> None:
         """End the START that is under way, if there is one."""
@@ -273,21 +273,21 @@ class Orders:
         """
         on_ground = self._state.telemetry.landed.state == mavlink.MAV_LANDED_STATE_ON_GROUND
         text = f"{'landed' if on_ground else 'disarmed'}: the flight is over"
-        self._reports.voice.say_to_all(text, mavlink.MAV_SEVERITY_NOTICE)
+        self._reports.message_sender.say_to_all(text, mavlink.MAV_SEVERITY_NOTICE)
         went_on, self._went_on = self._went_on, None
         if went_on is None or not self._authority.commands(went_on[0].sysid):
             return
         if now - went_on[2] <= _NO_EFFECT_S:
             text = f"{went_on[1]} had no effect: the vehicle had landed and disarmed. Send START again."
-            self._reports.voice.say(went_on[0], text)
+            self._reports.message_sender.say(went_on[0], text)
 
     def _answer(self, asker: _Asker, result: int, why: str = "") -> None:
         self._reply(asker, MISSION_START, result, why)
 
     def _reply(self, asker: _Asker, command: int, result: int, why: str = "") -> None:
-        self._reports.voice.acknowledge(asker.port, asker.sender, command, result)
+        self._reports.message_sender.acknowledge(asker.port, asker.sender, command, result)
         if why:
-            self._reports.voice.say(asker.port, why)
+            self._reports.message_sender.say(asker.port, why)
 
     # ---- STOP and CONTINUE ----------------------------------------------------------------------------------------
 

@@ -50,11 +50,11 @@ def in_flight(folder: Path, vehicle: str) -> bool:
 
     A rehearsal is no flight. An invalid copy counts as no flight.
     """
-    keeper = StateStore(folder, vehicle)
+    store = StateStore(folder, vehicle)
     try:
-        held, _lost = keeper.held()
+        held, _lost = store.held()
     finally:
-        keeper.close()
+        store.close()
     return held is not None and held.snapshot.phase is not Phase.ON_LOAD and not held.snapshot.rehearsal
 
 

@@ -128,7 +128,7 @@ def test_each_station_hears_it_the_way_that_its_program_understands(two: Bench) 
     two.run(2.0)
     for station in (two.a, two.b):
         station.received.clear()
-    two.companion._base.voice.say_to_all("hello")
+    two.companion._base.message_sender.say_to_all("hello")
     two.run(0.2)
     assert [(m.get_srcComponent(), m.text) for m in two.a.got("STATUSTEXT")] == [(191, "hello")]
     assert [(m.get_srcComponent(), m.text) for m in two.b.got("STATUSTEXT")] == [(1, "Handover: hello")]

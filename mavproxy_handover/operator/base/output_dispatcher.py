@@ -33,11 +33,11 @@ class OutputDispatcher:
                 case BoxNews():
                     self._reports.event_log.position_source(output.text, output.source, output.standing)
                     if output.severity is not None:
-                        self._reports.voice.say_to_all(output.text, output.severity)
+                        self._reports.message_sender.say_to_all(output.text, output.severity)
                 case EnergyNews():
                     self._reports.event_log.energy(output.fact, aloud=output.aloud)
                     if output.for_stations:
-                        self._reports.voice.say_to_all(output.for_stations)
+                        self._reports.message_sender.say_to_all(output.for_stations)
                 case EnergyWarned():
                     self._reports.event_log.energy_warning(output.shortfall)
                 case _:

@@ -20,12 +20,12 @@ class Reports:
     """The reports of one vehicle. `fault` takes the place and the text of a fault."""
 
     event_log: EventLog
-    voice: MessageSender
+    message_sender: MessageSender
     fault: Callable[[str, str], None]
 
     def answer(self, port: StationPort, what: str, turn: Turn, now: float) -> None:
         """Answer a program about its upload of `what`, in the autopilot's name; tell people if it is rejected."""
         for answer in turn.answers:
-            self.voice.as_autopilot(port, answer)
+            self.message_sender.as_autopilot(port, answer)
         if turn.words and self.event_log.upload_refused(port.name, what, turn.words, now):
-            self.voice.say(port, f"{what} rejected: {turn.words}")
+            self.message_sender.say(port, f"{what} rejected: {turn.words}")

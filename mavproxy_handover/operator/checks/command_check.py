@@ -207,7 +207,7 @@ class CommandCheck:
         if self._entries.allow(port.sysid, (word, why), now):
             self._reports.event_log.command_refused(port.name, word, ruling)
             if self._words.allow(port.sysid, (word, why), now):
-                self._reports.voice.say(port, f"{word} refused: {why}")
+                self._reports.message_sender.say(port, f"{word} refused: {why}")
         return ruling
 
     def mode_changed(self) -> None:
@@ -217,7 +217,7 @@ class CommandCheck:
 
     def target(self, aim: Aim, station: int, now: float) -> bool:
         """Whether the commander's stream of targets may lead there."""
-        port = self._reports.voice.ports[station]
+        port = self._reports.message_sender.ports[station]
         passes = self._rule(port, Kind.TARGET, "target", _Copy(aim), now, lambda: self._to(aim)).passes
         if passes:
             self._kept_aim = aim
@@ -261,7 +261,7 @@ class CommandCheck:
             self._reports.event_log.command_passed(port.name, "START", ruling)
         warned = self._energy.warned
         if warned and self._words.allow(port.sysid, ("START", (Limit.ENERGY,), Kind.START), now):
-            self._reports.voice.say(port, f"START, warning: energy: {warned}")
+            self._reports.message_sender.say(port, f"START, warning: energy: {warned}")
 
     # ---- what the operator lifts ----------------------------------------------------------------------------------
 
@@ -396,7 +396,9 @@ class CommandCheck:
     def _usable(self, now: float) -> frozenset[int]:
         """The commander, and the stations that could take the aircraft from it now."""
         commands, unfit = self._authority.commands, self._authority.arbiter.unfit
-        return frozenset(each for each in self._reports.voice.ports if commands(each) or unfit(each, now) is None)
+        return frozenset(
+            each for each in self._reports.message_sender.ports if commands(each) or unfit(each, now) is None
+        )
 
     def here(self, now: float) -> _Place | None:
         """The position of the aircraft: latitude, longitude, metres above home; None: not known."""
@@ -477,7 +479,7 @@ class CommandCheck:
         entries = self._stream_entries if kind is Kind.TARGET else self._entries
         if not entries.allow(port.sysid, (kind, ruling.outcome, ruling.limits), now):
             return
-        event_log, voice = self._reports.event_log, self._reports.voice
+        event_log, message_sender = self._reports.event_log, self._reports.message_sender
         if ruling.passes:
             event_log.command_passed(port.name, word, ruling)
         else:
@@ -488,7 +490,7 @@ class CommandCheck:
         if not told or not self._words.allow(port.sysid, cause, now):
             return
         if ruling.passes:
-            voice.say(port, f"{word}, warning: {told}")
+            message_sender.say(port, f"{word}, warning: {told}")
             return
         again_in_s = None if kind is Kind.TARGET else quiet_s
-        voice.say(port, f"{word} refused: {told}. {how_to_lift(ruling.limits[0], again_in_s)}")
+        message_sender.say(port, f"{word} refused: {told}. {how_to_lift(ruling.limits[0], again_in_s)}")

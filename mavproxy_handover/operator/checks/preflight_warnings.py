@@ -19,10 +19,10 @@ _MOST: Final = 6
 class PreflightWarnings:
     """Of one vehicle."""
 
-    def __init__(self, in_force: AuthorityInForce, preflight: Preflight, voice: MessageSender) -> None:
+    def __init__(self, in_force: AuthorityInForce, preflight: Preflight, message_sender: MessageSender) -> None:
         self._in_force = in_force
         self._preflight = preflight
-        self._voice = voice
+        self._message_sender = message_sender
         #: for each station: the findings that it was told last
         self._told: dict[int, tuple[str, ...]] = {}
 
@@ -33,9 +33,9 @@ class PreflightWarnings:
         if commander is None or found == self._told.get(commander, ()):
             return
         self._told[commander] = found
-        port = self._voice.ports[commander]
+        port = self._message_sender.ports[commander]
         more = len(found) - _MOST
         for text in found[:_MOST]:
-            self._voice.say(port, f"preflight: {text}")
+            self._message_sender.say(port, f"preflight: {text}")
         if more > 0:
-            self._voice.say(port, f"preflight: {more} more are in the companion's journal")
+            self._message_sender.say(port, f"preflight: {more} more are in the companion's journal")

@@ -71,7 +71,7 @@ class RehearsalManager:
         vehicle: int,
         arbiter: Arbiter,
         handle: Callable[[Event, float], None],
-        voice: MessageSender,
+        message_sender: MessageSender,
         event_log: EventLog,
         announcer: Announcer,
         around: Surroundings,
@@ -80,7 +80,7 @@ class RehearsalManager:
         self._vehicle = vehicle
         self._arbiter = arbiter
         self._handle = handle
-        self._voice = voice
+        self._message_sender = message_sender
         self._event_log = event_log
         self._announcer = announcer
         self._around = around
@@ -144,9 +144,9 @@ class RehearsalManager:
         """Tell a station why its request to begin or end a rehearsal is refused."""
         self._refused.add((refused.station, refused.begin))
         text = f"{_TYPED[refused.begin]} refused: {'; '.join(refused.needs)}"
-        port = self._voice.ports[refused.station]
+        port = self._message_sender.ports[refused.station]
         self._event_log.told(port.name, text, now)
-        self._voice.say(port, text)
+        self._message_sender.say(port, text)
 
     def _open(self, now: float, *, restarted: bool) -> None:
         self.stats = RehearsalStats(now, self._around.foreseen(), restarted=restarted)
@@ -201,7 +201,7 @@ class RehearsalManager:
         assert self.stats is not None
         self._sample_at = now + _SAMPLE_S
         self.stats.expects(self._around.foreseen())
-        links = [_seen(port, now) for port in self._voice.ports.values()]
+        links = [_seen(port, now) for port in self._message_sender.ports.values()]
         self.stats.saw(now, self._around.place(), self._around.where(), [each for port in links for each in port])
 
 

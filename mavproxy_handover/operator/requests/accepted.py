@@ -37,7 +37,7 @@ class AcceptedCommands:
         """`handle` gives an event to the rules; `fault` is told what broke, and where."""
         self._in_force = in_force
         self._parts = parts
-        self._narrator = event_log
+        self._event_log = event_log
         self._handle = handle
         self._fault = fault
 
@@ -68,4 +68,4 @@ class AcceptedCommands:
 
     def note(self, port: StationPort, frame: Frame, what: str) -> None:
         """Write an accepted command to the journal."""
-        attempt(self._fault, "journal", lambda: self._narrator.accepted(port.name, what, thesis_command(frame)))
+        attempt(self._fault, "journal", lambda: self._event_log.accepted(port.name, what, thesis_command(frame)))

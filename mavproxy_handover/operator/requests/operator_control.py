@@ -79,8 +79,10 @@ def notification(owner: tuple[int, int], requester: int, timeout_s: float) -> An
 class OperatorControl:
     """The programs that asked last, and the stations that are asked. `handle` gives a request to the arbiter."""
 
-    def __init__(self, voice: MessageSender, event_log: EventLog, handle: Callable[[Event, float], None]) -> None:
-        self._voice = voice
+    def __init__(
+        self, message_sender: MessageSender, event_log: EventLog, handle: Callable[[Event, float], None]
+    ) -> None:
+        self._message_sender = message_sender
         self._event_log = event_log
         self._handle = handle
         self._denied = OncePerCause()
@@ -116,9 +118,9 @@ class OperatorControl:
     def answer(self, port: StationPort, result: int, text: str, now: float) -> None:
         """COMMAND_ACK of the component that was asked, by default the companion; and why it is denied."""
         sysid, compid, component = self._askers[port.sysid]
-        self._voice.acknowledge(port, (sysid, compid), OPERATOR_CONTROL, result, component)
+        self._message_sender.acknowledge(port, (sysid, compid), OPERATOR_CONTROL, result, component)
         if text and self._denied.allow(port.sysid, text, now):
-            self._voice.say(port, f"Control denied: {text}")
+            self._message_sender.say(port, f"Control denied: {text}")
 
     def ask_owner(self, port: StationPort, action: NotifyOwner, name: str, handover_id: int) -> None:
         """Ask the owner at `port` whether the station called `name` may have control; not if it has heard already."""

@@ -63,7 +63,7 @@ class OperatorServices:
         self._services = services
         self._accepted = accepted
         self._rehearsal = rehearsal
-        self._narrator = event_log
+        self._event_log = event_log
         self.table: Mapping[Access, Service] = {
             Access.COMMAND: services.commands.handle_command,
             Access.READ: services.commands.handle_command,
@@ -91,7 +91,7 @@ class OperatorServices:
         kind, answered = (frame.msgid, verdict.reason), verdict.fate is Fate.REFUSE
         named, why = partial(self._gate.unsaid, frame), verdict.reason.value
         proven, record = port.proves(frame), thesis_command(frame)
-        self._narrator.refused(port.name, kind, verdict.what, named, why, answered, proven, now, record)
+        self._event_log.refused(port.name, kind, verdict.what, named, why, answered, proven, now, record)
         self._rehearsal.turned_away(port.name, verdict.what, verdict.reason.value)
 
     def _rally(self, port: StationPort, frame: Frame, _verdict: Verdict, now: float) -> None:

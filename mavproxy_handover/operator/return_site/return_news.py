@@ -58,7 +58,7 @@ class ReturnNews:
         self._reports.event_log.place(text, name, choice.reachable)
         if self._state.armed and name != self._stations_told:
             self._stations_told = name
-            self._reports.voice.say_to_all(f"A{text[1:]}", mavlink.MAV_SEVERITY_NOTICE)
+            self._reports.message_sender.say_to_all(f"A{text[1:]}", mavlink.MAV_SEVERITY_NOTICE)
 
     def armed(self) -> None:
         """A flight begins: a failed write may be told again."""
@@ -76,7 +76,7 @@ class ReturnNews:
         """Tell the stations in flight, once, that this site is not in the list."""
         if not self._unwritten_told and self._state.armed:
             self._unwritten_told = True
-            self._reports.voice.say_to_all(f"{name} is not in the autopilot's list: a return may go elsewhere")
+            self._reports.message_sender.say_to_all(f"{name} is not in the autopilot's list: a return may go elsewhere")
 
     def written(self) -> None:
         """The list holds the site that was written."""
@@ -87,4 +87,4 @@ class ReturnNews:
         self._reports.event_log.rally_overwritten()
         if self._state.armed and now - self._overwritten_told_at >= _OVERWRITTEN_S:
             self._overwritten_told_at = now
-            self._reports.voice.say_to_all("Rally list changed by another program. Restoring the return site")
+            self._reports.message_sender.say_to_all("Rally list changed by another program. Restoring the return site")

@@ -53,8 +53,8 @@ REHEARSAL: Final[Mapping[tuple[bool, bool], int]] = {
 class Announcer:
     """Of one vehicle. Times are monotonic seconds."""
 
-    def __init__(self, voice: MessageSender) -> None:
-        self._voice = voice
+    def __init__(self, message_sender: MessageSender) -> None:
+        self._message_sender = message_sender
         self._number = 0
         self._told: Announce | None = None
         self._again_at = 0.0
@@ -70,27 +70,27 @@ class Announcer:
         """Tell every station."""
         self._number = self._number % 0xFFFF + 1
         self._told, self._left = told, _ENDS
-        self._voice.say_to_all(told.text, SEVERITIES[told.action])
+        self._message_sender.say_to_all(told.text, SEVERITIES[told.action])
         self._send(now)
 
     def commander(self, name: str, handover_id: int | None) -> None:
         """Tell every station the name of the commander, "" for none. `handover_id`: of the transfer, if any."""
         number = "" if handover_id is None else f" (handover {handover_id})"
-        self._voice.say_to_all(f"{name or 'no station'} commands now{number}", COMMANDER)
+        self._message_sender.say_to_all(f"{name or 'no station'} commands now{number}", COMMANDER)
 
     def advise(self, advice: Advise) -> None:
         """Tell some operators what they can correct."""
         for station in advice.stations:
-            self._voice.say(self._voice.ports[station], advice.text)
+            self._message_sender.say(self._message_sender.ports[station], advice.text)
 
     def rehearsal(self, moved: RehearsalMoved) -> None:
         """Tell every station that a rehearsal has begun or ended."""
-        self._voice.say_to_all(moved.text, REHEARSAL[moved.on, moved.reason is Reason.OPERATOR])
+        self._message_sender.say_to_all(moved.text, REHEARSAL[moved.on, moved.reason is Reason.OPERATOR])
 
     def _send(self, now: float) -> None:
         assert self._told is not None
         self._again_at = now + _AGAIN_S
-        self._voice.to_stations(status.decision(self._told, self._number))
+        self._message_sender.to_stations(status.decision(self._told, self._number))
         if self._told.action is None:
             self._left -= 1
             if not self._left:

@@ -36,15 +36,15 @@ def without_heartbeat(port: StationPort, now: float) -> bool:
 class MissingHeartbeats:
     """Of one vehicle's stations. Times are monotonic seconds."""
 
-    def __init__(self, voice: MessageSender) -> None:
-        self._voice = voice
+    def __init__(self, message_sender: MessageSender) -> None:
+        self._message_sender = message_sender
         #: since when frames of a station come without a heartbeat, and when it was told
         self._since: dict[int, float] = {}
         self._told_at: dict[int, float] = {}
 
     def each_second(self, now: float) -> None:
         """To be called each second."""
-        for sysid, port in self._voice.ports.items():
+        for sysid, port in self._message_sender.ports.items():
             if without_heartbeat(port, now):
                 self._since.setdefault(sysid, now)
             elif port.heartbeat_at > -inf:
@@ -54,4 +54,4 @@ class MissingHeartbeats:
             if waited_s >= _WAIT_S and now - told_at >= _AGAIN_S and port.frames_at > told_at:
                 self._told_at[sysid] = now
                 text = f"{port.name} sends no heartbeat, so it cannot command."
-                self._voice.say(port, f"{text} Send HEARTBEAT each second as system {sysid}.")
+                self._message_sender.say(port, f"{text} Send HEARTBEAT each second as system {sysid}.")

@@ -229,7 +229,7 @@ class FlightUploads:
             self._flown.reroute(read, now)
             self._conclude(port, _MISSION, mavlink.MAV_MISSION_ACCEPTED, "", now)
             if read.facts.low:
-                self._reports.voice.say(port, f"mission, warning: {read.facts.low}")
+                self._reports.message_sender.say(port, f"mission, warning: {read.facts.low}")
 
         self._conversations.begin(_WRITE, self._procedures().replace_mission(items), done, now)
 

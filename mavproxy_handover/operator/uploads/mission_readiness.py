@@ -143,9 +143,9 @@ class MissionReadiness:
         self._failure = ""
         source = _VEHICLE if sender is None else sender.name
         text = f"Mission {mission} loaded from {source}: written, read back, equal."
-        for port in self._reports.voice.ports.values():
+        for port in self._reports.message_sender.ports.values():
             if port is not sender:
-                self._reports.voice.say(port, text, _NOTICE)
+                self._reports.message_sender.say(port, text, _NOTICE)
 
     def failed(self, mission: str, why: str, station: str | None, now: float) -> None:
         """A package was not loaded. For the package on board, operators hear only a new reason: it is tried again."""
@@ -163,4 +163,4 @@ class MissionReadiness:
             self._handle(MissionJudged(words), now)
 
     def _say(self, text: str, severity: int = mavlink.MAV_SEVERITY_WARNING) -> None:
-        self._reports.voice.say_to_all(text, severity)
+        self._reports.message_sender.say_to_all(text, severity)

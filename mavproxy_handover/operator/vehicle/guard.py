@@ -67,7 +67,7 @@ class Guard:
     def _tell_misfit(self, misfit: str) -> None:
         """Tell the operators in flight at once; on the ground the check before flight tells them."""
         if misfit and misfit != self._misfit and self._state.flying:
-            self._reports.voice.say_to_all(misfit)
+            self._reports.message_sender.say_to_all(misfit)
         self._misfit = misfit
 
     def send_lease(self, view: AuthorityView, alone_s: float) -> None:
@@ -75,5 +75,7 @@ class Guard:
         now = self._clock()
         two = self._link.withholds(now)
         for nonce in self._link.addressed(now):
-            self._reports.voice.to_autopilot(self._leases.next(view, self._sysid, alone_s, nonce, two_guards=two))
+            self._reports.message_sender.to_autopilot(
+                self._leases.next(view, self._sysid, alone_s, nonce, two_guards=two)
+            )
         self._link.answered()

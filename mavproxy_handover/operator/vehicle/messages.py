@@ -136,7 +136,7 @@ class AutopilotMessages:
         self._users.return_site.autopilot_restarted(now)
         if self._monitors.reboots.in_flight(now):
             self._reports.event_log.autopilot_restarted(_RESTARTED)
-            self._reports.voice.say_to_all(_RESTARTED, mavlink.MAV_SEVERITY_CRITICAL)
+            self._reports.message_sender.say_to_all(_RESTARTED, mavlink.MAV_SEVERITY_CRITICAL)
         else:
             self._reports.event_log.autopilot_restarted("the autopilot has started again")
 
@@ -183,7 +183,7 @@ class AutopilotMessages:
         self._reports.event_log.reached(message.seq, owner, delivery)
         if delivery is not None:
             text = f"delivery point reached, waypoint {delivery}"
-            self._reports.voice.say_to_all(text, mavlink.MAV_SEVERITY_NOTICE)
+            self._reports.message_sender.say_to_all(text, mavlink.MAV_SEVERITY_NOTICE)
 
 
 def _for_companion(message: Any, sysid: int) -> bool:

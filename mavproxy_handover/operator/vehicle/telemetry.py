@@ -44,7 +44,7 @@ class Telemetry:
         reports.event_log.zones(zones)
         reports.event_log.position(where, zones, view.commander, aircraft.waypoint)
         for station in (view.commander, view.partner):
-            port = reports.voice.ports.get(station or 0)
+            port = reports.message_sender.ports.get(station or 0)
             if port is not None and station == view.commander:
                 reports.event_log.telemetry(port.name)
             if port is not None:
