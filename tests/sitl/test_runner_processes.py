@@ -182,6 +182,24 @@ def test_nor_by_two_pickers_that_begin_at_one_place(monkeypatch: pytest.MonkeyPa
     assert len({picker.tcp() for picker in pickers} | {picker.udp() for picker in pickers}) == 40
 
 
+def test_nor_by_pickers_of_two_processes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The fault: two processes of one test run began at one place; the later one found its port in use."""
+    picks = (
+        "from sitl.vehicles import ports\n"
+        "ports.randrange = lambda _most: 200\n"
+        "print(ports.PortPicker().udp(), flush=True)\n"
+        "input()"
+    )
+    monkeypatch.setattr(ports, "randrange", lambda _most: 200)
+    with subprocess.Popen([sys.executable, "-c", picks], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
+        assert other.stdout is not None
+        theirs = int(other.stdout.readline())
+        assert theirs not in [ports.PortPicker().udp() for _ in range(3)]
+        other.communicate(b"\n")
+    monkeypatch.setattr(ports, "PORTS", range(theirs, theirs + 1))
+    assert ports.PortPicker().tcp() == theirs, "a process that has ended keeps no port"
+
+
 def test_a_port_is_none_that_the_system_gives_to_other_sockets() -> None:
     """A station's ground port was once taken by somebody else's socket before the station bound it."""
     assert all(1024 <= port < 32768 for port in _eighty())
