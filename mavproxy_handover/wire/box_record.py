@@ -93,9 +93,9 @@ class BoxStream:
             return ""
         step_s = time_s - self._time_s
         if step_s < 0.0:
-            return f"time {time_s:g} s after {self._time_s:g} s: it runs backwards"
+            return f"its time runs backwards by {-step_s:.3g} s"
         if not _LEAST_S <= step_s <= LEAP_S:
-            return f"time {time_s:g} s after {self._time_s:g} s: must go on by {_LEAST_S:g} to {LEAP_S:g} s"
+            return f"its time goes on by {step_s:.3g} s: must go on by {_LEAST_S:g} to {LEAP_S:g} s"
         return ""
 
 

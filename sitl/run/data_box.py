@@ -4,7 +4,8 @@
 
 Started as `python -m sitl.run.data_box --vehicle tcp:HOST:PORT --listen HOST:PORT [--sysid N] [--layout LAYOUT]`. The
 layout is the thesis's (listing 5.7), `full`, or a file as `[position] layout` takes it. It asks the vehicle for
-SIM_STATE, which is the simulation's own state and not the autopilot's estimate, and sends a record for each that comes.
+SIM_STATE, which is the simulation's own state and not the autopilot's estimate, and sends a record for each that comes,
+but one for those that were waiting together.
 Records leave in two pieces, cut at another byte each time. Its clock is UTC where the layout's is, else the wall's from
 its own beginning. Its barometer has a day of low pressure: BaroHeight is LOW_PRESSURE_M above the height above sea
 level. AglHeight counts from where the aircraft stood at first.
@@ -53,6 +54,9 @@ from sitl.script.box_orders import parse_order
 __all__ = ["LOW_PRESSURE_M", "DataBox", "main"]
 
 _INTERVAL_US: Final = 40_000
+#: States that were heard nearer to each other were waiting together: one record is sent. A box that measures sends none
+#: in between.
+_LEAST_S: Final = 0.001
 _ASK_S: Final = 1.0
 _COMPONENT: Final = mavlink.MAV_COMP_ID_USER2
 #: a client that does not read is left behind
@@ -86,6 +90,7 @@ class DataBox:
         #: the place where that ends, for `carry`; None: it does not end
         self._carried_to: tuple[float, float] | None = None
         self._moved_at = clock()
+        self._sent_at = -math.inf
         self._cut = 0
         self.sent = self.clients = 0
 
@@ -146,8 +151,9 @@ class DataBox:
         passed_s, self._moved_at = now - self._moved_at, now
         self._move(passed_s)
         north, east = self._off_m
-        if self._stalls or self._listener is None:
+        if self._stalls or self._listener is None or now - self._sent_at < _LEAST_S:
             return
+        self._sent_at = now
         lat, lon = offset(message.lat_int / 1e7, message.lon_int / 1e7, east, north)
         north_mps, east_mps = message.vn + self._drift_mps[0], message.ve + self._drift_mps[1]
         self._ground_m = message.alt if self._ground_m is None else self._ground_m

@@ -89,6 +89,16 @@ def test_it_sends_where_the_simulation_has_the_aircraft(bench: Bench) -> None:
     assert bench.line.counters.records >= 70
 
 
+def test_states_that_were_waiting_together_are_one_record(bench: Bench) -> None:
+    """The fault: on a busy machine two were read within 0.1 ms; the second record ended the stream as out of time."""
+    bench.run(1.0)
+    for _ in range(5):
+        bench.now += 0.00005
+        bench.box.on_message(bench.state(*HOME))
+    assert bench.run(1.0) is not None
+    assert bench.line.counters.connects == 1
+
+
 def test_it_sends_the_other_layout_as_well(full: Bench) -> None:
     fix = full.run(1.0)
     assert fix is not None
