@@ -22,7 +22,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.authority.start import refused
 from mavproxy_handover.core.common.events import ModeSourceSeen, OrderRefused, StartFinished, StartRequested
-from mavproxy_handover.core.common.model import FlightAction, ModeSource
+from mavproxy_handover.core.common.model import FlightAction, ModeClass, ModeSource
 from mavproxy_handover.core.safety.commands import QUIET_S, Kind, Limit
 from mavproxy_handover.gate.intent import Intent
 from mavproxy_handover.gate.policy.switches import SWITCH_NUMBERS
@@ -401,7 +401,14 @@ class Orders:
         self._begin_home(FlightAction.RETURN, self._procedures().flight.return_anew(), now)
 
     def mode_changed(self) -> None:
-        """The autopilot flies another mode than before."""
+        """The autopilot flies another mode than before.
+
+        If it is flown by hand, a pilot may have taken over, and the rules need a moment to know. Until then no copy of
+        a command may change the mode: the order ends, and the rules order again if they must.
+        """
+        if self._state.flown is ModeClass.HANDS:
+            name = self._procedures().profile.mode_name(self._state.custom_mode)
+            self._conversations.break_off(_HOME, f"not commanded again: the autopilot is in {name} now")
         if _HOME not in self._conversations:
             self.returning = False
 

@@ -150,6 +150,11 @@ class Conversations:
         """Stop a conversation without calling its `done`. Returns True if it was running."""
         return self._running.pop(name, None) is not None
 
+    def break_off(self, name: str, why: str) -> None:
+        """End a conversation as failed because of `why`, if it is running. `tick` calls its `done`."""
+        if name in self._running:
+            self._running[name][0].break_off(why)
+
     def on_message(self, message: Any, now: float) -> None:
         """A message of the autopilot."""
         self._each(lambda talk: talk.on_message(message, now))

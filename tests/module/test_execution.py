@@ -106,6 +106,33 @@ def test_a_pilot_at_a_live_radio_is_not_fought(flown: Bench) -> None:
     assert modes(flown) == [RTL, RTL]
 
 
+def test_a_pilot_who_takes_over_before_the_return_is_acknowledged_is_not_fought(flown: Bench) -> None:
+    """The fault: RTL was sent again each second until its answer came, and LAND after it."""
+    say_health(flown, enabled=RADIO, healthy=RADIO)
+    flown.run(2.0)
+    flown.autopilot.script[MODE] = None
+    flown.autopilot.position = OUTSIDE
+    flown.until(lambda: modes(flown))
+    flown.autopilot.mode = LOITER
+    flown.run(1.0)  # until it beats
+    told = modes(flown)
+    flown.run(15.0)
+    assert modes(flown) == told
+    assert set(told) == {RTL}
+    assert [entry["text"] for entry in flown.journal("fly")] == ["not commanded again: the autopilot is in LOITER now"]
+
+
+def test_without_a_pilot_the_return_is_commanded_again_in_a_moment(flown: Bench) -> None:
+    """No radio is known, so that nothing says who has chosen LOITER."""
+    flown.autopilot.script[MODE] = None
+    flown.autopilot.position = OUTSIDE
+    flown.until(lambda: modes(flown))
+    flown.autopilot.mode = LOITER
+    flown.run(2.0)
+    flown.autopilot.script.clear()
+    flown.until(lambda: flown.autopilot.mode == RTL, 7.0)
+
+
 @pytest.mark.parametrize("healthy", [0, RADIO], ids=["radio failsafe", "its loss would not be noticed"])
 def test_without_a_live_radio_nobody_is_a_pilot(flown: Bench, healthy: int) -> None:
     say_health(flown, enabled=RADIO, healthy=healthy)

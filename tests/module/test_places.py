@@ -338,6 +338,21 @@ def test_a_return_never_waits_longer_than_a_moment_for_its_place(flying: Bench) 
     assert 0.9 <= flying.clock.now - asked_at <= 1.5
 
 
+def test_a_pilot_who_takes_over_in_that_moment_is_not_ordered_home(flying: Bench) -> None:
+    """The fault: the rules were in doubt, and the return that had waited for its place was ordered all the same."""
+    fly_to(flying, IN_B, 40.0)
+    original = flying.autopilot._take
+    flying.autopilot._take = lambda m: None if getattr(m, "mission_type", None) == RALLY else original(m)  # type: ignore
+    lose(flying, flying.b)
+    flying.run(5.5)
+    flying.autopilot.received.clear()
+    flying.companion.autopilot.orders.fly(flying_return(), flying.clock.now)
+    flying.autopilot.mode, flying.autopilot._beat_at = 5, 0.0
+    flying.run(3.0)
+    assert [order for order in orders(flying) if order[0] == "mode"] == []
+    assert flying.autopilot.mode == 5
+
+
 def test_what_is_decided_while_the_place_is_looked_at_is_not_undone(flying: Bench) -> None:
     """The last look before a return finds that no place is in reach any more."""
     fly_to(flying, BETWEEN, 40.0)
@@ -407,6 +422,23 @@ def test_not_without_a_commander(flying: Bench) -> None:
     flying.run(20.0)
     assert [order for order in orders(flying) if order[1] == GUIDED] == []
     assert listed(flying) == [RALLY_2], "the list holds what is flown to"
+
+
+def test_a_pilot_who_takes_over_while_it_begins_again_is_not_ordered_home(flying: Bench) -> None:
+    """The fault: GUIDED was acknowledged, a pilot took over, and RTL was ordered next."""
+    returning(flying)
+    original = flying.autopilot._command
+
+    def taken_over(m: Any) -> None:
+        original(m)
+        if m.command == MODE and int(m.param2) == GUIDED:
+            flying.autopilot.mode = 5
+
+    flying.autopilot._command = taken_over  # type: ignore[method-assign]
+    lose(flying, flying.b)
+    flying.run(12.0)
+    assert [order for order in orders(flying) if order[0] == "mode"] == [("mode", GUIDED)]
+    assert flying.autopilot.mode == 5
 
 
 def test_not_outside_the_fence(flying: Bench, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,6 +13,7 @@ from __future__ import annotations
 import re
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
 from pymavlink.dialects.v20 import handover as mavlink
@@ -20,7 +21,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.core.common.handling import STANDS_STILL
 from mavproxy_handover.core.common.model import FlightAction, ModeClass
 from mavproxy_handover.core.safety.energy_prior import ON_ROTORS
-from mavproxy_handover.vehicle.profiles.procedures import FlightProcedures, disobeys
+from mavproxy_handover.vehicle.profiles.procedures import FlightProcedures
 from mavproxy_handover.vehicle.profiles.profile import (
     READ_OF_EVERY,
     SWITCHED,
@@ -76,14 +77,12 @@ class CopterProcedures(FlightProcedures):
             yield from self._do("return to launch", mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH)
             return "return to launch"
         wanted = (COPTER.back, COPTER.land) if action is FlightAction.RETURN else (COPTER.land,)
-        errors: list[NoAnswer] = []
-        for mode in wanted:
-            try:
-                yield from self._mode(mode)
-                return COPTER.mode_name(mode)
-            except NoAnswer as error:
-                errors.append(error)
-        raise disobeys(errors)
+        return (yield from self._first_of(partial(self._named_mode, mode) for mode in wanted))
+
+    def _named_mode(self, mode: int) -> Asking:
+        """Change the mode and see it in a heartbeat. Returns its name."""
+        yield from self._mode(mode)
+        return COPTER.mode_name(mode)
 
     def return_anew(self) -> Asking:
         """Leave RTL and begin it again, at a full stop: it reads its place when it begins. What `bring_home` returns.

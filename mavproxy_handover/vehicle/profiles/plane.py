@@ -41,7 +41,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.core.common.handling import CIRCLES, Follow, Handling
 from mavproxy_handover.core.common.model import FlightAction, ModeClass
 from mavproxy_handover.core.safety.energy_prior import ON_WINGS
-from mavproxy_handover.vehicle.profiles.procedures import FlightProcedures, disobeys
+from mavproxy_handover.vehicle.profiles.procedures import FlightProcedures
 from mavproxy_handover.vehicle.profiles.profile import (
     READ_OF_EVERY,
     SWITCHED,
@@ -77,6 +77,8 @@ _ON_WINGS: Final = frozenset(
     )
 )
 _BOTH: Final = "it takes an aircraft that hovers and has wings"
+#: the landing sequence is flown in this mode, also where RTL goes on to it (RTL_AUTOLAND)
+_LANDS_BY: Final = frozenset({_AUTO})
 _LANDS_IN: Final = frozenset({ModeClass.LAND, ModeClass.MISSION, ModeClass.RETURN})
 _OUTLASTS: Final = "which also applies to a return"
 
@@ -153,13 +155,7 @@ class PlaneProcedures(FlightProcedures):
         ways = self._ways_to_land()
         if action is FlightAction.RETURN:
             ways = (self._return, *(way for way in ways if way != self._return))
-        errors: list[NoAnswer] = []
-        for way in ways:
-            try:
-                return (yield from way())
-            except NoAnswer as error:
-                errors.append(error)
-        raise disobeys(errors)
+        return (yield from self._first_of(ways, _LANDS_BY))
 
     def return_anew(self) -> Asking:
         """Leave the return by LOITER and begin it again: it reads its place when it begins. What `bring_home` returns.

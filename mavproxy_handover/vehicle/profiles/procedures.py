@@ -10,7 +10,7 @@ shows it. Source: mavlink.io "Command Protocol".
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Protocol
 
@@ -20,7 +20,7 @@ from mavproxy_handover.core.common.model import FlightAction, ModeClass
 from mavproxy_handover.wire.conversation import Ask, Asking, AutopilotError, NoAnswer, RefusedError, command_long
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID
 
-__all__ = ["Aircraft", "Firmware", "FlightProcedures", "LandingSequence", "disobeys", "heartbeat"]
+__all__ = ["Aircraft", "Firmware", "FlightProcedures", "LandingSequence", "heartbeat"]
 
 _ARMED: Final = mavlink.MAV_MODE_FLAG_SAFETY_ARMED
 #: what was acknowledged shows in a heartbeat by then (s)
@@ -185,6 +185,24 @@ class FlightProcedures(ABC):
         name = yield from self._set_mode(mode)
         yield from self._shows(name, lambda m: bool(m.custom_mode == mode))
 
+    def _first_of(self, ways: Iterable[Callable[[], Asking]], passes_by: frozenset[int] = frozenset()) -> Asking:
+        """Try one way after another. Returns the result of the first one that the autopilot takes.
+
+        `passes_by`: modes that a way may set before it fails. If any other mode has replaced the mode of the beginning,
+        a pilot, the commander or a failsafe has chosen it. Then no further way is tried, and the rules judge that mode.
+        """
+        stays = passes_by | {self.aircraft.custom_mode}
+        errors: list[NoAnswer] = []
+        for way in ways:
+            try:
+                return (yield from way())
+            except NoAnswer as error:
+                errors.append(error)
+            if self.aircraft.custom_mode not in stays:
+                name = self.firmware.mode_name(self.aircraft.custom_mode)
+                raise AutopilotError(f"not commanded again: the autopilot is in {name} now")
+        raise _disobeys(errors)
+
     def _arm(self) -> Asking:
         """Arm, and see it in a heartbeat."""
         yield from self._do("arming", mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
@@ -194,7 +212,7 @@ class FlightProcedures(ABC):
         yield Ask(f"{what} to show", (), heartbeat(shows), timeout_s=_SHOWS_S, tries=1)
 
 
-def disobeys(errors: Sequence[NoAnswer]) -> AutopilotError:
+def _disobeys(errors: Sequence[NoAnswer]) -> AutopilotError:
     """What is raised if one way after the other came to nothing: a refusal if each was refused."""
     refused = all(isinstance(error, RefusedError) for error in errors)
     return (RefusedError if refused else AutopilotError)(f"the autopilot does not obey: {errors[-1]}")

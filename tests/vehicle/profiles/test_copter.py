@@ -12,15 +12,19 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.core.common.model import FlightAction
 from mavproxy_handover.vehicle.profiles.copter import CopterProcedures
 from mavproxy_handover.vehicle.state import VehicleState
-from mavproxy_handover.wire.conversation import Ask, Asking, Conversation, NoAnswer
+from mavproxy_handover.wire.conversation import Ask, Asking, Conversation, NoAnswer, RefusedError
 from tests.module.vehicle import GUIDED, LAND, RTL, Autopilot
+
+AUTO, LOITER, SMART_RTL = 3, 5, 21
 
 MODE, ARM, START = mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, mavlink.MAV_CMD_MISSION_START
 DENIED, IN_PROGRESS = mavlink.MAV_RESULT_DENIED, mavlink.MAV_RESULT_IN_PROGRESS
 
 
-def talk(conversation: Asking, autopilot: Autopilot, limit_s: float = 60.0) -> Conversation:
-    """Run a conversation to its end, in steps of 50 ms."""
+def talk(
+    conversation: Asking, autopilot: Autopilot, limit_s: float = 60.0, aircraft: VehicleState | None = None
+) -> Conversation:
+    """Run a conversation to its end, in steps of 50 ms. `aircraft` gets each message before the conversation does."""
     own = mavlink.MAVLink(None, srcSystem=1, srcComponent=191)
     written: list[bytes] = []
     now = 100.0
@@ -29,6 +33,8 @@ def talk(conversation: Asking, autopilot: Autopilot, limit_s: float = 60.0) -> C
         now += 0.05
         waiting, written[:] = list(written), []
         for message in autopilot.step(waiting, now):
+            if aircraft is not None:
+                aircraft.on_message(message, now)
             made.on_message(message, now)
         made.tick(now)
     return made
@@ -44,6 +50,20 @@ def autopilot() -> Autopilot:
 @pytest.fixture
 def copter() -> CopterProcedures:
     return CopterProcedures(1, lambda: "PreArm: why", VehicleState())
+
+
+@pytest.fixture
+def flying(autopilot: Autopilot) -> CopterProcedures:
+    """Of a copter that has said that it flies in GUIDED."""
+    autopilot.mode, aircraft = GUIDED, VehicleState()
+    for message in autopilot.step([], 99.0):
+        aircraft.on_message(message, 99.0)
+    return CopterProcedures(1, lambda: "PreArm: why", aircraft)
+
+
+def _state(procedures: CopterProcedures) -> VehicleState:
+    assert isinstance(procedures.aircraft, VehicleState)
+    return procedures.aircraft
 
 
 # ---- the way home -------------------------------------------------------------------------------------------------
@@ -66,7 +86,7 @@ def test_what_is_no_arducopter_is_told_no_mode_but_to_return(autopilot: Autopilo
 
 
 @pytest.mark.parametrize("how", ["refused", "not answered", "not done"])
-def test_where_rtl_cannot_be_had_it_lands(autopilot: Autopilot, copter: CopterProcedures, how: str) -> None:
+def test_where_rtl_cannot_be_had_it_lands(autopilot: Autopilot, flying: CopterProcedures, how: str) -> None:
     original = autopilot._command
 
     def only_land(m: Any) -> None:
@@ -76,13 +96,34 @@ def test_where_rtl_cannot_be_had_it_lands(autopilot: Autopilot, copter: CopterPr
         original(m)
 
     autopilot._command = only_land  # type: ignore[method-assign]
-    autopilot.mode = GUIDED
     if how == "not done":
         autopilot.forgets.add(MODE)
     else:
         autopilot.script[MODE] = DENIED if how == "refused" else None
-    made = talk(copter.bring_home(FlightAction.RETURN), autopilot)
+    made = talk(flying.bring_home(FlightAction.RETURN), autopilot, aircraft=_state(flying))
     assert (made.result, made.failure, autopilot.mode) == ("LAND", None, LAND)
+
+
+@pytest.mark.parametrize(
+    ("mode", "name"), [(LOITER, "LOITER"), (AUTO, "AUTO"), (SMART_RTL, "SMART_RTL")], ids=["pilot", "AUTO", "failsafe"]
+)
+@pytest.mark.parametrize("answers", [True, False])
+def test_what_another_chooses_before_rtl_shows_is_not_ended_by_a_landing(
+    autopilot: Autopilot, flying: CopterProcedures, mode: int, name: str, answers: bool
+) -> None:
+    """The fault: RTL was acknowledged, the next heartbeat showed a pilot's mode, and LAND was ordered over it."""
+    original = autopilot._command
+
+    def taken_over(m: Any) -> None:
+        if answers:
+            original(m)
+        autopilot.mode = mode
+
+    autopilot._command = taken_over  # type: ignore[method-assign]
+    made = talk(flying.bring_home(FlightAction.RETURN), autopilot, aircraft=_state(flying))
+    assert {m.param2 for m in autopilot.got("COMMAND_LONG")} == {float(RTL)}
+    assert made.failure == f"not commanded again: the autopilot is in {name} now"
+    assert not isinstance(made.error, RefusedError)
 
 
 def test_an_order_to_land_does_not_fly_home_first(autopilot: Autopilot, copter: CopterProcedures) -> None:

@@ -385,6 +385,46 @@ def test_without_a_way_down_it_lands_as_it_can(
     assert (made.result, plane.told()) == (result, told)
 
 
+def test_a_way_down_that_does_not_come_to_the_landing_is_followed_by_the_next_way(plane: Cockpit) -> None:
+    """DO_LAND_START has set AUTO, which is no choice of a pilot."""
+    plane.aircraft.ways_down.set_route(route(*COMMANDS))
+    plane.flies(GUIDED, item=2)
+    plane.autopilot.way_down = 2  # it stays at this item
+    made = plane.does(plane.plane.bring_home(FlightAction.LAND))
+    assert (made.result, plane.told()) == ("RTL", [(DOWN, 0), (MODE, AUTOLAND), (MODE, RTL)])
+
+
+def test_nor_is_a_return_that_goes_on_to_a_landing_which_does_not_show(plane: Cockpit) -> None:
+    """RTL_AUTOLAND 2 sets AUTO at once, and MISSION_CURRENT does not come."""
+    plane.aircraft.ways_down.set_route(route(*COMMANDS))
+    plane.flies(GUIDED, item=2)
+    plane.autopilot.instead, plane.autopilot.way_down = {RTL: AUTO}, 6
+    made = plane.does(plane.plane.bring_home(FlightAction.RETURN))
+    assert (made.result, plane.told()) == ("landing sequence", [(MODE, RTL), (DOWN, 0)])
+
+
+@pytest.mark.parametrize(("mode", "name"), [(FBWA, "FBWA"), (LOITER, "LOITER"), (GUIDED, "GUIDED")])
+@pytest.mark.parametrize("action", [FlightAction.RETURN, FlightAction.LAND])
+def test_what_another_chooses_before_an_order_shows_is_left_to_it(
+    cockpit: Cockpit, action: FlightAction, mode: int, name: str
+) -> None:
+    """The fault: the next way down was ordered over a pilot, who had taken over before the first one showed."""
+    cockpit.aircraft.ways_down.set_route(route(*COMMANDS))
+    cockpit.flies(AUTO, item=2)
+    cockpit.autopilot.way_down = 6
+    original = cockpit.autopilot._command
+
+    def taken_over(m: Any) -> None:
+        cockpit.autopilot.forgets.add(m.command)
+        original(m)
+        cockpit.autopilot.mode = mode
+
+    cockpit.autopilot._command = taken_over  # type: ignore[method-assign]
+    made = cockpit.does(cockpit.plane.bring_home(action))
+    assert len(cockpit.told()) == 1
+    assert made.failure == f"not commanded again: the autopilot is in {name} now"
+
+
 def test_an_autopilot_that_does_none_of_it_is_told_of(cockpit: Cockpit) -> None:
     cockpit.flies(AUTO)
     cockpit.autopilot.lacks = {RTL, QLAND, AUTOLAND}
