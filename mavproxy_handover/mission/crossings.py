@@ -240,12 +240,15 @@ class WayAhead:
         return places[self._curve_at].distance_along_m
 
     def _at(self, along_m: float) -> tuple[float, float]:
-        """Time and speed at this distance along the path; at a stop or a climb the time of going on."""
-        at = max(0, bisect_right(self._alongs, along_m) - 1)
+        """Time and speed at this distance along the path; at a stop or a climb the time of going on.
+
+        Before the path begins, they are those of its beginning.
+        """
+        at = bisect_right(self._alongs, max(0.0, along_m)) - 1
         if at + 1 >= len(self._alongs):
             return self._times[-1], self._speeds[-1]
         begun_m, ended_m = self._alongs[at], self._alongs[at + 1]
-        part = max(0.0, (along_m - begun_m) / (ended_m - begun_m))
+        part = max(0.0, along_m - begun_m) / (ended_m - begun_m)
         time_s = self._times[at] + part * (self._times[at + 1] - self._times[at])
         square = self._speeds[at] ** 2 + part * (self._speeds[at + 1] ** 2 - self._speeds[at] ** 2)
         return time_s, square**0.5

@@ -110,3 +110,14 @@ def test_on_a_curve_each_border_is_as_far_ahead_as_the_walk_has_it(name):
         assert [border.in_s for border in found][len(found) - len(ahead) :] == [
             pytest.approx(each, abs=1.5) for each in expected
         ]
+
+
+def test_an_aircraft_that_is_steady_near_the_beginning_of_the_path_has_borders_ahead():
+    """The fault: two seconds before it was before the beginning, at the same place as the climb of the take-off."""
+    walk = load(MISSIONS / "linear").simulate()
+    way = WayAhead(walk)
+    here = next(sample for sample in walk.samples if sample.distance_along_m > 5.0)
+    for second in range(5):
+        found = way.borders(Seen(here.seq, here.lat_deg, here.lon_deg, 1000.0, 10.0, float(second)), FOREVER)
+        assert [border.holding for border in found] == [sample.open for sample in changes(walk)]
+        assert all(0.0 < border.in_s < walk.duration_s for border in found)
