@@ -486,6 +486,61 @@ def test_not_in_a_return_that_somebody_else_has_ordered(flying: Bench) -> None:
     assert listed(flying) == [HOME]
 
 
+@pytest.mark.parametrize("seconds", [9.0, 13.2, 13.4, 18.0, 30.0])
+def test_a_return_that_began_while_the_autopilot_was_not_heard_keeps_the_place_that_it_flies_to(
+    flying: Bench, seconds: float
+) -> None:
+    """The guard orders it, to the place that the list held. Meanwhile another place is better."""
+    fly_to(flying, BETWEEN, 20.0)
+    assert listed(flying) == [HOME]
+    flying.autopilot.silent = True
+    flying.autopilot.position, flying.autopilot.mode = BETWEEN, RTL
+    lose(flying, flying.a)  # home is covered no more
+    flying.run(seconds)
+    assert flying.companion.autopilot.return_site.choice.place.name != "home"
+    flying.autopilot.silent = False
+    flying.autopilot.received.clear()
+    flying.run(15.0)
+    assert (listed(flying), counts(flying)) == ([HOME], 0)
+    assert flying.companion.autopilot.return_site.where[0] == "home"
+    assert flying.b.got("AUTHORITY_STATUS")[-1].place == "home"
+
+
+def test_so_does_one_that_a_pilot_begins_before_the_better_place_could_be_written(flying: Bench) -> None:
+    fly_to(flying, IN_B, 40.0)
+    assert listed(flying) == [RALLY_2]
+    original = flying.autopilot._take
+    flying.autopilot._take = lambda m: None if m.get_type() == "MISSION_COUNT" else original(m)  # type: ignore
+    lose(flying, flying.b)
+    flying.until(lambda: flying.journal("place_failed"), 30.0)
+    flying.autopilot.mode = RTL
+    flying.run(2.0)
+    assert flying.companion.autopilot.return_site.where is None, "a write has failed: the list may hold either"
+    del flying.autopilot._take
+    flying.run(15.0)
+    assert listed(flying) == [RALLY_2]
+    assert flying.companion.autopilot.return_site.where[0] == "rally 2"
+    flying.autopilot.mode = AUTO
+    flying.run(8.0)
+    assert listed(flying) == [HOME]
+
+
+def test_an_ordered_return_that_did_not_wait_for_its_place_begins_again_when_the_list_has_it(flying: Bench) -> None:
+    fly_to(flying, IN_B, 40.0)
+    fly_to(flying, (IN_B[0] + 0.002, IN_B[1] - 0.001), 3.0)
+    original = flying.autopilot._take
+    flying.autopilot._take = lambda m: None if m.get_type() == "MISSION_COUNT" else original(m)  # type: ignore
+    lose(flying, flying.b)
+    flying.run(5.5)
+    flying.companion.autopilot.orders.fly(flying_return(), flying.clock.now)
+    flying.until(lambda: flying.autopilot.mode == RTL, 3.0)
+    flying.run(2.0)
+    del flying.autopilot._take
+    flying.autopilot.received.clear()
+    flying.run(20.0)
+    assert orders(flying) == [("place", HOME), ("mode", GUIDED), ("mode", RTL)]
+
+
 def test_not_in_a_return_that_a_pilot_has_taken_over_in_between(flying: Bench) -> None:
     returning(flying)
     flying.autopilot.mode = 5

@@ -5,7 +5,8 @@
 Rules:
 
 1. After a start of the companion, the place in the list stays until the stations had time to be heard.
-2. During a return the autopilot does not read the list. The choice is fixed then, unless the return may begin again.
+2. During a return the autopilot does not read the list. The choice is fixed then, unless the return may begin again. It
+   is the place that the list held when the return began, even if another place was chosen by then.
 3. Shortly before the mission ends with a return, the best site of that moment is chosen.
 """
 
@@ -44,6 +45,8 @@ class SiteSelection:
         #: the current choice; None while there are no candidates
         self.now: Choice | None = None
         self._settled_at = math.inf
+        #: the name of the listed place that was chosen since the last update
+        self._listed: str | None = None
 
     @property
     def name(self) -> str | None:
@@ -55,14 +58,17 @@ class SiteSelection:
         if self._settled_at != math.inf:
             return
         self._settled_at = now + _SETTLE_S
-        if held is None or not self._state.flying:
-            return
-        known = self._candidates.like(held)
-        place = known or self._candidates.found_in_list(held)
+        if held is not None and self._state.flying:
+            self.choose_listed(held, energy)
+
+    def choose_listed(self, held: RallyPoint, energy: EnergyFact) -> None:
+        """The place in the autopilot's list becomes the choice. The next `update` may choose another place."""
+        place = self._candidates.found_in_list(held)
         self._views.forget_others()
-        if known is None and self._state.where is not None:
+        if place.name not in self._views.seen and self._state.where is not None:
             self._views.evaluate(place, self._state.where, energy)
         self._chooser.restore(place.name)
+        self._listed = place.name
 
     def update(
         self, usable: Set[int], energy: EnergyFact, now: float, *, recovering: bool, returning: bool, may_bounce: bool
@@ -73,13 +79,14 @@ class SiteSelection:
         the aircraft flies a return; `may_bounce`: the return may be sent to another place.
         """
         fixed = now < self._settled_at or recovering or (returning and not may_bounce)
-        before, seen = self.now, self._views.seen
+        before, seen = self._listed or self.name, self._views.seen
+        self._listed = None
         places = self._candidates.places
         facts = [self._margin.by_now(seen[place.name], energy) for place in places if place.name in seen]
         ends = not returning and self._mission_returns()
         self.now = self._chooser.choose(facts, usable, now, returning=returning, fixed=fixed, ends=ends)
-        moved = self.now is not None and before is not None and before.place.name != self.now.place.name
-        return self.now.place.name if self.now is not None and returning and moved else ""
+        moved = before is not None and self.now is not None and before != self.now.place.name
+        return self.now.place.name if self.now is not None and may_bounce and moved else ""
 
     def _mission_returns(self) -> bool:
         """Whether the mission has nearly reached the point where it ends with a return."""

@@ -11,6 +11,7 @@ Rules
   other programs on board can write it. Then the point is written again, and people are told.
 * After a restart of the autopilot or of the companion, the list is read before anything is written. An autopilot that
   has just started has no room for lists and answers with an error, so it is read `START_S` later.
+* When a return begins, nothing is written until the place that it flies to is known: it is what the list holds.
 * An upload that another program has open, or left open, ends after at most 8 s; then the next try follows. An
   interrupted upload of the companion ends when the companion begins a new one.
 
@@ -67,6 +68,8 @@ class RallyWriter:
         self._wanted: RallyPoint | None = None
         #: the list is read from time to time and kept, from the first `forget` on
         self._ours = False
+        #: nothing is written until a point is wanted again
+        self._rests = False
         #: the point that is being written
         self._writes: RallyPoint | None = None
         self._read_at = self._write_at = -math.inf
@@ -78,8 +81,12 @@ class RallyWriter:
 
     def want(self, point: RallyPoint) -> None:
         """Set the point that the list must hold."""
-        self._wanted = point
+        self._wanted, self._rests = point, False
         self.failing = self.failing and not self.settled
+
+    def rest(self) -> None:
+        """Write nothing until a point is wanted again. What is being written is written to its end."""
+        self._rests = True
 
     def forget(self) -> None:
         """The content of the list is not known: read it at the next tick, and keep it from then on."""
@@ -98,7 +105,7 @@ class RallyWriter:
 
     def hurry(self, now: float) -> None:
         """A return waits: write the wanted point now, without reading the list first. It counts as known from now."""
-        self.known, self._write_at = True, -math.inf
+        self.known, self._rests, self._write_at = True, False, -math.inf
         self._read_at = max(self._read_at, now + READ_S)
         self.tick(now)
 
@@ -112,8 +119,12 @@ class RallyWriter:
                 self._drop()  # it is the wrong point by now; the same sender may begin again
         elif self._ours and now >= self._read_at:
             self._read(now)
-        elif wanted is not None and self.known and not self.settled and now >= self._write_at:
+        elif wanted is not None and self._may_write and not self.settled and now >= self._write_at:
             self._write(wanted, now)
+
+    @property
+    def _may_write(self) -> bool:
+        return self.known and not self._rests
 
     def _drop(self) -> None:
         if self._conversations.drop(_NAME) and self._writes is not None:

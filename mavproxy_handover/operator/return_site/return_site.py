@@ -13,6 +13,9 @@ says how the autopilot flies a return, `rally_writer.py` writes the rally list. 
 * A bounce needs a return that the companion ordered and a commander that is heard. The aircraft must be inside the
   fence, and no failsafe of the autopilot may act. There is one bounce for each change.
 * In every other return the list keeps the site that the aircraft flies to.
+* A return flies to the site that the list held when it began. Another one may be chosen by then and not be written yet,
+  and a return may begin while the autopilot is not heard. So the list is read if it is not known, and its site is
+  chosen. A return that the companion has ordered begins again when the better site is in the list.
 
 Nothing in here raises. A fault costs a site, the questions or the choice of that second; the last result stays.
 """
@@ -79,6 +82,10 @@ class ReturnSite:
         self._before = state.telemetry.heartbeat
         #: the site that a return is sent to as soon as the list holds it
         self._bounces_to = ""
+        #: the aircraft flew a return at the last heartbeat
+        self._returns = False
+        #: a return has begun, and the site that it flies to is not found out yet
+        self._begun = False
         #: the list holds that site now, so the return can begin again
         self._bounce_due = False
 
@@ -95,7 +102,7 @@ class ReturnSite:
 
         None: no site is chosen yet, or the content of the autopilot's list is not known.
         """
-        if self._elsewhere:
+        if self._elsewhere or self._begun:
             held = self._rally_writer.held
             place = None if held is None else self.candidates.like(held)
         else:
@@ -190,6 +197,10 @@ class ReturnSite:
             self._news.landed()
             self.candidates.landed()
             self.views.forget_others()
+        returned, self._returns = self._returns, self._state.flying and self._state.to_place
+        if self._returns and not returned:
+            self._begun = True
+            self._rally_writer.rest()
         self._margin.update(self._energy())
 
     def _update_home(self) -> None:
@@ -232,6 +243,7 @@ class ReturnSite:
         returning = self._state.flying and self._state.to_place
         recovering = arbiter.view.lease is LeaseState.RECOVERING
         may_bounce = ordered and returning and self._may_bounce(now)
+        unknown = returning and self._begun and self._choose_listed(energy)
         bounces_to = self._selection.update(
             arbiter.usable(now), energy, now, recovering=recovering, returning=returning, may_bounce=may_bounce
         )
@@ -239,8 +251,12 @@ class ReturnSite:
         place = self.candidates.named(self._selection.name)
         if choice is None or place is None:
             return
+        self._begun = unknown and not may_bounce
+        if unknown and may_bounce:
+            bounces_to = place.name
         self._bounces_to = bounces_to or self._bounces_to
-        self._rally_writer.want(self.candidates.point(place))
+        if not self._begun:
+            self._rally_writer.want(self.candidates.point(place))
         if self._rally_writer.settled:
             self._news.place(choice, listed=True)
         figures = self._news.figures(choice, listed=not self._elsewhere)
@@ -248,6 +264,17 @@ class ReturnSite:
         if judged != self._judged:
             self._judged = judged
             self._authority.handle(judged, now)
+
+    def _choose_listed(self, energy: EnergyFact) -> bool:
+        """A return has begun: the site in the list, to which it flies, becomes the choice.
+
+        Returns whether the site is not known yet. It is not before the list is read, and after a failed write.
+        """
+        writer = self._rally_writer
+        if not writer.known or writer.held is None:
+            return not writer.known or writer.failing
+        self._selection.choose_listed(writer.held, energy)
+        return False
 
     # ---- the list -------------------------------------------------------------------------------------------------
 
