@@ -7,6 +7,7 @@ The rules that draw conclusions are `core/safety/mode_source.py` and `core/safet
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Final
 
@@ -21,7 +22,8 @@ __all__ = ["ModeAndMotionMonitor"]
 
 #: after this time (s) without a message, a stream of at least one message a second has stopped
 _STOPPED_S: Final = 3.0
-#: a report about the radio counts for this time (s): the companion must not act against the pilot
+#: a report about the radio counts for this time (s): the companion must not act against the pilot. A silence of the
+#: autopilot in it counts as `_STOPPED_S`
 _RADIO_S: Final = 10.0
 
 
@@ -35,12 +37,19 @@ class ModeAndMotionMonitor:
         self._place = place
         self._critical = False
         self._moves = False
+        #: the last call of `on_state`; inf: none yet
+        self._heard_at = math.inf
+        #: the last report about the radio, and the time (s) since then that does not count
+        self._reported_at = -math.inf
+        self._uncounted_s = 0.0
 
     # ---- messages -------------------------------------------------------------------------------------------------
 
     def on_state(self, state: VehicleState, now: float) -> list[Event]:
         """A HEARTBEAT or EXTENDED_SYS_STATE has arrived, and the state was updated."""
         found: list[Event] = []
+        silent_s, self._heard_at = now - self._heard_at, now
+        self._uncounted_s += max(0.0, silent_s - _STOPPED_S)
         critical = state.telemetry.heartbeat.critical
         if critical and not self._critical:
             found.append(ModeSourceSeen(ModeSource.FAILSAFE))
@@ -56,8 +65,12 @@ class ModeAndMotionMonitor:
         return parameters is None or parameters.get(state.profile.radio_failsafe, 1) != 0
 
     def _radio(self, state: VehicleState, now: float) -> bool:
-        status = state.telemetry.sys_status.value
-        lately = now - state.telemetry.sys_status.at < _RADIO_S
+        """Whether a pilot could steer, as far as is known. After a silence of the autopilot, its first heartbeat may
+        come before its next report about the radio: until then the last report counts."""
+        status, at = state.telemetry.sys_status.value, state.telemetry.sys_status.at
+        if at > self._reported_at:
+            self._reported_at, self._uncounted_s = at, 0.0
+        lately = now - at - self._uncounted_s < _RADIO_S
         return status is not None and lately and self.radio_watched(state) and mode_requests.radio_lives(status)
 
     @staticmethod
