@@ -37,8 +37,8 @@ class ModeAndMotionMonitor:
         self._place = place
         self._critical = False
         self._moves = False
-        #: the last call of `on_state`; inf: none yet
-        self._heard_at = math.inf
+        #: the first and the last call of `on_state`; inf: none yet
+        self._first_at = self._heard_at = math.inf
         #: the last report about the radio, and the time (s) since then that does not count
         self._reported_at = -math.inf
         self._uncounted_s = 0.0
@@ -48,6 +48,7 @@ class ModeAndMotionMonitor:
     def on_state(self, state: VehicleState, now: float) -> list[Event]:
         """A HEARTBEAT or EXTENDED_SYS_STATE has arrived, and the state was updated."""
         found: list[Event] = []
+        self._first_at = min(self._first_at, now)
         silent_s, self._heard_at = now - self._heard_at, now
         self._uncounted_s += max(0.0, silent_s - _STOPPED_S)
         critical = state.telemetry.heartbeat.critical
@@ -65,13 +66,18 @@ class ModeAndMotionMonitor:
         return parameters is None or parameters.get(state.profile.radio_failsafe, 1) != 0
 
     def _radio(self, state: VehicleState, now: float) -> bool:
-        """Whether a pilot could steer, as far as is known. After a silence of the autopilot, its first heartbeat may
-        come before its next report about the radio: until then the last report counts."""
+        """Whether a pilot could steer, as far as is known.
+
+        The first heartbeat may come before the first report about the radio. After a silence of the autopilot the last
+        report counts until the next one. After a start of the companion a pilot could steer for `_STOPPED_S`.
+        """
         status, at = state.telemetry.sys_status.value, state.telemetry.sys_status.at
         if at > self._reported_at:
             self._reported_at, self._uncounted_s = at, 0.0
+        if status is None:
+            return now - self._first_at < _STOPPED_S and self.radio_watched(state)
         lately = now - at - self._uncounted_s < _RADIO_S
-        return status is not None and lately and self.radio_watched(state) and mode_requests.radio_lives(status)
+        return lately and self.radio_watched(state) and mode_requests.radio_lives(status)
 
     @staticmethod
     def text(state: VehicleState, text: str) -> list[Event]:

@@ -352,6 +352,25 @@ def test_a_radio_of_which_nothing_is_heard_any_more_lives_not_for_ever(flown: Be
     assert (flown.autopilot.mode == RTL) is fought
 
 
+def test_a_companion_that_starts_again_takes_no_aircraft_from_a_pilot(flown: Bench) -> None:
+    """The fault: low energy lasts as long as the flight, and the first heartbeat came before SYS_STATUS."""
+    say_health(flown, enabled=RADIO, healthy=RADIO)
+    flown.run(2.0)
+    flown.autopilot.battery = 0.05
+    flown.until(lambda: flown.autopilot.mode == RTL, 30.0)
+    flown.run(5.0)
+    flown.autopilot.mode = LOITER
+    flown.run(5.0)
+    flown.mpstate.unload("handover")
+    flown.run(1.0)
+    flown.load()
+    flown.autopilot._beat_at = 0.0
+    flown.run(20.0)
+    assert (flown.autopilot.mode, modes(flown)) == (LOITER, [RTL])
+    flown.each_round = lambda: None  # and when nothing is heard of the radio any more, it is ordered home
+    flown.until(lambda: flown.autopilot.mode == RTL, 15.0)
+
+
 def test_a_fence_of_which_nothing_is_heard_any_more_is_not_breached(flown: Bench) -> None:
     say_health(flown, enabled=FENCE, healthy=0)
     flown.run(2.0)

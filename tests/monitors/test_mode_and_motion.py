@@ -38,9 +38,20 @@ class Autopilot:
 
 def test_a_radio_that_is_not_reported_for_ten_seconds_does_not_count() -> None:
     autopilot = Autopilot()
-    assert not autopilot.beats(100.0)
     autopilot.reports(100.5)
     assert [autopilot.beats(101.0 + second) for second in range(12)] == [True] * 10 + [False] * 2
+
+
+def test_a_radio_that_was_not_reported_yet_counts_for_three_seconds() -> None:
+    autopilot = Autopilot()
+    assert [autopilot.beats(100.0 + second) for second in range(5)] == [True] * 3 + [False] * 2
+
+
+def test_unless_its_loss_would_not_be_noticed() -> None:
+    autopilot = Autopilot()
+    autopilot.state.on_message(mavlink.MAVLink_param_value_message(b"FS_THR_ENABLE", 0.0, 2, 900, 65535), 99.0)
+    autopilot.state.parameters.reading_ended(98.0)
+    assert not autopilot.beats(100.0)
 
 
 def test_after_a_silence_of_the_autopilot_its_radio_counts_until_it_is_reported_again() -> None:
