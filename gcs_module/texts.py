@@ -71,8 +71,8 @@ class Text:
 
 
 class Texts:
-    """The texts of one vehicle's companion. `shown`: whether MAVProxy has just shown this text. Times are monotonic
-    seconds."""
+    """The texts of one vehicle's companion, or of its other components. `shown`: whether MAVProxy has just shown this
+    text. Times are monotonic seconds."""
 
     def __init__(self, shown: Callable[[str], bool]) -> None:
         self._shown = shown

@@ -3,7 +3,8 @@
 """The texts of one vehicle (STATUSTEXT), each shown to the operator once.
 
 MAVProxy shows the texts of the vehicle that it has chosen. This module shows the companion's texts, and the gate's
-texts about this station's sticks. It also shows the grave texts of a vehicle that MAVProxy does not show.
+texts about this station's sticks. Of a vehicle that MAVProxy does not show, it also shows the other components'
+texts of severity NOTICE or worse.
 """
 
 from __future__ import annotations
@@ -17,14 +18,14 @@ from gcs_module.texts import SEVERITIES, Texts
 from mavproxy_handover.gate.stale_streams import fuller
 from mavproxy_handover.wire.frames import Frame, field_int
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID
-from mavproxy_handover.wire.texts import is_marked
+from mavproxy_handover.wire.texts import COMMANDS_NOW, is_marked
 
 __all__ = ["VehicleTexts"]
 
 
 class VehicleTexts:
-    """`companion`: the companion's texts, which `decisions` shares; `shown_by_mavproxy`: whether MAVProxy shows this
-    vehicle's texts. Times are monotonic seconds."""
+    """`companion`: the companion's texts that wait; `decisions` takes out the text of a decision (`pop`).
+    `shown_by_mavproxy`: whether MAVProxy shows this vehicle's texts. Times are monotonic seconds."""
 
     def __init__(
         self,
@@ -34,7 +35,7 @@ class VehicleTexts:
         shown_by_mavproxy: Callable[[], bool],
     ) -> None:
         self._companion = companion
-        self._autopilot = Texts(lambda _text: False)
+        self._others = Texts(lambda _text: False)
         self._decisions = decisions
         self._event_log = event_log
         self._shown_by_mavproxy = shown_by_mavproxy
@@ -49,14 +50,14 @@ class VehicleTexts:
         full = fuller(text.rstrip("\0"))
         if full is not None:
             self._event_log.stream(full, now)
-        elif frame.compid == AUTOPILOT_COMPID and is_marked(frame):  # sent before the vehicle knew this program
+        elif frame.compid == AUTOPILOT_COMPID and is_marked(frame):  # the companion's, in the autopilot's name
             self._companion.on_frame(frame, now)
         elif field_int(frame, "severity") in SEVERITIES and not self._shown_by_mavproxy():
-            self._autopilot.on_frame(frame, now)
+            self._others.on_frame(frame, now)
 
     def show_due(self, now: float) -> None:
         """Show the texts whose wait is over; to be called often."""
-        for texts in (self._companion, self._autopilot):
+        for texts in (self._companion, self._others):
             for text in texts.due(now, self._is_told_elsewhere):
                 self._event_log.text(text, now)
 
@@ -66,4 +67,4 @@ class VehicleTexts:
 
     def _is_told_elsewhere(self, text: str) -> bool:
         """Decisions and changes of the commander arrive as messages of ours too, and are told from those."""
-        return self._decisions.told(text) or " commands now" in text
+        return self._decisions.told(text) or COMMANDS_NOW in text

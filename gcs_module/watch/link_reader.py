@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Reads the frames of a link about aircraft and stations. Pure: time is an argument, monotonic seconds.
+"""Reads what the frames of one link say about aircraft and stations. Pure: time is an argument, monotonic seconds.
 
 Rules that live here
 --------------------
 * An aircraft is a system whose companion sends AUTHORITY_STATUS, or whose autopilot is heard.
-* Names are those of CONNECT and CONNECT_ACK. Before one has come, and for stations, a mission gives names to the ids.
+* The name of an aircraft is the one in CONNECT and CONNECT_ACK. Before either has come it is "vehicle ID". The names of
+  stations are those of a mission.
 * Signatures are not checked: this page has no keys. It shows what is sent on its link.
 """
 
@@ -26,7 +27,7 @@ from mavproxy_handover.core.common.model import FlightAction, GuardState, LeaseS
 from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.frames import Frame
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, COMPANION_COMPID, LANGUAGE_COMPID
-from mavproxy_handover.wire.texts import is_marked
+from mavproxy_handover.wire.texts import COMMANDS_NOW, is_marked
 
 __all__ = ["LinkReader"]
 
@@ -44,7 +45,7 @@ _TAKEN: Final = frozenset(
         mavlink.MAVLINK_MSG_ID_CONNECT_ACK,
     )
 )
-#: components that send the companion's messages
+#: components that send the companion's messages: LANGUAGE_COMPID is the sender of our own messages
 _SPEAKERS: Final = (COMPANION_COMPID, LANGUAGE_COMPID)
 _NO_HEADING, _NO_VOLTAGE = 0xFFFF, 0xFFFF
 _GUARD_TROUBLE: Final = (GuardState.EXPIRED, GuardState.LOST, GuardState.SILENT)
@@ -92,7 +93,7 @@ class LinkReader:
 
     def _told(self, sysid: int, text: str) -> bool:
         """Decisions and changes of the commander arrive as messages of ours too, and are told from those."""
-        return text == self._decided.get(sysid, (0, ""))[1] or " commands now" in text
+        return text == self._decided.get(sysid, (0, ""))[1] or COMMANDS_NOW in text
 
     def _craft(self, frame: Frame, m: Any) -> Aircraft | None:
         found = self._aircraft.get(frame.sysid)
@@ -133,7 +134,9 @@ class LinkReader:
         if known is None:  # the same aircraft, now with its name
             self._scene.aircraft[name] = self._scene.aircraft.pop(craft.name)
             craft.name = name
-        elif known is not craft and known.source is not self.source:  # its journal is followed too
+        elif (
+            known is not craft and known.source is not self.source
+        ):  # known already by another source, such as its journal
             self._scene.aircraft.pop(craft.name, None)
             self._aircraft[sysid] = known
 
@@ -151,6 +154,7 @@ class LinkReader:
         craft.lease.hear("" if lease is None else lease.name.lower(), now, Rank.AIRCRAFT)
         craft.guard.hear("" if guard is None else guard.name.lower(), now, Rank.AIRCRAFT)
         craft.rehearsal.hear(bool(m.rehearsal), now, Rank.AIRCRAFT)
+        # the field is one more than the seconds; 0: no end in sight
         craft.zone_ends_at.hear(now + m.zone_ends - 1.0 if m.zone_ends else inf, now, Rank.AIRCRAFT)
         craft.own_route = not m.route_changed
         for name in (commander, partner):
@@ -174,8 +178,10 @@ class LinkReader:
         raw = m.text if isinstance(m.text, str) else m.text.decode("utf-8", "replace")
         text = raw.rstrip("\0")
         action = FlightAction(m.action) if m.action in list(FlightAction) else None
-        level = EVENTS["decision_over"] if action is None else DECISIONS[action]
-        if action is None or craft.rehearsal.value:
+        over = m.action == mavlink.HANDOVER_ACTION_NONE
+        # an action of a newer version is not known here: it alarms as a return does
+        level = EVENTS["decision_over"] if over else DECISIONS[action or FlightAction.RETURN]
+        if over or craft.rehearsal.value:
             craft.alarms.end("decision")
         else:
             craft.alarms.begin("decision", level, text, now)

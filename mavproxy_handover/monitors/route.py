@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The route check on the vehicle: compares the aircraft with the mission that the companion has written.
+"""The route check on the vehicle: feeds position and current item into the check of `core/safety/route.py`.
 
-It returns news for the journal and orders nothing; the safety decisions tell people. If another program has written a
-mission since, the route is not known, and nothing is expected of the aircraft. Height is not judged.
+It returns news for the journal. The safety decisions read `deviation` (cause `off_route`), and tell the stations. The
+route is that of the mission on the autopilot (`operator/uploads/flown_mission.py`). If that mission is not known,
+nothing is expected of the aircraft. Height is not judged.
 """
 
 from __future__ import annotations
@@ -18,9 +19,9 @@ from mavproxy_handover.vehicle.state import VehicleState
 
 __all__ = ["RouteMonitor"]
 
-#: least interval (s) of the checks: a position comes 20 times a second, and a check over seconds needs fewer
+#: least interval (s) of the checks: a deviation lasts for seconds, so not each of the 20 positions a second is checked
 _LOOK_S: Final = 0.18
-#: after this time (s) without a message, a stream of at least one message a second has stopped
+#: after this time (s) without MISSION_CURRENT or HEARTBEAT, which come at least once a second, nothing is checked
 _STOPPED_S: Final = 3.0
 #: for this time (s) the last result is shown
 _SHOWN_S: Final = 5.0

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Texts as STATUSTEXT messages: a text that is longer than one message is sent in pieces. No sentences are here.
+"""Texts as STATUSTEXT messages: a text that is longer than one message is sent in pieces.
 
 Most programs join the pieces by id and number without changes (MAVProxy, MAVSDK, QGroundControl). So a text is cut
 where a piece is full, even within a word. A piece that is not full ends the text (MAVLink: "any null character in the
@@ -21,8 +21,10 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.wire.frames import Frame, field_bytes, field_int
 
-__all__ = ["MARK", "MOST_IDS", "TEXT_BYTES", "is_marked", "marked_texts", "pieces", "status_texts"]
+__all__ = ["COMMANDS_NOW", "MARK", "MOST_IDS", "TEXT_BYTES", "is_marked", "marked_texts", "pieces", "status_texts"]
 
+#: end of the text that names the commander. Our stations tell that from AUTHORITY_STATUS, and leave out this text
+COMMANDS_NOW: Final = " commands now"
 #: prefix of a text of the companion that is sent in the autopilot's name
 MARK: Final = "Handover: "
 #: the number of such a text in several pieces is above this

@@ -130,6 +130,19 @@ def test_decisions_and_commanders_are_told_once_and_alarm(listening: Listening) 
     assert listening.scene.feed[0].level is DECISIONS[FlightAction.RETURN]
 
 
+def test_an_action_of_a_newer_version_alarms_as_a_return_does(listening: Listening) -> None:
+    listening.hear(authority(251))
+    listening.hear(mavlink.MAVLink_handover_decision_message(7, 77, 5, b"", b"", b"DITCH: all is wrong"))
+    alarms = [(row["level"], row["text"]) for row in shown(listening.scene, {}, listening.now).alarms]
+    assert alarms == [("emergency", "DITCH: all is wrong")]
+    assert [(line.level, line.text) for line in listening.scene.feed] == [
+        (DECISIONS[FlightAction.RETURN], "DITCH: all is wrong")
+    ]
+    over = mavlink.MAVLink_handover_decision_message(8, mavlink.HANDOVER_ACTION_NONE, 0, b"", b"", b"all is well")
+    listening.hear(over)
+    assert shown(listening.scene, {}, listening.now).alarms == ()
+
+
 def test_texts_of_the_companion_are_told_unless_a_message_has_said_so(listening: Listening) -> None:
     listening.hear(authority(251))
     decided = b"HOLD: coverage ends in 5 s"

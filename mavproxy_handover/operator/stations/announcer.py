@@ -22,6 +22,7 @@ from mavproxy_handover.core.common.events import Advise, Announce, RehearsalMove
 from mavproxy_handover.core.common.model import FlightAction, Reason
 from mavproxy_handover.operator.stations.sender import MessageSender
 from mavproxy_handover.wire import status
+from mavproxy_handover.wire.texts import COMMANDS_NOW
 
 __all__ = ["COMMANDER", "REHEARSAL", "SEVERITIES", "Announcer"]
 
@@ -76,7 +77,7 @@ class Announcer:
     def commander(self, name: str, handover_id: int | None) -> None:
         """Tell every station the name of the commander, "" for none. `handover_id`: of the transfer, if any."""
         number = "" if handover_id is None else f" (handover {handover_id})"
-        self._message_sender.say_to_all(f"{name or 'no station'} commands now{number}", COMMANDER)
+        self._message_sender.say_to_all(f"{name or 'no station'}{COMMANDS_NOW}{number}", COMMANDER)
 
     def advise(self, advice: Advise) -> None:
         """Tell some operators what they can correct."""
