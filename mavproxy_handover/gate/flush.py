@@ -28,15 +28,19 @@ and component that began it. Rules, from ArduPilot's source:
    frame: it does not use the velocity, and up to ArduPlane 4.6 it flies to the height in the frame whatever the mask
    says. A plane forgets an attitude after 3 s by itself.
 5. **Log download**: ended, because it fills the channel.
+6. **Message rates** (SET_MESSAGE_INTERVAL of the autopilot): set to the autopilot's default, except those of
+   `OWN_RATES`, which the companion restores (`operator/vehicle/streams.py`). The autopilot binds no rate to a sender,
+   so the companion asks in its own name and gets the answer itself. Rates of REQUEST_DATA_STREAM stay until a
+   commander asks for others: the autopilot stores them as parameters, and so they are its default.
 
 Nothing is sent for what has ended already. The answers of the autopilot (`note_reply`) and the frames of the station
-show that. Memory is bounded: `_MOST_OPEN` of a kind for one station. The oldest is forgotten first; of files, the
-oldest that the autopilot has not acknowledged.
+show that. Memory is bounded: `_MOST_OPEN` of a kind for one station, `_MOST_RATES` of its rates. The oldest is
+forgotten first; of files, the oldest that the autopilot has not acknowledged.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field, replace
 from typing import Final
 
@@ -45,9 +49,10 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.gate.judge import Fate, Verdict
 from mavproxy_handover.gate.policy.files import is_mission_file, is_upload
 from mavproxy_handover.gate.policy.parts import MISSION_TYPES
+from mavproxy_handover.wire.conversation import command_long
 from mavproxy_handover.wire.file_transfer import DATA, Head, head_of
 from mavproxy_handover.wire.file_transfer import message as file_message
-from mavproxy_handover.wire.frames import Frame, field_bytes, field_int, target
+from mavproxy_handover.wire.frames import Frame, field_bytes, field_float, field_int, target
 from mavproxy_handover.wire.ids import (
     AUTOPILOT_COMPID,
     FTP_ACK,
@@ -58,13 +63,17 @@ from mavproxy_handover.wire.ids import (
     FTP_TERMINATE,
     FTP_WRITE,
     MISSION_START,
+    RATES_COMPID,
 )
+from mavproxy_handover.wire.own_rates import OWN_RATES
 
 __all__ = ["Closing", "FlushTracker"]
 
 #: constants, because Python 3.11 takes 0.1 us to look up a member of an enumeration
 _FORWARD: Final = Fate.FORWARD
 _MOST_OPEN: Final = 8
+#: more than the messages of one MAV_DATA_STREAM; the frames that reset them take 0.1 s at 115200 baud
+_MOST_RATES: Final = 32
 #: More items than an autopilot stores: the autopilot ends the upload before it, and then refuses this count.
 _TOO_MANY_ITEMS: Final = 0xFFFF
 
@@ -91,6 +100,9 @@ _ATTITUDE: Final = mavlink.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET
 _LOG_BEGINS: Final = (mavlink.MAVLINK_MSG_ID_LOG_REQUEST_LIST, mavlink.MAVLINK_MSG_ID_LOG_REQUEST_DATA)
 _LOG_END: Final = mavlink.MAVLINK_MSG_ID_LOG_REQUEST_END
 _COMMANDS: Final = (mavlink.MAVLINK_MSG_ID_COMMAND_LONG, mavlink.MAVLINK_MSG_ID_COMMAND_INT)
+
+_SET_INTERVAL: Final = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
+_IDS: Final = frozenset(mavlink.mavlink_map)
 
 #: Commands that give GUIDED another target, or leave it: a stream before them has no effect any more.
 _NEW_AIMS: Final = (
@@ -142,6 +154,7 @@ class _Open:
     sticks: dict[_Sender, int] = field(default_factory=dict)
     streams: dict[_Sender, int] = field(default_factory=dict)
     logs: dict[_Sender, int] = field(default_factory=dict)
+    rates: dict[int, None] = field(default_factory=dict)  #: message ids
 
 
 class FlushTracker:
@@ -198,6 +211,8 @@ class FlushTracker:
         files = sorted(opened.files.items(), key=lambda entry: not is_upload(entry[0][2]))
         closings += [self._close_file(name, file) for name, file in files]
         closings += [self._close_log(sender, at) for sender, at in opened.logs.items()]
+        if opened.rates:
+            closings.append(self._close_rates(opened.rates))
         return closings
 
     def writes(self, station_sysid: int) -> bool:
@@ -270,9 +285,20 @@ class FlushTracker:
     def _saw_mode(self, _frame: Frame, opened: _Open, _sender: _Sender, _component: int) -> None:
         opened.streams.clear()
 
-    def _saw_command(self, frame: Frame, opened: _Open, _sender: _Sender, _component: int) -> None:
-        if field_int(frame, "command") in _NEW_AIMS:
+    def _saw_command(self, frame: Frame, opened: _Open, _sender: _Sender, component: int) -> None:
+        command = field_int(frame, "command")
+        if command in _NEW_AIMS:
             opened.streams.clear()
+        elif command == _SET_INTERVAL and component == AUTOPILOT_COMPID:
+            self._saw_rate(field_float(frame, "param1"), field_float(frame, "param2"), opened)
+
+    def _saw_rate(self, msgid: float, interval_us: float, opened: _Open) -> None:
+        if msgid not in _IDS or msgid in OWN_RATES:
+            return
+        if interval_us == 0:  # the default
+            opened.rates.pop(int(msgid), None)
+        else:
+            _remember(opened.rates, int(msgid), None, _MOST_RATES)
 
     def _saw_log(self, frame: Frame, opened: _Open, sender: _Sender, component: int) -> None:
         if frame.msgid == _LOG_END:
@@ -336,15 +362,21 @@ class FlushTracker:
         )
         return Closing("guided stream stopped", _packed(sender, stop))
 
+    def _close_rates(self, msgids: Collection[int]) -> Closing:
+        target = self._vehicle, AUTOPILOT_COMPID
+        frames = _packed((self._vehicle, RATES_COMPID), *(command_long(target, _SET_INTERVAL, each) for each in msgids))
+        names = " ".join(mavlink.mavlink_map[each].msgname for each in msgids)
+        return Closing(f"default message rates restored: {names}", frames)
+
     def _close_log(self, sender: _Sender, component: int) -> Closing:
         message = mavlink.MAVLink_log_request_end_message(self._vehicle, component)
         return Closing("log download ended", _packed(sender, message))
 
 
-def _remember(entries: dict, key: object, value: object) -> None:  # type: ignore[type-arg]
+def _remember(entries: dict, key: object, value: object, most: int = _MOST_OPEN) -> None:  # type: ignore[type-arg]
     entries.pop(key, None)
     entries[key] = value
-    if len(entries) > _MOST_OPEN:
+    if len(entries) > most:
         del entries[next(iter(entries))]
 
 

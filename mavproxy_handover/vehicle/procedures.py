@@ -22,24 +22,9 @@ from mavproxy_handover.vehicle.profiles import FlightProcedures, Profile
 from mavproxy_handover.vehicle.state import VehicleState
 from mavproxy_handover.wire.conversation import Asking, AutopilotError, command_long
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID
+from mavproxy_handover.wire.own_rates import OWN_RATES
 
-__all__ = ["STREAMS", "HeldPlan", "Loaded", "Plan", "Procedures"]
-
-#: message id -> interval (s) that the companion asks the autopilot for; position at 20 Hz is the zone check's rate
-STREAMS: dict[int, float] = {
-    mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 0.05,
-    mavlink.MAVLINK_MSG_ID_ATTITUDE: 0.25,
-    mavlink.MAVLINK_MSG_ID_VFR_HUD: 0.25,
-    mavlink.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT: 0.5,
-    mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 0.5,
-    mavlink.MAVLINK_MSG_ID_MISSION_CURRENT: 0.5,
-    mavlink.MAVLINK_MSG_ID_SYS_STATUS: 0.5,
-    mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: 1.0,
-    mavlink.MAVLINK_MSG_ID_WIND: 1.0,
-    mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: 0.5,
-    mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: 1.0,
-    mavlink.MAVLINK_MSG_ID_FENCE_STATUS: 1.0,
-}
+__all__ = ["HeldPlan", "Loaded", "Plan", "Procedures"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,10 +74,10 @@ class Procedures:
         return self.profile.procedures(self.sysid, lambda: self.aircraft.telemetry.text, self.aircraft)
 
     def stream_requests(self) -> list[Any]:
-        """Messages that ask for everything in STREAMS."""
+        """Messages that ask for everything in OWN_RATES."""
         command = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
         target = self.sysid, AUTOPILOT_COMPID
-        return [command_long(target, command, msgid, interval_s * 1e6) for msgid, interval_s in STREAMS.items()]
+        return [command_long(target, command, msgid, interval_s * 1e6) for msgid, interval_s in OWN_RATES.items()]
 
     # ---- the plan -----------------------------------------------------------------------------------------------
 

@@ -348,6 +348,48 @@ def test_a_log_download_is_ended(tracker: FlushTracker, make: Make, name: str) -
     assert tracker.flush(GCSA) == []
 
 
+# ---- message rates --------------------------------------------------------------------------------------------------
+
+#: SET_MESSAGE_INTERVAL, and RATES_COMPID
+INTERVAL, OF_RATES = 511, 189
+RAW_IMU, SCALED_IMU, VIBRATION, ATTITUDE = 27, 26, 241, 30
+
+
+def rate(make: Make, msgid: float, interval_us: float, name: str = "COMMAND_LONG", **fields: Any) -> Frame:
+    return make(name, command=INTERVAL, param1=msgid, param2=interval_us, **fields)
+
+
+@pytest.mark.parametrize("name", ["COMMAND_LONG", "COMMAND_INT"])
+def test_message_rates_are_set_to_the_default_by_the_companion_itself(
+    tracker: FlushTracker, make: Make, name: str
+) -> None:
+    send(tracker, rate(make, RAW_IMU, 20_000, name), rate(make, VIBRATION, -1, name, target_component=0))
+    ((what, messages),) = read(tracker.flush(GCSA))
+    assert what == "default message rates restored: RAW_IMU VIBRATION"
+    for message, msgid in zip(messages, (RAW_IMU, VIBRATION), strict=True):
+        assert (message.get_type(), message.command, message.confirmation) == ("COMMAND_LONG", INTERVAL, 0)
+        assert (origin(message), aim(message)) == ((VEHICLE, OF_RATES), (VEHICLE, 1))
+        values = [getattr(message, f"param{number}") for number in range(1, 8)]
+        assert values == [msgid, 0, 0, 0, 0, 0, 0]
+    assert tracker.flush(GCSA) == []
+
+
+def test_rates_that_need_no_reset_get_none(tracker: FlushTracker, make: Make) -> None:
+    send(tracker, rate(make, ATTITUDE, 20_000))  # the companion restores its own
+    send(tracker, rate(make, RAW_IMU, 20_000, target_component=100))  # a camera's
+    send(tracker, rate(make, SCALED_IMU, 20_000), rate(make, SCALED_IMU, 0))  # default again
+    send(tracker, *(rate(make, no_id, 20_000) for no_id in (float("nan"), float("inf"), -1.0, 27.5, 1e6)))
+    assert tracker.flush(GCSA) == []
+
+
+def test_the_newest_32_rates_are_remembered(tracker: FlushTracker, make: Make) -> None:
+    chosen = [name for name in sorted(IDS) if name.startswith(("CAMERA", "GIMBAL", "LOG", "PARAM", "RC", "SET"))][:33]
+    assert len(chosen) == 33
+    send(tracker, *(rate(make, IDS[name], 1e6) for name in ("RAW_IMU", *chosen[:31], "RAW_IMU", *chosen[31:])))
+    ((what, _),) = read(tracker.flush(GCSA))
+    assert what.removeprefix("default message rates restored: ").split() == [*chosen[2:31], "RAW_IMU", *chosen[31:]]
+
+
 # ---- all of it ------------------------------------------------------------------------------------------------------
 
 
@@ -407,4 +449,4 @@ def test_whatever_a_frame_holds_nothing_raises(msgid: int, contents: bytes, sysi
     tracker.note_reply(frame)
     for closing in [*tracker.arming(), *tracker.flush(GCSA)]:
         for raw in closing.frames:
-            assert mavlink.MAVLink(None).decode(bytearray(raw)).get_srcSystem() == sysid
+            assert mavlink.MAVLink(None).decode(bytearray(raw)).get_srcSystem() in (sysid, VEHICLE)

@@ -35,6 +35,7 @@ GUIDED = 4
 ACCEPTED, NO_SPACE, DENIED = 0, 4, 14
 ONLY_VELOCITY = 0b110111000111
 CREATE, WRITE, TERMINATE = 6, 7, 1
+VIBRATION = 241
 
 VEHICLES = [
     pytest.param(
@@ -159,6 +160,11 @@ class Companion:
         self.send(mavlink.MAVLink_command_long_message(VEHICLE, 1, command, 0, *values))
         return int(self.wait("COMMAND_ACK", lambda m: m.command == command).result)
 
+    def interval_us(self, msgid: int) -> int:
+        values = [510, 0, msgid, *[0.0] * 6]
+        self.send(mavlink.MAVLink_command_long_message(VEHICLE, 1, *values))
+        return int(self.wait("MESSAGE_INTERVAL", lambda m: m.message_id == msgid).interval_us)
+
     def parameter(self, name: str) -> float:
         self.send(mavlink.MAVLink_param_request_read_message(VEHICLE, 1, name.encode(), -1))
         return float(self.wait("PARAM_VALUE", lambda m: m.param_id == name).param_value)
@@ -185,6 +191,7 @@ def companion(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathF
         companion.wait("HEARTBEAT", lambda m: m.system_status == mavlink.MAV_STATE_STANDBY)
         for msgid in (33, 32, 65):  # position, local position, sticks
             companion.command(511, msgid, 100_000)
+        companion.tracker.flush(GCSA)  # these rates stay for all tests
         yield companion
     finally:
         companion.socket.close()
@@ -330,3 +337,13 @@ def _fly(companion: Companion) -> None:
         assert time.monotonic() < deadline, "it does not take off"
         companion.wait("HEARTBEAT")
     companion.wait("GLOBAL_POSITION_INT", lambda m: m.relative_alt > 9000, 30)
+
+
+@pytest.mark.parametrize("companion", VEHICLES, indirect=True)
+def test_the_rate_of_a_message_is_the_default_again(companion: Companion) -> None:
+    before = companion.interval_us(VIBRATION)
+    assert before != 100_000
+    assert companion.command(511, VIBRATION, 100_000) == ACCEPTED
+    assert companion.interval_us(VIBRATION) == 100_000
+    assert companion.flush() == ["default message rates restored: VIBRATION"]
+    assert companion.interval_us(VIBRATION) == before

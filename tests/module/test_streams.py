@@ -14,6 +14,7 @@ from tests.module.test_handover import flight, hand_over  # noqa: F401
 from tests.module.vehicle import Autopilot
 
 POSITION, LANDED = 33, 245
+RAW_IMU, SCALED_IMU = 27, 26
 #: message id -> interval (us): GLOBAL_POSITION_INT, ATTITUDE, VFR_HUD, NAV_CONTROLLER_OUTPUT, EXTENDED_SYS_STATE,
 #: MISSION_CURRENT, SYS_STATUS, BATTERY_STATUS, WIND, FENCE_STATUS, GPS_RAW_INT, SYSTEM_TIME
 OURS = {
@@ -99,6 +100,20 @@ def test_they_are_back_too_when_the_commander_that_switched_them_off_is_lost(cru
     cruise.until(lambda: cruise.companion.view.commander != 251)
     cruise.run(1.1)
     assert obedient.intervals_us == OURS
+
+
+def test_after_a_commit_the_other_messages_that_the_old_commander_had_asked_for_have_their_default_rate(
+    cruise: Bench, obedient: Obedient
+) -> None:
+    for msgid, interval_us in {RAW_IMU: 20_000, SCALED_IMU: -1, POSITION: 40_000}.items():
+        cruise.a.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, msgid, interval_us)
+    cruise.run(0.1)
+    assert obedient.intervals_us == {**OURS, RAW_IMU: 20_000, SCALED_IMU: -1, POSITION: 40_000}
+    hand_over(cruise)
+    assert obedient.intervals_us[POSITION] == 40_000, "positions would pause at the border"
+    cruise.b.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, SCALED_IMU, 500_000)
+    cruise.run(1.1)
+    assert obedient.intervals_us == {**OURS, RAW_IMU: 0, SCALED_IMU: 500_000}
 
 
 def test_a_commander_that_insists_is_answered_every_five_seconds(cruise: Bench, obedient: Obedient) -> None:

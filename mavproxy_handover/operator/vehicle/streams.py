@@ -2,14 +2,15 @@
 
 """The telemetry streams that the companion needs, and their restoration after a station has slowed or ended them.
 
-The autopilot keeps one set of rates for a link, and the commander may change it. Rules:
+The streams are those of `OWN_RATES`. The autopilot keeps one set of rates for a link, and the commander may change it.
+Rules:
 
 1. All streams are requested once, when the autopilot is first heard and after it was silent.
 2. If positions come too seldom for the zone check, they are requested again. If no position comes for long, all streams
    are requested. EXTENDED_SYS_STATE is also requested if it is missing: an aircraft on the ground must not be commanded
    to return.
 3. Otherwise the commander decides the rates. When it no longer commands, all streams are requested again: the next
-   commander has not chosen these rates, and uses the same telemetry.
+   commander has not chosen these rates, and uses the same telemetry. Rates of other messages: `gate/flush.py`.
 4. Requests are at least `_PAUSE_S` apart, so that a commander that repeats its rates does not cause a flood.
 """
 
@@ -20,8 +21,9 @@ from typing import Any
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.vehicle.procedures import STREAMS, Procedures
+from mavproxy_handover.vehicle.procedures import Procedures
 from mavproxy_handover.vehicle.state import VehicleState
+from mavproxy_handover.wire.own_rates import OWN_RATES
 
 __all__ = ["Streams"]
 
@@ -63,9 +65,9 @@ class Streams:
         if now - aircraft.telemetry.landed.at > _NO_LANDED_STATE_S:
             wanted.add(mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE)
         if not self._asked or now - aircraft.telemetry.own_position.at > _NO_POSITION_S:
-            wanted.update(STREAMS)
+            wanted.update(OWN_RATES)
         if wanted and now >= self._again_at:
             self._again_at, self._asked = now + _PAUSE_S, True
-            for msgid, request in zip(STREAMS, self._procedures().stream_requests(), strict=True):
+            for msgid, request in zip(OWN_RATES, self._procedures().stream_requests(), strict=True):
                 if msgid in wanted:
                     self._send(request)
