@@ -5,7 +5,7 @@
 Rules that live here
 --------------------
 * A start on the ground reads the files. It is strict: anything missing or wrong is an error.
-* A restart goes on with what the run before it had loaded (`store/run_record.py`), and reads no file. A restart is a
+* A restart goes on with what the run before it had loaded (`store/restart_copy.py`), and reads no file. A restart is a
   start by the supervisor after a death, or a start in flight by the state in memory (`store/state_store.py`). So a file
   that is edited or damaged in flight cannot leave an aircraft without a judge.
 * If a restart finds no such record it reads the files. A key file that others may read is then only a warning.
@@ -27,7 +27,7 @@ from mavproxy_handover.mission.addresses import without_addresses
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.store.keys import StationKeys, load_key, load_station_keys
-from mavproxy_handover.store.run_record import RunRecord
+from mavproxy_handover.store.restart_copy import RunRecord
 from mavproxy_handover.store.state_store import in_flight
 from mavproxy_handover.wire.signing import KEY_BYTES
 from mavproxy_handover.wire.vehicle_address import pack_addresses, unpack_addresses

@@ -18,9 +18,9 @@ from mavproxy_handover.config.running import Running, forget, keep, load_running
 from mavproxy_handover.core.common.model import Phase
 from mavproxy_handover.core.common.snapshot import Snapshot
 from mavproxy_handover.mission.errors import MissionError
-from mavproxy_handover.store import run_record
+from mavproxy_handover.store import restart_copy
 from mavproxy_handover.store.keys import KeysError
-from mavproxy_handover.store.run_record import RunRecord
+from mavproxy_handover.store.restart_copy import RunRecord
 from mavproxy_handover.store.state_store import StateStore
 
 MISSIONS = Path(__file__).resolve().parents[2] / "missions"
@@ -143,7 +143,7 @@ def test_where_there_is_no_room_a_record_of_another_configuration_goes(
     keep(load_running(config))
     config.write_text(config.read_text().replace("14550", "14551"))
     changed = load_running(config)
-    monkeypatch.setattr(run_record, "replace_whole", full)
+    monkeypatch.setattr(restart_copy, "replace_whole", full)
     assert keep(changed) == "a restart in flight will have to read all files again: No space left on device"
     left_behind(config, FLIGHT)
     found = load_running(config)
@@ -157,7 +157,7 @@ def test_where_there_is_no_room_the_record_that_was_gone_on_with_stays(
     keep(load_running(config))
     left_behind(config, FLIGHT)
     found = load_running(config)
-    monkeypatch.setattr(run_record, "replace_whole", full)
+    monkeypatch.setattr(restart_copy, "replace_whole", full)
     assert keep(replace(found, addresses={"gcs.example": ("192.0.2.7",)})) != ""
     config.unlink()
     assert load_running(config).recorded

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from mavproxy_handover.store import run_record
-from mavproxy_handover.store.run_record import RunRecord
+from mavproxy_handover.store import restart_copy
+from mavproxy_handover.store.restart_copy import RunRecord
 
 RUN = {"text": "abc", "keys": {"GCSA": ["key", None]}}
 
@@ -81,7 +81,7 @@ def is_nested(path: Path) -> None:
 def is_of_another_form(path: Path) -> None:
     whole = json.loads(path.read_text())
     whole["body"]["format"] = 2
-    whole["sha256"] = run_record._checksum(whole["body"])
+    whole["sha256"] = restart_copy._checksum(whole["body"])
     path.write_text(json.dumps(whole))
 
 
@@ -95,7 +95,7 @@ def test_what_does_not_count_is_not_loaded(record: RunRecord, spoil: Callable[[P
 
 
 def test_nor_is_one_of_another_boot(record: RunRecord, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(run_record, "boot_id", lambda: "another")
+    monkeypatch.setattr(restart_copy, "boot_id", lambda: "another")
     assert record.load() is None
 
 
@@ -104,7 +104,7 @@ def test_what_cannot_be_saved_leaves_what_was_before(record: RunRecord, monkeypa
     def full(_path: Path, _data: bytes, *, sync: bool = True) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(run_record, "replace_whole", full)
+    monkeypatch.setattr(restart_copy, "replace_whole", full)
     with pytest.raises(OSError, match="No space left"):
         record.save({"text": "other"})
     assert record.load() == RUN
@@ -137,7 +137,7 @@ def test_what_a_killed_run_left_half_written_goes_with_the_record(record: RunRec
 
 
 def test_without_storage_in_memory_nothing_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(run_record, "memory_folder", lambda _environment: None)
+    monkeypatch.setattr(restart_copy, "memory_folder", lambda _environment: None)
     record = RunRecord(tmp_path / "handover.toml")
     with pytest.raises(OSError, match="there is no storage in memory"):
         record.save(RUN)
