@@ -125,7 +125,7 @@ class HandoverModule(mp_module.MPModule):
         jobs = [("measuring links", partial(self._measure, port), _measured_s(port)) for port in ports.values()]
         jobs += [("link", partial(self._read_link, port, link), _POLL_S) for port, link in self._links]
         self._running, self._names = running, names
-        self._record = BackgroundWriter("run record")
+        self._record = BackgroundWriter("restart copy")
         jobs.append(("names", partial(self._update_addresses), _POLL_S))
         jobs.append(("shared log", partial(SharedLog.check, SharedLog(mpstate, self._show)), 1.0))
         self._schedule = Schedule(jobs, self.companion.fault)

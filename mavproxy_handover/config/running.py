@@ -8,7 +8,7 @@ Rules that live here
 * A restart goes on with what the run before it had loaded (`store/restart_copy.py`), and reads no file. A restart is a
   start by the supervisor after a death, or a start in flight by the state in memory (`store/state_store.py`). So a file
   that is edited or damaged in flight cannot leave an aircraft without a judge.
-* If a restart finds no such record it reads the files. A key file that others may read is then only a warning.
+* If a restart finds no such copy it reads the files. A key file that others may read is then only a warning.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from mavproxy_handover.mission.addresses import without_addresses
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.store.keys import StationKeys, load_key, load_station_keys
-from mavproxy_handover.store.restart_copy import RunRecord
+from mavproxy_handover.store.restart_copy import RestartCopy
 from mavproxy_handover.store.state_store import in_flight
 from mavproxy_handover.wire.signing import KEY_BYTES
 from mavproxy_handover.wire.vehicle_address import pack_addresses, unpack_addresses
@@ -52,7 +52,7 @@ class Running:
     addresses: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     #: it is a restart: missing things are skipped, and tried again
     restart: bool = False
-    #: the record in memory holds it, except the addresses
+    #: the restart copy holds it, except the addresses
     recorded: bool = False
     #: messages about it for people
     notes: tuple[str, ...] = ()
@@ -111,25 +111,25 @@ def load_running(path: Path, *, restarted: bool = False) -> Running:
 def keep(running: Running) -> str:
     """Store it for a restart. Returns why that failed, "" if it succeeded.
 
-    If it cannot be replaced, for example because the storage is full, a record that a restart has used stays. Any other
-    record is removed: a restart must not go on with a configuration that is not the one in flight.
+    If it cannot be replaced, for example because the storage is full, a copy that a restart has used stays. Any other
+    copy is removed: a restart must not go on with a configuration that is not the one in flight.
     """
-    record = RunRecord(running.config.path)
+    restart_copy = RestartCopy(running.config.path)
     try:
-        record.save(_packed(running))
+        restart_copy.save(_packed(running))
     except OSError as error:
         if not running.recorded:
-            record.remove()
+            restart_copy.remove()
         return f"a restart in flight will have to read all files again: {error.strerror or error}"
     return ""
 
 
 def forget(config: VehicleConfig) -> None:
-    """Remove the record after a run has ended on the ground.
+    """Remove the restart copy after a run has ended on the ground.
 
     Then the next start reads the files, and no key stays in memory.
     """
-    RunRecord(config.path).remove()
+    RestartCopy(config.path).remove()
 
 
 def _flies(config: VehicleConfig) -> bool:
@@ -151,8 +151,8 @@ def _packed(running: Running) -> Mapping[str, Any]:
 
 
 def _kept(path: Path) -> Running | None:
-    """The stored data of a run with this configuration file; None if there is no valid record."""
-    record = RunRecord(path).load()
+    """The stored data of a run with this configuration file; None if there is no valid copy."""
+    record = RestartCopy(path).load()
     if record is None or record.get("path") != str(path):
         return None
     try:

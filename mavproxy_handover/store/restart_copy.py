@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The run record: everything that a run of the companion has loaded, kept for a restart in flight.
+"""The restart copy: everything that a run of the companion has loaded, kept for a restart in flight.
 
 Rules that live here
 --------------------
 * It is in memory-backed storage, in the folder that only this user can access (`memory.py`), with mode 0600. It holds
   keys, so it is on no disk, and in no environment variable or argument. Without such storage nothing is kept.
-* It is found by the path of the configuration file, which a start knows before it has read anything.
+* Its file name follows from the path of the configuration file. A start knows that path before it has read any file.
 * It is valid only in the boot and for the user that wrote it, and only if its checksum is correct.
 """
 
@@ -23,25 +23,25 @@ from typing import Any, Final
 from mavproxy_handover.store.durable import discard, discard_unfinished, replace_whole
 from mavproxy_handover.store.memory import boot_id, memory_folder
 
-__all__ = ["RunRecord"]
+__all__ = ["RestartCopy"]
 
 _FORMAT: Final = 1
 #: more than a configuration and the largest mission package need
 _MOST_BYTES: Final = 4 * 1024 * 1024
 
 
-class RunRecord:
-    """The record of one configuration file. Only `save` raises."""
+class RestartCopy:
+    """The restart copy of one configuration file. Only `save` raises."""
 
     def __init__(self, config: Path) -> None:
         """`config`: path of the configuration file, resolved."""
-        place = memory_folder(os.environ)
+        folder = memory_folder(os.environ)
         name = hashlib.sha256(f"run\0{config}".encode("utf-8", "surrogateescape")).hexdigest()[:32]
         #: None if there is no storage for it
-        self.path = None if place is None else place / f"{name}.run"
+        self.path = None if folder is None else folder / f"{name}.run"
 
     def load(self) -> Mapping[str, Any] | None:
-        """The last saved record; None if there is none, or if it is not valid."""
+        """The last saved copy; None if there is none, or if it is not valid."""
         raw = None if self.path is None else _read(self.path)
         if raw is None:
             return None
@@ -54,7 +54,7 @@ class RunRecord:
             return None
 
     def save(self, run: Mapping[str, Any]) -> None:
-        """Replace the saved record. Raises OSError: then the old one stays."""
+        """Replace the saved copy. Raises OSError: then the old one stays."""
         if self.path is None:
             raise OSError("there is no storage in memory")
         body = {"format": _FORMAT, "boot": boot_id(), "run": run}
@@ -64,7 +64,7 @@ class RunRecord:
         replace_whole(self.path, data, sync=False)
 
     def remove(self) -> None:
-        """Remove the saved record."""
+        """Remove the saved copy."""
         if self.path is not None:
             discard(self.path)
             discard_unfinished(self.path)
@@ -79,8 +79,8 @@ def _read(path: Path) -> bytes | None:
     with os.fdopen(descriptor, "rb") as file:
         try:
             found = os.fstat(descriptor)
-            alone = stat.S_ISREG(found.st_mode) and found.st_uid == os.geteuid() and not found.st_mode & 0o077
-            return file.read(_MOST_BYTES + 1) if alone and found.st_size <= _MOST_BYTES else None
+            private = stat.S_ISREG(found.st_mode) and found.st_uid == os.geteuid() and not found.st_mode & 0o077
+            return file.read(_MOST_BYTES + 1) if private and found.st_size <= _MOST_BYTES else None
         except OSError:
             return None
 

@@ -20,7 +20,7 @@ from mavproxy_handover.core.common.snapshot import Snapshot
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.store import restart_copy
 from mavproxy_handover.store.keys import KeysError
-from mavproxy_handover.store.restart_copy import RunRecord
+from mavproxy_handover.store.restart_copy import RestartCopy
 from mavproxy_handover.store.state_store import StateStore
 
 MISSIONS = Path(__file__).resolve().parents[2] / "missions"
@@ -167,7 +167,7 @@ def test_a_record_that_makes_no_sense_is_none(config: Path) -> None:
     found = load_running(config)
     keep(found)
     left_behind(config, FLIGHT)
-    record = RunRecord(config)
+    record = RestartCopy(config)
     kept = record.load()
     assert kept is not None
     for key, wrong in [("text", 7), ("text", "a"), ("keys", [1]), ("keys", {"GCSA": ["AA=="]}), ("mission", "QUJD")]:
@@ -256,7 +256,7 @@ def test_missing_on_the_ground_is_an_error_and_in_flight_is_none(
 
 def test_the_names_of_what_is_kept(config: Path) -> None:
     keep(load_running(config))
-    record = RunRecord(config).load()
+    record = RestartCopy(config).load()
     assert record is not None
     assert sorted(record) == [
         "addresses",
@@ -302,6 +302,6 @@ def test_a_restart_keeps_the_addresses_that_came_with_the_mission_and_a_damaged_
     assert again.mission is not None
     assert found.mission is not None
     assert dict(again.mission.addresses) == dict(found.mission.addresses) != {}
-    RunRecord(config).remove()
+    RestartCopy(config).remove()
     (note,) = load_running(config).notes
     assert note.startswith(f"{file}: not TOML: ")

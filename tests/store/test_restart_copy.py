@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The run record: found by its configuration file, this user's alone, and only whole."""
+"""The restart copy: found by its configuration file, this user's alone, and only whole."""
 
 from __future__ import annotations
 
@@ -12,32 +12,32 @@ from pathlib import Path
 import pytest
 
 from mavproxy_handover.store import restart_copy
-from mavproxy_handover.store.restart_copy import RunRecord
+from mavproxy_handover.store.restart_copy import RestartCopy
 
 RUN = {"text": "abc", "keys": {"GCSA": ["key", None]}}
 
 
 @pytest.fixture
-def record(tmp_path: Path) -> RunRecord:
-    made = RunRecord(tmp_path / "handover.toml")
+def record(tmp_path: Path) -> RestartCopy:
+    made = RestartCopy(tmp_path / "handover.toml")
     made.save(RUN)
     return made
 
 
-def path_of(record: RunRecord) -> Path:
+def path_of(record: RestartCopy) -> Path:
     assert record.path is not None
     return record.path
 
 
-def test_what_was_saved_is_loaded_and_gone_once_it_is_removed(record: RunRecord, tmp_path: Path) -> None:
-    assert RunRecord(tmp_path / "handover.toml").load() == RUN
-    assert RunRecord(tmp_path / "other.toml").load() is None
+def test_what_was_saved_is_loaded_and_gone_once_it_is_removed(record: RestartCopy, tmp_path: Path) -> None:
+    assert RestartCopy(tmp_path / "handover.toml").load() == RUN
+    assert RestartCopy(tmp_path / "other.toml").load() is None
     record.remove()
     record.remove()
     assert record.load() is None
 
 
-def test_nobody_else_can_read_it(record: RunRecord) -> None:
+def test_nobody_else_can_read_it(record: RestartCopy) -> None:
     before = os.umask(0)
     try:
         record.save(RUN)
@@ -89,17 +89,17 @@ def is_of_another_form(path: Path) -> None:
     "spoil",
     [others_may_read, is_a_link, is_a_pipe, is_cut, is_changed, is_no_object, is_nested, is_of_another_form],
 )
-def test_what_does_not_count_is_not_loaded(record: RunRecord, spoil: Callable[[Path], None]) -> None:
+def test_what_does_not_count_is_not_loaded(record: RestartCopy, spoil: Callable[[Path], None]) -> None:
     spoil(path_of(record))
     assert record.load() is None
 
 
-def test_nor_is_one_of_another_boot(record: RunRecord, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nor_is_one_of_another_boot(record: RestartCopy, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(restart_copy, "boot_id", lambda: "another")
     assert record.load() is None
 
 
-def test_what_cannot_be_saved_leaves_what_was_before(record: RunRecord, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_cannot_be_saved_leaves_what_was_before(record: RestartCopy, monkeypatch: pytest.MonkeyPatch) -> None:
 
     def full(_path: Path, _data: bytes, *, sync: bool = True) -> None:
         raise OSError(28, "No space left on device")
@@ -110,7 +110,7 @@ def test_what_cannot_be_saved_leaves_what_was_before(record: RunRecord, monkeypa
     assert record.load() == RUN
 
 
-def test_a_rename_that_fails_leaves_no_keys_beside_it(record: RunRecord, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_rename_that_fails_leaves_no_keys_beside_it(record: RestartCopy, monkeypatch: pytest.MonkeyPatch) -> None:
     """The fault: the temporary file stayed, with the keys of every station in it."""
 
     def refuse(_source: Path, _target: Path) -> None:
@@ -124,7 +124,7 @@ def test_a_rename_that_fails_leaves_no_keys_beside_it(record: RunRecord, monkeyp
     assert record.load() == RUN
 
 
-def test_what_a_killed_run_left_half_written_goes_with_the_record(record: RunRecord) -> None:
+def test_what_a_killed_run_left_half_written_goes_with_the_record(record: RestartCopy) -> None:
     """It holds keys too, and no later write meets its name."""
     left = path_of(record).with_name(f".{path_of(record).name}.0a1b2c3d")
     other = path_of(record).with_name(".other.run.0a1b2c3d")
@@ -138,7 +138,7 @@ def test_what_a_killed_run_left_half_written_goes_with_the_record(record: RunRec
 
 def test_without_storage_in_memory_nothing_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(restart_copy, "memory_folder", lambda _environment: None)
-    record = RunRecord(tmp_path / "handover.toml")
+    record = RestartCopy(tmp_path / "handover.toml")
     with pytest.raises(OSError, match="there is no storage in memory"):
         record.save(RUN)
     assert record.load() is None
