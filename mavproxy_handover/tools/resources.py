@@ -1,6 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Paths of shipped files (missions, guard, constraints): in a checkout beside the package, otherwise inside it."""
+"""Paths of the files that are shipped with the code: missions, the guard's script, pip's constraints, sample files.
+
+In a checkout they are beside the package, in an installation inside it. Sample configurations (`DEPLOY`) are always
+inside it.
+"""
 
 from __future__ import annotations
 

@@ -8,7 +8,8 @@ Rules that live here
 * If authority goes to a station, owner and epoch change in one step. Authority goes by a grant on the ground, by a
   commit, or back to the owner. It ends when the owner is lost or releases it. Each is one method here. The caller
   decides whether it may happen.
-* After a restart the owner of the run before is lost until it is heard. The epoch has risen already, so the owner's
+* After a restart the owner of the run before is lost until it is heard (standard station) or answers CONNECT (station
+  with our module). The epoch has risen already, so the owner's
   return does not raise it again.
 * If the state of the run before is not proven to be the last one, the stations' memory decides:
   - Until a station has authority, the vehicle says no later epoch than the old one. So the first answer of each station

@@ -243,7 +243,9 @@ class Station:
     """A ground station known to the vehicle. `sysid` is its MAVLink system id (1..255).
 
     `standard`: it runs no module of ours and speaks the operator-control protocol of the MAVLink standard only.
-    `consent`: what is answered for it; None: its operator is asked.
+    `consent`: what is answered for it in a planned handover. None: its operator is asked, if the handover needs consent
+    (`AUTOMATIC` has those that need none). A standard station is asked only as commander; as partner it counts as
+    ready.
     """
 
     sysid: int

@@ -2,9 +2,12 @@
 
 """The facts that a decision rests on besides its causes, and when one of them changes by itself.
 
-* Hold is allowed only inside the commander's own zone, with hold time left and a position to stand still by. Outside of
-  it the aircraft would wait where no station should command.
-* After a restart the aircraft counts as being where it can be held, until its position is known.
+A fact is a yes or no (`strategy.Fact`); `DecisionFacts.now` makes the set of those that hold.
+
+* Hold is allowed only inside the commander's own zone, with hold time left and a position that is good enough to hold
+  at. Outside the zone the aircraft would wait where no station should command.
+* After a restart during a hold it is not known whether the aircraft is still inside that zone. Hold is allowed until
+  its position is known.
 * An order that the autopilot does not follow (`command_verification.py`) is not possible: then the aircraft cannot
   hold, or cannot reach the return site.
 * In a rehearsal the flight mode says nothing of who flies: the aircraft is carried.

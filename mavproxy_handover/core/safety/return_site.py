@@ -17,15 +17,15 @@ count, and `best` is the place that stands highest, the soonest of those that st
 So what is reachable, inside the fence and covered is never passed over for what is not. What is not known of energy
 counts as reachable: all places are alike in that, and to land where it is is no better.
 
-`ReturnSiteChooser` keeps the choice, and changes it when a fact changes, not when a number trembles. A yes or no that
-rests on measured numbers has to be wrong for a while to count as wrong. It has to be right for longer to count as right
-again. A
-fact that flickers stays as it was, or wrong. A place of equal rank has to be clearly sooner. A station that falls away
-counts as lost at once, because it was silent for seconds already. It counts again after a while. The choice moves to
-another place only if that place is better by the facts of this moment, too.
+`ReturnSiteChooser` keeps the choice, and changes it when a fact changes, not at each change of a measured number. A
+fact that rests on measured numbers counts as false after it was false for a while. It counts as true again after it was
+true for longer. A fact that changes to and fro stays as it was, or counts as false. A place of equal rank replaces the
+choice only if it is reached clearly sooner. A station that is lost counts as lost at once, because it was silent for
+seconds already. After it is heard again it counts after a while. The choice moves to another place only if that place
+is also better by the facts of this moment.
 
-What returns already has no use for a place that is only sooner: its choice changes for one that stands higher, and
-near its end not at all.
+During a return a place that is only reached sooner does not replace the choice; a place of higher rank does. Near the
+end of the return nothing replaces it.
 """
 
 from __future__ import annotations

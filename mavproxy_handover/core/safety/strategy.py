@@ -68,7 +68,7 @@ class Fact(Enum):
     AUTOPILOT = "the autopilot is heard"
     #: a transfer that would end the cause is under way, and has time left
     SUCCESSOR = "a station is about to take the aircraft"
-    #: inside the commander's zone, with hold time and energy left, and a position to stand still by
+    #: inside the commander's zone, with hold time left, and a position that is good enough to hold at
     MAY_HOLD = "it can stand still here"
     #: within the limit of a gap that the mission declares
     GAP = "the mission declares this gap"
