@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Chooses the return site among the candidates. `core/safety/return_site.py` compares them.
+"""Runs the choice of the return site: once a second it gives the candidates' facts to the chooser.
 
-Rules:
+The chooser and its rules are in `core/safety/return_site.py`. Here is decided when the choice is fixed. "The list" is
+the autopilot's rally list, which holds the chosen site alone. Rules:
 
-1. After a start of the companion, the place in the list stays until the stations had time to be heard.
-2. During a return the autopilot does not read the list. The choice is fixed then, unless the return may begin again. It
-   is the place that the list held when the return began, even if another place was chosen by then.
+1. After a start of the companion, the site in the list stays chosen until the stations had time to be heard.
+2. The autopilot reads the list only when a return begins. So the choice is fixed during a return, unless the companion
+   may begin the return again towards another site (`operator/return_site/return_site.py`). It is the site that the list
+   held when the return began, even if another site was chosen by then.
 3. Shortly before the mission ends with a return, the best site of that moment is chosen.
 """
 
@@ -27,7 +29,7 @@ from mavproxy_handover.vehicle.state import VehicleState
 
 __all__ = ["SiteSelection"]
 
-#: time (s) for the stations to be heard after the start of this run; the place found in the list stays meanwhile
+#: time (s) for the stations to be heard after the start of this run; the site found in the list stays meanwhile
 _SETTLE_S: Final = 5.0
 #: this time (s) before the mission ends with a return, the best site is chosen, early enough to be written
 _LAST_S: Final = 12.0
@@ -43,7 +45,7 @@ class SiteSelection:
         self._margin = margin
         self._chooser = ReturnSiteChooser()
         #: the current choice; None while there are no candidates
-        self.now: Choice | None = None
+        self.current: Choice | None = None
         self._settled_at = math.inf
         #: the name of the listed place that was chosen since the last update
         self._listed: str | None = None
@@ -51,10 +53,10 @@ class SiteSelection:
     @property
     def name(self) -> str | None:
         """The name of the chosen site; None: none is chosen."""
-        return None if self.now is None else self.now.place.name
+        return None if self.current is None else self.current.place.name
 
     def restore_from_list(self, held: RallyPoint | None, energy: EnergyFact, now: float) -> None:
-        """The list was read for the first time: in flight, the place that it holds becomes the choice."""
+        """The list was read for the first time: in flight, the site that it holds becomes the choice."""
         if self._settled_at != math.inf:
             return
         self._settled_at = now + _SETTLE_S
@@ -73,10 +75,10 @@ class SiteSelection:
     def update(
         self, usable: Set[int], energy: EnergyFact, now: float, *, recovering: bool, returning: bool, may_bounce: bool
     ) -> str:
-        """Choose. Returns the name of the place that a return must be sent to instead; "": none.
+        """Choose. Returns the name of the site that a running return must be sent to instead; "": none.
 
         `usable`: stations that could take the aircraft; `recovering`: the commander is not certain yet; `returning`:
-        the aircraft flies a return; `may_bounce`: the return may be sent to another place.
+        the aircraft flies a return; `may_bounce`: the return may begin again, to go to another site.
         """
         fixed = now < self._settled_at or recovering or (returning and not may_bounce)
         before, seen = self._listed or self.name, self._views.seen
@@ -84,9 +86,9 @@ class SiteSelection:
         places = self._candidates.places
         facts = [self._margin.by_now(seen[place.name], energy) for place in places if place.name in seen]
         ends = not returning and self._mission_returns()
-        self.now = self._chooser.choose(facts, usable, now, returning=returning, fixed=fixed, ends=ends)
-        moved = before is not None and self.now is not None and before != self.now.place.name
-        return self.now.place.name if self.now is not None and may_bounce and moved else ""
+        self.current = self._chooser.choose(facts, usable, now, returning=returning, fixed=fixed, ends=ends)
+        moved = before is not None and self.current is not None and before != self.current.place.name
+        return self.current.place.name if self.current is not None and may_bounce and moved else ""
 
     def _mission_returns(self) -> bool:
         """Whether the mission has nearly reached the point where it ends with a return."""

@@ -94,7 +94,7 @@ class ReturnSite:
     @property
     def choice(self) -> Choice | None:
         """The chosen return site; None while there are no candidates."""
-        return self._selection.now
+        return self._selection.current
 
     @property
     def where(self) -> tuple[str, float, float] | None:
