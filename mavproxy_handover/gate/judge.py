@@ -47,7 +47,7 @@ from mavproxy_handover.gate.intent import INTENT_MESSAGES, intent_of
 from mavproxy_handover.gate.policy.parts import MISSION_TYPE_MESSAGES
 from mavproxy_handover.gate.policy.rows import MESSAGE_ROWS, TAKE_OFF_MESSAGES, Access, Row, classify, moves, takes_off
 from mavproxy_handover.vehicle.profiles import ASSUMED, Modes
-from mavproxy_handover.wire.frames import Frame, field_int, target, target_places
+from mavproxy_handover.wire.frames import Frame, field_int, target, target_offsets
 from mavproxy_handover.wire.ids import COMPANION_COMPID, MISSION_START, STATION_COMPIDS
 
 __all__ = ["Fate", "GateReason", "StationIdentity", "Verdict", "decide", "judge", "outcome", "uploads", "usual"]
@@ -246,7 +246,7 @@ def _usual(msgid: int, row: Row) -> _Usual:
     # armed or not makes no difference here, see below
     found = (outcome(row.access, commands, armed=True) for commands in (False, True))
     others, commander = (Verdict(fate, row.access, reason, row.what) for fate, reason in found)
-    return (*target_places(msgid), others, commander)
+    return (*target_offsets(msgid), others, commander)
 
 
 def _usual_by_id() -> dict[int, _Usual]:

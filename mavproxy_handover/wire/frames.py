@@ -1,23 +1,23 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""MAVLink frames as the gate sees them: header, verified bytes, a few payload bytes, no decoded fields.
+"""MAVLink frames as the gate sees them: header, checked bytes, single fields of the payload, no decoded messages.
 
 Decoding a whole message costs more than judging it, and the gate must forward frames byte for byte. So this module
 finds frames in a byte stream, checks them, and leaves them unchanged. Rules that live here:
 
 1. A frame counts only if its CRC fits the definition of its message in our dialect. A frame with an unknown id cannot
-   be checked; it is skipped and counted. Its length counts only if a magic byte follows. A stray magic byte in garbage
-   has a length too, and would swallow the next frame.
+   be checked. If a magic byte follows its last byte, the whole frame is skipped and counted. Otherwise only its magic
+   byte is skipped: it may be a stray byte in garbage, whose length would swallow the next frame.
 2. A frame with an incompatibility flag other than "signed" is not understood; it is skipped and counted. A MAVLink 1
    frame with more payload than its message has is skipped before the rest of it has arrived. MAVLink 1 has no extension
    fields, and a stray magic byte must not delay the next frames.
 3. After garbage or a bad CRC the search continues one byte after the magic byte. So a damaged frame costs only itself.
 4. Any cut of the stream gives the same frames. At most one frame is kept between two calls.
 5. The time-out for an incomplete frame is PATIENCE_S. Then its first byte is garbage, and the search continues in the
-   bytes after it. Otherwise a stray magic byte with a length, or one damaged length byte, would hold back 280 bytes. On
-   a link that carries only heartbeats that takes longer than the time-out of heartbeats. A real frame is faster: 280
-   bytes take 49 ms at 57600 baud. Its last byte counts when it is fed, so a late caller loses nothing. A caller that
-   gives no time (complete data need none) has no time-out.
+   bytes after it. Otherwise a stray magic byte, or one damaged length byte, would hold back up to 280 bytes. A link
+   that carries only heartbeats needs longer for 280 bytes than the 5 s after which a station counts as lost. A real
+   frame is faster: 280 bytes take 49 ms at 57600 baud. `feed` adds the new bytes before it checks the time-out, so a
+   caller that calls late loses no complete frame. A caller that gives no time has no time-out.
 6. No data from outside raises.
 
 Signatures are not checked here (that needs a link's key); `Frame.signed` says that there is one.
@@ -48,7 +48,7 @@ __all__ = [
     "field_offset",
     "parse_one",
     "target",
-    "target_places",
+    "target_offsets",
 ]
 
 MAGIC_V1: Final = 0xFE
@@ -126,7 +126,7 @@ def _fields(message: type) -> dict[str, slice]:
 
 
 def _definition(message: type) -> _Definition:
-    offsets = {name: place.start for name, place in _fields(message).items()}
+    offsets = {name: part.start for name, part in _fields(message).items()}
     length: int = message.unpacker.size  # type: ignore[attr-defined]
     return _Definition(
         crc_extra=bytes([message.crc_extra]),  # type: ignore[attr-defined]
@@ -155,7 +155,7 @@ def checked_types(dialect: Any) -> frozenset[type]:
     )
 
 
-def target_places(msgid: int) -> tuple[int, int | None, int | None]:
+def target_offsets(msgid: int) -> tuple[int, int | None, int | None]:
     """Length of a message's payload, and offsets of target system and component, if it has them.
 
     Raises KeyError if the dialect lacks the message.
@@ -257,7 +257,8 @@ def parse_one(raw: bytes | bytearray, proven: bool = False) -> Frame | None:
     """Parse `raw` as exactly one frame.
 
     Returns None if it is no frame, not exactly one, has a bad CRC, or flags that are not understood. A frame of an
-    unknown id is returned with `known` False, because its CRC cannot be checked. `proven`: the CRC is checked already.
+    unknown id is returned with `known` False, because its CRC cannot be checked. `proven`: the CRC is known to
+    be right.
     """
     if type(raw) is not bytes:
         raw = bytes(raw)
@@ -303,7 +304,7 @@ class FrameSplitter:
         self._max_buffer = max_buffer
         self._patience_s = patience_s
         self._rest = b""
-        #: arrival times of the waiting bytes: (place of the first byte, time), in order
+        #: arrival times of the waiting bytes: (offset of the first byte, time), in order
         self._arrived: list[tuple[int, float]] = []
 
     @property
@@ -378,7 +379,7 @@ class FrameSplitter:
         """True if the byte at `start` (in kept and new data) arrived longer ago than a frame may take."""
         if now is None or start >= len(self._rest) or not self._arrived:
             return False
-        _place, at = self._arrived[bisect_right(self._arrived, (start, inf)) - 1]
+        _offset, at = self._arrived[bisect_right(self._arrived, (start, inf)) - 1]
         return now - at >= self._patience_s
 
     def _keep(self, buffer: bytes, position: int, now: float | None) -> None:
@@ -392,5 +393,5 @@ class FrameSplitter:
             if len(buffer) > len(self._rest):
                 arrived = [*arrived, (len(self._rest), now)]
             first = bisect_right(arrived, (position, inf)) - 1
-            self._arrived = [(max(0, place - position), at) for place, at in arrived[first:]]
+            self._arrived = [(max(0, offset - position), at) for offset, at in arrived[first:]]
         self._rest = buffer[position:]
