@@ -97,7 +97,7 @@ SOURCE = 'source = "box"'
 
 
 def standing(bench: Bench) -> Any:
-    return bench.companion.autopilot.positions.standing(bench.clock.now).value
+    return bench.companion.autopilot.positions.box_state(bench.clock.now).value
 
 
 def where(bench: Bench) -> tuple[float, float] | None:

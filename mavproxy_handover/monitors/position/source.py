@@ -7,7 +7,7 @@ Rules:
 1. Only the configured source counts (`[position]`). There is no fallback to the other one: if two sources disagree, it
    is not known which is right, and if one falls silent, people must know.
 2. A position that does not count is not used: not for zones, route, gaps and borders, and no station gets it. So the
-   position grows old, and the cause `position_stale` handles it.
+   position grows old, and the cause `position_stale` handles it: by default with a warning, never with a return.
 3. The box counts while its records come in time, hold a position, and agree with the autopilot's position
    (`cross_check.py`). Once they have agreed, the box counts for `unchecked_s` without a comparison, if the aircraft can
    have reached the place since. A position of the autopilot without a fix is an estimate, and is not compared.
@@ -44,7 +44,7 @@ from mavproxy_handover.monitors.position.cross_check import UNKNOWN_HEADING, Cro
 from mavproxy_handover.vehicle.state import VehicleState
 from mavproxy_handover.wire.box_layout import BoxRecord
 
-__all__ = ["Box", "BoxNews", "PositionMonitor", "Standing"]
+__all__ = ["Box", "BoxNews", "BoxState", "PositionMonitor"]
 
 #: positions of the autopilot come 20 times a second; one older than this is no match for a record that has just come
 _FRESH_S: Final = 0.5
@@ -70,7 +70,7 @@ class Box(Protocol):
         """The bytes of the newest record since the last call, believed or not."""
 
 
-class Standing(Enum):
+class BoxState(Enum):
     """The state of the box, in the words of the journal."""
 
     WAITED_FOR = "waited_for"
@@ -128,7 +128,7 @@ class _Told:
     """The state of the box that people and the rules were told last."""
 
     def __init__(self) -> None:
-        self.standing = Standing.WAITED_FOR
+        self.box_state = BoxState.WAITED_FOR
         self.at = -math.inf
         #: why START is refused for it
         self.lacks = ""
@@ -147,7 +147,7 @@ class PositionMonitor:
         self._told = _Told()
         #: the box is the source
         self.by_box = settings.source == BOX
-        self._standing = Standing.WAITED_FOR
+        self._box_state = BoxState.WAITED_FOR
         #: until then a box that was never heard is waited for
         self._waits_until = math.inf
         self._heard_at = -math.inf
@@ -182,7 +182,7 @@ class PositionMonitor:
             self._forget(state, now)
             return
         self._heard_at, self._late_s = now, fix.late_s
-        self._standing = self._judge(fix, state, now)
+        self._box_state = self._judge(fix, state, now)
         state.trust_own(not self.by_box and self._check.sound)
         if self.by_box and self._counts(state, now):
             state.placed(self._position(fix.record, state), now)
@@ -198,16 +198,16 @@ class PositionMonitor:
             self._check = CrossCheck(self._settings)
             state.trust_own(not self.by_box)
 
-    def _judge(self, fix: Fix, state: VehicleState, now: float) -> Standing:
+    def _judge(self, fix: Fix, state: VehicleState, now: float) -> BoxState:
         armed = state.armed
         if self._layout.verdict is Verdict.OTHER:
-            return Standing.OTHER_LAYOUT
+            return BoxState.OTHER_LAYOUT
         if not self._settings.layout.locates(fix.record):
-            return Standing.NO_POSITION
+            return BoxState.NO_POSITION
         if not self._layout.known and not armed:
-            return Standing.UNRECOGNISED
+            return BoxState.UNRECOGNISED
         if fix.late_s > self._settings.box_age_s:
-            return Standing.LATE
+            return BoxState.LATE
         own, record = self._own(state, now), fix.record
         if own is not None:
             self._heights.level(record, own.alt_m, armed=armed)
@@ -219,14 +219,14 @@ class PositionMonitor:
             if self._check.sound:
                 self._agreement.note(theirs, now)
         if not self._check.sound:
-            return Standing.APART if self._check.apart else Standing.BEYOND
-        return Standing.SOUND if self._agreement.covers(theirs, now) else Standing.UNCHECKED
+            return BoxState.APART if self._check.apart else BoxState.BEYOND
+        return BoxState.SOUND if self._agreement.covers(theirs, now) else BoxState.UNCHECKED
 
     def _counts(self, state: VehicleState, now: float) -> bool:
         """Whether the box's last record counts."""
-        if self._standing in (Standing.UNCHECKED, Standing.BEYOND, Standing.APART):
+        if self._box_state in (BoxState.UNCHECKED, BoxState.BEYOND, BoxState.APART):
             return self._lenient(state, now)
-        return self._standing is Standing.SOUND
+        return self._box_state is BoxState.SOUND
 
     def _own(self, state: VehicleState, now: float) -> Place | None:
         """The autopilot's position, if it can be compared; else None."""
@@ -272,13 +272,13 @@ class PositionMonitor:
 
     # ---- messages ---------------------------------------------------------------------------------------------------
 
-    def standing(self, now: float) -> Standing:
+    def box_state(self, now: float) -> BoxState:
         """The state of the box now."""
         if self._layout.verdict is Verdict.OTHER and now - self._raw_at <= _LAYOUT_S:
-            return Standing.OTHER_LAYOUT
+            return BoxState.OTHER_LAYOUT
         if now - self._heard_at <= _SILENT_S:
-            return self._standing
-        return Standing.WAITED_FOR if self._heard_at == -math.inf and now < self._waits_until else Standing.SILENT
+            return self._box_state
+        return BoxState.WAITED_FOR if self._heard_at == -math.inf and now < self._waits_until else BoxState.SILENT
 
     def update(self, state: VehicleState, now: float) -> list[BoxNews]:
         """Returns news when the state of the box has changed; to be called each second."""
@@ -286,54 +286,54 @@ class PositionMonitor:
             return []
         if self._waits_until == math.inf:
             self._waits_until = now + _PAUSE_S
-        standing, before = self.standing(now), self._told.standing
-        if standing in (before, Standing.BEYOND) or now - self._told.at < _PAUSE_S:
+        box_state, before = self.box_state(now), self._told.box_state
+        if box_state in (before, BoxState.BEYOND) or now - self._told.at < _PAUSE_S:
             return []
-        if standing is Standing.UNRECOGNISED and not self._layout.enough:
+        if box_state is BoxState.UNRECOGNISED and not self._layout.enough:
             return []
-        self._told.standing, self._told.at = standing, now
+        self._told.box_state, self._told.at = box_state, now
         severity: int | None = mavlink.MAV_SEVERITY_WARNING
-        if standing is Standing.SOUND:  # normal: not told the first time
-            severity = None if before is Standing.WAITED_FOR else mavlink.MAV_SEVERITY_NOTICE
-        return [BoxNews(self.words(state, now), self._settings.source, standing.value, severity)]
+        if box_state is BoxState.SOUND:  # normal: not told the first time
+            severity = None if before is BoxState.WAITED_FOR else mavlink.MAV_SEVERITY_NOTICE
+        return [BoxNews(self.words(state, now), self._settings.source, box_state.value, severity)]
 
     def lacks(self, now: float) -> str:
         """Why START is refused for the box's layout, in words; "" if it is not."""
-        standing = self.standing(now)
-        refused = standing is Standing.OTHER_LAYOUT or (standing is Standing.UNRECOGNISED and self.by_box)
+        box_state = self.box_state(now)
+        refused = box_state is BoxState.OTHER_LAYOUT or (box_state is BoxState.UNRECOGNISED and self.by_box)
         return f"position box {self._layout.words}" if refused and self._layout.words else ""
 
     def words(self, state: VehicleState, now: float) -> str:
         """The state of the box, for people; "" without a box."""
         if self._box is None:
             return ""
-        standing = self.standing(now)
+        box_state = self.box_state(now)
         why = f" ({self._box.trouble})" if self._box.trouble else ""
-        match standing:
-            case Standing.WAITED_FOR:
+        match box_state:
+            case BoxState.WAITED_FOR:
                 text = f"not heard yet{why}"
-            case Standing.SILENT:
+            case BoxState.SILENT:
                 text = f"silent{why}"
-            case Standing.NO_POSITION:
+            case BoxState.NO_POSITION:
                 text = "has no position"
-            case Standing.LATE:
+            case BoxState.LATE:
                 text = f"{self._late_s:.1f} s late (limit {self._settings.box_age_s:g} s)"
-            case Standing.OTHER_LAYOUT | Standing.UNRECOGNISED:
+            case BoxState.OTHER_LAYOUT | BoxState.UNRECOGNISED:
                 text = f"{self._layout.words}{self._layout.count_words}"
-            case Standing.UNCHECKED:
+            case BoxState.UNCHECKED:
                 text = "cannot be checked by the autopilot's position"
-            case Standing.BEYOND | Standing.APART:
+            case BoxState.BEYOND | BoxState.APART:
                 text = f"and autopilot {self._check.words}"
-            case Standing.SOUND:
+            case BoxState.SOUND:
                 last = self._check.last
                 near = "" if last is None else f", {last.over_ground_m:.1f} m from the autopilot's position"
                 text = f"in order{near}"
             case _:
-                assert_never(standing)
-        return f"position box {text}{self._consequence(standing, state, now)}"
+                assert_never(box_state)
+        return f"position box {text}{self._consequence(box_state, state, now)}"
 
-    def _consequence(self, standing: Standing, state: VehicleState, now: float) -> str:
+    def _consequence(self, box_state: BoxState, state: VehicleState, now: float) -> str:
         if self.by_box:
-            silent = standing in (Standing.WAITED_FOR, Standing.SILENT)
+            silent = box_state in (BoxState.WAITED_FOR, BoxState.SILENT)
             return ": no position is used" if silent or not self._counts(state, now) else ""
         return "" if self._check.sound else ": no position is used"
