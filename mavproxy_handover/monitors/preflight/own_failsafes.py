@@ -1,8 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Checks the parameters of the autopilot's own failsafes: battery, geofence and return.
+"""Checks the autopilot's own parameters that would defeat what the companion counts on.
 
-The rules are a table for `operator/checks/preflight.py`. They rest on these facts:
+Most are those of its failsafes: battery, geofence and return. The others are speeds, circles, terrain and gripper. The
+checks are a table, `CHECKS`, whose findings `monitors/preflight/rules.py` adds to its own: they are warnings. Two
+functions are no rows of it, because what they find makes START refuse: `circles_for_ever` and `no_terrain`.
+
+The checks rest on these facts:
 
 * Only plain RTL goes to the return site, the one point of the rally list, and only if home is no alternative to it.
   SMART_RTL flies back along its track, AUTO_RTL along the mission's landing sequence.
@@ -45,20 +49,20 @@ from mavproxy_handover.mission.items import GRIPPER, LANDINGS, LOITER_TURNS, Mis
 from mavproxy_handover.mission.leg import Leg
 from mavproxy_handover.mission.plan import Route, ways_from_land_starts
 from mavproxy_handover.mission.route_simulation import legs_of
-from mavproxy_handover.vehicle.profiles import SWITCHED, Profile, Rules
+from mavproxy_handover.vehicle.profiles import SWITCHED, Profile, RuleGroup
 from mavproxy_handover.vehicle.return_limits import BELOW_CEILING_M
 
 __all__ = [
-    "RULES",
+    "CHECKS",
     "PlanFacts",
     "circles_for_ever",
     "further_names",
-    "further_rules",
+    "further_checks",
     "no_terrain",
     "plan_facts",
 ]
 
-#: of those that begin with BATT_, what each further monitor has as well
+#: the parameters that are read of each further battery monitor, without their prefix: BATT2_MONITOR and so on
 _OF_MONITOR: Final = ("MONITOR", "FS_LOW_ACT", "FS_CRT_ACT", "LOW_VOLT", "LOW_MAH")
 
 #: tolerance (degrees a second): parameters have 24 bits, and settings are rounded
@@ -78,7 +82,7 @@ class PlanFacts:
     highest_m: float
     #: it has a landing sequence, and the nearest one always lands
     lands: bool = False
-    #: the number of a DO_LAND_START without a landing after it; None: there is none
+    #: item number of a DO_LAND_START whose landing sequence has no landing; None: there is none
     aloft: int | None = None
     #: home above the sea (m)
     home_alt_m: float = 0.0
@@ -137,9 +141,9 @@ def _circle_deg_s(route: Route, legs: Sequence[Leg]) -> float:
 
 
 Parameters = Mapping[str, float]
-Rule = Callable[[Parameters, "PlanFacts | None"], "str | None"]
-#: parameter to change, rule, and the group that it belongs to
-Row = tuple[str, Rule, Rules]
+ParameterCheck = Callable[[Parameters, "PlanFacts | None"], "str | None"]
+#: parameter to change ("": none), check, and the group that it belongs to
+CheckRow = tuple[str, ParameterCheck, RuleGroup]
 
 # ---- the way home -------------------------------------------------------------------------------------------------
 
@@ -150,7 +154,7 @@ _SMART, _AUTO, _MOTORS_OFF = (
 )
 #: actions that the batteries' failsafes and that of dead reckoning take alike (`Copter::do_failsafe_action`)
 _ACTIONS: Final = {3: _SMART, 4: _SMART, 5: _MOTORS_OFF, 6: _AUTO}
-#: parameter -> its values that end otherwise than at the place that was chosen or with a landing
+#: parameter -> its values with which a failsafe goes neither to the return site nor lands, and what it does instead
 _WAYS: Final[Mapping[str, Mapping[int, str]]] = {
     "HNDO_ACTION": {2: _SMART},
     "FS_GCS_ENABLE": {3: _SMART, 4: _SMART, 6: _AUTO},
@@ -185,15 +189,15 @@ _WINGED_WAYS: Final[Mapping[str, Mapping[int, str]]] = {
 }
 
 
-def _way(name: str, ways: Mapping[int, str]) -> Rule:
-    def rule(p: Parameters, plan: PlanFacts | None) -> str | None:
+def _way(name: str, ways: Mapping[int, str]) -> ParameterCheck:
+    def check(p: Parameters, plan: PlanFacts | None) -> str | None:
         if name not in p:
             return None
         value = int(p[name])
         way = ways.get(value)
         return None if way is None else f"is {value}: {way}"
 
-    return rule
+    return check
 
 
 #: RTL_AUTOLAND that lands by the mission's sequence, and Q_RTL_MODE that lands by rotors
@@ -268,12 +272,12 @@ def _circle_rate(p: Parameters, plan: PlanFacts | None) -> str | None:
     return f"is {rate:g} degrees/s: a circle of the mission {ends} ({plan.circle_deg_s:.1f} were counted)"
 
 
-def _hover(name: str, unit_m: float) -> Rule:
-    def rule(p: Parameters, plan: PlanFacts | None) -> str | None:
+def _hover(name: str, unit_m: float) -> ParameterCheck:
+    def check(p: Parameters, plan: PlanFacts | None) -> str | None:
         final = p.get(name, 0.0)
         return f"is {final:g}: a return ends hovering at {final * unit_m:g} m, not landed" if final > 0 else None
 
-    return rule
+    return check
 
 
 #: the speed between waypoints -> its unit in m/s
@@ -282,8 +286,8 @@ _CRUISE: Final = {"WPNAV_SPEED": 0.01, "WP_SPD": 1.0, "TRIM_ARSPD_CM": 0.01, "AI
 _ROUGHLY: Final = 0.01
 
 
-def _cruise_speed(name: str) -> Rule:
-    def rule(p: Parameters, plan: PlanFacts | None) -> str | None:
+def _cruise_speed(name: str) -> ParameterCheck:
+    def check(p: Parameters, plan: PlanFacts | None) -> str | None:
         counted = None if plan is None else plan.cruise_mps
         if counted is None or name not in p or p[name] * _CRUISE[name] >= counted - _ROUGHLY:
             return None
@@ -291,23 +295,23 @@ def _cruise_speed(name: str) -> Rule:
             f"is {p[name]:g}: {p[name] * _CRUISE[name]:g} m/s is flown, handover check and START count {counted:g} m/s"
         )
 
-    return rule
+    return check
 
 
-def _slower(name: str, unit: float, counted: float, what: str) -> Rule:
+def _slower(name: str, unit: float, counted: float, what: str) -> ParameterCheck:
     """Speeds that are slower than the energy rule counts. 0 means another parameter's value, or the firmware's own."""
 
-    def rule(p: Parameters, plan: PlanFacts | None) -> str | None:
+    def check(p: Parameters, plan: PlanFacts | None) -> str | None:
         value = p.get(name, 0.0) * unit
         if not 0.0 < value < counted - _ROUGHLY:
             return None
         return f"is {p[name]:g}: {what.format(value=f'{value:g}', counted=f'{counted:g}')}"
 
-    return rule
+    return check
 
 
-def _lands_slowly_from(name: str, unit_m: float) -> Rule:
-    def rule(p: Parameters, plan: PlanFacts | None) -> str | None:
+def _lands_slowly_from(name: str, unit_m: float) -> ParameterCheck:
+    def check(p: Parameters, plan: PlanFacts | None) -> str | None:
         low_m = p.get(name, 0.0) * unit_m
         if low_m <= LANDING_BELOW_M + _ROUGHLY:
             return None
@@ -315,18 +319,18 @@ def _lands_slowly_from(name: str, unit_m: float) -> Rule:
             f"is {p[name]:g}: it lands slowly from {low_m:g} m on, and the energy is counted from {LANDING_BELOW_M:g} m"
         )
 
-    return rule
+    return check
 
 
-def _switched(name: str) -> Rule:
-    def rule(p: Parameters, plan: PlanFacts | None) -> str | None:
+def _switched(name: str) -> ParameterCheck:
+    def check(p: Parameters, plan: PlanFacts | None) -> str | None:
         function = int(p.get(name, 0))
         if not function or switch_rule(function).access is not Access.SAFEGUARD:
             return None
         what = switch_name(function) or "not known here"
         return f"is {function} ({what}): a station's RC override switches it in flight, which DO_AUX_FUNCTION may not"
 
-    return rule
+    return check
 
 
 def _flies_around(p: Parameters, plan: PlanFacts | None) -> str | None:
@@ -335,10 +339,10 @@ def _flies_around(p: Parameters, plan: PlanFacts | None) -> str | None:
     return f"is {p['OA_TYPE']:g}: a return flies around obstacles, and the energy and coverage of that are not counted"
 
 
-def _return_speed(name: str, unit_mps: float) -> Rule:
+def _return_speed(name: str, unit_mps: float) -> ParameterCheck:
     """0 is the speed of missions (ModeRTL::init). The companion writes both if the plan names a speed."""
 
-    def rule(p: Parameters, plan: PlanFacts | None) -> str | None:
+    def check(p: Parameters, plan: PlanFacts | None) -> str | None:
         speed = p.get(name, 0.0)
         missions = next((p[cruise] * unit for cruise, unit in _CRUISE.items() if cruise in p), None)
         if speed <= 0.0 or (missions is not None and abs(speed * unit_mps - missions) <= _ROUGHLY):
@@ -346,29 +350,29 @@ def _return_speed(name: str, unit_mps: float) -> Rule:
         counted = "handover check and START count the mission's cruise speed"
         return f"is {speed:g}: a return is flown at {speed * unit_mps:g} m/s, {counted}"
 
-    return rule
+    return check
 
 
-def _return_height(name: str, unit_m: float) -> Rule:
-    def rule(p: Parameters, plan: PlanFacts | None) -> str | None:
+def _return_height(name: str, unit_m: float) -> ParameterCheck:
+    def check(p: Parameters, plan: PlanFacts | None) -> str | None:
         height_m, most_m = p.get(name, 0.0) * unit_m, p.get("FENCE_ALT_MAX", 0.0)
         if not _fence_on(p, _CEILING) or height_m <= most_m:
             return None
         return f"is {height_m:g} m, above FENCE_ALT_MAX: a return is flown at {most_m:g} m"
 
-    return rule
+    return check
 
 
-def _first_climb(name: str, unit_m: float) -> Rule:
+def _first_climb(name: str, unit_m: float) -> ParameterCheck:
     """A copter's RTL first climbs by this height, up to the fence (`ModeRTL::build_path`)."""
 
-    def rule(p: Parameters, plan: PlanFacts | None) -> str | None:
+    def check(p: Parameters, plan: PlanFacts | None) -> str | None:
         climb_m = p.get(name, 0.0) * unit_m
         if climb_m <= 0.0:
             return None
         return f"is {climb_m:g} m: a return climbs by so much first, and the energy of that is not counted"
 
-    return rule
+    return check
 
 
 def _loiter(p: Parameters, plan: PlanFacts | None) -> str | None:
@@ -446,60 +450,60 @@ def _home(p: Parameters, plan: PlanFacts | None) -> str | None:
 
 # ---- battery ------------------------------------------------------------------------------------------------------
 
-#: ArduCopter's order of actions, the gravest first; other actions come last. A later failsafe acts only if it is at
-#: least as grave as the one before
+#: rank of ArduCopter's failsafe actions, the gravest first; other actions come last. A later failsafe acts only if it
+#: is at least as grave as the one before
 _GRAVITY: Final = {5: 0, 1: 1, 2: 2, 4: 3, 3: 4, 0: 5}
 _WINGED_GRAVITY: Final = {3: 0, 5: 1, 4: 2, 2: 3, 1: 4, 0: 5}
 _LEAST: Final = 6
 
 
-def _monitor(battery: str) -> Rule:
-    def rule(p: Parameters, plan: PlanFacts | None) -> str | None:
+def _monitor(battery: str) -> ParameterCheck:
+    def check(p: Parameters, plan: PlanFacts | None) -> str | None:
         return "is 0: the autopilot does not measure the battery" if p.get(f"{battery}_MONITOR", 1) == 0 else None
 
-    return rule
+    return check
 
 
-def _low(battery: str) -> Rule:
-    def rule(p: Parameters, plan: PlanFacts | None) -> str | None:
+def _low(battery: str) -> ParameterCheck:
+    def check(p: Parameters, plan: PlanFacts | None) -> str | None:
         if p.get(f"{battery}_MONITOR", 1) == 0 or p.get(f"{battery}_FS_LOW_ACT", 2) != 0:
             return None
         return "is 0: nothing brings the aircraft home when the battery is low"
 
-    return rule
+    return check
 
 
-def _low_when(battery: str) -> Rule:
-    def rule(p: Parameters, plan: PlanFacts | None) -> str | None:
+def _low_when(battery: str) -> ParameterCheck:
+    def check(p: Parameters, plan: PlanFacts | None) -> str | None:
         acts = p.get(f"{battery}_MONITOR", 0) != 0 and p.get(f"{battery}_FS_LOW_ACT", 0) != 0
         if not acts or p.get(f"{battery}_LOW_VOLT", 1.0) > 0 or p.get(f"{battery}_LOW_MAH", 1.0) > 0:
             return None
         return f"is 0, and {battery}_LOW_MAH is 0: the battery's failsafe never acts"
 
-    return rule
+    return check
 
 
-def _critical(battery: str, gravity: Mapping[int, int]) -> Rule:
-    def rule(p: Parameters, plan: PlanFacts | None) -> str | None:
+def _critical(battery: str, gravity: Mapping[int, int]) -> ParameterCheck:
+    def check(p: Parameters, plan: PlanFacts | None) -> str | None:
         low, critical = int(p.get(f"{battery}_FS_LOW_ACT", 0)), int(p.get(f"{battery}_FS_CRT_ACT", 0))
         if critical == 0 or gravity.get(critical, _LEAST) <= gravity.get(low, _LEAST):
             return None
         return f"is {critical}: never acts after {battery}_FS_LOW_ACT {low}"
 
-    return rule
+    return check
 
 
-def _rules_of(battery: str) -> tuple[Row, ...]:
-    """The rules of one monitor. `battery`: the prefix of its parameters."""
+def _checks_of(battery: str) -> tuple[CheckRow, ...]:
+    """The checks of one monitor. `battery`: the prefix of its parameters."""
     low, critical = f"{battery}_FS_LOW_ACT", f"{battery}_FS_CRT_ACT"
     return (
-        (f"{battery}_MONITOR", _monitor(battery), Rules.EVERY),
-        (low, _low(battery), Rules.EVERY),
-        (f"{battery}_LOW_VOLT", _low_when(battery), Rules.EVERY),
-        *((name, _way(name, _ACTIONS), Rules.ARDUCOPTER) for name in (low, critical)),
-        *((name, _way(name, _WINGED_ACTIONS), Rules.ARDUPLANE) for name in (low, critical)),
-        (critical, _critical(battery, _GRAVITY), Rules.ARDUCOPTER),
-        (critical, _critical(battery, _WINGED_GRAVITY), Rules.ARDUPLANE),
+        (f"{battery}_MONITOR", _monitor(battery), RuleGroup.EVERY),
+        (low, _low(battery), RuleGroup.EVERY),
+        (f"{battery}_LOW_VOLT", _low_when(battery), RuleGroup.EVERY),
+        *((name, _way(name, _ACTIONS), RuleGroup.ARDUCOPTER) for name in (low, critical)),
+        *((name, _way(name, _WINGED_ACTIONS), RuleGroup.ARDUPLANE) for name in (low, critical)),
+        (critical, _critical(battery, _GRAVITY), RuleGroup.ARDUCOPTER),
+        (critical, _critical(battery, _WINGED_GRAVITY), RuleGroup.ARDUPLANE),
     )
 
 
@@ -513,9 +517,9 @@ def further_names(batteries: int) -> tuple[str, ...]:
     return tuple(f"{battery}_{name}" for battery in _further(batteries) for name in _OF_MONITOR)
 
 
-def further_rules(batteries: int) -> tuple[Row, ...]:
-    """The rules for the further parameters."""
-    return tuple(row for battery in _further(batteries) for row in _rules_of(battery))
+def further_checks(batteries: int) -> tuple[CheckRow, ...]:
+    """The checks of the further parameters."""
+    return tuple(row for battery in _further(batteries) for row in _checks_of(battery))
 
 
 # ---- the fence ----------------------------------------------------------------------------------------------------
@@ -570,10 +574,10 @@ def _ceiling(p: Parameters, plan: PlanFacts | None) -> str | None:
 
 
 _CRUISES: Final = (
-    ("WPNAV_SPEED", Rules.ARDUCOPTER),
-    ("WP_SPD", Rules.ARDUCOPTER),
-    ("TRIM_ARSPD_CM", Rules.ARDUPLANE),
-    ("AIRSPEED_CRUISE", Rules.ARDUPLANE),
+    ("WPNAV_SPEED", RuleGroup.ARDUCOPTER),
+    ("WP_SPD", RuleGroup.ARDUCOPTER),
+    ("TRIM_ARSPD_CM", RuleGroup.ARDUPLANE),
+    ("AIRSPEED_CRUISE", RuleGroup.ARDUPLANE),
 )
 _CLIMBS, _SINKS, _TOUCHES, _SPEEDS_UP = (
     "a return climbs at {value} m/s, and the energy of {counted} m/s is counted",
@@ -581,7 +585,7 @@ _CLIMBS, _SINKS, _TOUCHES, _SPEEDS_UP = (
     "it lands at {value} m/s, and the energy of {counted} m/s is counted",
     "it speeds up and brakes at {value} m/s2, and the energy of {counted} m/s2 is counted",
 )
-#: parameter, its unit, what the energy rule counts with, and what is said of less
+#: parameter, its unit, the value that the energy rule counts with, and the text if the parameter is lower
 _COUNTED: Final = (
     ("WPNAV_SPEED_UP", 0.01, CLIMB_MPS, _CLIMBS),
     ("WP_SPD_UP", 1.0, CLIMB_MPS, _CLIMBS),
@@ -594,42 +598,42 @@ _COUNTED: Final = (
 )
 
 #: the gravest first
-RULES: Final[tuple[Row, ...]] = (
-    *_rules_of("BATT"),
-    *((name, _way(name, ways), Rules.ARDUCOPTER) for name, ways in _WAYS.items()),
-    *((name, _way(name, ways), Rules.ARDUPLANE) for name, ways in _WINGED_WAYS.items()),
-    ("GRIP_ENABLE", _gripper, Rules.EVERY),
-    ("FENCE_ENABLE", _enabled, Rules.EVERY),
-    ("FENCE_TYPE", _kinds, Rules.EVERY),
-    ("FENCE_ACTION", _reported, Rules.EVERY),
-    ("FENCE_OPTIONS", _union, Rules.EVERY),
-    ("FENCE_RADIUS", _radius, Rules.EVERY),
-    ("FENCE_ALT_MAX", _ceiling, Rules.EVERY),
-    ("RTL_ALT", _return_height("RTL_ALT", 0.01), Rules.ARDUCOPTER),
-    ("RTL_ALT_M", _return_height("RTL_ALT_M", 1.0), Rules.ARDUCOPTER),
-    ("RTL_ALTITUDE", _return_height("RTL_ALTITUDE", 1.0), Rules.ARDUPLANE),
-    ("ALT_HOLD_RTL", _return_height("ALT_HOLD_RTL", 0.01), Rules.ARDUPLANE),
-    ("RTL_CLIMB_MIN", _climb, Rules.ARDUPLANE),
-    ("FLIGHT_OPTIONS", _climbs_first, Rules.ARDUPLANE),
-    ("TERRAIN_FOLLOW", _follows_ground, Rules.ARDUPLANE),
-    ("Q_RTL_ALT", _approach, Rules.ARDUPLANE_ROTORS),
-    ("Q_OPTIONS", _lands_in_hover, Rules.ARDUPLANE_ROTORS),
-    ("Q_OPTIONS", _on_wings, Rules.ARDUPLANE_ROTORS),
-    ("RTL_ALT_FINAL", _hover("RTL_ALT_FINAL", 0.01), Rules.ARDUCOPTER),
-    ("RTL_ALT_FINAL_M", _hover("RTL_ALT_FINAL_M", 1.0), Rules.ARDUCOPTER),
-    ("RTL_SPEED", _return_speed("RTL_SPEED", 0.01), Rules.ARDUCOPTER),
-    ("RTL_SPEED_MS", _return_speed("RTL_SPEED_MS", 1.0), Rules.ARDUCOPTER),
-    ("RTL_CLIMB_MIN", _first_climb("RTL_CLIMB_MIN", 0.01), Rules.ARDUCOPTER),
-    ("RTL_CLIMB_MIN_M", _first_climb("RTL_CLIMB_MIN_M", 1.0), Rules.ARDUCOPTER),
-    ("RTL_LOIT_TIME", _loiter, Rules.ARDUCOPTER),
+CHECKS: Final[tuple[CheckRow, ...]] = (
+    *_checks_of("BATT"),
+    *((name, _way(name, ways), RuleGroup.ARDUCOPTER) for name, ways in _WAYS.items()),
+    *((name, _way(name, ways), RuleGroup.ARDUPLANE) for name, ways in _WINGED_WAYS.items()),
+    ("GRIP_ENABLE", _gripper, RuleGroup.EVERY),
+    ("FENCE_ENABLE", _enabled, RuleGroup.EVERY),
+    ("FENCE_TYPE", _kinds, RuleGroup.EVERY),
+    ("FENCE_ACTION", _reported, RuleGroup.EVERY),
+    ("FENCE_OPTIONS", _union, RuleGroup.EVERY),
+    ("FENCE_RADIUS", _radius, RuleGroup.EVERY),
+    ("FENCE_ALT_MAX", _ceiling, RuleGroup.EVERY),
+    ("RTL_ALT", _return_height("RTL_ALT", 0.01), RuleGroup.ARDUCOPTER),
+    ("RTL_ALT_M", _return_height("RTL_ALT_M", 1.0), RuleGroup.ARDUCOPTER),
+    ("RTL_ALTITUDE", _return_height("RTL_ALTITUDE", 1.0), RuleGroup.ARDUPLANE),
+    ("ALT_HOLD_RTL", _return_height("ALT_HOLD_RTL", 0.01), RuleGroup.ARDUPLANE),
+    ("RTL_CLIMB_MIN", _climb, RuleGroup.ARDUPLANE),
+    ("FLIGHT_OPTIONS", _climbs_first, RuleGroup.ARDUPLANE),
+    ("TERRAIN_FOLLOW", _follows_ground, RuleGroup.ARDUPLANE),
+    ("Q_RTL_ALT", _approach, RuleGroup.ARDUPLANE_ROTORS),
+    ("Q_OPTIONS", _lands_in_hover, RuleGroup.ARDUPLANE_ROTORS),
+    ("Q_OPTIONS", _on_wings, RuleGroup.ARDUPLANE_ROTORS),
+    ("RTL_ALT_FINAL", _hover("RTL_ALT_FINAL", 0.01), RuleGroup.ARDUCOPTER),
+    ("RTL_ALT_FINAL_M", _hover("RTL_ALT_FINAL_M", 1.0), RuleGroup.ARDUCOPTER),
+    ("RTL_SPEED", _return_speed("RTL_SPEED", 0.01), RuleGroup.ARDUCOPTER),
+    ("RTL_SPEED_MS", _return_speed("RTL_SPEED_MS", 1.0), RuleGroup.ARDUCOPTER),
+    ("RTL_CLIMB_MIN", _first_climb("RTL_CLIMB_MIN", 0.01), RuleGroup.ARDUCOPTER),
+    ("RTL_CLIMB_MIN_M", _first_climb("RTL_CLIMB_MIN_M", 1.0), RuleGroup.ARDUCOPTER),
+    ("RTL_LOIT_TIME", _loiter, RuleGroup.ARDUCOPTER),
     *((name, _cruise_speed(name), group) for name, group in _CRUISES),
-    *((name, _slower(name, unit, counted, what), Rules.ARDUCOPTER) for name, unit, counted, what in _COUNTED),
-    ("LAND_ALT_LOW", _lands_slowly_from("LAND_ALT_LOW", 0.01), Rules.ARDUCOPTER),
-    ("LAND_ALT_LOW_M", _lands_slowly_from("LAND_ALT_LOW_M", 1.0), Rules.ARDUCOPTER),
-    ("OA_TYPE", _flies_around, Rules.ARDUCOPTER),
-    *((name, _switched(name), Rules.EVERY) for name in SWITCHED),
-    ("RALLY_INCL_HOME", _home, Rules.EVERY),
-    ("TERRAIN_ENABLE", _terrain, Rules.EVERY),
-    ("CIRCLE_RATE", _circle_rate, Rules.ARDUCOPTER),
-    ("", _low_way, Rules.EVERY),
+    *((name, _slower(name, unit, counted, what), RuleGroup.ARDUCOPTER) for name, unit, counted, what in _COUNTED),
+    ("LAND_ALT_LOW", _lands_slowly_from("LAND_ALT_LOW", 0.01), RuleGroup.ARDUCOPTER),
+    ("LAND_ALT_LOW_M", _lands_slowly_from("LAND_ALT_LOW_M", 1.0), RuleGroup.ARDUCOPTER),
+    ("OA_TYPE", _flies_around, RuleGroup.ARDUCOPTER),
+    *((name, _switched(name), RuleGroup.EVERY) for name in SWITCHED),
+    ("RALLY_INCL_HOME", _home, RuleGroup.EVERY),
+    ("TERRAIN_ENABLE", _terrain, RuleGroup.EVERY),
+    ("CIRCLE_RATE", _circle_rate, RuleGroup.ARDUCOPTER),
+    ("", _low_way, RuleGroup.EVERY),  # about the plan: no parameter would change it
 )

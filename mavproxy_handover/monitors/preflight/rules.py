@@ -4,7 +4,7 @@
 
 These rules do not refuse a flight; the arbiter decides about START. They find settings that change the end of a flight
 after a failure. Examples are a failsafe that is disabled or acts too early, ignored rally points, and a guard that
-listens at the wrong port. `own_failsafes.py` has the rules for the autopilot's own failsafes.
+listens at the wrong port. `own_failsafes.py` has the checks of the autopilot's own failsafes.
 
 The rules are a table of pure functions, which `judge` applies. `operator/checks/preflight.py` reads the parameters and
 decides when. Sources: the reasons in `ardupilot_lua/handover.parm`.
@@ -29,7 +29,7 @@ from mavproxy_handover.monitors.preflight.own_failsafes import (
     circles_for_ever,
     no_terrain,
 )
-from mavproxy_handover.vehicle.profiles import ASSUMED, PROFILES, Profile, Rules
+from mavproxy_handover.vehicle.profiles import ASSUMED, PROFILES, Profile, RuleGroup
 from mavproxy_handover.wire.ids import COMPANION_COMPID
 
 __all__ = [
@@ -281,32 +281,32 @@ def _firmware(p: Mapping[str, float], found: Found, limits: Limits) -> str | Non
 
 
 #: parameter to change ("" for none; or how the profile calls it), rule, whether it concerns the guard, its group
-RULES: Final[tuple[tuple[str | Callable[[Profile], str], Rule, bool, Rules], ...]] = (
-    ("Q_MAV_TYPE", _type, False, Rules.EVERY),
-    ("", _lands, False, Rules.ARDUPLANE),
-    ("", _home_height, False, Rules.EVERY),
-    ("ARMING_REQUIRE", _arming_required, False, Rules.ARDUPLANE),
-    ("", _guard_there, True, Rules.EVERY),
-    ("HNDO_ENABLE", _guard_on, True, Rules.EVERY),
-    ("", _fits, True, Rules.EVERY),
-    ("HNDO_CHAN", _channel, True, Rules.EVERY),
-    ("HNDO_COMPID", _component, True, Rules.EVERY),
-    ("HNDO_TIMEOUT", _timeout, True, Rules.EVERY),
-    ("HNDO_LOST_T", _lost_time, True, Rules.EVERY),
-    ("HNDO_SYSID_SW", _follows, True, Rules.EVERY),
-    ("HNDO_ALONE_MAX", _alone, True, Rules.EVERY),
-    ("SCR_VM_I_COUNT", _instructions, True, Rules.EVERY),
-    ("SCR_LD_CHECKSUM", _checksum, True, Rules.EVERY),
-    (lambda profile: profile.radio_failsafe, _pilot, True, Rules.EVERY),
-    (lambda profile: profile.gcs_failsafe, _gcs_failsafe, False, Rules.EVERY),
-    (lambda profile: profile.gcs_timeout, _gcs_timeout, False, Rules.EVERY),
-    ("FS_OPTIONS", _options, False, Rules.ARDUCOPTER),
-    ("RALLY_LIMIT_KM", _rally, False, Rules.EVERY),
-    ("SYSID_ENFORCE", _enforce, False, Rules.EVERY),
-    ("MAV_OPTIONS", _mav_options, False, Rules.EVERY),
-    ("ARMING_CHECK", _arming_check, True, Rules.EVERY),
-    ("ARMING_SKIPCHK", _arming_skip, True, Rules.EVERY),
-    ("", _firmware, True, Rules.EVERY),
+RULES: Final[tuple[tuple[str | Callable[[Profile], str], Rule, bool, RuleGroup], ...]] = (
+    ("Q_MAV_TYPE", _type, False, RuleGroup.EVERY),
+    ("", _lands, False, RuleGroup.ARDUPLANE),
+    ("", _home_height, False, RuleGroup.EVERY),
+    ("ARMING_REQUIRE", _arming_required, False, RuleGroup.ARDUPLANE),
+    ("", _guard_there, True, RuleGroup.EVERY),
+    ("HNDO_ENABLE", _guard_on, True, RuleGroup.EVERY),
+    ("", _fits, True, RuleGroup.EVERY),
+    ("HNDO_CHAN", _channel, True, RuleGroup.EVERY),
+    ("HNDO_COMPID", _component, True, RuleGroup.EVERY),
+    ("HNDO_TIMEOUT", _timeout, True, RuleGroup.EVERY),
+    ("HNDO_LOST_T", _lost_time, True, RuleGroup.EVERY),
+    ("HNDO_SYSID_SW", _follows, True, RuleGroup.EVERY),
+    ("HNDO_ALONE_MAX", _alone, True, RuleGroup.EVERY),
+    ("SCR_VM_I_COUNT", _instructions, True, RuleGroup.EVERY),
+    ("SCR_LD_CHECKSUM", _checksum, True, RuleGroup.EVERY),
+    (lambda profile: profile.radio_failsafe, _pilot, True, RuleGroup.EVERY),
+    (lambda profile: profile.gcs_failsafe, _gcs_failsafe, False, RuleGroup.EVERY),
+    (lambda profile: profile.gcs_timeout, _gcs_timeout, False, RuleGroup.EVERY),
+    ("FS_OPTIONS", _options, False, RuleGroup.ARDUCOPTER),
+    ("RALLY_LIMIT_KM", _rally, False, RuleGroup.EVERY),
+    ("SYSID_ENFORCE", _enforce, False, RuleGroup.EVERY),
+    ("MAV_OPTIONS", _mav_options, False, RuleGroup.EVERY),
+    ("ARMING_CHECK", _arming_check, True, RuleGroup.EVERY),
+    ("ARMING_SKIPCHK", _arming_skip, True, RuleGroup.EVERY),
+    ("", _firmware, True, RuleGroup.EVERY),
 )
 
 
@@ -326,8 +326,8 @@ def judge(found: Found, limits: Limits) -> tuple[Finding, ...]:
         text = rule(found.parameters, found, limits)
         if text is not None:
             findings.append(_finding(parameter, text))
-    for parameter, own, group in (*own_failsafes.RULES, *own_failsafes.further_rules(found.batteries)):
-        text = own(found.parameters, found.plan) if group in found.profile.rules else None
+    for parameter, check, group in (*own_failsafes.CHECKS, *own_failsafes.further_checks(found.batteries)):
+        text = check(found.parameters, found.plan) if group in found.profile.rules else None
         if text is not None:
             findings.append(_finding(parameter, text))
     return tuple(findings)

@@ -14,7 +14,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.vehicle.profiles.copter import COPTER
 from mavproxy_handover.vehicle.profiles.plane import PLANE
 from mavproxy_handover.vehicle.profiles.procedures import FlightProcedures
-from mavproxy_handover.vehicle.profiles.profile import SWITCHED, GuardRow, Mode, Modes, Profile, Rules
+from mavproxy_handover.vehicle.profiles.profile import SWITCHED, GuardRow, Mode, Modes, Profile, RuleGroup
 from mavproxy_handover.vehicle.profiles.quadplane import QUADPLANE
 
 __all__ = [
@@ -30,7 +30,7 @@ __all__ = [
     "Mode",
     "Modes",
     "Profile",
-    "Rules",
+    "RuleGroup",
     "named",
     "profile_of",
     "proven",

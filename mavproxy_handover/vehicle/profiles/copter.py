@@ -28,7 +28,7 @@ from mavproxy_handover.vehicle.profiles.profile import (
     GuardRow,
     Modes,
     Profile,
-    Rules,
+    RuleGroup,
     mode_names,
     modes_of,
 )
@@ -191,6 +191,6 @@ COPTER: Final = Profile(
         "LAND_SPD_MS",
         "LAND_ALT_LOW", "LAND_ALT_LOW_M", "WPNAV_ACCEL", "WP_ACC", "OA_TYPE", "GRIP_ENABLE",
     ),
-    rules=frozenset((Rules.EVERY, Rules.ARDUCOPTER)),
+    rules=frozenset((RuleGroup.EVERY, RuleGroup.ARDUCOPTER)),
     parameter_file="handover.parm",
 )  # fmt: skip

@@ -48,7 +48,7 @@ from mavproxy_handover.vehicle.profiles.profile import (
     GuardRow,
     Modes,
     Profile,
-    Rules,
+    RuleGroup,
     mode_names,
     modes_of,
 )
@@ -347,7 +347,7 @@ PLANE: Final = Profile(
         "FS_SHORT_ACTN", "FS_LONG_ACTN", "RTL_AUTOLAND", "RTL_CLIMB_MIN", "FLIGHT_OPTIONS", "TERRAIN_FOLLOW",
         "Q_ENABLE", "Q_RTL_MODE", "Q_RTL_ALT", "Q_OPTIONS", "TERRAIN_ENABLE", "TRIM_ARSPD_CM", "AIRSPEED_CRUISE",
     ),
-    rules=frozenset((Rules.EVERY, Rules.ARDUPLANE)),
+    rules=frozenset((RuleGroup.EVERY, RuleGroup.ARDUPLANE)),
     parameter_file="handover_plane.parm",
     parameter_file_for="with wings",
 )  # fmt: skip

@@ -32,7 +32,7 @@ __all__ = [
     "Mode",
     "Modes",
     "Profile",
-    "Rules",
+    "RuleGroup",
     "mode_names",
     "modes_of",
 ]
@@ -49,7 +49,7 @@ READ_OF_EVERY: Final = (
 ItemRange: TypeAlias = tuple[float, float, str]
 
 
-class Rules(Enum):
+class RuleGroup(Enum):
     """Groups of rules for the parameters of an autopilot (`monitors/preflight/`)."""
 
     EVERY = "of every firmware"
@@ -236,7 +236,7 @@ class Profile:
     #: what is read before flight; of two names in a row a firmware has one (up to 4.6, from 4.7)
     reads: tuple[str, ...] = ()
     #: which rules those are judged by
-    rules: frozenset[Rules] = frozenset((Rules.EVERY,))
+    rules: frozenset[RuleGroup] = frozenset((RuleGroup.EVERY,))
     #: the file of `ardupilot_lua/` that has the recommended values, and which aircraft it is for, in words
     parameter_file: str = ""
     parameter_file_for: str = ""

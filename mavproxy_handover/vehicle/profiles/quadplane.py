@@ -19,7 +19,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.core.common.handling import CIRCLES
 from mavproxy_handover.core.common.model import FlightAction
 from mavproxy_handover.vehicle.profiles.plane import PLANE, PlaneProcedures
-from mavproxy_handover.vehicle.profiles.profile import Rules
+from mavproxy_handover.vehicle.profiles.profile import RuleGroup
 from mavproxy_handover.wire.conversation import Asking
 
 __all__ = ["QUADPLANE", "QuadPlaneProcedures"]
@@ -64,5 +64,5 @@ QUADPLANE: Final = replace(
     not_flown={command: why for command, why in PLANE.not_flown.items() if command not in _VERTICAL},
     return_note="a return ends in a hovering landing at its place: it needs Q_RTL_MODE 1 to 3 (RTL alone circles for "
     "ever)",
-    rules=PLANE.rules | {Rules.ARDUPLANE_ROTORS},
+    rules=PLANE.rules | {RuleGroup.ARDUPLANE_ROTORS},
 )
