@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The station's key on MAVProxy's links to the vehicle: outgoing frames are signed, incoming unsigned frames are
-refused.
+"""The station's key on MAVProxy's links to the vehicle.
 
+Outgoing frames are signed. Incoming unsigned frames are refused, except those of a telemetry radio.
 MAVProxy signs and checks. This module gives it the key, and does what MAVProxy does not. Rules that live here:
 
 1. Each link has its own link id, from 1 up, the lowest free one first; a reload does not use ids up. 0 cannot be used:
@@ -11,9 +11,10 @@ MAVProxy signs and checks. This module gives it the key, and does what MAVProxy 
    follow the newest stamp that the vehicle has proven. All links share one clock.
 3. pymavlink's own check stores a frame's stamp before it verifies the hash. So one forged frame with a far future stamp
    would block the vehicle's frames here. The check is replaced by that of `wire.signing`, one for all links: a frame
-   that was received by one link cannot be replayed on another. The copies that a vehicle sends on several links are
-   accepted, one by each, while they are no more than OVERTAKEN_S apart: MAVProxy judges its links by them. Each link
-   has its own numbers, so copies are recognized by their stamp: a vehicle gives each frame another one.
+   that was received by one link cannot be replayed on another. A vehicle sends copies of a frame on several
+   links. One copy is accepted on each link, if it comes at most OVERTAKEN_S after the first one: MAVProxy judges its
+   links by them. Each link has its own sequence numbers. So copies are recognized by their stamp, which no other frame
+   of the vehicle has.
 4. MAVProxy checks no signature of messages that it does not know, ours among them: `check` does.
 5. Only a telemetry radio may send unsigned frames (RADIO, RADIO_STATUS).
 6. `release` restores what MAVProxy's own `signing` had set up before.
@@ -39,7 +40,7 @@ _RADIO: Final = (mavlink.MAVLINK_MSG_ID_RADIO, mavlink.MAVLINK_MSG_ID_RADIO_STAT
 _MAX_LINK_ID: Final = 255
 #: bytes of the hash, at the end of a signature
 _HASH_BYTES: Final = 6
-#: our latest messages, whose copies by another link are recognized
+#: latest frames of our own messages, whose copies by another link are recognized
 _COPIES: Final = 64
 #: frames whose copies may still come by another link: two seconds of 250 a second
 _REMEMBERED: Final = 512
@@ -50,15 +51,15 @@ _KEPT: Final = ("secret_key", "sign_outgoing", "allow_unsigned_callback", "link_
 
 
 @dataclass(slots=True)
-class _Outlives:
-    """Values of one key that must survive a reload."""
+class _KeptStamps:
+    """The stamps of one key that must survive a reload of this module."""
 
     sent: int = 0  #: newest stamp that was sent
     proven: int = 0  #: newest proven stamp of the vehicle
 
 
 #: fingerprint of a key -> its stamps in this process
-_remembered: dict[str, _Outlives] = {}
+_stamps_by_key: dict[str, _KeptStamps] = {}
 
 
 @dataclass(slots=True)
@@ -84,11 +85,11 @@ class LinkSigning:
         """Raises ValueError for no key."""
         self._key = key
         self._clocks = clocks
-        self._outlives = _remembered.setdefault(fingerprint(key), _Outlives())
+        self._kept_stamps = _stamps_by_key.setdefault(fingerprint(key), _KeptStamps())
         self._stamps = SigningClock()
-        self._stamps.follow(self._outlives.sent)
+        self._stamps.follow(self._kept_stamps.sent)
         self._links: list[_Link] = []
-        #: for the frames that MAVProxy checks by us, and for our own messages
+        #: checks the frames that MAVProxy decodes, and those of our own messages (`check`)
         self._theirs, self._ours = self._verifier(), self._verifier()
         #: frames that arrived, by `_frame_id`
         self._heard: OrderedDict[bytes, _Heard] = OrderedDict()
@@ -100,7 +101,7 @@ class LinkSigning:
         `proven` is called with the link by which a frame of the vehicle arrives, as soon as it is checked."""
         for link in list(self._links):
             if all(link.master is not master for master in masters):
-                self._remember(link)
+                self._keep_stamp(link)
                 self._links.remove(link)
         for master in masters:
             link = self._link_of(master)
@@ -127,9 +128,9 @@ class LinkSigning:
 
     def release(self) -> None:
         """Restore the links."""
-        self._outlives.proven = max(self._outlives.proven, self._ours.newest, self._theirs.newest)
+        self._kept_stamps.proven = max(self._kept_stamps.proven, self._ours.newest, self._theirs.newest)
         for link in self._links:
-            self._remember(link)
+            self._keep_stamp(link)
             link.mav.__dict__.pop("check_signature", None)
             signing = link.mav.signing
             if signing.secret_key == self._key:
@@ -148,7 +149,7 @@ class LinkSigning:
         stamp = self._stamps.next(self._clocks.utc(), now_s)
         if stamp is not None:
             signing.timestamp = stamp
-            self._outlives.sent = stamp
+            self._kept_stamps.sent = stamp
         signing.secret_key = self._key
         signing.sign_outgoing = True
         signing.link_id = link.link_id
@@ -186,17 +187,17 @@ class LinkSigning:
 
     def _verifier(self) -> Verifier:
         verifier = Verifier(self._key, clock=self._stamps, max_streams=_STREAMS)
-        verifier.floor = self._outlives.proven
+        verifier.floor = self._kept_stamps.proven
         return verifier
 
     def _free_id(self) -> int:
         taken = {link.link_id for link in self._links}
         return next((number for number in range(1, _MAX_LINK_ID) if number not in taken), _MAX_LINK_ID)
 
-    def _remember(self, link: _Link) -> None:
+    def _keep_stamp(self, link: _Link) -> None:
         if link.mav.signing.secret_key == self._key:
             self._stamps.follow(link.mav.signing.timestamp, self._clocks.monotonic())
-            self._outlives.sent = max(self._outlives.sent, link.mav.signing.timestamp)
+            self._kept_stamps.sent = max(self._kept_stamps.sent, link.mav.signing.timestamp)
 
 
 def _frame_id(frame: Frame) -> bytes:

@@ -15,7 +15,7 @@ from typing import Any
 from gcs_module.decisions import Decisions
 from gcs_module.event_log import FlightEventLog
 from gcs_module.texts import SEVERITIES, Texts
-from mavproxy_handover.gate.stale_streams import fuller
+from mavproxy_handover.gate.stale_streams import full_form
 from mavproxy_handover.wire.frames import Frame, field_int
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID
 from mavproxy_handover.wire.texts import COMMANDS_NOW, is_marked
@@ -47,7 +47,7 @@ class VehicleTexts:
     def on_other(self, frame: Frame, m: Any, now: float) -> None:
         """A STATUSTEXT of another component of the vehicle."""
         text = m.text.decode("ascii", "replace") if isinstance(m.text, bytes) else m.text
-        full = fuller(text.rstrip("\0"))
+        full = full_form(text.rstrip("\0"))
         if full is not None:
             self._event_log.stream(full, now)
         elif frame.compid == AUTOPILOT_COMPID and is_marked(frame):  # the companion's, in the autopilot's name

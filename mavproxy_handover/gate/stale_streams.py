@@ -52,7 +52,7 @@ __all__ = [
     "StaleStreams",
     "News",
     "State",
-    "fuller",
+    "full_form",
     "lines",
     "releases",
 ]
@@ -169,7 +169,7 @@ _IN_FULL: Final = {
 }
 
 
-def fuller(line: str) -> str | None:
+def full_form(line: str) -> str | None:
     """The full form of a first line of `lines`; None for any other text."""
     return _IN_FULL.get(line)
 

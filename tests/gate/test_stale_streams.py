@@ -464,12 +464,12 @@ def test_every_line_fits_and_every_first_one_is_told_in_full() -> None:
         for state in State:
             lines = stale_streams.lines(News(GCSB, kind, state))
             assert all(len(line) <= 50 for line in lines)
-            full = stale_streams.fuller(lines[0])
+            full = stale_streams.full_form(lines[0])
             assert full is not None
             assert kind.lower() in full.lower()
-            assert [stale_streams.fuller(line) for line in lines[1:]] == [None] * len(lines[1:])
-    assert stale_streams.fuller("Handover: SET_MODE: not in control") is None
-    full = stale_streams.fuller("Handover: RC override: refused until it pauses")
+            assert [stale_streams.full_form(line) for line in lines[1:]] == [None] * len(lines[1:])
+    assert stale_streams.full_form("Handover: SET_MODE: not in control") is None
+    full = stale_streams.full_form("Handover: RC override: refused until it pauses")
     assert full == (
         "RC override has been running since before this station had control: still refused, until it is released "
         "(rc all 0) or has paused for 3 s."

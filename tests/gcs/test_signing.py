@@ -46,7 +46,7 @@ class BothClocks(Clock):
 
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> BothClocks:
-    monkeypatch.setattr(station_signing, "_remembered", {})
+    monkeypatch.setattr(station_signing, "_stamps_by_key", {})
     return BothClocks()
 
 

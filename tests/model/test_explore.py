@@ -22,7 +22,7 @@ from mavproxy_handover.core.authority.authority import Authority
 from mavproxy_handover.core.authority.candidates import Candidates
 from mavproxy_handover.core.authority.transfer import Cause, End, Step
 from mavproxy_handover.core.authority.transfer_manager import TransferManager
-from mavproxy_handover.core.common.causes import Cause as Wrong
+from mavproxy_handover.core.common import causes
 from mavproxy_handover.core.common.messages import DisconnectHandover
 from mavproxy_handover.core.common.model import AuthorityView, Consent, LeaseState, Outcome, Reason, ZoneFact
 from mavproxy_handover.core.safety import strategy
@@ -281,13 +281,13 @@ def new_time_with_each_loss(patch: pytest.MonkeyPatch) -> None:
 
 def energy_is_nothing(patch: pytest.MonkeyPatch) -> None:
     look = Conditions.evaluate
-    patch.setattr(Conditions, "evaluate", lambda self, now: look(self, now) - {Wrong.ENERGY})
+    patch.setattr(Conditions, "evaluate", lambda self, now: look(self, now) - {causes.Cause.ENERGY})
 
 
 def what_is_milder_comes_first(patch: pytest.MonkeyPatch) -> None:
     """At a border another station is waited for, and not returned for the energy."""
     decide = strategy.decide
-    patch.setattr(strategy, "decide", lambda causes, *more: decide(causes - {Wrong.ENERGY} or causes, *more))
+    patch.setattr(strategy, "decide", lambda found, *more: decide(found - {causes.Cause.ENERGY} or found, *more))
 
 
 PLANTED: dict[Callable[[pytest.MonkeyPatch], None], tuple[Setting, str]] = {
