@@ -4,8 +4,8 @@
 
 Started as `python -m sitl.run.data_box --vehicle tcp:HOST:PORT --listen HOST:PORT [--sysid N] [--layout LAYOUT]`. The
 layout is the thesis's (listing 5.7), `full`, or a file as `[position] layout` takes it. It asks the vehicle for
-SIM_STATE, which is the simulation's own state and not the autopilot's estimate, and sends a record for each that comes,
-but one for those that were waiting together.
+SIM_STATE, which is the simulation's own state and not the autopilot's estimate. It sends a record for each that comes,
+and one for several that were waiting together.
 Records leave in two pieces, cut at another byte each time. Its clock is UTC where the layout's is, else the wall's from
 its own beginning. Its barometer has a day of low pressure: BaroHeight is LOW_PRESSURE_M above the height above sea
 level. AglHeight counts from where the aircraft stood at first.
