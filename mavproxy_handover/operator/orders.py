@@ -407,8 +407,9 @@ class Orders:
         a command may change the mode: the order ends, and the rules order again if they must.
         """
         if self._state.flown is ModeClass.HANDS:
-            name = self._procedures().profile.mode_name(self._state.custom_mode)
-            self._conversations.break_off(_HOME, f"not commanded again: the autopilot is in {name} now")
+            why = f"the autopilot is in {self._procedures().profile.mode_name(self._state.custom_mode)} now"
+            self._conversations.break_off(_HOME, f"not commanded again: {why}")
+            self._give_stop_up(why)
         if _HOME not in self._conversations:
             self.returning = False
 

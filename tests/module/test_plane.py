@@ -28,7 +28,7 @@ START, MODE, ARM = mavlink.MAV_CMD_MISSION_START, mavlink.MAV_CMD_DO_SET_MODE, m
 PAUSE, CURRENT = mavlink.MAV_CMD_DO_PAUSE_CONTINUE, mavlink.MAV_CMD_DO_SET_MISSION_CURRENT
 ACCEPTED, DENIED, FAILED = mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_DENIED, mavlink.MAV_RESULT_FAILED
 REJECTED, IN_PROGRESS = mavlink.MAV_RESULT_TEMPORARILY_REJECTED, mavlink.MAV_RESULT_IN_PROGRESS
-AUTO, RTL, LOITER, GUIDED, QHOVER = 10, 11, 12, 15, 18
+FBWA, AUTO, RTL, LOITER, GUIDED, QHOVER = 5, 10, 11, 12, 15, 18
 #: NAV_LAND and NAV_TAKEOFF of a copter -> the same by rotors
 BY_ROTORS = {21: 85, 22: 84}
 STOP, CONTINUE = 0.0, 1.0
@@ -332,6 +332,20 @@ def test_a_way_home_ends_a_stop_that_is_under_way(flight: Bench) -> None:
     del flight.autopilot.script[MODE]
     flight.run(2.0)
     assert flight.autopilot.mode == RTL
+
+
+def test_a_pilot_who_takes_over_ends_a_stop_that_is_under_way(flight: Bench) -> None:
+    """The fault: LOITER was sent again each second until its answer came, over the pilot's mode."""
+    flight.autopilot.script[MODE] = None
+    flight.a.command(PAUSE, STOP)
+    flight.run(0.3)
+    flight.autopilot.mode = FBWA
+    flight.run(1.0)  # until it beats
+    assert flight.a.acks(PAUSE) == [FAILED]
+    assert flight.a.texts() == "cancelled: the autopilot is in FBWA now"
+    del flight.autopilot.script[MODE]
+    flight.run(10.0)
+    assert flight.autopilot.mode == FBWA
 
 
 def test_on_the_ground_it_is_the_autopilots_to_refuse(ready: Bench) -> None:
