@@ -53,7 +53,7 @@ def test_the_guards_return_goes_where_the_dead_companion_has_put_it() -> None:
 
 def test_the_list_is_not_written_oftener_than_every_five_seconds(pytestconfig: pytest.Config) -> None:
     written = 0
-    for seed in seeds(pytestconfig, 6, 15):
+    for seed in seeds(pytestconfig, 4, 15):
         world = World(draw(seed))
         world.run()
         # what a return waits for is written at once
