@@ -2,8 +2,8 @@
 
 """Tests the tests of the rules of authority, vehicle's and station's: `make mutants`, after those of the gate, or
 
-    python tests/mutation/core.py [--part I/N] [--sample N] [--only TEXT] [--new] [--fast] [--record FILE] [MODULE ...]
-                                                                            (default: all modules, every fault)
+    python tests/mutation/core.py [--part I/N] [--sample N] [--only TEXT] [--new] [--left] [--first | --fast]
+                                  [--record FILE] [MODULE ...]              (default: all modules, every fault)
 
 Each fault (`faults.py`), in the code or in a transition table, must be noticed by `tests/core`, or by a small
 exploration (`tests/model`); one of a station (`station.MODULE`) by `tests/gcs`, by both sides together, or by that
@@ -14,11 +14,15 @@ faults, with the reason. The exit code is 1 if
 * a listed one does not survive any more, or no fault has its name,
 * a module of the core has no tests that are named for it here.
 
+The faults that are not listed are planted one at a time. The listed ones are planted many at once, at most one in a
+function: if no test notices any of them, each of them survives, else the half that is noticed is parted again.
+
 `--part 1/4` takes every fourth fault, `--sample 100` a random hundred of each module, `--only TEXT` those with TEXT in
-their names, `--new` those that are not listed. `--fast` asks only the tests without the mark `slow`: a fault that they
-let through has still to be tried with the others. Then nothing is said of listed faults that are noticed. `--record
-FILE` is a file with the test that noticed each fault: it is read and written, and makes the next run fast. `stories.py`
-looks for a story in which a fault shows.
+their names, `--new` those that are not listed, `--left` those that no test noticed by the record. `--first` asks only
+tests named for a module below, `--fast` only the tests without the mark `slow`: a fault that they let through has still
+to be tried with the others. Then nothing is said of listed faults. `--record FILE` is a file with the test that noticed
+each fault; beside it, with the ending `.lines`, one with the lines that each test reaches. Both are read and written,
+and make the next run fast. `stories.py` looks for a story in which a fault shows.
 
 No source file is written: `server.py` plants the faults in memory, in a process for each.
 """
@@ -26,14 +30,20 @@ No source file is written: `server.py` plants the faults in memory, in a process
 from __future__ import annotations
 
 import argparse
+import ast
+import importlib
 import io
 import json
 import os
 import random
+import resource
 import sys
 import time
+from collections import Counter
+from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT))
@@ -42,9 +52,9 @@ from tests.mutation import run  # noqa: E402
 from tests.mutation.core_survivors import KNOWN_SURVIVORS  # noqa: E402
 from tests.mutation.faults import STATION, Fault, faults, file_of, plant, source_of, table_faults  # noqa: E402
 from tests.mutation.run import _Mutated, import_once, in_child  # noqa: E402
-from tests.mutation.server import ELSEWHERE, SURVIVED, Server  # noqa: E402
+from tests.mutation.server import ELSEWHERE, FOLDERS, SURVIVED, Server, Stage  # noqa: E402
 
-__all__ = ["asked", "main", "misnamed", "out_of_date"]
+__all__ = ["main", "misnamed", "out_of_date", "stage_of"]
 
 #: module -> the tests that notice its faults soonest
 FIRST = {
@@ -55,6 +65,10 @@ FIRST = {
         "test_forced.py",
     ),
     "arbiter": (
+        "test_arbiter_view.py",
+        "test_arbiter_start.py",
+        "test_rehearsal.py",
+        "test_control.py",
         "test_arbiter_authority.py",
         "test_arbiter_safety.py",
         "test_restart.py",
@@ -73,13 +87,24 @@ FIRST = {
         "test_standard_stations.py",
         "test_control.py",
     ),
-    "authority.candidates": ("test_arbiter_transfer.py", "test_forced.py", "test_control.py", "test_link_quality.py"),
-    "authority.contacts": ("test_arbiter_authority.py", "test_presence.py"),
+    "authority.candidates": (
+        "test_candidates.py",
+        "test_ranks.py",
+        "test_reasons.py",
+        "test_arbiter_transfer.py",
+        "test_forced.py",
+        "test_control.py",
+        "test_link_quality.py",
+    ),
+    "authority.contacts": ("test_contacts.py", "test_arbiter_authority.py", "test_presence.py"),
     "authority.requests": ("test_control.py", "test_standard_stations.py", "test_forced.py"),
     "authority.start": ("test_start.py", "test_arbiter_start.py", "test_control.py", "test_arbiter_safety.py"),
-    "common.flight": ("test_arbiter_start.py", "test_arbiter_safety.py", "test_arbiter_authority.py"),
-    "authority.hearing": ("test_hearing.py", "test_deaf_commander.py"),
-    "authority.links": ("test_link_quality.py",),
+    "common.flight": ("test_flight.py", "test_arbiter_start.py", "test_arbiter_safety.py", "test_arbiter_authority.py"),
+    "authority.hearing": ("test_hearing_share.py", "test_hearing.py", "test_deaf_commander.py"),
+    "authority.links": (
+        "test_links.py",
+        "test_link_quality.py",
+    ),
     "authority.zones": ("test_zones.py", "test_arbiter_safety.py"),
     "authority.phases": ("test_phases.py",),
     "authority.rehearsal": ("test_rehearsal.py",),
@@ -145,6 +170,8 @@ FIRST = {
     "safety.mode_source": ("safety/test_mode_source.py", "safety/test_decision_executor.py"),
     "safety.command_verification": (
         "safety/test_command_verification.py",
+        "safety/test_unshown_order.py",
+        "safety/test_retransmission.py",
         "safety/test_decision_executor.py",
         "safety/test_wings.py",
     ),
@@ -164,7 +191,12 @@ FIRST = {
     "safety.sentence": ("safety/test_sentence.py", "safety/test_decision_executor.py"),
     "safety.explain": ("../cli/test_explain.py",),
     "safety.route": ("safety/test_route.py",),
-    "safety.energy": ("safety/test_energy.py", "safety/test_energy_prior.py", "safety/test_learning.py"),
+    "safety.energy": (
+        "safety/test_energy.py",
+        "safety/test_energy_wings.py",
+        "safety/test_energy_prior.py",
+        "safety/test_learning.py",
+    ),
     "safety.energy_prior": ("safety/test_energy_prior.py", "safety/test_energy.py"),
     "safety.battery": ("safety/test_battery.py",),
     "safety.learning": ("safety/test_learning.py",),
@@ -232,26 +264,27 @@ def _modules() -> list[str]:
     return modules + [module for module in FIRST if module.startswith(STATION) and file_of(module).exists()]
 
 
+def _name_of(module: str) -> str:
+    """By which name Python imports a module."""
+    return ".".join(file_of(module).relative_to(ROOT).with_suffix("").parts)
+
+
 # ---- whether they are noticed --------------------------------------------------------------------------------------
 
 
-def unnoticed(module: str, fault: Fault | None, *, first: bool = False) -> bool:
-    """Whether tests and exploration, or only the tests that come `first`, find nothing wrong. In a process of its own:
-    it spoils the modules."""
-    import importlib
-
+def unnoticed(module: str, fault: Fault, *, first: bool = False) -> bool:
+    """Whether tests and exploration, or only the fast tests that come `first`, find nothing wrong. In a process of its
+    own: it spoils the modules."""
     import pytest
 
-    name = ".".join(file_of(module).relative_to(ROOT).with_suffix("").parts)
-    if fault is not None and fault.source is not None:
-        path = file_of(module)
-        sys.meta_path.insert(0, _Mutated(name, fault.source, path))
+    if fault.source is not None:
+        sys.meta_path.insert(0, _Mutated(_name_of(module), fault.source, file_of(module)))
     with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
         try:
-            importlib.import_module(name)
+            importlib.import_module(_name_of(module))
         except Exception:
             return False
-        if fault is not None and fault.entry is not None:
+        if fault.entry is not None:
             plant(module, *fault.entry)
         station = module.startswith(STATION)
         tests = ROOT / "tests" / ("gcs" if station else "core")
@@ -259,7 +292,7 @@ def unnoticed(module: str, fault: Fault | None, *, first: bool = False) -> bool:
         everything = sorted(path.relative_to(tests).as_posix() for path in tests.rglob("test_*.py"))
         middle = [each for each in everything if each not in (*FIRST[module], *slow, "test_purity.py")]
         last = [each for each in slow if each not in FIRST[module]]
-        options = [*run.PYTEST, "--rootdir", str(ROOT), "--timeout=0"]
+        options = [*run.PYTEST, "--rootdir", str(ROOT), "--timeout=0", *(("-m", "not slow") if first else ())]
         # most faults die in the first files, and to read the others takes longer than that
         for files in (FIRST[module],) if first else (FIRST[module], middle, last):
             paths = [str(tests / each) for each in files]
@@ -301,11 +334,13 @@ def _found_by_exploring() -> bool:
     return False
 
 
-def asked(module: str, file: str) -> bool:
-    """Whether the tests in this file, named from the root, have to notice the faults of a module."""
+def stage_of(module: str, file: str) -> Stage | None:
+    """When the fast tests in this file, named from the root, are asked for a module's faults; None: never."""
     folder, slow = ("tests/gcs", STATION_LAST) if module.startswith(STATION) else ("tests/core", ())
-    named = [os.path.normpath(f"{folder}/{each}") for each in (*FIRST[module], *slow)]
-    return file in named or (file.startswith(f"{folder}/") and not file.endswith("/test_purity.py"))
+    if file in [os.path.normpath(f"{folder}/{each}") for each in FIRST[module]]:
+        return Stage.FIRST
+    also = [os.path.normpath(f"{folder}/{each}") for each in slow]
+    return Stage.FAST if file in also or (file.startswith(f"{folder}/") and "test_purity" not in file) else None
 
 
 def explored(module: str) -> bool:
@@ -314,29 +349,103 @@ def explored(module: str) -> bool:
 
 
 def of_module(
-    module: str, chosen: list[tuple[int, Fault]], server: Server, noticed: dict[str, str], *, slow: bool
+    module: str,
+    chosen: list[tuple[int, Fault]],
+    server: Server,
+    noticed: dict[str, str],
+    stage: Stage,
+    keep: Callable[[], None],
 ) -> list[tuple[int, Fault]]:
-    """Plant these faults of a module; returns the survivors of the fast tests, or of the slow ones and the exploration.
+    """Plant these faults of a module; returns the survivors of the stage's tests.
 
-    `noticed`: by which test each was noticed last.
+    `noticed`: by which test each was noticed last. `keep` writes it into its file.
     """
     alive, elsewhere = [], 0
     for place, (number, fault) in enumerate(chosen, 1):
-        by = server.ask(module, number, slow=slow, before=noticed.get(fault.name))
+        by = server.ask(module, number, stage, before=noticed.get(fault.name))
         if by == ELSEWHERE:
             if not elsewhere:
-                without = in_child(lambda: unnoticed(module, None, first=True))
-                assert without is True, f"{module}: found without any fault"
+                without = in_child(lambda: importlib.import_module(_name_of(module)).__name__)
+                assert without == _name_of(module), f"{module}: not imported without any fault: {without}"
             elsewhere += 1
-            survived = in_child(lambda fault=fault: unnoticed(module, fault, first=not slow)) is True  # type: ignore[misc]
+            first = stage is Stage.FIRST
+            # all tests that such a process has to ask are asked at the end
+            survived = (
+                stage is Stage.FAST
+                or in_child(lambda fault=fault, first=first: unnoticed(module, fault, first=first)) is True  # type: ignore[misc]
+            )
             by = SURVIVED if survived else "a process that imports it"
         noticed[fault.name] = by
         if by == SURVIVED:
             alive.append((number, fault))
-            print(f"  {'survived' if slow else 'survived the fast tests'}: {module}: {fault.name}", flush=True)
+            print(f"  survived the {stage.name.lower()} tests: {module}: {fault.name}", flush=True)
         if place % 50 == 0:
             print(f"  {module}: {place} of {len(chosen)}, {len(alive)} survived, {elsewhere} elsewhere", flush=True)
+            keep()
+    keep()
     return alive
+
+
+# ---- the listed ones, many at once ---------------------------------------------------------------------------------
+
+Listed = tuple[str, Fault]
+
+
+def rounds(listed: list[Listed]) -> list[list[Listed]]:
+    """The faults in groups, in which no two are in the same function of a module, or in the same table."""
+    found: list[list[Listed]] = []
+    seen: Counter[str] = Counter()
+    for module, fault in listed:
+        function = f"{module} {fault.name.partition(':')[0]}"
+        if seen[function] == len(found):
+            found.append([])
+        found[seen[function]].append((module, fault))
+        seen[function] += 1
+    return found
+
+
+def noticed_of(listed: list[Listed], unnoticed_together: Callable[[list[Listed]], bool]) -> list[Listed]:
+    """Those of a group that are noticed: a group that is noticed is parted until single faults are left."""
+    if not listed or unnoticed_together(listed):
+        return []
+    if len(listed) == 1:
+        return listed
+    half = len(listed) // 2
+    return [*noticed_of(listed[:half], unnoticed_together), *noticed_of(listed[half:], unnoticed_together)]
+
+
+def all_unnoticed(listed: list[Listed]) -> bool:
+    """Whether all tests and the exploration find nothing wrong with these faults together. In a process of its own."""
+    import pytest
+
+    trees: dict[str, list[Fault]] = {}
+    for module, fault in listed:
+        trees.setdefault(module, []).append(fault)
+    for module, planted in trees.items():
+        edits = [fault.edit for fault in planted if fault.edit is not None]
+        for edit in edits:
+            edit.apply()
+        if edits:
+            source = ast.unparse(ast.fix_missing_locations(edits[0].tree))
+            sys.meta_path.insert(0, _Mutated(_name_of(module), source, file_of(module)))
+    with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
+        for module, fault in listed:
+            if fault.entry is not None:
+                importlib.import_module(_name_of(module))
+                plant(module, *fault.entry)
+        options = [*run.PYTEST, "--rootdir", str(ROOT), "--timeout=0"]
+        paths = [str(ROOT / each) for each in FOLDERS]
+        if int(pytest.main([*options, *paths], plugins=[_EachInTime(), _NotForThese()])) != 0:
+            return False
+        run.limit(run.TIMEOUT_S)
+        return not _found_by_exploring()
+
+
+class _NotForThese:
+    """Leaves out what reads the source files, where nothing is planted."""
+
+    def pytest_collection_modifyitems(self, items: list[Any]) -> None:
+        items[:] = [item for item in items if "test_purity.py" not in item.nodeid]
 
 
 def misnamed() -> list[str]:
@@ -368,7 +477,10 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--sample", type=int, metavar="N", help="N faults of each module, by chance")
     parser.add_argument("--only", metavar="TEXT", default="", help="those whose names have it in them")
     parser.add_argument("--new", action="store_true", help="leave out the survivors that are listed")
-    parser.add_argument(
+    parser.add_argument("--left", action="store_true", help="leave out those that a test noticed, by the record")
+    stages = parser.add_mutually_exclusive_group()
+    stages.add_argument("--first", action="store_true", help="ask only the fast tests that are named for a module")
+    stages.add_argument(
         "--fast", action="store_true", help="ask only the fast tests: neither slow ones nor exploration"
     )
     parser.add_argument("--record", type=Path, metavar="FILE", help="which test noticed which fault: read and written")
@@ -376,15 +488,22 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     part, parts = (int(each) for each in options.part.split("/"))
 
+    record: dict[str, dict[str, str]] = {}
+    if options.record is not None and options.record.exists():
+        record = json.loads(options.record.read_text(encoding="utf-8"))
+    last = Stage.FIRST if options.first else Stage.FAST if options.fast else Stage.SLOW
+    leaves_out = options.new or last is not Stage.SLOW
+
     def choose(module: str, all_of_them: list[Fault]) -> list[tuple[int, Fault]]:
-        left_out = KNOWN_SURVIVORS.get(module, {}) if options.new else {}
+        left_out = {*KNOWN_SURVIVORS.get(module, {})} if leaves_out else set()
+        if options.left:
+            left_out.update(name for name, by in record.get(module, {}).items() if by != SURVIVED)
         numbered = [*enumerate(all_of_them)][part - 1 :: parts]
         chosen = [row for row in numbered if options.only in row[1].name and row[1].name not in left_out]
         if options.sample is not None and options.sample < len(chosen):
             chosen = random.Random(0).sample(chosen, options.sample)
         return chosen
 
-    whole = parts == 1 and options.sample is None and not options.only and not (options.new or options.fast)
     unknown = [module for module in options.modules if module not in FIRST]
     if unknown:
         parser.error(f"unknown {', '.join(unknown)}; known are {', '.join(FIRST)}")
@@ -403,44 +522,68 @@ def main(arguments: list[str] | None = None) -> int:
             for _number, fault in rows:
                 print(f"{module}: {fault.name}")
         return 1 if wrong else 0
+    listed = [
+        (module, fault)
+        for module, rows in chosen.items()
+        for _number, fault in rows
+        if fault.name in KNOWN_SURVIVORS.get(module, {})
+    ]
+    left = {
+        module: [row for row in rows if row[1].name not in KNOWN_SURVIVORS.get(module, {})]
+        for module, rows in chosen.items()
+    }
     server = Server(
         [str(file_of(module)) for module in _modules()],
-        asked,
+        stage_of,
         lambda module: explored(module) and _found_by_exploring(),
+        None if options.record is None else options.record.with_suffix(".lines"),
     )
-    record: dict[str, dict[str, str]] = {}
-    if options.record is not None and options.record.exists():
-        record = json.loads(options.record.read_text(encoding="utf-8"))
-    left = chosen
-    for slow in (False,) if options.fast else (False, True):
+
+    def keep() -> None:
+        if options.record is not None:
+            options.record.write_text(json.dumps(record, indent=1), encoding="utf-8")
+
+    for stage in (each for each in Stage if each <= last):
         asked_now, left = left, {}
         for module, rows in asked_now.items():
             begun = time.monotonic()
-            alive = of_module(module, rows, server, record.setdefault(module, {}), slow=slow)
-            left[module] = alive
-            if options.record is not None:
-                options.record.write_text(json.dumps(record, indent=1), encoding="utf-8")
-            which = "slow tests" if slow else "fast tests"
+            left[module] = alive = of_module(module, rows, server, record.setdefault(module, {}), stage, keep)
             print(
-                f"{module}, {which}: {len(rows)} faults, {len(rows) - len(alive)} noticed, "
+                f"{module}, {stage.name.lower()} tests: {len(rows)} faults, {len(rows) - len(alive)} noticed, "
                 f"{time.monotonic() - begun:.0f} s",
                 flush=True,
             )
     server.close()
-    for module, rows in left.items():
-        alive_names, known = [fault.name for _number, fault in rows], KNOWN_SURVIVORS.get(module, {})
-        surprising = [name for name in alive_names if name not in known]
-        stale = [name for name in known if name not in alive_names] if whole else []
-        for name in stale:
-            print(f"  listed, but noticed: {module}: {name}")
-        wrong += len(surprising) + len(stale)
-        total = len(chosen[module])
+    stale: list[Listed] = []
+    for place, group in enumerate(grouped := rounds(listed), 1):
+        begun = time.monotonic()
+        found = noticed_of(group, lambda some: in_child(lambda: all_unnoticed(some)) is True)
+        for module, fault in found:
+            print(f"  listed, but noticed: {module}: {fault.name}", flush=True)
+        stale += found
         print(
-            f"{module}: {total} faults, {total - len(rows)} noticed, {len(rows) - len(surprising)} known survivors, "
-            f"{len(surprising)} unknown",
+            f"listed, round {place} of {len(grouped)}: {len(group)} faults, {len(found)} noticed, "
+            f"{time.monotonic() - begun:.0f} s",
             flush=True,
         )
-    return 1 if wrong else 0
+    for module, rows in chosen.items():
+        total, known = len(rows), sum(each == module for each, _fault in listed)
+        known -= sum(each == module for each, _fault in stale)
+        unknown_here = len(left[module])
+        print(
+            f"{module}: {total} faults, {total - known - unknown_here} noticed, {known} known survivors, "
+            f"{unknown_here} unknown",
+            flush=True,
+        )
+    total, alive_now = sum(map(len, chosen.values())), sum(map(len, left.values()))
+    known = len(listed) - len(stale)
+    spent = sum(sum(resource.getrusage(who)[:2]) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    print(
+        f"all: {total} faults, {total - known - alive_now} noticed, {known} known survivors, {alive_now} unknown, "
+        f"{spent:.0f} s of processor time",
+        flush=True,
+    )
+    return 1 if wrong or stale or alive_now else 0
 
 
 if __name__ == "__main__":

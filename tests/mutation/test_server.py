@@ -1,16 +1,18 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What can be planted in a running process, and which lines a test reaches."""
+"""What can be planted in a running process, which lines a test reaches, and what is planted together."""
 
 from __future__ import annotations
 
 import ast
+from pathlib import Path
 from types import CodeType
 
 import pytest
 
-from tests.mutation.faults import faults
-from tests.mutation.server import _changed, _Lines
+from tests.mutation.core import Listed, noticed_of, rounds
+from tests.mutation.faults import Fault, faults
+from tests.mutation.server import _Book, _changed, _Lines
 
 SOURCE = """
 NUMBER = 4
@@ -82,3 +84,36 @@ def test_a_function_that_is_called_often_reaches_all_of_its_lines() -> None:
         for _number in range(1000):
             plain(4)
     assert reached.reached["some.py"] & 1 << 7
+
+
+def listed(*names: str) -> list[Listed]:
+    return [("some", Fault(name)) for name in names]
+
+
+def test_two_faults_of_one_function_are_not_planted_together() -> None:
+    names = [
+        [fault.name for _module, fault in group] for group in rounds(listed("f: 1", "g: 1", "f: 2", "h: 1", "f: 3"))
+    ]
+    assert names == [["f: 1", "g: 1", "h: 1"], ["f: 2"], ["f: 3"]]
+
+
+@pytest.mark.parametrize("bad", [set(), {"b"}, {"a", "e"}, {"a", "b", "c", "d", "e"}])
+def test_of_faults_planted_together_those_that_are_noticed_are_found(bad: set[str]) -> None:
+    group = listed("a", "b", "c", "d", "e")
+    found = noticed_of(group, lambda some: not any(fault.name in bad for _module, fault in some))
+    assert {fault.name for _module, fault in found} == bad
+
+
+def test_what_is_recorded_of_a_test_holds_until_its_file_or_the_rules_change(tmp_path: Path) -> None:
+    kept, rules, test = tmp_path / "kept", tmp_path / "rules.py", tmp_path / "test_some.py"
+    rules.write_text("a rule", encoding="utf-8")
+    test.write_text("a test", encoding="utf-8")
+    book = _Book(kept, [str(rules)])
+    book.of_file(test)["test_one"] = 0.5, {"rules.py": 6}
+    book.keep()
+    assert _Book(kept, [str(rules)]).of_file(test) == {"test_one": (0.5, {"rules.py": 6})}
+    test.write_text("another test", encoding="utf-8")
+    assert _Book(kept, [str(rules)]).of_file(test) == {}
+    test.write_text("a test", encoding="utf-8")
+    rules.write_text("another rule", encoding="utf-8")
+    assert _Book(kept, [str(rules)]).of_file(test) == {}
