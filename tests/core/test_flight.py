@@ -6,8 +6,19 @@ from __future__ import annotations
 
 import pytest
 
-from mavproxy_handover.core.common.events import AutopilotState, GuardSeen
-from mavproxy_handover.core.common.flight import Flight
+from mavproxy_handover.core.common.events import (
+    AircraftJudged,
+    AutopilotState,
+    BoxJudged,
+    EnergyJudged,
+    GapsJudged,
+    GuardSeen,
+    HeightsJudged,
+    MissionJudged,
+    ReturnJudged,
+)
+from mavproxy_handover.core.common.flight import Flight, StartJudgement
+from mavproxy_handover.core.common.handling import CIRCLES
 from mavproxy_handover.core.common.limits import Limits
 from mavproxy_handover.core.common.model import GuardState
 
@@ -100,3 +111,76 @@ def test_a_guard_that_lives_on_another_companions_leases_is_none() -> None:
 
 def test_where_none_is_required_none_is_missed() -> None:
     assert flight(limits=Limits(guard_required=False)).guarded(1000.0)
+
+
+def test_a_rehearsal_counts_as_a_flight_until_it_is_over() -> None:
+    made = flight()
+    made.rehearsal_begun()
+    assert (made.rehearsing, made.flying) == (True, True)
+    made.rehearsal_over()
+    assert (made.rehearsing, made.flying) == (False, False)
+
+
+def test_what_the_autopilot_said_last_of_the_aircraft_counts() -> None:
+    made = flight()
+    assert (made.circles_s, made.circle_m, made.foreign) == (0.0, 0.0, "")
+    made.autopilot_said(AutopilotState(True, True, "ArduSub", CIRCLES, 4.0, 90.0), 101.0)
+    assert (made.foreign, made.handling, made.circles_s, made.circle_m) == ("ArduSub", CIRCLES, 4.0, 90.0)
+
+
+@pytest.mark.parametrize(
+    ("event", "lacks"),
+    [
+        (EnergyJudged("too little"), "energy_short"),
+        (GapsJudged("too little"), "gaps_lack"),
+        (AircraftJudged("too little"), "aircraft_lacks"),
+        (BoxJudged("too little"), "box_lacks"),
+        (HeightsJudged("too little"), "heights_lack"),
+        (ReturnJudged("too little"), "return_lacks"),
+        (MissionJudged("too little"), "mission_lacks"),
+    ],
+)
+def test_what_start_lacks_by_a_monitor(event: StartJudgement, lacks: str) -> None:
+    made = flight()
+    assert getattr(made, lacks) == ""
+    made.judged(event)
+    names = [name for name in made.__slots__ if name.endswith(("_short", "_lack", "_lacks"))]
+    assert [name for name in names if getattr(made, name)] == [lacks]
+
+
+@pytest.mark.parametrize(
+    ("now", "lacks"), [(101.9, "signed otherwise"), (102.0, "the guard does not answer the lease")]
+)
+def test_why_the_guard_does_not_fit_counts_for_two_seconds(now: float, lacks: str) -> None:
+    made = flight()
+    made.guard_said(GuardSeen(GuardState.LIVE, ours=True), 99.0)
+    made.guard_said(GuardSeen(GuardState.SILENT, ours=False, misfit="signed otherwise"), 100.0)
+    assert made.guard_lacks(now) == lacks
+
+
+def test_a_status_that_is_not_proven_to_be_the_guards_says_nothing_of_it() -> None:
+    made = flight()
+    made.guard_said(GuardSeen(GuardState.LIVE, ours=True), 100.0)
+    made.guard_said(GuardSeen(GuardState.SILENT, ours=False), 101.0)
+    assert (made.guard(101.0), made.guard_lacks(101.0), made.guard_silent_s(101.0)) == (GuardState.LIVE, "", 1.0)
+
+
+@pytest.mark.parametrize(("autopilot_at", "silent"), [(100.0, False), (101.0, False), (101.1, True)])
+def test_an_autopilot_that_speaks_a_second_after_its_last_position_is_silent_on_it(
+    autopilot_at: float, silent: bool
+) -> None:
+    made = flight()
+    made.position_seen(100.0)
+    made.autopilot_said(AutopilotState(True, True), autopilot_at)
+    assert made.silent_on_position() is silent
+
+
+def test_for_how_long_nothing_was_heard() -> None:
+    made = flight()
+    made.position_seen(100.5)
+    made.guard_said(GuardSeen(GuardState.LIVE, ours=True), 101.0)
+    assert (made.autopilot_silent_s(103.0), made.position_silent_s(103.0), made.guard_silent_s(103.0)) == (
+        3.0,
+        2.5,
+        2.0,
+    )

@@ -25,7 +25,7 @@ from mavproxy_handover.core.common.messages import (
 )
 from mavproxy_handover.core.common.model import Consent, Outcome, Reason
 
-A, B, C = 251, 252, 253
+A, B, C, D = 251, 252, 253, 254
 KEY = TransferKey(A, B, 7, 3)
 
 #: What each cause does in each step: the next step, "ABORTED reason" or "COMMITTED reason". Not in here: nothing.
@@ -407,6 +407,13 @@ class TestForced:
         assert transfer.timeout_at == 130.5
         assert transfer.move(Cause.TIMEOUT, 130.5) == End(Outcome.ABORTED, Reason.PARTNER_UNANSWERED)
 
+    def test_after_the_hurry_a_partner_whose_operator_agreed_has_the_time_of_a_step(self) -> None:
+        transfer = Transfer(KEY, Reason.COMMANDER_LOST, Limits(), 100.0, forced_until=102.0)
+        transfer.move(Cause.PARTNER_ASKS, 100.5)
+        transfer.move(Cause.PARTNER_READY, 110.0)
+        transfer.move(Cause.CONSENTED, 110.0)
+        assert (transfer.step, transfer.timeout_at) == (Step.CONNECT, 114.0)
+
     def test_while_a_station_has_not_answered_the_hurry_lasts(self) -> None:
         transfer = Transfer(KEY, Reason.COMMANDER_LOST, Limits(), 100.0, forced_until=102.0)
         transfer.invite(C, 100.0, ready=False)
@@ -458,3 +465,226 @@ class TestStandardStations:
         transfer = transfer_in(step)
         assert transfer.implied(partner_standard=True, commander_standard=False) is of_partner
         assert transfer.implied(partner_standard=False, commander_standard=True) is of_commander
+
+
+class TestWhichTransferIsMeant:
+    """A key names the transfer to the partner or to a station in reserve, and no other transfer."""
+
+    def test_the_partner_and_a_station_in_reserve(self) -> None:
+        transfer = Transfer(KEY, Reason.COMMANDER_LOST, Limits(), 100.0, forced_until=102.0)
+        transfer.invite(C, 100.0, ready=False)
+        assert transfer.concerns(KEY)
+        assert transfer.concerns(TransferKey(A, C, 7, 3))
+
+    @pytest.mark.parametrize("station", [B, C])
+    @pytest.mark.parametrize(("number", "epoch"), [(6, 3), (8, 3), (7, 2), (7, 4)])
+    def test_a_transfer_before_it_or_of_another_epoch_is_not_meant(self, station: int, number: int, epoch: int) -> None:
+        transfer = Transfer(KEY, Reason.COMMANDER_LOST, Limits(), 100.0, forced_until=102.0)
+        transfer.invite(C, 100.0, ready=False)
+        assert not transfer.concerns(TransferKey(A, station, number, epoch))
+
+
+class TestGraverReason:
+    """A transfer for a graver reason may take its place, until the partner is told to set itself up."""
+
+    @pytest.mark.parametrize("step", Step, ids=lambda step: step.name)
+    def test_until_the_partner_is_told_to_connect(self, step: Step) -> None:
+        assert transfer_in(step).yields_to(Reason.ZONE_ENDS) is (step in (Step.REQUEST, Step.CONSENT))
+
+    def test_the_same_reason_is_not_graver(self) -> None:
+        assert not transfer_in(Step.REQUEST).yields_to(Reason.ZONE)
+
+    def test_a_raised_transfer_asks_again_at_once_and_its_time_to_answer_begins_again(self) -> None:
+        transfer = transfer_in(Step.REQUEST)
+        transfer.due(100.0)
+        transfer.raise_to(Reason.ZONE_ENDS, 100.1, crossing=4)
+        assert transfer.due(100.1) == [(B, HandoverRequest(KEY, Reason.ZONE_ENDS, 4))]
+        assert (transfer.slow(101.0), transfer.slow(101.1)) == (False, True)
+
+
+class TestAnswersLate:
+    """A station that takes longer than a second to answer does not count as one that could take the aircraft."""
+
+    @pytest.mark.parametrize(
+        ("step", "now", "unanswered"),
+        [
+            (Step.REQUEST, 100.9, False),
+            (Step.REQUEST, 101.0, True),
+            (Step.CONSENT, 109.0, False),  # the commander is asked
+            (Step.CONNECT, 100.9, False),
+            (Step.CONNECT, 101.0, True),
+            (Step.CONNECT_FREED, 101.0, True),
+            (Step.RELEASE, 109.0, False),
+        ],
+    )
+    def test_only_in_the_steps_of_the_partner(self, step: Step, now: float, unanswered: bool) -> None:
+        assert transfer_in(step).unanswered(now) is unanswered
+
+    def test_a_partner_whose_operator_is_asked_has_answered(self) -> None:
+        transfer = transfer_in(Step.REQUEST)
+        transfer.move(Cause.PARTNER_ASKS, 100.1)
+        assert not transfer.unanswered(109.0)
+        transfer.move(Cause.PARTNER_READY, 109.0)
+        transfer.move(Cause.CONSENTED, 109.0)
+        assert (transfer.unanswered(109.9), transfer.unanswered(110.0)) == (False, True)
+
+    def test_in_reserve_an_operator_that_is_asked_says_nothing_of_the_partner(self) -> None:
+        transfer = Transfer(KEY, Reason.COMMANDER_LOST, Limits(), 100.0, forced_until=102.0)
+        transfer.invite(C, 100.0, ready=False)
+        transfer.move(Cause.PARTNER_ASKS, 100.1, station=C)
+        assert transfer.unanswered(101.0)
+
+
+class TestPartnersOperatorInAHurry:
+    """The zone ends and another station is there: the partner's operator has the time of a step."""
+
+    def test_no_answer_of_the_operator_is_named_so(self) -> None:
+        transfer = transfer_in(Step.REQUEST)
+        transfer.partner_asks_in_a_hurry(101.0)
+        assert transfer.timeout_at == 104.0
+        assert transfer.move(Cause.TIMEOUT, 104.0) == End(Outcome.ABORTED, Reason.PARTNER_UNANSWERED)
+
+    def test_time_that_the_operator_had_before_is_taken_back(self) -> None:
+        transfer = transfer_in(Step.REQUEST)
+        transfer.move(Cause.PARTNER_ASKS, 101.0)
+        assert transfer.timeout_at == 131.0
+        transfer.partner_asks_in_a_hurry(110.0)
+        assert transfer.timeout_at == 114.0
+
+    @pytest.mark.parametrize("step", [Step.CONSENT, Step.CONNECT], ids=lambda step: step.name)
+    def test_the_same_word_once_more_after_the_consent_changes_nothing(self, step: Step) -> None:
+        transfer = transfer_in(step)
+        before = transfer.timeout_at
+        transfer.partner_asks_in_a_hurry(101.0)
+        assert (transfer.partner_asks, transfer.timeout_at) == (False, before)
+
+    def test_without_operators_to_wait_for_it_ends(self) -> None:
+        transfer = Transfer(KEY, Reason.COMMANDER_LOST, Limits(), 100.0, forced_until=102.0)
+        transfer.invite(C, 100.0, ready=False)
+        transfer.move(Cause.PARTNER_ASKS, 100.1)
+        transfer.stop_waiting_for_operators()
+        assert transfer.move(Cause.TIMEOUT, 102.0) == End(Outcome.ABORTED, Reason.PARTNER_SILENT)
+
+
+def test_an_answer_just_after_another_question_may_be_meant_for_that_one() -> None:
+    transfer = transfer_in(Step.REQUEST)
+    assert transfer.read_until < 100.0
+    transfer.follows_another(102.0)
+    assert transfer.read_until == 102.0
+
+
+def test_a_step_that_is_slow_is_so_from_the_second_on() -> None:
+    transfer = transfer_in(Step.REQUEST)
+    assert (transfer.slow(100.9), transfer.slow(101.0)) == (False, True)
+
+
+def forced_with(*others: int) -> Transfer:
+    """A forced transfer to B that asks these stations as well; the time is up at 102."""
+    transfer = Transfer(KEY, Reason.COMMANDER_LOST, Limits(), 100.0, forced_until=102.0)
+    for station in others:
+        transfer.invite(station, 100.0, ready=False)
+    return transfer
+
+
+class TestStationsInReserve:
+    """A forced transfer asks several stations; one of them is the partner, the others are in reserve."""
+
+    @pytest.mark.parametrize("cause", [Cause.PARTNER_REFUSED, Cause.PARTNER_LOST, Cause.LEFT_REGION])
+    def test_one_in_reserve_that_falls_away_is_told_of_and_asked_no_more(self, cause: Cause) -> None:
+        transfer = forced_with(C)
+        assert transfer.move(cause, 100.5, station=C) is False
+        assert (transfer.key.to_station, transfer.others) == (B, ())
+        assert [station for station, _why in transfer.pop_fallen()] == [C]
+        assert transfer.pop_fallen() == ()
+
+    def test_the_partner_that_falls_away_is_told_of_and_the_next_takes_its_place(self) -> None:
+        transfer = forced_with(C)
+        assert transfer.move(Cause.PARTNER_REFUSED, 100.5) is True
+        assert (transfer.key.to_station, transfer.others, transfer.step) == (C, (), Step.REQUEST)
+        assert transfer.pop_fallen() == ((B, Reason.PARTNER_REFUSED),)
+
+    def test_one_that_is_ready_during_connect_waits_in_reserve(self) -> None:
+        transfer = forced_with(C)
+        for cause in (Cause.PARTNER_READY, Cause.CONSENTED):
+            transfer.move(cause, 100.5)
+        assert transfer.move(Cause.PARTNER_READY, 100.5, station=C) is False
+        assert (transfer.key.to_station, transfer.step, transfer.timeout_at) == (B, Step.CONNECT, 101.3)
+
+    def test_asked_again_after_it_fell_away_it_has_to_answer_again(self) -> None:
+        transfer = forced_with(C)
+        for cause in (Cause.PARTNER_READY, Cause.CONSENTED):
+            transfer.move(cause, 100.5)
+        transfer.move(Cause.PARTNER_READY, 100.6, station=C)
+        transfer.move(Cause.PARTNER_LOST, 100.7, station=C)
+        transfer.invite(C, 100.8, ready=False)
+        assert [station for station, _message in transfer.due(100.8)] == [B, C]
+
+    def test_its_operator_is_to_be_asked_again_too(self) -> None:
+        transfer = forced_with(C)
+        transfer.move(Cause.PARTNER_ASKS, 100.1, station=C)
+        transfer.move(Cause.PARTNER_LOST, 100.2, station=C)
+        transfer.invite(C, 100.3, ready=False)
+        transfer.move(Cause.PARTNER_ASKS, 100.4)
+        assert (transfer.hurry_over, transfer.timeout_at) == (False, 102.0)
+
+    def test_after_the_hurry_an_operator_that_is_asked_later_has_thirty_seconds(self) -> None:
+        transfer = forced_with()
+        transfer.move(Cause.PARTNER_ASKS, 100.5)
+        transfer.invite(C, 110.0, ready=False)
+        transfer.move(Cause.PARTNER_ASKS, 111.0, station=C)
+        assert transfer.timeout_at == 141.0
+
+    def test_an_operator_that_is_asked_during_connect_ends_no_hurry(self) -> None:
+        transfer = forced_with()
+        for cause in (Cause.PARTNER_READY, Cause.CONSENTED, Cause.PARTNER_ASKS):
+            transfer.move(cause, 100.5)
+        assert (transfer.step, transfer.hurry_over, transfer.timeout_at) == (Step.CONNECT, False, 102.0)
+
+    def test_at_the_end_of_the_time_one_that_is_ready_may_still_take_the_aircraft(self) -> None:
+        transfer = forced_with()
+        transfer.invite(C, 101.9, ready=True)
+        assert transfer.timeout_at == 102.0
+        assert transfer.move(Cause.TIMEOUT, 102.0) is True
+        assert (transfer.key.to_station, transfer.step, transfer.timeout_at) == (C, Step.CONNECT, 104.0)
+        assert transfer.pop_fallen() == ((B, Reason.PARTNER_SILENT),)
+
+    def test_at_the_end_of_the_time_stations_that_are_not_ready_are_not_waited_for(self) -> None:
+        transfer = forced_with(C)
+        assert transfer.move(Cause.TIMEOUT, 102.0) == End(Outcome.ABORTED, Reason.PARTNER_SILENT)
+
+    def test_at_the_end_of_the_time_only_operators_that_are_asked_are_waited_for(self) -> None:
+        transfer = forced_with(C, D)
+        for station in (C, D):
+            transfer.move(Cause.PARTNER_ASKS, 100.5, station=station)
+        assert transfer.move(Cause.TIMEOUT, 102.0) is True
+        assert (transfer.partners, transfer.hurry_over, transfer.timeout_at) == ((C, D), True, 130.5)
+        assert transfer.pop_fallen() == ((B, Reason.PARTNER_SILENT),)
+        assert transfer.move(Cause.TIMEOUT, 130.5) is True  # C has not answered, and D no more
+        assert transfer.move(Cause.TIMEOUT, 130.5) == End(Outcome.ABORTED, Reason.PARTNER_UNANSWERED)
+
+    def test_the_partners_operator_is_waited_for_and_a_silent_station_is_not(self) -> None:
+        transfer = forced_with(C)
+        transfer.move(Cause.PARTNER_ASKS, 100.5)
+        assert transfer.move(Cause.TIMEOUT, 102.0) is False
+        assert (transfer.partners, transfer.hurry_over) == ((B,), True)
+        assert transfer.pop_fallen() == ((C, Reason.PARTNER_SILENT),)
+
+    def test_a_partner_that_lets_connect_wait_is_silent_though_its_operator_was_asked(self) -> None:
+        transfer = forced_with(C)
+        for cause in (Cause.PARTNER_ASKS, Cause.PARTNER_READY, Cause.CONSENTED):
+            transfer.move(cause, 100.5)
+        assert transfer.step is Step.CONNECT
+        assert transfer.move(Cause.TIMEOUT, 102.0) == End(Outcome.ABORTED, Reason.PARTNER_SILENT)
+
+    @pytest.mark.parametrize("ready", [False, True])
+    def test_a_step_that_runs_out_before_the_time_leaves_the_rest_of_it_to_the_next(self, ready: bool) -> None:
+        transfer = Transfer(KEY, Reason.COMMANDER_LOST, Limits(), 100.0, forced_until=106.0)
+        transfer.invite(C, 100.0, ready=False)
+        for cause in (Cause.PARTNER_READY, Cause.CONSENTED):
+            transfer.move(cause, 101.0)
+        if ready:
+            transfer.move(Cause.PARTNER_READY, 104.5, station=C)
+        assert transfer.timeout_at == 105.0
+        assert transfer.move(Cause.TIMEOUT, 105.0) is True
+        assert (transfer.key.to_station, transfer.timeout_at) == (C, 106.0)
+        assert transfer.step is (Step.CONNECT if ready else Step.REQUEST)

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import nan
+from math import inf, nan
 
 import pytest
 
@@ -381,3 +381,45 @@ class TestBeyondTheBorder:
         zones.update([fact(B, 50.0), fact(C, 50.0)], 0.0)
         zones.update([fact(B, -1.0), fact(C, 50.0, 3.0)], 1.0)
         assert zones.best([B, C], None) == C
+
+
+class TestWhatIsAskedOfOneZone:
+    """Its distance, its end along the known way, and the zones behind that end."""
+
+    def test_the_nearest_zone_of_several(self) -> None:
+        zones = tracker()
+        assert zones.nearest() is None
+        zones.update([fact(A, -300.0), fact(B, -20.0), fact(C, -90.0)], 0.0)
+        assert zones.nearest() == (B, -20.0)
+
+    def test_the_distance_inside_the_border_and_of_an_unknown_station(self) -> None:
+        zones = tracker()
+        zones.update([fact(A, 42.0)], 0.0)
+        assert (zones.margin_m(A), zones.margin_m(B)) == (42.0, -inf)
+
+    @pytest.mark.parametrize(
+        ("margin_m", "ends_s", "expected"),
+        [(50.0, 12.0, 12.0), (50.0, None, inf), (0.0, 12.0, 12.0), (-1.0, 12.0, 0.0)],
+    )
+    def test_when_the_known_way_leaves_a_zone(self, margin_m: float, ends_s: float | None, expected: float) -> None:
+        zones = tracker()
+        zones.update([fact(A, 50.0)], 0.0)
+        zones.update([ZoneFact(A, margin_m, None, ends_s=ends_s)], 1.0)
+        assert zones.holds(A)
+        assert zones.ends_s(A) == expected
+
+    def test_the_known_way_is_not_inside_a_zone_that_was_not_entered(self) -> None:
+        zones = tracker()
+        zones.update([ZoneFact(A, 4.0, None, ends_s=12.0)], 0.0)
+        assert (zones.ends_s(A), zones.ends_s(B)) == (0.0, 0.0)
+
+    def test_the_zones_where_the_known_way_leaves_another(self) -> None:
+        zones = tracker()
+        zones.update([ZoneFact(A, 50.0, None, beyond=frozenset({B}))], 0.0)
+        assert (zones.beyond(A), zones.beyond(C)) == (frozenset({B}), frozenset())
+
+    def test_good_links_are_not_given_up_for_an_entry_with_weak_ones(self) -> None:
+        zones = tracker()
+        zones.update([fact(A, 500.0), fact(B, 500.0)], 0.0)
+        assert zones.reasons(A, (B,), 10.0, worse=(B,)) == {}
+        assert zones.reasons(A, (B,), 10.0) == {B: Reason.ZONE}

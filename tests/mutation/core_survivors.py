@@ -18,7 +18,24 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
             "before its first message the guard counts as silent, and whose leases it answers does not matter"
         ),
     },
+    "authority.transfer": {
+        "move: dropped from and/or: self.forced: self.forced and self.others and (cause in _FALLS_AWAY)": (
+            "only a forced transfer has stations in reserve"
+        ),
+        "_prefer: dropped: self.ready |= {station}": (
+            "a partner that was ready goes on to CONNECT at once; it is no partner any more when it falls away"
+        ),
+    },
+    "authority.candidates": {
+        "_keeps: dropped from and/or: presence is not None: presence is not None and presence.station.consent is "
+        "StandingConsent.REFUSE": "an owner is one of the stations; the line is for the type checker",
+    },
     "authority.zones": {
+        "update: dropped from and/or: station in before: station in before and before[station].awaits": (
+            "a zone that holds the aircraft had a fact at the position before"
+        ),
+        "reasons: dropped from and/or: station not in self._inside: station not in self._inside or "
+        "station == commander": "a zone that does not hold the aircraft has no time left, and its entry does not count",
         "update: comparison turned: fact.margin_m > known.margin_m": (
             "of two zones of one station with exactly the same margin either is the best"
         ),
@@ -39,6 +56,9 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
         ),
     },
     "arbiter": {
+        "zone_ends_s: dropped from and/or: owner is not None: owner is not None and zones.holds(owner)": (
+            "no zone holds the aircraft for no station; the line is for the type checker"
+        ),
         "Identity.nonce: number one more: 1": "any number will do if the edge gives none",
         "_expire: dropped from and/or: authority.owner is not None: "
         "authority.recover_until is not None and now >= authority.recover_until and (authority.owne": (

@@ -153,3 +153,15 @@ def test_whatever_comes_a_cause_has_had_its_sign_and_due_is_never_behind(
         due = watch.due_at()
         assert due is None or due > now
         assert due is None or due <= now + 30.0
+
+
+def test_causes_of_the_run_before_go_on_without_a_hold_off_unless_they_are_off() -> None:
+    watch = CauseWatch({Cause.FENCE})
+    watch.resume({Cause.ENERGY, Cause.FENCE})
+    assert watch.update(set(), 100.0) == {Cause.ENERGY}
+
+
+def test_the_next_time_of_several_is_due_first() -> None:
+    watch = CauseWatch(hold_off_s={Cause.ENERGY: 2.0, Cause.GUARD_LOST: 5.0, Cause.FENCE: 3.0})
+    watch.update({Cause.ENERGY, Cause.GUARD_LOST, Cause.FENCE}, 100.0)
+    assert watch.due_at() == 102.0

@@ -257,3 +257,46 @@ def test_who_is_held_stays_held_while_a_station_is_about_to_take_it() -> None:
     over = emergency.judge(set(), ALOFT, 102.0)
     assert over is not None
     assert over.resumes
+
+
+def test_what_lasts_as_long_as_the_flight_is_left_to_the_next_run_and_nothing_else() -> None:
+    emergency = Emergency(Limits())
+    emergency.judge({Cause.ENERGY, OUT}, ALOFT, 100.0)
+    emergency.judge({Cause.ENERGY, OUT}, ALOFT, 102.0)
+    assert emergency.causes == {Cause.ENERGY, OUT}
+    assert emergency.lasting == (Cause.ENERGY,)
+
+
+def test_an_order_that_the_commander_overrules_counts_as_a_warning() -> None:
+    emergency = Emergency(Limits())
+    emergency.overrule(ALOFT)
+    assert emergency.told is None
+    emergency.judge({LOST}, ALOFT, 100.0)
+    emergency.overrule(ALOFT)
+    assert emergency.told == WARN
+
+
+class TestOrderThatNeedNotShowYet:
+    """Until an order shows, or its time is over, nothing milder is news."""
+
+    def test_the_end_of_the_cause_waits_for_it(self) -> None:
+        emergency = Emergency(Limits())
+        assert emergency.judge({LOST}, ALOFT, 100.0, unshown=FlightAction.LAND) is None
+        assert decisions([emergency.judge({LOST}, ALOFT, 101.0)]) == [RETURN]
+        assert emergency.judge(set(), ALOFT, 102.0, unshown=FlightAction.RETURN) is None
+        assert decisions([emergency.judge(set(), ALOFT, 103.0)]) == ["over"]
+
+    def test_a_warning_waits_and_the_same_order_or_a_graver_one_does_not(self) -> None:
+        warning, order = Emergency(Limits(policies={LOST: "warn"})), Emergency(Limits())
+        assert warning.judge({LOST}, ALOFT, 100.0, unshown=FlightAction.RETURN) is None
+        assert decisions([order.judge({LOST}, ALOFT, 100.0, unshown=FlightAction.RETURN)]) == [RETURN]
+
+
+@pytest.mark.parametrize(("stands", "told"), [(True, None), (False, "over")])
+def test_an_aircraft_that_still_stands_is_not_let_go_for_a_station_that_may_take_it(
+    stands: bool, told: str | None
+) -> None:
+    emergency = Emergency(Limits())
+    emergency.judge({ENDS}, STEADY, 100.0)
+    assert decisions([emergency.judge({ENDS}, ALOFT, 160.0)]) == [Decision(FlightAction.RETURN, ENDS)]
+    assert decisions([emergency.judge({LOST}, ALOFT | {Fact.SUCCESSOR}, 161.0, stands=stands)]) == [told]

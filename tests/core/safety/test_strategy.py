@@ -300,3 +300,19 @@ def test_what_lets_it_go_on_is_waited_for_before_it_lands(fact: Fact, cause: Cau
     assert strategy.judge({cause}, ALOFT | {Fact.PLACE}) == Decision(FlightAction.RETURN, cause)
     assert strategy.judge({cause}, ALOFT | {fact}) == Decision(FlightAction.RETURN, cause)
     assert strategy.judge({cause}, ALOFT) == Decision(FlightAction.LAND, cause)
+
+
+@pytest.mark.parametrize(("fact", "action"), [(Fact.GAP, C), (Fact.SUCCESSOR, T)])
+def test_what_lets_the_aircraft_go_on_is_no_order_that_can_be_overruled(fact: Fact, action: FlightAction) -> None:
+    found = decide({Cause.COMMANDER_LOST}, ALOFT | {fact}, DEFAULTS, {Cause.COMMANDER_LOST: R})
+    assert found == Decision(action, Cause.COMMANDER_LOST)
+
+
+def test_a_cause_that_was_overruled_and_went_away_gives_an_order_when_it_is_back() -> None:
+    strategy, facts = Strategy({}), ALOFT | {Fact.PLACE}
+    lost = {Cause.COMMANDER_LOST}
+    assert strategy.judge(lost, facts) == Decision(R, Cause.COMMANDER_LOST)
+    strategy.overrule(lost, facts)
+    assert strategy.judge(lost, facts) == Decision(W, Cause.COMMANDER_LOST)
+    assert strategy.judge(set(), facts) is None
+    assert strategy.judge(lost, facts) == Decision(R, Cause.COMMANDER_LOST)
