@@ -32,7 +32,7 @@ from tests.packages import ROUND
 
 STEP_S = 0.05
 #: where a bench is made ready and nothing happens
-WAIT_STEP_S = 0.1
+WAIT_STEP_S = 0.25
 
 
 class Clock:
@@ -70,6 +70,8 @@ class Bench:
         self.module: Any = None
         #: the test gives it what nobody can make sense of, and an internal fault is what comes of it
         self.breaks = False
+        #: the autopilot answers until nothing more is written to it, all within one round
+        self.answers_at_once = False
         #: done once in every round, besides
         self.each_round: Callable[[], None] = lambda: None
 
@@ -109,14 +111,21 @@ class Bench:
         """One round of MAVProxy's main loop, and what the others make of it."""
         self.each_round()
         self.mpstate.loop()
+        for message in self.autopilot.step(self._written(), self.clock.now):
+            self.mpstate.deliver(message)
+        while self.answers_at_once and (written := self._written()):
+            for message in self.autopilot.answers(written):
+                self.mpstate.deliver(message)
+        for station in (self.a, self.b):
+            station.step(self.clock.now)
+
+    def _written(self) -> list[bytes]:
+        """What was written to the autopilot since this was last asked."""
         written: list[bytes] = []
         for master in self.mpstate.mav_master:
             written += master.written
             master.written.clear()
-        for message in self.autopilot.step(written, self.clock.now):
-            self.mpstate.deliver(message)
-        for station in (self.a, self.b):
-            station.step(self.clock.now)
+        return written
 
     def run(self, seconds: float, step_s: float = STEP_S) -> None:
         for _ in range(round(seconds / step_s)):
@@ -280,7 +289,9 @@ def delivery() -> MissionPackage:
 def ready(bench: Bench, delivery: MissionPackage) -> Bench:
     """The parent commands, the mission is loaded, the guard answers."""
     bench.connect()
+    bench.answers_at_once = True
     bench.share(delivery)
+    bench.answers_at_once = False
     bench.run(1.0, WAIT_STEP_S)
     return bench
 

@@ -76,6 +76,8 @@ def begin_flight(bench: Bench, delivery: MissionPackage, *, refused: bool = Fals
         core.handle(MissionHeld(delivery.digest), bench.clock.now)
         give_rules(station, core, bench)
     bench.run(1.5)
+    # told later, it would stand among the steps of a handover
+    bench.until(lambda: bench.mpstate.console.said("Preflight: guard, parameters and firmware fit."))
     if refused:
         bench.b.command(START)
         bench.run(0.3)

@@ -141,11 +141,7 @@ class Autopilot:
         self._out = []
         while self.tells:
             self._say_parameter(self.tells.pop())
-        for data in written:
-            for message in frames(data):
-                self.received.append(message)
-                if not self.silent:
-                    self._take(message)
+        self._take_all(written)
         if self.silent:
             return []
         if now >= self._beat_at:
@@ -158,6 +154,19 @@ class Autopilot:
             self._position_at = now + self.slow_s
             self.say_position(*self.position)
         return self._out
+
+    def answers(self, written: list[bytes]) -> list[Any]:
+        """Take in what was written; returns what is said to that, and nothing besides."""
+        self._out = []
+        self._take_all(written)
+        return self._out
+
+    def _take_all(self, written: list[bytes]) -> None:
+        for data in written:
+            for message in frames(data):
+                self.received.append(message)
+                if not self.silent:
+                    self._take(message)
 
     def beat(self) -> None:
         base = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | (128 if self.armed else 0)
