@@ -118,6 +118,7 @@ FIRST = {
         "safety/test_held_restart.py",
     ),
     "safety.conditions": (
+        "safety/test_conditions_alone.py",
         "safety/test_conditions.py",
         "test_arbiter_safety.py",
         "test_link_quality.py",
@@ -129,6 +130,7 @@ FIRST = {
         "safety/test_decision_executor.py",
     ),
     "authority.coverage": (
+        "test_coverage.py",
         "safety/test_conditions.py",
         "test_arbiter_safety.py",
         "test_link_quality.py",
@@ -140,11 +142,13 @@ FIRST = {
         "safety/test_decision_executor.py",
     ),
     "safety.hold_timer": (
+        "safety/test_hold_timer.py",
         "safety/test_held_restart.py",
         "safety/test_conditions.py",
         "safety/test_decision_executor.py",
     ),
     "safety.decision_facts": (
+        "safety/test_hold_timer.py",
         "safety/test_conditions.py",
         "test_arbiter_safety.py",
         "test_link_quality.py",

@@ -130,11 +130,6 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
         "successor_awaited: dropped from and/or: transfer.forced: transfer is not None and transfer.forced and "
         "(not transfer.hurry_over) and hurried": "after the loss every transfer under way is forced",
     },
-    "safety.conditions": {
-        "due_at: dropped: times.append(flight.position_lost_at())": (
-            "the arbiter asks for that moment itself, because no zone counts from then on"
-        ),
-    },
     "safety.hold_timer": {
         "__init__: truth turned: False in self._used_up = False": "the first look sets it, and it is not used before",
         "decided: dropped from and/or: not stands: news.mends or not stands": (
