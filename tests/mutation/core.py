@@ -160,6 +160,7 @@ FIRST = {
         "safety/test_decision_executor.py",
     ),
     "safety.safety": (
+        "safety/test_safety.py",
         "safety/test_conditions.py",
         "test_arbiter_safety.py",
         "test_link_quality.py",

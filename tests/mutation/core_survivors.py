@@ -120,7 +120,38 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
             "a connected station has answered: both are set together; the line is for the type checker"
         ),
     },
+    "common.authority_facts": {
+        "CoverageFacts.no_station: truth turned: False": "the only caller states it; without an owner it is not asked",
+        "CoverageFacts.links_weak: truth turned: False": "the same",
+        "CoverageFacts.ends_ahead: truth turned: False": "the same",
+    },
+    "authority.contacts": {
+        "note_heard: truth turned: False in self, station: int, now: float, actions: list[Action], *, "
+        "commanded: bool=False": "the arbiter always states it; only tests leave it out",
+        "answered: truth turned: False in self, station: int, answer: ConnectAck, now: float, actions: list[Action], *, "
+        "grounded: bo": "the same",
+    },
+    "authority.hearing": {
+        "_measure: comparison turned: lasts_s > 0.0": "no time adds nothing",
+        "_measure: comparison turned: at <= since": "the question before it ends in that moment, and counts for no time",
+        "asked: comparison turned: self._fates[0][0] < oldest": "a question exactly so old counts for no time",
+        "answered: dropped from and/or: self.barred: self.barred and now - self._good_since >= self._back_s": (
+            "a station that is not barred is not on its way back"
+        ),
+        "judge: dropped from and/or: share is not None: known and share is not None and "
+        "(share < limits.deaf_share) and (not self.barred)": (
+            "questions for so long have a share; the line is for the type checker"
+        ),
+        "_back_s: number one more: 10 in longer = _GROWTH ** max(0, min(self.losses, 10) - 1)": (
+            "the longest time is reached before that"
+        ),
+        "trust: number one more: 1 in count = int((self._window_s + self._limits.answer_s) / pause_s) + 1": (
+            "one more question, too old to count"
+        ),
+    },
     "authority.coverage": {
+        "attacked: dropped from and/or: owner is not None: owner is not None and "
+        "self._candidates.links.attacked(owner)": "no sender signs in the name of no station",
         "successor_awaited: dropped: return False": (
             "an owner that may still come back is lost until then, and a forced transfer ends when the owner is back"
         ),
@@ -148,6 +179,8 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
         "due_at: comparison turned: blind_until < inf": "the same",
     },
     "safety.safety": {
+        "held_since: dropped from and/or: self.executor.held_for is not None: self.verification.stands or "
+        "self.executor.held_for is not None": "an aircraft that an order holds stands by that order",
         "due_at: comparison turned: time > -inf": (
             "no time is asked of a part that was never heard or a hold that is not there: their loss has been seen"
         ),
