@@ -181,6 +181,7 @@ FIRST = {
         "safety/test_wings.py",
     ),
     "safety.decision_executor": (
+        "safety/test_safety.py",
         "safety/test_decision_executor.py",
         "safety/test_conditions.py",
         "safety/test_held_restart.py",

@@ -128,12 +128,12 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
     "authority.contacts": {
         "note_heard: truth turned: False in self, station: int, now: float, actions: list[Action], *, "
         "commanded: bool=False": "the arbiter always states it; only tests leave it out",
-        "answered: truth turned: False in self, station: int, answer: ConnectAck, now: float, actions: list[Action], *, "
-        "grounded: bo": "the same",
+        "answered: truth turned: False in self, station: int, answer: ConnectAck, now: float, "
+        "actions: list[Action], *, grounded: bo": "the same",
     },
     "authority.hearing": {
         "_measure: comparison turned: lasts_s > 0.0": "no time adds nothing",
-        "_measure: comparison turned: at <= since": "the question before it ends in that moment, and counts for no time",
+        "_measure: comparison turned: at <= since": "the question before it ends in that moment: it adds no time",
         "asked: comparison turned: self._fates[0][0] < oldest": "a question exactly so old counts for no time",
         "answered: dropped from and/or: self.barred: self.barred and now - self._good_since >= self._back_s": (
             "a station that is not barred is not on its way back"
@@ -181,9 +181,6 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
     "safety.safety": {
         "held_since: dropped from and/or: self.executor.held_for is not None: self.verification.stands or "
         "self.executor.held_for is not None": "an aircraft that an order holds stands by that order",
-        "due_at: comparison turned: time > -inf": (
-            "no time is asked of a part that was never heard or a hold that is not there: their loss has been seen"
-        ),
     },
     "safety.decision_executor": {
         "held_for: dropped: return None": (
@@ -234,6 +231,7 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
         "verify_order: truth turned: False in return False (number 2)": "the same",
     },
     "safety.mode_source": {
+        "__init__: truth turned: False in self._overtaken = False": "a command of the commander sets it first",
         "__init__: truth turned: False in self._flying = False": "before the first mode there is none to differ from",
         "__init__: truth turned: False in self._unheard = False": (
             "it is used only while a mode is in doubt, and the doubt sets it"

@@ -351,3 +351,26 @@ def test_the_next_change_is_judged_by_itself() -> None:
     change(helm, LAND, radio=True, at=AT + 20.0)
     helm.resolve_doubt(AT + 21.0)
     assert helm.chosen_by is ModeSource.PILOT
+
+
+@pytest.mark.parametrize(
+    ("ordered_first", "change"), [(True, Change.COMMANDER), (False, Change.OVERTAKEN)], ids=["order", "command"]
+)
+def test_a_command_from_before_the_order_does_not_overrule_it(ordered_first: bool, change: Change) -> None:
+    mode = ModeTracker()
+    mode.seen(ModeSeen(ModeClass.MISSION, "AUTO"), True, 99.0)
+    if ordered_first:
+        mode.ordered()
+    mode.note_source(ModeSourceSeen(ModeSource.COMMANDER, ModeClass.GUIDED), 100.0)
+    if not ordered_first:
+        mode.ordered()
+    assert mode.seen(ModeSeen(ModeClass.GUIDED, "GUIDED"), True, 100.5) is change
+
+
+def test_a_report_of_another_source_does_not_make_an_old_command_a_new_one() -> None:
+    mode = ModeTracker()
+    mode.seen(ModeSeen(ModeClass.MISSION, "AUTO"), True, 99.0)
+    mode.note_source(ModeSourceSeen(ModeSource.COMMANDER, ModeClass.GUIDED), 100.0)
+    mode.ordered()
+    mode.note_source(ModeSourceSeen(ModeSource.COMPANION), 100.0)
+    assert mode.seen(ModeSeen(ModeClass.GUIDED, "GUIDED"), True, 100.5) is Change.OVERTAKEN
