@@ -124,3 +124,52 @@ def test_nobody_is_told_that_a_lost_commander_commands() -> None:
     assert isinstance(sent, Send)
     assert isinstance(sent.message, Connect)
     assert sent.message.commander is None
+
+
+def barred(made: Contacts) -> None:
+    made.presence[A].hearing.barred_at = 99.0
+
+
+@pytest.mark.parametrize("commanded", [False, True])
+def test_after_a_silence_a_station_is_judged_anew_unless_it_waits_for_command(commanded: bool) -> None:
+    made, _authority = contacts()
+    barred(made)
+    made.note_heard(A, 100.0, [], commanded=commanded)
+    assert made.presence[A].hearing.barred is commanded
+
+
+@pytest.mark.parametrize(
+    ("was_barred", "grounded", "news"),
+    [(True, True, ["hears_again"]), (True, False, []), (False, True, [])],
+)
+def test_that_a_station_hears_again_is_told(was_barred: bool, grounded: bool, news: list[str]) -> None:
+    made, authority = contacts()
+    made.note_heard(A, 100.0, [])
+    asked(made, authority, 100.0)
+    made.answered(A, answer(7), 100.1, [])
+    asked(made, authority, 101.0)
+    if was_barred:
+        barred(made)
+    actions: list[Action] = []
+    made.answered(A, answer(8), 101.1, actions, grounded=grounded)
+    assert [action.event for action in actions if isinstance(action, Record)] == news
+
+
+def test_after_a_restart_all_are_asked_five_times_a_second() -> None:
+    made, authority = contacts()
+    authority.recover_until = 102.5
+    assert asked(made, authority, 100.0) == [question(7)]
+    assert asked(made, authority, 100.1) == []
+    assert asked(made, authority, 100.2) == [question(8)]
+
+
+@pytest.mark.parametrize(("owner", "pause_s"), [(A, 0.2), (B, 1.0)])
+def test_an_owner_that_answers_nothing_is_asked_more_often_and_another_station_is_not(
+    owner: int, pause_s: float
+) -> None:
+    made, authority = contacts()
+    authority.owner = owner
+    made.note_heard(A, 100.0, [])
+    made.presence[A].hearing.share = 0.0
+    asked(made, authority, 100.0)
+    assert made.presence[A].ask_at == pytest.approx(100.0 + pause_s)

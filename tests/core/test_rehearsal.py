@@ -501,3 +501,38 @@ def test_the_refusal_says_what_it_is_about(begin: bool) -> None:
     what = "begin" if begin else "end"
     (record,) = bench.records("rehearsal_refused")
     assert record.text.startswith(f"rehearsal does not {what}: GCSB does not command")
+
+
+class TestWithoutACommander:
+    """The time without a commander runs in a rehearsal alone, from the moment on that there is none."""
+
+    def test_it_runs_from_the_first_look_without_one(self) -> None:
+        arbiter = Bench().arbiter
+        arbiter._flight.rehearsal_begun()
+        arbiter._rehearsal.update(100.0)
+        arbiter._rehearsal.update(150.0)
+        assert arbiter._rehearsal.due_at() == 400.0
+
+    def test_a_commander_ends_it_and_so_does_the_end_of_the_rehearsal(self) -> None:
+        for end in ("commander", "no rehearsal", "end"):
+            arbiter = Bench().arbiter
+            arbiter._flight.rehearsal_begun()
+            arbiter._rehearsal.update(100.0)
+            if end == "commander":
+                arbiter._authority.grant(A, Reason.OPERATOR, [])
+            elif end == "no rehearsal":
+                arbiter._flight.rehearsal_over()
+            else:
+                arbiter._rehearsal.end()
+            if end != "end":
+                arbiter._rehearsal.update(101.0)
+            assert arbiter._rehearsal.due_at() is None, end
+
+
+def test_a_request_of_another_station_ends_when_a_rehearsal_begins() -> None:
+    bench = Bench().on_ground()
+    bench.give(bench.request(B))
+    assert bench.arbiter.view.partner == B
+    bench.give(RehearsalAsked(A, True))
+    assert bench.arbiter.view.rehearsal
+    assert bench.arbiter.view.partner is None
