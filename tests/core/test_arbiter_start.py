@@ -10,18 +10,24 @@ from dataclasses import replace
 import pytest
 
 from mavproxy_handover.core.common.events import (
+    AircraftJudged,
     BeginStart,
     ControlAnswer,
     ControlRequested,
     ControlResult,
+    EnergyJudged,
+    GapsJudged,
     GuardSeen,
+    HeightsJudged,
     MissionLoaded,
     Record,
+    ReturnJudged,
     StartFinished,
     StartRefused,
     StartRequested,
     ViewChanged,
 )
+from mavproxy_handover.core.common.flight import StartJudgement
 from mavproxy_handover.core.common.limits import Limits
 from mavproxy_handover.core.common.model import AuthorityView, GuardState, LeaseState
 from tests.core.bench import (
@@ -245,3 +251,49 @@ class TestOnItsWay:
         bench.give(StartFinished(ok=False, text="arming refused"))
         bench.give(ControlRequested(A, False, False, 0.0, A))
         assert bench.arbiter.view.commander is None
+
+
+@pytest.mark.parametrize(
+    ("event", "text"),
+    [
+        (EnergyJudged("12 Wh are missing"), "energy: 12 Wh are missing"),
+        (GapsJudged("too long"), "gaps: too long"),
+        (ReturnJudged("no place"), "a return does not land: no place"),
+        (AircraftJudged("it is for a plane"), "it is for a plane"),
+        (HeightsJudged("other terrain"), "heights: other terrain"),
+    ],
+)
+def test_what_the_loaded_mission_lacks_stops_a_flight_and_no_rehearsal(event: StartJudgement, text: str) -> None:
+    bench = Bench().on_ground()
+    bench.give(event)
+    assert bench.arbiter.start_needs(A, bench.now) == (text,)
+    assert bench.arbiter.rehearsal_needs(A, bench.now) == ()
+    bench.give(MissionLoaded(b"", ()))
+    assert bench.arbiter.start_needs(A, bench.now) == ("no mission loaded",)
+
+
+class TestByHand:
+    """A command that is a part of START: the one before may have armed already."""
+
+    FLIES = ("the vehicle is already flying or starting",)
+
+    def test_armed_on_the_ground_it_may_take_off_and_not_start(self) -> None:
+        bench = Bench().on_ground()
+        bench.autopilot_says(armed=True, flying=False)
+        assert bench.arbiter.take_off_needs(A, bench.now) == ()
+        assert bench.arbiter.start_needs(A, bench.now) == self.FLIES
+
+    def test_while_start_is_under_way_it_may_not(self) -> None:
+        bench = Bench().on_ground()
+        bench.give(StartRequested(A))
+        assert bench.arbiter.take_off_needs(A, bench.now) == self.FLIES
+
+    def test_in_flight_it_may_not(self) -> None:
+        bench = Bench().on_mission()
+        assert bench.arbiter.take_off_needs(A, bench.now) == self.FLIES
+
+
+def test_the_beginning_of_a_flight_is_journalled() -> None:
+    bench = Bench().on_mission()
+    assert bench.records("start") == [Record("start", "START from GCSA", station=A)]
+    assert bench.records("started") == [Record("started", "on mission: armed and in AUTO", Reason.STARTED, A)]

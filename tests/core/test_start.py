@@ -68,3 +68,27 @@ def test_what_is_lacking_in_energy_is_said_in_its_words() -> None:
     assert start_needs(replace(READY, energy_short="41.0 Wh are needed, 12.0 Wh are left")) == (
         "energy: 41.0 Wh are needed, 12.0 Wh are left",
     )
+
+
+@pytest.mark.parametrize(
+    ("fact", "says"),
+    [
+        ("aircraft_lacks", "lacks something"),
+        ("heights_lack", "heights: lacks something"),
+        ("return_lacks", "a return does not land: lacks something"),
+        ("gaps_lack", "gaps: lacks something"),
+    ],
+)
+def test_what_a_monitor_finds_is_said_in_its_words(fact: str, says: str) -> None:
+    assert start_needs(replace(READY, **{fact: "lacks something"})) == (says,)
+
+
+def test_why_no_mission_is_loaded_and_what_consent_lacks_is_said_too() -> None:
+    facts = replace(READY, mission_loaded=False, mission_lacks="it is for a plane", consent_lacks=("no consent",))
+    assert start_needs(facts) == ("no mission loaded, because it is for a plane", "no consent")
+
+
+@pytest.mark.parametrize("on_ground", [True, False])
+def test_a_rehearsal_is_named_and_not_that_it_flies(on_ground: bool) -> None:
+    facts = replace(READY, rehearsing=True, on_ground=on_ground)
+    assert start_needs(facts) == ("a rehearsal is under way: nothing arms",)
