@@ -76,6 +76,7 @@ FIRST = {
         "test_deaf_commander.py",
     ),
     "authority.authority": (
+        "test_authority.py",
         "test_arbiter_authority.py",
         "test_restart.py",
         "test_control.py",

@@ -246,6 +246,7 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
         ),
     },
     "safety.command_verification": {
+        "__init__: truth turned: False in self._refused = False": "it is not used before an order, which sets it",
         "__init__: number one more: 0 in self._tries = 0": "it is not used before an order, which sets it",
         "__init__: truth turned: False in self._shown = False": "it is not used before an order, which sets it",
         "__init__: number one more: 0.0 in self._first_speed = 0.0": "it is not used before an order, which sets it",

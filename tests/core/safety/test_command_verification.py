@@ -7,6 +7,7 @@ from __future__ import annotations
 import pytest
 
 from mavproxy_handover.core.common.events import ModeSeen, MotionSeen
+from mavproxy_handover.core.common.handling import CIRCLES
 from mavproxy_handover.core.common.limits import Limits
 from mavproxy_handover.core.common.model import FlightAction, ModeClass, ModeSource
 from mavproxy_handover.core.safety.command_verification import CommandVerification, Seen
@@ -595,3 +596,44 @@ def test_the_helm_of_these_tests_is_what_the_autopilot_says() -> None:
     helm = ModeTracker()
     helm.seen(ModeSeen(ModeClass.RETURN, "RTL", landing=True), True, 1.0)
     assert (helm.flown, helm.landing) == (ModeClass.RETURN, True)
+
+
+def test_the_same_order_given_again_has_its_time_to_show_again() -> None:
+    watched = Watched().order(RETURN)
+    assert watched.supervision.unshown(watched.helm, 505.9) is RETURN
+    assert watched.supervision.unshown(watched.helm, 506.0) is None
+    watched.now = 505.0
+    watched.order(RETURN)
+    assert watched.supervision.unshown(watched.helm, 510.9) is RETURN
+    assert watched.supervision.shows_by == 511.0
+    assert watched.supervision.unshown(watched.helm, 511.0) is None
+
+
+def test_on_the_ground_it_stands_by_no_order() -> None:
+    watched = Watched().order(HOLD)
+    assert watched.supervision.stands
+    watched.supervision.grounded()
+    assert not watched.supervision.stands
+
+
+@pytest.mark.parametrize(("circles", "seen"), [(True, OBEYED), (False, None)])
+def test_an_aircraft_that_circles_shows_a_hold_by_its_mode(circles: bool, seen: Seen | None) -> None:
+    watched = Watched(ModeClass.STOP, motion=False)
+    if circles:
+        watched.supervision.watch(CIRCLES)
+    assert watched.order(HOLD).look() is seen
+
+
+def test_a_refusal_after_the_order_has_shown_is_of_another_command() -> None:
+    watched = returning()
+    watched.supervision.refused(RETURN)
+    watched.flies(ModeClass.MISSION)
+    assert watched.look(1.0) is AGAIN
+
+
+def test_a_held_aircraft_that_its_commander_sends_on_stands_until_it_moves() -> None:
+    watched = Watched().order(HOLD)
+    watched.supervision.commanded()
+    assert not watched.supervision.stands
+    watched.supervision.sent_on(watched.now)
+    assert (watched.supervision.stands, watched.supervision.order) == (True, CONTINUE)
