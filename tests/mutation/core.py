@@ -182,6 +182,7 @@ FIRST = {
         "safety/test_wings.py",
     ),
     "safety.decision_executor": (
+        "safety/test_executor_alone.py",
         "safety/test_safety.py",
         "safety/test_decision_executor.py",
         "safety/test_conditions.py",
