@@ -4,14 +4,26 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from mavproxy_handover.core.common.causes import Cause
-from mavproxy_handover.core.common.events import Announce, Fly, GuardSeen, ModeSeen, ModeSourceSeen, PlaceJudged, Record
+from mavproxy_handover.core.common.events import (
+    Announce,
+    AutopilotState,
+    Fly,
+    GuardSeen,
+    ModeSeen,
+    ModeSourceSeen,
+    PlaceJudged,
+    Record,
+)
+from mavproxy_handover.core.common.handling import CIRCLES
 from mavproxy_handover.core.common.limits import Limits
 from mavproxy_handover.core.common.model import FlightAction, GuardState, ModeClass, ModeSource
 from mavproxy_handover.core.safety.strategy import Decision
-from tests.core.safety.test_safety import ENDS, HOLD, NOW, RETURN, Bench, held
+from tests.core.safety.test_safety import ENDS, HOLD, LEFT, NOW, RETURN, Bench, held
 
 CONTINUE, WARN = FlightAction.CONTINUE, FlightAction.WARN
 HANDS, AUTO, GUIDED, RTL = ModeClass.HANDS, ModeClass.MISSION, ModeClass.GUIDED, ModeClass.RETURN
@@ -223,6 +235,81 @@ class TestCarriedOut:
         bench = on_mission()
         bench.safety.executor.rehearsal_over(bench.actions)
         assert told(bench) == []
+
+    def ordered_home(self, mode: ModeClass) -> Bench:
+        """A held aircraft was ordered home, and flies this mode now."""
+        bench = held_bench()
+        bench.told.lost = True
+        bench.judge(101.0)
+        bench.safety.executor.tell_return(101.0, bench.actions)
+        assert flown(bench) == [RETURN]
+        bench.safety.mode.flown = mode
+        bench.actions.clear()
+        return bench
+
+    @pytest.mark.parametrize(("mode", "orders"), [(AUTO, [CONTINUE]), (RTL, [])])
+    def test_the_end_of_an_order_home_lets_an_aircraft_go_on_that_still_stands(
+        self, mode: ModeClass, orders: list[FlightAction]
+    ) -> None:
+        bench = self.ordered_home(mode)
+        bench.told.lost = False
+        bench.told.owner = 252
+        bench.position(108.0)  # until 107 the order home need not show
+        bench.judge(108.0)
+        assert flown(bench) == orders
+        assert bench.safety.verification.order is (CONTINUE if orders else None)
+
+    def test_an_order_that_the_silent_autopilot_holds_back_stays_in_force(self) -> None:
+        bench = self.lost()
+        bench.flight._autopilot_at = NOW - 3.0
+        bench.judge(101.0)
+        assert bench.safety.verification.order is RETURN
+
+    def test_after_a_restart_a_hold_that_became_a_return_is_no_hold_any_more(self) -> None:
+        bench = on_mission()
+        bench.safety.resume(replace(LEFT, stands=True, held_for=Cause.COVERAGE_ENDS, held_since=80.0))
+        bench.told.lost = True
+        bench.judge(NOW)
+        bench.flight._autopilot_at = NOW - 3.0
+        bench.judge(101.0)
+        assert bench.safety.resuming
+        assert bench.safety.executor.held_for is None
+
+    def test_a_return_that_is_overruled_before_it_is_told_is_not_told(self) -> None:
+        bench = self.lost()
+        bench.safety.emergency.overrule(bench.safety.facts.now(NOW))
+        bench.safety.executor.tell_return(NOW, bench.actions)
+        assert told(bench) == []
+
+    def test_a_place_is_told_of_a_return_alone(self) -> None:
+        bench = held_bench()
+        bench.safety.handle(PlaceJudged("field", True), NOW, bench.actions)
+        assert told(bench) == []
+
+    def test_the_mode_of_an_order_is_the_companions_choice(self) -> None:
+        bench = self.lost()
+        bench.safety.executor.tell_return(NOW, bench.actions)
+        told(bench)
+        assert changes(bench, RTL) == []
+        assert helm(bench) == []
+        assert bench.safety.mode.chosen_by is ModeSource.COMPANION
+
+    def test_a_command_from_before_the_order_does_not_overrule_it(self) -> None:
+        bench = on_mission()
+        bench.safety.handle(ModeSourceSeen(ModeSource.COMMANDER, GUIDED), 99.5, bench.actions)
+        bench.told.lost = True
+        bench.judge(NOW)
+        changes(bench, GUIDED)
+        assert helm(bench) == ["GUIDED: the commander asked for it before the order"]
+        assert bench.safety.verification.order is RETURN
+
+    def test_an_aircraft_that_circles_shows_a_hold_by_its_mode(self) -> None:
+        bench = held_bench()
+        bench.flight.autopilot_said(AutopilotState(True, True, "", CIRCLES), NOW)
+        bench.safety.mode.flown = ModeClass.STOP
+        bench.safety.executor.verify_order(bench.safety.facts.now(NOW), NOW, bench.actions)
+        texts = [action.text for action in bench.actions if isinstance(action, Record)]
+        assert texts == ["HOLD: the autopilot follows, MISSION"]
 
 
 class TestVerified:
