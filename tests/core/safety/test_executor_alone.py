@@ -16,12 +16,13 @@ from mavproxy_handover.core.common.events import (
     GuardSeen,
     ModeSeen,
     ModeSourceSeen,
+    MotionSeen,
     PlaceJudged,
     Record,
 )
 from mavproxy_handover.core.common.handling import CIRCLES
 from mavproxy_handover.core.common.limits import Limits
-from mavproxy_handover.core.common.model import FlightAction, GuardState, ModeClass, ModeSource
+from mavproxy_handover.core.common.model import FlightAction, GuardState, ModeClass, ModeSource, Reason
 from mavproxy_handover.core.safety.strategy import Decision
 from tests.core.safety.test_safety import ENDS, HOLD, LEFT, NOW, RETURN, Bench, held
 
@@ -314,17 +315,31 @@ class TestCarriedOut:
 
 class TestVerified:
     def test_an_order_that_does_not_show_is_given_again_and_told_every_ten_seconds(self) -> None:
-        bench = on_mission()
+        bench = Bench(Limits(policies={Cause.COMMANDER_LOST: "land"}))
+        bench.fly(AUTO)
         bench.told.lost = True
         bench.judge(NOW)
         bench.actions.clear()
-        times = []
-        for now in (106.0, 112.0):
+        texts = []
+        for now in (105.0, 106.0, 112.0, 118.0):
             bench.says(now)
-            bench.safety.executor.verify_order(bench.safety.facts.now(now), now, bench.actions)
-            times.append((flown(bench), told(bench)))
-            bench.actions.clear()
-        assert times[0] == ([RETURN], ["RETURN again: the autopilot flies MISSION (commander lost)"])
+            assert not bench.safety.executor.verify_order(bench.safety.facts.now(now), now, bench.actions)
+            texts.append(told(bench))
+        text = "LAND again: the autopilot flies MISSION (commander lost)"
+        assert texts == [[], [text], [], [text]]
+        assert bench.actions == [Fly(FlightAction.LAND, Reason.COMMANDER_LOST)] * 3
+
+    def test_an_order_to_go_on_has_no_cause_any_more(self) -> None:
+        bench = held_bench()
+        bench.safety.handle(MotionSeen(0.0, 0.0), NOW, bench.actions)
+        bench.told.owner = 252
+        bench.position(101.0)
+        bench.judge(101.0)
+        bench.actions.clear()
+        bench.says(107.0)
+        bench.safety.executor.verify_order(bench.safety.facts.now(107.0), 107.0, bench.actions)
+        assert told(bench) == ["CONTINUE again: the autopilot flies MISSION"]
+        assert bench.actions == [Fly(CONTINUE, Reason.NONE)]
 
     def test_an_order_that_shows_is_journalled(self) -> None:
         bench = on_mission()
