@@ -197,7 +197,7 @@ FIRST = {
     "safety.gap": ("safety/test_gap.py",),
     "safety.commands": ("safety/test_commands.py",),
     "safety.sentence": ("safety/test_sentence.py", "safety/test_decision_executor.py"),
-    "safety.explain": ("../cli/test_explain.py",),
+    "safety.explain": ("safety/test_explain_tables.py", "../cli/test_explain.py"),
     "safety.route": ("safety/test_route.py",),
     "safety.energy": (
         "safety/test_energy.py",

@@ -306,3 +306,17 @@ def test_nothing_is_lifted_by_what_comes_oftener_than_every_ten_seconds(
         strict = [x for x in JUDGED[kind] if left.get(x) and policies.get(x, "refuse") == "refuse"]
         assert ruling.outcome is not LIFTED
         assert ruling.passes is (not strict)
+
+
+@pytest.mark.parametrize("outcome", Outcome)
+def test_only_a_refused_command_is_not_carried_out(outcome: Outcome) -> None:
+    assert Ruling(outcome).passes is (outcome is not REFUSED)
+
+
+@pytest.mark.parametrize(("last", "outcome"), [(70.0, LIFTED), (70.1, REFUSED)])
+def test_copies_of_a_command_that_passed_pass_for_a_minute(last: float, outcome: Outcome) -> None:
+    rules = CommandRules()
+    assert ask(rules, 0.0) is REFUSED
+    for at in (10.0, 19.0, 28.0, 37.0, 46.0, 55.0, 64.0):
+        assert ask(rules, at) is LIFTED
+    assert ask(rules, last) is outcome
