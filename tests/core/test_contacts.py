@@ -134,7 +134,7 @@ def barred(made: Contacts) -> None:
 def test_after_a_silence_a_station_is_judged_anew_unless_it_waits_for_command(commanded: bool) -> None:
     made, _authority = contacts()
     barred(made)
-    made.note_heard(A, 100.0, [], commanded=commanded)
+    made.note_heard(A, 100.0, [], **({"commanded": True} if commanded else {}))
     assert made.presence[A].hearing.barred is commanded
 
 
@@ -151,7 +151,7 @@ def test_that_a_station_hears_again_is_told(was_barred: bool, grounded: bool, ne
     if was_barred:
         barred(made)
     actions: list[Action] = []
-    made.answered(A, answer(8), 101.1, actions, grounded=grounded)
+    made.answered(A, answer(8), 101.1, actions, **({"grounded": True} if grounded else {}))
     assert [action.event for action in actions if isinstance(action, Record)] == news
 
 

@@ -114,6 +114,14 @@ class TestHere:
     def test_nothing_is_wrong_in_the_zone_of_the_owner(self) -> None:
         assert Bench().coverage.coverage(NOW) == CoverageFacts()
 
+    def test_without_an_owner_nothing_is_shown(self) -> None:
+        bench = Bench()
+        bench.authority.owner = None
+        for station in (A, B):
+            bench.candidates.pause(station, Reason.ZONE_ENDS, Reason.PARTNER_SILENT, NOW)
+        nothing = CoverageFacts(no_station=False, links_weak=False, ends_ahead=False)
+        assert bench.coverage.coverage(NOW) == nothing
+
     def test_without_another_station_in_the_zones_that_hold_the_aircraft_no_station_could_take_it(self) -> None:
         bench = Bench()
         bench.zones(B=None)

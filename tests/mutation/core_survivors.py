@@ -120,17 +120,6 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
             "a connected station has answered: both are set together; the line is for the type checker"
         ),
     },
-    "common.authority_facts": {
-        "CoverageFacts.no_station: truth turned: False": "the only caller states it; without an owner it is not asked",
-        "CoverageFacts.links_weak: truth turned: False": "the same",
-        "CoverageFacts.ends_ahead: truth turned: False": "the same",
-    },
-    "authority.contacts": {
-        "note_heard: truth turned: False in self, station: int, now: float, actions: list[Action], *, "
-        "commanded: bool=False": "the arbiter always states it; only tests leave it out",
-        "answered: truth turned: False in self, station: int, answer: ConnectAck, now: float, "
-        "actions: list[Action], *, grounded: bo": "the same",
-    },
     "authority.hearing": {
         "_measure: comparison turned: lasts_s > 0.0": "no time adds nothing",
         "_measure: comparison turned: at <= since": "the question before it ends in that moment: it adds no time",
@@ -155,7 +144,6 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
         "successor_awaited: dropped: return False": (
             "an owner that may still come back is lost until then, and a forced transfer ends when the owner is back"
         ),
-        "coverage: dropped: return _NOTHING": "it is called only with an owner; the line is for the type checker",
         "_asked: truth turned: True in return (None, True, True)": "without a partner no station is the partner",
         "_asked: truth turned: True in return (None, True, True) (number 2)": "the same",
         "successor_awaited: dropped from and/or: transfer.forced: transfer is not None and transfer.forced and "
@@ -163,20 +151,10 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
     },
     "safety.hold_timer": {
         "__init__: truth turned: False in self._used_up = False": "the first look sets it, and it is not used before",
-        "decided: dropped from and/or: not stands: news.mends or not stands": (
-            "an aircraft that no order holds any more returns, where it is not held, or another source took it, and "
-            "that source's mode ends the time itself"
-        ),
-        "due_at: dropped from and/or: self.held_at == -inf: self.held_at == -inf or self._used_up": (
-            "inf is left out at the end"
-        ),
     },
     "safety.decision_facts": {
         "__init__: truth turned: False in self._may_hold = False": "the first look sets it, and it is not used before",
         "__init__: truth turned: False in self._in_gap = False": "the same",
-        "due_at: dropped from and/or: blind_until < inf: self._may_hold and (not self._hold_timer.resuming) and "
-        "(blind_until < inf)": ("inf is never the first time, and the stations are asked before that"),
-        "due_at: comparison turned: blind_until < inf": "the same",
     },
     "safety.safety": {
         "held_since: dropped from and/or: self.executor.held_for is not None: self.verification.stands or "
@@ -223,7 +201,6 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
         "returns and told is not None and (place is not None) and (place.name != self._told_place)": (
             "the aircraft returns, so a decision was told; the line is for the type checker"
         ),
-        "tell_return: dropped: return": "it is called only if a return is to be told; the line is for the type checker",
         "tell_return: dropped from and/or: told is not None: told is not None and told.action is FlightAction.RETURN": (
             "a return that is to be told has been decided; the line is for the type checker"
         ),
