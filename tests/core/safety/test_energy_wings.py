@@ -119,6 +119,7 @@ def test_from_above_it_circles_down_to_the_height_of_its_place(alt: float, climb
 
 def test_without_its_payload_its_rotors_take_less_and_its_wings_as_much() -> None:
     light = replace(MODEL, unloaded_part=0.5).unloaded
+    assert light.unloaded == light, "there is only one payload"
     assert (light.hover_w, light.climb_w, light.descent_w) == (900.0, 1080.0, 900.0)
     assert (light.cruise_w, light.airspeed_mps) == (360.0, 20.0)
 
