@@ -206,7 +206,7 @@ FIRST = {
         "safety/test_learning.py",
     ),
     "safety.energy_prior": ("safety/test_energy_prior.py", "safety/test_energy.py"),
-    "safety.battery": ("safety/test_battery.py",),
+    "safety.battery": ("safety/test_battery_pack.py", "safety/test_battery.py"),
     "safety.learning": ("safety/test_learning.py",),
     "authority.steps": ("test_steps.py",),
     "authority.control": ("test_control.py",),

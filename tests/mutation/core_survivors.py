@@ -85,12 +85,40 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
         "_goes_over: comparison turned: better > counts": "it is compared only if the two standings differ",
     },
     "safety.energy": {
+        "made_good: dropped: return MadeGood(speed, self.power_w(airspeed))": (
+            "on wings the airspeed of the next line is the same, apart from rounding"
+        ),
+        "_hanging_wh: comparison turned: vertical_s > 0.0": "no time of climb and descent costs nothing",
         "made_good: comparison turned: across >= airspeed": (
             "with all of the airspeed against the crosswind none is left for the way, and the next line checks that"
         ),
         "_duration_s: comparison turned: length_m < speed_mps ** 2 / ACCELERATION_MPSS": (
             "on a leg just long enough for its speed both formulas give the same time"
         ),
+    },
+    "safety.battery": {
+        "rest_part: number one more: 2.0 in above = bisect_right(_REST, (cell_v, 2.0))": (
+            "any number above every part will do"
+        ),
+        "bounded: dropped from and/or: isfinite(value): value is not None and isfinite(value) and "
+        "(low <= value <= high)": "what is no number, or infinite, is in no range",
+        "add_report: number one more: 0.0 in since_s = 0.0 if self.heard_at is None else "
+        "max(0.0, now - self.heard_at)": "before the first report nothing is known that time could change",
+        "add_report: dropped from and/or: 0.0: report.current_a or 0.0": "a power has a current",
+        "add_report: number one more: 0.0 in not on_ground and report.power_w is not None and "
+        "((report.current_a or 0.0) >= _REST_A)": "one ampere is no load either",
+        "left_wh: dropped from and/or: self.heard_at is None: self._left_wh is None or self.heard_at is None": (
+            "what is left is known from a report or from the run before; the line is for the type checker"
+        ),
+        "_count: dropped from and/or: begins is not None: on_ground and begins is not None": (
+            "a counter that went back is there, and says what was drawn"
+        ),
+        "_rest: dropped: return (number 2)": "a current at rest is no load",
+        "_rest: number one more: 1.0 in most = min(1.0, rest_part(volts / self._cells) + DOUBT) * self._full_wh": (
+            "more than the whole pack limits nothing"
+        ),
+        "_rest: dropped from and/or: self._rest_v is not None: rested and self._rest_v is not None and "
+        "(amperes is not None) and (amperes >= _LOAD_A)": ("both are set together; the line is for the type checker"),
     },
     "safety.strategy": {
         "decide: dropped from and/or: held_back: held_back or fact": (

@@ -353,3 +353,12 @@ def test_no_wind_is_cheaper_than_calm(model: EnergyModel, piece: Piece, wind: fl
 @given(models, st.lists(pieces, max_size=5), st.floats(0.0, 500.0))
 def test_a_margin_is_never_more_than_what_is_left(model: EnergyModel, way: list[Piece], left: float) -> None:
     assert model.margin_wh(left, way) <= left
+
+
+def test_half_a_second_of_climbing_costs_its_climb() -> None:
+    assert MODEL.piece_wh(Piece(climb_m=1.25)) == pytest.approx((360.0 * 0.5 + 72.0 * 0.5) / 3600.0)
+
+
+def test_at_the_height_of_the_return_nothing_is_climbed() -> None:
+    assert len(way_home(500.0, NORTH, 50.0, 20.0, 50.0)) == 2
+    assert len(way_home(500.0, NORTH, 49.0, 20.0, 50.0)) == 3

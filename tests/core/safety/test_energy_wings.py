@@ -206,3 +206,20 @@ def test_hovering_teaches_what_hovering_takes() -> None:
 def test_a_steep_bank_is_no_wind() -> None:
     model = flown(200, Motion(15.0, 0.0, 0.0, 45.0, 90.0, 400.0))
     assert model.wind is None
+
+
+def test_a_piece_of_half_a_metre_is_flown_on_the_wings() -> None:
+    assert MODEL.piece_wh(Piece(length_m=0.5, hold_s=36.0)) == pytest.approx(360.0 * 36.025 / 3600.0)
+
+
+def test_half_a_metre_a_second_over_ground_is_slow_and_not_out_of_reach() -> None:
+    model = replace(MODEL, wind=Wind(19.5, NORTH))
+    assert model.piece_wh(Piece(length_m=36.0)) == pytest.approx(7.2)
+
+
+def test_what_leads_nowhere_is_flown_by_rotors_with_both_transitions() -> None:
+    climbs = Piece(climb_m=1.25)
+    assert MODEL.piece_wh(climbs) == pytest.approx((360.0 * 0.5 + 1800.0 * 0.5 + 2160.0 * 10.0) / 3600.0)
+    up_and_down = Piece(climb_m=25.0, descent_m=30.0)
+    joules = 360.0 * 10.0 + 1800.0 * 30.0 + 2160.0 * 10.0 - 300.0 * 20.0
+    assert replace(MODEL, descent_w=1500.0).piece_wh(up_and_down) == pytest.approx(joules / 3600.0)
