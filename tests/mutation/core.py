@@ -207,7 +207,7 @@ FIRST = {
     ),
     "safety.energy_prior": ("safety/test_energy_prior.py", "safety/test_energy.py"),
     "safety.battery": ("safety/test_battery_pack.py", "safety/test_battery.py"),
-    "safety.learning": ("safety/test_learning.py",),
+    "safety.learning": ("safety/test_learning_samples.py", "safety/test_learning.py"),
     "authority.steps": ("test_steps.py",),
     "authority.control": ("test_control.py",),
     "authority.consent_lines": ("test_standing_consent.py",),

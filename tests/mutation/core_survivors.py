@@ -96,6 +96,21 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
             "on a leg just long enough for its speed both formulas give the same time"
         ),
     },
+    "safety.learning": {
+        "value: comparison turned: self._sign > 0": "it is 1 or -1",
+        "_power_level: number one more: 1 in return _Level(configured_w, LEAST_PART * configured_w, inf, 1)": (
+            "any number above 0 will do"
+        ),
+        "__init__: number one more: 1 in self._airspeed = _Level(prior.airspeed_mps, "
+        "LEAST_PART * prior.airspeed_mps, most, -1)": "any number below 0 will do",
+        "__init__: number one more: 0.0 in self._last_wind = (0.0, -inf)": "it is too long ago to count",
+        "wind_seen: dropped from and/or: isfinite(speed_mps): isfinite(speed_mps) and isfinite(from_deg)": (
+            "a speed that is no number, or infinite, is in no range"
+        ),
+        "wind_seen: comparison turned: 0.0 < speed_mps <= _MOST_WIND_MPS (number 2)": (
+            "with the correction for what it reads low, such a wind is too strong to count"
+        ),
+    },
     "safety.battery": {
         "rest_part: number one more: 2.0 in above = bisect_right(_REST, (cell_v, 2.0))": (
             "any number above every part will do"
@@ -112,6 +127,10 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
         ),
         "_count: dropped from and/or: begins is not None: on_ground and begins is not None": (
             "a counter that went back is there, and says what was drawn"
+        ),
+        "_steps: number one more: 1.0 in ohm = None if memory.ohm is None else "
+        "int(memory.ohm / (_KEPT_OHM_A_CELL * (self._cells or": (
+            "without a number of cells no resistance is found, so it does not change"
         ),
         "_rest: dropped: return (number 2)": "a current at rest is no load",
         "_rest: number one more: 1.0 in most = min(1.0, rest_part(volts / self._cells) + DOUBT) * self._full_wh": (

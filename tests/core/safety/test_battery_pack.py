@@ -267,3 +267,43 @@ class TestLoad:
     def test_that_is_odd_when_the_counters_say_more(self, used_wh: float, odd: bool) -> None:
         bench = Bench().flies(10.0, PackReport(used_wh=used_wh, voltage_v=9.8))
         assert bench.trouble(10.0) == (("battery 0 has 9.80 V under load: 5.0 Wh at most",) if odd else ())
+
+    def test_a_voltage_at_rest_is_none_under_load(self) -> None:
+        bench = Bench().stands(10.0, PackReport(used_wh=0.0, voltage_v=9.8, current_a=0.0))
+        assert bench.packs.charge(10.0, on_ground=True).left_wh == about(10.0)
+
+    def test_without_a_current_the_resistance_says_nothing(self) -> None:
+        bench = self.loaded(1.0, 30.0).flies(12.0, PackReport(used_wh=0.2, voltage_v=11.7))
+        assert bench.left(12.0) == pytest.approx(86.943, abs=1e-3)
+
+    def test_a_full_pack_under_load_is_full_and_no_more(self) -> None:
+        bench = Bench().stands(10.0, PackReport(voltage_v=12.6, current_a=0.0))
+        assert bench.flies(11.0, PackReport(voltage_v=12.3, current_a=30.0)).left(11.0) == about(100.0)
+
+    @pytest.mark.parametrize(("volts", "wh"), [(3.3, None), (3.29, 5.0)])
+    def test_a_cell_is_empty_below_three_point_three_volts(self, volts: float, wh: float | None) -> None:
+        assert Bench(1).flies(10.0, PackReport(voltage_v=volts)).left(10.0) == (None if wh is None else about(wh))
+
+
+class TestBeginnings:
+    def test_a_counter_that_comes_later_is_counted_from_then_on(self) -> None:
+        bench = Bench(None).flies(10.0, PackReport(remaining=0.8, voltage_v=12.0, current_a=30.0))
+        bench.flies(46.0, PackReport(used_wh=5.0, remaining=0.8, voltage_v=12.0, current_a=30.0))
+        assert bench.left(46.0) == about(76.4)
+
+    def test_before_a_report_no_power_is_known(self) -> None:
+        charge = Bench().packs.charge(10.0)
+        assert (charge.left_wh, charge.power_w, charge.trouble) == (None, None, ("no battery is heard",))
+
+    def test_of_two_packs_the_one_without_a_report_has_an_empty_memory(self) -> None:
+        packs = Batteries(100.0, 2, None, 3600.0, 720.0)
+        packs.add_report(0, PackReport(used_wh=20.0), 10.0, False)
+        assert packs.memory == (PackMemory(30.0, 20.0, None, None), PackMemory())
+
+    @pytest.mark.parametrize(("ohm", "kept"), [(0.0104, 0.0091), (0.0106, 0.0106)])
+    def test_a_resistance_is_kept_in_steps_for_each_cell(self, ohm: float, kept: float) -> None:
+        bench = Bench().flies(10.0, FLYING)
+        for value in (0.0091, ohm):
+            bench.packs._packs[0]._ohm = value
+            bench.flies(10.0, FLYING)
+        assert bench.packs.memory[0].ohm == kept
