@@ -5,13 +5,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from math import inf
 
 import pytest
 
 from mavproxy_handover.core.authority.presence import Presence
 from mavproxy_handover.core.common.limits import Limits
 from mavproxy_handover.core.common.messages import ConnectAck
-from mavproxy_handover.core.common.model import Reason, Station
+from mavproxy_handover.core.common.model import Reason, StandingConsent, Station
 
 DIGEST = bytes(range(32))
 ANSWER = ConnectAck(252, 1, 7, 3, 251, "GCSB", DIGEST, accepted=True)
@@ -149,3 +150,99 @@ def test_a_station_of_the_standard_is_connected_while_it_is_heard() -> None:
     station.heard_at = 100.0
     assert station.connected(104.999)
     assert not station.connected(105.0)
+
+
+class TestAsking:
+    def test_a_question_to_a_station_that_is_heard_counts_for_what_it_hears(self) -> None:
+        for heard_at, counted in ((100.0, 1), (90.0, 0)):
+            station = presence(heard_at=heard_at)
+            station.ask(7, 101.0, 102.0)
+            assert len(station.hearing._fates) == counted
+            assert station.ask_at == 102.0
+
+    @pytest.mark.parametrize(
+        ("heard_at", "answered_at", "share", "owner", "pause_s"),
+        [
+            (99.5, 99.0, 1.0, False, 1.0),
+            (99.5, 99.0, 0.4, False, 0.2),
+            (99.5, 98.0, None, False, 0.2),  # an answer is overdue
+            (99.5, 98.0, 1.0, False, 0.2),
+            (99.5, 98.0, 0.5, False, 0.2),
+            (99.5, 98.0, 0.0, False, 1.0),  # it answers none, and does not command
+            (99.5, 98.0, 0.0, True, 0.2),
+            (95.0, 98.0, 0.4, True, 1.0),  # it is not heard
+        ],
+    )
+    def test_the_pause_before_the_next_question(
+        self, heard_at: float, answered_at: float, share: float | None, owner: bool, pause_s: float
+    ) -> None:
+        station = presence(heard_at=heard_at, answered_at=answered_at)
+        station.hearing.share = share
+        assert station.pause_s(100.0, owner=owner) == pytest.approx(pause_s)
+
+    @pytest.mark.parametrize(
+        ("ask_at", "heard_at", "deaf"), [(113.0, 112.5, True), (113.1, 112.5, False), (113.0, 107.0, False)]
+    )
+    def test_it_is_judged_when_its_next_question_is_due_and_it_is_heard(
+        self, ask_at: float, heard_at: float, deaf: bool
+    ) -> None:
+        station = presence(heard_at=112.5)
+        for number in range(13):
+            station.hearing.asked(100.0 + number)
+        station.heard_at, station.ask_at = heard_at, ask_at
+        assert station.judge(113.0) is deaf
+        assert station.hearing.barred is deaf
+
+    def test_one_that_answers_is_not_deaf(self) -> None:
+        station = presence(heard_at=112.5)
+        station.ask_at = 113.0
+        assert not station.judge(113.0)
+
+
+class TestDeafAt:
+    @pytest.mark.parametrize(
+        ("answered_at", "since", "barred_at", "deaf_at"),
+        [
+            (100.0, 50.0, inf, 110.0),
+            (100.0, 107.0, inf, 112.0),
+            (100.0, 50.0, 104.0, 104.0),
+            (100.0, 50.0, 111.0, 110.0),
+        ],
+    )
+    def test_ten_seconds_without_an_answer_or_five_after_it_took_command_or_when_it_is_barred(
+        self, answered_at: float, since: float, barred_at: float, deaf_at: float
+    ) -> None:
+        station = presence(heard_at=100.0, answered_at=answered_at)
+        station.hearing.barred_at = barred_at
+        assert station.deaf_at(since) == deaf_at
+
+    def test_a_standard_station_is_not_asked(self) -> None:
+        assert Presence(Station(252, "GCSB", True), Limits()).deaf_at(0.0) == inf
+
+
+class TestConsent:
+    @pytest.mark.parametrize(
+        ("standard", "shown", "asked"), [(False, False, True), (True, False, False), (True, True, True)]
+    )
+    def test_whether_its_operator_can_be_asked(self, standard: bool, shown: bool, asked: bool) -> None:
+        station = Presence(Station(252, "GCSB", standard), Limits())
+        if shown:
+            station.control_shown()
+        assert station.can_be_asked is asked
+
+    @pytest.mark.parametrize(
+        ("consent", "why"),
+        [(StandingConsent.REFUSE, Reason.CONSENT_REFUSED), (StandingConsent.AUTOMATIC, None), (None, None)],
+    )
+    def test_one_for_which_the_file_refuses_is_no_partner(
+        self, consent: StandingConsent | None, why: Reason | None
+    ) -> None:
+        station = Presence(Station(252, "GCSB", True, consent), Limits())
+        station.note_heard(100.0)
+        assert station.unfit(DIGEST, 100.0) is why
+
+
+def test_why_it_is_no_partner_is_news_when_it_changes() -> None:
+    station = presence()
+    words = (None, "silent", "silent", "deaf", None, None, "deaf")
+    assert [station.unfit_told(each) for each in words] == [False, True, False, True, False, False, True]

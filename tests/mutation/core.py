@@ -210,7 +210,10 @@ FIRST = {
     "safety.learning": ("safety/test_learning_samples.py", "safety/test_learning.py"),
     "authority.steps": ("test_steps.py",),
     "authority.control": ("test_control.py",),
-    "authority.consent_lines": ("test_standing_consent.py",),
+    "authority.consent_lines": (
+        "test_consent_lines.py",
+        "test_standing_consent.py",
+    ),
     "authority.cures": ("test_candidates.py", "test_standing_consent.py", "test_standard_stations.py"),
     "authority.presence": ("test_presence.py", "test_arbiter_authority.py", "test_deaf_commander.py"),
     "authority.results": ("test_arbiter_transfer.py", "test_arbiter_deadline.py"),

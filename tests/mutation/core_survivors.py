@@ -26,6 +26,10 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
             "a partner that was ready goes on to CONNECT at once; it is no partner any more when it falls away"
         ),
     },
+    "authority.steps": {
+        "__init__: number one more: 0 in self._of = (0, 0)": "before the first line nothing has been told",
+        "__init__: number one more: 0 in self._of = (0, 0) (number 2)": "the same",
+    },
     "authority.candidates": {
         "_keeps: dropped from and/or: presence is not None: presence is not None and presence.station.consent is "
         "StandingConsent.REFUSE": "an owner is one of the stations; the line is for the type checker",
