@@ -216,7 +216,7 @@ FIRST = {
     ),
     "authority.cures": ("test_candidates.py", "test_standing_consent.py", "test_standard_stations.py"),
     "authority.presence": ("test_presence.py", "test_arbiter_authority.py", "test_deaf_commander.py"),
-    "authority.results": ("test_arbiter_transfer.py", "test_arbiter_deadline.py"),
+    "authority.results": ("test_results.py", "test_arbiter_transfer.py", "test_arbiter_deadline.py"),
     "common.messages": ("test_messages.py", "test_two_sides.py"),
     "common.limits": (
         "test_arbiter_transfer.py",
