@@ -8,8 +8,17 @@ from dataclasses import replace
 
 import pytest
 
+from mavproxy_handover.core.common.events import (
+    ControlRequested,
+    LinkJudged,
+    OperatorControlShown,
+    PositionSeen,
+    Record,
+    StationHeard,
+)
+from mavproxy_handover.core.common.model import GapFact, Reason
 from mavproxy_handover.core.common.snapshot import Snapshot
-from tests.core.bench import DIGEST, A, B, Bench, C, Phase, far, inside
+from tests.core.bench import DIGEST, A, B, Bench, C, ConnectAck, Phase, far, inside, outside
 
 LEFT = Snapshot(A, 4, 7, Phase.ON_MISSION, 2, DIGEST, (A, B, A))
 
@@ -94,3 +103,97 @@ def test_zones_of_the_first_position_were_not_entered_in_this_flight() -> None:
     bench.position(inside(A), inside(B))
     bench.run(10.0)
     assert (bench.arbiter.view.commander, bench.arbiter.view.handover_id) == (A, 0)
+
+
+class TestStations:
+    def test_what_an_unknown_station_sends_is_counted_and_changes_nothing(self) -> None:
+        bench = Bench()
+        for event in (StationHeard(77), OperatorControlShown(77)):
+            assert not [action for action in bench.give(event) if getattr(action, "station", None) == 77]
+        assert bench.dropped() == {"unknown station": 2}
+
+    def test_a_standard_station_shows_operator_control_by_a_message_of_ours_or_by_the_command(self) -> None:
+        for shows in ("message", "command"):
+            bench = Bench(standard={A}, shown=False)
+            assert not bench.arbiter._presence[A].can_be_asked
+            if shows == "message":
+                bench.say(A, ConnectAck(A, 1, 0, 0, None, "GCSA", DIGEST))
+            else:
+                bench.give(OperatorControlShown(A))
+            assert bench.arbiter._presence[A].can_be_asked
+
+    def test_a_message_of_our_module_is_nothing_to_show(self) -> None:
+        bench = Bench().on_ground()
+        assert not bench.arbiter._presence[A].shows_control
+
+    def test_an_answer_that_was_not_asked_for_is_no_stale_one(self) -> None:
+        bench = Bench().on_ground()
+        bench.say(A, ConnectAck(A, 1, 0, 1, A, "GCSA", DIGEST))
+        assert bench.dropped() == {}
+
+    def test_links_that_are_judged_are_journalled(self) -> None:
+        bench = Bench().on_ground()
+        assert bench.give(LinkJudged(B, True, False, "loss 40%"))[0] == Record(
+            "link_quality", "links of GCSB are weak: loss 40%", Reason.LINK_QUALITY, B
+        )
+
+    @pytest.mark.parametrize(("station", "barred"), [(A, True), (B, False)])
+    def test_after_a_silence_only_the_lost_commander_is_still_barred(self, station: int, barred: bool) -> None:
+        bench = Bench().on_mission()
+        bench.arbiter._authority.lose(A, bench.now, [])
+        presence = bench.arbiter._presence[station]
+        presence.hearing.barred_at, presence.heard_at = bench.now, bench.now - 6.0
+        bench.arbiter.handle(StationHeard(station), bench.now)
+        assert presence.hearing.barred is barred
+
+
+class TestParent:
+    """On the ground the parent gets authority when no station has it."""
+
+    def given_to_b(self) -> Bench:
+        bench = Bench().on_ground()
+        bench.give(ControlRequested(A, False, False, 10.0, A))
+        bench.give(bench.request(B))
+        assert bench.arbiter.view.commander == B
+        return bench
+
+    def test_when_another_commander_is_lost(self) -> None:
+        bench = self.given_to_b()
+        bench.alive = {A}
+        bench.run(8.0)
+        assert bench.arbiter.view.commander == A
+
+    def test_not_when_its_operator_has_released_it(self) -> None:
+        bench = Bench().on_ground()
+        bench.give(ControlRequested(A, False, False, 10.0, A))
+        bench.run(3.0)
+        assert bench.arbiter.view.commander is None
+
+    def test_not_during_a_transfer_from_the_one_that_is_lost(self) -> None:
+        bench = self.given_to_b()
+        bench.alive = {A, C}
+        bench.run(3.5)
+        bench.give(bench.request(C))
+        while bench.arbiter.view.commander == B:
+            bench.run(0.1)
+        bench.run(0.6)
+        assert (bench.arbiter.view.commander, bench.arbiter.view.partner) == (None, C)
+
+
+class TestPositions:
+    def test_zones_that_are_entered_and_left_are_journalled(self) -> None:
+        bench = Bench().on_mission()
+        bench.log.clear()
+        bench.position(outside(A), inside(B))
+        assert [record.text for record in bench.records("zone_entered")] == ["zone of GCSB entered"]
+        assert [record.text for record in bench.records("zone_left")] == ["zone of GCSA left"]
+
+    @pytest.mark.parametrize(
+        ("gap", "alone"),
+        [(None, False), (GapFact(60.0, "A to B", ahead=True), False), (GapFact(60.0, "A to B"), True)],
+    )
+    def test_outside_a_gap_the_aircraft_does_not_fly_alone(self, gap: GapFact | None, alone: bool) -> None:
+        bench = Bench().on_mission()
+        bench.arbiter._authority.fly_alone(True)
+        bench.arbiter._on_position(PositionSeen((inside(A),), gap), bench.now, [])
+        assert bench.arbiter._authority.alone is alone

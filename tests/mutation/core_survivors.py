@@ -60,6 +60,8 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
         ),
     },
     "arbiter": {
+        "_on_heard: dropped from and/or: self._authority.lost: self._authority.lost and "
+        "station == self._authority.owner": "an owner that was away is lost before its event counts",
         "zone_ends_s: dropped from and/or: owner is not None: owner is not None and zones.holds(owner)": (
             "no zone holds the aircraft for no station; the line is for the type checker"
         ),
