@@ -102,7 +102,7 @@ explore: $(VENV)/installed
 	$(BIN)/python tests/model/explore.py $(ARGS)
 
 mutants: $(VENV)/installed
-	$(BIN)/python tests/mutation/run.py
+	$(BIN)/python tests/mutation/run.py --lines $(VENV)/mutants-gate.lines
 	$(BIN)/python tests/mutation/core.py --record $(VENV)/mutants.json $(ARGS)
 
 scenarios: $(VENV)/installed

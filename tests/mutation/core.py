@@ -544,10 +544,12 @@ def main(arguments: list[str] | None = None) -> int:
         for module, rows in chosen.items()
     }
     server = Server(
+        FOLDERS,
         [str(file_of(module)) for module in _modules()],
         stage_of,
         lambda module: explored(module) and _found_by_exploring(),
         None if options.record is None else options.record.with_suffix(".lines"),
+        opening="test_purity.py",
     )
 
     def keep() -> None:

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Faults of the rules, one at a time: in the code of a module, in its values, and in its tables."""
+"""Faults of the rules and of the gate, one at a time: in the code of a module, in its values, and in its tables."""
 
 from __future__ import annotations
 
@@ -12,8 +12,7 @@ from itertools import product
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
-from tests.mutation.mutants import COMPARISONS
-from tests.mutation.run import in_child
+from tests.mutation.run import GATE, in_child
 
 __all__ = ["ROOT", "STATION", "Edit", "Fault", "faults", "file_of", "plant", "source_of", "table_faults"]
 
@@ -29,6 +28,19 @@ TABLES = {
 }
 WORST = {"authority.transfer": "committed", "authority.phases": "ON_MISSION"}
 
+#: a comparison -> the one that a fault puts in its place
+_COMPARISONS: dict[type[ast.cmpop], type[ast.cmpop]] = {
+    ast.Eq: ast.NotEq,
+    ast.NotEq: ast.Eq,
+    ast.Lt: ast.LtE,
+    ast.LtE: ast.Lt,
+    ast.Gt: ast.GtE,
+    ast.GtE: ast.Gt,
+    ast.In: ast.NotIn,
+    ast.NotIn: ast.In,
+    ast.Is: ast.IsNot,
+    ast.IsNot: ast.Is,
+}
 _SIGNS: dict[type[ast.operator], type[ast.operator]] = {ast.Add: ast.Sub, ast.Sub: ast.Add}
 _SWAPS = {"min": "max", "max": "min", "any": "all", "all": "any"}
 
@@ -147,7 +159,7 @@ def _changes(node: ast.AST) -> Iterator[Change]:
         yield _set("condition negated", node.test, node, "test", ast.UnaryOp(ast.Not(), node.test))
     if isinstance(node, ast.Compare):
         for place, operator in enumerate(node.ops):
-            turned = [*node.ops[:place], COMPARISONS[type(operator)](), *node.ops[place + 1 :]]
+            turned = [*node.ops[:place], _COMPARISONS[type(operator)](), *node.ops[place + 1 :]]
             yield _set("comparison turned", node, node, "ops", turned)
     if isinstance(node, (ast.BoolOp, ast.Return, ast.Assign, ast.keyword)):
         yield from _without_not(node)
@@ -332,6 +344,8 @@ def file_of(module: str) -> Path:
     """Where a module's source lies."""
     if module.startswith(STATION):
         return ROOT.joinpath("gcs_module", module.removeprefix(STATION)).with_suffix(".py")
+    if module.startswith(GATE):
+        return ROOT.joinpath("mavproxy_handover", *module.split(".")).with_suffix(".py")
     return ROOT.joinpath("mavproxy_handover", "core", *module.split(".")).with_suffix(".py")
 
 

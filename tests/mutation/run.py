@@ -2,15 +2,19 @@
 
 """Tests the gate's tests: `make mutants`, or
 
-    python tests/mutation/run.py [tables] [judge] [policy.rows] ...        (default: all of them)
+    python tests/mutation/run.py [--lines FILE] [tables] [judge] [policy.rows] ...        (default: all of them)
 
-Each fault (`tables`, `mutants`) must be noticed by the tests of `tests/gate`. One that is not is a survivor; survivors
-that are no faults are listed in `survivors.py` with the reason, and any other ends this with exit code 1. So does one
-that is listed and does not survive any more.
+Each fault (`tables.py`, `faults.py`) must be noticed by the tests that are named for its module. One that is not is a
+survivor; survivors that are no faults are listed in `survivors.py` with the reason, and any other ends this with exit
+code 1. So does one that is listed and does not survive any more, or is in the code no more.
+
+No source file is written: `server.py` plants the faults in memory, in a process for each. `--lines FILE` is a file with
+the lines that each test reaches: it is read and written, and makes the next run fast.
 """
 
 from __future__ import annotations
 
+import argparse
 import gc
 import importlib.abc
 import importlib.machinery
@@ -25,16 +29,20 @@ from collections.abc import Callable, Sequence
 from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT))
 
-from tests.mutation.mutants import mutants  # noqa: E402
 from tests.mutation.survivors import KNOWN_SURVIVORS  # noqa: E402
 
+if TYPE_CHECKING:
+    from tests.mutation.server import Server, Stage
+
+#: modules of the gate begin with this
+GATE = "gate."
 TIMEOUT_S = 120
-#: nobody reads why an assert fails, so none is rewritten to tell: that takes longer than most of the tests
+#: Nobody reads why an assert fails, so none is rewritten to tell: that takes longer than most of the tests
 PYTEST = (
     *("-x", "-q", "--no-header", "--tb=no", "-p", "no:cacheprovider", "--assert=plain"),
     *("--hypothesis-seed=0", "--hypothesis-profile=mutants"),
@@ -63,11 +71,11 @@ TESTED = {
     "mission_server": ("test_mission_server.py",),
     "client_capabilities": ("test_client_capabilities.py", "test_refusal_text.py"),
     "refusal_text": ("test_refusal_text.py",),
-    "intent": ("test_intent.py", "test_targets.py", "test_judge.py"),
+    "intent": ("test_intent.py", "test_targets.py"),
     "judge": ("test_judge.py", "test_flight_log.py"),
-    "policy.rows": ("test_judge.py", "test_policy.py"),
-    "policy.parameters": ("test_judge.py", "test_policy.py"),
-    "policy.files": ("test_judge.py", "test_flush.py"),
+    "policy.rows": ("test_policy.py", "test_judge.py"),
+    "policy.parameters": ("test_policy.py", "test_judge.py"),
+    "policy.files": ("test_flush.py", "test_list_changes.py", "test_judge.py"),
     "flush": ("test_flush.py",),
     "observers": ("test_observers.py",),
     "questions": ("test_questions.py",),
@@ -76,6 +84,7 @@ TESTED = {
     "refusals": ("test_refusals.py",),
     "explain": ("test_explain.py",),
 }
+PARTS = ("tables", *TESTED)
 
 
 class _Mutated(importlib.abc.MetaPathFinder, importlib.abc.Loader):
@@ -141,28 +150,44 @@ def source_file(module: str) -> Path:
     return ROOT.joinpath("mavproxy_handover", "gate", *module.split(".")).with_suffix(".py")
 
 
-def tests_pass(module: str, source: str | None) -> bool:
-    """Whether the tests of a module pass with this source in its place."""
+def tests_pass(module: str, source: str, *, slow: bool) -> bool:
+    """Whether the tests of a module pass with this source in its place. `slow`: also those with the mark `slow`."""
     import pytest
 
-    if source is not None:
-        sys.meta_path.insert(0, _Mutated(f"mavproxy_handover.gate.{module}", source, source_file(module)))
+    sys.meta_path.insert(0, _Mutated(f"mavproxy_handover.gate.{module}", source, source_file(module)))
     files = [str(ROOT / "tests" / "gate" / name) for name in TESTED[module]]
+    options = [*PYTEST, "--rootdir", str(ROOT), *(() if slow else ("-m", "not slow"))]
     with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
-        return int(pytest.main([*PYTEST, "--rootdir", str(ROOT), *files])) == 0
+        return int(pytest.main([*options, *files])) == 0
 
 
-def of_module(module: str) -> tuple[int, list[str]]:
-    """How many mutants a module has, and the survivors."""
-    assert in_child(lambda: tests_pass(module, None)) is True, f"the tests of {module} fail without any mutant"
-    source = source_file(module).read_text(encoding="utf-8")
-    total, alive = 0, []
-    for mutant in mutants(source):
-        total += 1
-        if in_child(lambda mutated=mutant.source: tests_pass(module, mutated)) is True:
-            alive.append(mutant.name)
-            print(f"  survived: {module}: {mutant.name}", flush=True)
-    return total, alive
+def stage_of(module: str, file: str) -> Stage | None:
+    """When the tests in this file are asked for a module's faults: those that are named for it, and no others."""
+    from tests.mutation.server import Stage
+
+    return Stage.FIRST if Path(file).name in TESTED[module.removeprefix(GATE)] else None
+
+
+def of_module(module: str, server: Server) -> tuple[int, list[str]]:
+    """How many faults a module has, and the survivors."""
+    from tests.mutation.faults import faults, source_of
+    from tests.mutation.server import ELSEWHERE, SURVIVED, Stage
+
+    left = every = [*enumerate(faults(source_of(GATE + module)))]
+    for stage in (Stage.FIRST, Stage.SLOW):
+        asked, left = left, []
+        for number, fault in asked:
+            by = server.ask(GATE + module, number, stage)
+            if by == ELSEWHERE:
+                slow = stage is Stage.SLOW
+                passed = in_child(lambda source=fault.source, slow=slow: tests_pass(module, source, slow=slow))
+                by = SURVIVED if passed is True else by
+            if by == SURVIVED:
+                left.append((number, fault))
+    alive = [fault.name for _number, fault in left]
+    for name in alive:
+        print(f"  survived: {module}: {name}", flush=True)
+    return len(every), alive
 
 
 def of_tables() -> tuple[int, list[str]]:
@@ -186,18 +211,31 @@ def of_tables() -> tuple[int, list[str]]:
     return total, alive
 
 
-def main(wanted: Sequence[str]) -> int:
-    """Run the mutants of the parts asked for; 1 if a survivor is not known, or a known one died."""
-    parts = list(wanted) or ["tables", *TESTED]
-    unknown = [part for part in parts if part not in ("tables", *TESTED)]
+def main(arguments: list[str] | None = None) -> int:
+    """Plant the faults of the parts asked for; 1 if a survivor is not known, or a known one is noticed."""
+    parser = argparse.ArgumentParser(description="faults planted in the gate")
+    parser.add_argument("parts", nargs="*", metavar="PART", help=", ".join(PARTS))
+    parser.add_argument("--lines", type=Path, metavar="FILE", help="which lines each test reaches: read and written")
+    options = parser.parse_args(arguments)
+    unknown = [part for part in options.parts if part not in PARTS]
     if unknown:
-        print(f"mutants: unknown {', '.join(unknown)}; known are tables, {', '.join(TESTED)}")
-        return 2
+        parser.error(f"unknown {', '.join(unknown)}; known are {', '.join(PARTS)}")
     import_once()
+    from tests.mutation.faults import file_of
+    from tests.mutation.server import Server
+
+    server = Server(
+        ("tests/gate",),
+        [str(file_of(GATE + module)) for module in TESTED],
+        stage_of,
+        lambda _module: False,
+        options.lines,
+        opening="test_every_mission_type_of_the_dialect_is_classified",
+    )
     wrong = 0
-    for part in parts:
+    for part in options.parts or PARTS:
         begun = time.monotonic()
-        total, alive = of_tables() if part == "tables" else of_module(part)
+        total, alive = of_tables() if part == "tables" else of_module(part, server)
         known = KNOWN_SURVIVORS.get(part, {})
         surprising = [name for name in alive if name not in known]
         stale = [name for name in known if name not in alive]
@@ -214,4 +252,4 @@ def main(wanted: Sequence[str]) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(main())

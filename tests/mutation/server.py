@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""A process that has all tests of the rules in memory, and plants one fault after the other in copies of itself.
+"""A process that has all tests of the rules, or of the gate, in memory, and plants one fault after the other in forks.
 
 To import the tests takes longer than most faults live. So the tests are collected once, and a fault is planted in a
 fork: the functions that differ get the mutant's code. Of each test the lines of the rules that it reaches are recorded
@@ -53,8 +53,8 @@ _FOLLOWED = 25
 #: tests of the core and of the stations, and single ones that `core.FIRST` names besides
 FOLDERS = ("tests/core", "tests/gcs", "tests/cli/test_explain.py", "tests/module/test_station_module.py")
 
-#: what the tests in FOLDERS share
-_SHARED = ("tests/conftest.py", "tests/core", "tests/gcs", "tests/model")
+#: what tests share besides the files in their folders
+_SHARED = ("tests/conftest.py", "tests/model")
 
 
 class Stage(IntEnum):
@@ -86,11 +86,19 @@ class Server:
     """The process, as the one that asks it sees it."""
 
     def __init__(
-        self, files: Sequence[str], stages: Stages, explores: Callable[[str], bool], kept: Path | None = None
+        self,
+        folders: Sequence[str],
+        files: Sequence[str],
+        stages: Stages,
+        explores: Callable[[str], bool],
+        kept: Path | None = None,
+        *,
+        opening: str,
     ) -> None:
-        """`files`: of the modules that faults are planted in. `stages`: when the fast tests in a file are asked for a
-        module; None if they need not notice its faults. `explores`: whether the exploration finds something wrong.
-        `kept`: a file for what is recorded."""
+        """`folders`: of the tests, or single files. `files`: of the modules that faults are planted in. `stages`: when
+        the fast tests in a file are asked for a module; None if they need not notice its faults. `explores`: whether
+        the exploration finds something wrong. `kept`: a file for what is recorded. `opening`: a test that calls none of
+        the modules; it is run before all others, and begins what lasts as long as the session."""
         self._pipe, other = Pipe()
         self._process = os.fork()
         if self._process == 0:
@@ -100,8 +108,8 @@ class Server:
                 os.dup2(2, 1)
                 options = [*run.PYTEST, "-s", "--timeout=0", "--rootdir", str(ROOT)]
                 pytest.main(
-                    [*options, *(str(ROOT / each) for each in FOLDERS)],
-                    plugins=[_Served(other, files, stages, explores, kept)],
+                    [*options, *(str(ROOT / each) for each in folders)],
+                    plugins=[_Served(other, _Book(kept, files, folders), files, stages, explores, opening)],
                 )
                 status = 0
             finally:
@@ -131,14 +139,14 @@ class _Served:
     def __init__(
         self,
         pipe: Connection,
+        book: _Book,
         files: Sequence[str],
         stages: Stages,
         explores: Callable[[str], bool],
-        kept: Path | None,
+        opening: str,
     ) -> None:
         self._files, self._stages, self._explores = set(files), stages, explores
-        self._pipe = pipe
-        self._book = _Book(kept, files)
+        self._pipe, self._book, self._opening = pipe, book, opening
         self._items: list[pytest.Item] = []
         #: functions of the rules that were called while the tests were imported
         self._called: set[Key] = set()
@@ -170,10 +178,10 @@ class _Served:
         import tests.model.plans
         import tests.model.steps  # noqa: F401
 
-        sys.settrace(None)
         self._items = session.items
         # what lasts as long as the session begins here, and not in each fork
-        self._run(next(number for number, item in enumerate(self._items) if "test_purity.py" in item.nodeid), None)
+        self._run(next(number for number, item in enumerate(self._items) if self._opening in item.nodeid), None)
+        sys.settrace(None)
         gc.unfreeze()  # the collected tests are frozen, and those are not told of
         for found in gc.get_objects():
             if isinstance(found, FunctionType) and found.__code__.co_filename in self._files:
@@ -352,9 +360,9 @@ class _Served:
 class _Book:
     """What tests were recorded with, kept in a file. It holds for the same rules and the same tests alone."""
 
-    def __init__(self, file: Path | None, files: Iterable[str]) -> None:
+    def __init__(self, file: Path | None, files: Iterable[str], folders: Iterable[str] = ()) -> None:
         self._file = file
-        shared = [ROOT / each for each in _SHARED]
+        shared = [ROOT / each for each in (*_SHARED, *folders)]
         helpers = sorted(each for folder in shared for each in [folder, *folder.rglob("*.py")] if each.is_file())
         rules = [Path(each) for each in files]
         self._common = _digest(*rules, *(each for each in helpers if not each.name.startswith("test_")))
