@@ -20,6 +20,22 @@ def test_it_is_for_who_has_shown_to_know_it() -> None:
     assert (capabilities.of(PROGRAM), capabilities.of(ANOTHER)) == (Dialect.STANDARD, Dialect.NONE)
 
 
+def test_who_uses_the_standard_twice_has_not_shown_ours() -> None:
+    capabilities = ClientCapabilities()
+    for at in (0.0, 1.0):
+        capabilities.show(PROGRAM, Dialect.STANDARD, at)
+    assert capabilities.of(PROGRAM) is Dialect.STANDARD
+
+
+def test_a_station_has_our_program_if_one_of_its_programs_has_shown_our_dialect() -> None:
+    capabilities = ClientCapabilities()
+    assert not capabilities.ours
+    capabilities.show(PROGRAM, Dialect.STANDARD, 0.0)
+    assert not capabilities.ours
+    capabilities.show(ANOTHER, Dialect.OURS, 0.0)
+    assert capabilities.ours
+
+
 def test_ours_may_use_the_standard_and_stays_ours() -> None:
     capabilities = ClientCapabilities()
     capabilities.show(PROGRAM, Dialect.STANDARD, 0.0)
@@ -35,6 +51,7 @@ def test_after_a_silence_it_has_to_be_shown_anew() -> None:
     capabilities.silence_ends(20.5)
     assert not capabilities.knows_not_in_control(PROGRAM)
     assert capabilities.knows_not_in_control(ANOTHER), "it was shown just now, by who is there now"
+    assert ANEW_S == 5.0
     capabilities.silence_ends(20.0 + ANEW_S)
     assert not capabilities.knows_not_in_control(ANOTHER)
 
@@ -54,6 +71,15 @@ def test_a_flood_of_senders_takes_bounded_memory() -> None:
         capabilities.show((252, component), Dialect.OURS, 0.0)
     known = [component for component in range(256) if capabilities.knows_not_in_control((252, component))]
     assert known == list(range(1, 1 + MOST))
+    assert MOST == 16
+
+
+def test_of_a_known_sender_a_new_dialect_is_noted_however_many_are_known() -> None:
+    capabilities = ClientCapabilities()
+    for component in range(MOST):
+        capabilities.show((252, component), Dialect.STANDARD, 0.0)
+    capabilities.show((252, 0), Dialect.OURS, 1.0)
+    assert capabilities.of((252, 0)) is Dialect.OURS
 
 
 def test_a_program_gets_no_result_that_it_does_not_know() -> None:

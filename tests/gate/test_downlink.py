@@ -12,8 +12,11 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.core.common.model import AuthorityView, LeaseState, Phase
 from mavproxy_handover.gate.downlink import ANSWERS, COMMAND_ANSWERS, FOR_EVERYBODY, DownlinkPolicy
 from mavproxy_handover.gate.judge import Fate, StationIdentity, judge
+from mavproxy_handover.gate.observers import ObserverRates
 from mavproxy_handover.gate.policy.tables import COMMAND_RULES, FTP_RULES, MESSAGE_RULES, Access
 from mavproxy_handover.wire.frames import Frame
+from mavproxy_handover.wire.ids import RATES_COMPID
+from tests.gate.frames import IDS
 from tests.gate.ledger import UNBORN_MESSAGES, YOUNG_MESSAGES
 
 GCSA, GCSB, GCSC, TRACKER_OF_C = 251, 252, 253, 241
@@ -140,9 +143,17 @@ def test_other_tunnels_are_the_commanders(policy: DownlinkPolicy, say: Make) -> 
     assert hearers(policy, say("TUNNEL", payload_type=200), MISSION) == [GCSA]
 
 
+def test_the_commander_hears_another_tunnel_though_its_end_is_missing(policy: DownlinkPolicy, say: Make) -> None:
+    frame = say("TUNNEL", payload_type=200)
+    assert hearers(policy, frame._replace(payload=frame.payload[:20]), MISSION) == [GCSA]
+
+
 def test_what_the_autopilot_says_to_the_companion_stays_aboard(policy: DownlinkPolicy, say: Make) -> None:
-    frame = say("MISSION_REQUEST_INT", target_system=1, target_component=191)
-    assert hearers(policy, frame, TRANSFER) == []
+    for component in (191, RATES_COMPID):
+        frame = say("MISSION_REQUEST_INT", target_system=1, target_component=component)
+        assert hearers(policy, frame, TRANSFER) == []
+    frame = say("MISSION_REQUEST_INT", target_system=GCSB, target_component=191)
+    assert hearers(policy, frame, MISSION) == [GCSB], "a station's component of the same number"
     frame = say("GIMBAL_DEVICE_SET_ATTITUDE", target_system=1, target_component=154)
     assert hearers(policy, frame, MISSION) == [GCSA]
 
@@ -168,6 +179,48 @@ def test_each_of_many_answers_extends_the_window_but_not_for_ever(
     value = say("PARAM_VALUE")
     heard = [t for t in range(0, 600, 4) if policy.receivers(value, [GCSB], MISSION, float(t)) == [GCSB]]
     assert heard == list(range(0, 301, 4))
+
+
+def test_no_answer_extends_the_window_past_five_minutes_after_the_question(
+    policy: DownlinkPolicy, say: Make, make: Make
+) -> None:
+    policy.asked(make("PARAM_REQUEST_LIST", sysid=GCSB), GCSB, 0.0)
+    value = say("PARAM_VALUE")
+    for t in range(0, 300, 4):
+        assert policy.receivers(value, [GCSB], MISSION, float(t)) == [GCSB]
+    assert [policy.receivers(value, [GCSB], MISSION, t) for t in (299.0, 300.0, 300.1)] == [[GCSB], [GCSB], []]
+
+
+def test_a_list_asked_for_after_a_single_question_is_heard_whole(policy: DownlinkPolicy, say: Make, make: Make) -> None:
+    value = say("PARAM_VALUE")
+    policy.asked(make("PARAM_REQUEST_READ", sysid=GCSB), GCSB, 0.0)
+    policy.asked(make("PARAM_REQUEST_LIST", sysid=GCSB), GCSB, 1.0)
+    assert [policy.receivers(value, [GCSB], MISSION, 1.0) for _ in range(20)] == [[GCSB]] * 20
+
+
+def test_an_observer_hears_four_acknowledgements_after_a_command(policy: DownlinkPolicy, say: Make, make: Make) -> None:
+    policy.asked(make("COMMAND_LONG", sysid=GCSB, command=410), GCSB, 0.0)
+    assert sum(len(policy.receivers(say("COMMAND_ACK"), [GCSB], MISSION, 0.0)) for _ in range(20)) == 4
+
+
+def test_one_request_for_the_flight_modes_is_answered_by_every_mode(
+    policy: DownlinkPolicy, say: Make, make: Make
+) -> None:
+    policy.asked(make("COMMAND_LONG", sysid=GCSB, command=512, param1=435.0), GCSB, 0.0)
+    mode = Frame(b"", 2, 435, 1, 1, 0, False, b"", "AVAILABLE_MODES" in IDS)
+    assert [policy.receivers(mode, [GCSB], MISSION, 1.0) for _ in range(20)] == [[GCSB]] * 20
+
+
+def test_a_message_that_is_no_question_opens_no_window(policy: DownlinkPolicy, say: Make, make: Make) -> None:
+    policy.asked(make("HEARTBEAT", sysid=GCSB), GCSB, 0.0)
+    policy.asked(make("PARAM_SET", sysid=GCSB), GCSB, 0.0)
+    assert hearers(policy, say("COMMAND_ACK"), MISSION) == [GCSA]
+    assert hearers(policy, say("PARAM_VALUE"), MISSION) == [GCSA]
+
+
+def test_the_rates_that_are_given_are_used() -> None:
+    rates = ObserverRates()
+    assert DownlinkPolicy(STATIONS, rates).rates is rates
 
 
 def test_a_list_ends_when_it_pauses_too_long(policy: DownlinkPolicy, say: Make, make: Make) -> None:
@@ -265,6 +318,7 @@ def test_wishes_for_messages_that_do_not_exist_are_ignored(
     policy.asked(make("COMMAND_LONG", sysid=GCSB, command=512, param1=wish), GCSB, 0.0)
     assert hearers(policy, say("COMMAND_ACK"), MISSION) == [GCSA, GCSB]
     assert hearers(policy, say("ATTITUDE"), MISSION) == [GCSA]
+    assert hearers(policy, Frame(b"", 2, 47131, 1, 1, 0, False, b"", False), MISSION) == [GCSA]
 
 
 def test_asking_never_opens_the_lease(policy: DownlinkPolicy, say: Make, make: Make) -> None:

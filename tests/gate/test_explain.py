@@ -10,7 +10,15 @@ from pathlib import Path
 import pytest
 
 from mavproxy_handover.cli.policy import main
-from mavproxy_handover.gate.explain import CLASSES, contents, for_commander, for_others, markdown_table, summary
+from mavproxy_handover.gate.explain import (
+    CLASSES,
+    columns,
+    contents,
+    for_commander,
+    for_others,
+    markdown_table,
+    summary,
+)
 from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.gate.policy.tables import POLICY
 
@@ -121,3 +129,11 @@ def test_a_name_without_a_row_and_wrong_usage_are_told_apart(capsys: pytest.Capt
 
 def test_a_bar_in_a_cell_does_not_split_it() -> None:
     assert markdown_table([("a",), ("b|c",)]) == "| a |\n|---|\n| b\\|c |"
+
+
+def test_each_column_is_as_wide_as_its_longest_cell_and_the_last_is_not_filled() -> None:
+    assert columns([("a", "class", "why"), ("longest", "b", "so")]) == "a        class  why\nlongest  b      so"
+
+
+def test_the_line_below_the_head_has_a_cell_for_each_column_of_the_head() -> None:
+    assert markdown_table([("a", "b"), ("c",)]) == "| a | b |\n|---|---|\n| c |"

@@ -23,6 +23,7 @@ VEHICLE, GCSA, GCSB, TRACKER = 1, 251, 252, 241
 #: every component of it is the station
 A = StationIdentity(GCSA, frozenset({TRACKER}), frozenset(range(256)))
 COMMANDED_BY_A = AuthorityView(Phase.ON_MISSION, GCSA, None, 1, LeaseState.HELD)
+FORWARDED = Verdict(Fate.FORWARD, None, GateReason.ALLOWED, "")
 ACCEPTED, ERROR, DENIED, INVALID_SEQUENCE, CANCELLED = 0, 1, 14, 13, 15
 
 Make = Callable[..., Frame]
@@ -202,6 +203,14 @@ def test_a_file_that_could_not_be_opened_is_not_open(tracker: FlushTracker, make
     assert tracker.flush(GCSA) == []
 
 
+def test_a_file_that_is_asked_for_twice_and_refused_is_not_open(tracker: FlushTracker, make: Make) -> None:
+    send(tracker, ftp(make, 6, b"x", sequence=0), ftp(make, 6, b"x", sequence=2))
+    tracker.note_reply(answer(make, 5, 6, sequence=3))  # neither done nor refused
+    assert tracker.writes(GCSA)
+    tracker.note_reply(answer(make, REFUSED, 6, sequence=3))
+    assert tracker.flush(GCSA) == []
+
+
 @pytest.mark.parametrize("session", [4, 5])
 @pytest.mark.parametrize("path", [b"x", b"@PARAM/param.pck"])
 def test_a_second_file_that_is_refused_does_not_hide_the_first(
@@ -226,6 +235,12 @@ def test_a_crowd_of_requests_does_not_hide_the_file_that_is_open(tracker: FlushT
     assert len(tracker.flush(GCSA)) == 7
 
 
+def test_a_request_for_a_file_that_is_open_hides_no_other(tracker: FlushTracker, make: Make) -> None:
+    for compid in (*range(1, 9), 8):
+        send(tracker, ftp(make, 6, b"x", compid=compid))
+    assert len(tracker.flush(GCSA)) == 8
+
+
 def test_what_closing_would_apply_is_spoiled_before_anything_closes_its_session(
     tracker: FlushTracker, make: Make
 ) -> None:
@@ -243,6 +258,32 @@ def test_a_station_writes_while_it_has_a_file_open_for_writing(tracker: FlushTra
     assert not tracker.writes(GCSB)
     tracker.flush(GCSA)
     assert not tracker.writes(GCSA)
+
+
+@pytest.mark.parametrize(
+    ("name", "fields", "is_open"),
+    [
+        ("MISSION_COUNT", {"mission_type": 0}, True),
+        ("MISSION_COUNT", {"mission_type": 1}, True),
+        ("MISSION_COUNT", {"mission_type": 255}, False),
+        ("FILE_TRANSFER_PROTOCOL", {"payload": ftp_request(6, b"@MISSION/mission.dat")}, True),
+        ("FILE_TRANSFER_PROTOCOL", {"payload": ftp_request(6, b"@PARAM/param.pck")}, False),
+        ("RC_CHANNELS_OVERRIDE", {}, False),
+    ],
+)
+def test_a_list_is_open_while_any_station_writes_the_mission_or_the_geofence(
+    tracker: FlushTracker, make: Make, name: str, fields: dict[str, Any], is_open: bool
+) -> None:
+    assert not tracker.list_open
+    tracker.saw(make(name, **fields), FORWARDED, GCSA)
+    assert tracker.list_open is is_open
+    # whatever else this station, and another one, have open
+    tracker.saw(make("MISSION_COUNT", mission_type=255), FORWARDED, GCSA)
+    tracker.saw(ftp(make, 6, b"@PARAM/param.pck", session=9), FORWARDED, GCSA)
+    tracker.saw(make("RC_CHANNELS_OVERRIDE", sysid=GCSB), FORWARDED, GCSB)
+    assert tracker.list_open is is_open
+    tracker.flush(GCSA)
+    assert not tracker.list_open
 
 
 def test_reading_files_leaves_nothing_to_close(tracker: FlushTracker, make: Make) -> None:
@@ -274,7 +315,9 @@ STICKS = [name for name in ("RC_CHANNELS_OVERRIDE", "RC_CHANNELS_OVERRIDE_V2", "
 @pytest.mark.parametrize("name", STICKS)
 def test_sticks_are_released_on_all_channels(tracker: FlushTracker, make: Make, name: str) -> None:
     send(tracker, make(name, sysid=TRACKER, compid=3))
-    ((what, [message]),) = read(tracker.flush(GCSA))
+    (closing,) = tracker.flush(GCSA)
+    assert not closing.incomplete
+    ((what, [message]),) = read([closing])
     assert what == "RC override released"
     assert (origin(message), aim(message)) == ((TRACKER, 3), (VEHICLE, 1))
     assert message.get_type() == "RC_CHANNELS_OVERRIDE"
@@ -321,7 +364,11 @@ def test_an_attitude_stream_is_stopped(tracker: FlushTracker, make: Make) -> Non
         ("SET_POSITION_TARGET_LOCAL_NED", {"type_mask": ONLY_PLACE}, True),
         ("COMMAND_INT", {"command": 192}, True),
         ("COMMAND_LONG", {"command": 176}, True),
+        ("COMMAND_LONG", {"command": 17}, True),
         ("COMMAND_LONG", {"command": 20}, True),
+        ("COMMAND_LONG", {"command": 21}, True),
+        ("COMMAND_LONG", {"command": 22}, True),
+        ("COMMAND_LONG", {"command": 300}, True),
         ("COMMAND_LONG", {"command": 178}, False),
         ("SET_MODE", {"custom_mode": 6}, True),
         ("MISSION_ITEM_INT", {"current": 2}, True),
@@ -334,7 +381,7 @@ def test_a_stream_that_another_aim_has_replaced_is_over(
 ) -> None:
     """The aircraft flies to the new place: to stop it there would be no flush but a command."""
     send(tracker, make("SET_POSITION_TARGET_LOCAL_NED", type_mask=ONLY_VELOCITY))
-    send(tracker, make(name, **fields))
+    tracker.saw(make(name, **fields), FORWARDED, GCSA)
     assert (tracker.flush(GCSA) == []) is over
 
 
@@ -376,6 +423,7 @@ def test_message_rates_are_set_to_the_default_by_the_companion_itself(
 
 def test_rates_that_need_no_reset_get_none(tracker: FlushTracker, make: Make) -> None:
     send(tracker, rate(make, ATTITUDE, 20_000))  # the companion restores its own
+    send(tracker, make("COMMAND_LONG", command=178, param1=RAW_IMU, param2=5.0))  # no rate
     send(tracker, rate(make, RAW_IMU, 20_000, target_component=100))  # a camera's
     send(tracker, rate(make, SCALED_IMU, 20_000), rate(make, SCALED_IMU, 0))  # default again
     send(tracker, *(rate(make, no_id, 20_000) for no_id in (float("nan"), float("inf"), -1.0, 27.5, 1e6)))
@@ -435,9 +483,6 @@ def test_an_entry_that_is_used_again_is_not_the_oldest(tracker: FlushTracker, ma
         send(tracker, make("RC_CHANNELS_OVERRIDE", compid=compid))
     components = [origin(message)[1] for _, [message] in read(tracker.flush(GCSA))]
     assert components == [3, 4, 5, 6, 7, 8, 1, 9]
-
-
-FORWARDED = Verdict(Fate.FORWARD, None, GateReason.ALLOWED, "")
 
 
 @given(st.sampled_from(sorted(mavlink.mavlink_map)), st.binary(min_size=0, max_size=255), st.integers(0, 255))

@@ -44,6 +44,11 @@ def names(frames: list[bytes]) -> list[str]:
     return [decoded(raw).get_type() for raw in frames]
 
 
+def test_until_authority_is_told_the_vehicle_counts_as_armed_and_nobody_commands() -> None:
+    view = Door().gate.view
+    assert (view.armed, view.commander) == (True, None)
+
+
 # ---- up: what comes before what --------------------------------------------------------------------------------------
 
 
@@ -76,6 +81,32 @@ def test_only_what_the_commander_sends_often_waits_to_be_noted(
     assert door.gate.counts[GCSA][GateReason.ALLOWED] == (1 if at_once else 0)
     door.gate.tick(door.now)
     assert (len(door.frames.unnoted), door.gate.counts[GCSA][GateReason.ALLOWED]) == (0, 1)
+
+
+def test_the_commanders_mission_file_is_thrown_away_on_request(door: Door, make: Make) -> None:
+    door.change(replace(OF_A, phase=Phase.ON_LOAD))
+    door.up(A, make("FILE_TRANSFER_PROTOCOL", payload=ftp_request(6, b"@MISSION/mission.dat")))
+    door.passed.clear()
+    assert door.frames.list_open
+    ((station, closing),) = door.frames.close_mission_files()
+    assert (station, closing.what) == (GCSA, "file '@MISSION/mission.dat' closed, contents thrown away")
+    assert door.passed == list(closing.frames)
+    assert (door.frames.close_mission_files(), door.frames.list_open) == ([], False)
+
+
+def test_a_station_that_cannot_be_written_to_is_reported_and_costs_no_other(
+    door: Door, make: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def breaks(_data: bytes) -> None:
+        raise OSError("planted")
+
+    monkeypatch.setattr(door.ports[GCSA], "write", breaks)
+    assert door.down(make("HEARTBEAT", sysid=VEHICLE, compid=1)) == {GCSB, GCSC}
+    (fault,) = door.faults
+    assert (fault.splitlines()[0], fault.splitlines()[-1]) == (
+        "sending to GCSA: Traceback (most recent call last):",
+        "OSError: planted",
+    )
 
 
 def test_what_the_companion_releases_goes_the_way_of_what_passes(door: Door, make: Make) -> None:
@@ -212,6 +243,15 @@ def test_wishes_are_answered_twenty_times_a_second_at_most(make: Make) -> None:
     answered = [bool(door.up(B, wish).answers) for _ in range(25)]
     assert answered == [True] * 20 + [False] * 5
     assert len(door.up(C, make("COMMAND_LONG", sysid=GCSC, command=511, param1=30.0, param2=1e6)).answers) == 1
+
+
+def test_a_wish_without_an_answer_does_not_count_as_answered(make: Make) -> None:
+    door = Door(step_s=0.0)
+    door.change(OF_A)
+    for _ in range(30):
+        assert door.up(B, make("REQUEST_DATA_STREAM", sysid=GCSB)).answers == []
+    wish = make("COMMAND_LONG", sysid=GCSB, command=511, param1=30.0, param2=1e6)
+    assert names(door.up(B, wish).answers) == ["COMMAND_ACK"]
 
 
 def test_the_commanders_wish_for_rates_is_the_autopilots_to_answer(door: Door, make: Make) -> None:

@@ -141,7 +141,7 @@ def test_a_burst_is_numbered_on_and_ends_with_the_end(file: ListFile) -> None:
 def test_a_burst_of_small_pieces_has_an_end_too(file: ListFile) -> None:
     ask(file, OPEN, NAME)
     turn = ask(file, BURST_READ, size=1)
-    assert len(turn.answers) == BURST
+    assert len(turn.answers) == BURST == 24
     assert [h.burst_complete for h in heads(turn)] == [0] * (BURST - 1) + [1]
 
 
@@ -285,6 +285,11 @@ def test_the_end_is_answered_again_and_then_it_is_the_autopilots(file: ListFile)
     assert (heard(again), again.answers) == ([(ACK, b"")], turn.answers)
     assert takes(file, TERMINATE, seq=8) is None
     assert takes(file, WRITE) is None
+    assert file.writers == ()
+
+
+def test_a_station_that_reads_is_no_writer(file: ListFile) -> None:
+    ask(file, OPEN, NAME)
     assert file.writers == ()
 
 

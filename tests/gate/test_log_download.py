@@ -413,6 +413,13 @@ def test_an_ended_download_sends_nothing_more() -> None:
 # ---- through the whole gate -----------------------------------------------------------------------------------------
 
 
+RTL_ALT = packed(mavlink.MAVLink_param_value_message(b"RTL_ALT", 30.0, 9, 900, 4), VEHICLE, 1)
+
+
+def fails(_raw: bytes) -> bool:
+    raise RuntimeError("broken")
+
+
 def on_the_ground(door: Door, commander: int | None = GCSA) -> None:
     door.change(AuthorityView(commander=commander, armed=False))
 
@@ -453,8 +460,51 @@ def test_a_parameter_that_a_link_does_not_take_as_download_is_sent_like_any_othe
     on_the_ground(door)
     port = door.ports[GCSA]
     port.takes_more = False
-    value = packed(mavlink.MAVLink_param_value_message(b"RTL_ALT", 30.0, 9, 900, 4), VEHICLE, 1)
-    assert door.down(value) == {GCSA}
+    assert door.down(RTL_ALT) == {GCSA}
+
+
+def test_a_parameter_is_offered_to_the_link_as_part_of_a_download() -> None:
+    door = Door()
+    on_the_ground(door)
+    assert not door.gate.downloads.wait
+    door.ports[GCSA].write = fails  # type: ignore[method-assign]
+    assert door.down(RTL_ALT) == {GCSA}
+    assert door.gate.downloads.wait
+
+
+def test_a_parameter_that_comes_during_a_download_of_logs_is_none_of_it() -> None:
+    door = Door()
+    on_the_ground(door)
+    door.up(A, request(0))
+    assert door.down(RTL_ALT) == {GCSA}
+    assert door.faults == []
+
+
+def test_a_link_that_fails_is_reported_and_costs_that_frame_alone() -> None:
+    door = Door()
+    on_the_ground(door)
+    port, others = door.ports[GCSA], [port for port in door.ports.values() if port.sysid != GCSA]
+    port.write_more = fails  # type: ignore[method-assign]
+    assert door.down(RTL_ALT) == set()
+    assert [fault.split(":")[0] for fault in door.faults] == ["sending to GCSA"]
+    assert door.faults[0].endswith("RuntimeError: broken\n")
+    flushed: list[int] = []
+    port.flush = lambda: fails(b"")  # type: ignore[method-assign]
+    for other in others:
+        other.flush = lambda other=other: flushed.append(other.sysid)  # type: ignore[misc]
+    door.gate.downloads.send(door.now)
+    assert [fault.split(":")[0] for fault in door.faults] == ["sending to GCSA"] * 2
+    assert flushed == [other.sysid for other in others], "and the other links send what waits"
+
+
+def test_the_gate_asks_again_for_what_the_autopilot_does_not_send() -> None:
+    door = Door(step_s=0.0)
+    on_the_ground(door)
+    door.up(A, request(0, 900))
+    door.gate.tick(door.now + 0.2)
+    assert len(door.passed) == 1
+    door.gate.tick(door.now + 0.4)
+    assert [mavlink.MAVLink(None).decode(bytearray(raw)).get_type() for raw in door.passed] == ["LOG_REQUEST_DATA"] * 2
 
 
 def test_a_fault_of_the_download_is_told_and_ends_it() -> None:
@@ -463,13 +513,12 @@ def test_a_fault_of_the_download_is_told_and_ends_it() -> None:
     door.up(A, request(0))
     door.gate.down(data(0), door.now)
 
-    def fails(_raw: bytes) -> bool:
-        raise RuntimeError("broken")
-
     door.ports[GCSA].write_more = fails  # type: ignore[method-assign]
     door.gate.downloads.send(door.now)
     assert [fault.split(":")[0] for fault in door.faults] == ["log download"]
     assert not door.gate.downloads.wait
+    door.gate.downloads.send(door.now)
+    assert len(door.faults) == 1
 
 
 def test_a_request_for_nothing_is_made_once_and_its_answer_reaches_the_station() -> None:

@@ -372,3 +372,71 @@ def test_any_numbers_in_an_item_are_taken_or_refused_and_never_raise() -> None:
             desk.handle(count(1), QGC, 0.0)
             turn = desk.handle(message, QGC, 0.1)
             assert turn.whole is not None or words(turn)[0].startswith("ack ")
+
+
+# ---- times and edges ------------------------------------------------------------------------------------------------
+
+
+def part(first: int, last: int) -> Any:
+    return mavlink.MAVLink_mission_write_partial_list_message(*VEHICLE, first, last, MISSION)
+
+
+def test_an_item_is_asked_for_every_half_second_and_given_up_after_eight_seconds() -> None:
+    desk = server()
+    desk.handle(count(1), QGC, 0.0)
+    asked = [words(desk.tick(at)) for at in (0.4, 0.5, 0.9, 1.0, 7.9, 8.3)]
+    assert asked == [[], ["item 0"], [], ["int 0"], ["item 0"], []]
+    assert desk.tick(8.4).words == "the upload was given up: item 0 did not come"
+
+
+def test_each_item_that_comes_extends_the_time() -> None:
+    desk = server()
+    desk.handle(count(3), QGC, 0.0)
+    for number in range(2):
+        desk.tick(6.0 * number + 5.9)
+        desk.handle(sent(number), QGC, 6.0 * number + 6.0)
+    assert words(desk.tick(19.9)) == ["item 2"]
+    assert desk.tick(20.5).words == "the upload was given up: item 2 did not come"
+
+
+def test_the_next_item_is_asked_for_in_the_form_with_integers_again() -> None:
+    desk = server()
+    desk.handle(count(3), QGC, 0.0)
+    assert words(desk.tick(0.5)) == ["item 0"]
+    assert words(desk.handle(sent(0), QGC, 0.6)) == ["int 1"]
+
+
+def test_the_answer_is_repeated_for_two_and_a_half_seconds_to_a_list_of_one_item_too() -> None:
+    desk = server()
+    upload(desk, 1)
+    desk.conclude(ACCEPTED, 1.0)
+    assert [words(desk.handle(sent(0), QGC, at)) for at in (1.1, 3.4, 3.5)] == [["ack 0"], ["ack 0"], []]
+
+
+def test_an_upload_that_is_not_complete_is_not_concluded() -> None:
+    desk = server()
+    desk.handle(count(2), QGC, 0.0)
+    assert desk.conclude(ACCEPTED, 0.1) == Turn()
+    assert desk.sender == QGC
+    assert words(desk.handle(sent(0), QGC, 0.2)) == ["int 1"]
+
+
+def test_a_list_is_cleared_right_after_it_was_written_and_all_lists_after_one() -> None:
+    desk = server()
+    upload(desk, 2)
+    desk.conclude(ACCEPTED, 0.1)
+    assert desk.handle(clear(), QGC, 0.2).whole is not None
+    desk.conclude(ACCEPTED, 0.3)
+    assert desk.handle(clear(ALL), QGC, 0.4).whole is not None
+
+
+def test_a_part_begins_at_the_first_item_and_ends_at_the_most_there_may_be() -> None:
+    desk = MissionServer(MISSION, most=3)
+    desk.offered = (item(0), item(1))
+    assert words(desk.handle(part(0, 0), QGC, 0.0)) == ["int 0"]
+    assert words(desk.handle(part(1, 2), QGC, 0.1)) == ["int 1"]
+    assert words(desk.handle(part(0, 0), OTHER, 0.2)) == [f"ack {DENIED}"], "another upload is under way"
+
+
+def test_nothing_is_called_off_when_nothing_is_under_way() -> None:
+    assert server().handle(ack(mavlink.MAV_MISSION_OPERATION_CANCELLED), QGC, 0.0) == Turn()

@@ -12,7 +12,8 @@ from mavproxy_handover.wire.frames import parse_one
 from tests.gate.door import Door
 from tests.gate.frames import make_frame
 
-NAMES = {251: "GCSA", 252: "GCSB", 253: "twenty letters and so"}
+NAMES = {250: "n" * 24, 251: "GCSA", 252: "GCSB", 253: "twenty letters and so", 254: "n" * 23}
+SAYS = b"HNDO: lease live, 252 commands"
 
 
 def read(text: bytes, version: int = 2) -> tuple[str, bool]:
@@ -30,6 +31,25 @@ def read(text: bytes, version: int = 2) -> tuple[str, bool]:
 def test_it_says_the_name(version: int) -> None:
     assert read(b"HNDO: lease live, 252 commands", version) == ("HNDO: lease live, GCSB commands", False)
     assert read(b"HNDO: lease live, 253 commands", version)[0] == "HNDO: lease live, twenty letters and so commands"
+    assert read(b"HNDO: lease live, 254 commands", version)[0] == f"HNDO: lease live, {'n' * 23} commands"
+
+
+def test_it_keeps_the_number_of_the_frame() -> None:
+    packer = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+    packer.seq = 77
+    frame = parse_one(mavlink.MAVLink_statustext_message(6, SAYS).pack(packer))
+    assert frame is not None
+    raw = named(frame, NAMES)
+    assert (raw != frame.raw, raw[4]) == (True, 77)
+
+
+def test_a_frame_without_such_a_text_is_passed_on_as_it_came() -> None:
+    for frame in (
+        make_frame("HEARTBEAT", sysid=1, compid=1),
+        make_frame("STATUSTEXT", sysid=1, compid=1, severity=6, text=SAYS)._replace(known=False),
+        make_frame("LOGGING_DATA", sysid=1, compid=1)._replace(known=False),
+    ):
+        assert named(frame, NAMES) == frame.raw
 
 
 @pytest.mark.parametrize(
@@ -37,6 +57,7 @@ def test_it_says_the_name(version: int) -> None:
     [
         b"HNDO: lease live, nobody commands",
         b"HNDO: lease live, 77 commands",
+        b"HNDO: lease live, 250 commands",  # the name is too long for the text
         b"HNDO: lease live, 252252252 commands",
         b"HNDO: lease live, 252 commands\0 and more",
         b"said: HNDO: lease live, 252 commands",

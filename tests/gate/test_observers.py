@@ -157,6 +157,12 @@ def test_an_interval_too_long_to_tell_is_told_as_the_longest(rates: ObserverRate
     assert told.pack(mavlink.MAVLink(None))
 
 
+def test_a_long_interval_is_told_to_the_microsecond(rates: ObserverRates, make: Make) -> None:
+    rates.asked(want(make, ATTITUDE, 60_000_000), GCSA, 0.0)
+    _ack, told = rates.asked(ask(make, ATTITUDE), GCSA, 0.0)
+    assert told.interval_us == 60_000_000
+
+
 def test_the_interval_of_what_is_no_message_is_denied(rates: ObserverRates, make: Make) -> None:
     for msgid in (99999.0, -1.0, 0.5, float("nan")):
         (ack,) = rates.asked(ask(make, msgid), GCSA, 0.0)
@@ -252,6 +258,10 @@ def test_many_sources_of_one_message_do_not_fill_the_memory(rates: ObserverRates
         for number in range(5):
             rates.due(make("BATTERY_STATUS", sysid=1, compid=compid, id=number), GCSA, 0.0)
             assert len(rates._observers[GCSA].due_at) <= 512
+
+
+def test_an_observer_gets_ten_of_a_message_and_four_thousand_bytes_a_second_for_half_a_minute() -> None:
+    assert ObserverLimits() == ObserverLimits(message_hz=10.0, bytes_per_s=4000.0, silence_s=30.0)
 
 
 @pytest.mark.parametrize("name", ["message_hz", "bytes_per_s", "silence_s"])

@@ -116,6 +116,7 @@ def test_nobody_keeps_another_one_from_a_transfer(desk: Desk, make: Make) -> Non
     assert counted(desk, make("CONNECT", sysid=GCSC), 0.0) == 20
 
 
+EXTENDED = ("PARAM_EXT_REQUEST_LIST", {})
 LIST, BANNER = ("PARAM_REQUEST_LIST", {}), ("COMMAND_LONG", {"command": 42428})
 LISTING = ("FILE_TRANSFER_PROTOCOL", {"payload": ftp_request(3, b"/")})
 
@@ -124,6 +125,7 @@ LISTING = ("FILE_TRANSFER_PROTOCOL", {"payload": ftp_request(3, b"/")})
     ("question", "every_s", "expected"),
     [
         (LIST, 20.0, 2),  # ten seconds each, of which two come back until the next: 25, 17, 9
+        (EXTENDED, 20.0, 2),
         (LIST, 0.5, 34),  # the first costs ten, one that begins it anew half a second
         (BANNER, 3.0, 35),  # a second each, of which 0.3 come back
         (LISTING, 0.1, 267),  # the first a second, the others 0.1
@@ -256,6 +258,20 @@ def test_it_may_not_when_another_station_has_opened_a_file_since(desk: Desk, mak
     desk.ask(ftp(make, OPEN, GCSA, b"@MISSION/mission.dat"), 0.4)
     for at in (0.5, 20.0):
         assert desk.outcome(ftp(make, TERMINATE, GCSB), at) == NOT_IN_CONTROL
+
+
+def test_the_end_of_its_reading_does_not_go_to_another_aircraft(desk: Desk, make: Make) -> None:
+    assert desk.outcome(ftp(make, OPEN, GCSB, b"@PARAM/param.pck"), 0.0) == ALLOWED
+    elsewhere = make("FILE_TRANSFER_PROTOCOL", sysid=GCSB, target_system=9, payload=ftp_request(TERMINATE, session=3))
+    assert desk.outcome(elsewhere, 0.1) == (Fate.DROP, GateReason.OTHER_TARGET)
+
+
+def test_an_observer_reads_the_rally_points_of_the_companion_while_the_commander_writes_a_file(
+    desk: Desk, make: Make
+) -> None:
+    desk.ask(ftp(make, CREATE, GCSA, b"@MISSION/mission.dat"), 0.0)
+    rally = ftp(make, OPEN, GCSB, b"@MISSION/rally.dat")
+    assert desk.outcome(rally, 0.1) == (Fate.CONSUME, GateReason.COMPANION)
 
 
 def test_an_observer_never_resets_the_sessions_of_all(desk: Desk, make: Make) -> None:

@@ -13,10 +13,21 @@ import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.common.model import AuthorityView, LeaseState, Phase
+from mavproxy_handover.core.safety.commands import Limit
 from mavproxy_handover.gate.client_capabilities import Dialect
 from mavproxy_handover.gate.judge import Fate, GateReason, judge
 from mavproxy_handover.gate.policy.tables import COMMAND_RULES, MESSAGE_RULES
-from mavproxy_handover.gate.refusal_text import COMMANDS, MESSAGES, SWITCHES, called, sentence, subject_of
+from mavproxy_handover.gate.refusal_text import (
+    COMMANDS,
+    MESSAGES,
+    SWITCHES,
+    called,
+    how_to_lift,
+    sentence,
+    subject_of,
+    thesis_command,
+    unsaid,
+)
 from mavproxy_handover.vehicle.profiles import PLANE, UNKNOWN_MODES
 from mavproxy_handover.wire.frames import Frame
 from tests.gate.door import Door
@@ -258,3 +269,60 @@ def test_a_subject_says_what_it_is_called() -> None:
     assert called(6, modes=UNKNOWN_MODES) == "mode"
     assert called(6, modes=PLANE.gate) == "mode FLY_BY_WIRE_B"
     assert called(b"RTL_ALT\0\0\0\0\0\0\0\0\0") == "parameter RTL_ALT"
+
+
+@pytest.mark.parametrize(
+    ("number", "name"),
+    [
+        (11.0, "auxiliary switch fence"),
+        (300.0, "auxiliary switch scripting 1"),
+        (65536.0 + 11.0, "auxiliary switch fence"),  # the autopilot keeps 16 bits
+        (5555.0, "auxiliary switch"),
+        (float("nan"), "auxiliary switch"),
+        (float("inf"), "auxiliary switch"),
+    ],
+)
+def test_an_auxiliary_switch_has_the_name_of_its_function(make: Make, number: float, name: str) -> None:
+    assert subject_of(make("COMMAND_LONG", command=218, param1=number)) == name
+
+
+@pytest.mark.parametrize(
+    ("name", "fields", "left_open", "of_the_thesis"),
+    [
+        ("COMMAND_LONG", {"command": 300}, "", "START"),
+        ("COMMAND_LONG", {"command": 193}, "STOP", "STOP"),
+        ("COMMAND_INT", {"command": 193, "param1": 1.0}, "CONTINUE", "CONTINUE"),
+        ("COMMAND_LONG", {"command": 400, "param1": 1.0}, "arm", ""),
+        ("COMMAND_LONG", {"command": 21}, "", ""),
+        ("COMMAND_LONG", {"command": 176, "param2": 6.0}, "mode RTL", ""),
+        ("COMMAND_LONG", {"command": 218, "param1": 11.0}, "auxiliary switch fence", ""),
+        ("SET_MODE", {"custom_mode": 6}, "mode RTL", ""),
+        ("PARAM_SET", {"param_id": b"RTL_ALT"}, "parameter RTL_ALT", ""),
+        ("MISSION_COUNT", {}, "", ""),
+        ("HEARTBEAT", {}, "", ""),
+    ],
+)
+def test_what_the_name_of_a_frame_leaves_open_and_the_commands_of_the_thesis(
+    make: Make, name: str, fields: dict[str, Any], left_open: str, of_the_thesis: str
+) -> None:
+    frame = make(name, **fields)
+    assert (unsaid(frame), thesis_command(frame)) == (left_open, of_the_thesis)
+    unchecked = frame._replace(known=False)
+    assert (unsaid(unchecked), thesis_command(unchecked)) == ("", "")
+
+
+def test_the_operator_reads_how_to_lift_a_limit() -> None:
+    assert how_to_lift(Limit.ENERGY, None) == "To lift it: handover override energy"
+    assert how_to_lift(Limit.FENCE, 2.0) == "Send it again in 2 s to insist, or handover override fence"
+
+
+@pytest.mark.parametrize(
+    ("reason", "commander", "why"),
+    [
+        (GateReason.FILE_BUSY, "GCSA", "GCSA is using file transfer"),
+        (GateReason.FILE_BUSY, "", "another station is using file transfer"),
+        (GateReason.OTHER_TARGET, "GCSA", "other target"),
+    ],
+)
+def test_a_reason_is_told_in_words(reason: GateReason, commander: str, why: str) -> None:
+    assert sentence("reading files", reason, commander, Dialect.NONE) == f"reading files refused: {why}"

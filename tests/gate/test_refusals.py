@@ -14,8 +14,9 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.core.common.model import AuthorityView, LeaseState, Phase
 from mavproxy_handover.gate import refusals
 from mavproxy_handover.gate.client_capabilities import ClientCapabilities
-from mavproxy_handover.gate.judge import Fate, GateReason, StationIdentity, judge
-from mavproxy_handover.gate.refusals import SILENT, OncePerCause, RefusalLimiter, has_words, refusal
+from mavproxy_handover.gate.judge import Fate, GateReason, StationIdentity, Verdict, judge
+from mavproxy_handover.gate.policy.access import Access
+from mavproxy_handover.gate.refusals import SILENT, OncePerCause, RefusalLimiter, asked_component, has_words, refusal
 from mavproxy_handover.wire.frames import Frame, parse_one
 from tests.gate.frames import ftp_request
 
@@ -142,7 +143,8 @@ def test_of_what_was_aimed_at_the_companion_a_text_stands_in_only_for_a_protocol
     def told(name: str) -> bool:
         return is_told(make(name, sysid=251, target_component=191), COMMANDER)
 
-    assert [told(name) for name in ("PARAM_REQUEST_LIST", "AUTOPILOT_VERSION_REQUEST", "PARAM_SET")] == [False] * 3
+    for name in ("PARAM_REQUEST_LIST", "AUTOPILOT_VERSION_REQUEST", "PARAM_EXT_REQUEST_LIST", "PARAM_SET"):
+        assert not told(name), name
     assert told("LOG_ERASE")
 
 
@@ -203,6 +205,32 @@ def test_an_unknown_file_transfer_opcode_gets_the_nak_for_unknown_commands(make:
     request = [0, 0, 0, 77, *[0] * 247]
     message = answer(make("FILE_TRANSFER_PROTOCOL", payload=request), own, COMMANDER)
     assert message.payload[12] == 7
+
+
+def test_a_file_request_gets_the_nak_for_no_session_while_the_commander_uses_file_transfer(
+    make: Make, own: mavlink.MAVLink
+) -> None:
+    verdict = Verdict(Fate.REFUSE, Access.BULK, GateReason.FILE_BUSY, "FILE_TRANSFER_PROTOCOL")
+    (packed,) = refusal(make("FILE_TRANSFER_PROTOCOL", sysid=252, payload=[0] * 251), verdict, own, _program(True))
+    assert mavlink.MAVLink(None).decode(bytearray(packed)).payload[12] == 5
+
+
+@pytest.mark.skipif(not HAS_PARAM_ERROR, reason="this pymavlink has no PARAM_ERROR")
+def test_the_parameter_list_is_refused_in_flight_with_an_error_without_a_name(make: Make, own: mavlink.MAVLink) -> None:
+    (message,) = answers_to(make("PARAM_REQUEST_LIST", sysid=252), own, OBSERVER, ARMED)
+    assert (message.get_type(), message.param_id, message.error) == ("PARAM_ERROR", "", 3)
+
+
+def test_the_autopilot_answers_a_frame_without_an_address(make: Make) -> None:
+    assert asked_component(make("HEARTBEAT", sysid=252)) == 1
+
+
+def test_no_text_says_why_the_situation_forbids_a_command(make: Make) -> None:
+    """The filter that refuses it tells the reason."""
+    frame = make("COMMAND_LONG", sysid=251, command=16)
+    verdict = judge(frame, OBSERVER, VIEW, VEHICLE)._replace(fate=Fate.REFUSE)
+    assert has_words(frame, verdict)
+    assert not has_words(frame, verdict._replace(reason=GateReason.SITUATION))
 
 
 def test_what_programs_repeat_on_their_own_is_refused_in_silence(make: Make, own: mavlink.MAVLink) -> None:

@@ -357,6 +357,25 @@ def test_a_gate_that_begins_in_the_middle_of_a_flight_takes_every_stream_for_one
     assert {news.kind for news in sky.door.told} == {"RC override", "manual control"}, "of the others nobody hears"
 
 
+def test_three_heartbeats_without_a_stream_are_a_pause_after_the_gate_was_started(make: Make) -> None:
+    for beats, outcome in ((2, RAN_BEFORE), (3, PASSES)):
+        sky = Sky(make)
+        sky.door.gate.distrust()
+        for _ in range(beats):
+            sky.door.up(A, make("HEARTBEAT", sysid=GCSA))
+        sky.door.now += 10.0
+        assert sky.send(sysid=GCSA, **HELD) == outcome
+
+
+def test_a_frame_for_another_aircraft_is_refused_for_that_and_does_not_hold_the_stream(sky: Sky) -> None:
+    sky.sticks()
+    sky.door.change(OF_B)
+    elsewhere: list[Any] = []
+    sky.wait(3.0, lambda: elsewhere.append(sky.send(target_system=9, **HELD)))
+    assert set(elsewhere) == {(Fate.DROP, GateReason.OTHER_TARGET)}
+    assert sky.sticks() == PASSES
+
+
 # ---- which streams ---------------------------------------------------------------------------------------------------
 
 

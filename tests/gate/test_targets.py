@@ -13,9 +13,10 @@ import pytest
 
 from mavproxy_handover.core.common.model import AuthorityView, LeaseState, Phase
 from mavproxy_handover.gate.intent import Aim
-from mavproxy_handover.gate.judge import Fate, GateReason
-from mavproxy_handover.gate.targets import HOLDS_S
-from mavproxy_handover.vehicle.profiles import PLANE
+from mavproxy_handover.gate.judge import Fate, GateReason, Verdict
+from mavproxy_handover.gate.policy.access import Access
+from mavproxy_handover.gate.targets import HOLDS_S, TargetStreams
+from mavproxy_handover.vehicle.profiles import COPTER, PLANE, Modes
 from mavproxy_handover.wire.frames import Frame
 from tests.gate.door import Door
 from tests.gate.ledger import GCSA, GCSB, A, B
@@ -189,6 +190,60 @@ def test_of_wings_no_offset_of_the_height_is_near_another(make: Make) -> None:
     assert watched.asked == []
     watched.door.up(A, make(LOCAL, type_mask=ONLY_PLACE, coordinate_frame=7, z=-2.9))
     assert len(watched.asked) == 1
+
+
+class Stream:
+    """The targets of station A alone, all of which may be flown to. How often one was judged is counted."""
+
+    def __init__(self, make: Make, modes: Modes) -> None:
+        self._make, self._modes = make, modes
+        self.judged = 0
+        self._targets = TargetStreams(self._passes)
+
+    def _passes(self, _aim: Aim, _station: int, _now: float) -> bool:
+        self.judged += 1
+        return True
+
+    def sends(self, now: float, name: str = LOCAL, **fields: Any) -> Fate:
+        fields = {"coordinate_frame": 7 if self._modes.takes_heights else 1, **fields}
+        frame = self._make(name, type_mask=ONLY_PLACE, **fields)
+        verdict = Verdict(Fate.FORWARD, Access.STREAM, GateReason.ALLOWED, name)
+        return self._targets.limit(frame, verdict, GCSA, now, self._modes).fate
+
+
+@pytest.mark.parametrize("axis", ["x", "y", "z"])
+def test_a_local_target_of_a_copter_three_metres_away_is_the_same_and_none_farther(make: Make, axis: str) -> None:
+    stream = Stream(make, COPTER.gate)
+    stream.sends(0.0, x=9.0)
+    near = {"x": 9.0, "y": 0.0, "z": 0.0}
+    near[axis] += 3.0
+    assert (stream.sends(0.5, **near), stream.judged) == (Fate.FORWARD, 1)
+    near[axis] += 0.1
+    assert (stream.sends(0.5, **near), stream.judged) == (Fate.FORWARD, 2)
+
+
+def test_a_verdict_on_a_target_is_valid_for_less_than_a_second_and_the_next_is_made_a_tenth_later(make: Make) -> None:
+    stream = Stream(make, COPTER.gate)
+    stream.sends(0.0)
+    assert (stream.sends(0.99), stream.judged) == (Fate.FORWARD, 1)
+    assert (stream.sends(1.0), stream.judged) == (Fate.FORWARD, 2)
+    stream = Stream(make, COPTER.gate)
+    stream.sends(0.0)
+    assert (stream.sends(0.09, x=50.0), stream.judged) == (Fate.DROP, 1)
+    assert (stream.sends(0.1, x=50.0), stream.judged) == (Fate.FORWARD, 2)
+
+
+def test_of_wings_offsets_of_half_a_metre_are_judged_each_and_places_on_the_globe_are_near(make: Make) -> None:
+    stream = Stream(make, PLANE.gate)
+    for number, fields in enumerate(({"z": -20.0}, {"z": -20.5}, {"z": -20.5, "x": 0.5}), 1):
+        stream.sends(0.3 * number, **fields)
+        assert stream.judged == number
+    place = {"lat_int": 520_000_000, "lon_int": 60_000_000, "alt": 40.0, "coordinate_frame": 6}
+    stream.sends(2.0, GLOBAL, **place)
+    stream.sends(2.5, GLOBAL, **{**place, "lat_int": 520_000_000 + NEAR})
+    assert stream.judged == 4
+    stream.sends(2.5, GLOBAL, **{**place, "lat_int": 520_000_000 + FAR})
+    assert stream.judged == 5
 
 
 #: the field of a guided target, and the bit that leaves it out

@@ -1,13 +1,47 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Mutants that the tests need not notice, by part of the gate, each with the reason."""
+"""Faults of the gate that the tests need not notice, by module, each with the reason."""
 
 from __future__ import annotations
 
 __all__ = ["KNOWN_SURVIVORS"]
 
+_ONLY_SAVES_TIME = "the condition only saves time: without it the same is found"
+_TRACE = "how much of a trace people get to read"
+_NONE_IS_NO_KEY = "None is in no table either"
+
 KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
-    "passed": {"note_for: number one more: 3": "how much of a trace people get to read"},
+    "passed": {
+        "companion_sent: truth turned: True in frame = parse_one(raw, proven=True)": (
+            "the companion's own frames have the right checksum"
+        ),
+        "note_for: number one more: 3 in self._fault('frame that passed', traceback.format_exc(limit=-3))": _TRACE,
+        **dict.fromkeys(
+            ("list_open: dropped: self.note()", "close_mission_files: dropped: self.note()"),
+            "no frame that waits opens or closes a list",
+        ),
+    },
+    "replies": {
+        "send: number one more: 3 in self._reports.fault(f'sending to {port.name}', "
+        "traceback.format_exc(limit=-3))": _TRACE
+    },
+    "downloads": {
+        "forward: number one more: 3 in self._fault(f'sending to {port.name}', traceback.format_exc(limit=-3))": _TRACE,
+        "send: number one more: 3 in self._fault('log download', traceback.format_exc(limit=-3))": _TRACE,
+        "send: number one more: 3 in self._fault(f'sending to {port.name}', traceback.format_exc(limit=-3))": _TRACE,
+    },
+    "targets": {
+        "_Judged.passes: truth turned: True": "the first target of a stream is judged before this is read",
+        "limit: number one more: 1 in number = -1": "it only has to be none of the frames of a guided message",
+        "_senseless: dropped: return False": _ONLY_SAVES_TIME,
+        "_senseless: truth turned: True in return any((not isfinite(value) and (not mask & bit) for value, bit in "
+        "zip(values, _LEFT_O": "there are as many values as bits",
+    },
+    "naming": {
+        "named: dropped from and/or: says is None: says is None or name is None": (
+            "only for the type checker: without such a text there is no name"
+        )
+    },
     "judge": dict.fromkeys(
         (
             "usual: return dropped: return commander if station.sysid == view.commander else others",
@@ -16,5 +50,83 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
         ),
         "more frames than need be are judged by `decide`, which finds the same",
     ),
-    "explain": {"markdown_table: number one more: 0": "every line of a table has as many cells as the first"},
+    "list_file": {
+        "access: dropped from and/or: aim is None: file is None or aim is None or aim[1] not in (EVERYBODY, "
+        "AUTOPILOT_COMPID)": "a request of file transfer has an address",
+        "access: dropped: return None (number 2)": "the lines after it find no class for such a request",
+        **dict.fromkeys(
+            (
+                "_content: number one more: 0 in m = item_message(item, (0, 0), self._kind)",
+                "_content: number one more: 0 in m = item_message(item, (0, 0), self._kind) (number 2)",
+                "_item: number one more: 0 in return filled(item_of(mavlink.MAVLink_mission_item_int_message(0, 0, "
+                "seq, frame, command, ",
+                "_item: number one more: 0 in return filled(item_of(mavlink.MAVLink_mission_item_int_message(0, 0, "
+                "seq, frame, command,  (number 2)",
+            ),
+            "the address of the message is not used",
+        ),
+    },
+    "mission_server": {
+        "tick: sign turned: opened.tries += 1": "only whether the number is odd counts",
+        **dict.fromkeys(
+            (
+                "_on_count: number one more: 0 in return self._whole(_Open(sender, self.kind, 0, -1, now), now)",
+                "_on_count: number one more: 1 in return self._whole(_Open(sender, self.kind, 0, -1, now), now)",
+                "_on_clear: number one more: 0 in return self._whole(_Open(sender, message.mission_type, 0, -1, now), "
+                "now) if refused is Non",
+                "_on_clear: number one more: 1 in return self._whole(_Open(sender, message.mission_type, 0, -1, now), "
+                "now) if refused is Non",
+            ),
+            "of an empty list only counts that its last item is below 0",
+        ),
+        "_on_item: dropped from and/or: opened is None: opened is None and over is not None and "
+        "(over.last == message.seq)": "an upload that begins forgets the one before",
+        "_whole: dropped: return Turn(whole=Upload(opened.sender, opened.kind, (), opened.begun_at))": (
+            "the lines after it make the same empty list"
+        ),
+        "_on_ack: dropped from and/or: opened is None: not cancels or opened is None or opened.whole": (
+            "only for the type checker: without an upload nothing cancels"
+        ),
+    },
+    "refusal_text": {
+        "thesis_command: dropped from and/or: isinstance(subject, str): isinstance(subject, str) and subject in "
+        "_THESIS_COMMANDS": "no number and no parameter is among these names",
+    },
+    "flush": {
+        "_File.acknowledged: truth turned: False": "the only call gives the value",
+        "saw: dropped from and/or: aim is not None: aim is not None and aim[1] != 0": (
+            "every message that opens or ends something has an address"
+        ),
+    },
+    "observers": {
+        "_Observer.allowance: number one more: 0.0": "the first message fills the allowance whatever is left of it",
+        "asked: dropped from and/or: msgid is None: msgid is None or msgid not in mavlink.mavlink_map": _NONE_IS_NO_KEY,
+        "_set: dropped from and/or: msgid is None: msgid is None or msgid not in _GRANTABLE or "
+        "(not math.isfinite(interval_us)) or (interval_": _NONE_IS_NO_KEY,
+        "due: dropped from and/or: observer.wishes: observer.wishes and now - observer.heard_at > "
+        "self._limits.silence_s": _ONLY_SAVES_TIME,
+    },
+    "questions": {
+        "Budget.all_per_second: number one more: 0.0": "a budget without this rate has an endless reserve",
+        "limit: dropped from and/or: station_sysid != commander: frame.msgid == _FTP and station_sysid != commander": (
+            "no frame of the commander is refused because its station is not in control"
+        ),
+        "_knows: dropped from and/or: sender not in senders: sender not in senders and len(senders) < SENDERS": (
+            "a known sender is added to the set once more"
+        ),
+    },
+    "stale_streams": {
+        "_OTHERS: number one more: 0": "no frame that passes has this sender: 0 is no system, 1 is the vehicle",
+        "limit: dropped from and/or: kind in self._streams[station]: kind in self._streams[station] and "
+        "verdict.fate is _FORWARD and self._hold_or_release(fram": _ONLY_SAVES_TIME,
+    },
+    "refusals": {
+        "_QUESTIONS: dropped: Access.RALLY_READ": "the companion answers such reads, whichever component they address",
+        "refusal: dropped from and/or: not frame.known: build is None or verdict.fate is not Fate.REFUSE or "
+        "(not frame.known) or (frame.msgid in _": "a frame that is not known is dropped, not refused",
+        "refusal: dropped from and/or: frame.msgid in _SILENT_IDS: build is None or verdict.fate is not Fate.REFUSE "
+        "or (not frame.known) or (frame.msgid in _": "no message in SILENT has a builder",
+        "has_words: dropped from and/or: not frame.known: verdict.fate is not Fate.REFUSE or not frame.known or "
+        "frame.msgid in _SILENT_IDS": "a frame that is not known is dropped, not refused",
+    },
 }
