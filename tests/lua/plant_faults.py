@@ -1,15 +1,23 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Tests the guard's tests: python -m tests.lua.plant_faults [--share 1/2] [part of a name] ...
+"""Tests the guard's tests: python -m tests.lua.plant_faults [--share 1/2] [--new] [--record FILE] [part of a name] ...
 
-Small faults are planted in a copy of the shipped script, one at a time, and tests/lua is run against each copy: a
-comparison turned around or moved by its edge, a condition that is always or never true, `and` for `or`, plus for minus,
-a `not` dropped, a switch turned, a number one more or doubled, a mask of 32 bits dropped, a statement left out; in
-every function and in the tables of modes, reasons, times and transitions. Every fault must be noticed. One that is not
-is a survivor: those that are no faults are listed in `plant_faults_survivors` with the reason, any other ends this with
-exit code 1, and so does one that is listed and is noticed. Texts are not changed, and luacheck is not asked: what flies
-wrongly has to be seen to fly wrongly. Takes more than half an hour of one core; `--share 1/2` and `--share 2/2` share
-the faults between two.
+Small faults are planted in a copy of the shipped script, one at a time, and tests/lua is run against each copy. A
+comparison is turned around or moved by its edge. A condition is always or never true. `and` stands for `or`, plus for
+minus. A `not` is dropped, a switch is turned, a number is one more or doubled. A mask of 32 bits is dropped. A
+statement is left out. Faults are planted in every function and in the tables of modes, reasons, times and transitions.
+Texts are not changed, and luacheck is not asked: a test must see that the guard flies wrongly.
+
+A fault that no test notices is a survivor. `plant_faults_survivors` lists the survivors that are no faults, with the
+reason. The exit code is 1 if another fault survives, or if a listed one does not survive any more.
+
+One process has the tests in memory and tries each fault in a fork (`guard_tests`). Only tests that reach the line of
+the fault are asked: first those that noticed the last faults of the same function, then the fastest.
+
+`--record FILE` is read and written: what each test reaches, and which faults have been tried. A run that was ended goes
+on from there. After a change of the script or of the tests every fault is tried again, and the test that noticed it
+before is asked first. `--new` leaves out the listed survivors, each of which costs every test that reaches it.
+`--share 1/2` and `--share 2/2` share the faults between two.
 
 A fault is named by function, operator and source line, so that its name survives an edit elsewhere in the file.
 """
@@ -19,74 +27,17 @@ from __future__ import annotations
 import argparse
 import os
 import re
-import signal
 import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
-import pytest
-
+from tests.lua.guard_tests import SCRIPT, SURVIVED, GuardTests, Record
 from tests.lua.plant_faults_survivors import KNOWN_SURVIVORS
 
-ROOT = Path(__file__).parents[2]
-SCRIPT = ROOT / "ardupilot_lua" / "handover_guard.lua"
-TESTS = ROOT / "tests" / "lua"
-#: the likeliest to notice first; the random flights of test_guard_budget see nothing that the others do not
-FILES = (
-    "test_guard_enforcement",
-    "test_guard_flight",
-    "test_guard_pilot",
-    "test_guard_wings",
-    "test_guard_channels",
-    "test_guard_vehicles",
-    "test_guard_rows",
-    "test_guard_firmware",
-    "test_guard_lease",
-    "test_guard_nonce",
-    "test_guard_alone",
-    "test_guard_arming",
-    "test_guard_standing",
-    "test_guard_tag",
-    "test_guard_files",
-    "test_guard_product",
-)
-#: whose tests are asked first about the functions of these names
-LIKELY = {
-    "test_guard_tag": ("key", "half_siphash"),
-    "test_guard_nonce": ("this_guard",),
-    "test_guard_lease": ("lease", "x25", "crc_fits", "read_lease", "read_frame", "refuse", "serial_ahead", "elapsed"),
-    "test_guard_pilot": (
-        "attribute_mode",
-        "may_be_pilots",
-        "undone_text",
-        "read_command",
-        "run_aux_function",
-    ),
-    "test_guard_rows": ("VEHICLES",),
-    "test_guard_wings": ("is_hovering", "is_climbing_out", "follow_sequence"),
-    "test_guard_arming": ("arming_objection", "permit_arming"),
-    "test_guard_standing": (
-        "rx",
-        "gcs_id",
-        "status",
-        "say",
-        "every_second",
-        "housekeeping",
-        "announce_commander",
-        "WORK",
-    ),
-}
-#: of processor time: no more than so many times what the tests take without a fault, for a fault that loops for ever
-PATIENCE = 3
-#: faults between two words of progress
-EVERY = 50
-#: asked only when all the others have noticed nothing
-SLOW = re.compile(
-    "Budget|Resources|every_mode_every_reason|wraps_at_16|station_gets_nowhere|while_authority_is_there|ten_minutes|shorter_of_both_limits"
-)
 #: what is looked at outside of functions
 TABLES = (
     "MS",
@@ -126,8 +77,23 @@ _STATEMENT = re.compile(
 _NUMBER = re.compile(r"(?<![\w.\"%])(\d+)(?![\w.x])")
 
 
-def faults(source: str) -> Iterator[tuple[str, str]]:
-    """Name and source of every copy of the script with one fault in it."""
+@dataclass(frozen=True)
+class Fault:
+    """One fault, and the script with it."""
+
+    name: str
+    source: str
+    lines: range
+    """Of the statement that has the fault."""
+
+    @property
+    def function(self) -> str:
+        """The function or table that has the fault."""
+        return self.name.partition(":")[0]
+
+
+def faults(source: str) -> Iterator[Fault]:
+    """Every fault that can be planted in the script."""
     lines = source.splitlines()
     seen: Counter[str] = Counter()
     function, in_comment = "", False
@@ -148,7 +114,26 @@ def faults(source: str) -> Iterator[tuple[str, str]]:
             seen[name] += 1
             if seen[name] > 1:
                 name += f" (number {seen[name]})"
-            yield name, "\n".join([*lines[:number], changed, *lines[number + 1 :]]) + "\n"
+            faulty = "\n".join([*lines[:number], changed, *lines[number + 1 :]]) + "\n"
+            yield Fault(name, faulty, _statement(lines, number))
+
+
+def _statement(lines: Sequence[str], number: int) -> range:
+    """The lines of the statement around a line, counted from 1 as Lua does; `number` counts from 0.
+
+    Lua may name any of them as the line that is reached.
+    """
+    first = last = number
+    while first and _goes_on(lines[first - 1], lines[first]):
+        first -= 1
+    while last + 1 < len(lines) and _goes_on(lines[last], lines[last + 1]):
+        last += 1
+    return range(first + 1, last + 2)
+
+
+def _goes_on(line: str, following: str) -> bool:
+    ends = re.search(r"(?:\b(?:and|or|not)|[-+*/%~&|<>=,({\[.])\s*(?:--.*)?$", line)
+    return bool(ends or re.match(r"\s*(?:(?:and|or)\b|[)}\]+*/%~&|<>=.]|-(?!-))", following))
 
 
 def _of_line(code: str) -> Iterator[tuple[str, str]]:
@@ -185,119 +170,86 @@ def _quoted(code: str, place: int) -> bool:
     return code[:place].count('"') % 2 == 1
 
 
-class Tests:
-    """A plug-in of pytest: the tests are collected once, and run once for each fault, in a process of its own."""
-
-    def __init__(self, work: Callable[[Tests], None]) -> None:
-        self._work = work
-        self._items: list[pytest.Item] = []
-        #: how long the tests may take (s of processor time); 0: as long as they like
-        self._limit_s = 0.0
-
-    @pytest.hookimpl(tryfirst=True)
-    def pytest_runtestloop(self, session: pytest.Session) -> bool:
-        assert not session.testsfailed, "the tests cannot be collected"
-        self._items = [item for item in session.items if "test_no_global_is_written" not in item.name]
-        self._work(self)
-        return True
-
-    def hold(self) -> bool:
-        """Whether all of them pass with the script as it comes; the time that takes is the measure for the faults."""
-        failed, took_s = self._fail(self._items)
-        self._limit_s = PATIENCE * took_s
-        return not failed
-
-    def notice(self, function: str) -> bool:
-        """Whether one of them fails with the script as it is now, whose fault is in `function`."""
-        first = [name for name, functions in LIKELY.items() if function.split(".", maxsplit=1)[0] in functions]
-        order = [*first, *FILES]
-
-        def rank(item: pytest.Item) -> tuple[bool, int]:
-            return SLOW.search(item.nodeid) is not None, order.index(item.path.stem)
-
-        return self._fail(sorted(self._items, key=rank))[0]
-
-    def _fail(self, items: Sequence[pytest.Item]) -> tuple[bool, float]:
-        """Whether one fails, and the time it took (s), in a process of its own: it may never end."""
-        child = os.fork()
-        if child == 0:
-            nowhere = os.open(os.devnull, os.O_WRONLY)
-            os.dup2(nowhere, 1)
-            os.dup2(nowhere, 2)
-            signal.setitimer(signal.ITIMER_PROF, self._limit_s)
-            for item, following in zip(items, [*items[1:], None], strict=True):
-                item.config.hook.pytest_runtest_protocol(item=item, nextitem=following)
-                if item.session.testsfailed:
-                    os._exit(1)
-            os._exit(0)
-        _, status, used = os.wait4(child, 0)
-        return status != 0, used.ru_utime + used.ru_stime
-
-
-def chosen_faults(source: str, arguments: Sequence[str]) -> tuple[dict[str, str], set[str]]:
-    """The faults to plant, and the names in the list of survivors that none of all faults has."""
-    options = argparse.ArgumentParser(prog="plant_faults", description=__doc__)
-    options.add_argument("--share", default="1/1", metavar="N/OF", help="every OF-th fault, from the N-th on")
-    options.add_argument("parts", nargs="*", metavar="PART", help="only faults with one of these in their name")
-    chosen = options.parse_args(arguments)
-    share = re.fullmatch(r"([1-9]\d*)/([1-9]\d*)", chosen.share)
+def chosen_faults(everything: Sequence[Fault], options: argparse.Namespace) -> list[Fault]:
+    """The faults to plant; listed survivors, which take longest, come last."""
+    share = re.fullmatch(r"([1-9]\d*)/([1-9]\d*)", options.share)
     if share is None or int(share[1]) > int(share[2]):
-        options.error(f"--share {chosen.share}: 1/2 is the first of two")
-    everything = dict(faults(source))
-    wanted = [name for name in everything if not chosen.parts or any(part in name for part in chosen.parts)]
+        raise SystemExit(f"plant_faults: --share {options.share}: 1/2 is the first of two")
+    wanted = [
+        fault
+        for fault in everything
+        if (not options.parts or any(part in fault.name for part in options.parts))
+        and not (options.new and fault.name in KNOWN_SURVIVORS)
+    ]
     mine = wanted[int(share[1]) - 1 :: int(share[2])]
-    return {name: everything[name] for name in mine}, set(KNOWN_SURVIVORS) - set(everything)
+    return sorted(mine, key=lambda fault: fault.name in KNOWN_SURVIVORS)
+
+
+def plant(chosen: Sequence[Fault], script: Path, tests: GuardTests, record: Record) -> None:
+    """Try each of these faults that has not been tried yet."""
+    for number, fault in enumerate(chosen, 1):
+        if fault.name in record.tried:
+            continue
+        begun = time.monotonic()
+        script.write_text(fault.source, encoding="utf-8")
+        by, used_s = tests.notice(fault.function, fault.lines, record.before.get(fault.name))
+        record.tried[fault.name] = by
+        record.write()
+        print(
+            f"{number}/{len(chosen)} {by}: {fault.name} "
+            f"({used_s:.1f} s of processor time, {time.monotonic() - begun:.0f} s)",
+            flush=True,
+        )
+
+
+def report(chosen: Sequence[Fault], record: Record, gone: set[str]) -> bool:
+    """Print the results by function; returns whether the survivors are those that are listed."""
+    alive = [fault for fault in chosen if record.tried[fault.name] == SURVIVED]
+    unknown = [fault for fault in alive if fault.name not in KNOWN_SURVIVORS]
+    stale = [fault.name for fault in chosen if fault.name in KNOWN_SURVIVORS and fault not in alive]
+    total, survived, new = (Counter(fault.function for fault in group) for group in (chosen, alive, unknown))
+    print(f"{'function or table':28} faults noticed listed unknown")
+    for name, count in total.items():
+        print(f"{name:28} {count:6} {count - survived[name]:7} {survived[name] - new[name]:6} {new[name]:7}")
+    for fault in unknown:
+        print(f"  survived: {fault.name}")
+    for name in sorted({*gone, *stale}):
+        print(f"  listed, but noticed or no fault any more: {name}")
+    print(
+        f"{len(chosen)} faults, {len(chosen) - len(alive)} noticed, {len(alive) - len(unknown)} known survivors, "
+        f"{len(unknown)} unknown",
+        flush=True,
+    )
+    return bool(chosen) and not (unknown or stale or gone)
 
 
 def main(arguments: Sequence[str]) -> int:
     """Plant the faults that the arguments choose.
 
-    Returns 1 if one survives that is not known, or a known one does not.
+    Returns 1 if one survives that is not known, or a known one does not; 2 if the tests fail without any fault.
     """
+    parser = argparse.ArgumentParser(prog="plant_faults", description="faults planted in the guard")
+    parser.add_argument("--share", default="1/1", metavar="N/OF", help="every OF-th fault, from the N-th on")
+    parser.add_argument("--new", action="store_true", help="leave out the survivors that are listed")
+    parser.add_argument("--record", type=Path, metavar="FILE", help="what has been found out: read and written")
+    parser.add_argument("parts", nargs="*", metavar="PART", help="only faults with one of these in their name")
+    options = parser.parse_args(arguments)
     source = SCRIPT.read_text(encoding="utf-8")
-    mine, gone = chosen_faults(source, arguments)
-    known = set(KNOWN_SURVIVORS) & set(mine)
-    alive: list[str] = []
-    begun = time.monotonic()
+    everything = list(faults(source))
+    chosen = chosen_faults(everything, options)
+    record = Record(options.record)
     with tempfile.TemporaryDirectory() as folder:
         script = Path(folder) / "scripts" / SCRIPT.name
         script.parent.mkdir()
         for extra in ("handover_guard.md", "handover.parm", "handover_plane.parm", ".luacheckrc"):
             (script.parent / extra).write_bytes((SCRIPT.parent / extra).read_bytes())
         script.write_text(source, encoding="utf-8")
-        sound: list[bool] = []
-
-        def work(tests: Tests) -> None:
-            sound.append(tests.hold())
-            for number, (name, faulty) in enumerate(mine.items() if sound[0] else ()):
-                if number and number % EVERY == 0:
-                    print(f"  {number} of {len(mine)} faults, {time.monotonic() - begun:.0f} s", flush=True)
-                script.write_text(faulty, encoding="utf-8")
-                if tests.notice(name.partition(":")[0]):
-                    continue
-                alive.append(name)
-                if name not in known:
-                    print(f"  survived: {name}", flush=True)
-
         os.environ["PLANTED_GUARD"] = str(script)
-        options = ["-q", "-s", "--no-header", "--tb=no", "--assert=plain", "-p", "no:cacheprovider", "-p", "no:xdist"]
-        options += ["--rootdir", str(ROOT), "-o", "addopts=", "--hypothesis-seed=0", "--no-summary"]
-        options += ["-o", "timeout=0"]  # of the wall clock: on a busy computer it would count as noticed
-        options += ["-W", "ignore::pytest.PytestAssertRewriteWarning"]
-        pytest.main([*options, *(str(TESTS / f"{name}.py") for name in FILES)], plugins=[Tests(work)])
-        if sound != [True]:
-            print("the tests fail without any fault, or cannot be collected")
-            return 2
-    total = len(mine)
-    stale = sorted(gone | (known - set(alive)))
-    for name in stale:
-        print(f"  listed, but noticed or no fault any more: {name}")
-    unknown = [name for name in alive if name not in known]
-    print(
-        f"{total} faults, {total - len(alive)} noticed, {len(alive) - len(unknown)} known survivors, {len(unknown)} "
-        f"unknown, {time.monotonic() - begun:.0f} s"
-    )
-    return 1 if unknown or stale or not total else 0
+        wrong = GuardTests(record, Path(folder) / "tests").collected(lambda tests: plant(chosen, script, tests, record))
+    if wrong:
+        print(f"without any fault: {wrong}")
+        return 2
+    return 0 if report(chosen, record, set(KNOWN_SURVIVORS) - {fault.name for fault in everything}) else 1
 
 
 if __name__ == "__main__":
