@@ -14,6 +14,7 @@ import json
 import os
 import resource
 import time
+from collections import Counter
 from collections.abc import Callable, Sequence
 from itertools import groupby, zip_longest
 from pathlib import Path
@@ -52,36 +53,75 @@ _BEYOND = 10_000
 
 
 class Record:
-    """Results so far, in a file if there is one: another run goes on from there."""
+    """Results so far, in a file if there is one: another run goes on from there.
+
+    If a file of tests has changed, its tests are recorded again. A fault that one of them noticed is tried again, and a
+    survivor is shown to the tests of this file only. After a change of the script every fault is tried again.
+    """
 
     def __init__(self, path: Path | None) -> None:
         self._path = path
-        files = [SCRIPT, *sorted(TESTS.glob("test_*.py")), TESTS / "stub.py", TESTS / "numbers.py"]
-        files += sorted((ROOT / "sitl" / "vehicles").glob("lua_*.py"))
-        self._of = hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
-        found = json.loads(path.read_text(encoding="utf-8")) if path is not None and path.exists() else {}
-        same = found.get("of") == self._of
+        common = [SCRIPT, TESTS / "stub.py", TESTS / "numbers.py"]
+        common += sorted((ROOT / "sitl" / "vehicles").glob("lua_*.py"))
+        self._common = _hash(*common)
+        self._files = {file.name: _hash(file) for file in sorted(TESTS.glob("test_guard_*.py"))}
         #: of each test: processor time (s), and the lines that it reaches, as bits
         self.tests: dict[str, tuple[float, int]] = {}
         #: of each fault that has been tried: the test that noticed it, or SURVIVED
         self.tried: dict[str, str] = {}
         #: the same with an earlier script, or with earlier tests
-        self.before: dict[str, str] = found.get("before", {})
-        if same:
-            self.tests = {name: (took_s, int(lines, 16)) for name, (took_s, lines) in found["tests"].items()}
-            self.tried = found["tried"]
-        else:
-            self.before |= found.get("tried", {})
+        self.before: dict[str, str] = {}
+        #: of each fault that survived: the files with the tests that did not notice it
+        self.survived: dict[str, set[str]] = {}
+        if path is not None and path.exists():
+            self._read(json.loads(path.read_text(encoding="utf-8")))
+
+    def _read(self, found: dict[str, Any]) -> None:
+        self.before = found["before"] | found["tried"]
+        if found["common"] != self._common:
+            return
+        same = {name for name, content in self._files.items() if found["files"].get(name) == content}
+        self.tests = {
+            name: (took_s, int(lines, 16)) for name, (took_s, lines) in found["tests"].items() if _file_of(name) in same
+        }
+        self.survived = {fault: same.intersection(files) for fault, files in found["survived"].items()}
+        self.tried = {
+            fault: by for fault, by in found["tried"].items() if _file_of(by) in same or found["files"] == self._files
+        }
+
+    def add(self, fault: str, by: str) -> None:
+        """Note the result of a fault, and write the file."""
+        self.tried[fault] = by
+        if by == SURVIVED:
+            self.survived[fault] = set(self._files)
+        self.write()
 
     def write(self) -> None:
         """Write the file, if there is one."""
         if self._path is None:
             return
-        tests = {name: (round(took_s, 3), f"{lines:x}") for name, (took_s, lines) in self.tests.items()}
-        text = json.dumps({"of": self._of, "tests": tests, "tried": self.tried, "before": self.before})
+        text = json.dumps(
+            {
+                "common": self._common,
+                "files": self._files,
+                "tests": {name: (round(took_s, 3), f"{lines:x}") for name, (took_s, lines) in self.tests.items()},
+                "tried": self.tried,
+                "before": self.before,
+                "survived": {fault: sorted(files) for fault, files in self.survived.items()},
+            }
+        )
         new = self._path.with_suffix(".new")
         new.write_text(text, encoding="utf-8")
         new.replace(self._path)
+
+
+def _hash(*files: Path) -> str:
+    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
+
+
+def _file_of(test: str) -> str:
+    """The name of the file that has the test."""
+    return test.partition("::")[0].rpartition("/")[2]
 
 
 class GuardTests:
@@ -133,12 +173,9 @@ class GuardTests:
             print(f"recorded: {path.name}, {len(of_file)} tests", flush=True)
         return ""
 
-    def notice(self, function: str, lines: range, before: str | None) -> tuple[str, float]:
-        """Which test notices the fault in the script, or SURVIVED, and the processor time that this took (s).
-
-        `before`: the test that noticed it in an earlier run.
-        """
-        tests = self._tests(function, lines, before)
+    def notice(self, name: str, function: str, lines: range) -> tuple[str, float]:
+        """Which test notices the fault in the script, or SURVIVED, and the processor time that this took (s)."""
+        tests = self._tests(name, function, lines)
         used_s = _used_by_children_s()
         answer = in_child(lambda: self._first_that_fails(tests))
         used_s = _used_by_children_s() - used_s
@@ -154,21 +191,29 @@ class GuardTests:
         row.insert(0, tests[answer])
         return tests[answer].nodeid, used_s
 
-    def _tests(self, function: str, lines: range, before: str | None) -> list[pytest.Item]:
+    def _tests(self, name: str, function: str, lines: range) -> list[pytest.Item]:
         """The tests that may notice a fault in these lines, those that will do so soonest first."""
+        record = self._record
         wanted = sum(1 << line for line in lines)
+        nowhere = not any(reached & wanted for _took_s, reached in record.tests.values())
+        did_not_notice = record.survived.get(name, ())
         last = self._noticed.get(function, [])[:REMEMBERED]
 
         def may_notice(item: pytest.Item) -> bool:
-            reached = self._record.tests[item.nodeid][1]
-            return not reached or bool(reached & wanted) or item.path.stem == READS_TEXT
+            reached = record.tests[item.nodeid][1]
+            reads_all = nowhere or not reached or item.path.stem == READS_TEXT
+            return item.path.name not in did_not_notice and (reads_all or bool(reached & wanted))
 
-        def rank(item: pytest.Item) -> tuple[bool, int, float]:
+        fastest_first = sorted(filter(may_notice, self._items), key=lambda item: record.tests[item.nodeid][0])
+        # a test notices mostly the same faults with other parameters, so each is asked once before any is asked again
+        rounds: Counter[str] = Counter()
+        ranks: dict[pytest.Item, tuple[bool, int, int]] = {}
+        for item in fastest_first:
             known = last.index(item) if item in last else len(last)
-            return item.nodeid != before, known, self._record.tests[item.nodeid][0]
-
-        nowhere = not any(reached & wanted for _took_s, reached in self._record.tests.values())
-        return sorted((item for item in self._items if nowhere or may_notice(item)), key=rank)
+            test = item.nodeid.partition("[")[0]
+            ranks[item] = item.nodeid != record.before.get(name), known, rounds[test]
+            rounds[test] += 1
+        return sorted(fastest_first, key=lambda item: ranks[item])
 
     def _first_that_fails(self, tests: Sequence[pytest.Item]) -> int:
         """In a fork: the number of the first test that fails, or how many there are."""

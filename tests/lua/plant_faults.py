@@ -15,8 +15,9 @@ One process has the tests in memory and tries each fault in a fork (`guard_tests
 the fault are asked: first those that noticed the last faults of the same function, then the fastest.
 
 `--record FILE` is read and written: what each test reaches, and which faults have been tried. A run that was ended goes
-on from there. After a change of the script or of the tests every fault is tried again, and the test that noticed it
-before is asked first. `--new` leaves out the listed survivors, each of which costs every test that reaches it.
+on from there. After a change of the tests, faults that a changed file noticed are tried again, and survivors are shown
+to changed files. After a change of the script every fault is tried again, and the test that noticed it before is asked
+first. `--new` leaves out the listed survivors, each of which costs every test that reaches it.
 `--share 1/2` and `--share 2/2` share the faults between two.
 
 A fault is named by function, operator and source line, so that its name survives an edit elsewhere in the file.
@@ -192,9 +193,8 @@ def plant(chosen: Sequence[Fault], script: Path, tests: GuardTests, record: Reco
             continue
         begun = time.monotonic()
         script.write_text(fault.source, encoding="utf-8")
-        by, used_s = tests.notice(fault.function, fault.lines, record.before.get(fault.name))
-        record.tried[fault.name] = by
-        record.write()
+        by, used_s = tests.notice(fault.name, fault.function, fault.lines)
+        record.add(fault.name, by)
         print(
             f"{number}/{len(chosen)} {by}: {fault.name} "
             f"({used_s:.1f} s of processor time, {time.monotonic() - begun:.0f} s)",
