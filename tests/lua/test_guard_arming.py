@@ -243,6 +243,16 @@ def test_a_guard_with_a_fault_lets_no_vehicle_arm(part: str) -> None:
     assert bench.refusal == FAULT
 
 
+def test_not_even_the_call_that_fails_lets_it_arm() -> None:
+    """The authorisation of that call is withdrawn in the call itself, not 50 ms later."""
+    bench = Bench(absent=["param.set"])
+    bench.sending = True
+    for _ in range(50):
+        bench.run(10)
+        assert not bench.may_arm
+    assert bench.status.state == 2
+
+
 #: takes a binding away and gives it back: in this host scripts share them
 BREAKER = """
 local there = vehicle.get_mode
