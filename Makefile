@@ -27,7 +27,7 @@ help:
 	@echo "make bench   speed against stock MAVProxy, transfer durations under loss and delay"
 	@echo "make explore every reachable state of the real core, deep"
 	@echo "make fuzz    coverage-guided fuzzing of gate, packages, ground link, serial stream, files (needs atheris)"
-	@echo "make mutants plant faults in gate and core, see the tests find them"
+	@echo "make mutants plant faults in gate, core and guard, see the tests find them"
 	@echo "make scenarios  fly every scenario on every vehicle there is"
 	@echo "make soak    an hour of cut leases on ArduCopter, at speed-up; ARGS='--arducopter PATH ...': on each of these"
 	@echo "make flights fly guard and energy in every situation on ArduPilot (ARGS as above), write the guard's table"
@@ -104,6 +104,7 @@ explore: $(VENV)/installed
 mutants: $(VENV)/installed
 	$(BIN)/python tests/mutation/run.py --lines $(VENV)/mutants-gate.lines
 	$(BIN)/python tests/mutation/core.py --record $(VENV)/mutants.json $(ARGS)
+	$(BIN)/python -m tests.lua.plant_faults --record $(VENV)/guard-mutants.json
 
 scenarios: $(VENV)/installed
 	$(BIN)/python -m sitl.fly_all $(ARGS)
