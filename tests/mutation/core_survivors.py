@@ -7,9 +7,6 @@ from __future__ import annotations
 __all__ = ["KNOWN_SURVIVORS"]
 
 KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
-    "common.model": {
-        "AuthorityView.armed: truth turned: False": "every view of the vehicle states it; only tests leave it out",
-    },
     "common.messages": {
         "before: comparison turned: self.epoch < other.epoch": "it is only called for two epochs that differ",
     },
