@@ -31,6 +31,7 @@ from gcs_module.core import (
 )
 from mavproxy_handover.core.authority.transfer_manager import READ_S
 from mavproxy_handover.core.common.messages import (
+    EPOCH_MAX,
     Connect,
     ConnectAck,
     ConnectHandover,
@@ -1232,3 +1233,67 @@ def test_a_stranger_has_a_name_all_the_same() -> None:
         "no station",
         "no station",
     ]
+
+
+@pytest.mark.parametrize(
+    ("zone", "other", "name"),
+    [(0, 0, "none"), (A, 0, "GCSA"), (A, B, "Handover Zone (GCSA and GCSB)"), (0, B, "none")],
+)
+def test_the_zones_of_two_stations_together_are_the_handover_zone(zone: int, other: int, name: str) -> None:
+    assert station(A).zone_name(zone, other) == name
+
+
+def test_a_partner_that_has_heard_of_the_transfer_by_its_announcement_alone_tells_how_its_commander_is_informed() -> (
+    None
+):
+    core = station(B, epoch=3)
+    core.handle(AuthorityHeard(Phase.ON_HANDOVER, A, B, 3, 7, why=Reason.ZONE), NOW)
+    told = notices(core.handle(FromVehicle(ConnectHandover(KEY)), NOW))
+    assert "GCSA is told by the vehicle: Drone Connected." in told
+
+
+def test_after_an_epoch_that_no_flight_has_connect_is_believed_too() -> None:
+    core = station(A, epoch=3)
+    core.handle(AuthorityHeard(Phase.ON_MISSION, A, None, EPOCH_MAX + 5), NOW)
+    assert core.epoch == EPOCH_MAX + 5
+    core.handle(FromVehicle(Connect(A, 1, 9, 4, B, "drone", DIGEST)), NOW)
+    assert (core.commander, core.epoch) == (B, 4)
+
+
+@pytest.mark.parametrize(("moved", "consent"), [(False, Consent.GRANTED), (True, Consent.WAITING)])
+def test_a_request_for_control_was_to_the_commander_of_then(moved: bool, consent: Consent) -> None:
+    core = station(B, asks=True)
+    core.handle(Wish(B), NOW)
+    core.handle(WishAnswered(B, True), NOW)
+    if moved:
+        core.handle(AuthorityHeard(Phase.ON_MISSION, C, None, 4), NOW)
+    key = TransferKey(C, B, 8, 4) if moved else KEY
+    actions = from_vehicle(core, HandoverRequest(key, Reason.ZONE))
+    assert [action.message.consent for action in words(actions) if isinstance(action, ToVehicle)] == [consent]
+
+
+class TestAfterAnEpochThatNoFlightHas:
+    """The station starts afresh with the vehicle's next message."""
+
+    def core(self) -> StationCore:
+        core = station(B, epoch=3)
+        core.handle(AuthorityHeard(Phase.ON_MISSION, A, None, EPOCH_MAX + 5), NOW)
+        return core
+
+    @pytest.mark.parametrize("epoch", [0, 1, EPOCH_MAX])
+    def test_every_epoch_that_a_flight_can_have_is_believed(self, epoch: int) -> None:
+        core = self.core()
+        core.handle(AuthorityHeard(Phase.ON_MISSION, C, None, epoch), NOW)
+        assert (core.commander, core.epoch) == (C, epoch)
+
+    def test_a_transfer_of_then_is_not_the_latest_one(self) -> None:
+        core = self.core()
+        from_vehicle(core, HandoverRequest(TransferKey(A, B, 9, EPOCH_MAX + 5), Reason.ZONE))
+        core.handle(AuthorityHeard(Phase.ON_MISSION, A, None, 4), NOW)
+        assert words(from_vehicle(core, HandoverRequest(TransferKey(A, B, 1, 4), Reason.ZONE)))
+
+    def test_a_transfer_that_the_same_message_announces_is_known(self) -> None:
+        core = self.core()
+        key = TransferKey(A, B, 1, 4)
+        announced(core, key)
+        assert words(from_vehicle(core, ConnectHandover(key)))

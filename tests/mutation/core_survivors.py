@@ -313,6 +313,9 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
         ),
     },
     "station.core": {
+        "__init__: truth turned: False in self._wish_accepted = False": "a request sets it before it is used",
+        "_update_authority: dropped from and/or: self._part.as_partner: self._part is not None and "
+        "self._part.as_partner and self._part.forced": "only a partner is asked by force",
         "__init__: number one more: 0 in self._why, self._crossing = (Reason.NONE, 0)": (
             "it is used only for the transfer that the vehicle has announced, and the announcement sets it"
         ),
