@@ -1297,3 +1297,28 @@ class TestAfterAnEpochThatNoFlightHas:
         key = TransferKey(A, B, 1, 4)
         announced(core, key)
         assert words(from_vehicle(core, ConnectHandover(key)))
+
+
+def consents(actions: list[Action]) -> list[Consent]:
+    return [
+        action.message.consent
+        for action in actions
+        if isinstance(action, ToVehicle) and isinstance(action.message, (OnHandover, OkHandover))
+    ]
+
+
+def test_a_request_for_control_counts_for_one_transfer() -> None:
+    core = station(B, asks=True)
+    core.handle(Wish(B), NOW)
+    core.handle(WishAnswered(B, True), NOW)
+    later = TransferKey(A, B, 8, 3)
+    assert consents(from_vehicle(core, HandoverRequest(KEY, Reason.ZONE))) == [Consent.GRANTED]
+    assert consents(from_vehicle(core, HandoverRequest(later, Reason.ZONE))) == [Consent.WAITING]
+    assert consents(from_vehicle(core, HandoverRequest(later, Reason.ZONE))) == [Consent.WAITING]
+
+
+def test_a_commander_that_asked_for_control_has_consented_to_no_handover() -> None:
+    core = station(A, asks=True)
+    core.handle(Wish(A), NOW)
+    core.handle(WishAnswered(A, True), NOW)
+    assert consents(from_vehicle(core, passed_on())) == [Consent.WAITING]
