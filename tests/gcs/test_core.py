@@ -35,11 +35,14 @@ from mavproxy_handover.core.common.messages import (
     Connect,
     ConnectAck,
     ConnectHandover,
+    CrossingKey,
     DisconnectHandover,
     DroneConnected,
+    HandoverAhead,
     HandoverRequest,
     HandoverResult,
     Message,
+    OkAhead,
     OkHandover,
     OnHandover,
     TransferKey,
@@ -1322,3 +1325,34 @@ def test_a_commander_that_asked_for_control_has_consented_to_no_handover() -> No
     core.handle(Wish(A), NOW)
     core.handle(WishAnswered(A, True), NOW)
     assert consents(from_vehicle(core, passed_on())) == [Consent.WAITING]
+
+
+def test_nor_to_the_one_at_the_border_ahead() -> None:
+    core = station(A, asks=True)
+    core.handle(Wish(A), NOW)
+    core.handle(WishAnswered(A, True), NOW)
+    ahead = HandoverAhead(CrossingKey(A, B, 5, 3), 40.0)
+    assert words(from_vehicle(core, ahead)) == [ToVehicle(OkAhead(ahead.key, Consent.WAITING))]
+
+
+@pytest.mark.parametrize(("commander", "told"), [(A, 1), (None, 0)])
+def test_how_the_commander_is_informed_is_told_of_a_commander_that_is_known(commander: int | None, told: int) -> None:
+    core = station(B, commander=commander)
+    texts = notices(from_vehicle(core, HandoverRequest(KEY, Reason.ZONE)))
+    assert len([text for text in texts if text.startswith("GCSA is told")]) == told
+
+
+def test_an_answer_to_another_stations_request_is_none_to_this_ones() -> None:
+    core = station(B, asks=True)
+    core.handle(Wish(B), NOW)
+    core.handle(WishAnswered(C, True), NOW)
+    assert consents(from_vehicle(core, HandoverRequest(KEY, Reason.ZONE))) == [Consent.WAITING]
+
+
+def test_a_request_that_answers_a_question_counts_for_no_other_transfer() -> None:
+    core = station(B, asks=True)
+    assert consents(from_vehicle(core, HandoverRequest(KEY, Reason.ZONE))) == [Consent.WAITING]
+    assert consents(core.handle(Wish(B), NOW)) == [Consent.GRANTED]
+    core.handle(WishAnswered(B, True), NOW)
+    later = HandoverRequest(TransferKey(A, B, 8, 3), Reason.ZONE)
+    assert consents(from_vehicle(core, later)) == [Consent.WAITING]

@@ -313,6 +313,14 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
         ),
     },
     "station.core": {
+        "_on_wish_answered: dropped from and/or: now < self._wished_until: answer.station == self._station.sysid and "
+        "now < self._wished_until": "an accepted request that is too old counts for nothing, and a new one sets it anew",
+        "_on_wish_answered: comparison turned: now < self._wished_until": "the same",
+        "_send_readiness: dropped from and/or: part is not None: consent is Consent.GRANTED and part is not None and "
+        "(part.key == key) and (not part.ready)": "the consent is that of the present part; the line is for the type "
+        "checker",
+        "_send_readiness: dropped from and/or: part.key == key: consent is Consent.GRANTED and part is not None and "
+        "(part.key == key) and (not part.ready)": "the same",
         "__init__: truth turned: False in self._wish_accepted = False": "a request sets it before it is used",
         "_update_authority: dropped from and/or: self._part.as_partner: self._part is not None and "
         "self._part.as_partner and self._part.forced": "only a partner is asked by force",
