@@ -314,7 +314,7 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
     },
     "station.core": {
         "_on_wish_answered: dropped from and/or: now < self._wished_until: answer.station == self._station.sysid and "
-        "now < self._wished_until": "an accepted request that is too old counts for nothing, and a new one sets it anew",
+        "now < self._wished_until": "a request that is too old counts for nothing, accepted or not",
         "_on_wish_answered: comparison turned: now < self._wished_until": "the same",
         "_send_readiness: dropped from and/or: part is not None: consent is Consent.GRANTED and part is not None and "
         "(part.key == key) and (not part.ready)": "the consent is that of the present part; the line is for the type "
