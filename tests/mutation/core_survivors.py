@@ -100,6 +100,8 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
         ),
     },
     "safety.learning": {
+        "_learn_power: dropped from and/or: not isfinite(watts): watts is None or not isfinite(watts) or "
+        "(not 0.0 < watts <= _MOST_W)": "what is no number, or infinite, is in no range",
         "value: comparison turned: self._sign > 0": "it is 1 or -1",
         "_power_level: number one more: 1 in return _Level(configured_w, LEAST_PART * configured_w, inf, 1)": (
             "any number above 0 will do"
@@ -115,6 +117,9 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
         ),
     },
     "safety.battery": {
+        "_REST: dropped: (3.73, 0.2)": "it lies on the line between its neighbours",
+        "_REST: dropped: (4.11, 0.9)": "the same",
+        "__init__: number one more: 0 in self._falls = 0": "the first report sets it",
         "rest_part: number one more: 2.0 in above = bisect_right(_REST, (cell_v, 2.0))": (
             "any number above every part will do"
         ),

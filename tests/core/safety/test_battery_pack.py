@@ -214,6 +214,11 @@ class TestJumps:
             bench.flies(now, report)
         assert bench.trouble(15.0)[0].startswith("battery 0 says that 30.0 Wh are left after ")
 
+    def test_what_is_left_meanwhile_is_kept_for_the_next_run(self) -> None:
+        bench = Bench(None).flies(10.0, PackReport(used_wh=20.0, voltage_v=12.0, current_a=30.0))
+        bench.flies(70.0, PackReport(used_wh=95.0, voltage_v=12.0, current_a=30.0))
+        assert bench.packs.memory[0].left_wh == about(74.0)
+
 
 class TestRest:
     """On the ground, without a load, the voltage limits what is left."""

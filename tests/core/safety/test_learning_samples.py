@@ -9,7 +9,7 @@ from math import inf, nan
 import pytest
 
 from mavproxy_handover.core.safety.energy import Wind
-from mavproxy_handover.core.safety.energy_prior import EnergySettings
+from mavproxy_handover.core.safety.energy_prior import ON_WINGS, EnergySettings
 from mavproxy_handover.core.safety.learning import Learner, Motion, _Level, _Winds
 
 SETTINGS = EnergySettings(
@@ -242,3 +242,43 @@ class TestLean:
             made.fly(sample, 100.0 + number)
         assert len(made._winds["lean limit"]._north) == counted
         assert made._airspeed._count == counted
+
+
+class TestCruise:
+    """What cruising takes: at the airspeed that it has in the wind, if that is near the one of cruise."""
+
+    def in_wind(self, from_deg: float, sample: Motion) -> Learner:
+        made = learner()
+        north, east = (-5.0, 0.0) if from_deg == 0.0 else (0.0, -5.0)
+        for number in range(5):
+            made._winds["autopilot"].add(north, east, 95.0 + number)
+        for number in range(2):
+            made.fly(sample, 100.0 + number)
+        return made
+
+    @pytest.mark.parametrize(
+        ("from_deg", "sample"), [(0.0, motion(north=3.0, watts=500.0)), (90.0, motion(east=3.0, watts=500.0))]
+    )
+    def test_it_counts_once_as_at_the_airspeed_of_cruise(self, from_deg: float, sample: Motion) -> None:
+        made = self.in_wind(from_deg, sample)
+        assert made._cruise._count == 1
+        assert made._cruise._recent[-1] == pytest.approx(350.0 + 150.0 * 1.25**3)
+
+    def test_slower_than_four_fifths_of_it_only_what_takes_more_counts(self) -> None:
+        assert self.in_wind(0.0, motion(north=2.9, watts=300.0))._cruise._count == 0
+        assert self.in_wind(0.0, motion(north=3.0, watts=300.0))._cruise._count == 1
+
+    @pytest.mark.parametrize(("watts", "counted"), [(400.0, 0), (400.5, 1)])
+    def test_without_a_wind_only_what_takes_more_counts(self, watts: float, counted: int) -> None:
+        sample = motion(north=9.0, watts=watts)
+        assert flown(sample, sample)._cruise._count == counted
+
+    def test_on_wings_every_steady_sample_counts(self) -> None:
+        made = Learner(SETTINGS, ON_WINGS)
+        for number in range(2):
+            made.fly(motion(north=1.5, watts=300.0), 100.0 + number)
+        assert made._cruise._count == 1
+
+
+def test_without_a_wind_and_a_configured_one_there_is_no_headwind() -> None:
+    assert learner(headwind_mps=0.0).model(100.0)[0].headwind_mps == 0.0
