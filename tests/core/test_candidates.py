@@ -248,6 +248,17 @@ class TestWhyAStationCannotBePartner:
         made.hold(Mission(bytes(32), (A, B, C)))
         assert told_of(made, A)[0] == ["GCSB cannot be partner: mission differs"]
 
+    def test_one_that_answers_no_more_is_silent_however_little_it_heard(self) -> None:
+        made = candidates()
+        made._presence[B].hearing.share, made._presence[B].answered_at = 0.2, NOW - 60.0
+        assert told_of(made, A)[0] == ["GCSB cannot be partner: partner silent"]
+
+    def test_what_the_file_refuses_is_named_however_little_it_hears(self) -> None:
+        made = candidates()
+        there = made._presence[B]
+        there.station, there.hearing.share = Station(B, "GCSB", False, StandingConsent.REFUSE), 0.2
+        assert told_of(made, A)[0] == ["GCSB cannot be partner: consent refused"]
+
     def test_one_that_could_be_partner_is_not_spoken_of(self) -> None:
         actions: list[Action] = []
         assert candidates().could_be_partner(B, A, NOW, actions)
@@ -266,8 +277,9 @@ class TestCommanderThatKeepsTheAircraft:
         made = self.refusing()
         actions: list[Action] = []
         assert made.reasons(A, NOW, actions) == {}
-        assert made.reasons(A, NOW, actions) == {}
         [record, advice] = actions
+        assert made.reasons(A, NOW, actions) == {}
+        assert len(actions) == 2
         assert isinstance(record, Record)
         assert (record.event, record.station) == ("handover_refused", A)
         assert isinstance(advice, Advise)

@@ -28,6 +28,11 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
         "__init__: number one more: 0 in self._of = (0, 0) (number 2)": "the same",
     },
     "authority.candidates": {
+        "could_be_partner: dropped from and/or: not presence.hearing.enough: why is Reason.PARTNER_SILENT and "
+        "presence.connected(now) and (not presence.hearing.enough)": (
+            "a connected station that counts as silent answers too few questions"
+        ),
+        "could_be_partner: dropped from and/or: why is not None: why is not None and news": "news have a reason",
         "_keeps: dropped from and/or: presence is not None: presence is not None and presence.station.consent is "
         "StandingConsent.REFUSE": "an owner is one of the stations; the line is for the type checker",
     },
@@ -216,6 +221,10 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
         "self.executor.held_for is not None": "an aircraft that an order holds stands by that order",
     },
     "safety.decision_executor": {
+        "mode_source_seen: dropped from and/or: not self._mode.piloted: event.flown in GIVES_BACK and "
+        "event.flown is self._mode.flown and (not self._mode.piloted)": (
+            "a pilot has ended the order, and a doubt about the commanded mode ends with the command"
+        ),
         "held_for: dropped: return None": (
             "a told decision that is no hold has cleared the cause of the hold: `carry_out` did, or a new mode"
         ),

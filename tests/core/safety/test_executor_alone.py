@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from math import inf
 
 import pytest
 
@@ -75,6 +76,7 @@ class TestPilot:
         ]
         assert helm(bench) == ["STABILIZE: a pilot has taken over"]
         assert (bench.safety.verification.order, bench.safety.held_since) == (None, None)
+        assert bench.safety.hold_timer.held_at == -inf
         assert bench.safety.executor.held_for is None
 
     def test_without_an_order_only_that_is_told_and_so_is_its_end(self) -> None:
@@ -115,6 +117,7 @@ class TestCommander:
         assert (bench.safety.verification.order, bench.safety.held_since) == (None, None)
         assert bench.safety.emergency.told == Decision(WARN, Cause.COVERAGE_ENDS)
         assert bench.safety.conditions.passed_at_m == 60.0
+        assert bench.safety.hold_timer.held_at == -inf
         assert bench.safety.executor.held_for is None
 
     def test_the_mode_that_is_flown_commanded_again_sends_the_aircraft_on(self) -> None:
@@ -260,6 +263,20 @@ class TestCarriedOut:
         assert flown(bench) == orders
         assert bench.safety.verification.order is (CONTINUE if orders else None)
 
+    def test_a_warning_of_another_cause_ends_an_order_whose_cause_is_gone(self) -> None:
+        bench = Bench(Limits(hold_off_s={Cause.GUARD_LOST: 0.0}))
+        bench.fly(AUTO)
+        bench.told.lost = True
+        bench.judge(NOW)
+        assert bench.safety.verification.order is RETURN
+        bench.told.lost = False
+        bench.position(108.0)
+        bench.flight.guard_said(GuardSeen(GuardState.DISABLED, ours=True), 108.0)
+        news = bench.judge(108.0)
+        assert news is not None
+        assert news.decision == Decision(WARN, Cause.GUARD_LOST)
+        assert bench.safety.verification.order is None
+
     def test_an_order_that_the_silent_autopilot_holds_back_stays_in_force(self) -> None:
         bench = self.lost()
         bench.flight._autopilot_at = NOW - 3.0
@@ -328,6 +345,19 @@ class TestVerified:
         text = "LAND again: the autopilot flies MISSION (commander lost)"
         assert texts == [[], [text], [], [text]]
         assert bench.actions == [Fly(FlightAction.LAND, Reason.COMMANDER_LOST)] * 3
+
+    def test_ten_seconds_after_it_was_told_it_is_told_again(self) -> None:
+        bench = Bench(Limits(policies={Cause.COMMANDER_LOST: "land"}, obey_s=5.0))
+        bench.fly(AUTO)
+        bench.told.lost = True
+        bench.judge(NOW)
+        told(bench)
+        counts = []
+        for now in (105.0, 110.0, 115.0):
+            bench.says(now)
+            bench.safety.executor.verify_order(bench.safety.facts.now(now), now, bench.actions)
+            counts.append(len(told(bench)))
+        assert counts == [1, 0, 1]
 
     def test_an_order_to_go_on_has_no_cause_any_more(self) -> None:
         bench = held_bench()
