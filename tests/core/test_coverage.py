@@ -223,6 +223,15 @@ class TestEndAhead:
         assert not transfer.unanswered(NOW)
         assert bench.ends_ahead is ahead
 
+    def test_a_partner_that_has_to_answer_first_does_not_cover_however_short_the_transfer_is(self) -> None:
+        bench = Bench()
+        bench.zones(A=3.0, B=None)
+        bench.candidates.pause(B, Reason.ZONE, Reason.PARTNER_SILENT, NOW)
+        bench.transfer()
+        assert bench.ends_ahead
+        bench.candidates.spoke(B)
+        assert not bench.ends_ahead
+
     def test_a_third_station_covers_though_the_partner_is_slow(self) -> None:
         bench = Bench()
         bench.zones(A=3.0, B=None, C=None)

@@ -39,6 +39,7 @@ def test_before_the_autopilot_has_spoken_nothing_is_known() -> None:
     assert not fresh.disarmed(0.0)
     assert not fresh.position_known(0.0)
     assert fresh.guard(0.0) is GuardState.SILENT
+    assert (fresh.circles_s, fresh.circle_m) == (0.0, 0.0)
 
 
 @pytest.mark.parametrize(("now", "counts"), [(100.0, True), (102.9, True), (103.0, False)])

@@ -233,6 +233,14 @@ class TestEndOfCoverageAhead:
         bench.told.lost = False
         assert bench.at(102.0) == frozenset()
 
+    def test_without_an_owner_no_border_is_passed(self) -> None:
+        bench = Bench()
+        bench.at(NOW, ENDS)
+        bench.conditions.overruled()
+        bench.told.owner = None
+        assert bench.at(101.0) == {Cause.COMMANDER_LOST}
+        assert bench.conditions.passed_at_m is None
+
     def test_a_commander_that_ordered_nothing_and_comes_back_finds_it_as_it_was(self) -> None:
         bench = Bench()
         bench.at(NOW, ENDS)

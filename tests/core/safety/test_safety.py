@@ -141,6 +141,13 @@ class TestHeldSince:
         bench.safety.verification.over()
         assert bench.safety.held_since is None
 
+    def test_an_aircraft_that_was_ordered_home_and_still_stands_has_been_held_since_then(self) -> None:
+        bench = held()
+        bench.told.lost = True
+        bench.judge(101.0)
+        assert bench.safety.executor.held_for is None
+        assert bench.safety.held_since == NOW
+
     def test_an_aircraft_that_stands_without_a_time_was_told_to_go_on(self) -> None:
         bench = held()
         bench.safety.hold_timer.overridden()
