@@ -13,6 +13,7 @@ from mavproxy_handover.core.safety.energy_prior import (
     ENERGY_KEYS,
     ENERGY_RANGES,
     ON_ROTORS,
+    ON_WINGS,
     EnergySettings,
     hover_power_w,
 )
@@ -157,3 +158,16 @@ def test_key_by_key_the_first_goes_before_the_second() -> None:
 def test_every_number_has_a_range() -> None:
     assert set(ENERGY_KEYS) == {entry.name for entry in fields(EnergySettings)}
     assert all(low < high for low, high in ENERGY_RANGES.values())
+
+
+def test_on_wings_hovering_alone_is_enough_and_on_rotors_cruising_alone_is_not() -> None:
+    hovers, cruises = EnergySettings(battery_wh=41.0, hover_w=350.0), EnergySettings(battery_wh=41.0, cruise_w=400.0)
+    assert hovers.missing_for(ON_WINGS) == cruises.missing_for(ON_WINGS) == ""
+    assert cruises.missing_for(ON_ROTORS) == "[energy] has neither hover_w nor mass_kg"
+    assert cruises.model() is None
+    assert cruises.model(prior=ON_WINGS) is not None
+
+
+def test_it_leans_thirty_degrees_where_nothing_is_said() -> None:
+    assert EnergySettings().lean_limit_deg == 30.0
+    assert EnergySettings(lean_deg=45.0).lean_limit_deg == 45.0
