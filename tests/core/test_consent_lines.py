@@ -35,6 +35,11 @@ def test_each_handover_of_the_route_that_a_refusal_prevents() -> None:
     )
 
 
+def test_a_handover_further_on_is_another_one() -> None:
+    lines = refused_on_route((OURS, STANDARD, REFUSES), (251, 252, 253))
+    assert lines == ('GCSC has consent = "refuse", and the route needs GCSB -> GCSC',)
+
+
 def test_a_station_of_the_route_that_is_not_known_is_named_by_its_number() -> None:
     assert refused_on_route((REFUSES,), (77, 253)) == (
         'GCSC has consent = "refuse", and the route needs station 77 -> GCSC',

@@ -531,6 +531,7 @@ class TestWithoutACommander:
 
 def test_a_request_of_another_station_ends_when_a_rehearsal_begins() -> None:
     bench = Bench().on_ground()
+    bench.position(*IN_BOTH)
     bench.give(bench.request(B))
     assert bench.arbiter.view.partner == B
     bench.give(RehearsalAsked(A, True))

@@ -637,3 +637,21 @@ def test_a_held_aircraft_that_its_commander_sends_on_stands_until_it_moves() -> 
     assert not watched.supervision.stands
     watched.supervision.sent_on(watched.now)
     assert (watched.supervision.stands, watched.supervision.order) == (True, CONTINUE)
+
+
+@pytest.mark.parametrize(
+    ("flown", "order", "unshown"),
+    [
+        (ModeClass.MISSION, RETURN, RETURN),
+        (ModeClass.RETURN, RETURN, None),
+        (ModeClass.RETURN, LAND, LAND),
+        (ModeClass.LAND, RETURN, None),
+        (None, RETURN, None),
+        (ModeClass.MISSION, HOLD, None),
+    ],
+)
+def test_an_order_home_or_down_need_not_show_at_once(
+    flown: ModeClass | None, order: FlightAction, unshown: FlightAction | None
+) -> None:
+    watched = Watched(flown).order(order)
+    assert watched.supervision.unshown(watched.helm, watched.now) is unshown
