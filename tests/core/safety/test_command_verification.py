@@ -655,3 +655,20 @@ def test_an_order_home_or_down_need_not_show_at_once(
 ) -> None:
     watched = Watched(flown).order(order)
     assert watched.supervision.unshown(watched.helm, watched.now) is unshown
+
+
+@pytest.mark.parametrize(
+    ("order", "speed_mps", "seen"),
+    [(HOLD, 0.9, OBEYED), (HOLD, 1.0, Seen.REFUSED), (RETURN, 0.5, Seen.REFUSED)],
+)
+def test_a_refused_order_counts_as_refused_unless_it_shows(order: FlightAction, speed_mps: float, seen: Seen) -> None:
+    watched = Watched(speed_mps=speed_mps).order(order)
+    watched.supervision.refused(order)
+    assert watched.look() is seen
+
+
+def test_a_refused_landing_is_due_again_after_a_second() -> None:
+    watched = Watched().order(LAND)
+    watched.supervision.refused(LAND)
+    assert watched.look() is None
+    assert watched.supervision.due_at == watched.now + 1.0
