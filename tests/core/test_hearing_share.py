@@ -167,7 +167,17 @@ class TestAnswers:
             if number < 6 or number > 25:
                 hearing.answered(100.0 + number, 100.0 + number)
             hearing.judge(100.5 + number)
-            assert hearing.barred
+            assert hearing.barred_at == 100.0
+
+    def test_three_tenths_are_well_enough(self) -> None:
+        hearing = barred()
+        for number in range(10):
+            hearing.asked(100.0 + number)
+            if number < 3:
+                hearing.answered(100.0 + number, 100.0 + number)
+        hearing._good_since = inf
+        hearing.judge(111.0)
+        assert (hearing.share, hearing._good_since) == (0.3, 111.0)
 
 
 class TestBars:

@@ -198,6 +198,7 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
         "_back_s: number one more: 10 in longer = _GROWTH ** max(0, min(self.losses, 10) - 1)": (
             "the longest time is reached before that"
         ),
+        "trust: dropped: self.begin()": "what is put in its place covers the time that counts, and is looked at first",
         "trust: number one more: 1 in count = int((self._window_s + self._limits.answer_s) / pause_s) + 1": (
             "one more question, too old to count"
         ),
