@@ -16,7 +16,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.safety.commands import Kind
 from mavproxy_handover.gate.intent import INTENT_MESSAGES, TARGET_MESSAGES, Aim, aim_of, intent_of, repeats, wish_of
-from mavproxy_handover.vehicle.profiles import COPTER, PLANE
+from mavproxy_handover.vehicle.profiles import COPTER, PLANE, Modes
 from mavproxy_handover.wire.frames import Frame
 
 Make = Callable[..., Frame]
@@ -112,7 +112,15 @@ OF_WINGS: list[tuple[str, dict[str, Any], str, Aim]] = [
             "target",
             Aim(3, 52.5, 6.25, 40.0, radius_m=told),
         )
-        for radius, told in ((0.0, 0.0), (300.7, 300.0), (1.9, 0.0), (-300.0, 0.0), (math.nan, 0.0), (1e9, 65535.0))
+        for radius, told in (
+            (0.0, 0.0),
+            (300.7, 300.0),
+            (1.9, 0.0),
+            (2.0, 2.0),
+            (-300.0, 0.0),
+            (math.nan, 0.0),
+            (1e9, 65535.0),
+        )
     ),
     ("COMMAND_INT", {"command": 192, "param3": math.inf}, "target", Aim(0, 0.0, 0.0, 0.0, radius_m=65535.0)),
     ("COMMAND_LONG", {"command": 186, "param1": 500.0, "param2": 3.0}, "altitude", Aim(3, 0.0, 0.0, 500.0, here=True)),
@@ -129,6 +137,51 @@ def test_what_a_frame_wants_of_wings(make: Make, name: str, fields: dict[str, An
     assert (intent.kind, intent.word, intent.aim) == (FLY_TO, word, aim)
     if word == "altitude":
         assert intent_of(make(name, **fields), COPTER.gate) is None
+
+
+def test_an_item_of_an_upload_is_not_judged_of_wings_either(make: Make) -> None:
+    assert intent_of(make("MISSION_ITEM_INT", current=0, frame=6, z=600.0), PLANE.gate) is None
+
+
+@pytest.mark.parametrize(
+    ("modes", "kinds"),
+    [
+        (COPTER.gate, {0.0: 0, 0.85: 0, 1.0: 1, 2.0: 2, 2.85: 2, 3.0: 3, 7.0: 3, math.nan: 0}),
+        (PLANE.gate, {0.0: 0, 1.0: 1, 2.9: 2, 3.0: 3, 7.0: 7, 257.0: 1, math.inf: 0}),
+    ],
+)
+def test_the_kind_of_a_speed_is_read_as_the_autopilot_reads_it(
+    make: Make, modes: Modes, kinds: dict[float, int]
+) -> None:
+    for asked, kind in kinds.items():
+        intent = intent_of(make("COMMAND_LONG", command=178, param1=asked, param2=12.0, param3=40.0), modes)
+        assert intent is not None
+        assert (intent.speed_mps, intent.speed_type, intent.throttle) == (12.0, kind, 40.0), asked
+
+
+@pytest.mark.parametrize(
+    ("name", "fields"),
+    [("COMMAND_LONG", {"command": 300, "param1": 2.0, "param3": 40.0}), ("SET_MODE", {"custom_mode": 3})],
+)
+def test_what_is_no_speed_says_nothing_of_one(make: Make, name: str, fields: dict[str, Any]) -> None:
+    intent = intent_of(make(name, **fields))
+    assert intent is not None
+    assert (intent.speed_mps, intent.speed_type, intent.throttle, intent.repeats) == (None, 0, 0.0, False)
+
+
+def test_a_place_counts_as_a_place_and_not_as_a_height(make: Make) -> None:
+    intent = intent_of(make("COMMAND_INT", command=192, frame=6, z=40.0))
+    assert intent is not None
+    assert intent.aim is not None
+    assert intent.aim.here is False
+
+
+@pytest.mark.parametrize("number", [math.nan, math.inf, -math.inf])
+def test_a_number_that_is_none_may_be_any_mode_or_switch(make: Make, number: float) -> None:
+    for fields in ({"command": 176, "param2": number}, {"command": 218, "param1": number, "param2": 2.0}):
+        intent = intent_of(make("COMMAND_LONG", **fields))
+        assert intent is not None
+        assert (intent.kind, intent.word) == (GO_ON, "AUTO")
 
 
 @pytest.mark.parametrize("name", ["COMMAND_LONG", "COMMAND_INT"])
@@ -221,6 +274,13 @@ FORMS: list[tuple[tuple[str, dict[str, Any]], tuple[str, dict[str, Any]], bool]]
         True,
     ),
     (("COMMAND_LONG", {"command": 300, "param1": 0.0}), ("COMMAND_INT", {"command": 300, "param1": 0.0}), True),
+    (("COMMAND_LONG", {"command": 21}), ("COMMAND_INT", {"command": 21, "frame": 6}), True),
+    (("COMMAND_LONG", {"command": 178, "param5": 6.0}), ("COMMAND_INT", {"command": 178, "x": 6}), True),
+    (("COMMAND_LONG", {"command": 178, "param3": 40.0}), ("COMMAND_LONG", {"command": 178, "param3": 50.0}), False),
+    (("COMMAND_LONG", {"command": 176, "param1": math.nan}), ("COMMAND_LONG", {"command": 176, "param1": 1.0}), False),
+    (("COMMAND_LONG", {"command": 176, "param2": math.nan}), ("COMMAND_LONG", {"command": 176, "param2": 3.0}), False),
+    (("SET_ATTITUDE_TARGET", {"thrust": 0.5}), ("SET_ATTITUDE_TARGET", {"thrust": 0.5}), True),
+    (("SET_ATTITUDE_TARGET", {"thrust": 0.5}), ("SET_ATTITUDE_TARGET", {"thrust": 0.6}), False),
 ]
 
 
@@ -279,6 +339,7 @@ def test_of_a_stream_wings_take_the_height_alone(make: Make, mask: int) -> None:
     ("aim", "sense"),
     [
         (Aim(3, 52.0, 6.0, 40.0), True),
+        (Aim(3, 90.0, -180.0, 40.0), True),
         (Aim(3, 90.1, 6.0, 40.0), False),
         (Aim(3, 52.0, -180.1, 40.0), False),
         (Aim(3, math.nan, 6.0, 40.0), False),

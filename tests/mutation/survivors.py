@@ -50,6 +50,21 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
         ),
         "more frames than need be are judged by `decide`, which finds the same",
     ),
+    "intent": {
+        "_is_one: dropped: return False (number 2)": "a mode that is no number is AUTO before it is FOLLOW",
+        "_is_one: number one more: 0 in return rule.also is None or _holds(field_float(frame, f'param{rule.also[0]}'), "
+        "rule.also[1": "the two numbers of these rules are equal: parameter 2, value 2",
+        "_speed_type: comparison turned: asked > 2.9": "2.9 is no number of 32 bits",
+        "_speed_type: number one more: 2.9 in return 3 if asked > 2.9 else int(asked + 0.1)": (
+            "from 2.9 to 3.9 both ways give 3"
+        ),
+        "aim_of: dropped from and/or: frame.msgid == _GLOBAL: modes.takes_heights and frame.msgid == _GLOBAL": (
+            "of wings the other messages are handled before"
+        ),
+        "_as_bytes: number one more: 0.0 in return _FLOATS.pack(*numbers, *(0.0,) * (7 - len(numbers)))": (
+            "what fills up is the same in all that are compared"
+        ),
+    },
     "list_file": {
         "access: dropped from and/or: aim is None: file is None or aim is None or aim[1] not in (EVERYBODY, "
         "AUTOPILOT_COMPID)": "a request of file transfer has an address",
