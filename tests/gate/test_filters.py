@@ -13,10 +13,12 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.common.model import AuthorityView, LeaseState, Phase
 from mavproxy_handover.gate.client_capabilities import Dialect
-from mavproxy_handover.gate.judge import Fate, GateReason
+from mavproxy_handover.gate.filters import Filter
+from mavproxy_handover.gate.judge import Fate, GateReason, Verdict
 from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.wire.frames import Frame
 from tests.gate.door import Door
+from tests.gate.frames import ftp_request
 from tests.gate.ledger import GCSA, GCSB, VEHICLE, A, B
 
 Make = Callable[..., Frame]
@@ -82,6 +84,15 @@ class TestCommandsInFlight:
         door.change(replace(FLYING, phase=Phase.ON_LOAD, armed=False))
         came = door.up(A, make("COMMAND_LONG", command=400, param1=1.0))
         assert (came.verdict.fate, came.passed, door.asked) == (Fate.CONSUME, [], [])
+        came = door.up(A, make("COMMAND_LONG", command=300))
+        assert (came.verdict.fate, came.passed, door.asked) == (Fate.CONSUME, [], []), "START"
+        assert door.up(A, auto(make)).verdict.fate is Fate.FORWARD
+        assert door.asked == []
+
+    def test_what_the_policy_refuses_in_a_rehearsal_is_not_asked_about(self, door: Door, make: Make) -> None:
+        door.change(replace(FLYING, rehearsal=True))
+        assert door.up(A, make("COMMAND_LONG", command=300)).verdict.fate is Fate.REFUSE
+        assert door.asked == []
 
     def test_a_part_of_an_upload_stays_with_the_companion(self, door: Door, make: Make) -> None:
         came = door.up(A, make("MISSION_COUNT", count=3, mission_type=0))
@@ -99,6 +110,51 @@ class TestServedFiles:
         dropped = door.up(B, make("FILE_TRANSFER_PROTOCOL", sysid=GCSB, **{**request, "target_system": VEHICLE + 1}))
         assert (dropped.verdict.fate, dropped.verdict.reason) == (Fate.DROP, GateReason.OTHER_TARGET)
 
+    def test_the_commander_alone_may_write_one(self, door: Door, make: Make) -> None:
+        door.change(replace(FLYING, phase=Phase.ON_LOAD, armed=False))
+        door.served_file = lambda _station, _frame: Access.RALLY_WRITE
+        assert door.up(A, make("FILE_TRANSFER_PROTOCOL")).verdict.fate is Fate.CONSUME
+        refused = door.up(B, make("FILE_TRANSFER_PROTOCOL", sysid=GCSB)).verdict
+        assert (refused.fate, refused.reason) == (Fate.REFUSE, GateReason.NOT_IN_CONTROL)
+
+
+def test_an_observer_may_end_its_own_reading_of_a_file_and_no_other(door: Door, make: Make) -> None:
+    door.change(replace(FLYING, phase=Phase.ON_LOAD, armed=False))
+    ends = make("FILE_TRANSFER_PROTOCOL", sysid=GCSB, payload=ftp_request(1, b""))
+    assert door.up(B, ends).verdict.fate is Fate.REFUSE
+    door.up(B, make("FILE_TRANSFER_PROTOCOL", sysid=GCSB, payload=ftp_request(4, b"x")))
+    assert door.up(B, ends).verdict.fate is Fate.FORWARD
+
+
+def test_sticks_of_who_does_not_command_are_dropped_for_that_reason_on_the_ground_too(door: Door, make: Make) -> None:
+    door.change(replace(FLYING, phase=Phase.ON_LOAD, armed=False))
+    dropped = door.up(B, make("RC_CHANNELS_OVERRIDE", sysid=GCSB, chan1_raw=1500)).verdict
+    assert (dropped.fate, dropped.reason) == (Fate.DROP, GateReason.NOT_IN_CONTROL)
+    dropped = door.up(A, make("RC_CHANNELS_OVERRIDE", chan1_raw=1500)).verdict
+    assert (dropped.fate, dropped.reason) == (Fate.DROP, GateReason.NOT_ARMED)
+
+
+@pytest.mark.parametrize(
+    ("access", "msgid", "commands", "sees"),
+    [
+        (Access.STREAM, 9, True, True),
+        (Access.COMMAND, 9, True, False),
+        (Access.STREAM, 8, True, False),
+        (Access.STREAM, None, True, False),
+        (Access.STREAM, 9, False, False),
+    ],
+)
+def test_a_filter_sees_its_messages_of_its_classes_and_its_stations(
+    access: Access, msgid: int | None, commands: bool, sees: bool
+) -> None:
+    def limit(_frame: Frame, verdict: Verdict, _station: int, _now: float) -> Verdict:
+        return verdict
+
+    row = Filter("some", frozenset({Access.STREAM}), limit, frozenset({9}), commands=True)
+    assert row.sees(access, msgid, commands) is sees
+    assert row._replace(messages=None).sees(Access.STREAM, msgid, commands) is commands
+    assert row._replace(commands=None).sees(Access.STREAM, 9, commands)
+
 
 class TestCommandsOfTheCompanion:
     """A command that the autopilot does not know."""
@@ -114,3 +170,13 @@ class TestCommandsOfTheCompanion:
         door.command_passes = False
         came = door.up(A, make("COMMAND_LONG", **CONTINUE))
         assert (came.verdict.fate, came.passed) == (Fate.REFUSE, [])
+
+    @pytest.mark.parametrize("view", [replace(FLYING, phase=Phase.ON_LOAD), replace(FLYING, rehearsal=True)])
+    def test_on_the_ground_and_in_a_rehearsal_it_is_the_autopilots(
+        self, door: Door, make: Make, view: AuthorityView
+    ) -> None:
+        door.change(view)
+        door.takes_over = lambda _frame: True
+        frame = make("COMMAND_LONG", **CONTINUE)
+        came = door.up(A, frame)
+        assert (came.verdict.fate, came.passed) == (Fate.FORWARD, [frame.raw])

@@ -14,7 +14,8 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.core.common.model import AuthorityView, LeaseState, Phase
 from mavproxy_handover.gate.flush import FlushTracker
 from mavproxy_handover.gate.gate import UNNOTED
-from mavproxy_handover.gate.judge import Fate, GateReason
+from mavproxy_handover.gate.judge import Fate, GateReason, Verdict
+from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.vehicle.profiles import COPTER, PLANE, Modes
 from mavproxy_handover.wire.frames import Frame, parse_one
 from mavproxy_handover.wire.ids import GUARD_STATUS_TUNNEL
@@ -178,6 +179,16 @@ def test_so_many_frames_wait_to_be_noted_at_most(door: Door, make: Make) -> None
     assert len(door.frames.unnoted) == UNNOTED - 1
     door.up(A, frame)
     assert (len(door.frames.unnoted), door.gate.counts[GCSA][GateReason.ALLOWED]) == (0, UNNOTED)
+    assert UNNOTED == 512
+
+
+def test_a_camera_of_the_commanders_number_does_not_command(door: Door, make: Make) -> None:
+    door.change(replace(OF_A, phase=Phase.ON_LOAD))
+    door.served_file = lambda _station, _frame: Access.RALLY_WRITE
+    write = ftp_request(6, b"@MISSION/rally.dat")
+    assert door.up(A, make("FILE_TRANSFER_PROTOCOL", payload=write)).verdict.fate is Fate.CONSUME
+    came = door.up(A, make("FILE_TRANSFER_PROTOCOL", compid=100, payload=write))
+    assert (came.verdict.fate, came.verdict.reason) == (Fate.REFUSE, GateReason.NOT_IN_CONTROL)
 
 
 # ---- up: answers -----------------------------------------------------------------------------------------------------
@@ -301,6 +312,10 @@ def test_only_the_stations_own_heartbeat_is_its_sign_of_life(
     assert door.gate.sign_of_life(door.ports[GCSA], frame) is is_one
 
 
+def test_the_heartbeat_of_a_camera_of_the_same_number_is_not_the_stations(door: Door, make: Make) -> None:
+    assert not door.gate.sign_of_life(door.ports[GCSA], make("HEARTBEAT", compid=100))
+
+
 def test_a_station_that_is_said_to_have_the_vehicles_id_gives_no_sign_of_life(make: Make) -> None:
     door = Door(stations=[replace(A, sysid=VEHICLE)])
     assert not door.gate.sign_of_life(door.ports[VEHICLE], make("HEARTBEAT", sysid=VEHICLE))
@@ -375,8 +390,16 @@ def test_parameter_files_are_thrown_away_at_arming_whoever_commands_on(door: Doo
     assert door.change(replace(OF_A, armed=True, epoch=5)) == []
 
 
-def test_without_a_commander_arming_throws_nothing_away(door: Door) -> None:
+def test_without_a_commander_or_in_flight_nothing_is_thrown_away(door: Door, make: Make) -> None:
+    """No station can open such a file then: this is what the gate does if one is open all the same."""
+    frame = make("FILE_TRANSFER_PROTOCOL", payload=ftp_request(6, b"@PARAM/param.pck"))
+    forwarded = Verdict(Fate.FORWARD, Access.MAINTENANCE, GateReason.ALLOWED, "")
+    in_flight = replace(OF_A, armed=True)
+    door.change(in_flight)
+    door.frames.flusher.saw(frame, forwarded, GCSA)
+    assert door.change(replace(in_flight, epoch=5)) == []
     door.change(OF_NOBODY)
+    door.frames.flusher.saw(frame, forwarded, GCSA)
     assert door.change(replace(OF_NOBODY, armed=True)) == []
 
 
@@ -418,6 +441,21 @@ def test_of_operator_control_the_stations_hear_the_companion_alone(door: Door, m
     assert door.down(status) == set()
     assert door.down(status._replace(compid=42)) == set()
     assert door.down(make("CONTROL_STATUS", sysid=9)) == {GCSA, GCSB, GCSC}, "another vehicle's"
+
+
+def test_the_caller_is_told_of_frames_in_the_companions_name_alone(door: Door, make: Make) -> None:
+    def told(frame: Frame) -> bool:
+        return not door.gate.down(frame, door.now)
+
+    assert told(make("HEARTBEAT", sysid=VEHICLE, compid=191))
+    assert not told(make("HEARTBEAT", sysid=VEHICLE, compid=1))
+    assert not told(make("CONTROL_STATUS", sysid=VEHICLE, compid=1))
+    asks = make("PARAM_REQUEST_READ", sysid=VEHICLE, compid=191, param_id=b"FS_OPTIONS")
+    door.frames.companion_sent(asks.raw, door.now)
+    value = make("PARAM_VALUE", sysid=VEHICLE, compid=1, param_id=b"FS_OPTIONS", param_index=65535)
+    heard = len(door.ports[GCSA].heard)
+    assert not told(value)
+    assert len(door.ports[GCSA].heard) == heard, "it answered the companion"
 
 
 def test_what_guard_and_companion_tell_each_other_stays_aboard(door: Door, make: Make) -> None:

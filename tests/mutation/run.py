@@ -49,7 +49,14 @@ PYTEST = (
 )
 #: Module -> tests that are to notice its faults.
 TESTED = {
-    "gate": ("test_gate.py", "test_filters.py", "test_downlink.py", "test_questions.py", "test_stale_streams.py"),
+    "gate": (
+        "test_gate.py",
+        "test_filters.py",
+        "test_downlink.py",
+        "test_questions.py",
+        "test_stale_streams.py",
+        "test_log_download.py",
+    ),
     "filters": (
         "test_filters.py",
         "test_targets.py",

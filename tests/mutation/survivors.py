@@ -11,6 +11,7 @@ _TRACE = "how much of a trace people get to read"
 _NONE_IS_NO_KEY = "None is in no table either"
 
 KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
+    "gate": {"up: dropped from and/or: passed.unnoted: not commands and passed.unnoted": _ONLY_SAVES_TIME},
     "passed": {
         "companion_sent: truth turned: True in frame = parse_one(raw, proven=True)": (
             "the companion's own frames have the right checksum"
