@@ -94,6 +94,17 @@ class TestCommandsInFlight:
         assert door.up(A, make("COMMAND_LONG", command=300)).verdict.fate is Fate.REFUSE
         assert door.asked == []
 
+    def test_a_command_for_another_aircraft_is_dropped_unasked(self, door: Door, make: Make) -> None:
+        came = door.up(A, auto(make, target_system=VEHICLE + 1))
+        assert (came.verdict.fate, came.verdict.reason) == (Fate.DROP, GateReason.OTHER_TARGET)
+        assert (came.passed, door.asked) == ([], [])
+
+    def test_a_rally_point_is_no_target_whatever_it_says(self, door: Door, make: Make) -> None:
+        """MISSION_ITEM with current 2 is a place to fly to, but one of the rally list is the companion's."""
+        came = door.up(A, make("MISSION_ITEM_INT", mission_type=2, current=2, frame=6, z=40.0))
+        assert (came.verdict.fate, came.verdict.access) == (Fate.CONSUME, Access.RALLY_WRITE)
+        assert (came.passed, door.asked) == ([], [])
+
     def test_a_part_of_an_upload_stays_with_the_companion(self, door: Door, make: Make) -> None:
         came = door.up(A, make("MISSION_COUNT", count=3, mission_type=0))
         assert (came.verdict.fate, came.passed, door.asked) == (Fate.CONSUME, [], [])
@@ -164,6 +175,11 @@ class TestCommandsOfTheCompanion:
         came = door.up(A, make("COMMAND_LONG", **CONTINUE))
         assert (came.verdict.fate, came.verdict.reason, came.passed) == (Fate.CONSUME, GateReason.COMPANION, [])
         assert len(door.asked) == 1
+
+    def test_what_is_no_command_is_the_autopilots(self, door: Door, make: Make) -> None:
+        door.takes_over = lambda _frame: True
+        frame = make("PING")
+        assert door.up(A, frame).passed == [frame.raw]
 
     def test_what_the_situation_forbids_is_refused(self, door: Door, make: Make) -> None:
         door.takes_over = lambda _frame: True
