@@ -6,11 +6,15 @@ from __future__ import annotations
 
 from itertools import pairwise
 
+import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.common.model import AuthorityView
+from mavproxy_handover.gate.judge import Fate
 from mavproxy_handover.gate.log_download import (
+    BURST_BYTES,
     LEAST_PACE_BYTES_PER_S,
+    LOW_BYTES,
     MOST_BYTES,
     MOST_PACE_BYTES_PER_S,
     MOST_REQUESTS,
@@ -20,7 +24,7 @@ from mavproxy_handover.gate.log_download import (
 )
 from mavproxy_handover.wire.frames import Frame, parse_one
 from tests.gate.door import Door
-from tests.gate.ledger import GCSA, VEHICLE, A
+from tests.gate.ledger import GCSA, GCSB, VEHICLE, A, B
 
 ALL = 0xFFFFFFFF
 WHOLE = 90
@@ -410,6 +414,231 @@ def test_an_ended_download_sends_nothing_more() -> None:
     assert bench.download.queued_bytes == 0
 
 
+# ---- the limits, one by one ----------------------------------------------------------------------------------------
+
+
+def asks(begin: int, count: int) -> tuple[str, int, int]:
+    return "LOG_REQUEST_DATA", begin, count
+
+
+def test_the_sizes_and_paces() -> None:
+    assert (LEAST_PACE_BYTES_PER_S, PACE_BYTES_PER_S, MOST_PACE_BYTES_PER_S) == (45_000.0, 360_000.0, 5_760_000.0)
+    assert (BURST_BYTES, LOW_BYTES, MOST_BYTES, PIECE_BYTES) == (16_384.0, 65_536, 524_288, PIECE)
+
+
+def test_without_a_download_there_is_nothing_to_do() -> None:
+    bench = Bench()
+    bench.download.tick(bench.now)
+    assert (bench.download.queued_bytes, bench.download.send(bench.now), bench.asked()) == (0, False, [])
+
+
+def test_a_request_ends_with_the_last_byte_that_a_log_can_have() -> None:
+    bench = Bench()
+    bench.ask(ALL - 50)
+    assert bench.asked() == [asks(ALL - 50, 50)]
+
+
+def test_a_silence_with_frames_that_wait_here_ends_no_download() -> None:
+    bench = Bench(flow_controlled=True)
+    bench.station.room = 0
+    bench.ask(0, 1800)
+    bench.row(10)
+    bench.now += 0.6
+    bench.ask(5000, 90)
+    assert bench.download.queued_bytes == 10 * FRAME
+
+
+def test_half_a_second_of_silence_is_none_yet() -> None:
+    bench = Bench()
+    bench.ask(0)
+    bench.now += 0.5
+    bench.ask(900, 90)
+    assert bench.asked() == [asks(0, PIECE)]
+
+
+def test_the_request_of_another_station_begins_a_download_of_its_own() -> None:
+    bench, other = Bench(), Station()
+    bench.ask(0)
+    bench.download.asked(other, request(0), bench.now)
+    assert bench.asked() == [asks(0, PIECE)] * 2
+    assert bench.download.keeps(other, data(0), data(0).raw, bench.now)
+
+
+def test_a_request_that_is_repeated_is_served_once() -> None:
+    bench = Bench()
+    bench.ask(180, 90)
+    bench.ask(180, 90)
+    bench.come(180)
+    assert bench.asked() == [asks(180, 90)]
+    assert not bench.come(270), "nothing is served any more"
+
+
+def test_what_is_no_rest_of_the_request_that_is_served_waits_for_its_turn() -> None:
+    for again in (request(180, log=8), request(180, 90), request(900)):
+        bench = Bench()
+        bench.ask(0)
+        bench.row(10)
+        bench.asked()
+        bench.download.asked(bench.station, again, bench.now)
+        assert bench.asked() == []
+
+
+def pace_after(*begins: int, sent: bool = True, log: int = 7) -> float:
+    """The pace after ten frames and these requests, which are a second apart."""
+    bench = Bench()
+    bench.ask(0, 900)
+    bench.row(10)
+    if sent:
+        bench.download.send(bench.now)
+    for begin in begins:
+        bench.download.asked(bench.station, request(begin, 900, log), bench.now)
+        bench.now += 1.0
+    return bench.download._pace
+
+
+def test_the_pace_of_the_next_request() -> None:
+    full = PACE_BYTES_PER_S
+    assert pace_after(900) == 2 * full, "the next part"
+    assert pace_after(900, sent=False) == full, "the next part, though the one before was not sent"
+    assert pace_after(1800) == full, "another part"
+    assert pace_after(90) == full / 2, "a part that was lost"
+    assert pace_after(90, 180) == full / 4, "another one a second later"
+    assert pace_after(450, log=8) == full, "of another log nothing was lost"
+    bench = Bench()
+    bench.ask(0)
+    bench.ask(1, 90)
+    assert bench.download._pace == full
+
+
+def test_an_end_of_log_at_a_place_that_was_asked_for_again_is_not_passed_on() -> None:
+    bench = Bench()
+    bench.ask(0, 1800)
+    bench.row(9)
+    bench.run(0.4)
+    bench.asked()
+    bench.download.tick(bench.now)
+    assert bench.asked() == [asks(810, 990)]
+    assert bench.come(810, 0)
+    bench.run(0.1)
+    assert bench.station.got == [number * WHOLE for number in range(9)]
+
+
+def test_an_end_of_log_at_the_place_that_the_station_asked_for_is_passed_on_though_it_was_asked_for_again() -> None:
+    bench = Bench()
+    bench.ask(180, 900)
+    bench.now += 0.4
+    bench.download.tick(bench.now)
+    assert bench.come(180, 0)
+    bench.run(0.1)
+    assert bench.station.got == [180]
+
+
+def test_the_autopilot_is_asked_again_three_tenths_after_it_was_heard() -> None:
+    bench = Bench(flow_controlled=True)
+    bench.now = 0.0
+    bench.ask(0, 900)
+    bench.asked()
+    bench.download.tick(0.29)
+    assert bench.asked() == []
+    bench.download.tick(0.3)
+    assert bench.asked() == [asks(0, 900)]
+    bench.now = 0.5
+    bench.come(0)
+    bench.download.send(bench.now)
+    bench.download.tick(0.7)
+    assert bench.asked() == []
+
+
+def test_after_a_short_frame_and_after_the_end_of_the_log_the_next_request_is_served() -> None:
+    bench = Bench()
+    bench.ask(0)
+    bench.ask(9000, 90)
+    bench.asked()
+    bench.come(0, 12)
+    assert bench.asked() == [asks(9000, 90)]
+    bench = Bench(flow_controlled=True)
+    bench.ask(0)
+    bench.row(PIECE_FRAMES)
+    bench.ask(PIECE + 9000, 90)
+    bench.download.send(bench.now)
+    bench.asked()
+    assert bench.come(PIECE, 0)
+    assert bench.asked() == [asks(PIECE + 9000, 90)]
+
+
+def test_the_queue_takes_as_many_bytes_as_it_may_hold() -> None:
+    bench = Bench()
+    bench.ask(0)
+    bench.download.keeps(bench.station, data(0), bytes(MOST_BYTES), bench.now)
+    assert bench.download.queued_bytes == MOST_BYTES
+
+
+def test_a_link_is_gone_when_it_took_nothing_for_more_than_ten_seconds() -> None:
+    bench = Bench(flow_controlled=True)
+    bench.station.room = 0
+    bench.ask(0)
+    bench.row(3)
+    assert bench.download.send(bench.now)
+    assert bench.download.send(bench.now + 10.0)
+    bench.now += 10.0
+    bench.come(270)  # that is no sign of the link
+    bench.station.room = 1
+    assert bench.download.send(bench.now)
+    assert bench.download.send(bench.now + 9.0), "it took one"
+    assert not bench.download.send(bench.now + 10.1)
+    assert bench.download.queued_bytes == 0
+
+
+def test_frames_that_come_do_not_show_that_the_link_takes_any() -> None:
+    bench = Bench(flow_controlled=True)
+    bench.station.room = 0
+    bench.ask(0)
+    bench.row(1)
+    bench.now += 9.0
+    bench.come(90)
+    bench.now += 2.0
+    assert not bench.download.send(bench.now)
+
+
+def test_a_link_with_flow_control_waits_for_no_pace() -> None:
+    bench = Bench()
+    bench.ask(0)
+    bench.row(600)
+    bench.download.send(bench.now)
+    assert len(bench.station.got) < 600
+    bench.station.flow_controlled = True
+    bench.download.send(bench.now)
+    assert len(bench.station.got) == 600
+
+
+@pytest.mark.parametrize(("size", "sent"), [(16_384, 1), (16_383, 2)])
+def test_a_burst_ends_when_its_bytes_are_spent(size: int, sent: int) -> None:
+    class Takes(Station):
+        def write_more(self, raw: bytes) -> bool:
+            self.got.append(len(raw))
+            return True
+
+    station, download = Takes(), LogDownload([].append)
+    download.asked(station, request(0), 0.0)
+    for number in range(2):
+        download.keeps(station, data(number * WHOLE), bytes(size), 0.0)
+    download.send(0.0)
+    assert len(station.got) == sent
+
+
+@pytest.mark.parametrize(("waiting", "asked"), [(LOW_BYTES, 1), (LOW_BYTES + 1, 0)])
+def test_the_next_piece_is_asked_for_when_few_bytes_wait(waiting: int, asked: int) -> None:
+    bench = Bench(flow_controlled=True)
+    bench.station.room = 0
+    bench.ask(0)
+    bench.asked()
+    for number in range(PIECE_FRAMES):
+        raw = bytes(waiting if number == PIECE_FRAMES - 1 else 0)
+        bench.download.keeps(bench.station, data(number * WHOLE), raw, bench.now)
+    bench.download.send(bench.now)
+    assert bench.asked() == [asks(PIECE, PIECE)] * asked
+
+
 # ---- through the whole gate -----------------------------------------------------------------------------------------
 
 
@@ -442,6 +671,21 @@ def test_the_gate_paces_the_commanders_download_and_everything_else_goes_before_
     assert port.heard[1:] == [data(number * WHOLE).raw for number in range(500)]
     assert not door.gate.downloads.wait
     assert door.faults == []
+
+
+def test_what_else_stations_send_leaves_a_download_alone() -> None:
+    door = Door(step_s=0.0)
+    on_the_ground(door)
+    door.up(A, request(0))
+    door.gate.down(data(0), door.now)
+    door.up(A, packed(mavlink.MAVLink_param_request_list_message(VEHICLE, 1)))
+    logs = [
+        mavlink.MAVLink_log_request_data_message(VEHICLE, 1, 7, 0, 90),
+        mavlink.MAVLink_log_request_list_message(VEHICLE, 1, 0, 9),
+        mavlink.MAVLink_log_request_end_message(VEHICLE, 1),
+    ]
+    assert {door.up(B, packed(message, GCSB)).verdict.fate for message in logs} == {Fate.DROP}
+    assert door.gate.downloads._log.queued_bytes == FRAME
 
 
 def test_when_authority_moves_the_rest_of_a_download_is_thrown_away() -> None:

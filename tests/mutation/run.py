@@ -255,6 +255,7 @@ def main(arguments: list[str] | None = None) -> int:
             f"{len(surprising)} unknown, {spent_s:.0f} s",
             flush=True,
         )
+    server.close()
     return 1 if wrong else 0
 
 

@@ -11,7 +11,12 @@ _TRACE = "how much of a trace people get to read"
 _NONE_IS_NO_KEY = "None is in no table either"
 
 KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
-    "gate": {"up: dropped from and/or: passed.unnoted: not commands and passed.unnoted": _ONLY_SAVES_TIME},
+    "gate": {
+        "up: dropped from and/or: passed.unnoted: not commands and passed.unnoted": _ONLY_SAVES_TIME,
+        "up: dropped from and/or: commands: frame.msgid in LOG_REQUESTS and commands": (
+            "the policy drops the requests of other stations"
+        ),
+    },
     "passed": {
         "companion_sent: truth turned: True in frame = parse_one(raw, proven=True)": (
             "the companion's own frames have the right checksum"
@@ -30,6 +35,29 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
         "forward: number one more: 3 in self._fault(f'sending to {port.name}', traceback.format_exc(limit=-3))": _TRACE,
         "send: number one more: 3 in self._fault('log download', traceback.format_exc(limit=-3))": _TRACE,
         "send: number one more: 3 in self._fault(f'sending to {port.name}', traceback.format_exc(limit=-3))": _TRACE,
+    },
+    "log_download": {
+        **dict.fromkeys(
+            (
+                "__init__: number one more: 0 in self._next = self._piece_end = 0",
+                "__init__: number one more: 1 in self._own_piece_at = -1",
+            ),
+            "a request sets it before it is read",
+        ),
+        **dict.fromkeys(
+            (
+                "__init__: number one more: 0 in self._log, self._sent_to = (0, 0)",
+                "__init__: number one more: 0 in self._log, self._sent_to = (0, 0) (number 2)",
+            ),
+            "the numbers of logs begin with 1, so the first request sets both",
+        ),
+        **dict.fromkeys(
+            (
+                "_serve: number one more: 1 in self._served, self._next, self._own_piece_at = (asked, asked.begin, -1)",
+                "tick: number one more: 1 in self._own_piece_at = -1 if self._next == served.begin else self._next",
+            ),
+            "it only has to be no place in a log",
+        ),
     },
     "targets": {
         "_Judged.passes: truth turned: True": "the first target of a stream is judged before this is read",
