@@ -133,6 +133,7 @@ def test_a_bar_in_a_cell_does_not_split_it() -> None:
 
 def test_each_column_is_as_wide_as_its_longest_cell_and_the_last_is_not_filled() -> None:
     assert columns([("a", "class", "why"), ("longest", "b", "so")]) == "a        class  why\nlongest  b      so"
+    assert columns([("a", "why")]) == "a  why"
 
 
 def test_the_line_below_the_head_has_a_cell_for_each_column_of_the_head() -> None:

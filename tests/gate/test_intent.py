@@ -276,6 +276,7 @@ FORMS: list[tuple[tuple[str, dict[str, Any]], tuple[str, dict[str, Any]], bool]]
     (("COMMAND_LONG", {"command": 300, "param1": 0.0}), ("COMMAND_INT", {"command": 300, "param1": 0.0}), True),
     (("COMMAND_LONG", {"command": 21}), ("COMMAND_INT", {"command": 21, "frame": 6}), True),
     (("COMMAND_LONG", {"command": 178, "param5": 6.0}), ("COMMAND_INT", {"command": 178, "x": 6}), True),
+    (("COMMAND_LONG", {"command": 400, "param5": 6.0}), ("COMMAND_INT", {"command": 400, "x": 6}), True),
     (("COMMAND_LONG", {"command": 178, "param3": 40.0}), ("COMMAND_LONG", {"command": 178, "param3": 50.0}), False),
     (("COMMAND_LONG", {"command": 176, "param1": math.nan}), ("COMMAND_LONG", {"command": 176, "param1": 1.0}), False),
     (("COMMAND_LONG", {"command": 176, "param2": math.nan}), ("COMMAND_LONG", {"command": 176, "param2": 3.0}), False),
