@@ -8,7 +8,6 @@ __all__ = ["KNOWN_SURVIVORS"]
 
 _MILLISECOND = "a millisecond, or a value that is its own bound"
 _BOXED = "a boxed number compares like a plain one"
-_WORK = "work counts for a little more: a frame less is read in the call"
 _ZEROS = "after the end of a known message the firmware has zeros"
 _DIFFERS = "a count that only has to differ from the one before"
 _AGAIN = "set to 0 by what is done with the mode in the same call"
@@ -86,8 +85,6 @@ KNOWN_SURVIVORS: dict[str, str] = {
         "the body ends there"
     ),
     'read_lease: left out: objection = "length"': "the length that is stated is compared with the same length after it",
-    "read_lease: one more: return 1": _WORK,
-    "read_lease: one more: return key.required and 2 or 1": _WORK,
     'read_lease: plus: local body = string.sub(msg, 13, 12 + len) .. string.rep("\\0", full - len)': _ZEROS,
     'read_lease: one more: local body = string.sub(msg, 13, 12 + len) .. string.rep("\\0", full - len) (number 2)': (
         _ZEROS
@@ -100,12 +97,8 @@ KNOWN_SURVIVORS: dict[str, str] = {
     ),
     "read_command: and: local came_at = stamp and stamp:toint() or now": "the instant of reading, a call later",
     "read_command: or: local came_at = stamp and stamp:toint() or now": _BOXED,
-    "read_command: one more: return 1": _WORK,
-    "read_command: one more: return 1 (number 2)": _WORK,
-    "read_command: one more: return 1 (number 3)": _WORK,
     "rx.read: one more: rx.in_a_row, rx.drained = 0, true": "a queue of 24 frames counts as full",
     "rx.register: one more: for k = 1, #rx.ids do": "the next second does it",
-    "read_frame: one more: return 0 (number 2)": _WORK,
     "housekeeping: and: if gcs_id.epoch ~= lease.epoch or gcs_id.nonce ~= lease.nonce or gcs_id.set ~= lease.commander "
     "then": "noted at the next look, where the commander is the same",
     "housekeeping: and: if gcs_id.epoch ~= lease.epoch or gcs_id.nonce ~= lease.nonce or gcs_id.set ~= lease.commander "

@@ -223,6 +223,33 @@ class TestDraw:
     def test_the_moment_alone(self) -> None:
         assert len({self.drawn(1.0, Sensed, 10_000 + ms) for ms in range(200)}) == 200
 
+    @pytest.mark.parametrize(
+        "other",
+        [
+            *(Sensed(gyro_radps=axes) for axes in ((0.001, 0.0, 0.0), (0.0, 0.001, 0.0), (0.0, 0.0, 0.001))),
+            *(Sensed(accel_mps2=axes) for axes in ((0.01, 0.0, -9.81), (0.0, 0.01, -9.81), (0.0, 0.0, -9.8))),
+            Sensed(pressure_pa=101326.0),
+            Sensed(battery_v=12.5),
+            Sensed(gps_week_ms=1),
+        ],
+        ids=["roll", "pitch", "yaw", "ahead", "right", "down", "pressure", "battery", "GPS"],
+    )
+    def test_each_sensor_alone(self, other: Sensed) -> None:
+        assert self.drawn(1.0, lambda: other, 10_000) != self.drawn(1.0, Sensed, 10_000)
+
+    def test_it_is_never_0(self) -> None:
+        """That is a companion which does not know it. One hash in 2^32 is 0; here each is."""
+        text = GUARD.read_text(encoding="utf-8").replace(
+            "this_guard.nonce = half_siphash(", "this_guard.nonce = 0 * half_siphash("
+        )
+        bench = Bench(heard=False)
+        bench.scripting.stop()
+        bench.scripting.enabled = True
+        bench.scripting.load_text(text, "handover_guard.lua")
+        bench.run(100)
+        bench.ask()
+        assert bench.status.guard_nonce == 1
+
     def test_a_firmware_without_any_of_the_sources_still_runs(self) -> None:
         absent = ["ahrs", "baro", "battery", "gps", "micros"]
         assert Bench(absent=absent).with_lease().may_arm
@@ -347,6 +374,14 @@ class TestWords:
         assert bench.statuses(channel=2)[-1].state == WAITING
         assert bench.statuses(channel=1) == []
 
+    def test_where_any_channel_will_do_the_channel_of_the_lease_counts(self) -> None:
+        """Not the one where the companion asked before."""
+        bench = Bench(parameters={"HNDO_CHAN": -1.0}, heard=False)
+        bench.ask(channel=2)
+        bench.receive(bench.companion.lease(), channel=0)
+        bench.run(1000)
+        assert bench.statuses(channel=0)[-1].state == LIVE
+
 
 class TestTagOfTheStatus:
     def test_with_a_key_each_status_has_a_tag(self, tmp_path: Path) -> None:
@@ -399,8 +434,10 @@ class TestTwoGuards:
         assert bench.refusal == "HNDO: two guards run, remove one script"
         assert bench.texts.count("HNDO: two guards run, remove one script") == 1
 
-    def test_a_restart_of_scripting_is_no_second_guard(self) -> None:
+    @pytest.mark.parametrize("run_ms", [0, 60_000])
+    def test_a_restart_of_scripting_is_no_second_guard(self, run_ms: int) -> None:
         bench = Bench()
+        bench.run(run_ms)
         bench.scripting.restart()
         bench.with_lease()
         assert bench.may_arm
@@ -425,6 +462,28 @@ class TestTwoGuards:
         assert "HNDO: scripting restarted, reboot" in bench.texts
         assert not any("two guards" in text for text in bench.texts)
         assert bench.status.flags & 64 == 0
+
+    @pytest.mark.parametrize("reads", ["", "mavlink:init(10, 10) mavlink:register_rx_msgid(76)"])
+    def test_a_script_with_an_authorisation_is_no_second_guard(self, reads: str) -> None:
+        """Nor if it receives commands."""
+        bench = Bench(earlier_script=f"arming:set_aux_auth_passed(arming:get_aux_auth_id()) {reads}").with_lease()
+        assert bench.may_arm
+
+    @pytest.mark.parametrize(
+        ("boot_ms", "said"),
+        [
+            (0, "HNDO: two guards run, remove one script"),
+            (59_999, "HNDO: two guards run, remove one script"),
+            (60_000, "HNDO: scripting restarted, reboot"),
+        ],
+    )
+    def test_from_a_minute_after_the_boot_it_is_a_restart(self, tmp_path: Path, boot_ms: int, said: str) -> None:
+        bench = Bench(boot_ms=boot_ms, heard=False)
+        other = tmp_path / "handover_guard_old.lua"
+        shutil.copy(GUARD, other)
+        bench.scripting.load(other)
+        bench.run(1100)
+        assert [text for text in bench.texts if "two guards" in text or "restarted" in text] == [said]
 
     @pytest.mark.parametrize("apart_ms", [0, 20])
     def test_nor_with_a_companion_that_never_notices(self, tmp_path: Path, apart_ms: int) -> None:

@@ -213,6 +213,13 @@ class TestRegistrations:
         bench.run(100)
         assert "HNDO: scripting command of 66/190 denied" in bench.texts
 
+    def test_a_table_that_is_taken_back_brings_leases_at_once(self, bench: Bench) -> None:
+        bench.with_lease()
+        bench.scripting.load_text("mavlink:init(1, 1) mavlink:register_rx_msgid(33) return", "greedy.lua")
+        bench.until(lambda: "HNDO: MAVLink rx taken by another script" in bench.texts)
+        bench.run(900)
+        assert bench.companion.sequence - bench.status.sequence <= 3
+
     @pytest.mark.parametrize("firmware", [(4, 5, 7), (4, 7, 1)])
     def test_where_a_second_init_changes_nothing_the_guard_keeps_its_entries(
         self, firmware: tuple[int, int, int]
