@@ -16,6 +16,8 @@ from tests.lua.stub import Bench, Companion, command_frame
 from tests.lua.test_guard_tag import keyed_bench
 
 SCRIPTING, AUX_FUNCTION, ANOTHER = 42701, 218, 400
+#: bits of the status
+TAMPERED, TAGGED = 8, 32
 #: a script that was there before receives HEARTBEAT, too: all scripts share one queue
 NEIGHBOUR = "mavlink:init(25, 10) mavlink:register_rx_msgid(0)"
 
@@ -80,6 +82,16 @@ def test_two_leases_with_a_tag(tmp_path: Path, changes: dict[str, int]) -> None:
     """CRC and tag are two sums, and the frame that reaches the limit is still read completely."""
     bench = keyed_bench(tmp_path).with_lease()
     assert left_by_calls(bench, lambda: bench.companion.lease(**changes))[0] == 8
+
+
+def test_with_a_key_a_status_that_is_due_has_the_next_call_almost_for_itself(tmp_path: Path) -> None:
+    """It has a tag, too. The first command makes it due, and it is sent and logged once."""
+    bench = keyed_bench(tmp_path).with_lease()
+    bench.vehicle.records.clear()
+    before = len(bench.statuses())
+    assert left_by_calls(bench, lambda: command_frame(SCRIPTING)) == [7, 6, 3, 0]
+    assert [record["Fl"] for _, record in bench.vehicle.records] == [TAMPERED]
+    assert [status.flags for status in bench.statuses()[before:]] == [TAMPERED | TAGGED]
 
 
 def test_commands_beyond_ten_in_a_second_cost_nothing() -> None:
