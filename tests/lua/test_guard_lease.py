@@ -299,6 +299,12 @@ class TestNonce:
         bench.run(600)
         assert (bench.status.nonce, bench.status.epoch) == (5, 0)
 
+    def test_the_first_one_counts_in_flight_whatever_its_epoch(self, bench: Bench) -> None:
+        bench.vehicle.armed = bench.vehicle.flying = True
+        bench.receive(bench.companion.lease(epoch=0x80000001))
+        bench.run(600)
+        assert (bench.status.state, bench.status.epoch, bench.status.rejected) == (LIVE, 0x80000001, 0)
+
     def test_large_nonces_survive_the_round_trip(self, bench: Bench) -> None:
         bench.companion.nonce = 0xFFFFFFFF
         bench.with_lease()

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from tests.lua.stub import (
     AUTO,
     BY_GCS,
+    GUARD,
     GUIDED,
     HELD,
     LOST,
@@ -410,6 +411,21 @@ class TestStatus:
             bench.run(10)
         bench.run(600)
         assert bench.status.rejected == delivered - 65_536
+
+    @pytest.mark.parametrize("changes", [{"nonce": 0}, {"version": 1}, {"guard_nonce": 5}])
+    def test_it_wraps_for_each_kind_of_refusal(self, changes: dict[str, int]) -> None:
+        """The shipped script, with 65,535 leases refused before."""
+        text = GUARD.read_text(encoding="utf-8").replace("local refused = {count=0,", "local refused = {count=65535,")
+        bench = Bench(heard=False)
+        bench.scripting.stop()
+        bench.scripting.enabled = True
+        bench.scripting.load_text(text, "handover_guard.lua")
+        bench.run(100)
+        bench.ask()
+        assert bench.status.rejected == 65_535
+        bench.receive(bench.companion.lease(**changes))
+        bench.run(600)
+        assert bench.status.rejected == 0
 
 
 class TestSurvival:
