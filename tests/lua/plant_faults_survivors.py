@@ -13,6 +13,7 @@ _DIFFERS = "a count that only has to differ from the one before"
 _AGAIN = "set to 0 by what is done with the mode in the same call"
 _CALL = "a bound that one call more keeps as well: ten milliseconds"
 _MASKED = "masked again before it is used"
+_HASH = "another hash of the same values does as well"
 _FIRST = "the other edge of a range that a 32-bit difference cannot reach, or the same value"
 
 KNOWN_SURVIVORS: dict[str, str] = {
@@ -78,13 +79,19 @@ KNOWN_SURVIVORS: dict[str, str] = {
     ),
     "key.read: one more: for i = 1, 8 do (number 2)": "eight bytes are taken of them",
     "key.read: left out: file:close()": "the garbage collector closes it",
+    "this_guard.draw_nonce: one more: this_guard.nonce = half_siphash(key.k0 or 0, key.k1 or 0, "
+    "table.concat(noise))": _HASH,
+    "this_guard.draw_nonce: one more: this_guard.nonce = half_siphash(key.k0 or 0, key.k1 or 0, "
+    "table.concat(noise)) (number 2)": _HASH,
+    'refuse_version: edge: refused.text = version < LEASE.VERSION and "companion is older, update it" or '
+    '"guard is older, update it"': "a lease of the guard's own version is not refused for it",
     'half_siphash: mask dropped: local tail = string.sub(text, whole + 1) .. string.rep("\\0", 3 - size % 4) .. '
     "string.char(size & 0xFF)": "no text is that long",
     "half_siphash: one more: for i = 1, whole + 1, 4 do (number 2)": "steps of four: the next one is past either",
     'key.objection: one more: if string.pack("<I4I4", low, high) ~= string.sub(body, 30, 37) then (number 2)': (
         "the body ends there"
     ),
-    'read_lease: left out: objection = "length"': "the length that is stated is compared with the same length after it",
+    'read_lease: minus: local body = string.sub(msg, 13, 12 + len) .. string.rep("\\0", full - len)': _ZEROS,
     'read_lease: plus: local body = string.sub(msg, 13, 12 + len) .. string.rep("\\0", full - len)': _ZEROS,
     'read_lease: one more: local body = string.sub(msg, 13, 12 + len) .. string.rep("\\0", full - len) (number 2)': (
         _ZEROS

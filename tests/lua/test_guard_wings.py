@@ -311,6 +311,18 @@ class TestTakeOff:
         assert bench.vehicle.mode_requests == [RTL]
         assert bench.texts[-1] == "HNDO: lease lost, taken off, RTL"
 
+    def test_it_is_no_reason_of_a_later_order(self, bench: Bench) -> None:
+        self.climbing(bench)
+        bench.vehicle.taking_off = False
+        bench.run(60)
+        bench.pilot_chooses(FBWA)
+        bench.run(2000)
+        assert bench.enforcement == PILOT
+        bench.vehicle.rc = False
+        bench.run(2100)
+        assert bench.vehicle.mode == RTL
+        assert bench.texts[-1] == "HNDO: lease lost, radio gone, RTL"
+
     def test_is_over_after_ten_seconds(self, bench: Bench) -> None:
         self.climbing(bench)
         bench.run(9700)

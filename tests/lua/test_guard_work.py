@@ -58,6 +58,7 @@ ONE_SUM: dict[str, Frames] = {
 NO_SUM: dict[str, Frames] = {
     "TUNNEL that is no lease": lambda companion: companion.tunnel(b"", kind=0),
     "lease of another companion": lambda companion: Companion(component=9).lease(),
+    "lease with bytes behind its tag": lambda companion: companion.tunnel(bytes([1]) * 33),
     "another command": lambda _companion: command_frame(ANOTHER),
     "message that another script receives": lambda companion: bytes(
         companion.packer.heartbeat_encode(6, 8, 0, 0, 0).pack(companion.packer)
