@@ -197,3 +197,40 @@ class TestPositions:
         bench.arbiter._authority.fly_alone(True)
         bench.arbiter._on_position(PositionSeen((inside(A),), gap), bench.now, [])
         assert bench.arbiter._authority.alone is alone
+
+
+class TestUsable:
+    """Stations that have the aircraft or could take it."""
+
+    def test_without_an_owner_those_that_could_take_it(self) -> None:
+        bench = Bench().on_ground()
+        bench.give(ControlRequested(A, False, False, 10.0, A))
+        assert bench.arbiter.view.commander is None
+        assert bench.arbiter.usable(bench.now) == {A, B}
+
+    def test_the_owner_while_it_is_heard_whatever_mission_it_holds(self) -> None:
+        bench = Bench().on_mission()
+        bench.digests[A] = bytes(32)
+        bench.run(2.0)
+        assert bench.arbiter.unfit(A, bench.now) is not None
+        assert bench.arbiter.usable(bench.now) == {A, B}
+        bench.arbiter._authority.lose(A, bench.now, [])
+        assert bench.arbiter.usable(bench.now) == {B}
+
+
+def test_a_new_commander_has_the_time_of_an_answer_from_the_commit_on() -> None:
+    bench = Bench().commit()
+    at = bench.now
+    bench.arbiter._presence[B].answered_at = at - 60.0
+    assert bench.arbiter._owner_lost_at(B) == at + 5.0
+    bench.run(1.0)
+    assert bench.arbiter._epoch_since == at
+
+
+def test_the_loss_of_the_owner_is_a_deadline() -> None:
+    bench = Bench().on_mission()
+    for presence in bench.arbiter._presence.values():
+        presence.ask_at = bench.now + 100.0
+    deadline = bench.arbiter.next_deadline()
+    assert deadline is not None
+    assert deadline <= bench.arbiter._presence[A].lost_at()
