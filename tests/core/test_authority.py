@@ -353,6 +353,14 @@ class TestUnprovenState:
         bench.authority.wait_no_longer(A, 102.5, bench.actions)
         assert bench.has() == has
         assert not bench.authority.recovering
+        lost = "GCSA has not come back after the restart: no station commands"
+        assert (lost in bench.texts()) is not shown
+
+    def test_the_memory_of_another_station_counts_more_than_the_owners_own_answer(self) -> None:
+        bench = Bench(UNPROVEN, armed=True)
+        bench.remembers(A, 4, A)
+        bench.remembers(B, 5, B)
+        assert bench.has() == (None, False, 5)
 
     def test_after_that_time_it_may_still_show_it(self) -> None:
         bench = Bench(UNPROVEN, armed=True)
