@@ -73,9 +73,21 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
     },
     "judge": dict.fromkeys(
         (
-            "usual: return dropped: return commander if station.sysid == view.commander else others",
+            "usual: dropped: return commander if station.sysid == view.commander else others",
+            "usual: and/or swapped: frame.compid in station.components or frame.sysid != station.sysid",
+            "usual: dropped from and/or: frame.compid in station.components: frame.compid in station.components or "
+            "frame.sysid != station.sysid",
+            "usual: dropped from and/or: frame.sysid != station.sysid: frame.compid in station.components or "
+            "frame.sysid != station.sysid",
+            "usual: dropped from and/or: len(payload) >= length and (payload[system] == veh: system is None or "
+            "(len(payload) >= length and (payload[system] == vehicle_sysid or not pay",
             "usual: comparison turned: len(payload) >= length",
             "usual: and/or swapped: payload[system] == vehicle_sysid or not payload[system]",
+            "usual: dropped from and/or: payload[system] == vehicle_sysid: payload[system] == vehicle_sysid or "
+            "not payload[system]",
+            "usual: dropped from and/or: not payload[system]: payload[system] == vehicle_sysid or not payload[system]",
+            "usual: dropped from and/or: payload[component] != COMPANION_COMPID: component is None or "
+            "payload[component] != COMPANION_COMPID",
         ),
         "more frames than need be are judged by `decide`, which finds the same",
     ),
