@@ -91,10 +91,6 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
         ),
         "more frames than need be are judged by `decide`, which finds the same",
     ),
-    "explain": {
-        "columns: number one more: 0 in widths = [max((len(row[column]) for row in rows)) for column in "
-        "range(len(rows[0]) - 1)]": "every row of a table has as many cells as the first",
-    },
     "intent": {
         "_is_one: dropped: return False (number 2)": "a mode that is no number is AUTO before it is FOLLOW",
         "_is_one: number one more: 0 in return rule.also is None or _holds(field_float(frame, f'param{rule.also[0]}'), "
