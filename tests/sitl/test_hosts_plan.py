@@ -242,7 +242,7 @@ def test_any_mission_with_a_handover_is_flown_and_one_without_is_refused() -> No
 
 
 class Alone:
-    """A package whose walk has the parent alone as commander."""
+    """A package whose route simulation has the parent alone as commander."""
 
     def __init__(self, package: packages.MissionPackage) -> None:
         self._package = package
@@ -250,10 +250,10 @@ class Alone:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._package, name)
 
-    def walk(self) -> Any:
+    def simulate(self) -> Any:
         """One commander."""
-        walk = self._package.simulate()
-        return SimpleNamespace(commanders=walk.commanders[:1], duration_s=walk.duration_s)
+        simulation = self._package.simulate()
+        return SimpleNamespace(commanders=simulation.commanders[:1], duration_s=simulation.duration_s)
 
 
 def test_companion_and_stations_are_configured_for_their_hosts(tmp_path: Path) -> None:
