@@ -529,6 +529,7 @@ def test_it_is_written_when_a_twentieth_is_drawn_and_not_with_every_report(
 ) -> None:
     rest(bench, delivery, 12.6)
     drain(bench, 3, 0.0)
+    assert bench.companion.wait_until_written(10.0), "of what happened before"
     written: list[Any] = []
     monkeypatch.setattr(StateFile, "save", lambda self, *what: written.append(what))
     for hundredth in range(1, 21):
