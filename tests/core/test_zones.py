@@ -384,7 +384,7 @@ class TestBeyondTheBorder:
 
 
 class TestWhatIsAskedOfOneZone:
-    """Its distance, its end along the known way, and the zones behind that end."""
+    """The tracker answers how far a zone is, where it ends along the route, and which zones follow there."""
 
     def test_the_nearest_zone_of_several(self) -> None:
         zones = tracker()

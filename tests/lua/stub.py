@@ -339,6 +339,12 @@ class Bench:
             self.run(100)
         self.starting_instructions, self.most_instructions = self.most_instructions, 0
 
+    def load_instead(self, text: str) -> None:
+        """Stop the guard and load this source in its place."""
+        self.scripting.stop()
+        self.scripting.enabled = True
+        self.scripting.load_text(text, GUARD.name)
+
     def run(self, duration_ms: int, step_ms: int = 10) -> None:
         """Let time pass in small steps."""
         end_ms = self.vehicle.now_ms + duration_ms

@@ -337,9 +337,7 @@ def test_a_missing_entry_sets_no_mode_on_the_ground() -> None:
     )
     assert count == 1
     bench = Bench()
-    bench.scripting.stop()
-    bench.scripting.enabled = True
-    bench.scripting.load_text(text, GUARD.name)
+    bench.load_instead(text)
     bench.run(5000)
     assert bench.enforcement == MISSING
     assert bench.vehicle.mode_requests == []

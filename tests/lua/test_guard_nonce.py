@@ -243,9 +243,7 @@ class TestDraw:
             "this_guard.nonce = half_siphash(", "this_guard.nonce = 0 * half_siphash("
         )
         bench = Bench(heard=False)
-        bench.scripting.stop()
-        bench.scripting.enabled = True
-        bench.scripting.load_text(text, "handover_guard.lua")
+        bench.load_instead(text)
         bench.run(100)
         bench.ask()
         assert bench.status.guard_nonce == 1
@@ -323,9 +321,7 @@ class TestReplayWithinOneStart:
         )
         assert text.count("this_guard.draw_nonce()") == 1
         bench = Bench(heard=False)
-        bench.scripting.stop()
-        bench.scripting.enabled = True
-        bench.scripting.load_text(text, "handover_guard.lua")
+        bench.load_instead(text)
         bench.run(100)
         bench.ask()
         assert bench.status.guard_nonce == 0xFFFFFFFF

@@ -417,9 +417,7 @@ class TestStatus:
         """The shipped script, with 65,535 leases refused before."""
         text = GUARD.read_text(encoding="utf-8").replace("local refused = {count=0,", "local refused = {count=65535,")
         bench = Bench(heard=False)
-        bench.scripting.stop()
-        bench.scripting.enabled = True
-        bench.scripting.load_text(text, "handover_guard.lua")
+        bench.load_instead(text)
         bench.run(100)
         bench.ask()
         assert bench.status.rejected == 65_535

@@ -33,7 +33,7 @@ NAMES = {HANDS: "STABILIZE", AUTO: "AUTO", GUIDED: "GUIDED", RTL: "RTL"}
 
 
 def changes(bench: Bench, mode: ModeClass, *, radio: bool = False, now: float = 101.0) -> list[str]:
-    """The mode changes; a second later it is known by whom. Returns what is told of it."""
+    """Report a mode change and, one second later, decide who changed the mode. Returns the texts of it."""
     bench.says(now)
     bench.safety.handle(ModeSeen(mode, NAMES[mode], radio=radio), now, bench.actions)
     bench.says(now + 1.0)
