@@ -63,7 +63,7 @@ def pytest_collection() -> Generator[None, object, object]:
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     if not config.getoption("--long"):
-        skip = pytest.mark.skip(reason="flown by `make flights`, `make hosts` or `make scenarios` (--long)")
+        skip = pytest.mark.skip(reason="only with --long")
         for item in items:
             if item.get_closest_marker("long") is not None:
                 item.add_marker(skip)

@@ -21,6 +21,7 @@ from pymavlink import mavutil
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.cli.launch import mavproxy
+from tests.depth import first
 from tests.loopback.conftest import Autopilot, MavProxy, vehicle_file, wait_for
 
 pytestmark = [
@@ -165,12 +166,12 @@ def test_the_tlog_of_before_is_still_there_after_a_restart(
     log = tmp_path / "flight.tlog"
     running = companion("--logfile", str(log))
     autopilot.flood = attitudes()
-    wait_for(lambda: log.stat().st_size > 1_000_000, lambda: "no load")
+    wait_for(lambda: log.stat().st_size > 300_000, lambda: "no load")
     autopilot.flood = b""
     running.signal_child(signal.SIGKILL)
     running.sends_leases()
     assert running.ends() == 0
-    assert log.stat().st_size > 1_000_000
+    assert log.stat().st_size > 300_000
 
 
 def frames_of(log: Path) -> list[str]:
@@ -196,7 +197,7 @@ def test_restarts_in_flight_leave_one_whole_log_and_journal(
     (folder,) = flights_of(tmp_path)
     log = folder / "drone-1.tlog"
     autopilot.flood = attitudes()
-    wait_for(lambda: log.stat().st_size > 1_000_000, lambda: "no load")
+    wait_for(lambda: log.stat().st_size > 300_000, lambda: "no load")
     autopilot.flood = b""
     os.kill(running.child(), signal.SIGSTOP)  # so that nothing is written between the look and the end
     before, journal = log.read_bytes(), (folder / "drone-1.jsonl").read_bytes()
@@ -382,7 +383,7 @@ def assert_whole(log: bytes) -> None:
     assert frames > 1000
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("number", first(1, [signal.SIGTERM, signal.SIGINT]))
 def test_under_load_it_ends_with_everything_closed(
     companion: Start, autopilot: Autopilot, tmp_path: Path, number: signal.Signals
 ) -> None:

@@ -21,8 +21,8 @@ from tests.sitl.runner_flight import COMMANDERS, ON_ARDUCOPTER, ON_THE_BUILT_IN,
 start = pytest.fixture(starting)
 
 #: "partner-address" shows start, handover and landing as "nominal" does, in a third of the time; a return out of
-#: coverage is tested in `tests/module` too
-LONG = ("nominal", "out-of-coverage")
+#: coverage is tested in `tests/module` too, a guard that has another key in `tests/lua`
+LONG = ("nominal", "out-of-coverage", "guard-key-other")
 
 
 def test_what_is_flown_here_are_scenarios_that_ship() -> None:

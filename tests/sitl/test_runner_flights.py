@@ -15,13 +15,14 @@ from pathlib import Path
 import pytest
 
 from sitl.script.scenario import known_scenarios
+from tests.depth import first
 from tests.sitl.runner_flight import ROOT, Start, companion_up, processes_in, starting
 
 start = pytest.fixture(starting)
 
 
 @pytest.mark.process
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["ctrl-c", "sigterm"])
+@pytest.mark.parametrize("number", first(1, [signal.SIGINT, signal.SIGTERM]), ids=["ctrl-c", "sigterm"])
 def test_a_run_that_is_stopped_leaves_no_process(start: Start, number: signal.Signals, tmp_path: Path) -> None:
     folder = tmp_path / "run"
     process = start(folder, "--scenario", "nominal")
