@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from mavproxy_handover.core.common import events, messages, model, snapshot
+from mavproxy_handover.core.common import authority_facts, events, messages, model, snapshot
 from mavproxy_handover.core.common.handling import Handling
 from mavproxy_handover.core.common.limits import Limits
 
@@ -43,6 +43,7 @@ DEFAULTS: dict[type, dict[str, Any]] = {
         "stands": False,
         "kept": False,
     },
+    authority_facts.CoverageFacts: {"no_station": False, "links_weak": False, "ends_ahead": False},
     Handling: {"at_place_m": 15.0},
     Limits: {
         "heartbeat_lost_s": 5.0,
@@ -103,6 +104,8 @@ def test_the_largest_epoch_is_that_of_the_messages() -> None:
 
 
 def test_no_other_class_has_such_a_value() -> None:
-    classes = [each for module in (events, messages, model, snapshot) for each in vars(module).values()]
+    classes = [
+        each for module in (authority_facts, events, messages, model, snapshot) for each in vars(module).values()
+    ]
     found = {each for each in classes if isinstance(each, type) and hasattr(each, "__dataclass_fields__")}
     assert {each for each in found if stated(each)} <= DEFAULTS.keys()

@@ -109,7 +109,7 @@ FIRST = {
     "authority.zones": ("test_zones.py", "test_arbiter_safety.py"),
     "authority.phases": ("test_phases.py",),
     "authority.rehearsal": ("test_rehearsal.py",),
-    "common.authority_facts": ("test_coverage.py", "safety/test_conditions.py", "test_link_quality.py"),
+    "common.authority_facts": ("test_defaults.py", "test_coverage.py"),
     "common.causes": ("safety/test_causes.py", "safety/test_strategy.py", "safety/test_emergency.py"),
     "safety.strategy": ("safety/test_strategy.py", "safety/test_emergency.py", "test_arbiter_safety.py"),
     "safety.emergency": (
