@@ -227,6 +227,7 @@ FIRST = {
     ),
     "common.events": ("test_defaults.py", "test_arbiter_transfer.py", "test_control.py"),
     "common.model": (
+        "test_model.py",
         "test_defaults.py",
         "test_arbiter_transfer.py",
         "test_presence.py",
@@ -240,7 +241,7 @@ FIRST = {
         "test_defaults.py",
         "test_restart.py",
     ),
-    "authority.foresight": ("test_foresight.py",),
+    "authority.foresight": ("test_borders_ahead.py", "test_foresight.py"),
     "station.core": ("test_core.py", "test_ahead.py", "test_core_hostile.py"),
     "station.ahead": ("test_ahead.py", "../core/test_foresight.py"),
     "station.events": ("test_core.py", "test_ahead.py"),
