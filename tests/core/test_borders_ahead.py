@@ -131,10 +131,16 @@ class TestTold:
 
     def test_not_when_the_partners_zone_holds_the_aircraft(self) -> None:
         bench = foreseen()
+        bench.see(border(A, B, in_s=9.0), now=NOW + 11.0)
+        assert bench.told(NOW + 11.0).keys() == {A, B}
         bench.enter(B)
-        for now in (NOW + 12.0, NOW + 19.0):
-            bench.see(border(A, B, in_s=8.0), now=now)
-            assert bench.told(now) == {}
+        assert bench.told(NOW + 12.0) == {}
+
+    def test_during_another_transfer_a_border_may_come_up(self) -> None:
+        bench = Bench()
+        bench.transfer(0)
+        bench.see(border(A, C))
+        assert bench.key == replace(KEY, to_station=C)
 
 
 class TestTheSameBorder:

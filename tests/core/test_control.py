@@ -11,7 +11,7 @@ from itertools import product
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.authority.control import ControlDecision, ControlFacts, Effect, judge_control
+from mavproxy_handover.core.authority.control import ControlDecision, ControlFacts, Echo, Effect, judge_control
 from mavproxy_handover.core.common.events import (
     Action,
     ControlAnswer,
@@ -591,6 +591,24 @@ class TestRelease:
         assert answers(bench.give(asks(B))) == [ControlAnswer(B, DENIED, "the aircraft is outside its zone")]
         bench.position(inside(A), inside(B))
         assert answers(bench.give(asks(B))) == [ControlAnswer(B, DENIED, "there is no commander to follow")]
+
+
+class TestEcho:
+    """What moves authority by a consent may come again."""
+
+    CONSENTS = (Effect.CONSENT, Effect.TRANSFER_CONSENTED, Effect.GIVE, Effect.OFFER, Effect.RELEASE)
+
+    @pytest.mark.parametrize("effect", Effect)
+    def test_it_is_a_repetition_for_ten_seconds_after_it_took_effect(self, effect: Effect) -> None:
+        echo = Echo()
+        echo.note(asks(B), effect, 90.0)
+        assert echo.repeats(asks(B), 90.0) is (effect is Effect.RELEASE)
+        echo.took_effect(100.0)
+        assert echo.repeats(asks(B), 109.9) is (effect in self.CONSENTS)
+        assert not echo.repeats(asks(B), 110.0)
+        assert not echo.repeats(asks(B, takeover=True), 109.9)
+        echo.forget()
+        assert not echo.repeats(asks(B), 100.0)
 
 
 class TestParent:

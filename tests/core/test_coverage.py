@@ -252,6 +252,15 @@ class TestEndAhead:
         bench.transfer(begun=begun)
         assert bench.ends_ahead is ahead
 
+    def test_there_too_a_partner_that_has_to_answer_first_does_not_cover(self) -> None:
+        bench = Bench()
+        bench.zones(A=3.0, beyond=frozenset({B}))
+        bench.candidates.pause(B, Reason.ZONE, Reason.PARTNER_SILENT, NOW)
+        bench.transfer()
+        assert bench.ends_ahead
+        bench.candidates.spoke(B)
+        assert not bench.ends_ahead
+
 
 class TestWords:
     def test_a_commander_that_is_silent(self) -> None:

@@ -94,6 +94,11 @@ def test_what_is_done_is_said_once(action: FlightAction, who: Who, line: str) ->
     assert line_of(action, f"{action.name}: links weak", who) == line
 
 
+@pytest.mark.parametrize("action", [FlightAction.HOLD, FlightAction.RETURN])
+def test_in_a_rehearsal_no_command_is_offered_because_nothing_is_done(action: FlightAction) -> None:
+    assert line_of(action, "REHEARSAL: would act: links weak", Who.OTHER) == "REHEARSAL: would act: links weak"
+
+
 #: longer than the message's field, which ends within "ground"
 LONG = (
     "RETURN to rally 2: energy: 99.4 Wh left, the way back needs 101.2 Wh with the reserve; 1.9 km, "

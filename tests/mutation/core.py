@@ -83,6 +83,7 @@ FIRST = {
         "test_arbiter_transfer.py",
     ),
     "authority.transfer_manager": (
+        "test_transfer_manager.py",
         "test_arbiter_transfer.py",
         "test_forced.py",
         "test_standard_stations.py",

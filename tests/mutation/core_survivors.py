@@ -214,6 +214,15 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
         "successor_awaited: dropped from and/or: transfer.forced: transfer is not None and transfer.forced and "
         "(not transfer.hurry_over) and hurried": "after the loss every transfer under way is forced",
     },
+    "authority.foresight": {
+        "_may_ask: dropped from and/or: authority.owner is not None: flown and authority.owner is not None and "
+        "(not authority.lost)": "without an owner no border is expected, and a known one ends",
+        "_update: dropped from and/or: not ahead.reached: holds and (not ahead.reached) and "
+        "(now >= ahead.at - self._limits.exit_soon_s)": "a border that is reached is noted as reached once more",
+        "speak: dropped from and/or: ahead is None: ahead is None or now < self._say_at": (
+            "without a border nothing is due at any time; the line is for the type checker"
+        ),
+    },
     "safety.hold_timer": {
         "__init__: truth turned: False in self._used_up = False": "the first look sets it, and it is not used before",
     },
