@@ -56,7 +56,7 @@ from tests.mutation.server import ELSEWHERE, FOLDERS, SURVIVED, Server, Stage  #
 
 __all__ = ["main", "misnamed", "out_of_date", "stage_of"]
 
-#: module -> the tests that notice its faults soonest
+#: module -> the tests that notice its faults soonest, those of the module alone first
 FIRST = {
     "authority.transfer": (
         "test_transfer.py",
@@ -356,8 +356,9 @@ def _found_by_exploring() -> bool:
 def stage_of(module: str, file: str) -> Stage | None:
     """When the fast tests in this file, named from the root, are asked for a module's faults; None: never."""
     folder, slow = ("tests/gcs", STATION_LAST) if module.startswith(STATION) else ("tests/core", ())
-    if file in [os.path.normpath(f"{folder}/{each}") for each in FIRST[module]]:
-        return Stage.FIRST
+    named = [os.path.normpath(f"{folder}/{each}") for each in FIRST[module]]
+    if file in named:
+        return Stage.OWN if file == named[0] else Stage.FIRST
     also = [os.path.normpath(f"{folder}/{each}") for each in slow]
     return Stage.FAST if file in also or (file.startswith(f"{folder}/") and "test_purity" not in file) else None
 
@@ -387,10 +388,10 @@ def of_module(
                 without = in_child(lambda: importlib.import_module(_name_of(module)).__name__)
                 assert without == _name_of(module), f"{module}: not imported without any fault: {without}"
             elsewhere += 1
-            first = stage is Stage.FIRST
-            # all tests that such a process has to ask are asked at the end
+            first = stage is Stage.OWN
+            # such a process asks the named tests at once, and all others at the end
             survived = (
-                stage is Stage.FAST
+                stage in (Stage.FIRST, Stage.FAST)
                 or in_child(lambda fault=fault, first=first: unnoticed(module, fault, first=first)) is True  # type: ignore[misc]
             )
             by = SURVIVED if survived else "a process that imports it"
