@@ -9,6 +9,7 @@ from dataclasses import replace
 import pytest
 
 from mavproxy_handover.core.common.events import (
+    BordersSeen,
     ControlRequested,
     LinkJudged,
     OperatorControlShown,
@@ -16,7 +17,8 @@ from mavproxy_handover.core.common.events import (
     Record,
     StationHeard,
 )
-from mavproxy_handover.core.common.model import GapFact, Reason
+from mavproxy_handover.core.common.messages import CrossingKey
+from mavproxy_handover.core.common.model import BorderFact, GapFact, Reason
 from mavproxy_handover.core.common.snapshot import Snapshot
 from tests.core.bench import DIGEST, A, B, Bench, C, ConnectAck, Phase, far, inside, outside
 
@@ -228,9 +230,59 @@ def test_a_new_commander_has_the_time_of_an_answer_from_the_commit_on() -> None:
 
 
 def test_the_loss_of_the_owner_is_a_deadline() -> None:
-    bench = Bench().on_mission()
+    """On the ground nothing else is due when no question is."""
+    bench = Bench().on_ground()
     for presence in bench.arbiter._presence.values():
         presence.ask_at = bench.now + 100.0
-    deadline = bench.arbiter.next_deadline()
-    assert deadline is not None
-    assert deadline <= bench.arbiter._presence[A].lost_at()
+    assert bench.arbiter.next_deadline() == bench.arbiter._presence[A].lost_at()
+
+
+def test_borders_on_the_way_are_foreseen() -> None:
+    bench = Bench().on_mission()
+    bench.give(BordersSeen((BorderFact(0, 20.0, frozenset({A, B})),)))
+    assert bench.arbiter.ahead == CrossingKey(A, B, 1, 1)
+    assert bench.arbiter.ahead_s(bench.now) == 20.0
+
+
+def test_links_that_are_judged_may_call_for_a_transfer_at_once() -> None:
+    bench = Bench().on_mission()
+    zones, links = bench.arbiter._candidates.zones, bench.arbiter._candidates.links
+    zones.update((inside(A), inside(B)), bench.now)
+    zones.forget_entries()
+    links._weak[A] = bench.now - 10.0
+    bench.give(LinkJudged(C, False, False, ""))
+    assert (bench.arbiter.view.partner, bench.arbiter.view.why) == (B, Reason.LINK_QUALITY)
+
+
+class TestAnswers:
+    """What a station's answer to CONNECT shows."""
+
+    def test_that_it_knows_the_last_result(self) -> None:
+        bench = Bench().commit()
+        results = bench.arbiter._transfer_manager.results
+        assert len(results.deadlines()) == 2
+        bench.say(A, ConnectAck(A, 1, 0, 2, B, "GCSA", DIGEST))
+        assert len(results.deadlines()) == 1
+
+    def test_that_it_answers_too_few_which_is_told_once(self) -> None:
+        bench = Bench().on_mission()
+        assert bench.records("deaf") == []
+        presence = bench.arbiter._presence[B]
+        presence.ask_at = bench.now + 100.0
+        presence.hearing._fates.clear()
+        presence.hearing._fates.extend((bench.now - seconds, False) for seconds in range(14, 1, -1))
+        for nonce in (1, 2):
+            presence.asked.append((nonce, bench.now))
+            bench.say(B, ConnectAck(B, 1, nonce, 1, A, "GCSB", DIGEST))
+            assert [each.text for each in bench.records("deaf")] == ["GCSB hears less than 15 % of the aircraft"]
+
+    @pytest.mark.parametrize("barred", [True, False])
+    def test_that_a_lost_commander_is_back_if_it_hears_enough(self, barred: bool) -> None:
+        bench = Bench().on_mission()
+        bench.arbiter._authority.lose(A, bench.now, [])
+        presence = bench.arbiter._presence[A]
+        if barred:
+            presence.hearing.barred_at = bench.now
+        presence.asked.append((1, bench.now))
+        bench.arbiter._on_connect_ack(A, ConnectAck(A, 1, 1, 1, None, "GCSA", DIGEST), bench.now, [])
+        assert bench.arbiter._authority.lost is barred
