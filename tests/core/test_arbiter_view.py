@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the arbiter tells the rest of the companion: zones, answers that are awaited, and how well stations hear."""
+"""The arbiter's own part: what it tells the rest of the companion, and what it does with each event and decision."""
 
 from __future__ import annotations
 
@@ -8,18 +8,43 @@ from dataclasses import replace
 
 import pytest
 
+from mavproxy_handover.core.common.causes import Cause as Wrong
 from mavproxy_handover.core.common.events import (
+    Action,
+    Announce,
+    AutopilotState,
     BordersSeen,
     ControlRequested,
+    Fly,
+    GuardSeen,
     LinkJudged,
+    MissionLoaded,
+    ModeSeen,
     OperatorControlShown,
     PositionSeen,
     Record,
+    RehearsalAsked,
+    RehearsalMoved,
+    StartRequested,
     StationHeard,
+    TakeOffPassed,
+    Tick,
+    ViewChanged,
 )
+from mavproxy_handover.core.common.limits import Limits
 from mavproxy_handover.core.common.messages import CrossingKey
-from mavproxy_handover.core.common.model import BorderFact, GapFact, Reason
+from mavproxy_handover.core.common.model import (
+    BorderFact,
+    FlightAction,
+    GapFact,
+    GuardState,
+    LeaseState,
+    ModeClass,
+    Reason,
+)
 from mavproxy_handover.core.common.snapshot import Snapshot
+from mavproxy_handover.core.safety.emergency import News
+from mavproxy_handover.core.safety.strategy import Decision
 from tests.core.bench import DIGEST, A, B, Bench, C, ConnectAck, Phase, far, inside, outside
 
 LEFT = Snapshot(A, 4, 7, Phase.ON_MISSION, 2, DIGEST, (A, B, A))
@@ -286,3 +311,234 @@ class TestAnswers:
         presence.asked.append((1, bench.now))
         bench.arbiter._on_connect_ack(A, ConnectAck(A, 1, 1, 1, None, "GCSA", DIGEST), bench.now, [])
         assert bench.arbiter._authority.lost is barred
+
+
+class TestRehearsal:
+    """On the ground, by the commander's word; it counts as a flight."""
+
+    def rehearsing(self) -> Bench:
+        bench = Bench().on_ground()
+        bench.give(RehearsalAsked(A, True))
+        assert (bench.arbiter.view.rehearsal, bench.arbiter.view.phase) == (True, Phase.ON_MISSION)
+        return bench
+
+    def ended(self, actions: list[Action]) -> list[str]:
+        return [action.text for action in actions if isinstance(action, RehearsalMoved) and not action.on]
+
+    def test_the_time_without_a_commander_is_counted_from_the_event_that_shows_it(self) -> None:
+        bench = self.rehearsing()
+        assert bench.arbiter._rehearsal.due_at() is None
+        bench.arbiter._authority.lose(A, bench.now, [])
+        bench.arbiter.handle(Tick(), bench.now)
+        assert bench.arbiter._rehearsal.due_at() == bench.now + 300.0
+
+    def test_when_that_is_over_it_ends(self) -> None:
+        bench = self.rehearsing()
+        bench.arbiter._authority.lose(A, bench.now, [])
+        bench.arbiter._rehearsal._nobody_since = bench.now - 300.0
+        text = "REHEARSAL OVER: no station has had authority for 300 s"
+        assert self.ended(bench.arbiter.handle(Tick(), bench.now)) == [text]
+
+    def test_an_aircraft_that_is_armed_ends_it(self) -> None:
+        bench = self.rehearsing()
+        actions = bench.arbiter.handle(AutopilotState(True, False), bench.now)
+        assert self.ended(actions) == ["REHEARSAL OVER: the aircraft is armed"]
+
+    def test_an_aircraft_that_is_not_armed_does_not(self) -> None:
+        bench = self.rehearsing()
+        bench.arbiter.handle(AutopilotState(False, False), bench.now)
+        assert (bench.arbiter.view.rehearsal, bench.arbiter.view.phase) == (True, Phase.ON_MISSION)
+
+
+def test_a_take_off_by_hand_ends_the_request_of_another_station() -> None:
+    bench = Bench().on_ground()
+    bench.give(bench.request(B))
+    assert bench.arbiter.view.partner == B
+    bench.give(TakeOffPassed(A))
+    assert bench.arbiter.view.partner is None
+
+
+def test_after_a_landing_every_station_begins_anew() -> None:
+    bench = Bench().on_mission()
+    bench.arbiter._presence[B].hearing.losses = 2
+    bench.autopilot_says(armed=False, flying=False)
+    assert bench.arbiter._presence[B].hearing.losses == 0
+
+
+def test_another_state_of_the_guard_is_journalled() -> None:
+    bench = Bench().on_ground()
+    bench.log.clear()
+    for state in (GuardState.LIVE, GuardState.DISABLED, GuardState.DISABLED, GuardState.SILENT):
+        bench.give(GuardSeen(state, ours=True))
+    assert [record.text for record in bench.records("guard")] == ["guard: live -> disabled"]
+
+
+def test_a_mission_brings_its_policy_and_is_journalled() -> None:
+    bench = Bench().on_ground()
+    bench.log.clear()
+    bench.give(MissionLoaded(DIGEST, (A, B), "land"))
+    assert bench.arbiter.snapshot().out_of_coverage == "land"
+    bench.give(MissionLoaded(b"", ()))
+    assert [record.text for record in bench.records("mission_loaded")] == [
+        "mission loaded, commanders along the route: GCSA GCSB"
+    ]
+    assert [record.text for record in bench.records("mission_dropped")] == [
+        "the autopilot no longer holds the mission that was loaded"
+    ]
+
+
+class TestTime:
+    """What has run out is over before the event counts."""
+
+    def test_a_station_whose_answers_are_too_few_when_its_next_question_is_due(self) -> None:
+        bench = Bench().on_mission()
+        presence = bench.arbiter._presence[B]
+        presence.hearing._fates.clear()
+        presence.hearing._fates.extend((bench.now - seconds, False) for seconds in range(14, 1, -1))
+        presence.ask_at = bench.now
+        actions = bench.arbiter.handle(Tick(), bench.now)
+        assert Record("deaf", "GCSB hears less than 15 % of the aircraft", station=B) in actions
+
+    @pytest.mark.parametrize("how", ["silent", "barred", "there"])
+    def test_a_partner_that_is_not_there_any_more_ends_the_transfer(self, how: str) -> None:
+        bench = Bench().in_transfer()
+        presence = bench.arbiter._presence[B]
+        if how == "silent":
+            presence.heard_at = bench.now - 5.0
+        elif how == "barred":
+            presence.hearing.barred_at = bench.now
+        actions = bench.arbiter.handle(Tick(), bench.now)
+        aborted = [action.text for action in actions if isinstance(action, Record)]
+        assert ("handover 1 aborted (partner_silent): GCSA commands" in aborted) is (how != "there")
+
+
+class TestLoss:
+    """What the loss of the commander changes at once."""
+
+    def test_in_a_gap_the_first_lease_says_that_the_aircraft_flies_alone(self) -> None:
+        for gap, lease in ((GapFact(60.0, "A to B"), LeaseState.ALONE), (None, LeaseState.LOST)):
+            bench = Bench().on_mission()
+            bench.arbiter._on_position(PositionSeen(far(A, B), gap), bench.now, [])
+            bench.arbiter._authority.fly_alone(False)
+            bench.arbiter._lose_owner(A, bench.now, [])
+            assert bench.arbiter.view.lease is lease
+
+    def test_the_pauses_are_over(self) -> None:
+        bench = Bench().on_mission()
+        bench.arbiter._candidates.pause(B, Reason.COMMANDER_LOST, Reason.PARTNER_SILENT, bench.now)
+        bench.arbiter._lose_owner(A, bench.now, [])
+        assert bench.arbiter._candidates.paused_s(B, Reason.COMMANDER_LOST, bench.now) == 0.0
+
+    @pytest.mark.parametrize("standard", [True, False])
+    def test_a_station_with_our_module_has_to_show_for_longer_that_it_hears(self, standard: bool) -> None:
+        bench = Bench(standard={A} if standard else set()).on_mission()
+        bench.arbiter._lose_owner(A, bench.now, [])
+        assert bench.arbiter._presence[A].hearing.losses == (0 if standard else 1)
+
+    @pytest.mark.parametrize(
+        ("heard_ago_s", "answered_ago_s", "why"),
+        [(0.0, 0.0, "hears less than 15 % of the aircraft"), (0.0, 6.0, "answers no more"), (6.0, 6.0, "is lost")],
+    )
+    def test_it_is_told_why(self, heard_ago_s: float, answered_ago_s: float, why: str) -> None:
+        bench = Bench().on_mission()
+        presence = bench.arbiter._presence[A]
+        presence.heard_at, presence.answered_at = bench.now - heard_ago_s, bench.now - answered_ago_s
+        actions: list[Action] = []
+        bench.arbiter._lose_owner(A, bench.now, actions)
+        assert [action.text for action in actions if isinstance(action, Record)] == [f"GCSA {why}: no station commands"]
+
+
+def test_a_position_that_is_late_is_journalled_once() -> None:
+    bench = Bench().on_mission()
+    bench.arbiter._flight._position_at = bench.now - 2.0
+    for told in (1, 0):
+        actions = bench.arbiter.handle(Tick(), bench.now)
+        assert len([each for each in actions if isinstance(each, Record) and each.event == "position_stale"]) == told
+
+
+class TestDecisions:
+    """What the arbiter does with a decision of safety."""
+
+    def told(self, news: News, bench: Bench) -> list[Action]:
+        actions: list[Action] = []
+        bench.arbiter._on_news(news, bench.now, actions)
+        return actions
+
+    @pytest.mark.parametrize(
+        ("before", "grave", "event", "text"),
+        [
+            (FlightAction.CONTINUE, False, "gap_over", "the gap is crossed"),
+            (FlightAction.HOLD, True, "emergency_over", "the cause of the emergency is gone"),
+            (FlightAction.WARN, False, "warning_over", "the cause of the warning is gone"),
+        ],
+    )
+    def test_its_end_is_journalled(self, before: FlightAction, grave: bool, event: str, text: str) -> None:
+        bench = Bench().on_mission()
+        news = News(None, Decision(before, Wrong.COVERAGE_ENDS), grave=grave)
+        assert self.told(news, bench)[0] == Record(event, text)
+
+    def test_a_return_is_an_emergency_and_shown_as_one(self) -> None:
+        bench = Bench().on_mission()
+        actions = self.told(News(Decision(FlightAction.RETURN, Wrong.ENERGY), None), bench)
+        assert bench.arbiter.view.phase is Phase.EMERGENCY
+        assert ViewChanged(bench.arbiter.view, Reason.ENERGY) in actions
+
+    def test_a_hold_is_none(self) -> None:
+        bench = Bench().on_mission()
+        self.told(News(Decision(FlightAction.HOLD, Wrong.COVERAGE_ENDS), None), bench)
+        assert bench.arbiter.view.phase is Phase.ON_MISSION
+
+    def test_after_it_a_transfer_under_way_is_a_phase_again(self) -> None:
+        bench = Bench().in_transfer()
+        bench.arbiter._authority.phase = Phase.EMERGENCY
+        self.told(News(None, Decision(FlightAction.RETURN, Wrong.ENERGY), grave=True), bench)
+        assert bench.arbiter.view.phase is Phase.ON_HANDOVER
+
+    @pytest.mark.parametrize(("cause", "partner"), [(Wrong.OUT_OF_COVERAGE, None), (Wrong.COMMANDER_LOST, B)])
+    def test_out_of_every_zone_a_transfer_ends(self, cause: Wrong, partner: int | None) -> None:
+        bench = Bench().in_transfer()
+        self.told(News(Decision(FlightAction.RETURN, cause), None), bench)
+        assert bench.arbiter.view.partner == partner
+
+    def test_a_start_under_way_does_not_count_any_more(self) -> None:
+        bench = Bench().on_ground()
+        bench.give(StartRequested(A))
+        assert bench.arbiter._authority.starting
+        bench.arbiter._come_home(Wrong.ENERGY, bench.now, [])
+        assert not bench.arbiter._authority.starting
+
+    def test_a_return_is_told_with_the_first_event_after_its_order(self) -> None:
+        bench = Bench(Limits(policies={Wrong.GUARD_LOST: "return"}, hold_off_s={Wrong.GUARD_LOST: 0.0})).on_mission()
+        told = []
+        for event in (GuardSeen(GuardState.DISABLED, ours=True), Tick(), Tick()):
+            actions = bench.arbiter.handle(event, bench.now)
+            told.append([type(each) for each in actions if isinstance(each, (Fly, Announce))])
+        assert told == [[Fly], [Announce], []]
+
+    def test_in_a_gap_the_aircraft_may_fly_alone_unless_it_is_brought_home(self) -> None:
+        limits = Limits(policies={Wrong.GUARD_LOST: "return"}, hold_off_s={Wrong.GUARD_LOST: 0.0})
+        bench = Bench(limits).on_mission()
+        bench.gap = GapFact(60.0, "A to B")
+        bench.position(*far(A, B, C))
+        assert bench.arbiter._authority.alone
+        bench.give(GuardSeen(GuardState.DISABLED, ours=True))
+        bench.give(Tick())
+        assert not bench.arbiter._authority.alone
+
+    def test_without_a_commander_the_lease_follows_though_nothing_is_decided(self) -> None:
+        bench = Bench(Limits(hold_off_s={Wrong.COMMANDER_LOST: 5.0})).on_mission()
+        bench.arbiter._authority.lose(A, bench.now, [])
+        bench.arbiter._authority.fly_alone(True)
+        bench.arbiter._authority.refresh(Reason.NONE, [])
+        assert bench.arbiter.view.lease is LeaseState.ALONE
+        actions: list[Action] = []
+        bench.arbiter._judge(bench.now, actions)
+        assert actions == [ViewChanged(bench.arbiter.view, Reason.COMMANDER_LOST)]
+        assert bench.arbiter.view.lease is LeaseState.LOST
+
+    def test_a_doubt_about_the_mode_ends_with_time(self) -> None:
+        bench = Bench().on_mission()
+        for mode in (ModeClass.MISSION, ModeClass.HANDS):
+            bench.give(ModeSeen(mode, mode.name, radio=True))
+        actions = bench.arbiter.handle(Tick(), bench.now + 1.0)
+        assert Record("helm", "HANDS: a pilot has taken over") in actions
