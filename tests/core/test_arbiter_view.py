@@ -14,6 +14,7 @@ from mavproxy_handover.core.common.events import (
     Announce,
     AutopilotState,
     BordersSeen,
+    ConditionsSeen,
     ControlRequested,
     Fly,
     GuardSeen,
@@ -21,6 +22,7 @@ from mavproxy_handover.core.common.events import (
     MissionLoaded,
     ModeSeen,
     OperatorControlShown,
+    OrderRefused,
     PositionSeen,
     Record,
     RehearsalAsked,
@@ -514,6 +516,25 @@ class TestDecisions:
             actions = bench.arbiter.handle(event, bench.now)
             told.append([type(each) for each in actions if isinstance(each, (Fly, Announce))])
         assert told == [[Fly], [Announce], []]
+
+    def test_a_return_that_another_cause_takes_over_is_told_after_the_order_for_that(self) -> None:
+        causes = (Wrong.GUARD_LOST, Wrong.ENERGY)
+        limits = Limits(policies=dict.fromkeys(causes, "return"), hold_off_s=dict.fromkeys(causes, 0.0))
+        bench = Bench(limits).on_mission()
+        told = []
+        for event in (GuardSeen(GuardState.DISABLED, ours=True), ConditionsSeen(energy=True), Tick(), Tick()):
+            bench.now += 0.1
+            actions = bench.arbiter.handle(event, bench.now)
+            told.append([(type(each), each.reason) for each in actions if isinstance(each, (Fly, Announce))])
+        assert told == [[(Fly, Reason.GUARD_LOST)], [(Fly, Reason.ENERGY)], [(Announce, Reason.ENERGY)], []]
+
+    def test_an_order_that_is_refused_is_decided_again_in_the_same_event(self) -> None:
+        bench = Bench(Limits(policies={Wrong.GUARD_LOST: "return"}, hold_off_s={Wrong.GUARD_LOST: 0.0})).on_mission()
+        bench.give(ModeSeen(ModeClass.MISSION, "AUTO"))
+        bench.give(GuardSeen(GuardState.DISABLED, ours=True))
+        bench.give(Tick())
+        actions = bench.give(OrderRefused(FlightAction.RETURN))
+        assert [action.action for action in actions if isinstance(action, Fly)] == [FlightAction.LAND]
 
     def test_in_a_gap_the_aircraft_may_fly_alone_unless_it_is_brought_home(self) -> None:
         limits = Limits(policies={Wrong.GUARD_LOST: "return"}, hold_off_s={Wrong.GUARD_LOST: 0.0})

@@ -76,6 +76,11 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
             "the time to come back is set together with an owner, and while it runs no station commands that could "
             "release; the line is for the type checker"
         ),
+        "_judge_safety: dropped from and/or: untold is not None: untold is not None and "
+        "untold == executor.tells_at()": "without a return that is to be told nothing is told",
+        "_judge: dropped: return self._safety.facts.now(now)": (
+            "an order changes no fact that its check uses: none is given while the source of the mode is in doubt"
+        ),
         "_grant_parent: dropped from and/or: authority.owner != parent: gone and authority.owner != parent": (
             "a parent that is lost is not heard, so it is not fit; once it is heard it is not lost any more"
         ),
