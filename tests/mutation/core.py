@@ -15,7 +15,8 @@ faults, with the reason. The exit code is 1 if
 * a module of the core has no tests that are named for it here.
 
 The faults that are not listed are planted one at a time. The listed ones are planted many at once, at most one in a
-function: if no test notices any of them, each of them survives, else the half that is noticed is parted again.
+statement: if no test notices any of them, each of them survives. Else the faults that a test notices are looked for by
+this test, and the others are planted again.
 
 `--part 1/4` takes every fourth fault, `--sample 100` a random hundred of each module, `--only TEXT` those with TEXT in
 their names, `--new` those that are not listed, `--left` those that no test noticed by the record. `--first` asks only
@@ -52,7 +53,7 @@ from tests.mutation import run  # noqa: E402
 from tests.mutation.core_survivors import KNOWN_SURVIVORS  # noqa: E402
 from tests.mutation.faults import STATION, Fault, faults, file_of, plant, source_of, table_faults  # noqa: E402
 from tests.mutation.run import _Mutated, import_once, in_child  # noqa: E402
-from tests.mutation.server import ELSEWHERE, FOLDERS, SURVIVED, Server, Stage  # noqa: E402
+from tests.mutation.server import ELSEWHERE, EXPLORATION, FOLDERS, SURVIVED, Server, Stage  # noqa: E402
 
 __all__ = ["main", "misnamed", "out_of_date", "stage_of"]
 
@@ -409,33 +410,62 @@ def of_module(
 # ---- the listed ones, many at once ---------------------------------------------------------------------------------
 
 Listed = tuple[str, Fault]
+#: takes faults that are planted together, and the tests to ask (None: all, and the exploration); returns those that
+#: notice something
+Noticing = Callable[[list[Listed], list[str] | None], list[str]]
+#: in the place of a test: what took too long, or broke the process
+_BROKEN = "the process broke"
 
 
 def rounds(listed: list[Listed]) -> list[list[Listed]]:
-    """The faults in groups, in which no two are in the same function of a module, or in the same table."""
+    """The faults in groups, in which no two are in the same statement of a module, or in the same table."""
     found: list[list[Listed]] = []
-    seen: Counter[str] = Counter()
+    seen: Counter[tuple[str, str | int]] = Counter()
     for module, fault in listed:
-        function = f"{module} {fault.name.partition(':')[0]}"
-        if seen[function] == len(found):
+        place = module, fault.edit.lines.start if fault.edit is not None else fault.name.partition(":")[0]
+        if seen[place] == len(found):
             found.append([])
-        found[seen[function]].append((module, fault))
-        seen[function] += 1
+        found[seen[place]].append((module, fault))
+        seen[place] += 1
     return found
 
 
-def noticed_of(listed: list[Listed], unnoticed_together: Callable[[list[Listed]], bool]) -> list[Listed]:
-    """Those of a group that are noticed: a group that is noticed is parted until single faults are left."""
-    if not listed or unnoticed_together(listed):
-        return []
-    if len(listed) == 1:
-        return listed
-    half = len(listed) // 2
-    return [*noticed_of(listed[:half], unnoticed_together), *noticed_of(listed[half:], unnoticed_together)]
+def stale_of(group: list[Listed], noticing: Noticing) -> tuple[list[Listed], list[Listed]]:
+    """Of faults that are planted together: those that are noticed alone; and those that are noticed only together with
+    others of the group, so that they have to be planted in another round."""
+    stale: list[Listed] = []
+    apart: list[Listed] = []
+    rest = group
+    tests = noticing(rest, None)
+    while tests:
+        together = smallest(rest, lambda some, test=tests[0]: bool(noticing(some, [test])))  # type: ignore[misc]
+        (stale if len(together) == 1 else apart).append(together[0])
+        rest = [row for row in rest if row is not together[0]]
+        tests = noticing(rest, tests) if rest else []
+    return stale, apart
 
 
-def all_unnoticed(listed: list[Listed]) -> bool:
-    """Whether all tests and the exploration find nothing wrong with these faults together. In a process of its own."""
+def smallest(group: list[Listed], noticed: Callable[[list[Listed]], bool]) -> list[Listed]:
+    """A part of a group that is noticed, without one that is not needed for that. The whole group is noticed."""
+    needed: list[Listed] = []
+    while group and not (needed and noticed(needed)):
+        low, high = 0, len(group)
+        while high - low > 1:
+            middle = (low + high) // 2
+            low, high = (low, middle) if noticed([*group[:middle], *needed]) else (middle, high)
+        needed.append(group[high - 1])
+        group = group[: high - 1]
+    return needed
+
+
+def noticed_by(listed: list[Listed], only: list[str] | None) -> list[str]:
+    """`Noticing`, in a process of its own."""
+    found = in_child(lambda: _noticed_by(listed, None if only == [_BROKEN] else only))
+    return found if isinstance(found, list) else [_BROKEN]
+
+
+def _noticed_by(listed: list[Listed], only: list[str] | None) -> list[str]:
+    """It spoils the modules."""
     import pytest
 
     trees: dict[str, list[Fault]] = {}
@@ -448,17 +478,37 @@ def all_unnoticed(listed: list[Listed]) -> bool:
         if edits:
             source = ast.unparse(ast.fix_missing_locations(edits[0].tree))
             sys.meta_path.insert(0, _Mutated(_name_of(module), source, file_of(module)))
+    failed = _Failed()
     with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
         for module, fault in listed:
             if fault.entry is not None:
                 importlib.import_module(_name_of(module))
                 plant(module, *fault.entry)
-        options = [*run.PYTEST, "--rootdir", str(ROOT), "--timeout=0"]
-        paths = [str(ROOT / each) for each in FOLDERS]
-        if int(pytest.main([*options, *paths], plugins=[_EachInTime(), _NotForThese()])) != 0:
-            return False
+        options = [*(each for each in run.PYTEST if each != "-x"), "--rootdir", str(ROOT), "--timeout=0"]
+        tests = FOLDERS if only is None else [each for each in only if each != EXPLORATION]
+        if tests:
+            pytest.main(
+                [*options, *(str(ROOT / each) for each in tests)], plugins=[_EachInTime(), _NotForThese(), failed]
+            )
         run.limit(run.TIMEOUT_S)
-        return not _found_by_exploring()
+        if (only is None or EXPLORATION in only) and _found_by_exploring():
+            failed.names.append(EXPLORATION)
+    return failed.names
+
+
+class _Failed:
+    """Notes the tests that fail, and the files that cannot be imported."""
+
+    def __init__(self) -> None:
+        self.names: list[str] = []
+
+    def pytest_runtest_logreport(self, report: Any) -> None:
+        if report.failed and report.nodeid not in self.names:
+            self.names.append(report.nodeid)
+
+    def pytest_collectreport(self, report: Any) -> None:
+        if report.failed:
+            self.names.append(report.nodeid)
 
 
 class _NotForThese:
@@ -577,14 +627,16 @@ def main(arguments: list[str] | None = None) -> int:
             )
     server.close()
     stale: list[Listed] = []
-    for place, group in enumerate(grouped := rounds(listed), 1):
-        begun = time.monotonic()
-        found = noticed_of(group, lambda some: in_child(lambda: all_unnoticed(some)) is True)
+    waiting = rounds(listed)
+    while waiting:
+        begun, group = time.monotonic(), waiting.pop(0)
+        found, apart = stale_of(group, noticed_by)
         for module, fault in found:
             print(f"  listed, but noticed: {module}: {fault.name}", flush=True)
         stale += found
+        waiting += [apart] if apart else []
         print(
-            f"listed, round {place} of {len(grouped)}: {len(group)} faults, {len(found)} noticed, "
+            f"listed, {len(group)} together: {len(found)} noticed, {len(apart)} to be tried apart, "
             f"{time.monotonic() - begun:.0f} s",
             flush=True,
         )

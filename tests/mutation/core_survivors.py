@@ -53,15 +53,9 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
         ),
     },
     "authority.transfer_manager": {
-        "begin: truth turned: False in self, partner: int, reason: Reason, now: float, actions: list[Action], *, "
-        "consented: bool=": "a call without it begins a forced transfer, which needs no consent",
         "imply: dropped: return": "it is called only while a transfer is under way; the line is for the type checker",
         "_end: dropped from and/or: not committed: not committed and end.reason in PEOPLES_WORD": (
             "the reason of a commit is no operator's answer"
-        ),
-        "_end: dropped: self.echo.forget()": (
-            "a request that was noted and had no result is not repeated before another transfer commits; that one has "
-            "cleared it, or noted its own request, when it began"
         ),
     },
     "arbiter": {

@@ -44,7 +44,7 @@ from tests.mutation import run
 from tests.mutation.faults import ROOT, Fault, faults, file_of, plant, source_of, table_faults
 from tests.mutation.run import in_child
 
-__all__ = ["ELSEWHERE", "FOLDERS", "SURVIVED", "Server", "Stage"]
+__all__ = ["ELSEWHERE", "EXPLORATION", "FOLDERS", "SURVIVED", "Server", "Stage"]
 
 #: answers besides the name of the test that noticed a fault
 SURVIVED, ELSEWHERE, EXPLORATION = "survived", "elsewhere", "exploration"

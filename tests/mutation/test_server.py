@@ -10,7 +10,7 @@ from types import CodeType
 
 import pytest
 
-from tests.mutation.core import Listed, noticed_of, rounds
+from tests.mutation.core import Listed, rounds, stale_of
 from tests.mutation.faults import Fault, faults
 from tests.mutation.server import _Book, _changed, _Lines
 
@@ -90,18 +90,39 @@ def listed(*names: str) -> list[Listed]:
     return [("some", Fault(name)) for name in names]
 
 
-def test_two_faults_of_one_function_are_not_planted_together() -> None:
-    names = [
-        [fault.name for _module, fault in group] for group in rounds(listed("f: 1", "g: 1", "f: 2", "h: 1", "f: 3"))
-    ]
-    assert names == [["f: 1", "g: 1", "h: 1"], ["f: 2"], ["f: 3"]]
+def test_two_faults_of_one_statement_or_table_are_not_planted_together() -> None:
+    found = [fault for fault in faults(SOURCE) if fault.edit]
+    groups = rounds([("some", fault) for fault in found])
+    for group in groups:
+        lines = [fault.edit.lines.start for _module, fault in group if fault.edit]
+        assert len(set(lines)) == len(lines)
+    assert sum(map(len, groups)) == len(found)
+    names = [[fault.name for _module, fault in group] for group in rounds(listed("f: 1", "g: 1", "f: 2", "h: 1"))]
+    assert names == [["f: 1", "g: 1", "h: 1"], ["f: 2"]]
 
 
-@pytest.mark.parametrize("bad", [set(), {"b"}, {"a", "e"}, {"a", "b", "c", "d", "e"}])
-def test_of_faults_planted_together_those_that_are_noticed_are_found(bad: set[str]) -> None:
-    group = listed("a", "b", "c", "d", "e")
-    found = noticed_of(group, lambda some: not any(fault.name in bad for _module, fault in some))
-    assert {fault.name for _module, fault in found} == bad
+@pytest.mark.parametrize(
+    ("noticed", "stale", "apart"),
+    [
+        ([], set(), set()),
+        (["b"], {"b"}, set()),
+        (["a", "e"], {"a", "e"}, set()),
+        (["a", "b", "c", "d", "e"], {"a", "b", "c", "d", "e"}, set()),
+        (["bd"], set(), {"d"}),
+        (["ace", "b"], {"b"}, {"e"}),
+    ],
+)
+def test_of_faults_planted_together_those_that_are_noticed_are_found(
+    noticed: list[str], stale: set[str], apart: set[str]
+) -> None:
+    """Each test notices the faults in its name, if all of these are planted."""
+
+    def noticing(some: list[Listed], only: list[str] | None) -> list[str]:
+        planted = {fault.name for _module, fault in some}
+        return [test for test in noticed if planted.issuperset(test) and (only is None or test in only)]
+
+    found = stale_of(listed("a", "b", "c", "d", "e"), noticing)
+    assert [{fault.name for _module, fault in group} for group in found] == [stale, apart]
 
 
 def test_what_is_recorded_of_a_test_holds_until_its_file_or_the_rules_change(tmp_path: Path) -> None:
