@@ -86,10 +86,10 @@ class Filter(NamedTuple):
     #: True: it sees frames of the station that has authority only; False: of the other stations only; None: of all
     commands: bool | None = None
 
-    def sees(self, access: _Class, msgid: int | None, commands: bool) -> bool:
-        """Whether it sees such frames. `msgid` None: a message that no row names."""
+    def seen_of(self, msgid: int | None, commands: bool) -> frozenset[_Class]:
+        """The classes of the frames that it sees of such a message. `msgid` None: a message that no row names."""
         named = self.messages is None or msgid in self.messages
-        return named and access in self.classes and self.commands in (None, commands)
+        return self.classes if named and self.commands in (None, commands) else frozenset()
 
 
 class Filters:
@@ -124,9 +124,8 @@ class Filters:
         )
 
     def _limits(self, msgid: int | None, commands: bool) -> _ByClass:
-        return {
-            access: tuple(row.limit for row in self.table if row.sees(access, msgid, commands)) for access in _CLASSES
-        }
+        seen = [(row.limit, row.seen_of(msgid, commands)) for row in self.table]
+        return {access: tuple(limit for limit, classes in seen if access in classes) for access in _CLASSES}
 
     def limit(self, frame: Frame, verdict: Verdict, station: int, commands: bool, now: float) -> Verdict:
         """The final verdict. `verdict`: the policy's; `commands`: the frame comes from the station that has

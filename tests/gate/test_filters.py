@@ -162,9 +162,9 @@ def test_a_filter_sees_its_messages_of_its_classes_and_its_stations(
         return verdict
 
     row = Filter("some", frozenset({Access.STREAM}), limit, frozenset({9}), commands=True)
-    assert row.sees(access, msgid, commands) is sees
-    assert row._replace(messages=None).sees(Access.STREAM, msgid, commands) is commands
-    assert row._replace(commands=None).sees(Access.STREAM, 9, commands)
+    assert (access in row.seen_of(msgid, commands)) is sees
+    assert (Access.STREAM in row._replace(messages=None).seen_of(msgid, commands)) is commands
+    assert Access.STREAM in row._replace(commands=None).seen_of(9, commands)
 
 
 class TestCommandsOfTheCompanion:
