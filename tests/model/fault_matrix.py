@@ -5,7 +5,7 @@
     python tests/model/fault_matrix.py [--rows]
 
 prints the table as Markdown, or row by row as `test_fault_matrix.py` has it. The aircraft enters GCSB's zone at 20 s
-and leaves GCSA's at 50 s, with the limits of flight and 10 ms from anyone to anyone; GCSA commands at first. At the
+and leaves GCSA's at 40 s, with the limits of flight and 10 ms from anyone to anyone; GCSA commands at first. At the
 first message of a step
 
 * the message is *lost* (the first transmission, with its copy to the vehicle), *doubled* (every transmission arrives
@@ -77,7 +77,7 @@ DELAY_S = 0.01
 LATE_S = 6.0
 #: how long a message waits for another one to overtake it
 OVERTAKE_S = 1.0
-ENTERS_B_S, LEAVES_A_S, END_S = 20.0, 50.0, 75.0
+ENTERS_B_S, LEAVES_A_S, END_S = 20.0, 40.0, 50.0
 
 STEPS: dict[type, int] = {
     HandoverRequest: 1,
@@ -165,7 +165,9 @@ class _Flight:
             self._every(1.0, 0.001 * (sysid - A), lambda sysid=sysid: self._beat(sysid))  # type: ignore[misc]
         self._every(1.0, 0.5, self._vehicle_beats)
         self._every(0.5, 0.25, self._status)
-        self._every(0.1, 0.0, lambda: self.give(PositionSeen(self._facts())))
+        for second in range(int(ENTERS_B_S)):
+            self._at(second, lambda: self.give(PositionSeen(self._facts())))
+        self._every(0.1, ENTERS_B_S, lambda: self.give(PositionSeen(self._facts())))
         self._every(0.5, 0.2, lambda: self.give(AutopilotState(self.now >= 5.0, self.now >= 5.0)))
         self._every(0.5, 0.3, lambda: self.give(GuardSeen(GuardState.LIVE, ours=True)))
         self._at(2.0, lambda: self.give(MissionLoaded(DIGEST, (A, B))))
@@ -223,7 +225,6 @@ class _Flight:
         if self.arbiter is None:
             return
         actions = self.arbiter.handle(event, self.now)
-        self._saved = self.arbiter.snapshot()
         for action in actions:
             if isinstance(action, Send):
                 self._send(VEHICLE, action.station, action.message)
@@ -338,6 +339,8 @@ class _Flight:
         if who is None:
             return
         if who == VEHICLE:
+            assert self.arbiter is not None
+            self._saved = self.arbiter.snapshot()
             self.arbiter = None
             if self._nobody_since is None:
                 self._nobody_since = self.now - ENTERS_B_S
