@@ -51,7 +51,7 @@ __all__ = ["TAKE_OFF_S", "Link", "Network", "lossy", "perfect", "scripted"]
 PARENT = 251
 DIGEST = bytes(range(32))
 TAKE_OFF_S = 5.0
-POSITION_S = 0.1
+POSITION_S = 0.25
 
 #: Says when the copies of one message arrive, in seconds from now; nothing means that it is lost.
 Link = Callable[[], Sequence[float]]
