@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -79,10 +79,20 @@ def _named(package: Path, name: str) -> str:
     return f"{name}/" if (package / name).is_dir() else f"{name}.py"
 
 
+def statements(tree: ast.Module) -> Iterator[ast.AST]:
+    """Every statement, those within others too."""
+    waiting: list[ast.AST] = [tree]
+    while waiting:
+        node = waiting.pop()
+        yield node
+        for field in ("body", "orelse", "finalbody", "handlers", "cases"):
+            waiting += getattr(node, field, ())
+
+
 def imported(source: str, modules: Mapping[str, object]) -> set[str]:
     """The modules of `modules` that this source imports."""
     found = set()
-    for node in ast.walk(ast.parse(source)):
+    for node in statements(ast.parse(source)):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module is not None:

@@ -7,7 +7,7 @@ Each name in `VAGUE` stood for many different acts, so a reader had to open the 
 
 from __future__ import annotations
 
-import ast
+import re
 
 import pytest
 
@@ -25,8 +25,7 @@ VAGUE = {
 
 def vague(source: str) -> list[str]:
     """The functions and methods of a source that have such a name."""
-    nodes = (node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef))
-    return [node.name for node in nodes if node.name.lstrip("_") in VAGUE]
+    return [name for name in re.findall(r"\bdef (\w+)", source) if name.lstrip("_") in VAGUE]
 
 
 @pytest.mark.parametrize("module", sorted(name for name in files() if not name.startswith("sitl")))

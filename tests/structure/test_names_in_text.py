@@ -51,7 +51,9 @@ def places(folder: Path) -> tuple[Path, ...]:
 
 def missing(source: str, folder: Path) -> list[str]:
     """What is named in the texts of a source in that folder, and is not there."""
-    found = []
+    found: list[str] = []
+    if not _PATH.search(source) and not _MODULE.search(source):
+        return found  # most sources name nothing, and need not be parsed
     for text in texts(source):
         for name in _PATH.findall(text):
             if name not in OTHERS and not any((place / name).exists() for place in places(folder)):

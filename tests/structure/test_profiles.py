@@ -31,6 +31,8 @@ TESTS: Final = (
     r" (?:is|is not|==|!=) [\w.]*\bprofile(?:\.name|\.firmware)?(?![\w.])",
     r"\bisinstance\([^)]*Procedures\b|\btype\(\S*procedures\b",
 )
+#: what every one of them contains
+_NAMES: Final = re.compile("wing|copter|plane|rover|kind|mav_type|profile|procedures", re.IGNORECASE)
 #: module -> how many stay, and why
 STAY: Final = {
     "mavproxy_handover.monitors.preflight.rules": (1, "a value of the parameter Q_MAV_TYPE, which ArduPlane has"),
@@ -46,6 +48,8 @@ class _WithoutDocstrings(ast.NodeTransformer):
 
 def questions_of_kind(source: str) -> Iterator[str]:
     """The lines of code of that source that ask for the kind of aircraft."""
+    if not _NAMES.search(source):
+        return
     tree = ast.fix_missing_locations(_WithoutDocstrings().visit(ast.parse(source)))
     found = re.compile("|".join(TESTS))
     for line in ast.unparse(tree).splitlines():
