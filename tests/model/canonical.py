@@ -44,7 +44,7 @@ from mavproxy_handover.core.authority.start import Start
 from mavproxy_handover.core.authority.transfer import Transfer
 from mavproxy_handover.core.authority.transfer_manager import READ_S, TransferManager
 from mavproxy_handover.core.authority.zones import ZoneTracker
-from mavproxy_handover.core.common.causes import Cause, CauseWatch
+from mavproxy_handover.core.common.causes import CAUSES, Cause, CauseWatch
 from mavproxy_handover.core.common.flight import Flight
 from mavproxy_handover.core.common.limits import Limits
 from mavproxy_handover.core.safety.command_verification import CommandVerification
@@ -235,12 +235,19 @@ class _Heard(_Kind):
         return {hand: (at, flown) for hand, at, flown in value}
 
 
+@cache
+def _by_cause(words: tuple[str, ...]) -> dict[Cause, str]:
+    return dict(zip(CAUSES, words, strict=True))
+
+
 class _Policies(_Kind):
+    """A word for every cause of the table, in its order."""
+
     def pack(self, value: Any, shift: Shift) -> Any:
-        return tuple((cause.value, word) for cause, word in value.items())
+        return tuple(value.values())
 
     def unpack(self, value: Any) -> Any:
-        return {Cause(cause): word for cause, word in value}
+        return _by_cause(value).copy()
 
 
 class _Set(_Kind):
@@ -263,13 +270,13 @@ class _Fixed(_Kind):
     """Left out: made anew, the same for all states."""
 
     def __init__(self, make: Callable[[], Any]) -> None:
-        self._make = make
+        self.make = make
 
     def pack(self, value: Any, shift: Shift) -> Any:
         return None
 
     def unpack(self, value: Any) -> Any:
-        return self._make()
+        return self.make()
 
 
 class _Never(_Fixed):
@@ -277,7 +284,7 @@ class _Never(_Fixed):
     is rehearsed (tests/core/test_rehearsal.py)."""
 
     def pack(self, value: Any, shift: Shift) -> Any:
-        if value != self._make():
+        if value != self.make():
             raise TypeError(f"an exploration that comes by this says here what {value!r} is")
 
 
@@ -324,23 +331,23 @@ class _Fates(_Kind):
 
 class _Object(_Kind):
     def __init__(self, packer: _Class) -> None:
-        self._packer = packer
+        self.packer = packer
 
     def pack(self, value: Any, shift: Shift) -> Any:
-        return None if value is None else self._packer.pack(value, shift)
+        return None if value is None else self.packer.pack(value, shift)
 
     def unpack(self, value: Any) -> Any:
-        return None if value is None else self._packer.unpack(value)
+        return None if value is None else self.packer.unpack(value)
 
 
 class _Objects(_Object):
     """A map of objects, in its order."""
 
     def pack(self, value: Any, shift: Shift) -> Any:
-        return tuple((key, self._packer.pack(each, shift)) for key, each in value.items())
+        return tuple((key, self.packer.pack(each, shift)) for key, each in value.items())
 
     def unpack(self, value: Any) -> Any:
-        return {key: self._packer.unpack(each) for key, each in value}
+        return {key: self.packer.unpack(each) for key, each in value}
 
 
 class _Class:
@@ -352,21 +359,19 @@ class _Class:
     def __init__(self, cls: type, **kinds: _Kind) -> None:
         self._cls = cls
         self._names = kinds.keys()
-        self._slots = getattr(cls, "__slots__", None)
-        if self._slots is not None:
-            self._agree(set(self._slots))
+        slots = getattr(cls, "__slots__", None)
+        if slots is not None:
+            self._agree(set(slots))
         self._pack: Callable[[Any, Shift], Packed] = _compiled(
-            "def made(value, shift): return ({},)",
-            kinds,
-            lambda name: f"pack_{name}(value.{name}, shift)" if _alters(kinds[name], "pack") else f"value.{name}",
+            cls, kinds, f"value, shift: return ({''.join(f'{_packing(kind, name)}, ' for name, kind in kinds.items())})"
         )
-        self._unpack: Callable[[Any, Packed], None] = _compiled(
-            "def made(value, packed): {}, = packed"
-            + "".join(
-                f"; value.{name} = unpack_{name}(value.{name})" for name in kinds if _alters(kinds[name], "unpack")
-            ),
-            kinds,
-            lambda name: f"value.{name}",
+        #: the state of an object, in a frame that is moved
+        self.pack = self._pack_all if slots is None else self._pack
+        every = "".join(f"value.{name}, " for name in kinds)
+        made = "".join(_unpacking(kind, name) for name, kind in kinds.items())
+        #: an object in this state
+        self.unpack: Callable[[Packed], Any] = _compiled(
+            cls, kinds, f"packed: value = new(cls); {every} = packed; {made}return value"
         )
 
     def _agree(self, present: Collection[str]) -> None:
@@ -374,26 +379,42 @@ class _Class:
             odd = ", ".join(sorted(self._names ^ set(present)))
             raise TypeError(f"{self._cls.__name__}: say in canonical.py what {odd} is")
 
-    def pack(self, value: Any, shift: Shift) -> Packed:
-        if self._slots is None:
-            self._agree(value.__dict__.keys())
+    def _pack_all(self, value: Any, shift: Shift) -> Packed:
+        self._agree(value.__dict__.keys())
         return self._pack(value, shift)
 
-    def unpack(self, packed: Packed) -> Any:
-        value: Any = object.__new__(self._cls)
-        self._unpack(value, packed)
-        return value
+
+def _packing(kind: _Kind, name: str) -> str:
+    """The source of a packed field. What can be said without a call is."""
+    way = type(kind).pack
+    if way is _Kind.pack:
+        return f"value.{name}"
+    if way in (_Fixed.pack, _Shared.pack):
+        return "None"
+    packed = f"pack_{name}(value.{name}, shift)"
+    return f"None if value.{name} is None else {packed}" if way is _Object.pack else packed
 
 
-def _alters(kind: _Kind, way: str) -> bool:
-    return getattr(type(kind), way) is not getattr(_Kind, way)
+def _unpacking(kind: _Kind, name: str) -> str:
+    """The source that makes a field from what was packed, which stands in its place."""
+    way = type(kind).unpack
+    if way is _Kind.unpack:
+        return ""
+    if way is _Fixed.unpack:
+        return f"value.{name} = make_{name}(); "
+    made = f"unpack_{name}(value.{name})"
+    return f"value.{name} = {f'None if value.{name} is None else {made}' if way is _Object.unpack else made}; "
 
 
-def _compiled(source: str, kinds: dict[str, _Kind], each: Callable[[str], str]) -> Any:
-    """The function `made` of a source, in whose braces stands what `each` says of every field."""
-    scope: dict[str, Any] = {f"pack_{name}": kind.pack for name, kind in kinds.items()}
-    scope |= {f"unpack_{name}": kind.unpack for name, kind in kinds.items()}
-    exec(source.format(", ".join(map(each, kinds))), scope)
+def _compiled(cls: type, kinds: dict[str, _Kind], source: str) -> Any:
+    """The function with these parameters and this body."""
+    scope: dict[str, Any] = {"cls": cls, "new": object.__new__}
+    for name, kind in kinds.items():
+        inner = kind.packer if type(kind) is _Object else kind
+        scope |= {f"pack_{name}": inner.pack, f"unpack_{name}": inner.unpack}
+        if isinstance(kind, _Fixed):
+            scope[f"make_{name}"] = kind.make
+    exec(f"def made({source}".replace(":", "):", 1), scope)
     return scope["made"]
 
 
