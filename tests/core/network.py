@@ -116,6 +116,8 @@ class Network:
         stations = [Station(sysid, f"GCS{chr(ord('A') + sysid - PARENT)}") for sysid in sorted(self.visits)]
         self.arbiter = Arbiter(Identity("drone", tuple(stations), PARENT, nonce=7), self.limits)
         self.watch = Watch(self.arbiter, PARENT, self.limits)
+        #: when the arbiter's next tick is due
+        self._due = inf
         self.cores = {
             station.sysid: gcs.StationCore(
                 station,
@@ -164,8 +166,7 @@ class Network:
     def run(self, until: float) -> Network:
         """Let time pass up to `until`."""
         while True:
-            deadline = self.arbiter.next_deadline()
-            due = inf if deadline is None else max(deadline, self.now)
+            due = max(self._due, self.now)
             if self._queue and self._queue[0][0] <= min(due, until):
                 when, _number, job = heapq.heappop(self._queue)
                 self.now = max(self.now, when)
@@ -182,6 +183,8 @@ class Network:
     def give(self, event: Event) -> None:
         """One event for the arbiter, now."""
         actions = self.arbiter.handle(event, self.now)
+        deadline = self.arbiter.next_deadline()
+        self._due = inf if deadline is None else deadline
         self.watch.saw(event, actions, self.now)
         for action in actions:
             self._carry_out(action)

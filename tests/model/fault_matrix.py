@@ -142,6 +142,12 @@ class Outcome:
         return "; ".join(part for part in parts if part) + ("; RETURN" if self.returned else "")
 
 
+def _due(arbiter: Arbiter) -> float:
+    """When the arbiter wants its next tick; inf: it waits for nothing."""
+    deadline = arbiter.next_deadline()
+    return inf if deadline is None else deadline
+
+
 class _Flight:
     """The vehicle, two stations and the links between them, in virtual time."""
 
@@ -153,6 +159,8 @@ class _Flight:
         self._identity = Identity("drone", STATIONS, A, nonce=7)
         self.arbiter: Arbiter | None = Arbiter(self._identity, self._limits)
         self._saved = self.arbiter.snapshot()
+        #: when the arbiter's next tick is due
+        self._due = _due(self.arbiter)
         self.cores: dict[int, gcs.StationCore | None] = {station.sysid: self._new_core(station) for station in STATIONS}
         self._queue: list[tuple[float, int, Callable[[], None]]] = []
         self._number = count()
@@ -196,8 +204,7 @@ class _Flight:
     def run(self) -> Outcome:
         """Fly to the end."""
         while True:
-            deadline = None if self.arbiter is None else self.arbiter.next_deadline()
-            due = inf if deadline is None else max(deadline, self.now)
+            due = max(self._due, self.now)
             if self._queue[0][0] <= min(due, END_S):
                 when, _number, job = heapq.heappop(self._queue)
                 self.now = max(self.now, when)
@@ -225,6 +232,7 @@ class _Flight:
         if self.arbiter is None:
             return
         actions = self.arbiter.handle(event, self.now)
+        self._due = _due(self.arbiter)
         for action in actions:
             if isinstance(action, Send):
                 self._send(VEHICLE, action.station, action.message)
@@ -341,7 +349,7 @@ class _Flight:
         if who == VEHICLE:
             assert self.arbiter is not None
             self._saved = self.arbiter.snapshot()
-            self.arbiter = None
+            self.arbiter, self._due = None, inf
             if self._nobody_since is None:
                 self._nobody_since = self.now - ENTERS_B_S
         else:
@@ -351,6 +359,7 @@ class _Flight:
     def _revive(self, who: int) -> None:
         if who == VEHICLE:
             self.arbiter = Arbiter(self._identity, self._limits, self._saved)
+            self._due = _due(self.arbiter)
         else:
             self.cores[who] = self._new_core(STATIONS[who - A])
 
