@@ -76,6 +76,9 @@ class Fact(Enum):
     PLACE = "a place can be reached"
 
 
+#: of two causes that ask for the same action the first is named
+_ORDER: Final = tuple(Cause)
+
 #: The facts of one moment.
 Situation = Set[Fact]
 
@@ -163,10 +166,9 @@ def decide(
     `policies`: as configured, for every cause. `overruled`: the gravest action of a cause that the commander has
     overruled.
     """
-    order = list(Cause)
     best: Decision | None = None
     held_back: Fact | None = None
-    for cause in sorted(causes, key=order.index):
+    for cause in sorted(causes, key=_ORDER.index):
         action = _asked(cause, policies[cause], facts)
         if action in OVERRULED and action <= overruled.get(cause, FlightAction.WARN):
             action = FlightAction.WARN
