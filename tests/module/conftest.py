@@ -9,6 +9,7 @@ import socket
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from math import ceil
 from pathlib import Path
 from typing import Any
 
@@ -31,8 +32,8 @@ from tests.module.vehicle import Autopilot, Station
 from tests.packages import ROUND
 
 STEP_S = 0.05
-#: where a bench is made ready and nothing happens
-WAIT_STEP_S = 0.25
+#: where time only has to pass; a position that is older than 0.2 s is compared with no zone
+WAIT_STEP_S = 0.19
 
 
 class Clock:
@@ -132,6 +133,10 @@ class Bench:
             self.clock.now += step_s
             self.loop()
 
+    def wait(self, seconds: float) -> None:
+        """So much time passes, in longer steps: what happens meanwhile is not looked at."""
+        self.run(seconds, seconds / ceil(seconds / WAIT_STEP_S))
+
     def until(self, condition: Callable[[], Any], limit_s: float = 20.0) -> None:
         for _ in range(round(limit_s / STEP_S)):
             if condition():
@@ -156,10 +161,11 @@ class Bench:
         if self.module is None:
             assert self.load() is not None, self.mpstate.console.lines
         self.until(lambda: self.companion.view.commander == 251)
-        self.run(1.5, WAIT_STEP_S)
+        self.wait(1.5)
 
-    def share(self, package: MissionPackage, station: Station | None = None) -> PackageSender:
-        """Send a package from a station (GCSA) until the vehicle has said its last word of it."""
+    def share(self, package: MissionPackage, station: Station | None = None, *, at_once: bool = False) -> PackageSender:
+        """Send a package from a station (GCSA) until the vehicle has said its last word of it. `at_once`: meanwhile
+        the autopilot answers at once."""
         station = station or self.a
         addresses = pack_addresses(package.addresses)
         sender = PackageSender(
@@ -179,7 +185,9 @@ class Bench:
                         station.send(answer)
             return sender.finished
 
+        self.answers_at_once = at_once
         self.until(done)
+        self.answers_at_once = False
         for holder in (self.a, self.b):
             holder.digest = package.digest
         return sender
@@ -289,10 +297,8 @@ def delivery() -> MissionPackage:
 def ready(bench: Bench, delivery: MissionPackage) -> Bench:
     """The parent commands, the mission is loaded, the guard answers."""
     bench.connect()
-    bench.answers_at_once = True
-    bench.share(delivery)
-    bench.answers_at_once = False
-    bench.run(1.0, WAIT_STEP_S)
+    bench.share(delivery, at_once=True)
+    bench.wait(1.0)
     return bench
 
 

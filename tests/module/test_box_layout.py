@@ -45,7 +45,7 @@ def moving(bench: Bench, box: Box, north_mps: float, east_mps: float) -> None:
 
 
 def flying(bench: Bench, mission: MissionPackage) -> None:
-    bench.share(mission)
+    bench.share(mission, at_once=True)
     bench.run(2.0)
     bench.a.command(mavlink.MAV_CMD_MISSION_START)
     bench.until(lambda: bench.companion.view.phase is Phase.ON_MISSION)
@@ -150,7 +150,7 @@ def pointing_north(bench: Bench, box: Box, mission: MissionPackage, source: str)
     bench.autopilot.position = None
     box.configure(configured("full", f'source = "{source}"'))
     bench.connect()
-    bench.share(mission)
+    bench.share(mission, at_once=True)
     real_rounds(bench, lambda: standing(bench) == "unrecognised")
     bench.run(6.0)
 

@@ -109,7 +109,7 @@ def test_stations_tells_link_liveness_and_verdicts(bench: Bench) -> None:
     bench.connect()
     bench.b.alive = False
     bench.b.command(mavlink.MAV_CMD_NAV_LAND)
-    bench.run(6.0)
+    bench.wait(6.0)
     lines = bench.mpstate.type("handover stations")
     assert lines[0].startswith("GCSA (251): heard 0.")
     assert lines[0].endswith(" s ago, connected")

@@ -40,12 +40,12 @@ GUIDED, LOITER, RTL, LAND, BRAKE = 4, 5, 6, 9, 17
 def take_off(bench: Bench, package: MissionPackage, commands: str = "") -> Bench:
     bench.config.write_text(bench.config.read_text() + f"\n[commands]\n{commands}\n")
     bench.connect()
-    bench.share(package)
-    bench.run(2.0)
+    bench.share(package, at_once=True)
+    bench.wait(2.0)
     bench.a.command(START)
     bench.autopilot.waypoint = 2
     bench.until(lambda: bench.companion.view.phase is Phase.ON_MISSION)
-    bench.run(2.0)
+    bench.wait(2.0)
     bench.autopilot.received.clear()
     bench.a.received.clear()
     return bench
@@ -103,10 +103,10 @@ def test_a_target_outside_is_answered_with_the_reason(
 
 def test_sent_again_after_ten_seconds_it_is_carried_out_and_journalled(flown: Bench) -> None:
     fly_to(flown, OUT_OF_ZONES)
-    flown.run(4.0)
+    flown.wait(4.0)
     fly_to(flown, OUT_OF_ZONES)
     assert (passed(flown), flown.a.acks(REPOSITION)) == (0, [REJECTED, REJECTED])
-    flown.run(10.0)
+    flown.wait(10.0)
     fly_to(flown, OUT_OF_ZONES)
     assert passed(flown) == 1
     (entry,) = flown.journal("command_passed")
@@ -127,20 +127,20 @@ def test_a_repetition_by_its_counter_is_never_carried_out(flown: Bench) -> None:
     place = (0.0, 1.0, 0.0, 0.0, *OUT_OF_ZONES, 40.0)
     for confirmation in range(5):
         flown.a.send(mavlink.MAVLink_command_long_message(1, 1, REPOSITION, confirmation, *place))
-        flown.run(12.0)
+        flown.wait(12.0)
     assert passed(flown, "COMMAND_LONG") == 0
     assert flown.a.acks(REPOSITION) == [REJECTED] * 5
 
 
 def test_the_other_form_of_the_same_command_is_a_copy(flown: Bench) -> None:
     fly_to(flown, OUT_OF_ZONES)
-    flown.run(6.0)
+    flown.wait(6.0)
     place = (-1.0, 1.0, 0.0, 0.0, *OUT_OF_ZONES, 40.0)
     flown.a.send(mavlink.MAVLink_command_long_message(1, 1, REPOSITION, 0, *place))
-    flown.run(6.0)
+    flown.wait(6.0)
     fly_to(flown, OUT_OF_ZONES)
     assert passed(flown) == 0
-    flown.run(10.0)
+    flown.wait(10.0)
     flown.a.send(mavlink.MAVLink_command_long_message(1, 1, REPOSITION, 0, *place))
     flown.run(0.3)
     assert passed(flown, "COMMAND_LONG") == 1
@@ -148,14 +148,14 @@ def test_the_other_form_of_the_same_command_is_a_copy(flown: Bench) -> None:
 
 def test_copies_that_an_interruption_of_the_link_has_held_back_insist_on_nothing(flown: Bench) -> None:
     fly_to(flown, OUT_OF_ZONES)
-    flown.run(3.0)
+    flown.wait(3.0)
     flown.a.alive = False
-    flown.run(4.5)
+    flown.wait(4.5)
     flown.a.alive = True
-    flown.run(3.0)
+    flown.wait(3.0)
     fly_to(flown, OUT_OF_ZONES)
     assert passed(flown) == 0
-    flown.run(10.0)
+    flown.wait(10.0)
     fly_to(flown, OUT_OF_ZONES)
     assert passed(flown) == 1
 
@@ -165,7 +165,7 @@ def test_an_operator_who_sends_it_again_too_soon_is_told_again(flown: Bench) -> 
     flown.run(2.0)
     fly_to(flown, OUT_OF_ZONES)
     assert flown.a.texts().count("target refused") == 1
-    flown.run(6.0)
+    flown.wait(6.0)
     fly_to(flown, OUT_OF_ZONES)
     assert flown.a.texts().count("target refused") == 2
 
@@ -189,9 +189,9 @@ def test_the_commanders_override_lifts_one_limit_for_a_minute(flown: Bench) -> N
     assert passed(flown) == 1, "the fence was not lifted"
     (entry,) = flown.journal("override")
     assert (entry["by"], entry["limit"], entry["for_s"]) == ("GCSA", "coverage", 60)
-    flown.run(30.0)
+    flown.wait(30.0)
     assert override(flown, mavlink.HANDOVER_LIMIT_COVERAGE) == 29, "a copy lifts nothing anew"
-    flown.run(31.0)
+    flown.wait(31.0)
     fly_to(flown, OUT_OF_ZONES)
     assert passed(flown) == 1
 
@@ -299,7 +299,7 @@ def test_a_mission_that_goes_on_over_the_zone_of_a_dead_station_is_refused(
 ) -> None:
     """GCSB is gone; the way to item 8 lies in its zone, and GCSA's ends at 5.9283."""
     flown.b.alive = False
-    flown.run(8.0)
+    flown.wait(8.0)
     flown.autopilot.position = (52.6784, lon)
     flown.autopilot.waypoint = 8
     flown.run(1.5)
@@ -334,7 +334,7 @@ def target(place: tuple[float, float]) -> Any:
 
 
 def test_a_stream_of_targets_outside_is_dropped_and_told_once_in_a_while(flown: Bench) -> None:
-    flown.run(3.0)  # what ran before the flight would not count
+    flown.wait(3.0)  # what ran before the flight would not count
     for _ in range(200):
         flown.a.send(target(OUT_OF_ZONES))
         flown.run(0.05)
@@ -383,14 +383,14 @@ def test_to_follow_another_system_is_refused_for_nobody_knows_where_it_leads(flo
         "FOLLOW refused: where it leads is not known. Send it again in 10 s to insist, or handover override coverage"
     )
     assert flown.a.texts() == words
-    flown.run(10.0)
+    flown.wait(10.0)
     flown.a.command(SET_MODE, 1.0, 23.0)
     flown.run(0.3)
     assert passed(flown, "COMMAND_LONG") == 1
 
 
 def test_the_system_that_is_followed_leads_out_of_no_zone(flown: Bench) -> None:
-    flown.run(3.0)
+    flown.wait(3.0)
     zeros = [0.0, 0.0, 0.0]
     for place, arrives in ((OUT_OF_ZONES, 0), ((52.6785, 5.9240), 1)):
         lat, lon = round(place[0] * 1e7), round(place[1] * 1e7)
@@ -418,12 +418,12 @@ def along_the_dike(bench: Bench, **parameters: float) -> Bench:
     plane.parameters |= {"RTL_AUTOLAND": 1.0, "ARMING_REQUIRE": 1.0, "WP_LOITER_RAD": 90.0}
     plane.parameters |= {"FENCE_ENABLE": 1.0, "FENCE_TYPE": 1.0, "FENCE_ALT_MAX": 250.0, **parameters}
     bench.connect()
-    bench.share(load(MISSIONS / "dike"))
-    bench.run(12.0)
+    bench.share(load(MISSIONS / "dike"), at_once=True)
+    bench.wait(12.0)
     bench.a.command(START)
     bench.until(lambda: bench.companion.view.phase is Phase.ON_MISSION)
     plane.waypoint, plane.position = 2, (52.70, 5.42)
-    bench.run(4.0)
+    bench.wait(4.0)
     plane.received.clear()
     bench.a.received.clear()
     return bench
@@ -549,7 +549,7 @@ def test_beside_a_border_another_height_is_no_matter(dike: Bench) -> None:
 
 @pytest.mark.parametrize(("alt_m", "arrives"), [(200.0, 1), (5000.0, 0)])
 def test_a_height_in_a_stream_is_judged(dike: Bench, alt_m: float, arrives: int) -> None:
-    dike.run(3.0)
+    dike.wait(3.0)
     zeros = (0, 0, 0, 0, 0, 0, 0, 0)
     dike.a.send(mavlink.MAVLink_set_position_target_global_int_message(0, 1, 1, 6, 0b110111111011, 0, 0, alt_m, *zeros))
     dike.run(0.3)
@@ -614,7 +614,7 @@ def test_the_way_back_goes_where_a_return_could_be_sent(
         assert result(send(bench, bench.a, clear())) == mavlink.MAV_MISSION_ACCEPTED
     elif points is not None:
         upload(bench, *points)
-    bench.run(3.0)
+    bench.wait(3.0)
     fly_to(bench, (52.679, 5.944))
     assert passed(bench) == (1 if passes else 0)
     assert ("target refused: " in bench.a.texts()) is not passes
@@ -661,7 +661,7 @@ def test_a_return_keeps_its_speed(flown: Bench, mode: int, kind: int) -> None:
     assert flown.autopilot.commands().count(SPEED) == 0
     assert flown.a.acks(SPEED) == [REJECTED, REJECTED]
     assert flown.a.texts() == "speed refused: a return keeps the speed that its energy is calculated with"
-    flown.run(12.0)
+    flown.wait(12.0)
     flown.a.command(SPEED, kind, 0.3, -1)
     flown.run(0.3)
     assert flown.autopilot.commands().count(SPEED) == 0, "nothing lifts that"
@@ -766,8 +766,8 @@ def test_what_shapes_a_return_is_refused_in_words(flown: Bench, message: Any, te
 def start_short(bench: Bench, package: MissionPackage) -> None:
     bench.autopilot.battery = 0.25
     bench.connect()
-    bench.share(package)
-    bench.run(3.0)
+    bench.share(package, at_once=True)
+    bench.wait(3.0)
     bench.a.received.clear()
 
 
@@ -793,7 +793,7 @@ def test_start_without_the_energy_is_lifted_by_the_same_command_sent_again(
     bench.run(1.0)
     assert bench.companion.view.phase is Phase.ON_LOAD
     assert bench.a.acks(START) == [REJECTED, REJECTED]
-    bench.run(10.0)
+    bench.wait(10.0)
     bench.a.command(START)
     bench.until(lambda: bench.companion.view.phase is Phase.ON_MISSION)
     (entry,) = bench.journal("command_passed")
@@ -813,7 +813,7 @@ def test_an_override_of_another_limit_starts_nothing(bench: Bench, delivery: Mis
 
 def test_without_a_fresh_position_nothing_is_judged(flown: Bench) -> None:
     flown.autopilot.position = None
-    flown.run(3.0)
+    flown.wait(3.0)
     fly_to(flown, OUT_OF_ZONES)
     assert passed(flown) == 1
 
@@ -838,7 +838,7 @@ def test_a_command_that_cannot_be_judged_is_refused(
     assert words in flown.a.texts()
     assert flown.companion.faults["judging a command"] == 1
     assert not flown.companion.failed
-    flown.run(10.5)
+    flown.wait(10.5)
     fly_to(flown, (52.6785, 5.9240))
     assert passed(flown) == 1
 
@@ -854,7 +854,7 @@ def test_a_command_is_refused_if_the_rules_themselves_break(flown: Bench, monkey
     monkeypatch.setattr(flown.companion.autopilot.command_check.rules, "rule", lambda *_anything, **_more: 1 / 0)
     for _copy in range(2):
         fly_to(flown, (52.6785, 5.9240))
-        flown.run(10.5)
+        flown.wait(10.5)
     assert passed(flown) == 0
     assert flown.a.acks(REPOSITION) == [REJECTED, REJECTED]
     assert not flown.companion.failed
@@ -898,7 +898,7 @@ def test_a_flood_of_commands_is_refused_without_a_look(flown: Bench) -> None:
     flown.run(1.0)
     assert passed(flown) == 0
     assert len(flown.journal("command_refused")) <= 3
-    flown.run(3.0)
+    flown.wait(3.0)
     fly_to(flown, (52.6785, 5.9240))
     assert passed(flown) == 1
 

@@ -50,8 +50,8 @@ def get_ready(bench: Bench, package: MissionPackage, left: float | None = 1.0) -
     """The parent commands, the mission is loaded, so much is left in the battery."""
     bench.autopilot.battery = left
     bench.connect()
-    bench.share(package)
-    bench.run(1.5)
+    bench.share(package, at_once=True)
+    bench.wait(1.5)
 
 
 def needs(bench: Bench) -> tuple[str, ...]:
@@ -100,7 +100,7 @@ def test_a_battery_that_says_nothing_is_not_flown_with(bench: Bench, delivery: M
     get_ready(bench, delivery, None)
     unknown = "energy: 79.5 Wh are needed with the reserve, and what is left is not known"
     assert refused(bench) == f"START refused: {unknown}{LIFTS}"
-    bench.run(5.0)
+    bench.wait(5.0)
     assert bench.mpstate.console.said("Energy: no battery is heard.")
 
 
@@ -177,7 +177,7 @@ def test_who_starts_with_too_little_hears_what_is_left_now(
     energy_table(bench, 'start = "warn"')
     get_ready(bench, delivery, before)
     bench.autopilot.battery = after
-    bench.run(12.0)
+    bench.wait(12.0)
     bench.a.command(START)
     bench.run(0.5)
     left = f"79.5 Wh are needed with the reserve, {126.0 * after:.1f} Wh are left"
@@ -207,7 +207,7 @@ def test_how_a_refusal_is_lifted_is_said_and_does_not_hang_on_commands_in_flight
     bench.config.write_text(bench.config.read_text() + f'[commands]\nenergy = "{policy}"\n')
     get_ready(bench, delivery, 0.6)
     assert refused(bench).endswith(LIFTS)
-    bench.run(10.5)
+    bench.wait(10.5)
     bench.a.command(START)
     bench.until(lambda: bench.companion.view.phase is Phase.ON_MISSION)
 
@@ -339,7 +339,7 @@ def test_in_flight_the_journal_has_it_every_ten_seconds(flying: Bench) -> None:
 
 def test_a_battery_that_falls_silent_in_flight_is_told_once(flying: Bench) -> None:
     hover(flying, 3)
-    flying.run(30.0)
+    flying.wait(30.0)
     fact = flying.companion.autopilot.energy.fact
     # 378 W go on
     assert fact.left_wh == pytest.approx(125.0 - 378.0 * 31.0 / 3600.0, abs=0.3)
@@ -393,7 +393,7 @@ def test_a_battery_that_speaks_seldom_is_told_once_a_flight(flying: Bench) -> No
     hover(flying, 3)
     for _ in range(15):
         hover(flying, 1)
-        flying.run(7.0)
+        flying.wait(7.0)
     assert len(told_of_energy(flying)) == 1
     assert len([line for line in flying.mpstate.console.lines if "Energy: battery 0 " in line]) == 1
     odd = [entry for entry in flying.journal("energy") if entry.get("trouble")]
@@ -411,16 +411,16 @@ def test_one_that_counts_back_again_and_again_is_told_once_a_flight(flying: Benc
 
 def test_the_next_flight_is_told_anew(flying: Bench) -> None:
     hover(flying, 3)
-    flying.run(8.0)
+    flying.wait(8.0)
     assert len(told_of_energy(flying)) == 1
     flying.autopilot.airborne = flying.autopilot.armed = False
     flying.autopilot.battery = 1.0
     flying.until(lambda: flying.companion.view.phase is Phase.ON_LOAD)
-    flying.run(5.0)
+    flying.wait(5.0)
     flying.a.command(START)
     flying.until(lambda: flying.companion.view.phase is Phase.ON_MISSION)
     flying.autopilot.battery = None
-    flying.run(10.0)
+    flying.wait(10.0)
     assert len(told_of_energy(flying)) == 2
 
 
@@ -430,7 +430,7 @@ def test_one_that_never_said_what_it_draws_draws_what_flying_takes(flying: Bench
     for _ in range(3):
         flying.mpstate.deliver(said(mavlink_battery(**unknown)))
         flying.run(1.0)
-    flying.run(30.0)
+    flying.wait(30.0)
     fact = flying.companion.autopilot.energy.fact
     # 385 W in cruise, more than in hover
     assert fact.left_wh == pytest.approx(126.0 - 385.0 * 31.0 / 3600.0, abs=0.15)
@@ -466,7 +466,7 @@ def rest(bench: Bench, delivery: MissionPackage, volts: float) -> None:
     """Ready for START, and off. The pack counts as full; its voltage says what it holds."""
     bench.autopilot.battery = None
     bench.connect()
-    bench.share(delivery)
+    bench.share(delivery, at_once=True)
     for _ in range(5):
         bench.mpstate.deliver(said(mavlink_battery(voltages=[round(volts * 1000), *[65535] * 9])))
         bench.run(0.5)
@@ -572,13 +572,13 @@ def test_a_fault_of_before_take_off_silences_no_decision_in_flight(
     get_ready(bench, delivery)
     with monkeypatch.context() as patch:
         patch.setattr(Learner, "model", broken)
-        bench.run(3.0)
+        bench.wait(3.0)
         if policy == "refuse":
             assert refused(bench).endswith(
                 "START refused: energy: internal fault. To lift it: handover override energy"
             )
             for _ in range(2):
-                bench.run(12.0)
+                bench.wait(12.0)
                 bench.a.command(START)
             bench.run(0.5)
             assert bench.a.acks(START) == [REJECTED] * 3, "sent again it mends nothing"
@@ -587,7 +587,7 @@ def test_a_fault_of_before_take_off_silences_no_decision_in_flight(
         bench.a.command(START)
         bench.until(lambda: bench.companion.view.phase is Phase.ON_MISSION)
         assert bench.a.texts().count("START, warning: energy: internal fault") == (policy == "warn")
-        bench.run(5.0)
+        bench.wait(5.0)
         assert bench.autopilot.mode == AUTO
         bench.autopilot.battery = 0.05
         bench.until(lambda: bool(bench.autopilot.mode == RTL), 20.0)
@@ -601,11 +601,11 @@ def test_what_was_known_on_the_ground_is_drawn_down_once_it_is_armed(
     get_ready(bench, delivery)
     with monkeypatch.context() as patch:
         patch.setattr(Batteries, "charge", broken)
-        bench.run(10.0)
+        bench.wait(10.0)
         assert bench.companion.autopilot.energy.fact.left_wh == 126.0
         bench.a.command(START)
         bench.until(lambda: bench.companion.view.phase is Phase.ON_MISSION)
-        bench.run(60.0)
+        bench.wait(60.0)
         # 385 W in cruise, more than in hover
         assert bench.companion.autopilot.energy.fact.left_wh == pytest.approx(126.0 - 385.0 * 60.0 / 3600.0, abs=1.0)
 
@@ -676,7 +676,7 @@ def test_in_flight_with_no_more_than_the_way_back_needs_it_turns_back(bench: Ben
     get_ready(bench, delivery)
     bench.a.command(START)
     bench.until(lambda: bench.companion.view.phase is Phase.ON_MISSION)
-    bench.run(5.0)
+    bench.wait(5.0)
     assert bench.journal("emergency") == []
     bench.autopilot.battery = 0.2  # the reserve alone is a quarter
     bench.until(lambda: bool(bench.journal("emergency")), 15.0)
@@ -685,6 +685,6 @@ def test_in_flight_with_no_more_than_the_way_back_needs_it_turns_back(bench: Ben
     bench.run(2.0)
     assert bench.autopilot.mode == 6
     bench.autopilot.battery = 1.0  # it does not turn round again
-    bench.run(10.0)
+    bench.wait(10.0)
     assert len(bench.journal("emergency")) == 1
     assert bench.journal("emergency_over") == []

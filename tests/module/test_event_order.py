@@ -35,12 +35,12 @@ def flying(bench: Bench, delivery: MissionPackage) -> Bench:
     """On its mission, in both zones."""
     bench.config.write_text(bench.config.read_text() + '[policy]\nno_station = "off"\ncoverage_ends = "off"\n')
     bench.connect()
-    bench.share(delivery)
-    bench.run(6.0)
+    bench.share(delivery, at_once=True)
+    bench.wait(6.0)
     bench.a.command(START)
     bench.until(lambda: bench.companion.view.phase is Phase.ON_MISSION)
     bench.autopilot.position = IN_BOTH_ZONES
-    bench.run(20.0)
+    bench.wait(20.0)
     bench.autopilot.received.clear()
     return bench
 
@@ -58,7 +58,7 @@ def test_a_return_that_is_followed_by_a_landing_is_told_and_never_ordered(flying
     places.before_return = finds_nothing  # type: ignore[method-assign]
     flying.a.alive = flying.b.alive = False
     flying.until(lambda: flying.autopilot.mode in (LAND, RTL), 20.0)
-    flying.run(3.0)
+    flying.wait(3.0)
     assert modes(flying) == [LAND]
     assert texts(flying, "fly") == ["the autopilot flies LAND"]
     assert texts(flying, "emergency") == ["commander lost: return", "commander lost: land"]
@@ -75,15 +75,15 @@ def test_a_return_to_another_place_is_ordered_after_the_place_is_written_and_tol
 ) -> None:
     bench.connect()
     bench.share(delivery)
-    bench.run(6.0)
+    bench.wait(6.0)
     bench.a.command(START)
     bench.until(lambda: bench.companion.view.phase is Phase.ON_MISSION)
     bench.autopilot.position = IN_BOTH_ZONES
-    bench.run(20.0)
+    bench.wait(20.0)
     bench.autopilot.received.clear()
     bench.a.alive = bench.b.alive = False
     bench.until(lambda: bench.autopilot.mode == RTL, 20.0)
-    bench.run(3.0)
+    bench.wait(3.0)
     assert modes(bench) == [RTL]
     assert texts(bench, "fly") == ["the autopilot flies RTL"]
     assert [text.partition(":")[0] for text in texts(bench, "decision")] == ["RETURN to home"]
@@ -205,7 +205,7 @@ def test_after_an_internal_fault_no_event_that_waits_is_handled(flying: Bench, m
     assert "waits" not in seen
     assert companion.failed
     assert companion.view.commander is None
-    flying.run(3.0)
+    flying.wait(3.0)
     assert companion.view.commander is None, "it hears both stations, and grants nothing"
     assert "waits" not in seen
     assert modes(flying) == [RTL]

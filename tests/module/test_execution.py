@@ -77,11 +77,11 @@ def test_a_decision_is_one_sentence_to_every_station_and_program(flown: Bench) -
 def test_it_is_repeated_while_it_lasts_with_the_same_number_and_its_end_three_times(flown: Bench) -> None:
     flown.autopilot.position = OUTSIDE
     flown.until(lambda: flown.autopilot.mode == RTL)
-    flown.run(9.0)
+    flown.wait(9.0)
     told = [m.number for m in flown.b.got("HANDOVER_DECISION")]
     assert (len(told), len(set(told))) == (5, 1)
     flown.autopilot.position = beside(0.5, 0.0)
-    flown.run(12.0)
+    flown.wait(12.0)
     over = [m for m in flown.b.got("HANDOVER_DECISION") if m.action == 255]
     assert [m.text for m in over] == ["OVER: out of coverage"] * 3
     assert over[0].number == told[0] + 1
@@ -94,9 +94,9 @@ def test_a_pilot_at_a_live_radio_is_not_fought(flown: Bench) -> None:
     flown.run(2.0)
     flown.autopilot.position = OUTSIDE
     flown.until(lambda: flown.autopilot.mode == RTL)
-    flown.run(20.0)
+    flown.wait(20.0)
     flown.autopilot.mode = LOITER
-    flown.run(60.0)
+    flown.wait(60.0)
     assert (flown.autopilot.mode, modes(flown)) == (LOITER, [RTL])
     assert decisions(flown)[-1] == (
         "PILOT: a pilot has taken over, LOITER; RETURN is not commanded any more (out of coverage)"
@@ -116,7 +116,7 @@ def test_a_pilot_who_takes_over_before_the_return_is_acknowledged_is_not_fought(
     flown.autopilot.mode = LOITER
     flown.run(1.0)  # until it beats
     told = modes(flown)
-    flown.run(15.0)
+    flown.wait(15.0)
     assert modes(flown) == told
     assert set(told) == {RTL}
     assert [entry["text"] for entry in flown.journal("fly")] == ["not commanded again: the autopilot is in LOITER now"]
@@ -141,7 +141,7 @@ def test_without_a_live_radio_nobody_is_a_pilot(flown: Bench, healthy: int) -> N
     flown.run(2.0)
     flown.autopilot.position = OUTSIDE
     flown.until(lambda: flown.autopilot.mode == RTL)
-    flown.run(20.0)
+    flown.wait(20.0)
     flown.autopilot.mode = LOITER
     flown.until(lambda: flown.autopilot.mode == RTL)
     assert modes(flown) == [RTL, RTL]
@@ -158,9 +158,9 @@ def test_that_a_lost_radio_would_go_unnoticed_is_read_before_the_flight(bench: B
 def test_the_commanders_accepted_command_is_its_word(flown: Bench) -> None:
     flown.autopilot.position = OUTSIDE
     flown.until(lambda: flown.autopilot.mode == RTL)
-    flown.run(3.0)
+    flown.wait(3.0)
     flown.a.command(MODE, 1.0, GUIDED)
-    flown.run(60.0)
+    flown.wait(60.0)
     assert (flown.autopilot.mode, modes(flown)) == (GUIDED, [RTL, GUIDED])
     assert decisions(flown)[-1] == "GUIDED: chosen by GCSA; RETURN is not commanded any more (out of coverage)"
 
@@ -168,9 +168,9 @@ def test_the_commanders_accepted_command_is_its_word(flown: Bench) -> None:
 def test_what_nobody_is_known_to_have_chosen_is_commanded_away(flown: Bench) -> None:
     flown.autopilot.position = OUTSIDE
     flown.until(lambda: flown.autopilot.mode == RTL)
-    flown.run(3.0)
+    flown.wait(3.0)
     flown.autopilot.mode = GUIDED
-    flown.run(3.0)
+    flown.wait(3.0)
     assert (flown.autopilot.mode, modes(flown)) == (RTL, [RTL, RTL])
 
 
@@ -188,9 +188,9 @@ def test_a_failsafe_of_the_autopilot_has_its_way(flown: Bench, text: str) -> Non
     flown.run(2.0)
     flown.mpstate.deliver(packed(stock.MAVLink_statustext_message(4, text.encode())))
     flown.autopilot.mode = LAND
-    flown.run(3.0)
+    flown.wait(3.0)
     flown.autopilot.position = OUTSIDE
-    flown.run(10.0)
+    flown.wait(10.0)
     assert modes(flown) == []
     assert decisions(flown)[-1].endswith("; a failsafe of the autopilot acts")
 
@@ -215,13 +215,13 @@ def test_a_breach_of_the_fence_is_told(flown: Bench) -> None:
 
 def test_so_is_one_that_only_the_status_of_the_system_tells(flown: Bench) -> None:
     say_health(flown, enabled=FENCE)
-    flown.run(4.0)
+    flown.wait(4.0)
     assert decisions(flown) == ["WARN: outside the fence"]
 
 
 def test_a_fence_that_is_off_cannot_be_left(flown: Bench) -> None:
     say_health(flown)
-    flown.run(4.0)
+    flown.wait(4.0)
     assert decisions(flown) == []
 
 
@@ -229,7 +229,7 @@ def test_the_policy_may_have_the_companion_return(bench: Bench, delivery: Missio
     bench.config.write_text(bench.config.read_text() + '\n[policy]\nfence = "return"\n')
     take_off(bench, delivery)
     say_health(bench, enabled=FENCE)
-    bench.run(4.0)
+    bench.wait(4.0)
     assert modes(bench) == [RTL]
 
 
@@ -238,7 +238,7 @@ def test_what_was_commanded_into_a_link_that_was_cut_is_commanded_when_it_is_bac
     flown.autopilot.position = OUTSIDE
     flown.run(2.0)
     flown.autopilot.silent = True
-    flown.run(15.0)
+    flown.wait(15.0)
     assert flown.autopilot.mode == AUTO
     flown.autopilot.script.clear()
     flown.autopilot.silent = False
@@ -260,45 +260,45 @@ def say_fix(bench: Bench, kind: int) -> None:
 def test_positions_of_a_receiver_that_has_lost_its_fix_are_guesses(flown: Bench) -> None:
     """Flown: GLOBAL_POSITION_INT goes on, fresh, when the fix is gone."""
     say_fix(flown, mavlink.GPS_FIX_TYPE_3D_FIX)
-    flown.run(5.0)
+    flown.wait(5.0)
     assert decisions(flown) == []
     say_fix(flown, mavlink.GPS_FIX_TYPE_NO_FIX)
     flown.autopilot.position = OUTSIDE
-    flown.run(5.0)
+    flown.wait(5.0)
     assert decisions(flown) == ["WARN: no fresh position for 3 s"]
     say_fix(flown, mavlink.GPS_FIX_TYPE_3D_FIX)
-    flown.run(3.0)
+    flown.wait(3.0)
     assert any(text.startswith("RETURN to home: out of coverage") for text in decisions(flown))
 
 
 def test_a_vehicle_without_a_receiver_has_its_position_from_elsewhere(flown: Bench) -> None:
     say_fix(flown, mavlink.GPS_FIX_TYPE_NO_GPS)
-    flown.run(5.0)
+    flown.wait(5.0)
     assert decisions(flown) == []
 
 
 def test_a_return_that_somebody_has_begun_while_the_line_was_cut_is_not_commanded_again(flown: Bench) -> None:
     """Flown: its first heartbeat counted before its mode did, so the order of before went out once more."""
     flown.autopilot.silent = True
-    flown.run(15.0)
+    flown.wait(15.0)
     flown.autopilot.mode, flown.autopilot.silent = RTL, False
-    flown.run(10.0)
+    flown.wait(10.0)
     assert modes(flown) == []
 
 
 def test_an_autopilot_that_is_heard_again_is_not_commanded_by_the_mode_of_before(flown: Bench) -> None:
     """The fault: its EXTENDED_SYS_STATE came first, and what the guard had done meanwhile was commanded once more."""
     flown.autopilot.silent = True
-    flown.run(5.0)
+    flown.wait(5.0)
     flown.a.alive = flown.b.alive = False
-    flown.run(8.0)
+    flown.wait(8.0)
     flown.autopilot.mode = RTL  # by the guard
     told = modes(flown)
     flown.mpstate.deliver(packed(stock.MAVLink_extended_sys_state_message(0, 2)))
     flown.run(0.2)
     assert modes(flown) == told
     flown.autopilot.silent = False
-    flown.run(3.0)
+    flown.wait(3.0)
     assert modes(flown) == told
 
 
@@ -343,12 +343,12 @@ def test_a_radio_of_which_nothing_is_heard_any_more_lives_not_for_ever(flown: Be
     say_health(flown, enabled=RADIO, healthy=RADIO)
     flown.run(2.0)
     in_a_return(flown)
-    flown.run(3.0)
+    flown.wait(3.0)
     if stops:
         flown.each_round = lambda: None
-    flown.run(11.0)
+    flown.wait(11.0)
     flown.autopilot.mode = LOITER
-    flown.run(10.0)
+    flown.wait(10.0)
     assert (flown.autopilot.mode == RTL) is fought
 
 
@@ -358,14 +358,14 @@ def test_a_companion_that_starts_again_takes_no_aircraft_from_a_pilot(flown: Ben
     flown.run(2.0)
     flown.autopilot.battery = 0.05
     flown.until(lambda: flown.autopilot.mode == RTL, 30.0)
-    flown.run(5.0)
+    flown.wait(5.0)
     flown.autopilot.mode = LOITER
-    flown.run(5.0)
+    flown.wait(5.0)
     flown.mpstate.unload("handover")
     flown.run(1.0)
     flown.load()
     flown.autopilot._beat_at = 0.0
-    flown.run(20.0)
+    flown.wait(20.0)
     assert (flown.autopilot.mode, modes(flown)) == (LOITER, [RTL])
     flown.each_round = lambda: None  # and when nothing is heard of the radio any more, it is ordered home
     flown.until(lambda: flown.autopilot.mode == RTL, 15.0)
@@ -376,7 +376,7 @@ def test_a_fence_of_which_nothing_is_heard_any_more_is_not_breached(flown: Bench
     flown.run(2.0)
     assert breach(flown.companion.autopilot.aircraft, flown.clock.now)
     flown.each_round = lambda: None
-    flown.run(4.0)
+    flown.wait(4.0)
     assert not breach(flown.companion.autopilot.aircraft, flown.clock.now)
 
 
@@ -390,7 +390,7 @@ def test_a_hold_that_the_autopilot_refuses_is_a_return_at_once(bench: Bench, del
         bench.autopilot.say(stock.MAVLink_global_position_int_message(1000, *place, 0, 0, 800, 0, 0, 0))
 
     bench.autopilot.say_position = at_8_mps  # type: ignore[method-assign]
-    bench.run(3.0)
+    bench.wait(3.0)
     bench.autopilot.script[PAUSE] = mavlink.MAV_RESULT_FAILED
     bench.companion.handle(ConditionsSeen(off_route=True, off_route_words="off route: 80 m"), bench.clock.now)
 

@@ -82,7 +82,7 @@ def test_a_broken_part_does_not_stop_the_leases(flight: Bench, part: str, monkey
         assert not flight.companion.failed
         assert part == "the console" or flight.companion.faults, "what breaks is counted"
     assert flight.mpstate.escaped == []
-    flight.run(6.0)
+    flight.wait(6.0)
     assert flight.companion.view.commander == 251, "and it is over when the cause is gone"
 
 
@@ -135,7 +135,7 @@ def test_a_broken_part_does_not_silence_the_strategy(
     bench.until(lambda: bench.companion.view.phase is Phase.ON_MISSION)
     bench.run(2.0)
     bench.autopilot.battery = 0.3  # 37.8 Wh, of which 34.8 have to be left at the last
-    bench.run(10.0)
+    bench.wait(10.0)
     assert bench.autopilot.mode != RTL_MODE
     plant, where = IN_FLIGHT[part]
     plant(bench, monkeypatch)
@@ -217,7 +217,7 @@ def test_a_broken_arbiter_fails_closed(flight: Bench, entry_point: str, monkeypa
     assert leases_in(flight, 5.0) == 0, "and it stays so, although the cause is gone"
     flight.autopilot.received.clear()
     flight.a.command(RTL)
-    flight.run(3.0)
+    flight.wait(3.0)
     assert {m.get_srcSystem() for m in flight.autopilot.received} == {1}, "neither command nor heartbeat passes"
     assert flight.a.acks(RTL) == [NOT_IN_CONTROL]
     assert flight.mpstate.console.said("INTERNAL FAULT, authority ends here: RuntimeError: a bug")
@@ -242,7 +242,7 @@ def test_a_view_that_cannot_be_put_in_force_fails_closed(
         else:
             patch.setattr(companion.gate, "change", once_broken(companion.gate.change))
         airborne.a.alive = False
-        airborne.run(6.0)
+        airborne.wait(6.0)
     assert companion.failed
     assert companion.view.commander is None
     assert leases_in(airborne, 5.0) == 0
@@ -261,7 +261,7 @@ def test_what_breaks_behind_a_view_that_is_in_force_ends_nothing(
     with monkeypatch.context() as patch:
         patch.setattr(FlushTracker, "flush", broken)
         airborne.a.alive = False
-        airborne.run(6.0)
+        airborne.wait(6.0)
     assert not airborne.companion.failed
     assert airborne.companion.view.commander is None
     assert airborne.companion.faults["what follows from a new view"] == 1
@@ -282,7 +282,7 @@ def test_a_start_that_is_under_way_ends_with_the_arbiter(
         patch.setattr(bench.companion.arbiter, "handle", broken)
         bench.run(0.3)
     del bench.autopilot.script[MODE]
-    bench.run(5.0)
+    bench.wait(5.0)
     assert not bench.autopilot.armed
     assert mavlink.MAV_CMD_COMPONENT_ARM_DISARM not in bench.autopilot.commands()
     assert bench.a.acks(START)[-1] == mavlink.MAV_RESULT_FAILED
@@ -293,7 +293,7 @@ def test_a_start_that_is_under_way_ends_with_the_arbiter(
 def airborne(bench: Bench, delivery: MissionPackage) -> Bench:
     """In flight, and GCSA has sticks and a velocity open at the autopilot."""
     bench.connect()
-    bench.share(delivery)
+    bench.share(delivery, at_once=True)
     bench.run(1.0)
     bench.a.command(START)
     bench.until(lambda: bench.companion.view.phase is Phase.ON_MISSION)
@@ -324,7 +324,7 @@ def test_positions_that_are_compared_to_no_zone_bring_the_aircraft_home(
 ) -> None:
     """Nothing else would say that it has left them all."""
     monkeypatch.setattr(airborne.companion.autopilot.zones, "facts", broken)
-    airborne.run(4.0)
+    airborne.wait(4.0)
     assert not airborne.companion.failed
     airborne.until(lambda: airborne.autopilot.mode == RTL_MODE, 3.0)
     assert airborne.companion.failed
@@ -336,7 +336,7 @@ def test_what_breaks_behind_the_comparison_costs_no_more_than_itself(
     airborne: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(RouteMonitor, "update", broken)
-    airborne.run(10.0)
+    airborne.wait(10.0)
     assert not airborne.companion.failed
     assert airborne.companion.faults.keys() == {"route"}
 
@@ -363,7 +363,7 @@ def test_a_station_that_cannot_be_written_to_costs_the_others_nothing(
     """Neither what the autopilot says nor what the gate answers."""
     monkeypatch.setattr(flight.companion.ports[251], "write", broken)
     flight.b.received.clear()
-    flight.run(5.0)
+    flight.wait(5.0)
     assert len(flight.b.got("GLOBAL_POSITION_INT")) >= 20
     assert len([m for m in flight.b.got("HEARTBEAT") if m.get_srcComponent() == 1]) >= 4
     assert flight.companion.faults.keys() == {"sending to GCSA"}
@@ -386,14 +386,14 @@ def test_a_fault_is_told_to_whoever_hears_it_later(bench: Bench, monkeypatch: py
     monkeypatch.setattr(bench.companion.event_log, "clock", broken)
     words = "internal fault of the companion: clock"
     bench.a.alive = bench.b.alive = False
-    bench.run(5.0)
+    bench.wait(5.0)
     assert bench.companion.faults["clock"] >= 4
     assert words not in bench.a.texts() + bench.b.texts()
     bench.a.alive = bench.b.alive = True
-    bench.run(5.0)
+    bench.wait(5.0)
     assert [each.texts().count(words) for each in (bench.a, bench.b)] == [1, 1]
     bench.autopilot.armed = True
-    bench.run(5.0)
+    bench.wait(5.0)
     assert [each.texts().count(words) for each in (bench.a, bench.b)] == [2, 2]
 
 
@@ -561,7 +561,7 @@ def test_what_breaks_while_it_fails_closed_does_not_stop_that(
             patch.setattr(companion.journal, "write", broken)
         elif also == "the console":
             patch.setattr(airborne.mpstate.console, "writeln", broken)
-        airborne.run(3.0)
+        airborne.wait(3.0)
     assert companion.failed
     assert companion.view.commander is None
     assert companion.faults["journal"] >= 1
@@ -585,7 +585,7 @@ def test_what_lands_already_is_not_made_to_return(airborne: Bench, monkeypatch: 
     airborne.autopilot.mode = LAND_MODE
     airborne.run(2.0)
     monkeypatch.setattr(airborne.companion.arbiter, "handle", broken)
-    airborne.run(3.0)
+    airborne.wait(3.0)
     assert airborne.companion.failed
     assert airborne.autopilot.mode == LAND_MODE
     assert MODE not in airborne.autopilot.commands()
@@ -600,7 +600,7 @@ def test_nor_what_was_ordered_to_land_and_does_not_show_it(airborne: Bench, monk
     airborne.run(0.5)
     assert airborne.companion.failed
     del airborne.autopilot.script[MODE]
-    airborne.run(3.0)
+    airborne.wait(3.0)
     assert airborne.autopilot.mode == LAND_MODE
 
 
@@ -610,5 +610,5 @@ def test_what_comes_down_in_its_mission_lands(airborne: Bench, monkeypatch: pyte
     landing = replace(telemetry.landed, state=mavlink.MAV_LANDED_STATE_LANDING)
     monkeypatch.setattr(telemetry, "landed", landing)
     airborne.companion.fail_closed("planted", airborne.clock.now)
-    airborne.run(3.0)
+    airborne.wait(3.0)
     assert airborne.autopilot.mode == LAND_MODE

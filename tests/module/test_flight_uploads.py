@@ -118,6 +118,7 @@ def test_a_mission_inside_everything_is_written_read_back_and_then_accepted(flow
 
 def test_the_companion_goes_by_the_new_mission(flown: Bench, delivery: MissionPackage) -> None:
     digest = delivery.digest
+    flown.run(0.6)
     assert Program(flown, INSIDE).send() == ACCEPTED
     assert flown.companion.arbiter.mission_digest == digest, "or no station could take the aircraft"
     assert flown.companion.arbiter.snapshot().route == (251,)
@@ -139,7 +140,7 @@ def test_the_delivery_point_of_the_package_is_none_of_a_mission_that_is_sent_in_
 def test_on_the_ground_again_the_mission_is_unknown_and_start_needs_a_package(flown: Bench) -> None:
     assert Program(flown, INSIDE).send() == ACCEPTED
     flown.autopilot.armed = flown.autopilot.airborne = False
-    flown.run(3.0)
+    flown.wait(3.0)
     assert flown.companion.arbiter.mission_digest == b""
     assert "no mission loaded" in ", ".join(flown.companion.arbiter.start_needs(251, flown.clock.now))
     flown.run(1.0)
@@ -159,9 +160,9 @@ def test_a_mission_that_leaves_coverage_is_denied_in_words_and_nothing_of_it_is_
 
 def test_sent_again_after_ten_seconds_it_is_written(flown: Bench) -> None:
     assert Program(flown, OUTSIDE).send() == DENIED
-    flown.run(3.5)
+    flown.wait(3.5)
     assert Program(flown, OUTSIDE).send() == DENIED
-    flown.run(10.0)
+    flown.wait(10.0)
     assert Program(flown, OUTSIDE).send() == ACCEPTED
     assert held(flown)[2] == (16, 526828000, 59250000)
     (entry,) = flown.journal("command_passed")
@@ -223,14 +224,14 @@ def test_a_mission_of_nothing_and_a_clear_are_denied(flown: Bench) -> None:
     before = held(flown)
     program = Program(flown, ())
     assert program.send() == DENIED
-    flown.run(3.0)
+    flown.wait(3.0)
     for kind, result in ((255, mavlink.MAV_MISSION_UNSUPPORTED), (0, DENIED)):  # all lists: as ArduPilot has it
         flown.a.received.clear()
         flown.a.send(mavlink.MAVLink_mission_clear_all_message(*VEHICLE, kind))
         flown.run(0.5)
         acks = [(m.type, m.mission_type) for m in flown.a.got("MISSION_ACK")]
         assert acks == [(result, kind)]
-        flown.run(3.0)
+        flown.wait(3.0)
     assert held(flown) == before
     assert flown.autopilot.got("MISSION_CLEAR_ALL") == []
     assert "it cannot be cleared in flight, only replaced" in flown.a.texts()
@@ -311,7 +312,7 @@ def test_its_sender_may_call_it_off(flown: Bench) -> None:
     flown.a.send(mavlink.MAVLink_mission_ack_message(*VEHICLE, cancelled, 0))
     flown.run(0.2)
     flown.a.received.clear()
-    flown.run(3.0)
+    flown.wait(3.0)
     assert flown.a.got("MISSION_REQUEST_INT") == []
 
 
@@ -347,7 +348,7 @@ def test_another_geofence_is_denied_in_flight(flown: Bench, delivery: MissionPac
     before = list(flown.autopilot.items[1])
     for other in ((replace(items[0], lat_deg=52.7), *items[1:]), items[:3], ()):
         assert Program(flown, other, kind=1).send() == DENIED
-        flown.run(3.0)
+        flown.wait(3.0)
     assert flown.autopilot.items[1] == before
     assert "it cannot be changed in flight" in flown.a.texts()
 

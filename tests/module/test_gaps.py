@@ -35,7 +35,7 @@ def loaded(bench: Bench, ridge: MissionPackage) -> Bench:
     bench.autopilot.position = HOME
     bench.autopilot.parameters.update({"HNDO_ALONE_MAX": 60.0, "HNDO_SYSID_SW": 1.0})
     bench.connect()
-    bench.share(ridge)
+    bench.share(ridge, at_once=True)
     bench.until(lambda: needs(bench) == (), 30.0)
     return bench
 
@@ -46,7 +46,7 @@ def flying(loaded: Bench) -> Bench:
     loaded.a.command(START)
     loaded.until(lambda: loaded.companion.view.phase is Phase.ON_MISSION)
     loaded.autopilot.waypoint = 2
-    loaded.run(1.5)
+    loaded.wait(1.5)
     return loaded
 
 
@@ -85,7 +85,7 @@ def test_what_is_set_while_the_parameters_are_read_counts(loaded: Bench) -> None
         asked = loaded.autopilot.got("PARAM_REQUEST_READ")
         return sum(m.param_id == "HNDO_ALONE_MAX" for m in asked)
 
-    loaded.run(6.0)
+    loaded.wait(6.0)
     loaded.a.send(mavlink.MAVLink_param_set_message(1, 1, b"HNDO_ALONE_MAX", 0.0, 9))
     loaded.until(lambda: needs(loaded) != (), 3.0)
     before = read()
@@ -94,7 +94,7 @@ def test_what_is_set_while_the_parameters_are_read_counts(loaded: Bench) -> None
     loaded.until(lambda: read() > before, 40.0)
     loaded.run(1.0)
     loaded.a.send(mavlink.MAVLink_param_set_message(1, 1, b"HNDO_ALONE_MAX", 60.0, 9))
-    loaded.run(8.0)
+    loaded.wait(8.0)
     assert needs(loaded) == ()
 
 
@@ -120,7 +120,7 @@ def test_in_the_gap_the_lease_says_alone_and_how_long(flying: Bench) -> None:
     state, commander, left_s = last_lease(flying)
     assert (state, commander) == (ALONE, 0)
     assert 53 <= left_s <= 56
-    flying.run(20.0)
+    flying.wait(20.0)
     assert last_lease(flying) == (ALONE, 0, left_s - 20)
     assert flying.autopilot.mode == AUTO
     assert flying.journal("emergency") == []
@@ -163,7 +163,7 @@ def test_its_commander_may_have_it_fly_the_mission_on_though_a_gap_lies_ahead(fl
 
 def test_a_companion_that_restarts_in_the_gap_goes_on_with_the_same_clock(flying: Bench) -> None:
     into_the_gap(flying)
-    flying.run(10.0)
+    flying.wait(10.0)
     left_s = last_lease(flying)[2]
     restart(flying, away_s=1.5)
     flying.run(1.0)

@@ -332,6 +332,7 @@ def rates(bench: Bench) -> list[tuple[float, float]]:
 
 def test_rates_are_asked_for_once_although_positions_come_anyway(bench: Bench) -> None:
     """An autopilot that streams positions on its own may still not say whether it has landed."""
+    bench.autopilot.position_s = 0.05
     bench.connect()
     bench.run(20.0)
     asked = rates(bench)
@@ -350,7 +351,7 @@ def test_rates_are_asked_for_again_while_no_position_comes(bench: Bench) -> None
 def test_positions_that_a_station_has_slowed_down_are_asked_for_again(bench: Bench) -> None:
     bench.connect()
     bench.autopilot.received.clear()
-    bench.autopilot.slow_s = 0.25
+    bench.autopilot.position_s, bench.autopilot.slow = 0.25, True
     bench.run(14.0)
     asked = rates(bench)
     assert len(asked) in (2, 3)

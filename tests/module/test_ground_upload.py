@@ -48,8 +48,8 @@ TAKEN = (
 @pytest.fixture
 def loaded(bench: Bench, delivery: MissionPackage) -> Bench:
     bench.connect()
-    assert bench.share(delivery).result == LOADED
-    bench.run(6.0)
+    assert bench.share(delivery, at_once=True).result == LOADED
+    bench.wait(6.0)
     bench.autopilot.items = {kind: list(items) for kind, items in bench.autopilot.items.items()}
     bench.a.received.clear()
     bench.b.received.clear()
@@ -63,7 +63,7 @@ def on_board(bench: Bench, delivery: MissionPackage) -> Bench:
     bench.a.digest = bench.b.digest = delivery.digest
     bench.connect()
     bench.until(lambda: bench.companion.arbiter.mission_digest)
-    bench.run(12.0)
+    bench.wait(12.0)
     bench.autopilot.items = {kind: list(items) for kind, items in bench.autopilot.items.items()}
     bench.a.received.clear()
     bench.b.received.clear()
@@ -76,11 +76,11 @@ def on_board(bench: Bench, delivery: MissionPackage) -> Bench:
 def test_a_safe_mission_uploaded_on_the_ground_is_flown_by_start(loaded: Bench, delivery: MissionPackage) -> None:
     """The fault: START was refused until a package was shared."""
     assert Program(loaded, SAFE).send() == ACCEPTED
-    loaded.run(3.0)
+    loaded.wait(3.0)
     assert loaded.companion.arbiter.mission_digest == delivery.digest, "or no station could take the aircraft"
     assert needs(loaded) == ""
     loaded.a.command(START)
-    loaded.run(4.0)
+    loaded.wait(4.0)
     assert loaded.a.acks(START)[-1] == 0
     assert (loaded.autopilot.mode, loaded.autopilot.armed) == (AUTO, True)
     assert len(loaded.autopilot.items[0]) == 5, "nothing was written over it"
@@ -88,7 +88,7 @@ def test_a_safe_mission_uploaded_on_the_ground_is_flown_by_start(loaded: Bench, 
 
 def test_every_station_is_told_in_words_and_that_the_route_is_another(loaded: Bench) -> None:
     assert Program(loaded, SAFE).send() == ACCEPTED
-    loaded.run(3.0)
+    loaded.wait(3.0)
     assert told(loaded.a) == told(loaded.b) == [TAKEN]
     assert loaded.b.got("AUTHORITY_STATUS")[-1].route_changed == 1
     (entry,) = loaded.journal("mission_judged")
@@ -97,7 +97,7 @@ def test_every_station_is_told_in_words_and_that_the_route_is_another(loaded: Be
 
 def test_arming_goes_by_the_uploaded_mission(on_board: Bench) -> None:
     assert Program(on_board, SAFE).send() == ACCEPTED
-    on_board.run(3.0)
+    on_board.wait(3.0)
     on_board.a.command(ARM, 1)
     on_board.run(1.0)
     assert on_board.a.acks(ARM) == [0]
@@ -106,7 +106,7 @@ def test_arming_goes_by_the_uploaded_mission(on_board: Bench) -> None:
 
 def test_the_companion_flies_by_the_uploaded_mission(loaded: Bench) -> None:
     assert Program(loaded, SAFE).send() == ACCEPTED
-    loaded.run(3.0)
+    loaded.wait(3.0)
     assert loaded.companion.autopilot.command_check.ahead is not None
     assert len(loaded.companion.autopilot.command_check.ahead.route.items) == 4
     assert loaded.companion.arbiter.snapshot().route == (251,)
@@ -114,7 +114,7 @@ def test_the_companion_flies_by_the_uploaded_mission(loaded: Bench) -> None:
 
 def test_the_packages_own_mission_sent_again_is_the_package(loaded: Bench, delivery: MissionPackage) -> None:
     assert Program(loaded, delivery.route.upload_items()).send() == ACCEPTED
-    loaded.run(3.0)
+    loaded.wait(3.0)
     assert loaded.companion.arbiter.mission_digest == delivery.digest
     assert loaded.companion.arbiter.snapshot().route == (251, 252, 251, 252, 251)
     loaded.run(1.0)
@@ -124,7 +124,7 @@ def test_the_packages_own_mission_sent_again_is_the_package(loaded: Bench, deliv
 
 def test_a_package_can_be_shared_over_an_uploaded_mission(loaded: Bench, delivery: MissionPackage) -> None:
     assert Program(loaded, SAFE).send() == ACCEPTED
-    loaded.run(3.0)
+    loaded.wait(3.0)
     assert loaded.share(delivery).result == LOADED
     assert len(loaded.autopilot.items[0]) == 12, "it was written"
     loaded.run(1.0)
@@ -133,12 +133,12 @@ def test_a_package_can_be_shared_over_an_uploaded_mission(loaded: Bench, deliver
 
 def test_after_a_flight_by_an_uploaded_mission_it_still_counts(loaded: Bench, delivery: MissionPackage) -> None:
     assert Program(loaded, SAFE).send() == ACCEPTED
-    loaded.run(3.0)
+    loaded.wait(3.0)
     loaded.a.command(START)
-    loaded.run(4.0)
+    loaded.wait(4.0)
     loaded.autopilot.armed = loaded.autopilot.airborne = False
     loaded.autopilot.mode = 0
-    loaded.run(3.0)
+    loaded.wait(3.0)
     assert loaded.companion.arbiter.mission_digest == delivery.digest
     assert needs(loaded) == ""
 
@@ -152,7 +152,7 @@ def test_while_it_is_read_start_says_so(loaded: Bench) -> None:
 def test_a_geofence_uploaded_on_the_ground_counts_for_the_mission(loaded: Bench, delivery: MissionPackage) -> None:
     """The package's own mission, within another geofence around it."""
     assert Program(loaded, fence_items([FenceCircle(True, 52.679, 5.93, 3000.0)]), kind=1).send() == ACCEPTED
-    loaded.run(3.0)
+    loaded.wait(3.0)
     assert loaded.companion.arbiter.mission_digest == delivery.digest
     (fence,) = loaded.companion.autopilot.command_check.ahead.route.fence
     assert fence.radius_m == 3000.0
@@ -173,7 +173,7 @@ JUMPING = (
 def test_a_mission_with_a_jump_is_walked_as_it_is_flown(loaded: Bench, delivery: MissionPackage) -> None:
     """The fault: ArduPilot's own CopterMission was refused for its DO_JUMP."""
     assert Program(loaded, JUMPING).send() == ACCEPTED
-    loaded.run(3.0)
+    loaded.wait(3.0)
     assert loaded.companion.arbiter.mission_digest == delivery.digest
     route = loaded.companion.autopilot.command_check.ahead.route
     assert [leg.seq for leg in legs_of(route) if leg.length_m > 1.0] == [2, 3, 2, 3, 5]
@@ -183,7 +183,7 @@ def test_a_mission_with_a_jump_is_walked_as_it_is_flown(loaded: Bench, delivery:
 def test_a_jump_without_end_is_not_flown(loaded: Bench) -> None:
     endless = (*JUMPING[:4], replace(JUMPING[4], param2=-1.0), JUMPING[5])
     assert Program(loaded, endless).send() == ACCEPTED
-    loaded.run(3.0)
+    loaded.wait(3.0)
     assert "item 4: DO_JUMP repeats without end: its energy cannot be judged" in needs(loaded)
 
 
@@ -197,7 +197,7 @@ def rejected(why: str, cure: str = "") -> str:
 
 def test_a_mission_that_leaves_coverage_is_kept_and_not_flown(loaded: Bench) -> None:
     assert Program(loaded, OUTSIDE).send() == ACCEPTED
-    loaded.run(3.0)
+    loaded.wait(3.0)
     assert loaded.companion.arbiter.mission_digest == b""
     assert len(loaded.autopilot.items[0]) == 5, "it is kept"
     (text,) = told(loaded.b)
@@ -208,18 +208,18 @@ def test_a_mission_that_leaves_coverage_is_kept_and_not_flown(loaded: Bench) -> 
 
 def test_the_same_mission_sent_again_to_insist_is_flown(loaded: Bench, delivery: MissionPackage) -> None:
     assert Program(loaded, OUTSIDE).send() == ACCEPTED
-    loaded.run(14.0)
+    loaded.wait(14.0)
     assert Program(loaded, OUTSIDE).send() == ACCEPTED
-    loaded.run(3.0)
+    loaded.wait(3.0)
     assert loaded.companion.arbiter.mission_digest == delivery.digest
 
 
 def test_after_the_override_it_is_flown(loaded: Bench, delivery: MissionPackage) -> None:
     assert Program(loaded, OUTSIDE).send() == ACCEPTED
-    loaded.run(3.0)
+    loaded.wait(3.0)
     override(loaded, mavlink.HANDOVER_LIMIT_COVERAGE)
     assert Program(loaded, OUTSIDE).send() == ACCEPTED
-    loaded.run(3.0)
+    loaded.wait(3.0)
     assert loaded.companion.arbiter.mission_digest == delivery.digest
 
 
@@ -233,7 +233,7 @@ def test_after_the_override_it_is_flown(loaded: Bench, delivery: MissionPackage)
 )
 def test_what_cannot_be_judged_is_kept_and_named(loaded: Bench, items: Any, why: str) -> None:
     assert Program(loaded, items).send() == ACCEPTED
-    loaded.run(3.0)
+    loaded.wait(3.0)
     assert loaded.companion.arbiter.mission_digest == b""
     (text,) = told(loaded.a)
     assert text.startswith(f"The mission of GCSA is on the autopilot and is not flown: {why}")
@@ -256,7 +256,7 @@ def test_before_the_autopilot_has_a_home_the_mission_waits(loaded: Bench, delive
 
 def test_a_mission_outside_the_geofence_is_not_flown(loaded: Bench) -> None:
     assert Program(loaded, fence_items([FenceCircle(True, 52.679, 5.924, 60.0)]), kind=1).send() == ACCEPTED
-    loaded.run(3.0)
+    loaded.wait(3.0)
     assert loaded.companion.arbiter.mission_digest == b""
     (text,) = told(loaded.b)
     assert text.startswith("The geofence of GCSA is on the autopilot and the mission is not flown: breaks the geofence")
@@ -264,7 +264,7 @@ def test_a_mission_outside_the_geofence_is_not_flown(loaded: Bench) -> None:
 
 def test_a_cleared_geofence_of_the_package_is_named(loaded: Bench) -> None:
     loaded.a.send(mavlink.MAVLink_mission_clear_all_message(*VEHICLE, 1))
-    loaded.run(3.0)
+    loaded.wait(3.0)
     assert loaded.companion.arbiter.mission_digest == b""
     (text,) = told(loaded.b)
     assert "the geofence of package delivery was cleared" in text
@@ -273,7 +273,7 @@ def test_a_cleared_geofence_of_the_package_is_named(loaded: Bench) -> None:
 def test_without_any_package_the_upload_is_not_called_a_package_that_does_not_count(bench: Bench) -> None:
     bench.connect()
     assert Program(bench, SAFE).send() == ACCEPTED
-    bench.run(3.0)
+    bench.wait(3.0)
     assert told(bench.a) == [
         rejected("without a mission package no zones are known", "START needs a mission package: 'handover share'.")
     ]
@@ -283,9 +283,9 @@ def test_without_any_package_the_upload_is_not_called_a_package_that_does_not_co
 def test_a_mission_that_does_not_come_back_is_read_again_and_then_named(loaded: Bench) -> None:
     loaded.autopilot.silent_lists = True
     assert Program(loaded, SAFE).send() == ACCEPTED
-    loaded.run(10.0)
+    loaded.wait(10.0)
     assert "being judged" in needs(loaded)
-    loaded.run(15.0)
+    loaded.wait(15.0)
     assert "it could not be read back: no answer to MISSION_REQUEST_LIST (mission)" in needs(loaded)
     assert [text for text in told(loaded.a) if "could not be read back" in text] != []
 
@@ -306,7 +306,7 @@ def test_after_clear_arming_is_refused_at_once_with_the_reason(on_board: Bench) 
 
 def test_after_clear_without_a_package_on_board_the_reason_is_the_cleared_mission(loaded: Bench) -> None:
     loaded.a.send(mavlink.MAVLink_mission_clear_all_message(*VEHICLE, 0))
-    loaded.run(3.0)
+    loaded.wait(3.0)
     assert needs(loaded) == "no mission loaded, because GCSA cleared it"
     assert told(loaded.b) == ["GCSA cleared the mission on the autopilot. START needs a mission or 'handover share'."]
 
@@ -321,7 +321,7 @@ def kept_state(bench: Bench, delivery: MissionPackage) -> Bench:
     bench.a.digest = bench.b.digest = delivery.digest
     bench.connect()
     bench.until(lambda: bench.companion.arbiter.mission_digest)
-    bench.run(2.0)
+    bench.wait(2.0)
     bench.autopilot.items = {kind: list(items) for kind, items in bench.autopilot.items.items()}
     return bench
 
@@ -331,10 +331,10 @@ def test_a_restart_on_the_ground_does_not_overwrite_an_upload_that_was_flown(
 ) -> None:
     """The fault: fifteen seconds later the package on board was written over it."""
     assert Program(kept_state, SAFE).send() == ACCEPTED
-    kept_state.run(3.0)
+    kept_state.wait(3.0)
     restart(kept_state)
     kept_state.until(lambda: kept_state.companion.view.commander == 251)
-    kept_state.run(40.0)
+    kept_state.wait(40.0)
     assert len(kept_state.autopilot.items[0]) == 5
     assert kept_state.companion.arbiter.mission_digest == delivery.digest, "it was read back and judged anew"
     assert kept_state.b.got("AUTHORITY_STATUS")[-1].route_changed == 1
@@ -343,11 +343,11 @@ def test_a_restart_on_the_ground_does_not_overwrite_an_upload_that_was_flown(
 
 def test_a_restart_on_the_ground_does_not_overwrite_an_upload_that_did_not_pass(kept_state: Bench) -> None:
     assert Program(kept_state, OUTSIDE).send() == ACCEPTED
-    kept_state.run(3.0)
+    kept_state.wait(3.0)
     for _ in range(2):
         restart(kept_state)
         kept_state.until(lambda: kept_state.companion.view.commander == 251)
-        kept_state.run(20.0)
+        kept_state.wait(20.0)
         assert len(kept_state.autopilot.items[0]) == 5
         assert kept_state.companion.arbiter.mission_digest == b""
         assert "leaves coverage in" in needs(kept_state)
@@ -359,11 +359,11 @@ def test_after_a_restart_the_package_counts_that_a_station_had_shared(bench: Ben
     bench.run(2.0)
     bench.autopilot.items = {kind: list(items) for kind, items in bench.autopilot.items.items()}
     assert Program(bench, SAFE).send() == ACCEPTED
-    bench.run(3.0)
+    bench.wait(3.0)
     for _ in range(2):
         restart(bench)
         bench.until(lambda: bench.companion.view.commander == 251)
-        bench.run(8.0)
+        bench.wait(8.0)
         assert bench.companion.arbiter.mission_digest == delivery.digest
         assert len(bench.autopilot.items[0]) == 5
 
@@ -371,17 +371,17 @@ def test_after_a_restart_the_package_counts_that_a_station_had_shared(bench: Ben
 def test_a_restart_in_flight_knows_the_uploaded_mission(kept_state: Bench) -> None:
     """The fault: its route was unknown from then on, and commands were not judged by it."""
     assert Program(kept_state, SAFE).send() == ACCEPTED
-    kept_state.run(3.0)
+    kept_state.wait(3.0)
     kept_state.a.command(START)
-    kept_state.run(5.0)
+    kept_state.wait(5.0)
     assert kept_state.autopilot.mode == AUTO
     restart(kept_state)
     kept_state.until(lambda: kept_state.companion.view.commander == 251)
-    kept_state.run(15.0)
+    kept_state.wait(15.0)
     assert kept_state.companion.autopilot.command_check.ahead is not None
     assert len(kept_state.companion.autopilot.command_check.ahead.route.items) == 4
     kept_state.autopilot.armed = kept_state.autopilot.airborne = False
     kept_state.autopilot.mode = 0
-    kept_state.run(15.0)
+    kept_state.wait(15.0)
     assert len(kept_state.autopilot.items[0]) == 5, "nothing is written over it after the landing"
     assert needs(kept_state) == ""

@@ -57,7 +57,7 @@ def told(station: Any) -> list[str]:
 @pytest.fixture
 def loaded(bench: Bench, delivery: MissionPackage) -> Bench:
     bench.connect()
-    assert bench.share(delivery).result == LOADED
+    assert bench.share(delivery, at_once=True).result == LOADED
     bench.a.received.clear()
     bench.b.received.clear()
     return bench
@@ -69,7 +69,7 @@ def on_board(bench: Bench) -> Bench:
     bench.configure(more=f'mission = "{ROUND}"')
     bench.connect()
     bench.until(lambda: bench.companion.arbiter.mission_digest)
-    bench.run(12.0)
+    bench.wait(12.0)
     bench.a.received.clear()
     bench.b.received.clear()
     return bench
@@ -127,7 +127,7 @@ def test_an_upload_on_the_ground_drops_the_package_and_every_station_is_told_wit
     assert told(loaded.a) == [NO_TAKE_OFF]
     assert told(loaded.b) == [NO_TAKE_OFF]
     assert "no mission loaded, because the first flown item is NAV_WAYPOINT" in needs(loaded)
-    loaded.run(30.0)
+    loaded.wait(30.0)
     assert told(loaded.a) == [NO_TAKE_OFF], "once"
     (entry,) = loaded.journal("list_changed")
     assert (entry["station"], entry["list"]) == ("GCSA", "mission")
@@ -210,7 +210,7 @@ def test_without_a_package_the_sender_is_told_what_an_upload_is_not(bench: Bench
 def test_an_upload_on_the_ground_is_not_replaced_by_the_package_on_board(on_board: Bench) -> None:
     """The fault: it was accepted, and replaced fifteen seconds later without a word."""
     upload(on_board)
-    on_board.run(60.0)
+    on_board.wait(60.0)
     assert len(on_board.autopilot.items[0]) == 2, "it stays"
     text = f"{NO_TAKE_OFF} Or clear the mission: then the package on board is loaded."
     assert told(on_board.a) == told(on_board.b) == [text]
@@ -220,7 +220,7 @@ def test_after_the_mission_is_cleared_the_package_on_board_is_loaded_and_all_are
     on_board: Bench, delivery: MissionPackage
 ) -> None:
     upload(on_board)
-    on_board.run(5.0)
+    on_board.wait(5.0)
     on_board.b.received.clear()
     on_board.a.send(mavlink.MAVLink_mission_clear_all_message(*VEHICLE, 0))
     on_board.until(lambda: on_board.companion.arbiter.mission_digest == delivery.digest, limit_s=20.0)
@@ -234,9 +234,9 @@ def test_after_the_mission_is_cleared_the_package_on_board_is_loaded_and_all_are
 
 def test_a_program_that_clears_before_it_writes_keeps_what_it_writes(on_board: Bench) -> None:
     on_board.a.send(mavlink.MAVLink_mission_clear_all_message(*VEHICLE, 0))
-    on_board.run(3.0)
+    on_board.wait(3.0)
     upload(on_board)
-    on_board.run(60.0)
+    on_board.wait(60.0)
     assert len(on_board.autopilot.items[0]) == 2
 
 
@@ -260,7 +260,7 @@ def test_the_package_on_board_can_be_shared_over_an_upload(on_board: Bench, deli
 
 def test_each_share_on_the_ground_is_written_and_read_back(loaded: Bench, delivery: MissionPackage) -> None:
     """Somebody may have written a mission past the companion, by another port of the autopilot."""
-    loaded.run(10.0)
+    loaded.wait(10.0)
     loaded.autopilot.items[0] = loaded.autopilot.items[0][:3]
     assert loaded.share(delivery).result == LOADED
     assert len(loaded.autopilot.items[0]) == 12
@@ -269,7 +269,7 @@ def test_each_share_on_the_ground_is_written_and_read_back(loaded: Bench, delive
 def test_a_failed_attempt_is_not_called_loaded_because_of_an_earlier_one(
     loaded: Bench, delivery: MissionPackage
 ) -> None:
-    loaded.run(10.0)
+    loaded.wait(10.0)
     loaded.autopilot.results[0] = mavlink.MAV_MISSION_ERROR
     assert loaded.share(delivery).result == REFUSED
     loaded.run(1.0)
@@ -284,7 +284,7 @@ def test_a_failed_attempt_is_not_called_loaded_because_of_an_earlier_one(
 
 def test_a_write_in_the_middle_of_a_load_ends_the_load(loaded: Bench, delivery: MissionPackage) -> None:
     """After the read-back the autopilot would hold the upload, and the package would count."""
-    loaded.run(10.0)
+    loaded.wait(10.0)
     sender = send(loaded, delivery)
     loaded.until(lambda: "load" in loaded.companion.autopilot.conversations)
     loaded.a.send(mavlink.MAVLink_mission_count_message(*VEHICLE, 2, 0))
@@ -308,13 +308,13 @@ def test_a_mission_file_that_is_open_is_thrown_away_before_a_package_is_written(
 
 def test_the_last_word_in_flight_says_that_nothing_was_written(bench: Bench, delivery: MissionPackage) -> None:
     take_off(bench, delivery)
-    bench.run(10.0)
+    bench.wait(10.0)
     sender = bench.share(delivery)
     assert (sender.result, sender.text) == (LOADED, "held already, nothing was written")
 
 
 def test_another_stations_offer_of_the_held_package_disturbs_no_load(loaded: Bench, delivery: MissionPackage) -> None:
-    loaded.run(10.0)
+    loaded.wait(10.0)
     offer = mavlink.MAVLink_mission_package_message(1, 191, 9, list(delivery.digest), b"delivery")
     loaded.b.send(offer)
     loaded.run(0.2)
@@ -332,7 +332,7 @@ def test_a_write_in_the_middle_of_start_ends_start(loaded: Bench) -> None:
     loaded.run(0.5)
     assert loaded.companion.arbiter.grounded(loaded.clock.now) is False, "START is under way"
     upload(loaded)
-    loaded.run(8.0)
+    loaded.wait(8.0)
     assert mavlink.MAV_CMD_MISSION_START not in loaded.autopilot.commands()
     (failed,) = loaded.journal("start_failed")
     assert failed["text"] == "START failed: GCSA changed the mission"
@@ -349,7 +349,7 @@ def landed_after_an_upload(bench: Bench, delivery: MissionPackage) -> None:
     bench.a.received.clear()
     bench.b.received.clear()
     bench.autopilot.armed = bench.autopilot.airborne = False
-    bench.run(3.0)
+    bench.wait(3.0)
 
 
 def test_after_an_upload_in_flight_the_package_can_be_shared_for_a_second_flight(

@@ -63,7 +63,7 @@ def test_a_guard_that_has_restarted_gets_a_lease_for_it_at_once(ready: Bench) ->
 
 def test_an_older_guard_is_named_and_nothing_starts(ready: Bench) -> None:
     ready.autopilot.say_guard = old_guard(ready.autopilot)  # type: ignore[method-assign]
-    ready.run(4.0)
+    ready.wait(4.0)
     assert refusal(ready) == f"START refused: {OLDER}"
     assert ready.autopilot.commands() == []
     assert any(OLDER in line for line in ready.mpstate.console.lines)
@@ -71,7 +71,7 @@ def test_an_older_guard_is_named_and_nothing_starts(ready: Bench) -> None:
 
 def test_two_guards_are_named_and_nothing_starts(ready: Bench) -> None:
     ready.autopilot.say_guard = two_guards(ready.autopilot)  # type: ignore[method-assign]
-    ready.run(3.0)
+    ready.wait(3.0)
     assert refusal(ready) == f"START refused: {TWO}"
     assert {lease[3] for lease in ready.autopilot.leases()[-8:]} == {2}
     assert any(TWO in line for line in ready.mpstate.console.lines)
@@ -82,7 +82,7 @@ def test_in_flight_the_operators_hear_of_it(ready: Bench) -> None:
     ready.until(lambda: ready.autopilot.airborne)
     ready.run(2.0)
     ready.autopilot.say_guard = two_guards(ready.autopilot)  # type: ignore[method-assign]
-    ready.run(3.0)
+    ready.wait(3.0)
     assert TWO in ready.a.texts()
 
 
@@ -91,7 +91,7 @@ def test_with_a_key_a_guard_without_one_counts_as_silent_and_is_named(bench: Ben
     bench.configure(more='guard_key = "guard.key"')
     bench.connect()
     bench.share(delivery)
-    bench.run(4.0)
+    bench.wait(4.0)
     assert refusal(bench) == f"START refused: {NO_KEY}"
     assert {struct.unpack_from("<I", raw, 20)[0] for raw in payloads(bench)} == {0}
 
@@ -102,7 +102,7 @@ def test_with_a_key_a_guard_without_one_counts_as_silent_and_is_named(bench: Ben
 
     bench.autopilot.say_guard = tagged  # type: ignore[method-assign]
     bench.autopilot.guard_nonce = 77
-    bench.run(4.0)
+    bench.wait(4.0)
     assert struct.unpack_from("<I", payloads(bench)[-1], 20) == (77,)
     bench.a.command(START)
     bench.until(lambda: bench.autopilot.airborne)
@@ -123,13 +123,13 @@ class TestRebootInFlight:
     def rebooted(self, ready: Bench) -> Bench:
         ready.a.command(START)
         ready.until(lambda: ready.autopilot.airborne)
-        ready.run(3.0)
+        ready.wait(3.0)
         autopilot = ready.autopilot
         autopilot.say(stock.MAVLink_attitude_message(500_000, 0, 0, 0, 0, 0, 0))
         ready.mpstate.deliver(autopilot._out[-1])
         autopilot.received.clear()
         autopilot.silent = True
-        ready.run(2.0)
+        ready.wait(2.0)
         autopilot.silent, autopilot.guard_nonce, autopilot.mode, autopilot._lease = False, 99, 0, (0, 0, 0)
         autopilot.say(stock.MAVLink_attitude_message(3_000, 0, 0, 0, 0, 0, 0))
         ready.mpstate.deliver(autopilot._out[-1])
@@ -138,7 +138,7 @@ class TestRebootInFlight:
     def test_still_armed_the_operators_hear_it_nothing_is_written_and_the_guard_has_a_lease(
         self, rebooted: Bench
     ) -> None:
-        rebooted.run(10.0)
+        rebooted.wait(10.0)
         assert self.SAID in rebooted.a.texts()
         assert [entry["text"] for entry in rebooted.journal() if entry["event"] == "autopilot_restarted"] == [self.SAID]
         written = {m.get_type() for m in rebooted.autopilot.received}
@@ -153,6 +153,6 @@ class TestRebootInFlight:
 
     def test_disarmed_it_does_not_read_like_a_landing_alone(self, rebooted: Bench) -> None:
         rebooted.autopilot.armed = rebooted.autopilot.airborne = False
-        rebooted.run(3.0)
+        rebooted.wait(3.0)
         assert self.SAID in rebooted.a.texts()
         assert rebooted.companion.view.phase.name == "ON_LOAD"

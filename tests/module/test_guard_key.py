@@ -20,7 +20,7 @@ def test_every_lease_has_the_tag_of_the_key(bench: Bench) -> None:
     write_key(bench.folder / "guard.key", KEY)
     bench.configure(more='guard_key = "guard.key"')
     assert bench.load() is not None
-    bench.run(3.0)
+    bench.wait(3.0)
     leases = payloads(bench)
     assert len(leases) >= 14
     for lease in leases:

@@ -65,7 +65,7 @@ def give_rules(station: vehicle.Station, core: StationCore, bench: Bench) -> Non
 def begin_flight(bench: Bench, delivery: MissionPackage, *, refused: bool = False) -> Bench:
     """On its way in zone A, GCSA in command, no ground link between the stations. `refused`: GCSB has tried START."""
     bench.connect()
-    bench.share(delivery)
+    bench.share(delivery, at_once=True)
     for station, other in ((bench.a, bench.b), (bench.b, bench.a)):
         core = StationCore(
             Station(station.sysid, station.name),
@@ -75,7 +75,7 @@ def begin_flight(bench: Bench, delivery: MissionPackage, *, refused: bool = Fals
         )
         core.handle(MissionHeld(delivery.digest), bench.clock.now)
         give_rules(station, core, bench)
-    bench.run(1.5)
+    bench.wait(1.5)
     # told later, it would stand among the steps of a handover
     bench.until(lambda: bench.mpstate.console.said("Preflight: guard, parameters and firmware fit."))
     if refused:
@@ -150,7 +150,7 @@ def test_every_position_is_judged_against_the_zones_even_at_twenty_a_second(
 def test_both_stations_are_told_of_the_border_before_it_is_reached(flight: Bench) -> None:
     """150 m before B's zone: the climb is over, and waypoint 2 is flown to."""
     flight.autopilot.waypoint = 2
-    flight.run(3.0)
+    flight.wait(3.0)
     for station in (flight.a, flight.b):
         told = station.got("HANDOVER_AHEAD")
         assert {(m.from_station, m.to_station, m.crossing, m.epoch) for m in told} == {(251, 252, 1, 1)}
@@ -170,7 +170,7 @@ def test_both_stations_are_told_of_the_border_before_it_is_reached(flight: Bench
 
 def test_the_partners_operator_is_briefed_with_the_question_and_nobody_else(flight: Bench) -> None:
     flight.autopilot.waypoint = 2
-    flight.run(3.0)
+    flight.wait(3.0)
     assert flight.a.got("HANDOVER_BRIEFING") == []
     lines = flight.b.got("HANDOVER_BRIEFING")[:6]
     assert [(m.number, m.line, m.lines) for m in lines] == [(1, line, 6) for line in range(1, 7)]
@@ -183,7 +183,7 @@ def test_the_partners_operator_is_briefed_with_the_question_and_nobody_else(flig
     assert "; GCSB " in links
     assert alerts == "none"
     assert following.startswith("GCSA -> GCSB in ")
-    flight.run(11.0)
+    flight.wait(11.0)
     assert {m.number for m in flight.b.got("HANDOVER_BRIEFING")} == {1, 2}, "as long as the question is open, anew"
 
 
@@ -191,7 +191,7 @@ def test_what_breaks_in_a_briefing_costs_one_line(flight: Bench, monkeypatch: py
     monkeypatch.setattr(type(flight.companion.autopilot.return_site), "words", lambda _self: 1 / 0)
     monkeypatch.setattr(type(flight.companion.autopilot.command_check), "way_on_wh", lambda _self: 1 / 0)
     flight.autopilot.waypoint = 2
-    flight.run(3.0)
+    flight.wait(3.0)
     texts = [m.text for m in flight.b.got("HANDOVER_BRIEFING")[:6]]
     assert texts[1] == "not known (internal fault)"
     assert "above home" in texts[0]
@@ -200,18 +200,18 @@ def test_what_breaks_in_a_briefing_costs_one_line(flight: Bench, monkeypatch: py
 
 def test_off_the_mission_nothing_is_foreseen(flight: Bench) -> None:
     flight.autopilot.waypoint = 2
-    flight.run(3.0)
+    flight.wait(3.0)
     assert flight.a.got("HANDOVER_AHEAD") != []
     flight.autopilot.mode = GUIDED
-    flight.run(4.0)
+    flight.wait(4.0)
     flight.a.received.clear()
-    flight.run(20.0)
+    flight.wait(20.0)
     assert flight.a.got("HANDOVER_AHEAD") == []
 
 
 def test_who_commands_is_told_to_everybody_once_with_the_number_of_the_handover(flight: Bench) -> None:
     hand_over(flight)
-    flight.run(3.0)
+    flight.wait(3.0)
     (committed,) = flight.journal("transfer_committed")
     assert committed["handover_id"] > 0
     told = f"GCSB commands now (handover {committed['handover_id']})"
@@ -250,7 +250,7 @@ def test_during_the_transfer_the_old_commander_still_commands_and_the_lease_says
     flight.a.command(LAND)
     flight.run(0.2)
     assert [m.get_srcSystem() for m in flight.autopilot.got("COMMAND_LONG") if m.command == LAND] == [251]
-    flight.run(5.0)
+    flight.wait(5.0)
     assert flight.companion.view.partner is None
     assert flight.journal("transfer_aborted")[0]["reason"] == "commander_silent"
     assert commander(flight) == 251
@@ -383,7 +383,7 @@ def test_the_console_says_that_an_operator_is_asked_or_has_denied(flight: Bench)
 def test_a_handover_of_a_lost_commander_waits_for_the_partner_alone(flight: Bench) -> None:
     flight.autopilot.position = IN_BOTH
     flight.b.alive = False
-    flight.run(4.0)
+    flight.wait(4.0)
     flight.a.alive, flight.b.alive = False, True
     flight.until(lambda: commander(flight) == 252)
     console = told_on_console(flight)
@@ -426,7 +426,7 @@ def test_the_companion_prints_every_line_that_the_page_names(bench: Bench, deliv
         bench.run(0.3)
     hand_over(bench)
     bench.autopilot.position = IN_B
-    bench.run(6.0)
+    bench.wait(6.0)
     for station in (bench.a, bench.b):
         station.command(PAUSE, 0.0)
         bench.run(0.3)
@@ -463,7 +463,7 @@ def test_every_station_hears_of_the_delivery_point_and_of_the_landing(flight: Be
 def test_there_and_back_again_is_two_epochs(flight: Bench) -> None:
     hand_over(flight)
     flight.autopilot.position = IN_B
-    flight.run(6.0)
+    flight.wait(6.0)
     flight.autopilot.position = IN_BOTH
     flight.until(lambda: commander(flight) == 251)
     assert flight.companion.view.epoch == 3

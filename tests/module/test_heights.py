@@ -154,7 +154,7 @@ def test_an_upload_above_the_sea_needs_home_at_the_same_height(flown: Bench) -> 
     assert "item 2 (NAV_WAYPOINT) above sea: home is at 0 m in the plan and at 600 m in the auto" in flown.a.texts()
     assert held(flown) == before
     flown.autopilot.home_alt_m = 5.0
-    flown.run(3.5)
+    flown.wait(3.5)
     assert upload(flown, item(16, frame=ABOVE_SEA, alt_m=50.0)) == ACCEPTED
 
 
@@ -186,7 +186,7 @@ def test_an_upload_of_a_spline_that_leaves_coverage_is_refused(flown: Bench) -> 
     back = MissionItem(4, 16, 3, 0, 0, 0, 0, HOME_LAT / 1e7, HOME_LON / 1e7, 40.0)
     items = (*INSIDE[:2], north, west, back)
     straight = Program(flown, tuple(replace(each, command=16) for each in items)).send()
-    flown.run(3.5)
+    flown.wait(3.5)
     curved = Program(flown, items).send()
     assert (straight, curved) == (ACCEPTED, DENIED)
     assert "mission refused: leaves coverage in" in flown.a.texts()

@@ -237,7 +237,7 @@ def test_mavproxy_waits_for_the_descriptor_that_a_link_has_now(bench: Bench) -> 
 def test_what_happens_to_a_link_is_in_the_journal(bench: Bench) -> None:
     bench.connect()
     bench.b.alive = False
-    bench.run(5.0)
+    bench.wait(5.0)
     link = f"udpout:{HERE}:{bench.b.port}"
     told = [entry for entry in bench.journal() if entry["event"] == "link" and entry["link"] == link]
     assert [(entry["station"], entry["change"], entry["measure"]) for entry in told] == [

@@ -203,7 +203,7 @@ class TestBehindAStation:
     def test_it_does_not_vouch_for_a_station_that_is_gone(self, ground: Bench) -> None:
         release(ground.a)
         ground.a.alive = False
-        ground.run(8.0)
+        ground.wait(8.0)
         self.ask(ground, 1, 0, 10, 241)
         assert self.acks(ground)[-1][2] != ACCEPTED
         assert ground.companion.view.commander is None
@@ -225,7 +225,7 @@ class TestStatus:
     def test_every_station_hears_it_once_a_second(self, ground: Bench) -> None:
         for station in (ground.a, ground.b):
             station.received.clear()
-        ground.run(5.0)
+        ground.wait(5.0)
         for station in (ground.a, ground.b):
             statuses = station.got("CONTROL_STATUS")
             assert 5 <= len(statuses) <= 6
@@ -366,7 +366,7 @@ class TestStandard:
         acknowledge(standard.a)
         standard.run(0.1)
         before = len(questions(standard.a))
-        standard.run(5.0)
+        standard.wait(5.0)
         assert len(questions(standard.a)) == before
         assert standard.companion.view.partner == 252, "to have heard the question is not to have answered it"
         assert standard.companion.view.commander == 251
@@ -376,7 +376,7 @@ class TestStandard:
         standard.until(lambda: questions(standard.a))
         acknowledge(standard.b)
         before = len(questions(standard.a))
-        standard.run(3.0)
+        standard.wait(3.0)
         assert len(questions(standard.a)) > before
 
     def test_an_acknowledgement_of_the_question_before_does_not_answer_the_next(self, standard: Bench) -> None:
@@ -421,7 +421,7 @@ class TestStandard:
         assert control(standard.b) == (MANAGER, 251)
         assert standard.journal("transfer_aborted")[-1]["reason"] == "commander_denied"
         standard.a.received.clear()
-        standard.run(9.0)
+        standard.wait(9.0)
         assert questions(standard.a) == [], "not asked again at once"
 
     def test_what_is_behind_the_owner_cannot_say_that_the_owner_has_heard(self, standard: Bench) -> None:
@@ -429,7 +429,7 @@ class TestStandard:
         standard.until(lambda: questions(standard.a))
         standard.a.send(mavlink.MAVLink_command_ack_message(CONTROL, ACCEPTED, 0, 0, 1, 191), sysid=241)
         standard.a.received.clear()
-        standard.run(3.0)
+        standard.wait(3.0)
         assert questions(standard.a), "it is asked on"
 
     @pytest.mark.parametrize("result", [DENIED, UNSUPPORTED, FAILED, TEMPORARILY_REJECTED])
@@ -439,7 +439,7 @@ class TestStandard:
         standard.until(lambda: questions(standard.a))
         acknowledge(standard.a, result)
         standard.a.received.clear()
-        standard.run(3.0)
+        standard.wait(3.0)
         assert questions(standard.a), "it is asked on"
 
     def test_but_it_can_consent_in_its_name(self, standard: Bench) -> None:
@@ -502,7 +502,7 @@ class TestStandard:
             ((IN_A, IN_BOTH, standard.a, standard.b), (IN_B, IN_BOTH, standard.b, standard.a)), start=2
         ):
             standard.autopilot.position = here
-            standard.run(6.0)
+            standard.wait(6.0)
             standard.autopilot.position = both
             standard.until(lambda old=old: questions(old))
             acknowledge(old)
@@ -514,7 +514,7 @@ class TestStandard:
         standard.autopilot.position = IN_BOTH
         standard.until(lambda: questions(standard.a))
         request(standard.a, takeover=1)
-        standard.run(15.0)
+        standard.wait(15.0)
         for station in (standard.a, standard.b):
             ours = {m.get_type() for m in station.received if 47100 <= m.get_msgId() <= 47131}
             assert ours <= BROADCAST
@@ -525,7 +525,7 @@ class TestStandard:
         standard.autopilot.position = IN_A
         standard.until(lambda: standard.companion.view.partner is None)
         standard.a.received.clear()
-        standard.run(10.0)
+        standard.wait(10.0)
         assert questions(standard.a) == []
 
 
@@ -581,7 +581,7 @@ class TestMavproxysOc:
 
     def test_the_owner_is_asked_until_its_program_has_acknowledged_and_grants(self, flight: Bench) -> None:
         self.until_asked(flight)
-        flight.run(3.0)
+        flight.wait(3.0)
         assert len(questions(flight.a)) <= 2, "it has acknowledged the first"
         assert flight.companion.view.commander == 251, "to acknowledge is no consent"
         self.a.type("grant")
@@ -602,7 +602,7 @@ class TestMavproxysOc:
     def test_what_is_denied_stays(self, flight: Bench) -> None:
         self.until_asked(flight)
         self.a.type("deny")
-        flight.run(3.0)
+        flight.wait(3.0)
         assert control(flight.b) == (MANAGER, 251)
         assert flight.journal("transfer_aborted")[0]["reason"] == "commander_denied"
 

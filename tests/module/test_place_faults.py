@@ -34,15 +34,15 @@ def broken(*_arguments: Any, **_values: Any) -> Any:
 def ready(bench: Bench, delivery: MissionPackage) -> Bench:
     bench.config.write_text(bench.config.read_text() + '[policy]\nno_station = "off"\ncoverage_ends = "off"\n')
     bench.connect()
-    bench.share(delivery)
-    bench.run(6.0)
+    bench.share(delivery, at_once=True)
+    bench.wait(6.0)
     return bench
 
 
 def start(bench: Bench) -> None:
     bench.a.command(START)
     bench.until(lambda: bench.companion.view.phase is Phase.ON_MISSION)
-    bench.run(2.0)
+    bench.wait(2.0)
 
 
 @pytest.fixture
@@ -50,7 +50,7 @@ def flying(ready: Bench) -> Bench:
     """In flight with a third of the battery, of which 34.8 Wh have to be left at the last."""
     start(ready)
     ready.autopilot.battery = 0.34
-    ready.run(10.0)
+    ready.wait(10.0)
     assert ready.autopilot.mode == AUTO
     return ready
 
@@ -92,7 +92,7 @@ def test_what_is_asked_and_what_is_looked_at_do_not_stop_each_other(
     with monkeypatch.context() as patch:
         patch.setattr(ReturnQuestions, "ask", broken)
         flying.autopilot.position = AWAY
-        flying.run(3.0)
+        flying.wait(3.0)
     assert watch(flying).choice.place.distance_m > before.distance_m + 100.0
 
 
@@ -105,7 +105,7 @@ def test_a_place_that_cannot_be_looked_at_leaves_the_others(flying: Bench, monke
     with monkeypatch.context() as patch:
         patch.setattr(Views, "_evaluate", odd)
         flying.autopilot.position = AWAY
-        flying.run(3.0)
+        flying.wait(3.0)
         facts = {name: seen.fact for name, seen in watch(flying).views.seen.items()}
     assert facts["home"].distance_m == pytest.approx(202.0, abs=5.0)
     assert facts["rally 2"].distance_m == pytest.approx(330.0, abs=20.0)
@@ -130,7 +130,7 @@ def test_what_was_never_looked_at_is_out_of_reach_when_only_the_reserve_is_left(
     with monkeypatch.context() as patch:
         patch.setattr(PlaceFinder, "evaluate", broken)
         watch(ready).views.seen.clear()
-        ready.run(5.0)
+        ready.wait(5.0)
         assert not watch(ready).short
         ready.autopilot.battery = 0.2
         ready.until(lambda: ready.autopilot.mode == RTL, 20.0)
@@ -149,7 +149,9 @@ def test_flying_on_unseen_makes_the_way_back_longer(ready: Bench, monkeypatch: p
         ready.run(12.0)
         # 20 s away at 10 m/s and 20 s back, with the reserve factor
         assert 1.5 <= known - watch(ready).margin_wh <= 4.5
-        assert watch(ready).choice.place.margin_wh == known, "it lands for what is, not for what may be"
+        assert watch(ready).choice.place.margin_wh == pytest.approx(known, abs=0.1), (
+            "it lands for what is, not for what may be"
+        )
         ready.until(lambda: ready.autopilot.mode == RTL, 120.0)
         known = watch(ready).margin_wh
         ready.run(30.0)
@@ -162,7 +164,7 @@ def test_flying_on_unseen_makes_the_way_back_longer(ready: Bench, monkeypatch: p
 def test_while_looking_works_the_margin_is_the_one_that_was_seen(flying: Bench) -> None:
     for battery in (0.34, 0.33, 0.32):
         flying.autopilot.battery = battery
-        flying.run(3.0)
+        flying.wait(3.0)
         facts = [seen.fact for seen in watch(flying).views.seen.values()]
         assert watch(flying).margin_wh == max(fact.margin_wh for fact in facts)
         energy, margin = flying.companion.autopilot.energy.fact, watch(flying)._margin

@@ -51,8 +51,8 @@ def ready(bench: Bench, delivery: MissionPackage) -> Bench:
     """Both stations with the mission, on the ground at home. What is looked at is the place, not why it is needed."""
     bench.config.write_text(bench.config.read_text() + '[policy]\nno_station = "off"\ncoverage_ends = "off"\n')
     bench.connect()
-    bench.share(delivery)
-    bench.run(6.0)
+    bench.share(delivery, at_once=True)
+    bench.wait(6.0)
     return bench
 
 
@@ -60,13 +60,13 @@ def ready(bench: Bench, delivery: MissionPackage) -> Bench:
 def flying(ready: Bench) -> Bench:
     ready.a.command(START)
     ready.until(lambda: ready.companion.view.phase is Phase.ON_MISSION)
-    ready.run(6.0)
+    ready.wait(6.0)
     return ready
 
 
 def fly_to(bench: Bench, place: tuple[float, float], seconds: float = 30.0) -> None:
     bench.autopilot.position = place
-    bench.run(seconds)
+    bench.wait(seconds)
 
 
 def lose(bench: Bench, *stations: Any) -> None:
@@ -98,7 +98,7 @@ def test_every_station_hears_twice_a_second_where_a_return_goes(ready: Bench) ->
 def test_without_a_mission_nobody_touches_it(bench: Bench) -> None:
     bench.connect()
     bench.autopilot.items[RALLY] = []
-    bench.run(30.0)
+    bench.wait(30.0)
     assert [m for m in bench.autopilot.received if getattr(m, "mission_type", None) == RALLY] == []
 
 
@@ -141,7 +141,7 @@ def test_and_when_it_is_written_it_is_told(flying: Bench) -> None:
     flying.autopilot.spoil = elsewhere
     fly_to(flying, IN_B, 40.0)
     flying.autopilot.spoil = lambda item: item
-    flying.run(20.0)
+    flying.wait(20.0)
     assert listed(flying) == [RALLY_2]
     assert flying.b.got("AUTHORITY_STATUS")[-1].place == "rally 2"
 
@@ -159,7 +159,7 @@ def test_a_place_that_could_not_be_written_on_the_ground_is_told_when_it_arms(re
     assert "autopilot's list" not in ready.a.texts()
     ready.a.command(START)
     ready.until(lambda: ready.companion.view.phase is Phase.ON_MISSION)
-    ready.run(60.0)
+    ready.wait(60.0)
     for station in (ready.a, ready.b):
         assert station.texts().count(NOT_LISTED) == 1
 
@@ -170,11 +170,11 @@ def test_and_again_in_the_next_flight(ready: Bench) -> None:
         ready.autopilot.items[0][0].x += 500  # where it arms
         ready.a.command(START)
         ready.until(lambda: ready.companion.view.phase is Phase.ON_MISSION)
-        ready.run(25.0)
+        ready.wait(25.0)
         assert ready.a.texts().count(NOT_LISTED) == flights
         ready.autopilot.armed = ready.autopilot.airborne = False
         ready.autopilot.mode = 0
-        ready.run(20.0)
+        ready.wait(20.0)
 
 
 def test_the_nearest_whose_station_is_dead_is_passed_over_at_once(flying: Bench) -> None:
@@ -183,7 +183,7 @@ def test_the_nearest_whose_station_is_dead_is_passed_over_at_once(flying: Bench)
     fly_to(flying, IN_B, 40.0)
     assert listed(flying) == [RALLY_2]
     lose(flying, flying.b)
-    flying.run(8.0)
+    flying.wait(8.0)
     assert listed(flying) == [HOME]
     assert told(flying)[-1].startswith("a return goes to home")
 
@@ -191,11 +191,11 @@ def test_the_nearest_whose_station_is_dead_is_passed_over_at_once(flying: Bench)
 def test_home_is_written_anew_when_arming_has_moved_it(ready: Bench) -> None:
     moved = (526790500, 59240900)
     ready.autopilot.items[0][0].x, ready.autopilot.items[0][0].y = moved
-    ready.run(5.0)
+    ready.wait(5.0)
     assert listed(ready) == [HOME]
     ready.a.command(START)
     ready.until(lambda: ready.companion.view.phase is Phase.ON_MISSION)
-    ready.run(8.0)
+    ready.wait(8.0)
     assert listed(ready) == [moved]
 
 
@@ -203,7 +203,7 @@ def test_the_autopilots_own_word_of_its_home_counts_too(flying: Bench) -> None:
     flying.mpstate.deliver(
         said(stock.MAVLink_home_position_message(526790700, 59240100, 0, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0))
     )
-    flying.run(8.0)
+    flying.wait(8.0)
     assert listed(flying) == [(526790700, 59240100)]
 
 
@@ -219,7 +219,7 @@ def test_no_change_comes_oftener_than_every_five_seconds(flying: Bench) -> None:
 
 def test_nothing_is_written_again_while_nothing_changes(flying: Bench) -> None:
     before = counts(flying)
-    flying.run(60.0)
+    flying.wait(60.0)
     assert counts(flying) == before
     reads = [m for m in flying.autopilot.got("MISSION_REQUEST_LIST") if m.mission_type == RALLY]
     assert len(reads) >= 60.0 / READ_S - 1
@@ -265,7 +265,7 @@ def test_who_writes_there_for_ever_is_told_once_a_minute(flying: Bench) -> None:
             flying.autopilot.items[RALLY][0].x = HOME[0] + 5000
 
     flying.each_round = writes
-    flying.run(130.0)
+    flying.wait(130.0)
     for station in (flying.a, flying.b):
         assert 2 <= station.texts().count("Rally list changed by another program") <= 3
     assert len(flying.journal("rally_overwritten")) >= 8
@@ -281,7 +281,7 @@ def test_a_refused_upload_is_told_and_tried_again(flying: Bench) -> None:
     attempts = len(flying.journal("place_failed"))
     assert attempts <= 40.0 / 8.0 + 1
     flying.autopilot.results = {}
-    flying.run(12.0)
+    flying.wait(12.0)
     assert listed(flying) == [RALLY_2]
     assert told(flying)[-1].startswith("a return goes to rally 2")
 
@@ -298,7 +298,7 @@ def test_an_autopilot_that_falls_silent_in_an_upload_is_asked_again(flying: Benc
     flying.autopilot._take = lambda m: None if getattr(m, "mission_type", None) == RALLY else original(m)  # type: ignore
     fly_to(flying, IN_B, 40.0)
     del flying.autopilot._take
-    flying.run(15.0)
+    flying.wait(15.0)
     assert listed(flying) == [RALLY_2]
 
 
@@ -331,7 +331,7 @@ def test_a_return_never_waits_longer_than_a_moment_for_its_place(flying: Bench) 
     original = flying.autopilot._take
     flying.autopilot._take = lambda m: None if getattr(m, "mission_type", None) == RALLY else original(m)  # type: ignore
     lose(flying, flying.b)
-    flying.run(5.5)  # the place has changed, and cannot be written
+    flying.wait(5.5)  # the place has changed, and cannot be written
     asked_at = flying.clock.now
     flying.companion.autopilot.orders.fly(flying_return(), asked_at)
     flying.until(lambda: flying.autopilot.mode == RTL, 3.0)
@@ -344,11 +344,11 @@ def test_a_pilot_who_takes_over_in_that_moment_is_not_ordered_home(flying: Bench
     original = flying.autopilot._take
     flying.autopilot._take = lambda m: None if getattr(m, "mission_type", None) == RALLY else original(m)  # type: ignore
     lose(flying, flying.b)
-    flying.run(5.5)
+    flying.wait(5.5)
     flying.autopilot.received.clear()
     flying.companion.autopilot.orders.fly(flying_return(), flying.clock.now)
     flying.autopilot.mode, flying.autopilot._beat_at = 5, 0.0
-    flying.run(3.0)
+    flying.wait(3.0)
     assert [order for order in orders(flying) if order[0] == "mode"] == []
     assert flying.autopilot.mode == 5
 
@@ -368,7 +368,7 @@ def test_what_is_decided_while_the_place_is_looked_at_is_not_undone(flying: Benc
     flying.autopilot.received.clear()
     lose(flying, flying.a, flying.b)
     flying.until(lambda: flying.autopilot.mode in (LAND, RTL), 20.0)
-    flying.run(3.0)
+    flying.wait(3.0)
     assert [what for kind, what in orders(flying) if kind == "mode"] == [LAND]
     assert flying.autopilot.mode == LAND
 
@@ -393,11 +393,11 @@ def returning(bench: Bench, place: tuple[float, float] = IN_B) -> None:
 def test_a_return_under_way_goes_elsewhere_when_its_place_has_become_worse(flying: Bench) -> None:
     returning(flying)
     lose(flying, flying.b)
-    flying.run(9.0)
+    flying.wait(9.0)
     assert orders(flying) == [("place", HOME), ("mode", GUIDED), ("mode", RTL)]
     (entry,) = flying.journal("bounce")
     assert entry["place"] == "home"
-    flying.run(20.0)
+    flying.wait(20.0)
     assert len(flying.journal("bounce")) == 1
 
 
@@ -411,7 +411,7 @@ def test_not_once_a_landing_is_ordered(flying: Bench) -> None:
     orders_of_it.fly(FlightAction.LAND, flying.clock.now)
     assert not orders_of_it.returning
     lose(flying, flying.b)
-    flying.run(12.0)
+    flying.wait(12.0)
     assert flying.autopilot.mode == LAND
     assert flying.journal("bounce") == []
 
@@ -419,7 +419,7 @@ def test_not_once_a_landing_is_ordered(flying: Bench) -> None:
 def test_not_without_a_commander(flying: Bench) -> None:
     returning(flying)
     lose(flying, flying.a, flying.b)
-    flying.run(20.0)
+    flying.wait(20.0)
     assert [order for order in orders(flying) if order[1] == GUIDED] == []
     assert listed(flying) == [RALLY_2], "the list holds what is flown to"
 
@@ -436,7 +436,7 @@ def test_a_pilot_who_takes_over_while_it_begins_again_is_not_ordered_home(flying
 
     flying.autopilot._command = taken_over  # type: ignore[method-assign]
     lose(flying, flying.b)
-    flying.run(12.0)
+    flying.wait(12.0)
     assert [order for order in orders(flying) if order[0] == "mode"] == [("mode", GUIDED)]
     assert flying.autopilot.mode == 5
 
@@ -445,7 +445,7 @@ def test_not_outside_the_fence(flying: Bench, monkeypatch: pytest.MonkeyPatch) -
     returning(flying)
     monkeypatch.setattr(PlaceFinder, "in_fence", lambda *_: False)
     lose(flying, flying.b)
-    flying.run(12.0)
+    flying.wait(12.0)
     assert orders(flying) == []
 
 
@@ -478,11 +478,11 @@ def test_not_in_a_return_that_somebody_else_has_ordered(flying: Bench) -> None:
     flying.run(2.0)
     flying.autopilot.received.clear()
     lose(flying, flying.b)
-    flying.run(12.0)
+    flying.wait(12.0)
     assert orders(flying) == []
     assert listed(flying) == [RALLY_2]
     flying.autopilot.mode = AUTO
-    flying.run(8.0)
+    flying.wait(8.0)
     assert listed(flying) == [HOME]
 
 
@@ -517,11 +517,11 @@ def test_so_does_one_that_a_pilot_begins_before_the_better_place_could_be_writte
     flying.run(2.0)
     assert flying.companion.autopilot.return_site.where is None, "a write has failed: the list may hold either"
     del flying.autopilot._take
-    flying.run(15.0)
+    flying.wait(15.0)
     assert listed(flying) == [RALLY_2]
     assert flying.companion.autopilot.return_site.where[0] == "rally 2"
     flying.autopilot.mode = AUTO
-    flying.run(8.0)
+    flying.wait(8.0)
     assert listed(flying) == [HOME]
 
 
@@ -531,13 +531,13 @@ def test_an_ordered_return_that_did_not_wait_for_its_place_begins_again_when_the
     original = flying.autopilot._take
     flying.autopilot._take = lambda m: None if m.get_type() == "MISSION_COUNT" else original(m)  # type: ignore
     lose(flying, flying.b)
-    flying.run(5.5)
+    flying.wait(5.5)
     flying.companion.autopilot.orders.fly(flying_return(), flying.clock.now)
     flying.until(lambda: flying.autopilot.mode == RTL, 3.0)
     flying.run(2.0)
     del flying.autopilot._take
     flying.autopilot.received.clear()
-    flying.run(20.0)
+    flying.wait(20.0)
     assert orders(flying) == [("place", HOME), ("mode", GUIDED), ("mode", RTL)]
 
 
@@ -548,7 +548,7 @@ def test_not_in_a_return_that_a_pilot_has_taken_over_in_between(flying: Bench) -
     flying.autopilot.mode = RTL
     flying.run(1.5)
     lose(flying, flying.b)
-    flying.run(12.0)
+    flying.wait(12.0)
     assert [order for order in orders(flying) if order[0] == "mode"] == []
 
 
@@ -559,7 +559,7 @@ def test_the_best_place_and_not_the_nearest_tells_when_to_turn_back(flying: Benc
     """GCSB is dead, so RTL goes home from the far end: that is what the energy has to be enough for."""
     fly_to(flying, IN_B, 40.0)
     flying.autopilot.battery = 0.34
-    flying.run(8.0)
+    flying.wait(8.0)
     assert flying.journal("emergency") == [], "rally 2 is near"
 
 
@@ -585,7 +585,7 @@ def test_the_way_is_judged_at_the_speed_at_which_the_autopilot_returns(
     (tmp_path / "slow" / "mission.toml").write_text(text, encoding="utf-8")
     bench.connect()
     bench.share(load(tmp_path / "slow"))
-    bench.run(3.0)
+    bench.wait(3.0)
     bench.autopilot.parameters |= parameters  # by whoever: it says so to everybody
     bench.autopilot.tells += parameters
     fly_to(bench, (52.6790, 5.9270), 12.0)
@@ -626,7 +626,7 @@ def test_after_a_restart_what_the_list_holds_is_read_first_and_stays(flying: Ben
     flying.mpstate.unload("handover")
     flying.autopilot.received.clear()
     flying.load()
-    flying.run(25.0)
+    flying.wait(25.0)
     assert listed(flying) == [RALLY_2]
     about = [m.get_type() for m in flying.autopilot.received if getattr(m, "mission_type", None) == RALLY]
     assert about[:2] == ["MISSION_REQUEST_LIST", "MISSION_REQUEST_INT"]
@@ -638,17 +638,17 @@ def test_a_place_that_is_none_of_the_missions_is_kept_after_a_restart(flying: Be
     flying.mpstate.unload("handover")
     flying.autopilot.items[RALLY][0].x, flying.autopilot.items[RALLY][0].y = 526790500, 59311000
     flying.load()
-    flying.run(20.0)
+    flying.wait(20.0)
     assert listed(flying) == [(526790500, 59311000)]
     assert "place found in the list" in flying.companion.autopilot.return_site.words()
 
 
 def test_after_a_reboot_of_the_autopilot_it_is_read_again(ready: Bench) -> None:
     ready.autopilot.silent = True
-    ready.run(5.0)
+    ready.wait(5.0)
     ready.autopilot.silent = False
     ready.autopilot.items[RALLY] = []
-    ready.run(14.0)
+    ready.wait(14.0)
     assert listed(ready) == [HOME]
 
 
@@ -657,7 +657,7 @@ def test_what_breaks_here_costs_no_authority_and_no_return(flying: Bench, monkey
         raise RuntimeError("planted")
 
     monkeypatch.setattr(PlaceFinder, "evaluate", broken)
-    flying.run(3.0)
+    flying.wait(3.0)
     assert flying.companion.faults["return sites"] >= 2
     assert not flying.companion.failed
     flying.companion.autopilot.orders.fly(flying_return(), flying.clock.now)
@@ -672,5 +672,5 @@ def said(message: Any) -> Any:
 def test_links_that_are_weak_change_no_place(flying: Bench) -> None:
     fly_to(flying, IN_B, 40.0)
     flying.companion.handle(LinkJudged(252, True, False, "weak"), flying.clock.now)
-    flying.run(10.0)
+    flying.wait(10.0)
     assert listed(flying) == [RALLY_2]

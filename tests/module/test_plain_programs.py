@@ -30,7 +30,7 @@ def test_a_program_that_takes_every_heartbeat_for_the_autopilots_is_spared_the_c
     """The fault: DroneKit took base_mode 0 of component 191 and never saw the vehicle armed."""
     more(bench, 'module = false\n            companion_heartbeat = false\n            consent = "refuse"')
     bench.connect()
-    bench.run(5.0)
+    bench.wait(5.0)
     assert {m.get_srcComponent() for m in bench.b.got("HEARTBEAT")} == {1}
     assert {m.get_srcComponent() for m in bench.a.got("HEARTBEAT")} == {1, 191}
 
@@ -166,7 +166,7 @@ def test_a_program_without_heartbeats_that_asks_once_is_told_too(bench: Bench) -
     bench.connect()
     bench.b._answer = lambda message: None  # type: ignore[method-assign]
     bench.b.send(mavlink.MAVLink_param_request_read_message(1, 1, b"WPNAV_SPEED", -1))
-    bench.run(10.0)
+    bench.wait(10.0)
     texts = [text for _severity, text in bench.b.told() if "heartbeat" in text]
     assert texts == [
         "Handover: GCSB sends no heartbeat, so it cannot command. Send HEARTBEAT each second as system 252."
@@ -178,16 +178,16 @@ def test_a_station_whose_heartbeats_were_heard_is_not_told_for_one_late_frame(be
     bench.connect()
     bench.b.alive = False
     bench.b._answer = lambda message: None  # type: ignore[method-assign]
-    bench.run(6.0)
+    bench.wait(6.0)
     bench.b.send(mavlink.MAVLink_param_request_read_message(1, 1, b"WPNAV_SPEED", -1))
-    bench.run(10.0)
+    bench.wait(10.0)
     assert [text for _severity, text in bench.b.told() if "sends no heartbeat" in text] == []
 
 
 def test_a_station_with_heartbeats_and_one_that_says_nothing_are_told_nothing(bench: Bench) -> None:
     bench.b.alive = False
     bench.connect()
-    bench.run(60.0)
+    bench.wait(60.0)
     assert [text for station in (bench.a, bench.b) for _s, text in station.told() if "heartbeat" in text] == []
 
 
@@ -202,7 +202,7 @@ def keyed(bench: Bench, tmp_path: Path) -> Bench:
 
 def test_a_program_without_its_key_is_told_why_nothing_works(keyed: Bench) -> None:
     """The fault: a stock MAVProxy without its key heard nothing at all for forty seconds."""
-    keyed.run(35.0)
+    keyed.wait(35.0)
     texts = [text for _severity, text in keyed.b.told() if "sign" in text]
     assert texts == ["Handover: frames of GCSB are not signed: give this program the key of GCSB."] * 4
     told = [m for m in keyed.b.got("STATUSTEXT") if "sign" in m.text]

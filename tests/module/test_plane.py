@@ -62,8 +62,8 @@ def ready(bench: Bench, ferry: MissionPackage) -> Bench:
     """The parent commands, a plane that hovers too holds the mission, the guard answers."""
     stands(bench, ferry)
     bench.connect()
-    bench.share(ferry)
-    bench.run(12.0)
+    bench.share(ferry, at_once=True)
+    bench.wait(12.0)
     return bench
 
 
@@ -73,7 +73,7 @@ def flight(ready: Bench) -> Bench:
     ready.a.command(START)
     ready.until(lambda: ready.companion.view.phase is Phase.ON_MISSION)
     ready.autopilot.waypoint = 3
-    ready.run(2.0)
+    ready.wait(2.0)
     ready.autopilot.received.clear()
     ready.a.received.clear()
     return ready
@@ -110,7 +110,7 @@ def test_a_mission_item_that_leads_down_is_the_commanders_word(flight: Bench, me
     else:
         flight.a.command(CURRENT, 7)
     flight.autopilot.waypoint = 7
-    flight.run(3.0)
+    flight.wait(3.0)
     assert [entry["text"] for entry in flight.journal("helm")] == ["AUTO: chosen by GCSA"]
 
 
@@ -127,7 +127,7 @@ def test_without_a_landing_at_the_end_of_a_return_it_does_not_start(bench: Bench
     stands(bench, ferry, Q_RTL_MODE=0.0)
     bench.connect()
     bench.share(ferry)
-    bench.run(12.0)
+    bench.wait(12.0)
     bench.a.command(START)
     bench.run(0.5)
     assert bench.a.acks(START) == [REJECTED]
@@ -144,7 +144,7 @@ def always_armed(bench: Bench, landed: int) -> Bench:
     bench.autopilot.parameters["ARMING_REQUIRE"] = 0.0
     bench.autopilot.armed, bench.autopilot.landed_state = True, landed
     bench.load()
-    bench.run(30.0)
+    bench.wait(30.0)
     return bench
 
 
@@ -189,7 +189,7 @@ def test_that_is_the_autopilots(
     stands(bench, ferry, **parameters)
     bench.connect()
     bench.share(ferry)
-    bench.run(20.0)
+    bench.wait(20.0)
     assert heights(bench) == [height_m]
 
 
@@ -243,7 +243,7 @@ def test_on_its_way_down_a_plane_is_never_sent_back_for_its_energy(bench: Bench)
     watch = flight.companion.autopilot.return_site
     flight.autopilot.battery = 0.2
     flight.autopilot.waypoint = 9
-    flight.run(6.0)
+    flight.wait(6.0)
     assert watch.short is False
     flight.autopilot.waypoint = 5
     flight.run(1.5)
@@ -270,7 +270,7 @@ def test_of_whom_the_circle_is_is_known_where_a_pilot_could_steer(flight: Bench)
     hear(flight, mavlink.MAVLink_sys_status_message(radio, radio, radio, 0, 0, 0, -1, 0, 0, 0, 0, 0, 0))
     flight.run(1.0)
     flight.a.command(PAUSE, STOP)
-    flight.run(3.0)
+    flight.wait(3.0)
     helm = flight.companion.arbiter._safety.mode
     assert (helm.radio, helm.flown, helm.chosen_by) == (True, ModeClass.STOP, ModeSource.COMMANDER)
 
@@ -344,7 +344,7 @@ def test_a_pilot_who_takes_over_ends_a_stop_that_is_under_way(flight: Bench) -> 
     assert flight.a.acks(PAUSE) == [FAILED]
     assert flight.a.texts() == "cancelled: the autopilot is in FBWA now"
     del flight.autopilot.script[MODE]
-    flight.run(10.0)
+    flight.wait(10.0)
     assert flight.autopilot.mode == FBWA
 
 
@@ -372,7 +372,7 @@ def test_a_copters_stop_is_its_own(bench: Bench, delivery: MissionPackage) -> No
 
 def test_a_hold_of_the_companions_own_is_known_to_be_its_own(flight: Bench) -> None:
     flight.companion.autopilot.orders.fly(FlightAction.HOLD, flight.clock.now)
-    flight.run(3.0)
+    flight.wait(3.0)
     helm = flight.companion.arbiter._safety.mode
     assert (flight.autopilot.mode, helm.flown, helm.chosen_by) == (LOITER, ModeClass.STOP, ModeSource.COMPANION)
 
@@ -385,7 +385,7 @@ def test_a_hold_and_a_flight_on_that_the_rules_decide_are_known_to_be_the_compan
         (FlightAction.CONTINUE, AUTO, ModeClass.MISSION),
     ):
         flight.decide(Fly(action, Reason.LINK_QUALITY))
-        flight.run(3.0)
+        flight.wait(3.0)
         assert (flight.autopilot.mode, helm.flown, helm.chosen_by) == (mode, flown, ModeSource.COMPANION)
 
 
@@ -413,11 +413,11 @@ def test_what_the_estimators_failsafe_hovers_by_is_never_left(flight: Bench, tol
     """The fault: in QRTL that is QHOVER, and the return was commanded again, out of it."""
     flight.a.alive = flight.b.alive = False
     flight.until(lambda: flight.autopilot.mode == RTL, 40.0)
-    flight.run(3.0)
+    flight.wait(3.0)
     if told:
         hear(flight, mavlink.MAVLink_statustext_message(2, b"EKF variance"))
     flight.autopilot.mode = QHOVER
-    flight.run(20.0)
+    flight.wait(20.0)
     assert flight.autopilot.mode == (QHOVER if told else RTL)
 
 
@@ -428,7 +428,7 @@ def test_a_start_that_is_called_off_does_not_leave_it_in_auto(ready: Bench) -> N
     ready.until(lambda: ARM in ready.autopilot.commands())
     ready.a.alive = False
     ready.until(lambda: FAILED in ready.a.acks(START))
-    ready.run(5.0)
+    ready.wait(5.0)
     assert (ready.autopilot.mode, ready.autopilot.armed) == (0, False)
 
 
@@ -455,7 +455,7 @@ def test_a_start_right_after_one_that_a_disarm_ended_is_flown_in_auto(ready: Ben
     del ready.autopilot.script[ARM]
     ready.run(wait_s)
     ready.a.command(START)
-    ready.run(8.0)
+    ready.wait(8.0)
     assert (ready.autopilot.mode, ready.autopilot.armed) == (AUTO, True)
     assert ready.a.acks(START) == [IN_PROGRESS, FAILED, IN_PROGRESS, ACCEPTED]
     assert ready.companion.view.phase is Phase.ON_MISSION
@@ -471,10 +471,10 @@ def test_an_arm_right_after_a_start_that_a_disarm_ended_does_not_take_it_off(rea
     ready.run(0.05)
     del ready.autopilot.script[ARM]
     ready.a.command(ARM, 1)
-    ready.run(3.0)
+    ready.wait(3.0)
     assert (ready.autopilot.mode, ready.autopilot.armed) == (0, False)
     assert ready.a.acks(ARM) == [REJECTED]
     assert "arm refused: the previous START is still being undone: send it again" in ready.a.texts()
     ready.a.command(ARM, 1)
-    ready.run(3.0)
+    ready.wait(3.0)
     assert (ready.autopilot.mode, ready.autopilot.armed) == (0, True)

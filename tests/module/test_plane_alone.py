@@ -30,7 +30,7 @@ def flight(bench: Bench) -> Bench:
     bench.a.command(START)
     bench.until(lambda: bench.companion.view.phase is Phase.ON_MISSION)
     bench.autopilot.waypoint, bench.autopilot.position = 2, (52.70, 5.42)
-    bench.run(2.0)
+    bench.wait(2.0)
     bench.a.received.clear()
     return bench
 
@@ -52,8 +52,8 @@ def ready(bench: Bench, mission: str, autopilot: Callable[[], Autopilot]) -> Non
     bench.autopilot = autopilot()
     bench.autopilot.position = package.route.home.lat_deg, package.route.home.lon_deg
     bench.connect()
-    bench.share(package)
-    bench.run(12.0)
+    bench.share(package, at_once=True)
+    bench.wait(12.0)
 
 
 def to(seq: int, command: int, lat: float, lon: float, alt: float) -> MissionItem:
@@ -91,10 +91,10 @@ def test_a_mission_that_would_leave_its_return_circling_is_refused(
 def test_one_with_a_landing_sequence_is_taken(flight: Bench) -> None:
     assert Program(flight, (HOME, AWAY, *DOWN)).send() == ACCEPTED
     flight.autopilot.waypoint = 1
-    flight.run(1.0)
+    flight.run(1.2)
     assert flight.companion.autopilot.aircraft.ways_down.may_be is False
     flight.autopilot.waypoint = 3
-    flight.run(1.0)
+    flight.run(1.2)
     assert flight.companion.autopilot.aircraft.ways_down.may_be is True
 
 
@@ -113,7 +113,7 @@ def test_what_was_checked_for_another_aircraft_is_not_flown(
     """The fault: turns, energy and circles were those of another one, and it took off."""
     ready(bench, mission, autopilot)
     bench.a.command(START)
-    bench.run(3.0)
+    bench.wait(3.0)
     assert bench.a.acks(START) == [REJECTED]
     assert why in bench.a.texts()
     assert bench.companion.view.phase is Phase.ON_LOAD

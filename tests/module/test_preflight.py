@@ -715,7 +715,7 @@ def said(bench: Bench) -> list[tuple[str, bool]]:
 
 def test_all_is_well_is_said_once(flown: Bench) -> None:
     flown.connect()
-    flown.run(60.0)
+    flown.wait(60.0)
     assert said(flown) == [("guard, parameters and firmware fit", True)]
     assert flown.autopilot.asked.count("HNDO_CHAN") == 1  # type: ignore[attr-defined]
     flown.mpstate.type("handover status")
@@ -725,7 +725,7 @@ def test_all_is_well_is_said_once(flown: Bench) -> None:
 def test_what_does_not_fit_is_journalled_shown_and_in_the_status_until_it_is_put_right(flown: Bench) -> None:
     flown.autopilot.parameters["RALLY_LIMIT_KM"] = 0.3  # type: ignore[attr-defined]
     flown.connect()
-    flown.run(90.0)
+    flown.wait(90.0)
     text = "RALLY_LIMIT_KM is 0.3: a return goes home if the return site is farther away"
     assert said(flown) == [(text, False)]
     assert flown.journal("preflight")[0]["parameter"] == "RALLY_LIMIT_KM"
@@ -733,7 +733,7 @@ def test_what_does_not_fit_is_journalled_shown_and_in_the_status_until_it_is_put
     flown.mpstate.type("handover status")
     assert flown.mpstate.console.lines[-1] == f"preflight WARNING: {text}"
     flown.autopilot.parameters["RALLY_LIMIT_KM"] = 0.0  # type: ignore[attr-defined]
-    flown.run(40.0)
+    flown.wait(40.0)
     assert said(flown)[1:] == [("guard, parameters and firmware fit", True)]
 
 
@@ -743,7 +743,7 @@ def test_the_guards_own_words_name_the_right_channel(flown: Bench) -> None:
     flown.autopilot.say(stock.MAVLink_statustext_message(4, b"HNDO: lease refused, channel 2 not 1"))
     for message in flown.autopilot._out:
         flown.mpstate.deliver(message)
-    flown.run(20.0)
+    flown.wait(20.0)
     assert said(flown) == [("HNDO_CHAN is 1, but this companion is on channel 2", False)]
 
 
@@ -751,7 +751,7 @@ def test_nothing_is_asked_while_armed(flown: Bench) -> None:
     flown.autopilot.guard_state = None  # it waits longer for one that is silent
     flown.connect()
     flown.autopilot.armed = True
-    flown.run(30.0)
+    flown.wait(30.0)
     assert flown.autopilot.asked == []  # type: ignore[attr-defined]
     assert flown.companion.autopilot.preflight.findings is None
 
@@ -761,18 +761,18 @@ def test_a_reading_that_a_start_overtakes_is_finished(flown: Bench) -> None:
     flown.connect()
     flown.until(lambda: "preflight" in flown.companion.autopilot.conversations)
     flown.autopilot.armed = True
-    flown.run(8.0)
+    flown.wait(8.0)
     assert len(said(flown)) == 1
 
 
 def test_an_autopilot_that_was_started_anew_is_read_again(flown: Bench) -> None:
     flown.connect()
-    flown.run(20.0)
+    flown.wait(20.0)
     flown.autopilot.silent = True
-    flown.run(6.0)
+    flown.wait(6.0)
     flown.autopilot.silent = False
     flown.autopilot.parameters["FS_GCS_ENABLE"] = 0.0  # type: ignore[attr-defined]
-    flown.run(20.0)
+    flown.wait(20.0)
     assert [text for text, _fits in said(flown)] == [
         "guard, parameters and firmware fit",
         "FS_GCS_ENABLE is 0: nothing brings the aircraft home if companion and guard both fail",

@@ -54,7 +54,7 @@ def test_an_observers_file_does_not_close_the_commanders(flight: Bench) -> None:
         return mavlink.MAVLink_file_transfer_protocol_message(0, 1, 1, ftp_request(opcode, path, session=2))
 
     flight.a.send(ftp(6, b"@MISSION/mission.dat"))
-    flight.run(4.0)
+    flight.wait(4.0)
     flight.b.send(ftp(4, b"@SYS/tasks.txt"))
     flight.run(0.2)
     assert flight.autopilot.got("FILE_TRANSFER_PROTOCOL", 252) == []
@@ -69,7 +69,7 @@ def test_an_observers_file_does_not_close_the_commanders(flight: Bench) -> None:
 def in_flight(flight: Bench) -> Bench:
     """The same, armed."""
     flight.autopilot.armed = True
-    flight.run(1.5)
+    flight.wait(1.5)
     assert flight.companion.view.armed
     flight.autopilot.received.clear()
     flight.b.received.clear()

@@ -67,8 +67,8 @@ def ready(bench: Bench, delivery: MissionPackage, monkeypatch: pytest.MonkeyPatc
 
     bench.autopilot._take = also_files  # type: ignore[method-assign]
     bench.connect()
-    bench.share(delivery)
-    bench.run(6.0)
+    bench.share(delivery, at_once=True)
+    bench.wait(6.0)
     return bench
 
 

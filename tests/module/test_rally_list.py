@@ -23,8 +23,8 @@ NEW = (526795000, 59290000)
 @pytest.fixture
 def ready(bench: Bench, delivery: MissionPackage) -> Bench:
     bench.connect()
-    bench.share(delivery)
-    bench.run(6.0)
+    bench.share(delivery, at_once=True)
+    bench.wait(6.0)
     bench.a.received.clear()
     bench.b.received.clear()
     return bench
@@ -122,7 +122,7 @@ def test_the_commanders_upload_replaces_the_points_to_choose_from(ready: Bench) 
     assert untouched(ready)
     assert ready.companion.arbiter.mission_digest, "the mission is the same"
     ready.autopilot.position = (NEW[0] / 1e7, NEW[1] / 1e7)
-    ready.run(40.0)
+    ready.wait(40.0)
     assert listed(ready) == [NEW]
 
 
@@ -148,10 +148,10 @@ def test_a_flood_of_uploads_is_judged_once_a_second(ready: Bench, monkeypatch: p
 def test_it_is_over_with_the_flight(ready: Bench) -> None:
     upload(ready, NEW)
     ready.autopilot.armed = ready.autopilot.airborne = True
-    ready.run(3.0)
+    ready.wait(3.0)
     assert len(seen(ready, ready.a)) == 1
     ready.autopilot.armed = ready.autopilot.airborne = False
-    ready.run(3.0)
+    ready.wait(3.0)
     assert len(seen(ready, ready.a)) == 2
 
 
@@ -161,7 +161,7 @@ def test_an_empty_upload_and_a_clear_leave_home(ready: Bench) -> None:
     upload(ready, NEW)
     assert result(send(ready, ready.a, clear())) == ACCEPTED
     assert seen(ready, ready.b) == []
-    ready.run(15.0)
+    ready.wait(15.0)
     assert listed(ready) == [HOME]
 
 
@@ -259,7 +259,7 @@ def test_its_sender_may_call_it_off(ready: Bench) -> None:
     cancel = mavlink.MAVLink_mission_ack_message(1, 1, mavlink.MAV_MISSION_OPERATION_CANCELLED, RALLY)
     assert send(ready, ready.a, cancel) == []
     ready.a.received.clear()
-    ready.run(10.0)
+    ready.wait(10.0)
     assert [m for m in ready.a.received if getattr(m, "mission_type", None) == RALLY] == []
     assert len(seen(ready, ready.a)) == 2
 
@@ -268,7 +268,7 @@ def test_it_is_asked_for_again_and_given_up_in_the_end(ready: Bench) -> None:
     send(ready, ready.a, count(2))
     send(ready, ready.a, item(0))
     ready.a.received.clear()
-    ready.run(10.0)
+    ready.wait(10.0)
     heard = [m for m in ready.a.received if getattr(m, "mission_type", None) == RALLY]
     assert {m.get_type() for m in heard[:-1]} == {"MISSION_REQUEST", "MISSION_REQUEST_INT"}
     assert {m.seq for m in heard[:-1]} == {1}
@@ -289,7 +289,7 @@ def test_the_same_sender_may_begin_anew_and_another_one_waits(ready: Bench) -> N
 def test_an_upload_ends_with_the_authority_of_its_station(ready: Bench) -> None:
     send(ready, ready.a, count(1))
     ready.a.alive = False
-    ready.run(7.0)
+    ready.wait(7.0)
     assert ready.companion.view.commander is None
     ready.a.send(item(0))
     ready.run(0.5)

@@ -30,8 +30,8 @@ REJECTED = mavlink.MAV_RESULT_TEMPORARILY_REJECTED
 @pytest.fixture
 def loaded(bench: Bench, delivery: MissionPackage) -> Bench:
     bench.connect()
-    assert bench.share(delivery).result == LOADED
-    bench.run(11.0)
+    assert bench.share(delivery, at_once=True).result == LOADED
+    bench.wait(11.0)
     bench.autopilot.items = {kind: list(items) for kind, items in bench.autopilot.items.items()}
     bench.a.received.clear()
     bench.b.received.clear()
@@ -96,11 +96,11 @@ def test_the_package_on_board_does_not_overwrite_it(bench: Bench, delivery: Miss
     bench.a.digest = bench.b.digest = delivery.digest
     bench.connect()
     bench.until(lambda: bench.companion.arbiter.mission_digest)
-    bench.run(6.0)
+    bench.wait(6.0)
     bench.autopilot.items = {kind: list(items) for kind, items in bench.autopilot.items.items()}
     bench.autopilot.items[0] = bench.autopilot.items[0][:6]
     bench.a.command(START)
-    bench.run(30.0)
+    bench.wait(30.0)
     assert len(bench.autopilot.items[0]) == 6
     assert bench.companion.arbiter.mission_digest == b""
     assert "Or clear the mission: then the package on board is loaded" in bench.b.texts()
@@ -117,7 +117,7 @@ def test_a_geofence_written_past_the_companion_is_not_started(loaded: Bench) -> 
 
 def test_an_uploaded_mission_is_read_back_too(loaded: Bench) -> None:
     assert Program(loaded, SAFE).send() == ACCEPTED
-    loaded.run(3.0)
+    loaded.wait(3.0)
     assert needs(loaded) == ""
     loaded.autopilot.items[0] = loaded.autopilot.items[0][:4]
     loaded.a.command(START)
@@ -140,11 +140,11 @@ def test_armed_by_hand_auto_takes_off_without_another_wait(loaded: Bench) -> Non
 def test_motors_do_not_start_long_after_somebody_asked_for_it(loaded: Bench) -> None:
     loaded.autopilot.silent_lists = True
     loaded.a.command(ARM, 1)
-    loaded.run(3.5)
+    loaded.wait(3.5)
     assert loaded.a.acks(ARM) == [REJECTED]
     assert "the mission is still being read back: send it again" in loaded.a.texts()
     loaded.autopilot.silent_lists = False
-    loaded.run(3.0)
+    loaded.wait(3.0)
     assert not loaded.autopilot.armed
     loaded.a.command(ARM, 1)
     loaded.run(0.3)
@@ -160,7 +160,7 @@ def test_a_later_disarm_withdraws_an_arm_that_waits(loaded: Bench, disarm: tuple
     loaded.a.command(*disarm)
     loaded.run(0.5)
     loaded.autopilot.silent_lists = not lists
-    loaded.run(6.0)
+    loaded.wait(6.0)
     assert disarm[0] in loaded.autopilot.commands()
     assert not any(m.command == ARM and m.param1 for m in loaded.autopilot.got("COMMAND_LONG"))
     assert "arm refused: withdrawn by a later disarm" in loaded.a.texts()
@@ -208,7 +208,7 @@ def test_nobody_else_withdraws_it(loaded: Bench) -> None:
 def test_an_autopilot_that_does_not_give_its_mission_is_not_started(loaded: Bench, delivery: MissionPackage) -> None:
     loaded.autopilot.silent_lists = True
     loaded.a.command(START)
-    loaded.run(8.0)
+    loaded.wait(8.0)
     assert loaded.a.acks(START)[-1] == mavlink.MAV_RESULT_FAILED
     assert "START failed: no answer to MISSION_REQUEST_LIST (mission)" in loaded.a.texts()
     assert loaded.companion.arbiter.mission_digest == delivery.digest, "nothing says that it is another one"
@@ -227,7 +227,7 @@ def test_an_item_that_is_lost_on_its_way_is_asked_for_again(loaded: Bench) -> No
     loaded.autopilot._give_item = give_or_lose  # type: ignore[method-assign]
     loaded.autopilot.received.clear()
     loaded.a.command(START)
-    loaded.run(5.0)
+    loaded.run(6.0)
     assert loaded.a.acks(START)[-1] == 0
     asked = [m.seq for m in loaded.autopilot.got("MISSION_REQUEST_INT", 1) if m.mission_type == 0]
     assert [asked.count(seq) for seq in range(1, 6)] == [1, 1, 1, 2, 2], "those that came are not asked for again"

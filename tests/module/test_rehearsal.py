@@ -51,14 +51,14 @@ def report(bench: Bench, station: vehicle.Station) -> list[str]:
 def ready(bench: Bench, delivery: MissionPackage) -> Bench:
     """On the ground in zone A; GCSA commands, the mission is loaded, both stations answer by their rules."""
     bench.connect()
-    bench.share(delivery)
+    bench.share(delivery, at_once=True)
     for station, other in ((bench.a, bench.b), (bench.b, bench.a)):
         others = (Station(other.sysid, other.name),)
         core = StationCore(Station(station.sysid, station.name), "drone-1", others, automatic=AUTOMATIC)
         core.handle(MissionHeld(delivery.digest), bench.clock.now)
         give_rules(station, core, bench)
     bench.autopilot.position = IN_A
-    bench.run(1.5)
+    bench.wait(1.5)
     return bench
 
 
@@ -147,7 +147,7 @@ class TestNothingArms:
         assert orders(carried) == []
 
     def test_sticks_do_not_pass(self, carried: Bench) -> None:
-        carried.run(5.0)
+        carried.wait(5.0)
         before = len(carried.autopilot.got("RC_CHANNELS_OVERRIDE"))
         carried.a.send(mavlink.MAVLink_rc_channels_override_message(1, 1, 1500, 1500, 1000, 2000, 0, 0, 0, 0))
         carried.run(0.5)
@@ -161,7 +161,7 @@ class TestNothingArms:
 
     def test_what_would_be_done_is_told(self, carried: Bench) -> None:
         carried.autopilot.position = OUTSIDE
-        carried.run(8.0)
+        carried.wait(8.0)
         assert orders(carried) == []
         assert "REHEARSAL: would RETURN" in carried.a.texts()
         assert carried.companion.view.phase is Phase.EMERGENCY
@@ -175,7 +175,7 @@ class TestHandovers:
         carried.autopilot.position = IN_BOTH
         carried.until(lambda: carried.companion.view.commander == 252)
         carried.autopilot.position = IN_B
-        carried.run(6.0)
+        carried.wait(6.0)
         carried.autopilot.position = IN_BOTH
         carried.until(lambda: carried.companion.view.commander == 251)
         assert orders(carried) == []
@@ -249,5 +249,5 @@ def test_a_restart_of_the_companion_goes_on_with_it(ready: Bench) -> None:
     """It knows what it has seen since; the report of before is in the journal, each minute."""
     ready.run(0.5)
     assert begin(ready)
-    ready.run(62.0)
+    ready.wait(62.0)
     assert len([entry for entry in ready.journal("rehearsal_report") if not entry["over"]]) == 1

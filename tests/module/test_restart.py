@@ -110,9 +110,9 @@ def with_rules(bench: Bench, delivery: MissionPackage) -> None:
 def flight(bench: Bench, delivery: MissionPackage) -> Bench:
     """On its way in zone A, GCSA in command in epoch 1."""
     bench.connect()
-    bench.share(delivery)
+    bench.share(delivery, at_once=True)
     with_rules(bench, delivery)
-    bench.run(1.5)
+    bench.wait(1.5)
     bench.a.command(START)
     bench.until(lambda: bench.companion.view.phase is Phase.ON_MISSION)
     bench.run(0.5)
@@ -190,7 +190,7 @@ class TestInFlight:
 
     def test_the_zones_are_known_again_and_the_next_handover_comes(self, flight: Bench) -> None:
         restart(flight)
-        flight.run(3.0)
+        flight.wait(3.0)
         assert "inside" in flight.mpstate.type("handover zones")[0]
         flight.autopilot.position = IN_BOTH
         flight.until(lambda: flight.companion.view.commander == 252)
@@ -198,7 +198,7 @@ class TestInFlight:
 
     def test_it_turns_home_out_of_every_zone_as_before(self, flight: Bench) -> None:
         restart(flight)
-        flight.run(3.0)
+        flight.wait(3.0)
         flight.autopilot.position = OUTSIDE
         flight.until(lambda: flight.autopilot.mode == RTL)
 
@@ -225,7 +225,7 @@ class TestInFlight:
         flight.until(lambda: flight.autopilot.mode == RTL)
         flight.autopilot.received.clear()
         restart(flight)
-        flight.run(4.0)
+        flight.wait(4.0)
         assert flight.companion.view.phase is Phase.EMERGENCY
         assert flight.autopilot.mode == RTL
 
@@ -259,7 +259,7 @@ class TestInFlight:
 
         listen()
         restart(flight)
-        flight.run(3.0)
+        flight.wait(3.0)
         listen()
         assert roles[-3:] == [(StationRole.COMMANDER, 1), (StationRole.OBSERVER, 2), (StationRole.COMMANDER, 2)]
 
@@ -419,7 +419,7 @@ class TestBadState:
         lose_power(flight, monkeypatch)
         self.spoil(path_of_state(flight), how)
         flight.load()
-        flight.run(3.0)
+        flight.wait(3.0)
         assert flight.autopilot.mode == RTL
         assert flight.companion.view.commander is None
         assert {state for state, _commander, _epoch in leases(flight)} == {LOST}
@@ -428,7 +428,7 @@ class TestBadState:
         flight.b.command(LAND)
         flight.run(0.2)
         assert flight.a.acks(LAND) == flight.b.acks(LAND) == [NOT_IN_CONTROL]
-        flight.run(20.0)
+        flight.wait(20.0)
         assert flight.companion.view.commander is None, "neither the former commander nor anybody else"
         (entry,) = flight.journal("state_lost")
         assert "drone-1.state.json" in entry["text"]
@@ -447,7 +447,7 @@ class TestBadState:
         lose_power(flight, monkeypatch)
         path_of_state(flight).unlink()
         flight.load()
-        flight.run(3.0)
+        flight.wait(3.0)
         assert flight.autopilot.mode == RTL
         assert flight.companion.view.commander is None
 
@@ -528,11 +528,11 @@ class TestTheDiskTakesNothing:
     def hand_over(flight: Bench) -> None:
         flight.autopilot.position = IN_BOTH
         flight.until(lambda: flight.companion.view.commander == 252)
-        flight.run(1.5)
+        flight.wait(1.5)
 
     def test_the_flight_goes_on_and_it_is_told(self, flight: Bench, full: pytest.MonkeyPatch) -> None:
         self.hand_over(flight)
-        flight.run(5.0)
+        flight.wait(5.0)
         assert flight.autopilot.leases()[-1][1:3] == (HELD, 252)
         assert flight.companion.faults == {}
         words = "the state is not kept as it should be: the disk does not take it: No space left"
@@ -543,7 +543,7 @@ class TestTheDiskTakesNothing:
         """The old file is still there, and says GCSA."""
         self.hand_over(flight)
         restart(flight)
-        flight.run(3.0)
+        flight.wait(3.0)
         assert leases(flight) == [(RECOVERING, 0, 3), (HELD, 252, 3)]
         assert flight.autopilot.mode == AUTO
 
@@ -565,12 +565,12 @@ class TestTheDiskTakesNothing:
         lose_power(flight, full)
         flight.a.alive, flight.b.alive = silent != 251, silent != 252
         flight.load()
-        flight.run(10.0)
+        flight.wait(10.0)
         assert {commander for _state, commander, _epoch in leases(flight)} == {0}
         assert flight.autopilot.mode == RTL
         assert flight.companion.view.commander is None
         flight.a.alive = flight.b.alive = True
-        flight.run(5.0)
+        flight.wait(5.0)
         assert flight.companion.view.commander is None
 
     def test_after_a_loss_of_power_with_nothing_missed_the_commander_goes_on(
@@ -579,7 +579,7 @@ class TestTheDiskTakesNothing:
         self.hand_over(flight)
         lose_power(flight, monkeypatch)
         flight.load()
-        flight.run(3.0)
+        flight.wait(3.0)
         assert flight.mpstate.console.said("GCSB has to show that it still has authority")
         assert leases(flight) == [(RECOVERING, 0, 2), (HELD, 252, 1002)]
         assert flight.autopilot.mode == AUTO
@@ -622,7 +622,7 @@ class TestUnwritable:
         flight.autopilot.position = IN_BOTH
         flight.until(lambda: flight.companion.view.commander == 252)
         restart(flight)
-        flight.run(3.0)
+        flight.wait(3.0)
         assert flight.companion.view.commander is None, "GCSA had authority once, and GCSB is not on record"
         assert flight.autopilot.mode == RTL
         assert flight.mpstate.console.said("the copy in memory is void: no station commands.")
@@ -642,7 +642,7 @@ class TestUnwritable:
         assert flight.companion.wait_until_written(10.0)
         monkeypatch.setattr(StateFile, "save", lambda self, *what: written.append(what))
         monkeypatch.setattr(Slots, "write", lambda self, *what: written.append(what))
-        flight.run(10.0)
+        flight.wait(10.0)
         assert flight.companion.wait_until_written(10.0)
         assert written == []
 
@@ -662,6 +662,6 @@ def test_a_stations_late_answers_to_the_run_before_connect_nobody(flight: Bench)
 def test_in_zone_a_alone_nothing_else_happens(flight: Bench) -> None:
     restart(flight)
     flight.autopilot.position = IN_A
-    flight.run(20.0)
+    flight.wait(20.0)
     assert leases(flight) == [(RECOVERING, 0, 2), (HELD, 251, 2)]
     assert flight.companion.faults == {}

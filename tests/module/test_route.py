@@ -33,12 +33,12 @@ def beside(part: float, across_m: float) -> tuple[float, float]:
 def take_off(bench: Bench, delivery: MissionPackage) -> Bench:
     """Off the ground, and on the way to waypoint 2."""
     bench.connect()
-    bench.share(delivery)
-    bench.run(2.0)
+    bench.share(delivery, at_once=True)
+    bench.wait(2.0)
     bench.a.command(START)
     bench.autopilot.waypoint = 1
     bench.until(lambda: bench.companion.view.phase is Phase.ON_MISSION)
-    bench.run(2.0)
+    bench.wait(2.0)
     bench.autopilot.waypoint = 2
     bench.run(1.0)
     return bench
@@ -60,7 +60,7 @@ def test_a_deviation_is_told_once_to_everybody_and_so_is_its_end(flown: Bench) -
     flown.autopilot.position = beside(0.5, 41.0)
     flown.run(2.5)
     assert told(flown) == []
-    flown.run(20.0)
+    flown.wait(20.0)
     assert told(flown) == [("off_route", OFF)]
     (entry,) = flown.journal("off_route")
     assert (entry["waypoint"], entry["cross_track_m"], entry.get("course_off_deg")) == (
@@ -76,7 +76,7 @@ def test_a_deviation_is_told_once_to_everybody_and_so_is_its_end(flown: Bench) -
     flown.mpstate.type("handover status")
     assert "route     41 m right of the leg to waypoint 2, OFF ROUTE" in flown.mpstate.console.lines
     flown.autopilot.position = beside(0.5, 2.0)
-    flown.run(10.0)
+    flown.wait(10.0)
     back = "on the route again: 2 m right of the leg to waypoint 2"
     assert told(flown) == [("off_route", OFF), ("on_route", back)]
     assert flown.a.texts().count("OVER: off route") == 1
@@ -89,7 +89,7 @@ def test_the_limits_are_the_configuration_s(bench: Bench, delivery: MissionPacka
     assert bench.companion.config.route.off_route_m == 50.0
     take_off(bench, delivery)
     bench.autopilot.position = beside(0.5, 41.0)
-    bench.run(20.0)
+    bench.wait(20.0)
     assert told(bench) == []
 
 
@@ -97,11 +97,11 @@ def test_in_another_mode_there_is_no_route(flown: Bench) -> None:
     flown.autopilot.mode = GUIDED
     flown.run(1.5)
     flown.autopilot.position = beside(0.5, 41.0)
-    flown.run(20.0)
+    flown.wait(20.0)
     assert told(flown) == []
     assert flown.companion.autopilot.route.track is None
     flown.autopilot.mode = AUTO  # from here it flies straight to its waypoint
-    flown.run(20.0)
+    flown.wait(20.0)
     assert told(flown) == []
 
 
@@ -118,7 +118,7 @@ def test_an_upload_that_has_only_begun_changes_no_route(flown: Bench, message: A
     flown.a.send(message)
     flown.run(0.5)
     flown.autopilot.position = beside(0.5, 41.0)
-    flown.run(5.0)
+    flown.wait(5.0)
     assert [event for event, _text in told(flown)] == ["off_route"]
 
 
@@ -129,7 +129,7 @@ def test_a_file_that_is_no_mission_leaves_the_route_known(flown: Bench) -> None:
     flown.run(0.5)
     assert len(flown.autopilot.got("FILE_TRANSFER_PROTOCOL")) == 1, "it passes in flight"
     flown.autopilot.position = beside(0.5, 41.0)
-    flown.run(20.0)
+    flown.wait(20.0)
     assert [event for event, _text in told(flown)] == ["off_route"]
 
 
@@ -146,16 +146,16 @@ def test_other_lists_are_no_mission(flown: Bench, message: Any) -> None:
     flown.a.send(message)
     flown.run(0.5)
     flown.autopilot.position = beside(0.5, 41.0)
-    flown.run(20.0)
+    flown.wait(20.0)
     assert told(flown) == [("off_route", OFF)]
 
 
 def test_an_item_that_is_not_told_any_more_is_none_to_be_off(flown: Bench) -> None:
     """The stream of MISSION_CURRENT has stopped: it flies on, 60 m behind what was waypoint 2."""
     flown.autopilot.waypoint = None
-    flown.run(4.0)
+    flown.wait(4.0)
     flown.autopilot.position = beside(1.5, 0.0)
-    flown.run(20.0)
+    flown.wait(20.0)
     assert told(flown) == []
 
 
@@ -163,7 +163,7 @@ def test_a_check_that_breaks_leaves_the_zones_alone(flown: Bench, monkeypatch: p
     route = flown.companion.autopilot.route
     monkeypatch.setattr(route, "update", lambda _state, _now: 1 / 0)
     flown.autopilot.position = (52.678146, 5.95)  # east of every zone
-    flown.run(5.0)
+    flown.wait(5.0)
     assert flown.companion.faults["route"] > 0
     assert [entry["reason"] for entry in flown.journal("emergency")] == ["out_of_coverage"]
 
@@ -190,11 +190,11 @@ def speeds(bench: Bench) -> list[tuple[float, float]]:
 
 def leave_and_come_back(bench: Bench, waypoint: int) -> None:
     bench.autopilot.waypoint = waypoint
-    bench.run(1.5)
+    bench.wait(1.5)
     bench.autopilot.mode = GUIDED
-    bench.run(3.0)
+    bench.wait(3.0)
     bench.autopilot.mode = AUTO
-    bench.run(3.0)
+    bench.wait(3.0)
 
 
 def test_back_in_auto_the_speed_is_what_the_mission_had_set_by_then(bench: Bench, delivery: MissionPackage) -> None:
@@ -225,7 +225,7 @@ def test_who_leaves_auto_meanwhile_is_not_told_a_speed_any_more(bench: Bench, de
     bench.autopilot.mode = GUIDED
     bench.run(1.5)
     asked = len(speeds(bench))
-    bench.run(5.0)
+    bench.wait(5.0)
     assert len(speeds(bench)) == asked
 
 

@@ -30,7 +30,7 @@ def test_those_of_the_missions_stations_are_kept_and_the_digest_stays(bench: Ben
 def test_a_mission_that_is_shared_again_with_others_brings_the_others(bench: Bench, delivery: MissionPackage) -> None:
     bench.connect()
     bench.share(replace(delivery, addresses={252: (WIFI,)}))
-    bench.run(10.0)
+    bench.wait(10.0)
     bench.share(replace(delivery, addresses={252: (LTE,)}))
     assert held(bench) == {252: (LTE,)}
 

@@ -71,7 +71,7 @@ def test_a_station_that_signs_commands(signed: SignedBench) -> None:
 def test_a_station_that_does_not_sign_is_nobody(signed: SignedBench) -> None:
     sign_with(signed.a, None)
     assert signed.load() is not None
-    signed.run(8.0)
+    signed.wait(8.0)
     assert signed.companion.view.commander is None
     assert ("HEARTBEAT", SignatureVerdict.UNSIGNED.value) in refusals(signed)
 
@@ -79,7 +79,7 @@ def test_a_station_that_does_not_sign_is_nobody(signed: SignedBench) -> None:
 def test_another_stations_key_opens_nothing(signed: SignedBench) -> None:
     sign_with(signed.a, KEY_B)
     assert signed.load() is not None
-    signed.run(8.0)
+    signed.wait(8.0)
     assert signed.companion.view.commander is None
     assert ("HEARTBEAT", SignatureVerdict.BAD.value) in refusals(signed)
 

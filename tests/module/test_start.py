@@ -50,7 +50,7 @@ def test_start_without_a_mission_says_what_is_missing_and_touches_nothing(bench:
 @pytest.mark.parametrize(("state", "answers"), [(None, "silent"), (0, "disabled"), (1, "waiting"), (3, "expired")])
 def test_start_needs_a_live_guard(ready: Bench, state: int | None, answers: str) -> None:
     ready.autopilot.guard_state = state
-    ready.run(3.0)
+    ready.wait(3.0)
     ready.a.command(START)
     ready.run(0.5)
     assert ready.a.acks(START) == [REJECTED], answers
@@ -214,7 +214,7 @@ def test_a_start_that_is_overtaken_by_the_way_home_is_answered(ready: Bench) -> 
 
 def test_an_aircraft_is_not_armed_for_a_commander_that_is_lost(ready: Bench) -> None:
     ready.a.alive = False
-    ready.run(3.0)
+    ready.wait(3.0)
     ready.autopilot.script[ARM] = None
     ready.a.command(START)
     ready.until(lambda: FAILED in ready.a.acks(START))
@@ -222,7 +222,7 @@ def test_an_aircraft_is_not_armed_for_a_commander_that_is_lost(ready: Bench) -> 
     assert "START failed: its commander no longer has authority" in ready.a.texts()
     asked = len(ready.autopilot.commands())
     ready.a.alive = True
-    ready.run(6.0)
+    ready.wait(6.0)
     assert len(ready.autopilot.commands()) == asked
     assert (ready.companion.view.commander, ready.companion.view.phase) == (251, Phase.ON_LOAD)
     ready.autopilot.script.clear()
@@ -248,7 +248,7 @@ def test_a_disarm_ends_a_start_that_is_under_way(ready: Bench) -> None:
     ready.a.command(ARM, 0)
     ready.run(0.2)
     del ready.autopilot.script[MODE]
-    ready.run(5.0)
+    ready.wait(5.0)
     assert not any(m.command == ARM and m.param1 for m in ready.autopilot.got("COMMAND_LONG"))
     assert ready.a.acks(START) == [IN_PROGRESS, FAILED]
     assert "START failed: GCSA disarmed" in ready.a.texts()
@@ -277,7 +277,7 @@ def test_a_disarm_that_the_autopilot_refuses_ends_no_start(ready: Bench) -> None
     ready.until(lambda: START in ready.autopilot.commands())
     ready.autopilot.script[ARM] = FAILED
     ready.a.command(ARM, 0)
-    ready.run(4.0)
+    ready.wait(4.0)
     assert ready.a.acks(START) == [IN_PROGRESS, ACCEPTED]
     assert "START failed" not in ready.a.texts()
     assert (ready.companion.view.phase, ready.autopilot.armed) == (Phase.ON_MISSION, True)
@@ -305,7 +305,7 @@ def test_a_switch_that_stops_the_motors_ends_a_start(ready: Bench, command: tupl
     ready.a.command(START)
     ready.until(lambda: MODE in ready.autopilot.commands())
     ready.a.command(*command)
-    ready.run(5.0)
+    ready.wait(5.0)
     assert command[0] in ready.autopilot.commands()
     assert ready.a.acks(START) == [IN_PROGRESS, FAILED]
     assert not ready.autopilot.armed
@@ -318,7 +318,7 @@ def landed(ready: Bench) -> None:
     """In flight, then on the ground and disarmed; the heartbeat that says so is still to come."""
     ready.a.command(START)
     ready.until(lambda: ready.companion.view.phase is Phase.ON_MISSION)
-    ready.run(3.0)
+    ready.wait(3.0)
     ready.until(lambda: ready.clock.now - ready.companion.autopilot.aircraft.telemetry.heartbeat.at < 0.1)
     ready.autopilot.armed, ready.autopilot.airborne = False, False
     ready.autopilot.forgets.update((START, MODE))  # it says ACCEPTED, and nothing flies
@@ -355,7 +355,7 @@ def test_a_start_some_seconds_before_the_landing_is_not_said_to_have_had_no_effe
     ready.a.command(START)
     ready.until(lambda: ready.companion.view.phase is Phase.ON_MISSION)
     ready.a.command(START)
-    ready.run(3.0)
+    ready.wait(3.0)
     ready.autopilot.armed, ready.autopilot.airborne = False, False
     ready.until(lambda: ready.companion.view.phase is Phase.ON_LOAD)
     ready.run(1.0)
@@ -366,7 +366,7 @@ def test_a_start_that_its_own_station_ends_by_a_disarm_is_not_said_to_have_had_n
     """The fault: it flew on for a second, then the station disarmed, and heard that it had landed before."""
     ready.a.command(START)
     ready.until(lambda: ready.companion.view.phase is Phase.ON_MISSION)
-    ready.run(3.0)
+    ready.wait(3.0)
     ready.a.command(MODE, 1, AUTO)
     ready.run(0.3)
     ready.a.command(ARM, 0, 21196)
@@ -398,7 +398,7 @@ def test_an_arduplane_that_is_set_to_say_that_it_is_a_copter_does_not_start(
     bench.autopilot.parameters["Q_MAV_TYPE"] = 2.0
     bench.connect()
     bench.share(delivery)
-    bench.run(12.0)
+    bench.wait(12.0)
     bench.a.command(START)
     bench.run(0.5)
     assert bench.a.acks(START) == [REJECTED]
@@ -415,7 +415,7 @@ def test_one_that_says_what_it_is_starts(bench: Bench, told: float) -> None:
     plane.parameters |= {"RTL_AUTOLAND": 1.0, "ARMING_REQUIRE": 1.0, "Q_MAV_TYPE": told}
     bench.connect()
     bench.share(load(MISSIONS / "dike"))
-    bench.run(12.0)
+    bench.wait(12.0)
     bench.a.command(START)
     bench.until(lambda: bench.companion.view.phase is Phase.ON_MISSION)
 
@@ -481,7 +481,7 @@ class TestByHand:
         ready.run(1.5)
         for _ in range(2):
             ready.a.command(command)
-            ready.run(4.0)  # sent anew it lifts nothing
+            ready.wait(4.0)  # sent anew it lifts nothing
         assert ready.a.acks(command) == [REJECTED, REJECTED]
         assert f"{word} refused: on the ground a flight begins with START" in ready.a.texts()
         assert command not in ready.autopilot.commands()

@@ -39,6 +39,7 @@ class Obedient(Autopilot):
 
     def __init__(self) -> None:
         super().__init__()
+        self.position_s = 0.05
         self.intervals_us: dict[int, int] = {}
 
     def _take(self, m: Any) -> None:

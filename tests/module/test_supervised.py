@@ -84,7 +84,7 @@ def test_without_a_supervisor_the_service_manager_hears_of_the_main_loop_itself(
     assert service_manager() == [], "to be loaded is no life yet"
     bench.run(1.0)
     assert service_manager() == [b"READY=1", b"WATCHDOG=1"]
-    bench.run(9.0)
+    bench.wait(9.0)
     assert service_manager() == [b"WATCHDOG=1"] * 3
     bench.clock.now += 100.0
     assert service_manager() == [], "no round of the main loop, no word"
@@ -103,7 +103,7 @@ def test_under_a_supervisor_that_one_alone_tells_the_service_manager(
 ) -> None:
     held()
     bench.load()
-    bench.run(10.0)
+    bench.wait(10.0)
     bench.mpstate.unload("handover")
     assert service_manager() == []
 
@@ -166,7 +166,7 @@ def test_one_restart_too_many_sends_no_lease_and_nobody_commands(
     kill(bench)
     signs = held("it was killed by SIGSEGV", leases=False)
     bench.load()
-    bench.run(10.0)
+    bench.wait(10.0)
     assert bench.autopilot.leases() == []
     assert bench.companion.view.commander is None
     (entry,) = bench.journal("failed_closed")

@@ -123,7 +123,7 @@ def test_a_stock_mavproxy_shows_what_the_companion_says(plain: Bench) -> None:
 def test_each_station_hears_it_the_way_that_its_program_understands(two: Bench) -> None:
     two.b._answer = lambda message: None  # type: ignore[method-assign]
     two.b.alive = False
-    two.run(6.0)
+    two.wait(6.0)
     two.b.alive = True
     two.run(2.0)
     for station in (two.a, two.b):
@@ -179,7 +179,7 @@ def test_after_a_silence_it_may_be_another_program(plain: Bench) -> None:
     plain.b.command(CONTROL, 1, 0, 10, 252, component=191)
     plain.run(0.2)
     plain.b.alive = False
-    plain.run(6.0)
+    plain.wait(6.0)
     plain.b.alive = True
     plain.run(1.5)
     assert refused(plain) == DENIED
@@ -188,9 +188,9 @@ def test_after_a_silence_it_may_be_another_program(plain: Bench) -> None:
 def test_our_module_shows_it_by_answering_and_again_after_a_silence(two: Bench) -> None:
     assert refused(two) == NOT_IN_CONTROL
     two.b.alive = False
-    two.run(6.0)
+    two.wait(6.0)
     two.b.alive = True
-    two.run(3.0)
+    two.wait(3.0)
     assert refused(two) == NOT_IN_CONTROL
 
 

@@ -67,9 +67,9 @@ def flight(bench: Bench, package: MissionPackage) -> Bench:
     """In AUTO under GCSA, on the way to item 3, in both zones."""
     bench.autopilot.position = HOME
     bench.connect()
-    bench.share(package)
+    bench.share(package, at_once=True)
     with_rules(bench, package)
-    bench.run(1.5)
+    bench.wait(1.5)
     bench.autopilot.waypoint = 1
     bench.a.command(START)
     bench.until(lambda: bench.companion.view.phase is Phase.ON_MISSION)
@@ -83,7 +83,10 @@ def flight(bench: Bench, package: MissionPackage) -> Bench:
 def fly(bench: Bench, item: int | None, place: tuple[float, float], seconds: float = 8.0) -> None:
     """On the way to this item, at this place, for longer than the dwell time."""
     bench.autopilot.waypoint, bench.autopilot.position = item, place
-    bench.run(seconds)
+    if seconds < 2.0:
+        bench.run(seconds)
+    else:
+        bench.wait(seconds)
 
 
 def reaches(bench: Bench, item: int) -> None:
@@ -103,7 +106,7 @@ def reasons(bench: Bench) -> list[str]:
 
 class TestTrigger:
     def test_in_the_next_zone_nothing_moves_until_its_waypoint_is_reached(self, flight: Bench) -> None:
-        flight.run(60.0)
+        flight.wait(60.0)
         assert commander(flight) == A
         assert reasons(flight) == []
 
@@ -122,12 +125,12 @@ class TestTrigger:
     @pytest.mark.parametrize("item", [0, 1, 2, 4, 5, 60000])
     def test_the_word_of_another_item_is_old_or_doubled(self, flight: Bench, item: int) -> None:
         reaches(flight, item)
-        flight.run(10.0)
+        flight.wait(10.0)
         assert commander(flight) == A
 
     def test_a_waypoint_reached_calls_once(self, flight: Bench) -> None:
         reaches(flight, 3)
-        flight.run(10.0)
+        flight.wait(10.0)
         flight.b.send(mavlink.MAVLink_command_long_message(1, 191, 32100, 0, 251, 1, 0, 5, 0, 0, 0))
         for _ in range(3):
             fly(flight, 4, BEHIND)
@@ -192,7 +195,7 @@ class TestCoverageAlone:
         for _ in range(2):
             for now in (mode, AUTO):
                 flight.autopilot.mode = now
-                flight.run(10.0)
+                flight.wait(10.0)
         assert reasons(flight) == []
 
     @pytest.mark.parametrize("mode", [RTL, GUIDED])
@@ -201,7 +204,7 @@ class TestCoverageAlone:
         reaches(flight, 3)
         fly(flight, 4, BEHIND, 1.0)
         flight.autopilot.mode = mode
-        flight.run(20.0)
+        flight.wait(20.0)
         assert (commander(flight), reasons(flight)) == (B, ["zone"])
 
     def test_and_in_auto_again_it_stays_with_who_has_it(self, flight: Bench) -> None:
@@ -209,7 +212,7 @@ class TestCoverageAlone:
         fly(flight, 3, IN_A)
         fly(flight, 3, BEFORE)
         flight.autopilot.mode = AUTO
-        flight.run(20.0)
+        flight.wait(20.0)
         assert (commander(flight), len(flight.journal("transfer_committed"))) == (B, 1)
 
     def test_on_a_way_back_it_moves_where_the_zone_of_the_one_before_is_entered(self, flight: Bench) -> None:
@@ -248,7 +251,7 @@ class TestCoverageAlone:
         way = [waypoint(0, 526840000, 59100000, 0.0), *(waypoint(n, 526842700, 59221250) for n in (1, 2, 3))]
         way.append(waypoint(4, 526842700, 59221250, 0.0, command=21))
         assert Program(flight, way).send() == 0
-        flight.run(10.0)
+        flight.wait(10.0)
         assert commander(flight) == A
         fly(flight, 3, IN_A)
         fly(flight, 3, BEFORE, 2.0)
@@ -258,7 +261,7 @@ class TestCoverageAlone:
 class TestRestart:
     def test_a_waypoint_that_is_still_ahead_is_still_awaited(self, flight: Bench) -> None:
         restart(flight)
-        flight.run(20.0)
+        flight.wait(20.0)
         assert commander(flight) == A
         reaches(flight, 3)
         flight.run(0.3)
@@ -267,20 +270,20 @@ class TestRestart:
     def test_one_that_was_reached_meanwhile_is_not_lost(self, flight: Bench) -> None:
         flight.autopilot.waypoint, flight.autopilot.position = 4, BEHIND
         restart(flight)
-        flight.run(8.0)
+        flight.wait(8.0)
         assert (commander(flight), reasons(flight)) == (B, ["zone"])
 
     def test_behind_it_authority_stays_where_it_is(self, flight: Bench) -> None:
         reaches(flight, 3)
         fly(flight, 4, BEHIND)
         restart(flight)
-        flight.run(20.0)
+        flight.wait(20.0)
         assert (commander(flight), len(flight.journal("transfer_committed"))) == (B, 1)
 
     def test_without_mission_current_coverage_alone_counts_after_a_while(self, flight: Bench) -> None:
         flight.autopilot.waypoint = None
         restart(flight)
-        flight.run(10.0)
+        flight.wait(10.0)
         assert commander(flight) == A
         fly(flight, None, IN_A)
         fly(flight, None, BEFORE, 2.0)

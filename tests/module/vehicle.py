@@ -81,9 +81,12 @@ class Autopilot:
         #: the item of the mission that it says it flies to
         self.waypoint: int | None = None
         self.position: tuple[float, float] | None = HOME
-        #: least time between two positions
-        self.slow_s = 0.0
+        #: time between two positions as long as it stays where it is
+        self.position_s = 0.1
+        #: it says no oftener where it is, also when it has moved
+        self.slow = False
         self._position_at = 0.0
+        self._was_at: tuple[object, ...] = ()
         #: everything that was written to the autopilot, with its sender
         self.received: list[Any] = []
         #: command -> result to answer with (None: no answer at all); it is then not carried out
@@ -150,8 +153,9 @@ class Autopilot:
         if self.guard_state is not None and now >= self._guard_at:
             self._guard_at = now + 0.5
             self.say_guard(self.guard_state)
-        if self.position is not None and now >= self._position_at:
-            self._position_at = now + self.slow_s
+        is_at = self.position, self.height_m, self.velocity
+        if self.position is not None and (now >= self._position_at or (is_at != self._was_at and not self.slow)):
+            self._position_at, self._was_at = now + self.position_s, is_at
             self.say_position(*self.position)
         return self._out
 
