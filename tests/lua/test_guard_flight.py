@@ -626,9 +626,11 @@ class TestAuthorityBack:
         bench.run(500)
         bench.vehicle.mode, bench.vehicle.reason = AUTO, BY_GCS
         bench.run(3000)
+        bench.vehicle.texts.clear()
         bench.lose_lease()
         bench.run(4000)
         assert bench.vehicle.mode == RTL
+        assert bench.texts == ["HNDO: lease lost, RTL"]
 
     def test_a_second_loss_knows_nothing_of_the_first_one(self, bench: Bench) -> None:
         """After the guard's RTL a mode by the pilot's switch is a take-over; at a new loss it is a mission like any."""
