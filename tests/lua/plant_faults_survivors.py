@@ -11,14 +11,11 @@ _BOXED = "a boxed number compares like a plain one"
 _ZEROS = "after the end of a known message the firmware has zeros"
 _DIFFERS = "a count that only has to differ from the one before"
 _AGAIN = "set to 0 by what is done with the mode in the same call"
-_CALL = "a bound that one call more keeps as well: ten milliseconds"
 _MASKED = "masked again before it is used"
 _HASH = "another hash of the same values does as well"
 _FIRST = "the other edge of a range that a 32-bit difference cannot reach, or the same value"
 
 KNOWN_SURVIVORS: dict[str, str] = {
-    "WORK: one more: CATCH_UP_CALLS = 13,": _CALL,
-    "WORK: one more: READ_ON_CALLS = 6,": _CALL,
     "elapsed: edge: if d < 0 or d > 0x7FFFFFFF then": _FIRST,
     "elapsed: edge: if d < 0 or d > 0x7FFFFFFF then (number 2)": _FIRST,
     "elapsed: one more: return 0": _MILLISECOND,
@@ -29,47 +26,20 @@ KNOWN_SURVIVORS: dict[str, str] = {
     'VEHICLES: one more: {mode=21, name="QRTL", action=ACTION.RTL, wait_ms=0}, qland} (number 2)': _MILLISECOND,
     "follow_sequence: one more: local item = mission ~= nil and mission:get_current_nav_index() or 0": _DIFFERS,
     "follow_sequence: edge: if elapsed(now, craft.former_at) >= MS.SEQUENCE then": _MILLISECOND,
-    "authority_missing: edge: return enforcement ~= ENFORCEMENT.CALM or elapsed(now, since.lost) >= config.lost_ms": (
-        _MILLISECOND
-    ),
     "clamped: edge: if not v or v ~= v or v < low then": _MILLISECOND,
     "clamped: edge: if v > high then": _MILLISECOND,
-    "config.read: edge: local enable = clamped(HNDO.ENABLE, 0, 1) >= 0.5": "a switch at one half",
-    "config.read: edge: config.sysid_sw = clamped(HNDO.SYSID_SW, 0, 1) >= 0.5": "a switch at one half",
     "x25: mask dropped: local t = (byte(text, i) ~ crc) & 0xFF": _MASKED,
     "x25: mask dropped: local t = (extra ~ crc) & 0xFF": _MASKED,
     "x25: mask dropped: return ((crc >> 8) ~ (t << 8) ~ (t << 3) ~ (t >> 4)) & 0xFFFF": "no more than 16 bits are set",
     "half_siphash: mask dropped: a = (a << 16 | a >> 16) & mask": _MASKED,
     "half_siphash: mask dropped: c = (c << 16 | c >> 16) & mask": _MASKED,
     "last_resort: left out: update_state(now)": "enforce has judged before it failed",
-    "lease.alone: edge: elapsed(now, lease.alone_at) < math.min(lease.alone_ms, config.alone_ms)": _MILLISECOND,
-    "update_state: edge: if not running.grace_over and elapsed(now, since.start) >= config.timeout_ms then": (
-        _MILLISECOND
-    ),
-    "update_state: edge: if lease.live and elapsed(now, lease.at) >= math.min(config.timeout_ms, lease.ttl_ms) then": (
-        _MILLISECOND
-    ),
-    "arming_objection: edge: if tampering.at and elapsed(now, tampering.at) < MS.TAMPER_HOLD then": _MILLISECOND,
-    "attribute_mode: edge: elseif rx.aux_at and elapsed(craft.former_at, rx.aux_at) < MS.AUX then": _MILLISECOND,
-    "attribute_mode: edge: local aux_ours = rx.aux_ours_at and elapsed(craft.former_at, rx.aux_ours_at) >= MS.AUX": (
-        _MILLISECOND
-    ),
-    "attribute_mode: edge: elseif not aux_ours and (not rx.drained or (rx.full_at and "
-    "elapsed(craft.former_at, rx.full_at) < MS.AUX)) then": _MILLISECOND,
     "observe: always true: if judging then": "a count of calls below zero is as good as zero",
-    "observe: one more: craft.reads_left = craft.reads_left - 1": _CALL,
-    "observe: one more: if judging and (rx.drained or craft.reads_left == 0) then": _CALL,
-    "observe: edge: elseif craft.avoided_at and elapsed(now, craft.avoided_at) >= MS.FAILSAFE then": _MILLISECOND,
     "observe: minus: craft.mode, craft.reason, craft.changes, craft.former_at = "
     "mode, reason, craft.changes + 1, craft.at": _DIFFERS,
     "observe: one more: craft.mode, craft.reason, craft.changes, craft.former_at = "
     "mode, reason, craft.changes + 1, craft.at": _DIFFERS,
-    "PATIENCE: edge: return elapsed(now, craft.radio_at) < MS.RADIO": _MILLISECOND,
-    "PATIENCE: edge: return elapsed(now, loss.since) < MS.FAILSAFE or craft.avoided_at ~= nil or": _MILLISECOND,
     "RESPONSE.reset: one more: loss.mode, loss.attempts, loss.wait_ms, loss.climbing = nil, 0, 0, false (number 2)": (
-        _MILLISECOND
-    ),
-    "RESPONSE.disarm: edge: if craft.flown and (firmware.guesses or elapsed(now, craft.flown_at) < MS.LANDED) then": (
         _MILLISECOND
     ),
     "send_home: one more: loss.mode, loss.action, loss.attempts = rung.mode, rung.action, 0": _AGAIN,
@@ -104,13 +74,11 @@ KNOWN_SURVIVORS: dict[str, str] = {
     ),
     "read_command: and: local came_at = stamp and stamp:toint() or now": "the instant of reading, a call later",
     "read_command: or: local came_at = stamp and stamp:toint() or now": _BOXED,
-    "rx.read: one more: rx.in_a_row, rx.drained = 0, true": "a queue of 24 frames counts as full",
     "rx.register: one more: for k = 1, #rx.ids do": "the next second does it",
     "housekeeping: and: if gcs_id.epoch ~= lease.epoch or gcs_id.nonce ~= lease.nonce or gcs_id.set ~= lease.commander "
     "then": "noted at the next look, where the commander is the same",
     "housekeeping: and: if gcs_id.epoch ~= lease.epoch or gcs_id.nonce ~= lease.nonce or gcs_id.set ~= lease.commander "
     "then (number 2)": "what would be set is set, where the commander is the same",
-    "update: edge: local stalled = elapsed(now, since.last_run) > MS.STALL": _MILLISECOND,
     "every_second: edge: if rx.aux_at and elapsed(now, rx.aux_at) >= MS.TAMPER_HOLD then": _MILLISECOND,
     "every_second: edge: if rx.full_at and elapsed(now, rx.full_at) >= MS.TAMPER_HOLD then": _MILLISECOND,
     "gcs_id.follow: edge: if high and high > 0 then": "0 is set to 0",
