@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from mavproxy_handover import cli
+from tests.depth import first
 from tests.sitl.synthetic import write_folder
 
 PIPE = 141
@@ -57,24 +58,27 @@ def places(tmp_path: Path) -> dict[str, str]:
 
 @pytest.mark.parametrize(
     ("words", "buffered"),
-    [
-        ("--help", True),
-        ("--help", False),
-        ("--version", True),
-        ("policy", True),
-        ("policy", False),
-        ("policy --json", True),
-        ("policy --help", True),
-        ("check MISSION", True),
-        ("check MISSION", False),
-        ("sim --list", True),
-        ("sim --out NEW", True),
-        ("report RUN", True),
-        ("keys list --dir KEYS", True),
-        ("guard CARD", True),
-        ("init vehicle NEW", True),
-        ("companion --help", True),
-    ],
+    first(
+        5,
+        [
+            ("--help", True),
+            ("policy", True),
+            ("policy", False),
+            ("check MISSION", True),
+            ("sim --list", True),
+            ("--help", False),
+            ("--version", True),
+            ("policy --json", True),
+            ("policy --help", True),
+            ("check MISSION", False),
+            ("sim --out NEW", True),
+            ("report RUN", True),
+            ("keys list --dir KEYS", True),
+            ("guard CARD", True),
+            ("init vehicle NEW", True),
+            ("companion --help", True),
+        ],
+    ),
 )
 def test_it_ends_quietly(places: dict[str, str], words: str, buffered: bool) -> None:
     assert ends([places.get(word, word) for word in words.split()], buffered=buffered) == (PIPE, "")

@@ -186,7 +186,7 @@ def test_a_commander_that_hears_a_third_of_the_time_commands(on_off: tuple[float
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", first(2, range(4)))
+@pytest.mark.parametrize("seed", first(1, range(4)))
 def test_at_one_message_in_five_lost_each_way_nothing_is_deaf(seed: int) -> None:
     visits = {A: [(0.0, 900.0)], B: [(400.0, 900.0)]}
     net = Network(visits, (A, B), air=lossy(seed, 0.2)).run(880.0)
@@ -299,7 +299,8 @@ def test_a_lucky_answer_now_and_then_brings_nothing_back() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("on_s", "off_s"), [(0.3, 4.7), (1.0, 9.0), (2.0, 11.0), (17.0, 11.0), (45.0, 12.0), (20.0, 20.0)]
+    ("on_s", "off_s"),
+    first(3, [(0.3, 4.7), (17.0, 11.0), (20.0, 20.0), (1.0, 9.0), (2.0, 11.0), (45.0, 12.0)]),
 )
 def test_whatever_the_rhythm_command_is_lost_five_times_in_ten_minutes_at_most(on_s: float, off_s: float) -> None:
     """Attack 17: 'answers no more' and 'is back' came 46 times in ten minutes."""

@@ -19,6 +19,7 @@ from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.gate.policy.rows import MESSAGE_ROWS, Row
 from mavproxy_handover.wire.frames import Frame, FrameSplitter, parse_one
 from mavproxy_handover.wire.signing import SignatureVerdict, Verifier, sign, timestamp_of
+from tests.depth import first
 from tests.gate.door import Door
 from tests.gate.frames import ftp_request
 from tests.gate.ledger import (
@@ -83,13 +84,13 @@ def check(
     return len(VIEWS)
 
 
-#: in `make quick`: each genuine station, the vehicle's id and another station's
-_QUICK = (0, 2, 3, 5, 6, 8)
+#: in each test run: each genuine station, the vehicle's id and another station's
+_FIRST = (0, 2, 3, 5, 6, 8)
 
 
 @pytest.mark.parametrize(
     ("station", "sysid", "version", "wrong"),
-    [pytest.param(*row, marks=() if n in _QUICK else pytest.mark.slow) for n, row in enumerate(SENDERS)],
+    [pytest.param(*row, marks=() if n in _FIRST else pytest.mark.long) for n, row in enumerate(SENDERS)],
 )
 def test_every_message_and_command_from_every_sender_in_every_phase(
     make: Callable[..., Frame], station: StationIdentity, sysid: int, version: int, wrong: GateReason | None
@@ -98,7 +99,7 @@ def test_every_message_and_command_from_every_sender_in_every_phase(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("station", "sysid", "version", "wrong"), [SENDERS[0], SENDERS[3], SENDERS[6]])
+@pytest.mark.parametrize(("station", "sysid", "version", "wrong"), first(1, [SENDERS[0], SENDERS[3], SENDERS[6]]))
 def test_every_message_and_command_to_everybody_is_judged_as_if_to_the_vehicle(
     make: Callable[..., Frame], station: StationIdentity, sysid: int, version: int, wrong: GateReason | None
 ) -> None:

@@ -142,12 +142,12 @@ def walk(graph: Graph, seed: int, steps: int) -> None:
 @pytest.mark.parametrize("setting", WALKS, ids=lambda setting: setting.name)
 def test_a_state_taken_apart_and_put_together_behaves_like_the_original(setting: Setting) -> None:
     compared = 0
-    for seed in range(4):
+    for seed in range(2):
         graph = Graph(setting)
         shadow = Shadow(graph)
         walk(graph, seed, 120)
         compared += shadow.compared
-    assert compared > 2500
+    assert compared > 1250
 
 
 def test_whoever_adds_a_field_to_the_rules_is_asked_what_it_is() -> None:

@@ -608,7 +608,7 @@ def test_a_silent_commander_taken_for_a_consenting_one_is_found(seed: int, monke
 TestWorld = World.TestCase
 #: what is found is told as it was found: to make it smaller takes longer than a test may
 TestWorld.settings = settings(
-    max_examples=60,
+    max_examples=30,
     stateful_step_count=50,
     deadline=None,
     report_multiple_bugs=False,

@@ -699,6 +699,7 @@ def test_nothing_that_never_meets_meets(pytestconfig: pytest.Config) -> None:
 
 
 @pytest.mark.process
+@pytest.mark.long
 def test_two_workers_bring_the_same_as_one(tmp_path: Path) -> None:
     here = {each.seed: each.same for batch in fly_all(Campaign(0, 2), (), 1, None) for each in batch}
     there = {each.seed: each.same for batch in fly_all(Campaign(0, 2), (), 2, None) for each in batch}

@@ -75,7 +75,7 @@ def begun(mission: str, beside_m: float = 0.0, **parameters: float) -> Watched:
 
 
 @pytest.mark.parametrize("mission", ["delivery", "corridor", "meridian"])
-@pytest.mark.parametrize(("rate_hz", "noise_m", "wander_m"), [(5.0, 3.0, 6.0), (1.0, 3.0, 6.0)])
+@pytest.mark.parametrize(("rate_hz", "noise_m", "wander_m"), first(1, [(5.0, 3.0, 6.0), (1.0, 3.0, 6.0)]))
 def test_a_mission_that_is_flown_raises_no_alarm(mission: str, rate_hz: float, noise_m: float, wander_m: float) -> None:
     flight = begun(mission)
     flight.rate_hz, flight.noise_m, flight.wander_m = rate_hz, noise_m, wander_m
@@ -84,7 +84,7 @@ def test_a_mission_that_is_flown_raises_no_alarm(mission: str, rate_hz: float, n
     assert flight.worst_m < 3.0 + 1.5 * (noise_m + wander_m)
 
 
-@pytest.mark.parametrize(("speed", "rate_hz"), [(300.0, 1.0), (2000.0, 5.0), (2000.0, 1.0)])
+@pytest.mark.parametrize(("speed", "rate_hz"), first(2, [(300.0, 1.0), (2000.0, 5.0), (2000.0, 1.0)]))
 def test_nor_does_another_speed_with_wide_corners(speed: float, rate_hz: float) -> None:
     flight = begun("delivery", WPNAV_SPEED=speed, WPNAV_RADIUS=1500.0)
     flight.rate_hz = rate_hz
@@ -142,7 +142,7 @@ def test_nor_does_a_waypoint_that_is_skipped(rate_hz: float) -> None:
     assert flight.told == []
 
 
-@pytest.mark.parametrize(("wind_m_s", "direction"), first(2, [(8.0, 135.0), (8.0, 270.0), (5.0, 0.0)]))
+@pytest.mark.parametrize(("wind_m_s", "direction"), first(1, [(8.0, 135.0), (8.0, 270.0), (5.0, 0.0)]))
 def test_nor_does_a_wind_that_can_be_made_good(wind_m_s: float, direction: float) -> None:
     flight = begun("delivery", SIM_WIND_SPD=wind_m_s, SIM_WIND_DIR=direction, SIM_WIND_T=1.0)
     flight.land()

@@ -436,7 +436,7 @@ NOISE = ("time", "energy", "fence", "coverage", "stations", "everything")
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", NOISE)
-@pytest.mark.parametrize("seed", first(2, range(8)))
+@pytest.mark.parametrize("seed", first(1, range(8)))
 def test_noise_on_every_input_makes_no_choice_flap(kind: str, seed: int) -> None:
     """An hour, and places that stand on the edge of everything: half of all looks say yes, half of them no."""
     chance = random.Random(f"{kind} {seed}")
