@@ -69,9 +69,6 @@ KNOWN_SURVIVORS: dict[str, str] = {
     'status.send: plus: text = text .. string.rep("\\0", MAV.TUNNEL_BYTES - #text)': (
         "the firmware takes as many bytes as the message has"
     ),
-    'read_frame: edge: if len < MAV.TUNNEL_HEAD_BYTES or string.unpack("<I2", msg, 13) ~= LEASE.TYPE then': (
-        "a TUNNEL without content is no lease, refused or not"
-    ),
     "read_command: and: local came_at = stamp and stamp:toint() or now": "the instant of reading, a call later",
     "read_command: or: local came_at = stamp and stamp:toint() or now": _BOXED,
     "rx.register: one more: for k = 1, #rx.ids do": "the next second does it",

@@ -147,6 +147,10 @@ def test_stated_length_must_be_that_of_a_lease(bench: Bench) -> None:
     assert refused(bench, bench.companion.lease(length=25))
 
 
+def test_a_lease_without_content_is_refused(bench: Bench) -> None:
+    assert refused(bench, bench.companion.tunnel(b"", length=24))
+
+
 def test_bytes_behind_the_lease_are_refused(bench: Bench) -> None:
     payload = struct.pack(LEASE_LAYOUT, 2, HELD, 251, 0, 5, 1, 7, 5000, 0, bench.companion.guard_nonce) + b"\x01"
     assert refused(bench, bench.companion.tunnel(payload, length=24))
