@@ -275,3 +275,15 @@ def test_after_a_fault_the_vehicle_arms_again_in_ten_seconds() -> None:
     assert bench.refusal == FAULT
     bench.run(200)
     assert bench.may_arm
+
+
+def test_and_not_again_when_the_clock_has_gone_half_way_round() -> None:
+    """A ground time of 25 days: the instant of the fault then seems to lie ahead."""
+    bench = Bench(earlier_script=BREAKER, parameters={"BREAKS": 1.0}).with_lease()
+    assert bench.refusal == FAULT
+    bench.vehicle.parameters["BREAKS"] = 0.0
+    bench.run(11_000)
+    assert bench.may_arm
+    bench.vehicle.now_ms += 0x80000000
+    bench.run(1000)
+    assert bench.may_arm
