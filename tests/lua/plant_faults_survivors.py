@@ -11,6 +11,7 @@ _BOXED = "a boxed number compares like a plain one"
 _ZEROS = "after the end of a known message the firmware has zeros"
 _DIFFERS = "a count that only has to differ from the one before"
 _AGAIN = "set to 0 by what is done with the mode in the same call"
+_FORGOTTEN = "the item is looked at only in a landing sequence, and a change of mode or reason clears it"
 _MASKED = "masked again before it is used"
 _HASH = "another hash of the same values does as well"
 _FIRST = "the other edge of a range that a 32-bit difference cannot reach, or the same value"
@@ -35,6 +36,8 @@ KNOWN_SURVIVORS: dict[str, str] = {
     "half_siphash: mask dropped: c = (c << 16 | c >> 16) & mask": _MASKED,
     "last_resort: left out: update_state(now)": "enforce has judged before it failed",
     "observe: always true: if judging then": "a count of calls below zero is as good as zero",
+    "observe: or: if mode == firmware.auto and firmware.sequences[reason] then": _FORGOTTEN,
+    "observe: always true: if mode == firmware.auto and firmware.sequences[reason] then": _FORGOTTEN,
     "observe: minus: craft.mode, craft.reason, craft.changes, craft.former_at = "
     "mode, reason, craft.changes + 1, craft.at": _DIFFERS,
     "observe: one more: craft.mode, craft.reason, craft.changes, craft.former_at = "
