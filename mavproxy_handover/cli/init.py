@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""`handover init`: writes a commented configuration to start from. The samples are files, and tests load them."""
+"""`handover init`: writes a commented configuration to start from."""
 
 from __future__ import annotations
 
@@ -9,19 +9,22 @@ import shutil
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Final
 
 from mavproxy_handover.cli.keys import GROUND, show_key, typing_help
+from mavproxy_handover.config.sample import station_sample, vehicle_sample
 from mavproxy_handover.store.keys import KeysError, key_of, key_path, make_passphrase, write_key
 from mavproxy_handover.tools.resources import DEPLOY, shipped
 
 __all__ = ["main"]
 
-#: kind -> (sample, usual name of the target, what to type next)
-_SAMPLES = {
-    "vehicle": (DEPLOY / "vehicle.toml", "handover.toml", "edit it, then: handover companion --master DEVICE"),
-    "station": (DEPLOY / "station.toml", "station.toml", "edit it, then: handover station --master DEVICE"),
-    "demo": (DEPLOY / "demo", "demo", "docs/by-hand.md tells what to start"),
+#: kind -> (usual name of the target, what to type next)
+_KINDS: Final = {
+    "vehicle": ("handover.toml", "edit it, then: handover companion --master DEVICE"),
+    "station": ("station.toml", "edit it, then: handover station --master DEVICE"),
+    "demo": ("demo", "docs/by-hand.md tells what to start"),
 }
+_SAMPLES: Final = {"vehicle": vehicle_sample, "station": station_sample}
 
 
 def main(argv: Sequence[str]) -> int:
@@ -31,7 +34,7 @@ def main(argv: Sequence[str]) -> int:
         description="Write a commented configuration: for a vehicle's companion, for a station, or a folder with those "
         "of the delivery mission (one vehicle, two stations, all here).",
     )
-    parser.add_argument("kind", choices=list(_SAMPLES), help="what the configuration is for")
+    parser.add_argument("kind", choices=list(_KINDS), help="what the configuration is for")
     parser.add_argument("target", nargs="?", type=Path, help="default: the usual name, here")
     parser.add_argument(
         "--with-passphrases",
@@ -42,9 +45,10 @@ def main(argv: Sequence[str]) -> int:
         arguments = parser.parse_args(argv)
     except SystemExit as stop:
         return int(stop.code or 0)
-    sample, usual, following = _SAMPLES[arguments.kind]
+    usual, following = _KINDS[arguments.kind]
+    sample = _SAMPLES.get(arguments.kind)
     target: Path = arguments.target or Path(usual)
-    if arguments.with_passphrases and not sample.is_dir():
+    if arguments.with_passphrases and sample is not None:
         others = "'handover keys make NAME' is for the others"
         print(f"handover init: --with-passphrases goes with 'demo'; {others}", file=sys.stderr)
         return 2
@@ -52,10 +56,10 @@ def main(argv: Sequence[str]) -> int:
     try:
         if target.exists():
             raise FileExistsError
-        if sample.is_dir():
-            passphrases = _write_demo(sample, target)
+        if sample is None:
+            passphrases = _write_demo(target)
         else:
-            shutil.copy(sample, target)
+            target.write_text(sample(), encoding="utf-8")
     except FileExistsError:
         print(f"handover init: {target} exists already: nothing written", file=sys.stderr)
         return 2
@@ -73,13 +77,13 @@ def main(argv: Sequence[str]) -> int:
     return 0
 
 
-def _write_demo(sample: Path, target: Path) -> dict[str, str]:
+def _write_demo(target: Path) -> dict[str, str]:
     """Everything that a flight by hand needs, in one folder that MAVProxy and both vehicles can be started in.
 
     Returns the passphrases that its keys are made of, by name; they are nowhere else. Raises OSError, KeysError.
     """
     guard = shipped("ardupilot_lua")
-    shutil.copytree(sample, target)
+    shutil.copytree(DEPLOY / "demo", target)
     shutil.copytree(shipped("missions") / "delivery", target / "delivery")
     (target / "keys").mkdir(mode=0o700)
     passphrases = {name: make_passphrase() for name in ("GCSA", "GCSB", GROUND)}

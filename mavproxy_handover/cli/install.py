@@ -28,17 +28,17 @@ from typing import Final
 
 from mavproxy_handover.cli.machine import CONFIGURATION, KEYS, STATE, Item, below, files, uplink
 from mavproxy_handover.config.files import ConfigError, StationConfig, VehicleConfig, load_station, load_vehicle
+from mavproxy_handover.config.sample import station_sample, vehicle_sample
 from mavproxy_handover.link.forms import Kind, parse_device
 from mavproxy_handover.store.durable import discard
 from mavproxy_handover.store.keys import KeysError, load_key
-from mavproxy_handover.tools.resources import DEPLOY
 
 __all__ = ["install", "uninstall"]
 
 #: this machine
 _HERE: Final = Path("/")
 _MANIFEST: Final = KEYS.parent / "installed.json"
-_SAMPLES: Final = {"companion": "vehicle.toml", "station": "station.toml"}
+_SAMPLES: Final = {"companion": vehicle_sample, "station": station_sample}
 #: folders that the service cannot see: ProtectHome=, PrivateTmp=
 _HIDDEN: Final = ("/home", "/root", "/run/user", "/tmp", "/var/tmp")
 #: commands to run after a change of the files; missing programs are reported
@@ -203,7 +203,7 @@ def _configuration(kind: str, given: Path | None, root: Path, *, force: bool) ->
     path = CONFIGURATION[kind]
     there = below(root, path)
     if given is None:
-        items = [Item(path, _sample(kind), 0o640, kept=True)]
+        items = [Item(path, _SAMPLES[kind](f"{STATE}/"), 0o640, kept=True)]
         return items, _serial(_load(kind, there)) if there.exists() else []
     given = given.expanduser().resolve()
     loaded = _load(kind, given)
@@ -237,12 +237,6 @@ def _layout(config: VehicleConfig, given: Path, path: PurePosixPath) -> list[Ite
     if file.is_relative_to(given.parent) or _hidden(file):
         raise ConfigError(f"{given}: layout {file}: put it beside that file, or where the service can read it")
     return []
-
-
-def _sample(kind: str) -> str:
-    text = (DEPLOY / _SAMPLES[kind]).read_text(encoding="utf-8")
-    text = re.sub(r'^journal = "', f'journal = "{STATE}/', text, count=1, flags=re.MULTILINE)
-    return re.sub(r'^state = "state"', f'state = "{STATE}/state"', text, flags=re.MULTILINE)
 
 
 def _load(kind: str, path: Path) -> _Config:

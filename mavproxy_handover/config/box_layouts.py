@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Final
 
 from mavproxy_handover.config.toml import ConfigError, Table, list_of_tables, parse_toml
+from mavproxy_handover.tools.key_table import Key, KeyTable, text
 from mavproxy_handover.wire.box_layout import LAYOUTS, MEANINGS, REQUIRED, TYPES, UNITS, BoxField, BoxLayout
 
 __all__ = ["ENDING", "parse_layout"]
@@ -30,30 +31,46 @@ __all__ = ["ENDING", "parse_layout"]
 ENDING: Final = ".toml"
 #: most bytes of a record
 _MOST_BYTES: Final = 512
-_HEAD: Final = ("name", "size", "byte_order")
-_KEYS: Final = ("field", "type", "unit", "offset")
 _ORDERS: Final = ("little", "big")
+_HEAD: Final = KeyTable(
+    "layout",
+    (
+        text("name", "what it is called"),
+        Key("size", int, "bytes of a record"),
+        text("byte_order", "little or big", _ORDERS[0]),
+    ),
+)
+_FIELD: Final = KeyTable(
+    "field",
+    (
+        text("field", "what it means", required=True),
+        text("type", "as it is written", required=True),
+        text("unit", "of its number", required=True),
+        Key("offset", int, "the byte at which it begins", required=True),
+    ),
+    many=True,
+)
 _SAMPLE: Final = "docs/position-box.md has a sample"
 #: one of these is enough
 _EITHER: Final = ("vel_up", "vel_down")
 
 
-def parse_layout(text: bytes, path: Path) -> BoxLayout:
+def parse_layout(content: bytes, path: Path) -> BoxLayout:
     """Parse the layout in such a file; `path`: for errors. Raises ConfigError."""
-    data = parse_toml(text, path)
-    head = Table({key: value for key, value in data.items() if key != "field"}, "layout", path, _HEAD)
-    name = head.get("name", str, path.stem)
+    data = parse_toml(content, path)
+    head = Table({key: value for key, value in data.items() if key != _FIELD.name}, _HEAD, path)
+    name = path.stem if head["name"] is None else head["name"]
     if not 1 <= len(name) <= 20 or not name.isprintable() or not name.isascii():
         raise head.error("name", f"{name!r} must be 1 to 20 printable ASCII characters")
     if name in LAYOUTS:
         raise head.error("name", f"{name!r} is the name of a known layout: choose another one")
-    order = _one_of(head, "byte_order", head.get("byte_order", str, _ORDERS[0]), _ORDERS)
-    fields = _fields(list_of_tables(data, "field", path, _KEYS))
+    order = _one_of(head, "byte_order", head["byte_order"], _ORDERS)
+    fields = _fields(list_of_tables(data, _FIELD, path))
     for meaning in REQUIRED:
         if meaning not in (field.meaning for field in fields):
             raise ConfigError(f'{path}: {meaning} is missing: add a [[field]] with field = "{meaning}"; {_SAMPLE}')
     ends = fields[-1].offset + fields[-1].bytes
-    size = head.get("size", int, ends)
+    size = ends if head["size"] is None else head["size"]
     if not ends <= size <= _MOST_BYTES:
         raise head.error("size", f"{size} must be {ends} to {_MOST_BYTES} bytes: {fields[-1].name} ends at {ends}")
     return BoxLayout(name, fields, size, order == "big")
@@ -79,10 +96,10 @@ def _fields(tables: Iterable[Table]) -> tuple[BoxField, ...]:
 
 def _field(table: Table) -> BoxField:
     """Parse one [[field]]. Raises ConfigError."""
-    meaning = _one_of(table, "field", table.get("field", str, required=True), MEANINGS)
-    kind = _one_of(table, "type", table.get("type", str, required=True), TYPES)
-    unit = _one_of(table, "unit", table.get("unit", str, required=True), UNITS[MEANINGS[meaning].quantity])
-    offset = table.get("offset", int, required=True)
+    meaning = _one_of(table, "field", table["field"], MEANINGS)
+    kind = _one_of(table, "type", table["type"], TYPES)
+    unit = _one_of(table, "unit", table["unit"], UNITS[MEANINGS[meaning].quantity])
+    offset = table["offset"]
     if meaning == "time" and kind == "float":
         raise table.error("type", "'float' is too coarse for the time; it must be double, or a whole number's type")
     field = BoxField(meaning, meaning, kind, unit, offset, MEANINGS[meaning].says)

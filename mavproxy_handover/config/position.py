@@ -10,29 +10,17 @@ from pathlib import Path
 from typing import Any, Final
 
 from mavproxy_handover.config.box_layouts import ENDING, parse_layout
-from mavproxy_handover.config.toml import Ranges, Table, read_file
+from mavproxy_handover.config.toml import Table, one_table, read_file
 from mavproxy_handover.link.box_line import box_address
 from mavproxy_handover.link.forms import LinkError
+from mavproxy_handover.tools.key_table import KeyTable, numbers, text, word
 from mavproxy_handover.wire.box_layout import LAYOUTS, THESIS, BoxLayout
 
-__all__ = ["CHECKS", "POSITION_RANGES", "SOURCES", "PositionSettings", "position_settings"]
+__all__ = ["ALWAYS", "ARMED", "AUTOPILOT", "BOX", "POSITION", "PositionSettings", "position_settings"]
 
-AUTOPILOT, BOX = SOURCES = ("autopilot", "box")
+AUTOPILOT, BOX = _SOURCES = ("autopilot", "box")
 #: when the two positions are compared: always, or once the aircraft is armed
-ALWAYS, ARMED = CHECKS = ("always", "armed")
-
-#: Upper limits are so low that a position in another zone never passes. Lower limits are so high that two good
-#: receivers never disagree. 0 s unchecked: the box never counts without the autopilot's position
-POSITION_RANGES: Final[Ranges] = {
-    "box_age_s": (0.1, 5),
-    "apart_m": (2, 1000),
-    "apart_height_m": (2, 1000),
-    "apart_mps": (1, 50),
-    "apart_s": (0.2, 30),
-    "agree_s": (0.5, 60),
-    "unchecked_s": (0, 600),
-}
-_WORDS: Final = ("source", "box", "layout", "check")
+ALWAYS, ARMED = _CHECKS = ("always", "armed")
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,41 +50,67 @@ class PositionSettings:
     layout_text: bytes | None = field(default=None, repr=False)
 
 
+#: Upper limits are so low that a position in another zone never passes. Lower limits are so high that two good
+#: receivers never disagree. 0 s unchecked: the box never counts without the autopilot's position
+POSITION: Final = KeyTable(
+    "position",
+    (
+        word("source", _SOURCES, "whose position counts: the autopilot's own, or that of the box", AUTOPILOT),
+        text(
+            "box",
+            "where the box is, tcp:HOST:PORT; with source autopilot it only checks; needed with source box",
+            "",
+            example="tcp:192.168.2.30:4001",
+        ),
+        text(
+            "layout",
+            "how the box's record is laid out: thesis (listing 5.7 of the thesis), full, or a file that names its "
+            "fields (the name ends with .toml and is relative to this file)",
+            THESIS.name,
+            rule=f"one of {', '.join(LAYOUTS)}, or a layout's file, which ends with {ENDING}",
+        ),
+        word("check", _CHECKS, "when the two are compared: always, or while the autopilot is armed", ALWAYS),
+        *numbers(
+            PositionSettings(),
+            ("box_age_s", 0.1, 5, "a record that is later than this is not used"),
+            ("apart_m", 2, 1000, "farther apart than this over ground the position is not used"),
+            ("apart_height_m", 2, 1000, "limit of the difference in height"),
+            ("apart_mps", 1, 50, "limit of the difference in speed over ground"),
+            ("apart_s", 0.2, 30, "after this long above a limit a disagreement is reported"),
+            ("agree_s", 0.5, 60, "after this long within two thirds of all three limits they agree again"),
+            ("unchecked_s", 0, 600, "how long the box counts while the autopilot has no position of its own"),
+        ),
+    ),
+    "Whose position of the aircraft counts: the autopilot's, or that of a box on board (docs/position-box.md). If the "
+    "source fails, the other one does not replace it: the cause is position_stale.",
+)
+
+
 def position_settings(data: Mapping[str, Any], path: Path, layout_text: bytes | None = None) -> PositionSettings:
     """Parse `[position]`, if it is there. `layout_text`: content of the layout's file; None: read it.
 
     Raises ConfigError.
     """
-    table = Table(data.get("position", {}), "position", path, (*_WORDS, *POSITION_RANGES))
-    source, check = _word(table, "source", SOURCES), _word(table, "check", CHECKS)
-    box = table.get("box", str, "")
-    if box:
+    table = one_table(data, POSITION, path)
+    given = table.given()
+    if given.get("box"):
         try:
-            box = box_address(box)
+            given["box"] = box_address(given["box"])
         except LinkError as error:
             raise table.error("box", str(error).removeprefix("link ")) from None
-    elif source == BOX:
+    elif table["source"] == BOX:
         raise table.error("box", "is missing: where is the box? It must be tcp:HOST:PORT")
-    layout, file, text = _layout(table, path, layout_text)
-    numbers = table.numbers(POSITION_RANGES)
-    return PositionSettings(source, box, check, layout=layout, layout_file=file, layout_text=text, **numbers)
+    given["layout"], file, content = _layout(table, path, layout_text)
+    return PositionSettings(**given, layout_file=file, layout_text=content)
 
 
-def _layout(table: Table, path: Path, text: bytes | None) -> tuple[BoxLayout, Path | None, bytes | None]:
+def _layout(table: Table, path: Path, content: bytes | None) -> tuple[BoxLayout, Path | None, bytes | None]:
     """The layout, and the file that it comes from with its text. Raises ConfigError."""
-    word: str = table.get("layout", str, THESIS.name)
-    if word in LAYOUTS:
-        return LAYOUTS[word], None, None
-    if not word.endswith(ENDING):
-        known = ", ".join(LAYOUTS)
-        raise table.error("layout", f"{word!r} must be one of {known}, or a layout's file, which ends with {ENDING}")
-    file = path.parent / word
-    text = read_file(file) if text is None else text
-    return parse_layout(text, file), file, text
-
-
-def _word(table: Table, key: str, allowed: tuple[str, ...]) -> str:
-    word: str = table.get(key, str, allowed[0])
-    if word not in allowed:
-        raise table.error(key, f"{word!r} must be one of " + ", ".join(allowed))
-    return word
+    name: str = table["layout"]
+    if name in LAYOUTS:
+        return LAYOUTS[name], None, None
+    if not name.endswith(ENDING):
+        raise table.error("layout", f"{name!r} must be {POSITION['layout'].allowed}")
+    file = path.parent / name
+    content = read_file(file) if content is None else content
+    return parse_layout(content, file), file, content

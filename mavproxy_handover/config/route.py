@@ -8,21 +8,36 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from mavproxy_handover.config.toml import Ranges, Table
+from mavproxy_handover.config.toml import one_table
 from mavproxy_handover.core.safety.route import RouteLimits
+from mavproxy_handover.tools.key_table import KeyTable, numbers
 
-__all__ = ["ROUTE_RANGES", "route_limits"]
+__all__ = ["ROUTE", "route_limits"]
 
-#: the position of a receiver varies by some metres, so less than 5 is meaningless; a course is at most 180 degrees off
-ROUTE_RANGES: Final[Ranges] = {
-    "off_route_m": (5, 1000),
-    "off_heading_deg": (20, 180),
-    "off_hold_s": (0.5, 60),
-    "off_clear_s": (0.5, 60),
-}
+#: the position of a receiver varies by some metres, so less than 5 is meaningless
+ROUTE: Final = KeyTable(
+    "route",
+    numbers(
+        RouteLimits(),
+        (
+            "off_route_m",
+            5,
+            1000,
+            "the aircraft is off its route when it is farther than this beside the leg that it flies",
+        ),
+        (
+            "off_heading_deg",
+            20,
+            180,
+            "or when its course over ground is so far off that leg; 180 is never exceeded",
+        ),
+        ("off_hold_s", 0.5, 60, "one of the two for this long"),
+        ("off_clear_s", 0.5, 60, "it ends once both are below two thirds for this long"),
+    ),
+    "From when on the aircraft is off its route.",
+)
 
 
 def route_limits(data: Mapping[str, Any], path: Path) -> RouteLimits:
     """Parse `[route]`, if it is there. Raises ConfigError."""
-    table = Table(data.get("route", {}), "route", path, tuple(ROUTE_RANGES))
-    return RouteLimits(**table.numbers(ROUTE_RANGES))
+    return RouteLimits(**one_table(data, ROUTE, path).given())

@@ -2,8 +2,9 @@
 
 """Reads a ground station's configuration file: its identity, its vehicles, and the links to other stations.
 
-A station with one vehicle describes it in [station], and MAVProxy gets its links as options. A station with several has
-a [[vehicle]] for each: name, system id, key, mission and links, so that they cannot be confused.
+Its keys are in `station_keys.py`. A station with one vehicle describes it in [station], and MAVProxy gets its links as
+options. A station with several has a [[vehicle]] for each: name, system id, key, mission and links, so that they cannot
+be confused.
 """
 
 from __future__ import annotations
@@ -15,7 +16,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from mavproxy_handover.config.route import route_limits
-from mavproxy_handover.config.toml import ConfigError, Table, check_tables, list_of_tables, read_toml
+from mavproxy_handover.config.station_keys import ASK, GROUND, PEER, STATION, STATION_FILE, VEHICLE
+from mavproxy_handover.config.toml import ConfigError, Table, check_tables, list_of_tables, one_table, read_toml
 from mavproxy_handover.core.common.model import AUTOMATIC, QUESTIONS, UNASKED, Station
 from mavproxy_handover.core.safety.route import RouteLimits
 
@@ -23,27 +25,11 @@ __all__ = ["FleetVehicle", "PeerConfig", "StationConfig", "load_station"]
 
 #: keys of [station] that belong to each vehicle if there are [[vehicle]] tables, and their names there
 _OF_VEHICLE: Final = {"vehicle": "sysid", "mission": "mission", "key": "key"}
-_STATION_KEYS: Final = (
-    "name",
-    "sysid",
-    *_OF_VEHICLE,
-    "consent",
-    "forced",
-    "journal",
-    "offered_addresses",
-    "offered_addresses_local",
-)
-_VEHICLE_KEYS: Final = ("name", "sysid", "links", "key", "allow_unsigned", "mission")
-_PEER_KEYS: Final = ("name", "sysid", "link")
 #: a vehicle's name is typed, and labels MAVProxy's links: no blanks, and not the form of a system id
 _NAME: Final = re.compile(r"(?=.*[A-Za-z])[A-Za-z0-9][A-Za-z0-9._-]{0,19}")
 #: Questions that need no operator, by the word for all. A request of another operator, or a gift of the commander,
 #: needs an operator. A forced handover has its own key.
 _CONSENTS: Final = {"automatic": frozenset(AUTOMATIC), "operator": frozenset(UNASKED)}
-#: what to do with an address of the vehicle that another station sends: ask the operator, or refuse it
-_OFFERED: Final = ("ask", "refuse")
-#: what to do when the commander is lost: this station takes the aircraft, or its operator is asked
-_FORCED: Final = ("automatic", "ask")
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,24 +86,12 @@ def load_station(path: Path) -> StationConfig:
     """Read and check a station's configuration. Raises ConfigError."""
     path = path.resolve()
     data = read_toml(path)
-    check_tables(data, path, ("station", "vehicle", "ground", "peer", "route"), ("station",))
-    table = Table(data["station"], "station", path, _STATION_KEYS)
-    station = Station(table.sysid("sysid"), table.name("name"))
+    check_tables(data, path, STATION_FILE)
+    table = one_table(data, STATION, path)
+    station = Station(table["sysid"], table["name"])
     vehicles = _vehicles(data, path, table, station)
-    ground, ground_key = None, None
-    if "ground" in data:
-        ground_table = Table(data["ground"], "ground", path, ("listen", "key", "allow_unsigned"))
-        ground = ground_table.link("listen", ground_table.get("listen", str, required=True))
-        if not ground.startswith("udpin:"):
-            raise ground_table.error("listen", f"{ground!r} must be udpin:HOST:PORT")
-        ground_key = ground_table.path("key")
-        if ground_key is None and not ground_table.get("allow_unsigned", bool, False):
-            raise ground_table.error(
-                "key",
-                "is missing: any program could speak as another station; 'handover keys make ground' makes one, the "
-                "same for all; allow_unsigned = true does without",
-            )
-    peers = tuple(_peer(entry) for entry in list_of_tables(data, "peer", path, _PEER_KEYS))
+    ground, ground_key = _ground(one_table(data, GROUND, path)) if GROUND.name in data else (None, None)
+    peers = tuple(_peer(entry) for entry in list_of_tables(data, PEER, path))
     if peers and ground is None:
         raise ConfigError(f"{path}: [ground] is missing; [[peer]] needs a place to listen")
     ids = [station.sysid, *(vehicle.sysid for vehicle in vehicles), *(peer.station.sysid for peer in peers)]
@@ -129,27 +103,42 @@ def load_station(path: Path) -> StationConfig:
         station=station,
         vehicles=vehicles,
         automatic=_automatic(table),
-        journal=path.parent / table.get("journal", str, f"{station.name}.jsonl"),
+        journal=path.parent / (table["journal"] or f"{station.name}.jsonl"),
         ground=ground,
         ground_key=ground_key,
         peers=peers,
         route=route_limits(data, path),
-        offered_addresses=_word(table, "offered_addresses", _OFFERED) == _OFFERED[0],
-        offered_addresses_local=table.get("offered_addresses_local", bool, False),
+        offered_addresses=table["offered_addresses"] == ASK,
+        offered_addresses_local=table["offered_addresses_local"],
     )
+
+
+def _ground(table: Table) -> tuple[str, Path | None]:
+    """Where the ground link listens, and the file of its key."""
+    listen = table.link("listen", table["listen"])
+    if not listen.startswith("udpin:"):
+        raise table.error("listen", f"{listen!r} must be udpin:HOST:PORT")
+    key = table.path("key")
+    if key is None and not table["allow_unsigned"]:
+        raise table.error(
+            "key",
+            "is missing: any program could speak as another station; 'handover keys make ground' makes one, the "
+            "same for all; allow_unsigned = true does without",
+        )
+    return listen, key
 
 
 def _vehicles(data: Mapping[str, Any], path: Path, station_table: Table, station: Station) -> tuple[FleetVehicle, ...]:
     """The vehicles of the [[vehicle]] tables; without any, the one of [station]."""
     if "vehicle" not in data:
-        sysid = station_table.sysid("vehicle", required=False, default=1)
+        sysid = station_table["vehicle"]
         if sysid == station.sysid:
             raise station_table.error("vehicle", f"{sysid} is the station's own sysid")
         return (FleetVehicle(sysid, key=station_table.path("key"), mission=_folder(station_table)),)
     for key, there in _OF_VEHICLE.items():
-        if station_table.get(key, object) is not None:
+        if key in station_table:
             raise station_table.error(key, f"does not go together with [[vehicle]]: each says its own {there}")
-    tables = list_of_tables(data, "vehicle", path, _VEHICLE_KEYS)
+    tables = list_of_tables(data, VEHICLE, path)
     if not tables:
         raise ConfigError(f"{path}: [[vehicle]] must be there at least once, or not be named")
     vehicles = tuple(_vehicle(table, station) for table in tables)
@@ -169,17 +158,17 @@ def _no_two(path: Path, key: str, values: Sequence[object]) -> None:
 
 
 def _vehicle(table: Table, station: Station) -> FleetVehicle:
-    name = table.name("name")
+    name = table["name"]
     if not _NAME.fullmatch(name):
         raise table.error("name", f"{name!r} must be letters, digits, '.', '_' or '-', one letter at least")
-    sysid = table.sysid("sysid")
+    sysid = table["sysid"]
     if sysid == station.sysid:
         raise table.error("sysid", f"{sysid} is the station's own sysid")
-    links = tuple(table.link("links", value) for value in table.get("links", list, required=True))
+    links = tuple(table.link("links", value) for value in table["links"])
     if not links:
         raise table.error("links", "must name at least one link")
     key = table.path("key")
-    if key is None and not table.get("allow_unsigned", bool, False):
+    if key is None and not table["allow_unsigned"]:
         raise table.error(
             "key",
             f"is missing: any program could speak as {name}; 'handover keys make {station.name}-{name}' makes one, for "
@@ -198,21 +187,12 @@ def _automatic(table: Table) -> frozenset[str]:
 
     A forced handover has its own key.
     """
-    forced = _word(table, "forced", _FORCED)
     planned = _planned(table)
-    return planned - frozenset(UNASKED) if forced == "ask" else planned | frozenset(UNASKED)
-
-
-def _word(table: Table, key: str, allowed: Sequence[str]) -> str:
-    """One of these words; the first one if the key is missing."""
-    word: str = table.get(key, str, allowed[0])
-    if word not in allowed:
-        raise table.error(key, f"{word!r} must be one of {', '.join(allowed)}")
-    return word
+    return planned - frozenset(UNASKED) if table["forced"] == ASK else planned | frozenset(UNASKED)
 
 
 def _planned(table: Table) -> frozenset[str]:
-    consent = table.get("consent", object, "automatic")
+    consent = table["consent"]
     if not isinstance(consent, list):
         if not isinstance(consent, str) or consent not in _CONSENTS:
             raise table.error("consent", f"{consent!r} must be one of {', '.join(_CONSENTS)}, or a list of questions")
@@ -225,8 +205,8 @@ def _planned(table: Table) -> frozenset[str]:
 
 
 def _peer(table: Table) -> PeerConfig:
-    station = Station(table.sysid("sysid"), table.name("name"))
-    link = table.link("link", table.get("link", str, required=True))
+    station = Station(table["sysid"], table["name"])
+    link = table.link("link", table["link"])
     if not link.startswith("udpout:"):
         raise table.error("link", f"{link!r} must be udpout:HOST:PORT")
     return PeerConfig(station, link)

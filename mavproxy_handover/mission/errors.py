@@ -13,7 +13,9 @@ import json
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import NoReturn
+from typing import Any, NoReturn
+
+from mavproxy_handover.tools.key_table import Key
 
 __all__ = ["MissionError", "Where", "parse_json"]
 
@@ -68,6 +70,16 @@ class Where:
         if not isinstance(value, str) or value not in words:
             raise self.error(f"{name} is {_shown(value)} (allowed: {', '.join(words)})")
         return value
+
+    def of_key(self, key: Key, value: object) -> Any:
+        """A value of a key that is a number, a whole number or one of some words."""
+        if key.words:
+            return self.choice(value, key.name, key.words)
+        assert key.limits is not None
+        low, high = key.limits
+        if key.kind is int:
+            return self.whole(value, key.name, int(low), int(high))
+        return self.number(value, key.name, low, high)
 
     def table(self, value: object, name: str) -> Mapping[str, object]:
         """A JSON object or a TOML table."""

@@ -22,16 +22,14 @@ from mavproxy_handover.core.safety.energy_prior import EnergySettings
 from mavproxy_handover.mission.errors import Where
 from mavproxy_handover.mission.geodesy import bearing_deg
 from mavproxy_handover.mission.items import COMMANDS
+from mavproxy_handover.mission.keys import GAP
 from mavproxy_handover.mission.leg import round_by_round
 from mavproxy_handover.mission.pieces import Line
 from mavproxy_handover.mission.plan import Route
 from mavproxy_handover.mission.route_simulation import Gap, Leg, RouteSimulation, Sample
 
-__all__ = ["LONGEST_S", "DeclaredGap", "Stretch", "read_gaps", "stretches", "undeclared"]
+__all__ = ["DeclaredGap", "Stretch", "read_gaps", "stretches", "undeclared"]
 
-#: longest time (s) that an aircraft may fly without a commander; the guard allows as much
-LONGEST_S: Final = 600.0
-_KEYS: Final = ("from", "to", "limit_s", "note")
 #: an aircraft farther from the path than this (m) is not on it
 _CORRIDOR_M: Final = 50.0
 #: length (m) of the path before and after a gap that belongs to its lines
@@ -94,14 +92,14 @@ def read_gaps(where: Where, value: object, stations: Mapping[str, int], route: R
     for number, entry in enumerate(where.array(value, "gap"), 1):
         inside = where.at(f"gap {number}")
         table = inside.table(entry, "the gap")
-        inside.known_keys(table, _KEYS)
+        inside.known_keys(table, GAP.names)
         begins = inside.choice(inside.need(table, "from"), "from", stations)
         ends = inside.need(table, "to")
         if isinstance(ends, str):
             to_station, to_item = stations[inside.choice(ends, "to", stations)], None
         else:
             to_station, to_item = None, _item(inside, ends, route)
-        limit_s = inside.number(inside.need(table, "limit_s"), "limit_s", 1.0, LONGEST_S)
+        limit_s = inside.of_key(GAP["limit_s"], inside.need(table, "limit_s"))
         note = inside.text(table["note"], "note", 200) if "note" in table else ""
         words = f"{begins} -> {ends if to_item is None else f'item {to_item}'}"
         for other in found:

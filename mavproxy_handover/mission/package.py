@@ -27,19 +27,14 @@ from pathlib import Path
 from types import MappingProxyType
 
 from mavproxy_handover.core.safety.energy import Wind
-from mavproxy_handover.core.safety.energy_prior import (
-    ENERGY_KEYS,
-    ENERGY_RANGES,
-    START_POLICIES,
-    WHOLE_KEYS,
-    EnergySettings,
-)
+from mavproxy_handover.core.safety.energy_prior import EnergySettings
 from mavproxy_handover.mission.addresses import ADDRESSES_FILE, read_addresses
 from mavproxy_handover.mission.corridor import covered_area
 from mavproxy_handover.mission.errors import MissionError, Where
 from mavproxy_handover.mission.gaps import DeclaredGap, Stretch, read_gaps, stretches
 from mavproxy_handover.mission.geojson import read_zones
 from mavproxy_handover.mission.items import COMMANDS, MissionItem
+from mavproxy_handover.mission.keys import ENERGY, MISSION, POLICY, STATIONS, WINGS
 from mavproxy_handover.mission.path import Path as FlownPath
 from mavproxy_handover.mission.path import path_of
 from mavproxy_handover.mission.plan import FencePart, Route, on_ground, read_route
@@ -53,7 +48,7 @@ from mavproxy_handover.mission.route_simulation import (
 )
 from mavproxy_handover.mission.terrain import Relief, Terrain, read_terrain, relief_of
 from mavproxy_handover.mission.waypoint_ownership import Belonging, belonging_of
-from mavproxy_handover.mission.wings import WINGS_RANGES, Air, Wings
+from mavproxy_handover.mission.wings import Air, Wings
 from mavproxy_handover.mission.zones import Zone, ZoneFinder
 from mavproxy_handover.vehicle.profiles import ASSUMED, PROFILES, Profile, named
 from mavproxy_handover.wire.vehicle_address import Addresses
@@ -64,8 +59,6 @@ else:
     import tomli as tomllib
 
 __all__ = [
-    "AIRCRAFT",
-    "DETECTORS",
     "MISSION_FILE",
     "MissionPackage",
     "StationEntry",
@@ -75,8 +68,6 @@ __all__ = [
 ]
 
 MISSION_FILE = "mission.toml"
-AIRCRAFT = tuple(profile.name for profile in PROFILES)
-DETECTORS = ("circles", "polygons", "waypoints", "reached")
 #: those for which stations list waypoints
 _LISTED = ("waypoints", "reached")
 
@@ -96,27 +87,6 @@ MAX_NESTED, MAX_VALUES = 50_000, 200_000
 #: names that are a file in the package's own folder on every system
 _FILE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_-]{0,50}(\.[A-Za-z0-9]{1,12}){1,2}")
 _STATION_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,15}")
-
-#: keys of [policy] and the words each may have
-_POLICIES = {"on_out_of_coverage": ("return", "land", "warn")}
-_KEYS = (
-    "name",
-    "description",
-    "aircraft",
-    "detector",
-    "route",
-    "zones",
-    "terrain",
-    "corridor_m",
-    "expected_handovers",
-    "cruise_speed_mps",
-    "delivery_waypoint",
-    "stations",
-    "policy",
-    "energy",
-    "wings",
-    "gap",
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -398,16 +368,16 @@ def _build(texts: Mapping[str, str]) -> MissionPackage:
     """Check the files against each other; raises MissionError."""
     where = Where(MISSION_FILE)
     mission = _toml(texts[MISSION_FILE])
-    where.known_keys(mission, _KEYS)
-    detector = where.choice(where.need(mission, "detector"), "detector", DETECTORS)
+    where.known_keys(mission, MISSION.names)
+    detector = where.of_key(MISSION["detector"], where.need(mission, "detector"))
     stations = _stations(where, where.need(mission, "stations"), detector)
     route_file = str(mission["route"])
-    profile = named(where.choice(mission.get("aircraft", ASSUMED.name), "aircraft", AIRCRAFT))
+    profile = named(where.of_key(MISSION["aircraft"], mission.get("aircraft", ASSUMED.name)))
     route = read_route(route_file, texts[route_file], profile)
     terrain = _terrain(mission.get("terrain"), texts)
     route = replace(route, wings=_wings(where, mission.get("wings"), profile), ground=relief_of(terrain, route.home))
     speed = mission.get("cruise_speed_mps", route.cruise_speed_mps or profile.energy.cruise_mps)
-    speed_mps = where.number(speed, "cruise_speed_mps", 0.1, 100.0)
+    speed_mps = where.of_key(MISSION["cruise_speed_mps"], speed)
     energy = _energy(where, mission.get("energy", {}))
     description = mission.get("description")
     files = {name: text.encode() for name, text in texts.items()}
@@ -423,7 +393,7 @@ def _build(texts: Mapping[str, str]) -> MissionPackage:
         zones=zones,
         belonging=belonging,
         route=with_return(route, zones, terrain),
-        expected_handovers=where.whole(where.need(mission, "expected_handovers"), "expected_handovers", 0, 1000),
+        expected_handovers=where.of_key(MISSION["expected_handovers"], where.need(mission, "expected_handovers")),
         cruise_speed_mps=speed_mps,
         cruise_speed_named="cruise_speed_mps" in mission or route.cruise_speed_mps is not None,
         delivery_waypoint=_delivery(where, mission.get("delivery_waypoint"), route),
@@ -448,11 +418,11 @@ def _stations(where: Where, value: object, detector: str) -> tuple[StationEntry,
     for number, entry in enumerate(entries, 1):
         inside = where.at(f"station {number}")
         table = inside.table(entry, "the station")
-        inside.known_keys(table, ("name", "sysid", "waypoints") if detector in _LISTED else ("name", "sysid"))
+        inside.known_keys(table, STATIONS.names if detector in _LISTED else ("name", "sysid"))
         name = inside.need(table, "name")
         if not isinstance(name, str) or not _STATION_NAME.fullmatch(name):
             raise inside.error("name is not a station's name (allowed: 1 to 16 letters, digits, - and _)")
-        sysid = inside.whole(inside.need(table, "sysid"), "sysid", 1, 255)
+        sysid = inside.of_key(STATIONS["sysid"], inside.need(table, "sysid"))
         for other in found:
             if other.name == name:
                 raise inside.error(f"name '{name}' is taken by another station")
@@ -482,7 +452,7 @@ def _zones(
     if detector in _LISTED:
         if "zones" in mission:
             raise where.error(f"key 'zones' does not go with detector '{detector}' (the zones follow the route)")
-        width = where.number(where.need(mission, "corridor_m"), "corridor_m", 5.0, 10000.0)
+        width = where.of_key(MISSION["corridor_m"], where.need(mission, "corridor_m"))
         return tuple(
             Zone(
                 station.sysid,
@@ -517,8 +487,8 @@ def _delivery(where: Where, value: object, route: Route) -> int | None:
 def _policies(where: Where, value: object) -> Mapping[str, str]:
     inside = where.at("[policy]")
     table = inside.table(value, "policy")
-    inside.known_keys(table, _POLICIES)
-    return MappingProxyType({key: inside.choice(word, key, _POLICIES[key]) for key, word in table.items()})
+    inside.known_keys(table, POLICY.names)
+    return MappingProxyType({key: inside.of_key(POLICY[key], word) for key, word in table.items()})
 
 
 def _wings(where: Where, value: object, profile: Profile) -> Wings:
@@ -529,8 +499,8 @@ def _wings(where: Where, value: object, profile: Profile) -> Wings:
         raise where.error(f"[wings] does not go with aircraft '{profile.name}' (allowed: with {allowed})")
     inside = where.at("[wings]")
     table = inside.table(value, "wings")
-    inside.known_keys(table, WINGS_RANGES)
-    return Wings(**{key: inside.number(number, key, *WINGS_RANGES[key]) for key, number in table.items()})
+    inside.known_keys(table, WINGS.names)
+    return Wings(**{key: inside.of_key(WINGS[key], number) for key, number in table.items()})
 
 
 def _flown_at(speed_mps: float) -> EnergySettings:
@@ -541,16 +511,8 @@ def _flown_at(speed_mps: float) -> EnergySettings:
 def _energy(where: Where, value: object) -> EnergySettings:
     inside = where.at("[energy]")
     table = inside.table(value, "energy")
-    inside.known_keys(table, ENERGY_KEYS)
-    numbers: dict[str, float] = {}
-    for key, (low, high) in ENERGY_RANGES.items():
-        if key in table:
-            if key in WHOLE_KEYS:
-                numbers[key] = float(inside.whole(table[key], key, int(low), int(high)))
-            else:
-                numbers[key] = inside.number(table[key], key, low, high)
-    start = inside.choice(table["start"], "start", START_POLICIES) if "start" in table else None
-    settings = EnergySettings(**numbers, start=start)
+    inside.known_keys(table, ENERGY.names)
+    settings = EnergySettings(**{key: inside.of_key(ENERGY[key], value) for key, value in table.items()})
     if settings.payload_wrong:
         raise inside.error(f"payload_kg: {settings.payload_wrong}")
     return settings

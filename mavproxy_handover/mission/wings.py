@@ -34,7 +34,6 @@ __all__ = [
     "AS_IT_COMES",
     "HOVER_MPS",
     "ROLL_IN_S",
-    "WINGS_RANGES",
     "Air",
     "Bend",
     "Wings",
@@ -54,9 +53,6 @@ _CAPTURE: Final = math.radians(45.0)
 _LEAST_MPS: Final = 1.0
 #: an arc is a row of straight pieces, each for at most so much of it
 _PIECE: Final = math.radians(15.0)
-
-#: key of [wings] -> lowest and highest value allowed
-WINGS_RANGES: Final = {"bank_deg": (10.0, 75.0), "waypoint_m": (1.0, 1000.0), "circle_m": (10.0, 2550.0)}
 
 
 @dataclass(frozen=True, slots=True)

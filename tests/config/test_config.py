@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import fields
 from pathlib import Path
 
 import pytest
@@ -18,9 +20,10 @@ from mavproxy_handover.config.files import (
     load_vehicle,
     path_argument,
 )
-from mavproxy_handover.config.position import POSITION_RANGES, PositionSettings
-from mavproxy_handover.config.route import ROUTE_RANGES
-from mavproxy_handover.config.vehicle import LIMIT_RANGES, LINK_RANGES, OBSERVER_RANGES
+from mavproxy_handover.config.position import PositionSettings
+from mavproxy_handover.config.sample import station_sample, vehicle_sample
+from mavproxy_handover.config.station_keys import STATION_FILE
+from mavproxy_handover.config.vehicle_keys import OBSERVERS, VEHICLE_FILE
 from mavproxy_handover.core.common.causes import Cause
 from mavproxy_handover.core.common.limits import Limits
 from mavproxy_handover.core.common.model import (
@@ -29,10 +32,11 @@ from mavproxy_handover.core.common.model import (
     Station,
 )
 from mavproxy_handover.core.safety.commands import Limit
-from mavproxy_handover.core.safety.energy_prior import ENERGY_KEYS, ENERGY_RANGES, EnergySettings
+from mavproxy_handover.core.safety.energy_prior import EnergySettings
 from mavproxy_handover.core.safety.route import RouteLimits
 from mavproxy_handover.gate.observers import ObserverLimits
 from mavproxy_handover.link.quality import LinkLimits
+from mavproxy_handover.tools.key_table import Key, KeyTable
 from mavproxy_handover.tools.resources import DEPLOY
 
 try:
@@ -237,15 +241,14 @@ def test_a_mistake_about_it_is_one_line(file: Path, lines: str, expected: str) -
     assert the_line(file, text, load_vehicle) == expected
 
 
-@pytest.mark.parametrize("sample", ["vehicle.toml", "demo/handover.toml"])
-def test_the_vehicle_samples_that_ship_are_sound(sample: str) -> None:
-    loaded = load_vehicle(DEPLOY / sample)
-    assert {entry.station.sysid: entry.station.name for entry in loaded.stations} == {251: "GCSA", 252: "GCSB"}
-
-
-@pytest.mark.parametrize("sample", ["station.toml", "demo/GCSA.toml", "demo/GCSB.toml"])
-def test_the_station_samples_that_ship_are_sound(sample: str) -> None:
-    assert [vehicle.sysid for vehicle in load_station(DEPLOY / sample).vehicles] == [1]
+def test_the_samples_that_ship_are_sound(file: Path) -> None:
+    file.write_text(vehicle_sample())
+    for path in (file, DEPLOY / "demo" / "handover.toml"):
+        vehicle = load_vehicle(path)
+        assert {entry.station.sysid: entry.station.name for entry in vehicle.stations} == {251: "GCSA", 252: "GCSB"}
+    file.write_text(station_sample())
+    for path in (file, DEPLOY / "demo" / "GCSA.toml", DEPLOY / "demo" / "GCSB.toml"):
+        assert [vehicle.sysid for vehicle in load_station(path).vehicles] == [1]
 
 
 def test_the_numbers_of_energy_are_read_and_may_be_left_out(file: Path) -> None:
@@ -261,14 +264,6 @@ def test_who_gets_the_result_of_the_standard_is_said_station_by_station(file: Pa
     assert [station.not_in_control for station in load_vehicle(file).stations] == [word, "auto"]
 
 
-@pytest.mark.parametrize("key", ENERGY_RANGES)
-def test_a_number_of_energy_may_be_at_either_end_of_its_range(file: Path, key: str) -> None:
-    beside = "mass_kg = 1000\n" if key == "payload_kg" else ""
-    for value in ENERGY_RANGES[key]:
-        file.write_text(f"{VEHICLE}[energy]\n{beside}{key} = {value}\n")
-        assert getattr(load_vehicle(file).energy, key) == value
-
-
 def test_what_becomes_of_commands_is_read_and_may_be_left_out(file: Path) -> None:
     file.write_text(VEHICLE + '[commands]\nenergy = "off"\nfence = "refuse"\ncoverage = "warn"\n')
     assert load_vehicle(file).commands == {Limit.ENERGY: "off", Limit.COVERAGE: "warn"}
@@ -276,22 +271,57 @@ def test_what_becomes_of_commands_is_read_and_may_be_left_out(file: Path) -> Non
     assert load_vehicle(file).commands == {}
 
 
-def test_a_sample_with_every_comment_taken_away_is_sound_and_has_the_defaults(file: Path) -> None:
-    """What is written as a comment is a default, spelt rightly and inside its range."""
-    text = (DEPLOY / "vehicle.toml").read_text()
-    lines = [line[2:] if line.startswith("# ") and " = " in line.split("#")[1] else line for line in text.splitlines()]
-    file.write_text("\n".join(line for line in lines if not line.startswith("sysids")))
+def uncommented(text: str) -> str:
+    """Every key in force, without the second tables of a kind."""
+    lines = [line[2:] if re.match(r"# (\[\[vehicle|\w+ = )", line) else line for line in text.splitlines()]
+    return "\n".join(lines) + "\n"
+
+
+def test_the_vehicles_sample_with_every_key_in_force_is_sound_and_has_the_defaults(file: Path) -> None:
+    """What is written as a comment is a default, or an example inside its range."""
+    text = uncommented(vehicle_sample())
+    file.write_text(text.replace("module = true ", "module = false "))  # consent goes with that
     loaded = load_vehicle(file)
     assert loaded.limits == Limits()
     assert {entry.limits for entry in loaded.stations} == {LinkLimits()}
     assert loaded.observers == ObserverLimits()
+    assert loaded.route == RouteLimits()
     assert loaded.commands == {}
-    assert loaded.position == PositionSettings(box=loaded.position.box)
-    tables = tomllib.loads(file.read_text())
-    for table, (ranges, _) in RANGES.items():
-        assert list(tables[table]) == [*WORDS.get(table, []), *ranges], "the sample names every limit"
-    assert list(tables["energy"]) == list(ENERGY_KEYS), "and every number of energy"
-    assert list(tables["commands"]) == [limit.value for limit in Limit], "and every limit of commands"
+    assert loaded.position == PositionSettings(box="tcp:192.168.2.30:4001")
+    assert loaded.energy.battery_wh == 41.0
+
+
+def test_the_stations_sample_with_every_key_in_force_is_sound_and_has_the_defaults(file: Path) -> None:
+    lines = uncommented(station_sample()).splitlines()
+    own = ("vehicle = ", "mission = ", "key = ")
+    begin = lines.index("[[vehicle]]")
+    file.write_text("\n".join([line for line in lines[:begin] if not line.startswith(own)] + lines[begin:]))
+    loaded = load_station(file)
+    assert [vehicle.name for vehicle in loaded.vehicles] == ["drone-1"]
+    assert loaded.automatic == frozenset(AUTOMATIC)
+    assert loaded.route == RouteLimits()
+
+
+@pytest.mark.parametrize(
+    ("text", "tables"), [(vehicle_sample(), VEHICLE_FILE), (station_sample(), STATION_FILE)], ids=["vehicle", "station"]
+)
+def test_a_sample_has_every_key_of_every_table_once_and_says_what_it_means(
+    text: str, tables: tuple[KeyTable, ...]
+) -> None:
+    found = tomllib.loads(uncommented(text))
+    assert list(found) == [table.name for table in tables]
+    for table in tables:
+        first = found[table.name][0] if table.many else found[table.name]
+        assert list(first) == list(table.names)
+        assert [key.name for key in table.keys if not key.says] == []
+
+
+def test_a_sample_for_an_installation_has_its_files_in_that_folder(file: Path) -> None:
+    file.write_text(vehicle_sample("/var/lib/x/"))
+    loaded = load_vehicle(file)
+    assert (loaded.journal, loaded.state) == (Path("/var/lib/x/handover.jsonl"), Path("/var/lib/x/state"))
+    file.write_text(station_sample("/var/lib/x/"))
+    assert load_station(file).journal == Path("/var/lib/x/GCSA.jsonl")
 
 
 # ---- mistakes of the vehicle's file -------------------------------------------------------------------------------
@@ -581,36 +611,49 @@ def test_stations_that_are_no_tables(file: Path) -> None:
     assert the_line(file, text, load_vehicle) == "[station 1] must be a table"
 
 
-RANGES = {
-    "limits": (LIMIT_RANGES, Limits()),
-    "links": (LINK_RANGES, LinkLimits()),
-    "observers": (OBSERVER_RANGES, ObserverLimits()),
-    "route": (ROUTE_RANGES, RouteLimits()),
-    "position": (POSITION_RANGES, PositionSettings()),
-}
-#: what a limit needs beside it at the end of its range
-BESIDE = {"connect_interval_s": "deaf_lost_s = 120\n"}
-#: keys of a table that are no numbers
-WORDS = {"position": ["source", "box", "layout", "check"]}
+#: what a number needs beside it at the end of its range
+BESIDE = {"connect_interval_s": "deaf_lost_s = 120\n", "payload_kg": "mass_kg = 1000\n"}
+NUMBERS = [
+    pytest.param(table, key, id=f"{table.name}.{key.name}")
+    for table in VEHICLE_FILE
+    for key in table.keys
+    if key.limits is not None and table.name not in ("vehicle", "station")
+]
 
 
-@pytest.mark.parametrize(("table", "key"), [(table, key) for table, (ranges, _) in RANGES.items() for key in ranges])
-def test_every_limit_has_a_range_that_holds_its_default(file: Path, table: str, key: str) -> None:
-    ranges, defaults = RANGES[table]
-    low, high = ranges[key]
-    assert low <= getattr(defaults, key) <= high
+@pytest.mark.parametrize(("table", "key"), NUMBERS)
+def test_every_number_has_a_range_that_is_kept_and_holds_its_default(file: Path, table: KeyTable, key: Key) -> None:
+    assert key.limits is not None
+    low, high = key.limits
+    assert key.default is None or low <= key.default <= high
     head = VEHICLE[: VEHICLE.index("[limits]")]
     for inside in (low, high):
-        file.write_text(f"{head}[{table}]\n{key} = {inside}\n{BESIDE.get(key, '')}")
+        file.write_text(f"{head}[{table.name}]\n{key.name} = {inside}\n{BESIDE.get(key.name, '')}")
         load_vehicle(file)  # what is in range is none that the limits' own checks refuse
     for outside in (low - 1, high + 1):
-        line = the_line(file, f"{head}[{table}]\n{key} = {outside}\n", load_vehicle)
-        assert line == f"[{table}] {key}: {outside:g} must be {low:g} to {high:g}"
+        line = the_line(file, f"{head}[{table.name}]\n{key.name} = {outside}\n", load_vehicle)
+        assert line == f"[{table.name}] {key.name}: {outside:g} must be {low:.12g} to {high:.12g}"
+
+
+@pytest.mark.parametrize(
+    ("name", "limits", "others"),
+    [
+        ("limits", Limits, {"policies", "hold_off_s", "clear_s", "guard_required"}),
+        ("links", LinkLimits, set()),
+        ("observers", ObserverLimits, set()),
+        ("energy", EnergySettings, set()),
+        ("route", RouteLimits, set()),
+        ("position", PositionSettings, {"layout_file", "layout_text"}),
+    ],
+)
+def test_every_limit_of_the_rules_is_a_key(name: str, limits: type, others: set[str]) -> None:
+    (table,) = [table for table in VEHICLE_FILE if table.name == name]
+    assert {entry.name for entry in fields(limits)} == set(table.names) | others
 
 
 def test_no_allowance_of_an_observer_is_below_the_longest_frame() -> None:
     """MAVLink 2: 10 bytes of header, 255 of payload, 2 of CRC, 13 of signature."""
-    assert OBSERVER_RANGES["bytes_per_s"][0] >= 280
+    assert (OBSERVERS["bytes_per_s"].limits or (0,))[0] >= 280
 
 
 @pytest.mark.parametrize("misspelt", ["keys", "Key", "kye"])

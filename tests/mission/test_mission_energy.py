@@ -13,10 +13,11 @@ import pytest
 
 from mavproxy_handover.cli.check import main
 from mavproxy_handover.core.safety.energy import Piece, Wind
-from mavproxy_handover.core.safety.energy_prior import ENERGY_RANGES, EnergySettings
+from mavproxy_handover.core.safety.energy_prior import EnergySettings
 from mavproxy_handover.mission import MissionError, load
 from mavproxy_handover.mission.check import Severity, check, report_text
 from mavproxy_handover.mission.energy import budget_of, pieces_along, pieces_of, places_of, released_at
+from mavproxy_handover.mission.keys import ENERGY
 from mavproxy_handover.mission.route_simulation import legs_of
 
 NUMBERS = """
@@ -80,9 +81,9 @@ def test_a_wrong_value_is_named_with_what_is_allowed(small, line, text):
     assert str(raised.value).startswith(f"mission.toml: [energy]: {text}")
 
 
-@pytest.mark.parametrize("key", ENERGY_RANGES)
+@pytest.mark.parametrize("key", [key.name for key in ENERGY.keys if key.limits is not None])
 def test_both_ends_of_every_range_are_allowed_and_nothing_beyond(small, key):
-    low, high = ENERGY_RANGES[key]
+    low, high = ENERGY[key].limits
     before = small.toml
     beside = "mass_kg = 1000\n" if key == "payload_kg" else ""
     for value in (low, high):

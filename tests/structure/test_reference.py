@@ -15,14 +15,8 @@ from gcs_module.commands import StationCommands
 from gcs_module.fleet import our_settings
 from mavproxy_handover import cli
 from mavproxy_handover.companion.commands import VehicleCommands
-from mavproxy_handover.config import meanings
-from mavproxy_handover.config.toml import ConfigError
-from mavproxy_handover.config.vehicle import load_vehicle
-from mavproxy_handover.mission import gaps, package
-from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.vehicle.profiles import COPTER
 from tests.structure.imports import ROOT
-from tests.structure.reference.configuration import Key, keys_of_missions, keys_of_stations, keys_of_vehicles
 from tests.structure.reference.files import REFERENCE, generated
 from tests.structure.reference.parsers import commands
 from tests.structure.reference.requirements import PARTS, names_in, read
@@ -117,100 +111,6 @@ def test_each_command_of_the_consoles_that_is_told_is_one_that_help_shows() -> N
     told = {words.split()[0] for words in re.findall(r"\n\| `handover ([^`]+)`", text)}
     assert len(told) > 15
     assert helped == told | {"set"}
-
-
-# ---- configuration ------------------------------------------------------------------------------------------------
-
-VEHICLE = """
-[vehicle]
-name = "drone-1"
-parent = "GCSA"
-allow_unsigned = true
-[[station]]
-name = "GCSA"
-sysid = 251
-links = ["udpout:127.0.0.1:14551"]
-"""
-
-
-@pytest.mark.parametrize(
-    ("keys", "said"),
-    [
-        pytest.param(keys_of_vehicles(), meanings.VEHICLE, id="vehicle"),
-        pytest.param(keys_of_stations(), meanings.STATION, id="station"),
-        pytest.param(keys_of_missions(), meanings.MISSION, id="mission"),
-    ],
-)
-def test_every_key_that_a_reader_takes_has_a_meaning_and_no_other(
-    keys: dict[str, dict[str, Key]], said: dict[str, dict[str, str]]
-) -> None:
-    assert {where: set(table) for where, table in keys.items()} == {where: set(table) for where, table in said.items()}
-    assert [key for table in keys.values() for key in table.values() if not key.kind] == []
-
-
-def _write(folder: Path, where: str, line: str) -> Path:
-    """A vehicle's configuration with one table more."""
-    path = folder / "handover.toml"
-    path.write_text(f"{VEHICLE}[{where}]\n{line}\n", encoding="utf-8")
-    return path
-
-
-NUMBERS = [
-    pytest.param(where, key, id=f"{where}.{key.name}")
-    for where, table in keys_of_vehicles().items()
-    for key in table.values()
-    if re.fullmatch(r"[\d.]+ to [\d.]+", key.allowed) and where not in ("vehicle", "station")
-]
-
-
-@pytest.mark.parametrize(("where", "key"), NUMBERS)
-def test_a_range_that_is_told_is_the_one_that_is_kept(where: str, key: Key, tmp_path: Path) -> None:
-    low, high = map(float, key.allowed.split(" to "))
-    more = {"payload_kg": "mass_kg = 1000\n", "connect_interval_s": "deaf_lost_s = 120\n"}.get(key.name, "")
-    form = "{:.0f}" if key.kind == "whole number" else "{:.9f}"
-    for value in (low, high):
-        load_vehicle(_write(tmp_path, where, more + f"{key.name} = {form.format(value)}"))
-    beyond = 1 if key.kind == "whole number" else 1e-6
-    for value in (low - beyond, high + beyond):
-        with pytest.raises(ConfigError, match=key.name):
-            load_vehicle(_write(tmp_path, where, more + f"{key.name} = {form.format(value)}"))
-
-
-def test_the_keys_of_a_mission_are_those_that_its_reader_takes() -> None:
-    keys = keys_of_missions()
-    assert set(keys[""]) == set(package._KEYS)
-    assert set(keys["gap"]) == set(gaps._KEYS)
-    assert set(keys["policy"]) == set(package._POLICIES)
-
-
-def _mission(name: str, was: str, now: str) -> package.MissionPackage:
-    """A mission that ships, with something in its mission.toml changed."""
-    folder = ROOT / "missions" / name
-    texts = {path.name: path.read_text(encoding="utf-8") for path in folder.iterdir() if path.suffix != ".png"}
-    changed = re.sub(was, now, texts["mission.toml"], count=1, flags=re.MULTILINE)
-    assert changed != texts["mission.toml"]
-    return package.from_texts(texts | {"mission.toml": changed}, name)
-
-
-@pytest.mark.parametrize(
-    ("name", "key", "where", "good", "bad"),
-    [
-        ("delivery", "expected_handovers", "", ("0", "1000"), ("-1", "1001")),
-        ("delivery", "cruise_speed_mps", "", ("0.1", "100"), ("0.09", "100.1")),
-        ("corridor", "corridor_m", "", ("5", "10000"), ("4.9", "10001")),
-        ("ridge", "limit_s", "gap", ("1", "600"), ("0.9", "601")),
-        ("delivery", "sysid", "stations", ("1", "255"), ("0", "256")),
-    ],
-)
-def test_a_range_of_a_mission_is_the_one_that_is_kept(
-    name: str, key: str, where: str, good: tuple[str, str], bad: tuple[str, str]
-) -> None:
-    assert keys_of_missions()[where][key].allowed == " to ".join(good)
-    for value in good:
-        _mission(name, rf"^{key} = .*$", f"{key} = {value}")
-    for value in bad:
-        with pytest.raises(MissionError, match=key):
-            _mission(name, rf"^{key} = .*$", f"{key} = {value}")
 
 
 # ---- requirements -------------------------------------------------------------------------------------------------

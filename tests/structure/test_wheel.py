@@ -134,8 +134,6 @@ def test_missions_guard_parameters_definitions_and_samples_are_in_it(names: set[
         data + "ardupilot_lua/handover_plane.parm",
         "mavproxy_handover/wire/handover.xml",
         "mavproxy_handover/wire/operator_control.xml",
-        "mavproxy_handover/deploy/vehicle.toml",
-        "mavproxy_handover/deploy/station.toml",
         "mavproxy_handover/deploy/install/companion.service",
         "mavproxy_handover/deploy/demo/handover.toml",
         "mavproxy_handover/deploy/top_level/handover.py",

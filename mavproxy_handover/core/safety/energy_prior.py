@@ -11,7 +11,6 @@ as the other.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from math import sqrt
 from typing import Final
@@ -19,12 +18,9 @@ from typing import Final
 from mavproxy_handover.core.safety.energy import EnergyModel, Wind
 
 __all__ = [
-    "ENERGY_KEYS",
-    "ENERGY_RANGES",
     "ON_ROTORS",
     "ON_WINGS",
     "START_POLICIES",
-    "WHOLE_KEYS",
     "EnergyPrior",
     "EnergySettings",
     "hover_power_w",
@@ -51,32 +47,6 @@ _HEADWIND_MPS: Final = 3.0
 _FACTOR: Final = 1.1
 #: and a fixed part: a fifth of the battery, and a minute of hover
 _RESERVE_PART, _RESERVE_HOVER_S = 0.2, 60.0
-
-#: key -> lowest and highest value allowed
-ENERGY_RANGES: Final[Mapping[str, tuple[float, float]]] = {
-    "battery_wh": (1, 100_000),
-    "batteries": (1, 8),
-    "cells": (1, 28),
-    "mass_kg": (0.1, 1000),
-    "rotor_area_m2": (0.005, 500),
-    "payload_kg": (0, 500),
-    "hover_w": (10, 200_000),
-    "cruise_w": (10, 200_000),
-    "climb_factor": (1, 3),
-    "descent_factor": (0.5, 2),
-    "cruise_mps": (1, 40),
-    "airspeed_mps": (1, 60),
-    "headwind_mps": (0, 30),
-    "reserve_factor": (1, 3),
-    "reserve_wh": (0, 50_000),
-    "return_alt_m": (1, 1000),
-    "lean_deg": (10, 60),
-    "drag_per_s": (0, 5),
-    "drag_per_m": (0, 5),
-}
-#: those of them that are whole numbers
-WHOLE_KEYS: Final = frozenset(("batteries", "cells"))
-ENERGY_KEYS: Final = (*ENERGY_RANGES, "start")
 
 
 def hover_power_w(mass_kg: float, rotor_area_m2: float) -> float:

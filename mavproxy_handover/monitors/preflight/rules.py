@@ -21,8 +21,8 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.common.limits import Limits
 from mavproxy_handover.core.common.model import GuardState
-from mavproxy_handover.core.safety.energy_prior import ENERGY_RANGES
 from mavproxy_handover.mission.heights import home_disagrees
+from mavproxy_handover.mission.keys import MOST_BATTERIES
 from mavproxy_handover.monitors.preflight import own_failsafes
 from mavproxy_handover.monitors.preflight.own_failsafes import (
     PlanFacts,
@@ -43,10 +43,9 @@ __all__ = [
     "other_type",
 ]
 
-_MOST_BATTERIES: Final = int(ENERGY_RANGES["batteries"][1])
 #: all names that may be read
 KNOWN: Final = frozenset(
-    (*(name for profile in PROFILES for name in profile.reads), *own_failsafes.further_names(_MOST_BATTERIES))
+    (*(name for profile in PROFILES for name in profile.reads), *own_failsafes.further_names(MOST_BATTERIES))
 )
 OLDEST, NEWEST = (4, 5), (4, 7)
 

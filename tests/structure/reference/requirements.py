@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Final
 
 from mavproxy_handover.config.toml import list_of_tables, read_toml
+from mavproxy_handover.tools.key_table import KeyTable, items, text, word
 from tests.structure.reference.markdown import cell, code, page, table
 
 __all__ = ["DATA", "PARTS", "Requirement", "read", "requirements", "names_in"]
@@ -38,7 +39,18 @@ PARTS: Final = {
         "part",
     ),
 }
-_KEYS: Final = ("id", "part", "source", "text", "tests", "none")
+_REQUIREMENT: Final = KeyTable(
+    "requirement",
+    (
+        text("id", "its name", required=True),
+        word("part", tuple(PARTS), "the part of the table", required=True),
+        text("source", "where it is asked for", ""),
+        text("text", "what is asked for", required=True),
+        items("tests", "pytest ids of the tests that hold it", []),
+        text("none", "why it has no test", ""),
+    ),
+    many=True,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,13 +68,9 @@ class Requirement:
 def read() -> tuple[Requirement, ...]:
     """The table. Raises ConfigError."""
     found = []
-    for entry in list_of_tables(read_toml(DATA), "requirement", DATA, _KEYS):
-        part = entry.get("part", str, required=True)
-        if part not in PARTS:
-            raise entry.error("part", f"{part!r} must be one of " + ", ".join(PARTS))
-        words = (entry.get("id", str, required=True), part, entry.get("source", str, ""))
-        tests = tuple(entry.get("tests", list, []))
-        found.append(Requirement(*words, entry.get("text", str, required=True), tests, entry.get("none", str, "")))
+    for entry in list_of_tables(read_toml(DATA), _REQUIREMENT, DATA):
+        tests = tuple(entry["tests"])
+        found.append(Requirement(entry["id"], entry["part"], entry["source"], entry["text"], tests, entry["none"]))
     return tuple(found)
 
 

@@ -1,0 +1,239 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The keys of mission.toml, table by table. `package.py` and `gaps.py` read them.
+
+[energy] is the same in the vehicle's file (`config/vehicle.py`). Its defaults are those for an aircraft of which only
+the battery and the power in hover are known (`core/safety/energy_prior.py`).
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from mavproxy_handover.core.safety.energy_prior import START_POLICIES, EnergySettings
+from mavproxy_handover.mission.leg import DEFAULT_CRUISE_MPS
+from mavproxy_handover.mission.wings import AS_IT_COMES
+from mavproxy_handover.tools.key_table import Key, KeyTable, items, number, numbers, text, whole, word
+from mavproxy_handover.vehicle.profiles import ASSUMED, PROFILES
+
+__all__ = ["DETECTORS", "ENERGY", "GAP", "MISSION", "MISSION_KEYS", "MOST_BATTERIES", "POLICY", "STATIONS", "WINGS"]
+
+#: monitors that ArduPilot counts for one aircraft
+MOST_BATTERIES: Final = 8
+DETECTORS: Final = ("circles", "polygons", "waypoints", "reached")
+_AIRCRAFT: Final = tuple(profile.name for profile in PROFILES)
+
+
+def _energy_defaults() -> dict[str, float]:
+    known = EnergySettings(battery_wh=100.0, hover_w=360.0)
+    model = known.model()
+    assert model is not None
+    same = ("cruise_mps", "headwind_mps", "reserve_factor", "return_alt_m")
+    return {
+        **{name: getattr(model, name) for name in same},
+        "climb_factor": model.climb_w / model.hover_w,
+        "descent_factor": model.descent_w / model.hover_w,
+        "lean_deg": known.lean_limit_deg,
+    }
+
+
+def _energy(name: str, low: float, high: float, says: str, example: float | None = None) -> Key:
+    return number(name, low, high, says, _ASSUMED.get(name), example=example)
+
+
+_ASSUMED: Final = _energy_defaults()
+ENERGY: Final = KeyTable(
+    "energy",
+    (
+        _energy(
+            "battery_wh",
+            1,
+            100_000,
+            "what all packs give together when full (3300 mAh at 12.6 V: 41); without it the budget is unknown",
+            41.0,
+        ),
+        whole(
+            "batteries",
+            1,
+            MOST_BATTERIES,
+            "packs that it comes from, monitors 0 and up; each gives an equal share",
+            example=1,
+        ),
+        whole("cells", 1, 28, "lithium polymer cells in series: with them the voltage has a say too", example=3),
+        _energy("mass_kg", 0.1, 1000, "take-off mass, for the power in hover where hover_w is not given", 3.0),
+        _energy(
+            "rotor_area_m2",
+            0.005,
+            500,
+            "area of all rotor discs together: with mass_kg it gives the power in hover by momentum theory",
+            0.33,
+        ),
+        _energy(
+            "payload_kg", 0, 500, "the part of mass_kg that the mission drops; all numbers are with it on board", 1.0
+        ),
+        _energy("hover_w", 10, 200_000, "power in hover; without it and without mass_kg the budget is unknown", 354.0),
+        _energy("cruise_w", 10, 200_000, "power in level flight at cruise_mps; else that of hover and a tenth", 385.0),
+        _energy("climb_factor", 1, 3, "power in climb, as a part of that in hover"),
+        _energy("descent_factor", 0.5, 2, "power in descent, as a part of that in hover"),
+        _energy("cruise_mps", 1, 40, "airspeed of cruise_w"),
+        _energy(
+            "airspeed_mps", 1, 60, "the fastest that it flies through the air, at its lean limit; else cruise_mps", 10.0
+        ),
+        _energy("headwind_mps", 0, 30, "taken to blow from ahead wherever it flies, where the wind is not known"),
+        _energy("reserve_factor", 1, 3, "a need is multiplied with this"),
+        _energy(
+            "reserve_wh",
+            0,
+            50_000,
+            "and this stays in the battery; else a fifth of it and a minute of hover",
+            14.1,
+        ),
+        _energy(
+            "return_alt_m",
+            1,
+            1000,
+            "height above home at which it returns: RTL_ALT; with wings RTL_ALTITUDE, 100 if it is not said",
+        ),
+        _energy("lean_deg", 10, 60, "lean limit (ANGLE_MAX)"),
+        _energy(
+            "drag_per_s",
+            0,
+            5,
+            "what leans it in steady flight, for the wind by its lean: g tan(lean) = drag_per_s v + drag_per_m v^2",
+            0.0,
+        ),
+        _energy("drag_per_m", 0, 5, "see drag_per_s", 0.0),
+        word("start", START_POLICIES, "what a budget that does not close does to START", START_POLICIES[0]),
+    ),
+    "What the aircraft draws and holds. Without battery_wh, and hover_w or mass_kg, the energy budget is unknown and "
+    "nothing is refused for it. A mission's numbers go before the vehicle's.",
+)
+
+STATIONS: Final = KeyTable(
+    "stations",
+    (
+        text("name", "of the station, as in the zones", required=True, rule="1 to 16 letters, digits, - and _"),
+        whole("sysid", 1, 255, "its MAVLink id; no two stations share one", required=True),
+        items(
+            "waypoints",
+            "items of the route that it covers, or that belong to it; with detectors waypoints and reached alone, "
+            "which need it",
+            rule="items of the route",
+        ),
+    ),
+    many=True,
+    required=True,
+)
+POLICY: Final = KeyTable(
+    "policy",
+    (
+        word(
+            "on_out_of_coverage",
+            ("return", "land", "warn"),
+            "what is done outside every zone: goes before the vehicle's out_of_coverage",
+        ),
+    ),
+)
+WINGS: Final = KeyTable(
+    "wings",
+    numbers(
+        AS_IT_COMES,
+        ("bank_deg", 10, 75, "how steeply it banks in a turn: ROLL_LIMIT_DEG"),
+        ("waypoint_m", 1, 1000, "how near a waypoint it turns to the next one, at the most: WP_RADIUS"),
+        ("circle_m", 10, 2550, "radius of a circle whose item has none, without its sign: WP_LOITER_RAD"),
+    ),
+)
+GAP: Final = KeyTable(
+    "gap",
+    (
+        text("from", "the station whose zone ends there", required=True, rule="a station"),
+        Key(
+            "to",
+            str,
+            "the station whose zone begins, or the number of the item that is flown to where the gap ends",
+            required=True,
+            rule="a station, or an item of the route",
+        ),
+        Key(
+            "limit_s",
+            float,
+            "how long the aircraft may fly without a commander; the guard allows as much",
+            required=True,
+            limits=(1, 600),
+            unit="s",
+        ),
+        text("note", "for people", rule="1 to 200 characters"),
+    ),
+    many=True,
+)
+MISSION: Final = KeyTable(
+    "",
+    (
+        text("name", "of the mission", required=True, rule="1 to 40 characters"),
+        text("description", "for people", rule="1 to 400 characters"),
+        word(
+            "aircraft",
+            _AIRCRAFT,
+            "what kind flies it: which items the route may have, how its path and its return are judged",
+            ASSUMED.name,
+        ),
+        word("detector", DETECTORS, "where zones come from", required=True),
+        text(
+            "route",
+            "file of this folder: a QGroundControl .plan, or .waypoints (QGC WPL 110)",
+            required=True,
+            rule="file name",
+        ),
+        text(
+            "zones",
+            "file of this folder, GeoJSON; with detectors circles and polygons alone, which need it",
+            rule="file name",
+        ),
+        text(
+            "terrain",
+            "file of this folder with heights of the ground: an Esri ASCII grid in degrees",
+            rule="file name",
+        ),
+        number(
+            "corridor_m",
+            5,
+            10_000,
+            "how far coverage reaches beside the legs; with detectors waypoints and reached alone, which need it",
+        ),
+        whole(
+            "expected_handovers",
+            0,
+            1000,
+            "the check fails when the route makes another number",
+            required=True,
+        ),
+        number(
+            "cruise_speed_mps",
+            0.1,
+            100,
+            "ground speed on the route; the plan's hover speed, where it has one, goes before the default. Of wings "
+            "the airspeed, the plan's cruise speed, or 12",
+            DEFAULT_CRUISE_MPS,
+        ),
+        Key(
+            "delivery_waypoint",
+            int,
+            "item of the route where the delivery happens: one that is flown to",
+            rule="an item of the route",
+        ),
+        Key(
+            "stations",
+            list,
+            "one table [[stations]] for each station, the parent, which starts the flight, first",
+            required=True,
+            rule="1 or more",
+        ),
+        Key("policy", dict, "the table [policy]"),
+        Key("energy", dict, "the table [energy]: as in the vehicle's configuration, and goes before it"),
+        Key("wings", dict, "the table [wings]: how an aircraft with wings turns, as its autopilot is set"),
+        Key("gap", list, "one table [[gap]] for each gap in coverage that the mission means to cross"),
+    ),
+)
+
+#: in the order of the reference
+MISSION_KEYS: Final = (MISSION, STATIONS, POLICY, WINGS, GAP, ENERGY)
