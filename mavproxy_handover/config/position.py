@@ -71,14 +71,16 @@ POSITION: Final = KeyTable(
         ),
         word("check", _CHECKS, "when the two are compared: always, or while the autopilot is armed", ALWAYS),
         *numbers(
+            """
+            box_age_s       0.1 to 5   a record that is later than this is not used
+            apart_m         2 to 1000  farther apart than this over ground the position is not used
+            apart_height_m  2 to 1000  limit of the difference in height
+            apart_mps       1 to 50    limit of the difference in speed over ground
+            apart_s         0.2 to 30  after this long above a limit a disagreement is reported
+            agree_s         0.5 to 60  after this long within two thirds of all three limits they agree again
+            unchecked_s     0 to 600   how long the box counts while the autopilot has no position of its own
+            """,
             PositionSettings(),
-            ("box_age_s", 0.1, 5, "a record that is later than this is not used"),
-            ("apart_m", 2, 1000, "farther apart than this over ground the position is not used"),
-            ("apart_height_m", 2, 1000, "limit of the difference in height"),
-            ("apart_mps", 1, 50, "limit of the difference in speed over ground"),
-            ("apart_s", 0.2, 30, "after this long above a limit a disagreement is reported"),
-            ("agree_s", 0.5, 60, "after this long within two thirds of all three limits they agree again"),
-            ("unchecked_s", 0, 600, "how long the box counts while the autopilot has no position of its own"),
         ),
     ),
     "Whose position of the aircraft counts: the autopilot's, or that of a box on board (docs/position-box.md). If the "

@@ -18,21 +18,14 @@ __all__ = ["ROUTE", "route_limits"]
 ROUTE: Final = KeyTable(
     "route",
     numbers(
+        """
+            off_route_m      5 to 1000  the aircraft is off its route when it is farther than this beside the leg that
+                                        it flies
+            off_heading_deg  20 to 180  or when its course over ground is so far off that leg; 180 is never exceeded
+            off_hold_s       0.5 to 60  one of the two for this long
+            off_clear_s      0.5 to 60  it ends once both are below two thirds for this long
+            """,
         RouteLimits(),
-        (
-            "off_route_m",
-            5,
-            1000,
-            "the aircraft is off its route when it is farther than this beside the leg that it flies",
-        ),
-        (
-            "off_heading_deg",
-            20,
-            180,
-            "or when its course over ground is so far off that leg; 180 is never exceeded",
-        ),
-        ("off_hold_s", 0.5, 60, "one of the two for this long"),
-        ("off_clear_s", 0.5, 60, "it ends once both are below two thirds for this long"),
     ),
     "From when on the aircraft is off its route.",
 )

@@ -70,11 +70,7 @@ VEHICLE: Final = KeyTable(
     (
         called("name", "what the operator types"),
         sysid("sysid", "its MAVLink id"),
-        items(
-            "links",
-            "of this vehicle only; one or more, in pymavlink's form: udpin:0.0.0.0:14550",
-            required=True,
-        ),
+        items("links", "of this vehicle only; one or more, in pymavlink's form: udpin:0.0.0.0:14550", required=True),
         text("key", "file of the key between this station and this vehicle; no two vehicles share one"),
         flag("allow_unsigned", "true: without a key", default=False),
         text("mission", "folder of its mission package", example=_MISSION),

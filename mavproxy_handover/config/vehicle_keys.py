@@ -92,9 +92,7 @@ STATION: Final = KeyTable(
             "file of the key that it signs with, needed unless allow_unsigned; 'handover keys make NAME' makes one",
         ),
         flag(
-            "module",
-            "false: it runs no handover_gcs, but any program of the operator-control standard",
-            default=True,
+            "module", "false: it runs no handover_gcs, but any program of the operator-control standard", default=True
         ),
         word(
             "consent",
@@ -139,93 +137,54 @@ STATION: Final = KeyTable(
 LIMITS: Final = KeyTable(
     "limits",
     numbers(
+        """
+            heartbeat_lost_s    1.5 to 60     a station silent this long is lost
+            recovery_s          0.5 to 30     how long the companion waits for the former commander after a restart in
+                                              flight; the guard's HNDO_LOST_T must be half a second longer
+            connect_interval_s  0.2 to 10     how often each station is asked whether it is there; below deaf_lost_s
+            connect_lost_s      1 to 60       an answer to that older than this proves nothing
+            deaf_lost_s         3 to 120      a commander that is heard and has not answered for this long is lost,
+                                              because it hears nothing
+            deaf_share          0.02 to 0.25  a station that answers less than this share of the questions of that time
+                                              is deaf: it neither commands nor takes the aircraft nor counts as coverage
+            deaf_back_share     0.2 to 0.6    it counts again when it has answered this share or more, above deaf_share,
+            deaf_back_s         1 to 300      for this long; three times as long after each further loss of command in
+                                              the flight, to 300 s
+            retry_first_s       0.05 to 5     first retransmission of a transfer message
+            retry_growth        1 to 4        growth of the wait from one retransmission to the next
+            retry_max_s         0.05 to 10    the longest wait for one
+            step_timeout_s      0.5 to 60     a step of a transfer that takes longer aborts it: the commander stays
+            operator_timeout_s  3 to 300      the same while an operator is asked
+            release_timeout_s   0.5 to 30     commander consented, partner connected, release missing this long: the
+                                              vehicle commits
+            forced_timeout_s    0.2 to 10     the commander is lost: a forced transfer may take this long
+            reserve_timeout_s   0.1 to 10     and the station that is ready first has this long when another is ready
+                                              too
+            retry_pause_s       0.1 to 60     pause before a failed transfer is tried again
+            denied_pause_s      0.1 to 600    the same after an operator's denial
+            result_timeout_s    1 to 120      how long the result is repeated to a station that does not show it
+            enter_margin_m      0 to 1000     a zone is entered this far inside its border
+            leave_margin_m      0 to 1000     and left this far outside
+            dwell_s             0 to 600      no transfer for a zone's sake sooner than this after the last one, unless
+                                              coverage ends
+            exit_soon_s         0 to 120      the commander's zone ends within this time along the track: time to move
+            hold_lead_s         1 to 60       the last coverage that counts ends within this time along the track: the
+                                              aircraft is to stop
+            answer_s            0.3 to 10     a station that was asked and has not taken the aircraft after this time
+                                              does not count as able to
+            hold_s              0 to 3600     how long the aircraft holds before the end of coverage; then it returns
+            obey_s              2 to 30       a commanded mode that does not show for this long is commanded again, then
+                                              the next graver one
+            stuck_s             10 to 600     a return that gets no nearer, or a landing that does not come down, for
+                                              this long has failed
+            rehearsal_lost_s    10 to 3600    a rehearsal on the ground ends after this time without a commander
+            link_weak_s         0 to 60       the commander's links have been weak this long, and
+            link_steady_s       0 to 600      a partner's good this long: reason enough to move authority
+            position_stale_s    0.2 to 30     an older position counts as lost
+            autopilot_lost_s    1.5 to 30     an older heartbeat of the autopilot counts as lost
+            guard_lost_s        1 to 30       an older status of the guard counts as lost
+            """,
         Limits(),
-        ("heartbeat_lost_s", 1.5, 60, "a station silent this long is lost"),
-        (
-            "recovery_s",
-            0.5,
-            30,
-            "how long the companion waits for the former commander after a restart in flight; the guard's HNDO_LOST_T "
-            "must be half a second longer",
-        ),
-        ("connect_interval_s", 0.2, 10, "how often each station is asked whether it is there; below deaf_lost_s"),
-        ("connect_lost_s", 1, 60, "an answer to that older than this proves nothing"),
-        (
-            "deaf_lost_s",
-            3,
-            120,
-            "a commander that is heard and has not answered for this long is lost, because it hears nothing",
-        ),
-        (
-            "deaf_share",
-            0.02,
-            0.25,
-            "a station that answers less than this share of the questions of that time is deaf: it neither commands "
-            "nor takes the aircraft nor counts as coverage",
-        ),
-        ("deaf_back_share", 0.2, 0.6, "it counts again when it has answered this share or more, above deaf_share,"),
-        (
-            "deaf_back_s",
-            1,
-            300,
-            "for this long; three times as long after each further loss of command in the flight, to 300 s",
-        ),
-        ("retry_first_s", 0.05, 5, "first retransmission of a transfer message"),
-        ("retry_growth", 1, 4, "growth of the wait from one retransmission to the next"),
-        ("retry_max_s", 0.05, 10, "the longest wait for one"),
-        ("step_timeout_s", 0.5, 60, "a step of a transfer that takes longer aborts it: the commander stays"),
-        ("operator_timeout_s", 3, 300, "the same while an operator is asked"),
-        (
-            "release_timeout_s",
-            0.5,
-            30,
-            "commander consented, partner connected, release missing this long: the vehicle commits",
-        ),
-        ("forced_timeout_s", 0.2, 10, "the commander is lost: a forced transfer may take this long"),
-        (
-            "reserve_timeout_s",
-            0.1,
-            10,
-            "and the station that is ready first has this long when another is ready too",
-        ),
-        ("retry_pause_s", 0.1, 60, "pause before a failed transfer is tried again"),
-        ("denied_pause_s", 0.1, 600, "the same after an operator's denial"),
-        ("result_timeout_s", 1, 120, "how long the result is repeated to a station that does not show it"),
-        ("enter_margin_m", 0, 1000, "a zone is entered this far inside its border"),
-        ("leave_margin_m", 0, 1000, "and left this far outside"),
-        ("dwell_s", 0, 600, "no transfer for a zone's sake sooner than this after the last one, unless coverage ends"),
-        ("exit_soon_s", 0, 120, "the commander's zone ends within this time along the track: time to move"),
-        (
-            "hold_lead_s",
-            1,
-            60,
-            "the last coverage that counts ends within this time along the track: the aircraft is to stop",
-        ),
-        (
-            "answer_s",
-            0.3,
-            10,
-            "a station that was asked and has not taken the aircraft after this time does not count as able to",
-        ),
-        ("hold_s", 0, 3600, "how long the aircraft holds before the end of coverage; then it returns"),
-        (
-            "obey_s",
-            2,
-            30,
-            "a commanded mode that does not show for this long is commanded again, then the next graver one",
-        ),
-        (
-            "stuck_s",
-            10,
-            600,
-            "a return that gets no nearer, or a landing that does not come down, for this long has failed",
-        ),
-        ("rehearsal_lost_s", 10, 3600, "a rehearsal on the ground ends after this time without a commander"),
-        ("link_weak_s", 0, 60, "the commander's links have been weak this long, and"),
-        ("link_steady_s", 0, 600, "a partner's good this long: reason enough to move authority"),
-        ("position_stale_s", 0.2, 30, "an older position counts as lost"),
-        ("autopilot_lost_s", 1.5, 30, "an older heartbeat of the autopilot counts as lost"),
-        ("guard_lost_s", 1, 30, "an older status of the guard counts as lost"),
     ),
     "When something is lost, how long a step may take, margins at the border of a zone.",
 )
@@ -269,12 +228,14 @@ CLEAR: Final = KeyTable(
 LINKS: Final = KeyTable(
     "links",
     numbers(
+        """
+            silence_s       1.5 to 60   nothing genuine heard for this long
+            loss            0.01 to 1   share of frames lost, up or down; 1 is never exceeded
+            round_trip_s    0.05 to 30  median of the probes' round trips
+            bad_signatures  1 to 1000   in the last 10 s: another sender pretends to be this station
+            hold_s          0.1 to 60   a value must be over its limit, or well below it again, this long
+            """,
         LinkLimits(),
-        ("silence_s", 1.5, 60, "nothing genuine heard for this long"),
-        ("loss", 0.01, 1, "share of frames lost, up or down; 1 is never exceeded"),
-        ("round_trip_s", 0.05, 30, "median of the probes' round trips"),
-        ("bad_signatures", 1, 1000, "in the last 10 s: another sender pretends to be this station"),
-        ("hold_s", 0.1, 60, "a value must be over its limit, or well below it again, this long"),
     ),
     "From when on one link of a station is called bad.",
 )
@@ -282,10 +243,12 @@ LINKS: Final = KeyTable(
 OBSERVERS: Final = KeyTable(
     "observers",
     numbers(
+        """
+            message_hz   0.1 to 100      the fastest that one message is granted
+            bytes_per_s  300 to 1000000  for all that it asked for
+            silence_s    2 to 3600       an observer silent this long has to ask again
+            """,
         ObserverLimits(),
-        ("message_hz", 0.1, 100, "the fastest that one message is granted"),
-        ("bytes_per_s", 300, 1_000_000, "for all that it asked for"),
-        ("silence_s", 2, 3600, "an observer silent this long has to ask again"),
     ),
     "What one observer may take of the downlink, beyond what every station hears.",
 )

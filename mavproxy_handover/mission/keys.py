@@ -8,6 +8,7 @@ the battery and the power in hover are known (`core/safety/energy_prior.py`).
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Final
 
 from mavproxy_handover.core.safety.energy_prior import START_POLICIES, EnergySettings
@@ -24,85 +25,67 @@ DETECTORS: Final = ("circles", "polygons", "waypoints", "reached")
 _AIRCRAFT: Final = tuple(profile.name for profile in PROFILES)
 
 
-def _energy_defaults() -> dict[str, float]:
-    known = EnergySettings(battery_wh=100.0, hover_w=360.0)
-    model = known.model()
-    assert model is not None
-    same = ("cruise_mps", "headwind_mps", "reserve_factor", "return_alt_m")
-    return {
-        **{name: getattr(model, name) for name in same},
-        "climb_factor": model.climb_w / model.hover_w,
-        "descent_factor": model.descent_w / model.hover_w,
-        "lean_deg": known.lean_limit_deg,
-    }
-
-
-def _energy(name: str, low: float, high: float, says: str, example: float | None = None) -> Key:
-    return number(name, low, high, says, _ASSUMED.get(name), example=example)
-
-
-_ASSUMED: Final = _energy_defaults()
+#: an aircraft of which only the battery and the power in hover are known
+_KNOWN: Final = EnergySettings(battery_wh=100.0, hover_w=360.0)
+_MODEL: Final = _KNOWN.model()
+assert _MODEL is not None
+_DEFAULTS: Final = SimpleNamespace(
+    cruise_mps=_MODEL.cruise_mps,
+    headwind_mps=_MODEL.headwind_mps,
+    reserve_factor=_MODEL.reserve_factor,
+    return_alt_m=_MODEL.return_alt_m,
+    climb_factor=_MODEL.climb_w / _MODEL.hover_w,
+    descent_factor=_MODEL.descent_w / _MODEL.hover_w,
+    lean_deg=_KNOWN.lean_limit_deg,
+)
+_EXAMPLES: Final = {
+    "mass_kg": 3.0,
+    "rotor_area_m2": 0.33,
+    "payload_kg": 1.0,
+    "hover_w": 354.0,
+    "cruise_w": 385.0,
+    "airspeed_mps": 10.0,
+    "reserve_wh": 14.1,
+    "drag_per_s": 0.0,
+    "drag_per_m": 0.0,
+}
 ENERGY: Final = KeyTable(
     "energy",
     (
-        _energy(
+        number(
             "battery_wh",
             1,
             100_000,
             "what all packs give together when full (3300 mAh at 12.6 V: 41); without it the budget is unknown",
-            41.0,
+            example=41.0,
         ),
-        whole(
-            "batteries",
-            1,
-            MOST_BATTERIES,
-            "packs that it comes from, monitors 0 and up; each gives an equal share",
-            example=1,
-        ),
+        whole("batteries", 1, MOST_BATTERIES, "packs, monitors 0 and up; each gives an equal share", example=1),
         whole("cells", 1, 28, "lithium polymer cells in series: with them the voltage has a say too", example=3),
-        _energy("mass_kg", 0.1, 1000, "take-off mass, for the power in hover where hover_w is not given", 3.0),
-        _energy(
-            "rotor_area_m2",
-            0.005,
-            500,
-            "area of all rotor discs together: with mass_kg it gives the power in hover by momentum theory",
-            0.33,
+        *numbers(
+            """
+            mass_kg         0.1 to 1000   take-off mass, for the power in hover where hover_w is not given
+            rotor_area_m2   0.005 to 500  area of all rotor discs together: with mass_kg it gives the power in hover by
+                                          momentum theory
+            payload_kg      0 to 500      the part of mass_kg that the mission drops; all numbers are with it on board
+            hover_w         10 to 200000  power in hover; without it and without mass_kg the budget is unknown
+            cruise_w        10 to 200000  power in level flight at cruise_mps; else that of hover and a tenth
+            climb_factor    1 to 3        power in climb, as a part of that in hover
+            descent_factor  0.5 to 2      power in descent, as a part of that in hover
+            cruise_mps      1 to 40       airspeed of cruise_w
+            airspeed_mps    1 to 60       the fastest that it flies through the air, at its lean limit; else cruise_mps
+            headwind_mps    0 to 30       taken to blow from ahead wherever it flies, where the wind is not known
+            reserve_factor  1 to 3        a need is multiplied with this
+            reserve_wh      0 to 50000    and this stays in the battery; else a fifth of it and a minute of hover
+            return_alt_m    1 to 1000     height above home at which it returns: RTL_ALT; with wings RTL_ALTITUDE, 100
+                                          if it is not said
+            lean_deg        10 to 60      lean limit (ANGLE_MAX)
+            drag_per_s      0 to 5        what leans it in steady flight, for the wind by its lean:
+                                          g tan(lean) = drag_per_s v + drag_per_m v^2
+            drag_per_m      0 to 5        see drag_per_s
+            """,
+            _DEFAULTS,
+            _EXAMPLES,
         ),
-        _energy(
-            "payload_kg", 0, 500, "the part of mass_kg that the mission drops; all numbers are with it on board", 1.0
-        ),
-        _energy("hover_w", 10, 200_000, "power in hover; without it and without mass_kg the budget is unknown", 354.0),
-        _energy("cruise_w", 10, 200_000, "power in level flight at cruise_mps; else that of hover and a tenth", 385.0),
-        _energy("climb_factor", 1, 3, "power in climb, as a part of that in hover"),
-        _energy("descent_factor", 0.5, 2, "power in descent, as a part of that in hover"),
-        _energy("cruise_mps", 1, 40, "airspeed of cruise_w"),
-        _energy(
-            "airspeed_mps", 1, 60, "the fastest that it flies through the air, at its lean limit; else cruise_mps", 10.0
-        ),
-        _energy("headwind_mps", 0, 30, "taken to blow from ahead wherever it flies, where the wind is not known"),
-        _energy("reserve_factor", 1, 3, "a need is multiplied with this"),
-        _energy(
-            "reserve_wh",
-            0,
-            50_000,
-            "and this stays in the battery; else a fifth of it and a minute of hover",
-            14.1,
-        ),
-        _energy(
-            "return_alt_m",
-            1,
-            1000,
-            "height above home at which it returns: RTL_ALT; with wings RTL_ALTITUDE, 100 if it is not said",
-        ),
-        _energy("lean_deg", 10, 60, "lean limit (ANGLE_MAX)"),
-        _energy(
-            "drag_per_s",
-            0,
-            5,
-            "what leans it in steady flight, for the wind by its lean: g tan(lean) = drag_per_s v + drag_per_m v^2",
-            0.0,
-        ),
-        _energy("drag_per_m", 0, 5, "see drag_per_s", 0.0),
         word("start", START_POLICIES, "what a budget that does not close does to START", START_POLICIES[0]),
     ),
     "What the aircraft draws and holds. Without battery_wh, and hover_w or mass_kg, the energy budget is unknown and "
@@ -137,19 +120,20 @@ POLICY: Final = KeyTable(
 WINGS: Final = KeyTable(
     "wings",
     numbers(
+        """
+            bank_deg    10 to 75    how steeply it banks in a turn: ROLL_LIMIT_DEG
+            waypoint_m  1 to 1000   how near a waypoint it turns to the next one, at the most: WP_RADIUS
+            circle_m    10 to 2550  radius of a circle whose item has none, without its sign: WP_LOITER_RAD
+            """,
         AS_IT_COMES,
-        ("bank_deg", 10, 75, "how steeply it banks in a turn: ROLL_LIMIT_DEG"),
-        ("waypoint_m", 1, 1000, "how near a waypoint it turns to the next one, at the most: WP_RADIUS"),
-        ("circle_m", 10, 2550, "radius of a circle whose item has none, without its sign: WP_LOITER_RAD"),
     ),
 )
 GAP: Final = KeyTable(
     "gap",
     (
         text("from", "the station whose zone ends there", required=True, rule="a station"),
-        Key(
+        text(
             "to",
-            str,
             "the station whose zone begins, or the number of the item that is flown to where the gap ends",
             required=True,
             rule="a station, or an item of the route",
@@ -190,9 +174,7 @@ MISSION: Final = KeyTable(
             rule="file name",
         ),
         text(
-            "terrain",
-            "file of this folder with heights of the ground: an Esri ASCII grid in degrees",
-            rule="file name",
+            "terrain", "file of this folder with heights of the ground: an Esri ASCII grid in degrees", rule="file name"
         ),
         number(
             "corridor_m",
@@ -200,13 +182,7 @@ MISSION: Final = KeyTable(
             10_000,
             "how far coverage reaches beside the legs; with detectors waypoints and reached alone, which need it",
         ),
-        whole(
-            "expected_handovers",
-            0,
-            1000,
-            "the check fails when the route makes another number",
-            required=True,
-        ),
+        whole("expected_handovers", 0, 1000, "the check fails when the route makes another number", required=True),
         number(
             "cruise_speed_mps",
             0.1,

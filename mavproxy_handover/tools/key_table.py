@@ -3,17 +3,21 @@
 """Tables of configuration keys: name, default, range, unit and meaning of each key, written once.
 
 The reader of a file, the sample that `handover init` writes and the reference are made from these tables. The default
-of a limit is that of the rule's own dataclass (`numbers`).
+of a limit is that of the rule's own dataclass.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from textwrap import dedent
+from types import MappingProxyType
 from typing import Any, Final
 
 __all__ = ["Key", "KeyTable", "called", "flag", "items", "number", "numbers", "sysid", "text", "whole", "word"]
 
+_NO_EXAMPLES: Final[Mapping[str, float]] = MappingProxyType({})
 #: end of a key's name -> unit
 _UNITS: Final = {
     "bytes_per_s": "bytes/s",
@@ -103,9 +107,20 @@ def number(
     return Key(name, float, says, default, limits=(low, high), unit=unit, example=example)
 
 
-def numbers(defaults: object, *rows: tuple[str, float, float, str]) -> tuple[Key, ...]:
-    """Numbers with the defaults of an object's attributes. A row: name, lowest, highest, meaning."""
-    return tuple(number(*row, getattr(defaults, row[0])) for row in rows)
+def numbers(table: str, defaults: object, examples: Mapping[str, float] = _NO_EXAMPLES) -> tuple[Key, ...]:
+    """Numbers from a table of text with a row for each: `name lowest to highest meaning`.
+
+    A row may go on in lines that are indented further. `defaults`: an object with attributes of these names; None, or
+    no attribute: no default.
+    """
+    keys = []
+    for row in re.split(r"\n(?! )", dedent(table).strip()):
+        name, low, _to, high, *says = row.split()
+        example = examples.get(name)
+        keys.append(
+            number(name, float(low), float(high), " ".join(says), getattr(defaults, name, None), example=example)
+        )
+    return tuple(keys)
 
 
 def whole(name: str, low: int, high: int, says: str, *, required: bool = False, example: Any = None) -> Key:
