@@ -125,7 +125,7 @@ clients: $(VENV)/installed
 	$(BIN)/pytest tests/clients --clients $(VENV)/clients $(ARGS)
 
 reference: $(VENV)/installed
-	$(BIN)/python -m tests.structure.reference
+	$(BIN)/python -m reference
 
 picture: $(VENV)/installed
 	$(BIN)/python -m tests.structure.picture

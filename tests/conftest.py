@@ -11,6 +11,7 @@ from __future__ import annotations
 import gc
 import os
 import shutil
+import sys
 import tempfile
 from collections.abc import Generator, Iterator
 from pathlib import Path
@@ -23,6 +24,9 @@ from sitl.vehicles import LaunchError, find_arducopter
 from tests.sitl.firmware import Firmware, NotFirmware, firmware_of
 from tests.sitl.flown import Recorder
 from tests.sitl.guard_flight import GUARD, PARAMETERS, PLANE_PARAMETERS
+
+# `reference` is in no package that is installed. At the end: what is tested is the installed package
+sys.path.append(str(Path(__file__).resolve().parents[1]))
 
 # a machine that others use as well must not fail a test by its speed
 settings.register_profile("no deadline", deadline=None)

@@ -16,10 +16,10 @@ from gcs_module.fleet import our_settings
 from mavproxy_handover import cli
 from mavproxy_handover.companion.commands import VehicleCommands
 from mavproxy_handover.vehicle.profiles import COPTER
+from reference.pages import REFERENCE, generated
+from reference.parsers import commands
+from reference.requirements import PARTS, names_in, read
 from tests.structure.imports import ROOT
-from tests.structure.reference.files import REFERENCE, generated
-from tests.structure.reference.parsers import commands
-from tests.structure.reference.requirements import PARTS, names_in, read
 
 GENERATED = generated()
 ANEW = "is out of date: `make reference` writes it anew"

@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
-from tests.structure.imports import ROOT
-from tests.structure.reference.markdown import cell, code, page, table
+from reference import ROOT
+from reference.markdown import cell, code, page, table
 
 __all__ = ["messages"]
 

@@ -13,7 +13,7 @@ from mavproxy_handover.config.station_keys import STATION_FILE
 from mavproxy_handover.config.vehicle_keys import VEHICLE_FILE
 from mavproxy_handover.mission.keys import MISSION_KEYS
 from mavproxy_handover.tools.key_table import Key, KeyTable
-from tests.structure.reference.markdown import cell, code, page, table
+from reference.markdown import cell, code, page, table
 
 __all__ = ["configuration", "mission"]
 

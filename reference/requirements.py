@@ -15,11 +15,12 @@ from typing import Final
 
 from mavproxy_handover.config.toml import list_of_tables, read_toml
 from mavproxy_handover.tools.key_table import KeyTable, items, text, word
-from tests.structure.reference.markdown import cell, code, page, table
+from reference import ROOT
+from reference.markdown import cell, code, page, table
 
 __all__ = ["DATA", "PARTS", "Requirement", "read", "requirements", "names_in"]
 
-DATA = Path(__file__).resolve().parents[1] / "requirements.toml"
+DATA = ROOT / "tests" / "structure" / "requirements.toml"
 #: part of the table -> its heading, what it is about, what its column of sources is called
 PARTS: Final = {
     "thesis": (

@@ -13,8 +13,8 @@ from mavproxy_handover.mission.items import MissionItem
 from mavproxy_handover.monitors.preflight.own_failsafes import PlanFacts
 from mavproxy_handover.monitors.preflight.rules import Found, judge
 from mavproxy_handover.vehicle.profiles import COPTER, PLANE, QUADPLANE, Profile
-from tests.structure.imports import ROOT
-from tests.structure.reference.markdown import cell, code, page, table
+from reference import ROOT
+from reference.markdown import cell, code, page, table
 
 __all__ = ["parameters"]
 

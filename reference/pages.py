@@ -6,16 +6,16 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tests.structure.imports import ROOT
-from tests.structure.reference.blocks import blocks
-from tests.structure.reference.completion import completion
-from tests.structure.reference.configuration import configuration, mission
-from tests.structure.reference.locked import locked
-from tests.structure.reference.manual import manual
-from tests.structure.reference.messages import messages
-from tests.structure.reference.parameters import parameters
-from tests.structure.reference.requirements import requirements
-from tests.structure.reference.typed import typed
+from reference import ROOT
+from reference.blocks import blocks
+from reference.completion import completion
+from reference.configuration import configuration, mission
+from reference.locked import locked
+from reference.manual import manual
+from reference.messages import messages
+from reference.parameters import parameters
+from reference.requirements import requirements
+from reference.typed import typed
 
 __all__ = ["REFERENCE", "generated"]
 

@@ -14,7 +14,7 @@ from typing import Final
 from mavproxy_handover.cli import explain
 from mavproxy_handover.core.common.model import Reason
 from mavproxy_handover.gate.explain import markdown_table, summary
-from tests.structure.imports import ROOT
+from reference import ROOT
 
 __all__ = ["blocks"]
 

@@ -11,7 +11,7 @@ from mavproxy_handover.gate.policy.commands import COMMAND_RULES, VALUE_RULES, V
 from mavproxy_handover.gate.policy.messages import MESSAGE_RULES
 from mavproxy_handover.gate.policy.parameters import OTHER_PARAMETERS, PARAMETER_RULES
 from mavproxy_handover.gate.policy.switches import OTHER_SWITCHES, SWITCH_NUMBERS, SWITCH_RULES
-from tests.structure.reference.markdown import cell, code, page, table
+from reference.markdown import cell, code, page, table
 
 __all__ = ["locked"]
 

@@ -4,9 +4,9 @@
 
 from __future__ import annotations
 
-from tests.structure.imports import ROOT
-from tests.structure.reference.blocks import blocks
-from tests.structure.reference.files import generated
+from reference import ROOT
+from reference.blocks import blocks
+from reference.pages import generated
 
 for make in (blocks, generated):  # pages are made from files that have blocks
     for path, text in make().items():

@@ -10,8 +10,8 @@ from unittest.mock import MagicMock
 from gcs_module.commands import StationCommands
 from gcs_module.fleet import our_settings
 from mavproxy_handover.companion.commands import VehicleCommands
-from tests.structure.reference.markdown import cell, code, page, table
-from tests.structure.reference.parsers import Command, commands
+from reference.markdown import cell, code, page, table
+from reference.parsers import Command, commands
 
 __all__ = ["typed"]
 

@@ -15,9 +15,9 @@ from typing import Any, Final
 import shtab
 
 from mavproxy_handover import cli
+from reference import ROOT
+from reference.parsers import parser_of
 from sitl.script.scenario import known_scenarios
-from tests.structure.imports import ROOT
-from tests.structure.reference.parsers import parser_of
 
 __all__ = ["COMPLETION", "completion"]
 

@@ -13,8 +13,8 @@ from pathlib import Path
 
 from mavproxy_handover import cli
 from mavproxy_handover.tools.version import VERSION
-from tests.structure.imports import ROOT
-from tests.structure.reference.parsers import Command, Option, commands
+from reference import ROOT
+from reference.parsers import Command, Option, commands
 
 __all__ = ["MAN", "manual"]
 
