@@ -10,7 +10,7 @@ BIN := $(VENV)/bin
 # pytest and every program that a test starts keep what they have compiled: without it each worker rewrites the asserts
 # of all tests again, half a minute
 unexport PYTHONDONTWRITEBYTECODE
-SOURCES := $(shell find mavproxy_handover gcs_module sitl missions ardupilot_lua docs/man -type f -not -path '*/__pycache__/*') \
+SOURCES := $(shell find mavproxy_handover gcs_module sitl missions ardupilot_lua reference -type f -not -path '*/__pycache__/*') \
            pyproject.toml setup.py constraints.txt
 
 .DEFAULT_GOAL := help
@@ -36,7 +36,7 @@ help:
 	@echo "             installs each apart; ARGS='--arducopter PATH': with ArduCopter too"
 	@echo "make docs    the documentation as a site, in site/"
 	@echo "make picture draw docs/architecture.svg from the imports"
-	@echo "make reference  write docs/reference, manual pages and completion anew, from the code"
+	@echo "make reference  write docs/reference from the code"
 	@echo "make format  format the Python files"
 	@echo "make clean   remove everything that make made"
 

@@ -6,15 +6,18 @@
 * top-level modules: `handover` and `handover_gcs`, which MAVProxy loads by these names, and `handover_dialect`, which
   makes the dialect importable where pymavlink looks for dialects (a `.pth` file has Python import it at its start), so
   that `--dialect=handover` works in every program of the environment. No file goes into a folder of another package;
-* manual pages and completion go where `man` and shells look, below the prefix of the installation;
+* manual pages and completion are made from the parsers of all commands (`reference/`), and go where `man` and shells
+  look, below the prefix of the installation;
 * missions and the guard, which live in folders of their own, and the constraints become data of the package;
 * the README as an index page shows it: there its links and pictures lead nowhere if they are relative.
 """
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
+import subprocess
 import sys
 import tempfile
 from itertools import chain
@@ -29,6 +32,12 @@ WIRE = HERE / "mavproxy_handover" / "wire"
 TOP_LEVEL = tuple(HERE / package / "deploy" / "top_level" for package in ("mavproxy_handover", "gcs_module"))
 DATA_FOLDERS = ("missions", "ardupilot_lua")
 PICTURES = (".png", ".svg")
+#: folder below the prefix where a shell looks -> name of its completion
+COMPLETION = {
+    "share/bash-completion/completions": "handover",
+    "share/zsh/site-functions": "_handover",
+    "share/fish/vendor_completions.d": "handover.fish",
+}
 
 
 def index_page() -> str:
@@ -69,7 +78,16 @@ def make_dialect(target: Path) -> None:
         shutil.copy(work / "handover.py", target)
 
 
-class BuildWithDialect(build_py):
+def make_manual(dialect: Path, manual: Path, completion: Path) -> None:
+    """Write manual pages and completion to these folders, in a process that imports the commands from here."""
+    for folder in (manual, completion):
+        shutil.rmtree(folder, ignore_errors=True)
+    command = [sys.executable, "-B", "-m", "reference.build", *map(os.path.abspath, (dialect, manual, completion))]
+    if subprocess.run(command, cwd=HERE, check=False).returncode:
+        raise SetupError("manual pages and completion could not be made: see above")
+
+
+class Build(build_py):
     """build_py plus the dialect, the top-level modules and the data named at the head of this module."""
 
     def run(self) -> None:
@@ -79,27 +97,25 @@ class BuildWithDialect(build_py):
             )
         super().run()
         build = Path(self.build_lib)
-        make_dialect(build / "mavproxy_handover" / "data" / "dialect" / "handover.py")
+        data = build / "mavproxy_handover" / "data"
+        dialect, manual, completion = data / "dialect" / "handover.py", build.parent / "man1", data / "completion"
+        make_dialect(dialect)
+        make_manual(dialect, manual, completion)
+        self.distribution.data_files = [
+            ("share/man/man1", sorted(os.path.relpath(page) for page in manual.glob("*.1"))),
+            *((folder, [os.path.relpath(completion / name)]) for folder, name in COMPLETION.items()),
+        ]
         for file in chain.from_iterable(folder.glob("handover*.p*") for folder in TOP_LEVEL):
             shutil.copy(file, build / file.name)
         for name in DATA_FOLDERS:
-            target = build / "mavproxy_handover" / "data" / name
+            target = data / name
             shutil.rmtree(target, ignore_errors=True)
             shutil.copytree(HERE / name, target)
-        shutil.copy(HERE / "constraints.txt", build / "mavproxy_handover" / "data")
+        shutil.copy(HERE / "constraints.txt", data)
 
-
-#: where shells and `man` look, below the prefix of the installation
-DATA_FILES = [
-    ("share/man/man1", sorted(str(path.relative_to(HERE)) for path in (HERE / "docs" / "man").glob("*.1"))),
-    ("share/bash-completion/completions", ["mavproxy_handover/deploy/completion/handover"]),
-    ("share/zsh/site-functions", ["mavproxy_handover/deploy/completion/_handover"]),
-    ("share/fish/vendor_completions.d", ["mavproxy_handover/deploy/completion/handover.fish"]),
-]
 
 setup(
-    cmdclass={"build_py": BuildWithDialect},
-    data_files=DATA_FILES,
+    cmdclass={"build_py": Build},
     long_description=index_page(),
     long_description_content_type="text/markdown",
 )

@@ -15,23 +15,21 @@ from typing import Any, Final
 import shtab
 
 from mavproxy_handover import cli
-from reference import ROOT
 from reference.parsers import parser_of
 from sitl.script.scenario import known_scenarios
 
-__all__ = ["COMPLETION", "completion"]
+__all__ = ["completion"]
 
-COMPLETION = ROOT / "mavproxy_handover" / "deploy" / "completion"
 #: shell -> name of its script: the names under which shells look for them
 SCRIPTS: Final = {"bash": "handover", "zsh": "_handover", "fish": "handover.fish"}
 _FOLDERS: Final = {"DIR", "MISSION"}
 _FILES: Final = {"FILE", "PATH"}
 
 
-def completion() -> dict[Path, str]:
-    """Path and content of each script."""
+def completion() -> dict[str, str]:
+    """Name and content of each script."""
     parser = _whole()
-    return {COMPLETION / name: shtab.complete(parser, shell).rstrip("\n") + "\n" for shell, name in SCRIPTS.items()}
+    return {name: shtab.complete(parser, shell).rstrip("\n") + "\n" for shell, name in SCRIPTS.items()}
 
 
 def _whole() -> argparse.ArgumentParser:

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""`docs/reference/locked.md`: what the commander may and may not set while the vehicle is armed, and why."""
+"""`locked.md`: what the commander may and may not set while the vehicle is armed, and why."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The manual pages in `man/`: `handover`, and one for each command, from the same parsers.
+"""The manual pages: `handover`, and one for each command, from the same parsers.
 
 Written here and not by a library: what makes pages out of argparse prints its usage as the running Python formats it,
 which differs from version to version, and puts all commands on one page.
@@ -9,17 +9,14 @@ which differs from version to version, and puts all commands on one page.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from pathlib import Path
 
 from mavproxy_handover import cli
 from mavproxy_handover.tools.version import VERSION
-from reference import ROOT
 from reference.parsers import Command, Option, commands
 
-__all__ = ["MAN", "manual"]
+__all__ = ["manual"]
 
-MAN = ROOT / "docs" / "man"
-_NOTE = '.\\" SPDX-License-Identifier: GPL-3.0-or-later\n.\\" Made by `make reference`: do not edit.'
+_NOTE = '.\\" SPDX-License-Identifier: GPL-3.0-or-later'
 _EXIT = (
     ("0", "All is well."),
     ("1", "The answer is no: a check found errors, an expectation did not hold."),
@@ -33,13 +30,13 @@ _FILES = (
 _VARIABLES = (("HANDOVER_CONFIG", "The vehicle's configuration, where no option names it."),)
 
 
-def manual() -> dict[Path, str]:
-    """Path and content of each page."""
+def manual() -> dict[str, str]:
+    """Name and content of each page."""
     found: dict[str, list[Command]] = {}
     for command in commands():
         found.setdefault(command.words.split()[0], []).append(command)
-    pages = {MAN / "handover.1": _whole()}
-    return pages | {MAN / f"handover-{word}.1": _page(several) for word, several in found.items()}
+    pages = {"handover.1": _whole()}
+    return pages | {f"handover-{word}.1": _page(several) for word, several in found.items()}
 
 
 def _whole() -> str:

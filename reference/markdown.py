@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 __all__ = ["cell", "code", "page", "table"]
 
 #: the first line of each page; not seen where it is read
-_NOTE = "<!-- Made by `make reference`: do not edit. -->"
+_NOTE = "<!-- Made from the code (reference/): do not edit. -->"
 
 
 def page(title: str, *parts: str) -> str:

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""`docs/reference/messages.md`, from the definitions of the dialect."""
+"""`messages.md`, from the definitions of the dialect."""
 
 from __future__ import annotations
 

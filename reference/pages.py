@@ -1,38 +1,30 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Which files are generated, whole or in part, and what each should hold."""
+"""The pages of the reference, by the name of their file in `docs/reference/`."""
 
 from __future__ import annotations
 
-from pathlib import Path
+from collections.abc import Callable, Mapping
+from typing import Final
 
 from reference import ROOT
-from reference.blocks import blocks
-from reference.completion import completion
 from reference.configuration import configuration, mission
 from reference.locked import locked
-from reference.manual import manual
 from reference.messages import messages
 from reference.parameters import parameters
 from reference.requirements import requirements
 from reference.typed import typed
 
-__all__ = ["REFERENCE", "generated"]
+__all__ = ["FOLDER", "PAGES"]
 
-REFERENCE = ROOT / "docs" / "reference"
-
-
-def generated() -> dict[Path, str]:
-    """Path and content of each."""
-    return {
-        REFERENCE / "messages.md": messages(),
-        REFERENCE / "configuration.md": configuration(),
-        REFERENCE / "mission.md": mission(),
-        REFERENCE / "commands.md": typed(),
-        REFERENCE / "parameters.md": parameters(),
-        REFERENCE / "locked.md": locked(),
-        ROOT / "docs" / "requirements.md": requirements(),
-        **manual(),
-        **completion(),
-        **blocks(),
-    }
+FOLDER: Final = ROOT / "docs" / "reference"
+#: name -> what writes it
+PAGES: Final[Mapping[str, Callable[[], str]]] = {
+    "commands.md": typed,
+    "configuration.md": configuration,
+    "locked.md": locked,
+    "messages.md": messages,
+    "mission.md": mission,
+    "parameters.md": parameters,
+    "requirements.md": requirements,
+}

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""`docs/reference/parameters.md`: the guard's parameters, those that are recommended, and those that are read."""
+"""`parameters.md`: the guard's parameters, those that are recommended, and those that are read."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""`docs/requirements.md`, from the table `tests/structure/requirements.toml`, and which tests a file has."""
+"""`requirements.md`, from the table `tests/structure/requirements.toml`, and which tests a file has."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ PARTS: Final = {
     "thesis": (
         "The thesis",
         "What the project keeps, or mends, of the MSc thesis that it grew out of, by its sections. "
-        "[The thesis, chapter by chapter](thesis.md) says what was kept, changed, lifted or left out, and why.",
+        "[The thesis, chapter by chapter](../thesis.md) says what was kept, changed, lifted or left out, and why.",
         "section",
     ),
     "standard": (
         "The operator-control standard of MAVLink",
-        "In its layout of 2026; [qgroundcontrol.md](qgroundcontrol.md) tells of it in use.",
+        "In its layout of 2026; [qgroundcontrol.md](../qgroundcontrol.md) tells of it in use.",
         "what",
     ),
     "design": (
         "The promises of the design",
-        "[architecture.md](architecture.md) and [safety.md](safety.md) tell how they are kept.",
+        "[architecture.md](../architecture.md) and [safety.md](../safety.md) tell how they are kept.",
         "part",
     ),
 }

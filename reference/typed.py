@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""`docs/reference/commands.md`: what can be typed, in a shell and in MAVProxy, from parsers and tables."""
+"""`commands.md`: what can be typed, in a shell and in MAVProxy, from parsers and tables."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Pages that live elsewhere in the tree come into the site, and links follow: `mkdocs.yml` loads this.
+"""Pages that live elsewhere in the tree, and those of the reference, come into the site: `mkdocs.yml` loads this.
 
 A link is written so that it works where the file lies, on a forge and in an editor. Here each is resolved against that
 place: what is a page of the site leads there, a picture is taken along, and any other file of the tree leads to the
@@ -11,12 +11,16 @@ from __future__ import annotations
 
 import posixpath
 import re
+import sys
 from pathlib import Path
 from typing import Any
 
-from mkdocs.structure.files import File, Files
+from mkdocs.structure.files import File, Files, InclusionLevel
 
 ROOT = Path(__file__).resolve().parents[2]
+sys.path.append(str(ROOT))
+from reference.pages import PAGES  # noqa: E402 (it is in no package that is installed)
+
 #: page of the site -> where it lies
 ELSEWHERE = {
     "index.md": "README.md",
@@ -33,7 +37,9 @@ _LINK = re.compile(r"(\]\()([^)\s]+)(\))")
 
 
 def on_files(files: Files, config: Any, **_more: Any) -> Files:
-    """Bring in what lies elsewhere, and the pictures that it shows."""
+    """Bring in what lies elsewhere, with the pictures that it shows, and the reference."""
+    for name, written in PAGES.items():
+        files.append(File.generated(config, f"reference/{name}", content=written(), inclusion=InclusionLevel.INCLUDED))
     pictures = set()
     for page, path in ELSEWHERE.items():
         text = (ROOT / path).read_text(encoding="utf-8")

@@ -2,16 +2,17 @@
 
 """`handover completion SHELL`: print the script that completes `handover` in a shell.
 
-The scripts are data of the package, made from the parsers of all commands when these change. They start no Python.
+The scripts are data of the package, made from the parsers of all commands when it is built. They start no Python.
 """
 
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Sequence
 from typing import Final
 
-from mavproxy_handover.tools.resources import DEPLOY
+from mavproxy_handover.tools.resources import shipped
 
 __all__ = ["main"]
 
@@ -20,7 +21,7 @@ _SCRIPTS: Final = {"bash": "handover", "zsh": "_handover", "fish": "handover.fis
 
 
 def main(argv: Sequence[str]) -> int:
-    """Run `handover completion`. 0: printed; 2: wrong usage."""
+    """Run `handover completion`. 0: printed; 2: wrong usage, or not installed."""
     parser = argparse.ArgumentParser(
         prog="handover completion",
         description="Print the script that completes `handover`, its commands and options in a shell.",
@@ -32,5 +33,10 @@ def main(argv: Sequence[str]) -> int:
         arguments = parser.parse_args(argv)
     except SystemExit as stop:
         return int(stop.code or 0)
-    print((DEPLOY / "completion" / _SCRIPTS[arguments.shell]).read_text(encoding="utf-8"), end="")
+    try:
+        script = (shipped("completion") / _SCRIPTS[arguments.shell]).read_text(encoding="utf-8")
+    except OSError as error:
+        print(f"handover completion: {error.filename}: {error.strerror}; 'pip install' makes it", file=sys.stderr)
+        return 2
+    print(script, end="")
     return 0

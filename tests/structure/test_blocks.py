@@ -16,6 +16,7 @@ import shlex
 import shutil
 import sys
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from unittest.mock import patch
 
@@ -23,6 +24,7 @@ import pytest
 from markdown_it import MarkdownIt
 
 from mavproxy_handover import cli
+from reference.pages import PAGES as REFERENCE
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -131,6 +133,12 @@ def test_a_shell_line_is_one_that_can_be_typed(line: str) -> None:
             assert words[0] in OTHERS, words
 
 
+@cache
+def commands_page() -> str:
+    """The page of the reference with everything that can be typed."""
+    return REFERENCE["commands.md"]()
+
+
 @pytest.mark.parametrize("line", typed("console"))
 def test_a_console_line_is_a_command_of_a_module(line: str) -> None:
     words = re.split(r" {2,}", line)[0].split()
@@ -139,8 +147,7 @@ def test_a_console_line_is_a_command_of_a_module(line: str) -> None:
         return
     told = (ROOT / "docs" / "operating.md").read_text(encoding="utf-8")
     assert re.search(rf"^\| `handover {words[1]}\b", told, re.MULTILINE), words
-    reference = (ROOT / "docs" / "reference" / "commands.md").read_text(encoding="utf-8")
-    assert f"handover {words[1]}" in reference
+    assert f"handover {words[1]}" in commands_page()
 
 
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: path.name)
@@ -201,7 +208,7 @@ def test_what_ends_by_itself_does_what_it_is_shown_for(
 def test_what_is_named_in_the_prose_exists(path: Path) -> None:
     """`handover WORD --option`: a command of the shell, of the companion's or of the station's console."""
     text = path.read_text(encoding="utf-8")
-    consoles = (ROOT / "docs" / "reference" / "commands.md").read_text(encoding="utf-8")
+    consoles = commands_page()
     for words in re.findall(r"`handover ((?:-v [\w-]+ )?[a-z][^`]*)`", text):
         word = words.split()[0] if not words.startswith("-v") else words.split()[2]
         known = word in cli.COMMANDS or f"handover {word}" in consoles

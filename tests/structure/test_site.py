@@ -12,6 +12,8 @@ from pathlib import Path
 
 import pytest
 
+from reference.pages import PAGES
+
 if sys.version_info >= (3, 11):
     import tomllib
 else:
@@ -35,6 +37,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_every_page_is_there(site: Path) -> None:
     pages = {path.relative_to(ROOT / "docs").with_suffix(".html") for path in (ROOT / "docs").rglob("*.md")}
+    pages |= {Path("reference", name).with_suffix(".html") for name in PAGES}
     assert [str(page) for page in pages if not (site / page).is_file()] == []
     for page in ("index", "guard", "guard-install", "mission-packages", "contributing", "security", "changelog"):
         assert (site / f"{page}.html").is_file()

@@ -80,15 +80,14 @@ def test_the_installed_package_has_no_file_in_another_package() -> None:
 
 
 def test_manual_pages_and_completion_go_where_man_and_shells_look(names: set[str]) -> None:
-    pages = {f"share/man/man1/{path.name}" for path in (ROOT / "docs" / "man").iterdir()}
-    assert len(pages) == len(COMMANDS) + 1
+    pages = {f"share/man/man1/{name}.1" for name in ("handover", *(f"handover-{word}" for word in COMMANDS))}
     scripts = {
         "share/bash-completion/completions/handover",
         "share/zsh/site-functions/_handover",
         "share/fish/vendor_completions.d/handover.fish",
     }
     assert {name.partition(".data/data/")[2] for name in names if ".data/" in name} == pages | scripts
-    assert {f"mavproxy_handover/deploy/completion/{Path(script).name}" for script in scripts} <= names
+    assert {f"mavproxy_handover/data/completion/{Path(script).name}" for script in scripts} <= names
 
 
 def test_a_module_for_mavproxy_only_names_the_real_one(wheel: zipfile.ZipFile) -> None:
