@@ -19,7 +19,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.config.station import FleetVehicle, StationConfig
 from mavproxy_handover.core.common.messages import Connect
 from mavproxy_handover.doctor.check_context import CheckContext
-from mavproxy_handover.doctor.finding import Finding, error, ok, unseen, warning
+from mavproxy_handover.doctor.finding import Finding, badly_signed, error, ok, unseen, warning
 from mavproxy_handover.doctor.line import here, line_findings, usable
 from mavproxy_handover.doctor.mission import shown
 from mavproxy_handover.doctor.ports import held_by_ours
@@ -31,7 +31,7 @@ from mavproxy_handover.store.keys import KeysError, load_station_keys
 from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.frames import Frame
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID
-from mavproxy_handover.wire.signing import SignatureVerdict, SignedPeer
+from mavproxy_handover.wire.signing import SignedPeer
 
 __all__ = ["air"]
 
@@ -178,14 +178,8 @@ class _Listener:
     def _silent(self, what: str) -> Finding:
         bad = self.talk.bad
         others = sorted(set(self.talk.heard) - {self._vehicle.sysid})
-        if SignatureVerdict.TOO_OLD in bad:
-            return error(
-                what, "heard, and its signatures are older than this clock", "Set both clocks by the same source."
-            )
         if bad:
-            found = f"heard, and not signed with this station's key: {', '.join(verdict.value for verdict in bad)}"
-            do = "Compare the fingerprints at both ends (handover keys list), and copy one key to the other."
-            return error(what, found, do)
+            return badly_signed(what, self._vehicle.called, list(bad), self.talk.peer)
         if others:
             found = f"no frame of system {self._vehicle.sysid}, but of {', '.join(map(str, others))}"
             return error(what, found, "Set the vehicle's sysid as the vehicle's own configuration has it.")

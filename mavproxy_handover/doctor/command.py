@@ -33,7 +33,6 @@ from mavproxy_handover.doctor.position_box import position_box
 from mavproxy_handover.doctor.programs import programs
 from mavproxy_handover.doctor.settings import configuration, keys
 from mavproxy_handover.doctor.stations import stations
-from mavproxy_handover.doctor.tunnels import tunnels
 from mavproxy_handover.tools.clocks import Clocks
 
 __all__ = ["CHECKS", "main"]
@@ -50,7 +49,6 @@ CHECKS: Final[dict[str, Callable[[CheckContext], Iterator[Finding]]]] = {
     "disk": disk,
     "mission": missions,
     "ports": ports,
-    "tunnels": tunnels,
     "autopilot": autopilot,
     "position box": position_box,
     "stations": stations,

@@ -4,10 +4,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 
-__all__ = ["Finding", "Level", "error", "ok", "unseen", "warning"]
+from mavproxy_handover.wire.signing import SignatureVerdict, SignedPeer
+
+__all__ = ["Finding", "Level", "badly_signed", "error", "ok", "unseen", "warning"]
 
 
 class Level(Enum):
@@ -45,6 +48,16 @@ def warning(what: str, found: str, do: str) -> Finding:
 def error(what: str, found: str, do: str) -> Finding:
     """A finding of a fault."""
     return Finding(Level.ERROR, what, found, do)
+
+
+def badly_signed(what: str, end: str, verdicts: Sequence[SignatureVerdict], peer: SignedPeer | None) -> Finding:
+    """A finding that frames of the other end are there, and their signatures are not accepted."""
+    if SignatureVerdict.TOO_OLD in verdicts and peer is not None:
+        found = f"heard, and its signatures are {peer.behind_s:.0f} s older than this clock"
+        return error(what, found, "Set both clocks by the same source (timedatectl).")
+    found = f"heard, and its frames are not signed with its key: {', '.join(each.value for each in verdicts)}"
+    do = f"Compare the fingerprints of {end} at both ends (handover keys list), and copy one key to the other."
+    return error(what, found, do)
 
 
 def unseen(what: str, why: str, do: str) -> Finding:

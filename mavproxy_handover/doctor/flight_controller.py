@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Checks the autopilot: line, heartbeat, firmware, parameters, guard, time, and its mission.
+"""Checks the autopilot: line, heartbeat, firmware, parameters, guard and time.
 
 It listens first. An autopilot that reports that it is armed gets no questions from then on. The rules for parameters
 are those of the companion (`monitors/preflight/rules.py`).
@@ -30,9 +30,7 @@ from mavproxy_handover.monitors.preflight import rules
 from mavproxy_handover.monitors.preflight.own_failsafes import plan_facts
 from mavproxy_handover.store.keys import KeysError, load_key
 from mavproxy_handover.vehicle.guard_link import misfit_of
-from mavproxy_handover.vehicle.mission_protocol import MissionProtocol
 from mavproxy_handover.vehicle.parameter_reading import reading
-from mavproxy_handover.vehicle.profiles import Profile
 from mavproxy_handover.wire.conversation import Ask, Asking, NoAnswer, command_long
 from mavproxy_handover.wire.file_transfer import checksum
 from mavproxy_handover.wire.frames import Frame
@@ -48,8 +46,6 @@ _HEARTBEAT_S: Final = 3.0
 _RATE_S: Final = 1.5
 #: the guard sends twice a second, after something has reached it
 _GUARD_S: Final = 2.0
-#: a longer mission takes too long to read back
-_MOST_ITEMS: Final = 120
 #: a signature may differ by a minute; a difference of this (s) means that the clocks were set separately
 _OFF_S: Final = 5.0
 _GRAVE_S: Final = 30.0
@@ -235,7 +231,6 @@ class _Visit:
             yield self._is_armed()
             return
         yield from self._judged(parameters, firmware)
-        yield from self._mission()
 
     def _time(self) -> Finding:
         ahead_s = self._ahead_s
@@ -312,23 +307,6 @@ class _Visit:
         do = "Put that on the card: handover guard CARD --force; the companion was tested with it alone."
         return warning("guard's script", found, do)
 
-    def _mission(self) -> Iterator[Finding]:
-        package = self._context.package
-        if package is None:
-            return
-        items = package.route.upload_items()
-        if len(items) > _MOST_ITEMS:
-            yield ok("mission in the autopilot", f"not compared: {len(items)} items take too long to read")
-            return
-        self._context.tell(f"reading {len(items)} items of the mission")
-        talk = self.talk.ask(_same(self._vehicle.sysid, items, self._aircraft.profile))
-        if talk.failure is None:
-            yield ok("mission in the autopilot", f"is that of the package {package.name!r}")
-        else:
-            found = f"is not that of the package {package.name!r}: {talk.failure}"
-            do = "Start the companion, or have the parent share the mission: either writes it, and reads it back."
-            yield warning("mission in the autopilot", found, do)
-
 
 def _message(sysid: int, kind: str) -> Asking:
     """Ask for one message; returns None if it does not come."""
@@ -342,7 +320,3 @@ def _message(sysid: int, kind: str) -> Asking:
         return (yield Ask(kind, (request,), answer, timeout_s=0.7, tries=3))
     except NoAnswer:
         return None
-
-
-def _same(sysid: int, items: Any, profile: Profile) -> Asking:
-    yield from MissionProtocol(sysid, profile).compare_mission(items)

@@ -9,14 +9,14 @@ transfer. So no station mistakes this for a running companion.
 from __future__ import annotations
 
 import select
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Final
 
 from mavproxy_handover.config.files import StationLinks
 from mavproxy_handover.config.vehicle import VehicleConfig
 from mavproxy_handover.doctor.check_context import CheckContext
-from mavproxy_handover.doctor.finding import Finding, error, ok, unseen, warning
+from mavproxy_handover.doctor.finding import Finding, badly_signed, error, ok, unseen, warning
 from mavproxy_handover.doctor.journal import links_by_journal
 from mavproxy_handover.doctor.line import here, line_findings, usable
 from mavproxy_handover.link.devices import Device, Kind, LinkError, open_device, parse_device
@@ -30,7 +30,6 @@ __all__ = ["stations"]
 _LISTEN_S: Final = 4.0
 _TICK_S: Final = 0.05
 _SILENT: Final = "Start 'handover station' there; then look at its address, its firewall and the link between."
-_PROBES: Final = 2
 
 
 @dataclass(slots=True)
@@ -143,16 +142,7 @@ def _found(asked: _Asked, now: float) -> Iterator[Finding]:
             do = "Load handover_gcs there ('handover station'), or give this station module = false."
             yield warning(what, "heard, and it answers no probes", do)
         elif bad:
-            yield _badly_signed(what, bad, port)
+            yield badly_signed(what, port.name, bad, port.peer)
         else:
             trouble = f" ({link.trouble})" if link.trouble else ""
             yield error(what, f"silent for {_LISTEN_S:g} s{trouble}", _SILENT)
-
-
-def _badly_signed(what: str, bad: Sequence[SignatureVerdict], port: StationPort) -> Finding:
-    names = ", ".join(verdict.value for verdict in bad)
-    if SignatureVerdict.TOO_OLD in bad and port.peer is not None:
-        do = "Set both clocks by the same source (timedatectl)."
-        return error(what, f"heard, and its signatures are {port.peer.behind_s:.0f} s older than this clock", do)
-    do = f"Compare the fingerprints of {port.name} at both ends (handover keys list), and copy one key to the other."
-    return error(what, f"heard, and its frames are not signed with its key: {names}", do)

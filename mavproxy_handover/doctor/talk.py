@@ -53,7 +53,7 @@ class Talk:
         #: invalid signatures of the other end
         self.bad: Counter[SignatureVerdict] = Counter()
         self._other = other
-        self._peer = peer
+        self.peer = peer
         self._clocks = clocks
         self._heed = heed
         self._may_ask = may_ask
@@ -84,8 +84,8 @@ class Talk:
         if not self._may_ask():
             return
         data = codec.pack(message, self._own)
-        if self._peer is not None:
-            data = self._peer.sign(data, _LINK_ID, self._clocks.utc(), self._clocks.monotonic()) or data
+        if self.peer is not None:
+            data = self.peer.sign(data, _LINK_ID, self._clocks.utc(), self._clocks.monotonic()) or data
         self.device.write(data)
 
     def close(self) -> None:
@@ -106,8 +106,8 @@ class Talk:
         sysid, compid = self._other
         if frame.sysid != sysid or compid not in (0, frame.compid):
             return
-        if self._peer is not None:
-            verdict = self._peer.check(frame, self._clocks.utc(), self._clocks.monotonic())
+        if self.peer is not None:
+            verdict = self.peer.check(frame, self._clocks.utc(), self._clocks.monotonic())
             if verdict is not SignatureVerdict.OK:
                 self.bad[verdict] += 1
                 return

@@ -274,13 +274,6 @@ def test_silent_stations_are_found(
     assert [each for each in found.lines("error") if "-> Start 'handover station' there" in each]
 
 
-def test_versions_other_than_the_pinned_are_a_warning(machine: Machine, capsys: pytest.CaptureFixture[str]) -> None:
-    machine.has_package("MAVProxy", "1.8.73")
-    found = machine.doctor(capsys, "--no-links")
-    assert [each for each in found.lines("warning") if "MAVProxy: 1.8.73, constraints.txt has 1.8.74" in each]
-    assert found.lines("error") == []
-
-
 def test_a_unit_that_is_not_enabled_is_a_warning(machine: Machine, capsys: pytest.CaptureFixture[str]) -> None:
     machine.path("etc/systemd/system/multi-user.target.wants/handover-companion.service").unlink()
     found = machine.doctor(capsys, "--no-links")

@@ -135,7 +135,7 @@ def test_another_mission(
 def test_another_key(machine: Machine, port: int, vehicles: list[Vehicle], capsys: pytest.CaptureFixture[str]) -> None:
     vehicles.append(Vehicle(port, b"C" * 32, DIGEST))
     (said,) = machine.doctor(capsys).lines("error")
-    assert "heard, and not signed with this station's key: bad signature -> Compare the fingerprints" in said
+    assert "heard, and its frames are not signed with its key: bad signature -> Compare the fingerprints" in said
     assert vehicles[0].heard == set()
 
 

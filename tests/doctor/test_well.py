@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import shutil
 import socket
 import subprocess
 import sys
@@ -15,13 +14,8 @@ from pathlib import Path
 import pytest
 
 from mavproxy_handover.doctor import flight_controller
-from mavproxy_handover.doctor.talk import Talk
-from mavproxy_handover.link.devices import open_device
 from mavproxy_handover.link.timesync import TIMESYNC
-from mavproxy_handover.mission.package import load
-from mavproxy_handover.tools.clocks import Clocks
 from mavproxy_handover.tools.resources import shipped
-from mavproxy_handover.vehicle.mission_protocol import MissionProtocol
 from mavproxy_handover.wire.conversation import Asking
 from mavproxy_handover.wire.ids import PROBE_COMPID
 from sitl.vehicles import RunningVehicle, VehicleSpec, launch
@@ -50,16 +44,6 @@ def vehicle(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningVehicle
     running.stop()
 
 
-def hold_mission(device: str) -> None:
-    """Have the autopilot hold the mission of the package, as the companion writes it."""
-    clocks = Clocks(time.time, time.monotonic)
-    talk = Talk(open_device(device), 1, (1, 1), None, clocks, lambda _message, _frame: None, lambda: True)
-    items = load(shipped("missions") / "delivery").route.upload_items()
-    talk.listen(10.0, lambda: bool(talk.heard))
-    assert talk.ask(MissionProtocol(1).write_mission(items)).failure is None
-    talk.close()
-
-
 def test_all_is_well(vehicle: RunningVehicle, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     listens = free_port()
     ports = {"GCSA": free_port(), "GCSB": free_port()}
@@ -69,7 +53,6 @@ def test_all_is_well(vehicle: RunningVehicle, tmp_path: Path, capsys: pytest.Cap
         Station(252, KEYS["GCSB"], ports["GCSB"], to=listens),
     ]
     try:
-        hold_mission(vehicle.companion_master)
         found = machine.doctor(capsys)
     finally:
         for station in stations:
@@ -78,24 +61,11 @@ def test_all_is_well(vehicle: RunningVehicle, tmp_path: Path, capsys: pytest.Cap
     assert found.lines("warning") == []
     assert found.code == 0
     assert [each for each in found.of("autopilot") if "4.7" in each and each.startswith("firmware")]
-    assert "mission in the autopilot: is that of the package 'delivery'" in found.of("autopilot")
     assert [each for each in found.of("autopilot") if each.startswith("guard: waiting")]
     trips = [each for each in found.of("stations") if "there and back in" in each]
     assert len(trips) == 3
     for station in stations:
         assert station.heard == {(TIMESYNC, PROBE_COMPID)}, "nothing but the companion's probes is sent to a station"
-
-
-def test_another_mission_in_the_autopilot_is_a_warning(
-    vehicle: RunningVehicle, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    hold_mission(vehicle.companion_master)
-    machine = companion(tmp_path, vehicle.companion_master, {"GCSA": 9, "GCSB": 10})
-    shutil.rmtree(machine.path("srv/delivery"))
-    shutil.copytree(shipped("missions") / "linear", machine.path("srv/delivery"))
-    found = machine.doctor(capsys, "--no-links")
-    (said,) = [each for each in found.lines("warning") if "mission in the autopilot" in each]
-    assert "is not that of the package 'linear'" in said
 
 
 #: what does not fit, and what is said of it: parameters, the finding, what to do
