@@ -17,11 +17,11 @@ from mavproxy_handover.mission.wings import AS_IT_COMES
 from mavproxy_handover.tools.key_table import Key, KeyTable, items, number, numbers, text, whole, word
 from mavproxy_handover.vehicle.profiles import ASSUMED, PROFILES
 
-__all__ = ["DETECTORS", "ENERGY", "GAP", "MISSION", "MISSION_KEYS", "MOST_BATTERIES", "POLICY", "STATIONS", "WINGS"]
+__all__ = ["ENERGY", "GAP", "MISSION", "MISSION_KEYS", "MOST_BATTERIES", "POLICY", "STATIONS", "WINGS"]
 
 #: monitors that ArduPilot counts for one aircraft
 MOST_BATTERIES: Final = 8
-DETECTORS: Final = ("circles", "polygons", "waypoints", "reached")
+_DETECTORS: Final = ("circles", "polygons", "waypoints", "reached")
 _AIRCRAFT: Final = tuple(profile.name for profile in PROFILES)
 
 
@@ -161,7 +161,7 @@ MISSION: Final = KeyTable(
             "what kind flies it: which items the route may have, how its path and its return are judged",
             ASSUMED.name,
         ),
-        word("detector", DETECTORS, "where zones come from", required=True),
+        word("detector", _DETECTORS, "where zones come from", required=True),
         text(
             "route",
             "file of this folder: a QGroundControl .plan, or .waypoints (QGC WPL 110)",
