@@ -41,6 +41,20 @@ def test_every_link_leads_to_something_that_is_there(document: Path) -> None:
     assert [name for name, path in files.items() if not path.exists() and path not in made] == []
 
 
+@pytest.mark.parametrize("document", named(DOCUMENTS))
+def test_a_document_that_leads_to_the_reference_says_how_it_is_made(document: Path) -> None:
+    """The reference is not committed: without these words the link leads nowhere for a reader of the sources."""
+    text = document.read_text(encoding="utf-8")
+    assert "](reference/" not in text or re.search(r"`make\sreference`\swrites", text)
+
+
+def test_the_folders_that_the_readme_names_are_there() -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8").partition("## Where things are")[2]
+    folders = re.findall(r"(\S+)/(?=\s)", text.partition("```text")[2].partition("```")[0])
+    assert len(folders) > 10
+    assert [name for name in folders if not (ROOT / name).is_dir()] == []
+
+
 def test_the_readme_leads_to_every_document() -> None:
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     assert [path.name for path in DOCUMENTS[1:] if f"(docs/{path.name})" not in text] == []
