@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the documents say can be typed, clicked and put into a configuration: links lead somewhere, samples load."""
+"""What the documents say can be typed and put into a configuration: commands exist, samples load."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ import pytest
 
 from mavproxy_handover.cli import main
 from mavproxy_handover.config.files import load_vehicle
-from reference.pages import FOLDER, PAGES
 from sitl.script.scenario import known_scenarios
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -31,14 +30,6 @@ journal = "x.jsonl"
 
 def named(paths: list[Path]) -> list[Any]:
     return [pytest.param(path, id=path.name) for path in paths]
-
-
-@pytest.mark.parametrize("document", named(DOCUMENTS))
-def test_every_link_leads_to_something_that_is_there(document: Path) -> None:
-    targets = re.findall(r"\]\(([^)#\s]+)[^)]*\)", document.read_text(encoding="utf-8"))
-    made = {FOLDER / name for name in PAGES}
-    files = {name: (document.parent / name).resolve() for name in targets if "://" not in name}
-    assert [name for name, path in files.items() if not path.exists() and path not in made] == []
 
 
 @pytest.mark.parametrize("document", named(DOCUMENTS))
