@@ -18,6 +18,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any, Final, TextIO, cast
 
 from mavproxy_handover.supervision.must_load import import_fault
+from mavproxy_handover.supervision.script import few_threads
 from mavproxy_handover.tools.version import VERSION
 
 __all__ = ["COMMANDS", "DESCRIPTION", "main"]
@@ -148,6 +149,8 @@ def _run(words: list[str]) -> int:
         print(f"handover: unknown command {words[0]!r}; the commands are {', '.join(COMMANDS)}", file=sys.stderr)
         return 2
     module, function, _text = COMMANDS[words[0]]
+    if words[0] == "companion":  # it forks, and a process with threads must not
+        few_threads()
     try:
         run = getattr(importlib.import_module(module), function)
     except Exception as error:  # a broken package may raise anything

@@ -25,7 +25,6 @@ from mavproxy_handover.cli.launch import companion_argv, station_argv
 from mavproxy_handover.config.files import ConfigError, find_vehicle_config, load_station
 from mavproxy_handover.store.flights import LATEST, begin
 from mavproxy_handover.supervision.must_load import import_fault, module_fault, must_load
-from mavproxy_handover.supervision.script import few_threads
 from mavproxy_handover.tools.version import VERSION
 
 __all__ = ["companion", "station"]
@@ -38,7 +37,6 @@ _NO_WX: Final = (
 
 def companion(argv: Sequence[str]) -> int:
     """MAVProxy on the companion computer, supervised."""
-    few_threads()
     parser = argparse.ArgumentParser(
         prog="handover companion",
         description="Run MAVProxy with `module load handover` (the command line is printed), and start it again at "
@@ -113,7 +111,7 @@ def _logs_of(program: str, config: Path, arguments: argparse.Namespace) -> _Logs
     """Make a folder for this run. A full or missing disk does not prevent a flight. Raises ConfigError."""
     content: bytes | None = None
     if program.endswith("companion"):
-        from mavproxy_handover.config.running import start_of  # after `few_threads`
+        from mavproxy_handover.config.running import start_of  # `handover station` does not need it
 
         found = start_of(config)
         name, content = found.config.name, found.text
