@@ -522,6 +522,7 @@ def test_an_autopilot_that_is_away_for_a_while_uses_up_no_restarts(
 HOLD = """
 import fcntl, os, sys
 held = os.open(sys.argv[1], os.O_RDONLY)
+print("asks", flush=True)
 fcntl.flock(held, fcntl.LOCK_EX)
 print("held", flush=True)
 sys.stdin.read()
@@ -537,6 +538,8 @@ def test_a_lock_that_is_held_by_a_process_that_is_about_to_end_is_waited_for(
     with subprocess.Popen(argv, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as holder:
         assert holder.stdout is not None
         assert holder.stdin is not None
+        # else the next companion may have the lock before this program asks for it, which then waits for ever
+        assert holder.stdout.readline() == b"asks\n"
         flight.kill()
         assert holder.stdout.readline() == b"held\n"
         wait_for(lambda: "is locked: another companion of drone-1 is running" in flight.console(), flight.console)
