@@ -82,5 +82,4 @@ KNOWN_SURVIVORS: dict[str, str] = {
     "every_second: edge: if rx.aux_at and elapsed(now, rx.aux_at) >= MS.TAMPER_HOLD then": _MILLISECOND,
     "every_second: edge: if rx.full_at and elapsed(now, rx.full_at) >= MS.TAMPER_HOLD then": _MILLISECOND,
     "gcs_id.follow: edge: if high and high > 0 then": "0 is set to 0",
-    "gcs_id.follow: always true: if high and high > 0 then": "what is not there cannot be set",
 }
