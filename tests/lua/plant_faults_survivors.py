@@ -64,7 +64,6 @@ KNOWN_SURVIVORS: dict[str, str] = {
     'key.objection: one more: if string.pack("<I4I4", low, high) ~= string.sub(body, 30, 37) then (number 2)': (
         "the body ends there"
     ),
-    'read_lease: minus: local body = string.sub(msg, 13, 12 + len) .. string.rep("\\0", full - len)': _ZEROS,
     'read_lease: plus: local body = string.sub(msg, 13, 12 + len) .. string.rep("\\0", full - len)': _ZEROS,
     'read_lease: one more: local body = string.sub(msg, 13, 12 + len) .. string.rep("\\0", full - len) (number 2)': (
         _ZEROS

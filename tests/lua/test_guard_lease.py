@@ -151,6 +151,14 @@ def test_a_lease_without_content_is_refused(bench: Bench) -> None:
     assert refused(bench, bench.companion.tunnel(b"", length=24))
 
 
+@pytest.mark.parametrize("count", range(1, 9))
+def test_a_lease_that_ends_early_is_no_fault(bench: Bench, count: int) -> None:
+    assert bench.receive(bench.companion.tunnel(bytes([2, HELD, 251, 1, 5, 5, 5, 5])[:count], length=24))
+    bench.run(200)
+    assert bench.refusal != "HNDO: guard fault, see messages"
+    assert not any("fault" in text for text in bench.texts)
+
+
 def test_bytes_behind_the_lease_are_refused(bench: Bench) -> None:
     payload = struct.pack(LEASE_LAYOUT, 2, HELD, 251, 0, 5, 1, 7, 5000, 0, bench.companion.guard_nonce) + b"\x01"
     assert refused(bench, bench.companion.tunnel(payload, length=24))
