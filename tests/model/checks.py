@@ -148,7 +148,11 @@ class Books:
         )
 
     def restarted(self, phase: Phase, *, blank: bool) -> Books:
-        """The companion begins anew, from a state file that says `phase`: what was said to the one before is lost."""
+        """The companion starts again, from a state file that says `phase`.
+
+        What the previous run heard is lost. A station counts as heard only when this run has heard it. Until then the
+        questions to this station do not count, and it cannot take the aircraft.
+        """
         known = Books(zones=self.zones, gap=self.gap, alone=self.alone, blank=blank or self.blank, unaware=blank)
         if blank or phase is Phase.ON_LOAD:
             return known
@@ -156,7 +160,7 @@ class Books:
         recovering = 0 if self.had else None
         # what was not acted on yet is found again, or not, like anything else; what stands by an order stands on
         short = SHORT_S if self.short is not None and self.short >= SHORT_S else None
-        known = replace(known, had=self.had, silent=self.silent, recovering=recovering, interrupted=interrupted)
+        known = replace(known, had=self.had, recovering=recovering, interrupted=interrupted)
         return replace(known, short=short, stood=self.held or self.stood)
 
     def lost(self, station: int, limits: Limits, standard: frozenset[int]) -> bool:
@@ -416,7 +420,7 @@ def _ground_grant(
         return False
     if isinstance(event, ControlRequested):
         return event.request and event.station == new.commander
-    free = books.had is None or books.lost(books.had, limits, standard)
+    free = books.had is None or (books.recovering is None and books.lost(books.had, limits, standard))
     return new.commander == PARENT and free and new.commander != books.had
 
 
@@ -491,8 +495,8 @@ def _change(books: Books, old: AuthorityView, new: AuthorityView, event: Event, 
             books = replace(books, fates=kept, had=new.commander, entered=frozenset(), held=False, stood=False)
     if new.lease in (LeaseState.LOST, LeaseState.ALONE) and books.recovering is not None:
         demand(books.recovering >= int(limits.recovery_s), f"given up {books.recovering} s after the restart")
-        # it was not heard in the time it had, so it counts as lost, whenever it was heard before the restart; and as
-        # above, to be heard does not bring it back
+        # it has not answered in the time it had, so it counts as lost even if it was heard; as above, a heartbeat does
+        # not bring it back
         silent = tuple(entry for entry in books.silent if entry[0] != books.had)
         books = replace(books, recovering=None, silent=silent, unanswered=int(limits.deaf_lost_s))
     return books

@@ -20,6 +20,7 @@ from mavproxy_handover.core.arbiter import Arbiter
 from mavproxy_handover.core.authority import presence, transfer, transfer_manager, zones
 from mavproxy_handover.core.authority.authority import Authority
 from mavproxy_handover.core.authority.candidates import Candidates
+from mavproxy_handover.core.authority.hearing import Hearing
 from mavproxy_handover.core.authority.transfer import Cause, End, Step
 from mavproxy_handover.core.authority.transfer_manager import TransferManager
 from mavproxy_handover.core.common import causes
@@ -29,10 +30,13 @@ from mavproxy_handover.core.safety import strategy
 from mavproxy_handover.core.safety.conditions import Conditions
 from mavproxy_handover.core.safety.gap import Crossing
 from tests.depth import first
+from tests.model.canonical import NOW
+from tests.model.checks import Violation
 from tests.model.explorer import explore
 from tests.model.plans import BLANK, CRASHES, MESSAGES, QUICK
-from tests.model.setting import IMPATIENT, PARENT, Fault, Setting
-from tests.model.steps import Graph
+from tests.model.setting import IMPATIENT, LUCKY, PARENT, Fault, Setting
+from tests.model.steps import Graph, Label
+from tests.model.world import State
 
 #: of each setting in a test run. Of the faults planted below, two show later, in the settings of `LATER`: a commit
 #: without consent after 1,688 states, a commit without the word of the partner after 4,543
@@ -92,6 +96,103 @@ def test_who_was_given_up_behind_a_restart_has_to_answer_before_it_is_asked_agai
     vehicle = graph.vehicles[state.vehicle]
     assert (vehicle.view.lease, vehicle.books.age(GCSB, graph.setting.limits)) == (LeaseState.LOST, 0)
     follow_quietly(lambda view: view.commander == GCSA)
+
+
+def follow(graph: Graph, state: State, *labels: Label) -> State:
+    for label in labels:
+        state = graph.follow(state, label)
+    return state
+
+
+def quietly(graph: Graph, state: State, ticks: int) -> State:
+    while ticks:
+        label = graph.next_quietly(state)
+        state = graph.follow(state, label)
+        ticks -= label == ("tick",)
+    return state
+
+
+def deliver(graph: Graph, sender: int, receiver: int) -> Label:
+    return "deliver", graph.channels.index((sender, receiver))
+
+
+RESTARTED: Label = ("fault", Fault.RESTART_VEHICLE, -1)
+
+
+def test_questions_to_a_station_that_was_not_heard_since_the_restart_do_not_count() -> None:
+    """GCSB dies, the companion restarts, and GCSB is back four seconds later and answers the next question."""
+    graph = Graph(Setting("not heard since", faults=2, kinds=CRASHES))
+    to_gcsa, to_gcsb = deliver(graph, -1, 0), deliver(graph, -1, 1)
+    state = follow(graph, graph.root(), ("move",), to_gcsa, to_gcsb, to_gcsb, deliver(graph, 1, -1))
+    state = follow(graph, state, deliver(graph, 1, 0), ("fault", Fault.KILL_STATION, 1), RESTARTED)
+    state = follow(graph, state, deliver(graph, 0, -1), to_gcsa, ("tick",), ("tick",), ("tick",))
+    state = quietly(graph, follow(graph, state, ("station returns", 1)), 2)
+    assert graph.vehicles[state.vehicle].view.commander == GCSB
+
+
+def test_a_commit_to_a_deaf_station_is_found_after_a_restart(monkeypatch: pytest.MonkeyPatch) -> None:
+    """After the restart GCSB is heard, hears nothing for seven seconds, and answers one question."""
+    setting = Setting("deaf", faults=2, kinds=frozenset({Fault.DEAF, Fault.RESTART_VEHICLE}), limits=LUCKY)
+
+    def commander_when_it_hears_again() -> int | None:
+        graph = Graph(setting)
+        downlink = graph.channels.index((-1, 1))
+        state = quietly(graph, follow(graph, graph.root(), ("fault", Fault.DEAF, downlink), RESTARTED), 7)
+        state = quietly(graph, follow(graph, state, ("heal", downlink), ("move",)), 2)
+        return graph.vehicles[state.vehicle].view.commander
+
+    assert commander_when_it_hears_again() == GCSA
+    monkeypatch.setattr(Hearing, "barred", property(lambda self: False))
+    monkeypatch.setattr(Hearing, "enough", property(lambda self: True))
+    with pytest.raises(Violation, match=f"committed to station {GCSB}, which hears too little"):
+        commander_when_it_hears_again()
+
+
+def test_a_commit_to_a_station_that_was_not_heard_since_the_restart_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    setting = Setting("unheard", standard="B", faults=2, kinds=frozenset({Fault.CUT, Fault.RESTART_VEHICLE}))
+
+    def commander_in_the_zone_of_gcsb() -> int | None:
+        graph = Graph(setting)
+        uplink = graph.channels.index((1, -1))
+        state = follow(graph, graph.root(), ("move",), ("fault", Fault.CUT, uplink), RESTARTED)
+        return graph.vehicles[quietly(graph, state, 2).vehicle].view.commander
+
+    assert commander_in_the_zone_of_gcsb() == GCSA
+    begin = presence.Presence.__init__
+
+    def begin_as_heard(self: presence.Presence, *known: Any) -> None:
+        begin(self, *known)
+        self.heard_at = NOW
+
+    monkeypatch.setattr(presence.Presence, "__init__", begin_as_heard)
+    with pytest.raises(Violation, match=f"committed to station {GCSB}, which is lost itself"):
+        commander_in_the_zone_of_gcsb()
+
+
+def test_a_grant_on_the_ground_while_the_commander_may_still_come_back_is_found(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The companion restarts while GCSB commands, and the aircraft lands before GCSB is heard."""
+    setting = Setting("landed", path=("A", "AB", "_AB"), faults=2, kinds=CRASHES)
+
+    def commander_after_the_landing() -> int | None:
+        graph = Graph(setting)
+        state = quietly(graph, follow(graph, graph.root(), ("move",)), 3)
+        assert graph.vehicles[state.vehicle].view.commander == GCSB
+        state = follow(graph, state, ("fault", Fault.KILL_STATION, 1), RESTARTED, ("move",))
+        return graph.vehicles[quietly(graph, state, 1).vehicle].view.commander
+
+    assert commander_after_the_landing() is None
+    grant = Arbiter._grant_parent
+
+    def grant_at_once(self: Arbiter, now: float, actions: Any) -> None:
+        until, self._authority.recover_until = self._authority.recover_until, None
+        grant(self, now, actions)
+        self._authority.recover_until = until if self._authority.lost else None
+
+    monkeypatch.setattr(Arbiter, "_grant_parent", grant_at_once)
+    with pytest.raises(Violation, match=f"station {GCSA} commands, and there was no transfer to it"):
+        commander_after_the_landing()
 
 
 # ---- planted faults -------------------------------------------------------------------------------------------------
