@@ -25,7 +25,7 @@ help:
 	@echo "make types   set up, check types"
 	@echo "make language  plain English in docstrings, comments, messages, documents (ARGS='--count', files or folders)"
 	@echo "make bench   speed against stock MAVProxy, transfer durations under loss and delay"
-	@echo "make explore every reachable state of the real core, deep"
+	@echo "make explore the reachable states of the real core, deep, 40 minutes; ARGS='--states 0 NAME': a setting to its end"
 	@echo "make fuzz    coverage-guided fuzzing of gate, packages, ground link, serial stream, files (needs atheris)"
 	@echo "make mutants plant faults in gate, core and guard, see the tests find them"
 	@echo "make scenarios  fly every scenario on every vehicle there is"

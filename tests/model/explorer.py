@@ -43,12 +43,14 @@ class Found:
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """What an exploration saw. `complete`: nothing is left to explore within the setting's bounds."""
+    """What an exploration saw."""
 
     setting: str
     states: int
     transitions: int
+    #: every schedule of so many steps was followed
     depth: int
+    #: no longer schedule leads to a new state
     complete: bool
     vehicle_states: int
     station_states: int
@@ -56,15 +58,21 @@ class Report:
     handled: int
     #: most ticks that a transfer took to end with nothing more going wrong
     longest_s: int
-    elapsed_s: float
+    processor_s: float
     found: Found | None
 
+    @property
+    def extent(self) -> str:
+        """How far the exploration went, in words."""
+        if self.found is not None:
+            return "violated"
+        return f"all, depth {self.depth}" if self.complete else f"complete to depth {self.depth}"
+
     def __str__(self) -> str:
-        bound = "all" if self.complete else "to this depth"
         return (
-            f"{self.setting}: {self.states} states ({bound}), {self.transitions} transitions, depth {self.depth}; "
+            f"{self.setting}: {self.extent}: {self.states} states, {self.transitions} transitions; "
             f"{self.vehicle_states} states of the vehicle, {self.station_states} of stations, {self.handled} events "
-            f"handled by the real objects; a transfer ends within {self.longest_s} s; {self.elapsed_s:.1f} s"
+            f"handled by the real objects; a transfer ends within {self.longest_s} s; {self.processor_s:.1f} s"
         )
 
 
@@ -175,7 +183,10 @@ class _Settling:
 
 
 def explore(world: Graph, progress: Callable[[str], None] | None = None, states_limit: int | None = None) -> Report:
-    """Explore; `progress` is told now and then. `states_limit`: give up there, and say that it is not complete."""
+    """Explore; `progress` is told now and then.
+
+    `states_limit`: the exploration ends at the state in which so many are known, and is not complete.
+    """
     collecting = gc.isenabled()
     gc.disable()  # a great many tuples, and no cycles among them
     try:
@@ -187,6 +198,7 @@ def explore(world: Graph, progress: Callable[[str], None] | None = None, states_
 
 def _explore(world: Graph, progress: Callable[[str], None] | None, states_limit: int | None) -> Report:
     begun = told = time.perf_counter()
+    processor_begun = time.process_time()
     setting = world.setting
     order: list[State] = [world.root()]
     seen: set[State] = set(order)
@@ -231,7 +243,7 @@ def _explore(world: Graph, progress: Callable[[str], None] | None, states_limit:
         len(world.cores),
         world.vehicles.handled + world.cores.handled,
         settling.longest_s,
-        time.perf_counter() - begun,
+        time.process_time() - processor_begun,
         found,
     )
 

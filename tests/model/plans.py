@@ -2,8 +2,8 @@
 
 """What is explored: the first states of QUICK in every test run, DEEP by `make explore`.
 
-What takes long is bounded in QUICK by a depth, and is explored to its end in DEEP. From each state the world is run on
-until it rests, in QUICK too: a bound leaves out faults that come late, not the end of a transfer.
+What takes long is bounded by a depth in QUICK, and by a number of states in DEEP. From each state the world is run on
+until it rests: a bound leaves out faults that come late, not the end of a transfer.
 
 The number of faults is that of one schedule: "2 faults" means every way in which up to two of the kinds named can
 strike, each at every point. In every schedule, stations that are dead may come back and links that are cut may heal at

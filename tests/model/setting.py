@@ -102,3 +102,5 @@ class Setting:
     limits: Limits = LIMITS
     #: no further than this many steps; None: until nothing is new
     depth: int | None = None
+    #: a deep exploration ends when so many states are known, in two minutes at most; `--states` changes that
+    states: int = 40_000

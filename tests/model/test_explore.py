@@ -9,6 +9,7 @@ in the rules are found.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -32,6 +33,7 @@ from mavproxy_handover.core.safety.gap import Crossing
 from tests.depth import first
 from tests.model.canonical import NOW
 from tests.model.checks import Violation
+from tests.model.explore import main
 from tests.model.explorer import explore
 from tests.model.plans import BLANK, CRASHES, MESSAGES, QUICK
 from tests.model.setting import IMPATIENT, LUCKY, PARENT, Fault, Setting
@@ -76,6 +78,57 @@ def test_whatever_happens_authority_is_where_it_should_be(setting: Setting, pyte
 
 def test_settings_that_show_a_fault_late_are_explored() -> None:
     assert LATER.keys() <= {setting.name for setting in QUICK}
+
+
+def test_a_bound_by_states_says_to_which_depth_everything_was_explored() -> None:
+    bounded = explore(Graph(TRANSFER), states_limit=500)
+    assert (bounded.complete, bounded.extent) == (False, f"complete to depth {bounded.depth}")
+    to_this_depth, deeper = (
+        explore(Graph(replace(TRANSFER, depth=depth))) for depth in (bounded.depth, bounded.depth + 1)
+    )
+    assert to_this_depth.states < 500 <= bounded.states < deeper.states
+
+
+def test_the_program_explores_deep_settings_until_so_many_states_are_known(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["--states", "300", "weak links"]) == 0
+    out = capsys.readouterr().out
+    assert "1/1 weak links: vehicle and 2 stations; path A AB; up to 2 of: kill station, lose, weak\n" in out
+    assert re.search(
+        r"^\| weak links \| 30\d \| \d+ \| complete to depth \d+ \| \d+ s \| [\d.]+ s \|$", out, re.MULTILINE
+    )
+    assert out.endswith("Nothing that must hold is violated in what was explored.\n")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "names"),
+    [
+        (["transfer"], ["transfer"]),
+        (["whole", "lia"], ["liars", "whole flight"]),
+        (["--quick", "liar"], ["liars", "three stations, liars"]),
+    ],
+)
+def test_a_setting_is_explored_by_its_name_or_a_part_of_it(
+    arguments: list[str], names: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*arguments, "--list"]) == 0
+    assert re.findall(r"^\d+/\d+ (.*?): ", capsys.readouterr().out, re.MULTILINE) == names
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["transfers"], "no setting has one of these in its name: transfers\n"),
+        (["--states", "-1"], "--states -1: 0 or more\n"),
+    ],
+)
+def test_the_program_refuses_what_would_explore_nothing(
+    arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        main(arguments)
+    assert capsys.readouterr().err.endswith(message)
 
 
 def test_who_was_given_up_behind_a_restart_has_to_answer_before_it_is_asked_again() -> None:
