@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
@@ -13,7 +14,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.core.common.model import AuthorityView, LeaseState, Phase
 from mavproxy_handover.gate.judge import Fate, GateReason, judge
 from mavproxy_handover.gate.policy.parameters import parameter_rule
-from mavproxy_handover.gate.policy.rows import Access, classify
+from mavproxy_handover.gate.policy.rows import Access, begins_midway, classify, moves, takes_off
 from mavproxy_handover.gate.policy.tables import (
     COMMAND_RULES,
     FTP_RULES,
@@ -24,6 +25,7 @@ from mavproxy_handover.gate.policy.tables import (
     POLICY,
     Rule,
 )
+from mavproxy_handover.vehicle.profiles import ASSUMED
 from mavproxy_handover.wire.frames import Frame
 from mavproxy_handover.wire.ids import FTP_OPCODES, MISSION_START
 from tests.gate.ledger import (
@@ -193,3 +195,101 @@ def test_the_part_that_decides_is_read_from_the_payload(make: Callable[..., Fram
     assert classify(make("MISSION_ITEM_INT", mission_type=2)).what == "MISSION_ITEM_INT/RALLY"
     assert classify(make("PARAM_SET", param_id=b"SCR_ENABLE")).what == "PARAM_SET/SCR_ENABLE"
     assert classify(make("HEARTBEAT")).what == "HEARTBEAT"
+
+
+@pytest.mark.parametrize(
+    ("command", "value", "word"),
+    [
+        ("PREFLIGHT_REBOOT_SHUTDOWN", 1.0, ""),
+        ("PREFLIGHT_REBOOT_SHUTDOWN", 2.0, " (shutdown)"),
+        ("PREFLIGHT_REBOOT_SHUTDOWN", 3.0, " (hold in the boot loader)"),
+        ("PREFLIGHT_REBOOT_SHUTDOWN", 2.5, " (reboot of this kind)"),
+        ("PREFLIGHT_REBOOT_SHUTDOWN", float("nan"), " (reboot of this kind)"),
+        ("DO_PARACHUTE", 2.5, ""),
+        ("DO_PARACHUTE", 0.5, " (parachute off)"),
+        ("DO_PARACHUTE", float("nan"), " (parachute on)"),
+        ("DO_AUX_FUNCTION", 9.0, ""),
+        ("DO_AUX_FUNCTION", 11.0, " (FENCE)"),
+        ("DO_AUX_FUNCTION", 65536.0 + 11.0, " (FENCE)"),  # the autopilot keeps 16 bits
+        ("DO_AUX_FUNCTION", 200.0, " (200)"),
+        ("DO_AUX_FUNCTION", float("nan"), " (no number)"),
+    ],
+)
+def test_the_word_of_a_value_with_another_class_stands_behind_the_command(
+    make: Callable[..., Frame], command: str, value: float, word: str
+) -> None:
+    number = getattr(mavlink, f"MAV_CMD_{command}")
+    for message in ("COMMAND_LONG", "COMMAND_INT"):
+        row = classify(make(message, command=number, param1=value))
+        assert row.what == f"{message}/MAV_CMD_{command}{word}"
+
+
+@pytest.mark.parametrize(
+    ("command", "midway"),
+    [
+        ("DO_LAND_START", True),
+        ("NAV_TAKEOFF", False),  # it takes off, but from the beginning
+        ("MISSION_START", False),
+    ],
+)
+def test_a_mission_begins_midway_by_the_commands_that_say_so(
+    make: Callable[..., Frame], command: str, midway: bool
+) -> None:
+    row = classify(make("COMMAND_LONG", command=getattr(mavlink, f"MAV_CMD_{command}")))
+    assert begins_midway(row) is midway
+    assert begins_midway(classify(make("HEARTBEAT"))) is False
+
+
+#: modes of an aircraft that takes off by mode 9 and by switch 77
+_MODES = replace(ASSUMED.gate, take_off=(9,), take_off_switches=(77,))
+_NAN = float("nan")
+
+
+@pytest.mark.parametrize(
+    ("command", "params", "starts", "turns"),
+    [
+        ("NAV_TAKEOFF", (), True, True),
+        ("COMPONENT_ARM_DISARM", (1.0,), True, True),
+        ("COMPONENT_ARM_DISARM", (0.0,), False, False),
+        ("COMPONENT_ARM_DISARM", (_NAN,), True, True),
+        ("DO_AUX_FUNCTION", (41.0, 2.0), True, True),
+        ("DO_AUX_FUNCTION", (41.0, 0.0), False, False),
+        ("DO_AUX_FUNCTION", (77.0, 2.0), True, True),
+        ("DO_AUX_FUNCTION", (78.0, 2.0), False, False),
+        ("DO_AUX_FUNCTION", (65536.0 + 41.0, 2.0), True, True),  # the autopilot keeps 16 bits
+        ("DO_SET_MODE", (1.0, 9.0), True, True),
+        ("DO_SET_MODE", (1.0, 256.0 + 9.0), True, True),  # of a mode 8 bits
+        ("DO_SET_MODE", (1.0, 8.0), False, False),
+        ("DO_SET_MODE", (1.0, 77.0), False, False),
+        ("DO_SET_MODE", (1.0, _NAN), True, True),
+        ("MISSION_START", (), False, True),
+        ("DO_MOTOR_TEST", (), False, True),
+        ("NAV_LAND", (), False, False),
+        ("DO_SET_HOME", (), False, False),
+    ],
+)
+def test_what_takes_off_and_what_turns_motors(
+    make: Callable[..., Frame], command: str, params: tuple[float, ...], starts: bool, turns: bool
+) -> None:
+    fields = {f"param{place}": value for place, value in enumerate(params, start=1)}
+    frame = make("COMMAND_LONG", command=getattr(mavlink, f"MAV_CMD_{command}"), **fields)
+    row = classify(frame)
+    assert (takes_off(frame, row, _MODES), moves(frame, row, _MODES)) == (starts, turns)
+
+
+def test_other_messages_than_commands_take_off_by_a_mode_alone(make: Callable[..., Frame]) -> None:
+    for mode, starts in ((9, True), (256 + 9, True), (8, False)):
+        frame = make("SET_MODE", custom_mode=mode)
+        row = classify(frame)
+        assert (takes_off(frame, row, _MODES), moves(frame, row, _MODES)) == (starts, starts)
+    for command in (mavlink.MAV_CMD_NAV_TAKEOFF, MISSION_START, mavlink.MAV_CMD_DO_MOTOR_TEST):
+        answer = make("COMMAND_ACK", command=command)
+        assert not moves(answer, classify(answer), _MODES)
+    beat = make("HEARTBEAT")
+    assert not takes_off(beat, classify(beat), _MODES)
+
+
+def test_only_of_commands_the_first_parameter_decides(make: Callable[..., Frame]) -> None:
+    row = classify(make("COMMAND_ACK", command=mavlink.MAV_CMD_DO_PARACHUTE))
+    assert (row.what, row.access) == ("COMMAND_ACK/MAV_CMD_DO_PARACHUTE", Access.STREAM)
+    assert classify(make("HEARTBEAT")).access is Access.LIVENESS

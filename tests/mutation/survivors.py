@@ -91,6 +91,15 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
         ),
         "more frames than need be are judged by `decide`, which finds the same",
     ),
+    "policy.rows": {
+        "moves: dropped from and/or: frame.msgid in _COMMANDS: frame.msgid in _COMMANDS and (row.part == MISSION_START "
+        "or row.part in _TURNING)": "no other message of this class has such a part"
+    },
+    "policy.parameters": {
+        "parameter_rule: dropped from and/or: found.lastindex is None: found is None or found.lastindex is None": (
+            "only for the type checker: whatever fits is in a group"
+        )
+    },
     "intent": {
         "_is_one: dropped: return False (number 2)": "a mode that is no number is AUTO before it is FOLLOW",
         "_is_one: number one more: 0 in return rule.also is None or _holds(field_float(frame, f'param{rule.also[0]}'), "
