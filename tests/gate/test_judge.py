@@ -14,7 +14,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.common.model import AuthorityView, LeaseState, Phase
 from mavproxy_handover.gate import judge as gate_judge
-from mavproxy_handover.gate.judge import Fate, GateReason, StationIdentity, Verdict, judge
+from mavproxy_handover.gate.judge import Fate, GateReason, StationIdentity, Verdict, judge, uploads
 from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.gate.policy.rows import MESSAGE_ROWS, Row
 from mavproxy_handover.wire.frames import Frame, FrameSplitter, parse_one
@@ -497,3 +497,55 @@ def test_a_component_that_is_not_the_stations_has_no_part_in_its_authority(
 def test_a_component_that_is_not_the_stations_may_read(make: Callable[..., Frame]) -> None:
     frame = make("PARAM_REQUEST_READ", sysid=GCSA, compid=25)
     assert judge(frame, A, GROUNDED, VEHICLE).fate is Fate.FORWARD
+
+
+# --- what phase, rehearsal and sender change
+
+ON_GROUND, IN_FLIGHT = GROUNDED, COMMANDED_BY_A_ARMED
+REHEARSED = replace(IN_FLIGHT, rehearsal=True)
+CONSUMED = (Fate.CONSUME, GateReason.COMPANION)
+START, LAND, TAKE_OFF = mavlink.MAV_CMD_MISSION_START, mavlink.MAV_CMD_NAV_LAND, mavlink.MAV_CMD_NAV_TAKEOFF
+
+
+@pytest.mark.parametrize(("sysid", "station", "others"), [(GCSA, A, ALLOWED), (GCSB, B, NOT_IN_CONTROL)])
+def test_in_a_rehearsal_nobody_starts_and_the_rest_is_as_in_flight(
+    make: Callable[..., Frame], sysid: int, station: StationIdentity, others: tuple[Fate, GateReason]
+) -> None:
+    for command, wanted in ((START, (Fate.REFUSE, GateReason.REHEARSAL)), (LAND, others)):
+        verdict = outcome(make("COMMAND_LONG", sysid=sysid, command=command), station, REHEARSED)
+        assert (verdict.fate, verdict.reason) == wanted
+
+
+def test_a_further_system_of_a_station_commands_and_its_heartbeat_does_not_count(make: Callable[..., Frame]) -> None:
+    not_counted = (Fate.CONSUME, GateReason.LIVENESS_NOT_COMMANDER)
+    for sysid, beats in ((GCSA, ALLOWED), (TRACKER_OF_A, not_counted)):
+        beat = outcome(make("HEARTBEAT", sysid=sysid), A)
+        command = outcome(make("COMMAND_LONG", sysid=sysid, command=LAND), A)
+        assert (beat.fate, beat.reason) == beats
+        assert (command.fate, command.reason) == ALLOWED
+
+
+def test_on_the_ground_a_take_off_is_the_companions_and_an_answer_to_one_is_not(make: Callable[..., Frame]) -> None:
+    for command in (START, TAKE_OFF):
+        taken = outcome(make("COMMAND_LONG", command=command), A, ON_GROUND)
+        answer = outcome(make("COMMAND_ACK", command=command), A, ON_GROUND)
+        assert (taken.fate, taken.reason) == CONSUMED
+        assert (answer.fate, answer.reason) == ALLOWED
+
+
+@pytest.mark.parametrize(
+    ("sysid", "station", "mission_type", "wanted"),
+    [(GCSA, A, 0, CONSUMED), (GCSA, A, 1, CONSUMED), (GCSA, A, 255, ALLOWED), (GCSB, B, 0, ALLOWED)],
+)
+def test_in_flight_only_the_commander_calls_off_an_upload_and_only_of_mission_or_fence(
+    make: Callable[..., Frame], sysid: int, station: StationIdentity, mission_type: int, wanted: tuple[Fate, GateReason]
+) -> None:
+    verdict = outcome(make("MISSION_ACK", sysid=sysid, mission_type=mission_type), station, IN_FLIGHT)
+    assert (verdict.fate, verdict.reason) == wanted
+
+
+def test_a_guided_target_in_an_item_is_no_upload(make: Callable[..., Frame]) -> None:
+    item = {"command": mavlink.MAV_CMD_NAV_WAYPOINT, "frame": mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT}
+    assert uploads(make("MISSION_ITEM_INT", **item))
+    assert not uploads(make("MISSION_ITEM_INT", **item, current=2))
+    assert not uploads(make("MISSION_COUNT", mission_type=2))

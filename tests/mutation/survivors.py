@@ -71,26 +71,44 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
             "only for the type checker: without such a text there is no name"
         )
     },
-    "judge": dict.fromkeys(
-        (
-            "usual: dropped: return commander if station.sysid == view.commander else others",
-            "usual: and/or swapped: frame.compid in station.components or frame.sysid != station.sysid",
-            "usual: dropped from and/or: frame.compid in station.components: frame.compid in station.components or "
-            "frame.sysid != station.sysid",
-            "usual: dropped from and/or: frame.sysid != station.sysid: frame.compid in station.components or "
-            "frame.sysid != station.sysid",
-            "usual: dropped from and/or: len(payload) >= length and (payload[system] == veh: system is None or "
-            "(len(payload) >= length and (payload[system] == vehicle_sysid or not pay",
-            "usual: comparison turned: len(payload) >= length",
-            "usual: and/or swapped: payload[system] == vehicle_sysid or not payload[system]",
-            "usual: dropped from and/or: payload[system] == vehicle_sysid: payload[system] == vehicle_sysid or "
-            "not payload[system]",
-            "usual: dropped from and/or: not payload[system]: payload[system] == vehicle_sysid or not payload[system]",
-            "usual: dropped from and/or: payload[component] != COMPANION_COMPID: component is None or "
-            "payload[component] != COMPANION_COMPID",
+    "judge": {
+        **dict.fromkeys(
+            (
+                "usual: dropped: return commander if station.sysid == view.commander else others",
+                "usual: and/or swapped: frame.compid in station.components or frame.sysid != station.sysid",
+                "usual: dropped from and/or: frame.compid in station.components: frame.compid in station.components or "
+                "frame.sysid != station.sysid",
+                "usual: dropped from and/or: frame.sysid != station.sysid: frame.compid in station.components or "
+                "frame.sysid != station.sysid",
+                "usual: dropped from and/or: len(payload) >= length and (payload[system] == veh: system is None or "
+                "(len(payload) >= length and (payload[system] == vehicle_sysid or not pay",
+                "usual: comparison turned: len(payload) >= length",
+                "usual: and/or swapped: payload[system] == vehicle_sysid or not payload[system]",
+                "usual: dropped from and/or: payload[system] == vehicle_sysid: payload[system] == vehicle_sysid or "
+                "not payload[system]",
+                "usual: dropped from and/or: not payload[system]: payload[system] == vehicle_sysid or "
+                "not payload[system]",
+                "usual: dropped from and/or: payload[component] != COMPANION_COMPID: component is None or "
+                "payload[component] != COMPANION_COMPID",
+            ),
+            "more frames than need be are judged by `decide`, which finds the same",
         ),
-        "more frames than need be are judged by `decide`, which finds the same",
-    ),
+        "_usual: truth turned: True in found = (outcome(row.access, commands, armed=True) for commands in "
+        "(False, True))": "only classes whose outcome does not depend on it get here",
+        "_usual_by_id: dropped from and/or: msgid not in TAKE_OFF_MESSAGES: row.access in same and row.access is not "
+        "Access.LIVENESS and (msgid not in TAKE_OFF_MESSAG": "SET_MODE is among the messages of intents too",
+        "_usual_by_id: dropped from and/or: msgid != _ACK: row.access in same and row.access is not Access.LIVENESS "
+        "and (msgid not in TAKE_OFF_MESSAG": "the id alone does not decide MISSION_ACK, so it has no row there",
+        **dict.fromkeys(
+            (
+                "_decide: dropped from and/or: frame.msgid in _LOOKED_AT: commands and frame.msgid in _LOOKED_AT and "
+                "(view.phase is not _ON_LOAD)",
+                "uploads: dropped from and/or: frame.msgid not in INTENT_MESSAGES: frame.msgid not in INTENT_MESSAGES "
+                "or intent_of(frame, modes) is None",
+            ),
+            _ONLY_SAVES_TIME,
+        ),
+    },
     "policy.rows": {
         "moves: dropped from and/or: frame.msgid in _COMMANDS: frame.msgid in _COMMANDS and (row.part == MISSION_START "
         "or row.part in _TURNING)": "no other message of this class has such a part"
