@@ -82,7 +82,7 @@ TESTED = {
     "judge": ("test_judge.py", "test_flight_log.py"),
     "policy.rows": ("test_policy.py",),
     "policy.parameters": ("test_policy.py",),
-    "policy.files": ("test_flush.py", "test_list_changes.py", "test_judge.py"),
+    "policy.files": ("test_flush.py", "test_list_changes.py", "test_judge.py", "test_every_sender.py"),
     "flush": ("test_flush.py",),
     "observers": ("test_observers.py",),
     "questions": ("test_questions.py",),

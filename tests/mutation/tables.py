@@ -45,8 +45,8 @@ def survivors() -> tuple[int, list[str]]:
         TOLD_SWITCHES,
         Case,
     )
+    from tests.gate.test_every_sender import check
     from tests.gate.test_firmware_parameters import NAMES as FIRMWARE
-    from tests.gate.test_judge import check
 
     @cache
     def made(name: str, sysid: int, version: int, fields: str) -> Any:
