@@ -4,7 +4,7 @@ PYTHON ?= python3
 # tests of one file stay together: several of them start processes. As they stand, the longest are in the middle, and
 # all workers end at one time; in the order of xdist, by the number of tests, the flights are the last. Three workers on
 # two cores: a third of the time of the tests is waiting for processes
-PYTEST_ARGS ?= -n 3 --dist loadfile --no-loadscope-reorder
+PYTEST_ARGS ?= -n 4 --dist loadfile --no-loadscope-reorder
 VENV := .venv
 BIN := $(VENV)/bin
 # pytest and every program that a test starts keep what they have compiled: without it each worker rewrites the asserts
