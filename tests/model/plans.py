@@ -81,22 +81,22 @@ QUICK = (
 )
 
 DEEP = (
-    Setting("transfer", faults=2),
-    Setting("transfer, messages", faults=3, kinds=MESSAGES, limits=IMPATIENT),
+    Setting("transfer", faults=2, states=250_000),
+    Setting("transfer, messages", faults=3, kinds=MESSAGES, limits=IMPATIENT, states=2_000_000),
     Setting("transfer, crashes", faults=3, kinds=CRASHES, path=("AB",)),
     Setting("transfer, crashes from afar", faults=2, kinds=CRASHES),
     Setting("downlinks", faults=3, kinds=DEAF, limits=LUCKY, depth=30),
     Setting("transfer, cuts", faults=2, kinds=frozenset({Fault.CUT, Fault.LOSE, Fault.KILL_STATION})),
-    Setting("liars", faults=3, kinds=frozenset({Fault.LIE, Fault.HOLD})),
+    Setting("liars", faults=3, kinds=frozenset({Fault.LIE, Fault.HOLD}), states=120_000),
     Setting("weak links", faults=2, kinds=frozenset({Fault.WEAK, Fault.LOSE, Fault.KILL_STATION})),
     Setting("energy", path=("AB", "aB", "B"), faults=2, kinds=SHORT | CRASHES, depth=24),
     Setting("energy at the border", path=("A", "a", "AB", "aB"), faults=2, kinds=SHORT | DEATHS, depth=24),
     Setting(
         "energy in a gap that the mission declares", path=("A", "=", "B"), faults=2, kinds=SHORT | DEATHS, depth=24
     ),
-    Setting("through the region", path=("A", "AB", "B"), faults=1),
+    Setting("through the region", path=("A", "AB", "B"), faults=1, states=120_000),
     Setting("gap between the zones", path=("A", "", "B"), faults=1),
-    Setting("there and back", path=("A", "AB", "A", "AB"), faults=1),
+    Setting("there and back", path=("A", "AB", "A", "AB"), faults=1, states=120_000),
     Setting("over the edge", path=("A", "AB", "A", "", "B"), faults=1),
     Setting("zone about to end", path=("AB", "aB", "B"), faults=1),
     Setting("held at the border", path=("A", "a", "AB", "aB"), faults=1, kinds=DEATHS | LOST),
