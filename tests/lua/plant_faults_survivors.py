@@ -37,7 +37,6 @@ KNOWN_SURVIVORS: dict[str, str] = {
     "last_resort: left out: update_state(now)": "enforce has judged before it failed",
     "observe: always true: if judging then": "a count of calls below zero is as good as zero",
     "observe: or: if mode == firmware.auto and firmware.sequences[reason] then": _FORGOTTEN,
-    "observe: always true: if mode == firmware.auto and firmware.sequences[reason] then": _FORGOTTEN,
     "observe: minus: craft.mode, craft.reason, craft.changes, craft.former_at = "
     "mode, reason, craft.changes + 1, craft.at": _DIFFERS,
     "observe: one more: craft.mode, craft.reason, craft.changes, craft.former_at = "
@@ -71,9 +70,7 @@ KNOWN_SURVIVORS: dict[str, str] = {
     'status.send: plus: text = text .. string.rep("\\0", MAV.TUNNEL_BYTES - #text)': (
         "the firmware takes as many bytes as the message has"
     ),
-    "read_command: and: local came_at = stamp and stamp:toint() or now": "the instant of reading, a call later",
     "read_command: or: local came_at = stamp and stamp:toint() or now": _BOXED,
-    "rx.register: one more: for k = 1, #rx.ids do": "the next second does it",
     "housekeeping: and: if gcs_id.epoch ~= lease.epoch or gcs_id.nonce ~= lease.nonce or gcs_id.set ~= lease.commander "
     "then": "noted at the next look, where the commander is the same",
     "housekeeping: and: if gcs_id.epoch ~= lease.epoch or gcs_id.nonce ~= lease.nonce or gcs_id.set ~= lease.commander "

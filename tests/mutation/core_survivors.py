@@ -237,10 +237,6 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
         "self.executor.held_for is not None": "an aircraft that an order holds stands by that order",
     },
     "safety.decision_executor": {
-        "mode_source_seen: dropped from and/or: not self._mode.piloted: event.flown in GIVES_BACK and "
-        "event.flown is self._mode.flown and (not self._mode.piloted)": (
-            "a pilot has ended the order, and a doubt about the commanded mode ends with the command"
-        ),
         "held_for: dropped: return None": (
             "a told decision that is no hold has cleared the cause of the hold: `carry_out` did, or a new mode"
         ),
@@ -284,8 +280,6 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
         "tell_return: dropped from and/or: told is not None: told is not None and told.action is FlightAction.RETURN": (
             "a return that is to be told has been decided; the line is for the type checker"
         ),
-        "verify_order: truth turned: False in return False": "a second decision in the same moment is the same",
-        "verify_order: truth turned: False in return False (number 2)": "the same",
     },
     "safety.mode_source": {
         "__init__: truth turned: False in self._overtaken = False": "a command of the commander sets it first",

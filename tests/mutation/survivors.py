@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from mavproxy_handover.gate.policy.access import Access
+
 __all__ = ["KNOWN_SURVIVORS"]
 
 _ONLY_SAVES_TIME = "the condition only saves time: without it the same is found"
@@ -11,6 +13,12 @@ _TRACE = "how much of a trace people get to read"
 _NONE_IS_NO_KEY = "None is in no table either"
 
 KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
+    "tables": {
+        f"{carrier}/MAV_CMD_DO_AUX_FUNCTION as {access.value}": "the function that it switches decides"
+        for carrier in ("COMMAND_LONG", "COMMAND_INT")
+        for access in Access
+        if access is not Access.COMMAND
+    },
     "gate": {
         "up: dropped from and/or: passed.unnoted: not commands and passed.unnoted": _ONLY_SAVES_TIME,
         "up: dropped from and/or: commands: frame.msgid in LOG_REQUESTS and commands": (
