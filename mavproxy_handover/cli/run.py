@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from mavproxy_handover.cli.launch import companion_argv, station_argv
+from mavproxy_handover.cli.reach import trouble
 from mavproxy_handover.config.files import ConfigError, find_vehicle_config, load_station
 from mavproxy_handover.store.flights import LATEST, begin
 from mavproxy_handover.supervision.must_load import import_fault, module_fault, must_load
@@ -95,7 +96,13 @@ def _run(
         print(f"{parser.prog}: {error}", file=sys.stderr)
         return 2
     print(shlex.join(command), flush=True)
-    return 0 if arguments.print else start(command, arguments)
+    if arguments.print:
+        return 0
+    for master in (word.partition("=")[2] for word in command if word.startswith("--master=")):
+        found = trouble(master)
+        if found:
+            print(f"{parser.prog}: WARNING: {found}", file=sys.stderr, flush=True)
+    return start(command, arguments)
 
 
 @dataclass(frozen=True, slots=True)
