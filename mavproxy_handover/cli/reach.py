@@ -29,7 +29,7 @@ _LINES: Final = ("serial/by-id/*", "ttyACM*", "ttyUSB*", "ttyTHS*", "ttyAMA*")
 def trouble(master: str, devices: Path = Path("/dev")) -> str | None:
     """What is wrong with a link that MAVProxy is to open, and what to do; None: nothing that shows.
 
-    `master`: a device string of MAVProxy, perhaps with a label in braces after it. `devices`: the folder of serial lines.
+    `master`: a device string of MAVProxy, perhaps with a label in braces after it. `devices`: where serial lines are.
     """
     try:
         spec = parse_device(master.partition(":{")[0].partition("{")[0])
