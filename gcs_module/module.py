@@ -24,6 +24,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from gcs_module.aircraft import Aircraft
 from gcs_module.alarms import Level
+from gcs_module.answer_lines import AnswerLines
 from gcs_module.console_rows import ConsoleRows
 from gcs_module.core import Notice, PeerHeard
 from gcs_module.event_log import StationEventLog
@@ -97,6 +98,7 @@ class HandoverGcsModule(mp_module.MPModule):
         self.selection = VehicleSelection(mpstate, config.vehicles, self._on_selection, self._show)
         self.menu = Menu(mpstate, [peer.station.name for peer in config.peers], self.fault)
         self._rows = ConsoleRows(lambda: mpstate.console, self.now, self._why_old)
+        self._answers = AnswerLines(lambda: mpstate.console, self.now)
         self._windows = WindowWatchdog(self.fault)
         #: the thread of the main loop, and commands that came by another thread: MAVProxy's console has one for its
         #: menus
@@ -170,6 +172,7 @@ class HandoverGcsModule(mp_module.MPModule):
         self._interrupts.restore()
         self._guarded("menu", self.menu.remove)
         self._guarded("console rows", self._rows.release)
+        self._guarded("answers", self._answers.release)
         self._guarded("windows", self._windows.close)
         self._restore_links()
         self.mpstate.select_extra.pop(self._ground.listening, None)
@@ -267,6 +270,8 @@ class HandoverGcsModule(mp_module.MPModule):
     def _on_packet(self, m: Any) -> None:
         frame = parse_one(bytes(m.get_msgbuf()))
         if frame is not None and frame.known and frame.sysid in self._by_sysid:
+            if frame.msgid == mavlink.MAVLINK_MSG_ID_STATUSTEXT:
+                self._answers.said(m.text)
             self._by_sysid[frame.sysid].on_frame(frame, m)
 
     def _read_ground(self) -> None:
@@ -318,6 +323,7 @@ class HandoverGcsModule(mp_module.MPModule):
         self._thread = threading.get_ident()
         while self._typed:
             self._command(self._typed.popleft())
+        self._guarded("answers", self._answers.tick)
         self._guarded("ground link", self._read_ground)
         self._guarded("replay state", partial(self._ground.tick, now))
         if self.links.several:

@@ -9,6 +9,7 @@ build machine shows activity too.
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Sequence
 from typing import TextIO
@@ -63,6 +64,8 @@ class Story:
     def __init__(self, stream: TextIO, stations: Sequence[str] = ()) -> None:
         self._stream = stream
         self._live = stream.isatty()
+        #: https://no-color.org
+        self._coloured = self._live and not os.environ.get("NO_COLOR")
         self._colours = dict(zip(stations, _STATION_COLOURS, strict=False))
         self._progress_at = time.monotonic() + (0.0 if self._live else _QUIET_INTERVAL_S)
         self._shown = False
@@ -83,7 +86,7 @@ class Story:
         self._clear()
         clock = " " * 9 if sim_s is None else f"{sim_s:7.1f} s"
         whole = f"{clock}  {who:<9} {text}".rstrip()
-        if self._live and colour:
+        if self._coloured and colour:
             whole = f"\033[{colour}m{whole}{_RESET}"
         self._put(whole + "\n")
 
@@ -91,14 +94,14 @@ class Story:
         """An expectation and its result."""
         self._clear()
         word = "holds" if held else "FAILS"
-        if self._live:
+        if self._coloured:
             word = f"{_GREEN if held else _RED}{word}{_RESET}"
         self._put(f"  {word}  {text}\n")
 
     def heading(self, text: str) -> None:
         """A line that stands out."""
         self._clear()
-        self._put(f"{_BOLD}{text}{_RESET}\n" if self._live else f"{text}\n")
+        self._put(f"{_BOLD}{text}{_RESET}\n" if self._coloured else f"{text}\n")
 
     def progress(self, text: str, sim_s: float) -> None:
         """A line of progress, shown at times while nothing happens."""
@@ -108,7 +111,8 @@ class Story:
         self._progress_at = now + (_LIVE_INTERVAL_S if self._live else _QUIET_INTERVAL_S)
         whole = f"{sim_s:7.1f} s  ... {text}"
         if self._live:
-            self._put(f"\r\033[K{_GREY}{whole[:118]}{_RESET}")
+            shown = f"{_GREY}{whole[:118]}{_RESET}" if self._coloured else whole[:118]
+            self._put(f"\r\033[K{shown}")
             self._shown = True
         else:
             self._put(whole + "\n")

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import io
+import re
 
 import pytest
 
@@ -62,3 +63,14 @@ def test_progress_on_a_terminal_is_wiped_by_the_next_line() -> None:
     story.line("landed")
     assert "waiting for landing" in terminal.getvalue()
     assert terminal.getvalue().index("\r\033[K", 1) < terminal.getvalue().index("landed\n")
+
+
+def test_no_color_leaves_the_colours_out_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("NO_COLOR", "1")
+    terminal = Terminal()
+    story = Story(terminal, ["GCSA"])
+    story.heading("nominal")
+    story.entry(Entry(1, "drone-1", "zone_left", "zone of GCSA left", {"station": "GCSA"}), 1.0)
+    story.verdict(True, "one handover")
+    story.progress("flies", 2.0)
+    assert re.findall(r"\033\[[0-9;]*m", terminal.getvalue()) == []
