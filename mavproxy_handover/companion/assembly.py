@@ -167,7 +167,6 @@ def parts_of(running: Running, base: Base, edge: Edge, hub: Hub) -> Parts:
         autopilot.command_check.target,
         lambda intent, station, now: autopilot.command_check.judge(message_sender.ports[station], intent, now).passes,
         autopilot.orders.takes_over,
-        autopilot.return_site.list.file.access,
         lambda: autopilot.aircraft.judged_by,
     )
     gate = Gate(

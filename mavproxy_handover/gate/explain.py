@@ -30,6 +30,7 @@ CLASSES: Final = {
     Access.RALLY_WRITE: "writes them; what the autopilot's own list holds is the place that is chosen",
     Access.TRANSFER: "the handover itself, between station and companion",
     Access.CONTROL: "the operator-control request of MAVLink",
+    Access.ABSENT: "reads or writes the rally points as a file: programs then use the mission protocol",
     Access.MAINTENANCE: "keys, raw buses, scripts, firmware: reconfigures the vehicle",
     Access.NEVER: "no station has a reason to send it: sensors, answers, what the vehicle says",
 }

@@ -9,17 +9,15 @@ the ones before it. The verdict of the last one is final. The order of the table
 
 1. Streams that ran before their station had authority come first: they stay refused, whatever else refuses them.
 2. Sticks come before targets, and targets that a filter has dropped cost no check of the situation.
-3. Files that the companion serves come before the limits of questions, which go by the class of the request.
-4. The check of commands in flight comes before the commands that the companion carries out: a command that leaves
+3. The check of commands in flight comes before the commands that the companion carries out: a command that leaves
    energy, fence or coverage is refused, even if the companion would carry it out.
-5. The limits of questions come last: what is refused anyway costs nothing of a station's share.
+4. The limits of questions come last: what is refused anyway costs nothing of a station's share.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partial
 from typing import Final, NamedTuple
 
 from pymavlink.dialects.v20 import handover as mavlink
@@ -27,7 +25,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.core.common.model import Phase
 from mavproxy_handover.gate.in_force import AuthorityInForce
 from mavproxy_handover.gate.intent import TARGET_MESSAGES, Aim, Intent, intent_of
-from mavproxy_handover.gate.judge import Fate, GateReason, Verdict, outcome, uploads
+from mavproxy_handover.gate.judge import Fate, GateReason, Verdict, uploads
 from mavproxy_handover.gate.passed import PassedFrames
 from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.gate.questions import ASKED
@@ -61,8 +59,6 @@ class CompanionMatters:
     command_passes: Callable[[Intent, int, float], bool]
     #: whether the companion carries out this command in flight, because the autopilot does not know it
     takes_over: Callable[[Frame], bool]
-    #: the class of a station's request for a file that the companion serves; None: the file is the autopilot's
-    served_file: Callable[[int, Frame], Access | None]
     #: the flight modes of the autopilot's firmware
     modes: Callable[[], Modes]
 
@@ -101,13 +97,10 @@ class Filters:
         self._matters = matters
         self._targets = TargetStreams(matters.target_passes)
         stale = passed.stale_streams.limit
-        served, served_to_others = partial(self._served_file, True), partial(self._served_file, False)
         self.table: tuple[Filter, ...] = (
             Filter("sticks and setpoints that ran before their station had authority", _STREAMS, stale),
             Filter("sticks before the vehicle is armed, and in a rehearsal", _STREAMS, self._sticks, STICKS),
             Filter("guided targets that leave energy, fence or coverage", _STREAMS, self._target, TARGET_MESSAGES),
-            Filter("files that the companion serves to the commander", _ALL, served, _FILES, commands=True),
-            Filter("files that it serves to other stations", _ALL, served_to_others, _FILES, commands=False),
             Filter(
                 "commands in flight that leave energy, fence or coverage", _COMMANDS, self._in_flight, commands=True
             ),
@@ -150,15 +143,6 @@ class Filters:
         if verdict.fate is _FORWARD and self._in_force.view.phase is not _ON_LOAD:
             return self._targets.limit(frame, verdict, station, now, self._matters.modes())
         return verdict
-
-    def _served_file(self, commands: bool, frame: Frame, verdict: Verdict, station: int, _now: float) -> Verdict:
-        if verdict.fate is Fate.DROP:
-            return verdict
-        access = self._matters.served_file(station, frame)
-        if access is None:
-            return verdict
-        fate, reason = outcome(access, commands, self._in_force.view.armed)
-        return Verdict(fate, access, reason, verdict.what)
 
     def _in_flight(self, frame: Frame, verdict: Verdict, station: int, now: float) -> Verdict:
         if verdict.fate is not _CONSUME or self._in_force.view.phase is _ON_LOAD:

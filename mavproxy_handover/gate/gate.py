@@ -25,10 +25,8 @@ Rules
    would be signed with the stations' keys, and they would believe it.
 9. In flight, the companion carries out commands that this autopilot does not know (`CompanionMatters.takes_over`: STOP
    of a plane). Only the commander's pass, as with any command.
-10. A station's request for a file that the companion serves is answered by the companion
-    (`CompanionMatters.served_file`).
-11. Frames of downloads go after all others (`downloads.py`).
-12. Answers of the autopilot to the companion's own reads of parameters are not passed on (`own_reads.py`).
+10. Frames of downloads go after all others (`downloads.py`).
+11. Answers of the autopilot to the companion's own reads of parameters are not passed on (`own_reads.py`).
 
 A fault while a frame is noted costs that note; a fault while a station is written to costs that frame. Both are
 reported. Any other exception goes to the caller.

@@ -76,6 +76,7 @@ class GateReason(Enum):
     LOCKED_WHILE_ARMED = "locked while armed"  #: safeguards rest on it; on the ground the commander may
     LIVENESS_NOT_COMMANDER = "liveness, not commander"  #: a heartbeat that the autopilot must not count
     MAINTENANCE_ONLY = "maintenance only"  #: over no radio link
+    ABSENT = "no such file"  #: the vehicle answers as if it did not have it
     NEVER = "never"  #: no station has a reason to send it
     SPOOFED_VEHICLE = "spoofed vehicle"  #: claims the vehicle's system id
     SPOOFED_STATION = "spoofed station"  #: claims a system id that is not this station's
@@ -148,6 +149,7 @@ _FOR_COMMANDER = {
     Access.RALLY_WRITE: (Fate.CONSUME, GateReason.COMPANION),
     Access.TRANSFER: (Fate.CONSUME, GateReason.COMPANION),
     Access.CONTROL: (Fate.CONSUME, GateReason.COMPANION),
+    Access.ABSENT: (Fate.REFUSE, GateReason.ABSENT),
     Access.MAINTENANCE: (Fate.REFUSE, GateReason.MAINTENANCE_ONLY),
     Access.NEVER: (Fate.DROP, GateReason.NEVER),
 }
@@ -164,6 +166,7 @@ _FOR_OTHERS = {
     Access.RALLY_WRITE: (Fate.REFUSE, GateReason.NOT_IN_CONTROL),
     Access.TRANSFER: (Fate.CONSUME, GateReason.COMPANION),
     Access.CONTROL: (Fate.CONSUME, GateReason.COMPANION),
+    Access.ABSENT: (Fate.REFUSE, GateReason.ABSENT),
     Access.MAINTENANCE: (Fate.REFUSE, GateReason.MAINTENANCE_ONLY),
     Access.NEVER: (Fate.DROP, GateReason.NEVER),
 }

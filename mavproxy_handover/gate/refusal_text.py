@@ -247,6 +247,7 @@ def _printable(raw: bytes) -> str:
 _REASONS: Final[Mapping[GateReason, str]] = {
     GateReason.LOCKED_WHILE_ARMED: "locked while armed",
     GateReason.MAINTENANCE_ONLY: "maintenance only, over no radio link",
+    GateReason.ABSENT: "there is no such file, use the mission protocol",
     GateReason.UNKNOWN_COMMAND: "not known to this vehicle",
     GateReason.REHEARSAL: "a rehearsal is under way: nothing arms",
     GateReason.COMPONENT: "this component has no authority ('components' in [[station]])",

@@ -49,6 +49,7 @@ __all__ = [
 FTP_ERROR_NO_SESSION: Final = 5
 FTP_ERROR_UNKNOWN_COMMAND: Final = 7
 FTP_ERROR_FILE_PROTECTED: Final = 9
+FTP_ERROR_FILE_NOT_FOUND: Final = 10
 
 #: the same cause is told at most once in this time (s)
 CAUSE_S: Final = 10.0
@@ -68,6 +69,7 @@ _FTP_ERRORS: Final = {
     GateReason.UNKNOWN_COMMAND: FTP_ERROR_UNKNOWN_COMMAND,
     GateReason.COMPANION_TARGET: FTP_ERROR_UNKNOWN_COMMAND,
     GateReason.FILE_BUSY: FTP_ERROR_NO_SESSION,
+    GateReason.ABSENT: FTP_ERROR_FILE_NOT_FOUND,
 }
 
 #: Refused without a text: programs repeat these on their own, or they are answers themselves.

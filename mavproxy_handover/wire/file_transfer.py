@@ -14,12 +14,11 @@ from typing import Any, Final, NamedTuple
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-__all__ = ["DATA", "DATA_BYTES", "PAYLOAD_BYTES", "Head", "answer", "checksum", "head_of", "message"]
+__all__ = ["DATA", "PAYLOAD_BYTES", "Head", "answer", "checksum", "head_of", "message"]
 
 _HEAD: Final = struct.Struct("<HBBBBBxI")
 PAYLOAD_BYTES: Final = 251
 DATA: Final = slice(_HEAD.size, PAYLOAD_BYTES)
-DATA_BYTES: Final = PAYLOAD_BYTES - _HEAD.size
 
 
 class Head(NamedTuple):
@@ -40,7 +39,7 @@ def head_of(payload: bytes) -> Head:
 
 
 def message(target: tuple[int, int], head: Head, data: bytes = b"") -> Any:
-    """The message to that system and component. `data` is at most DATA_BYTES long."""
+    """The message to that system and component. `data` is at most 239 bytes."""
     payload = (_HEAD.pack(*head) + data).ljust(PAYLOAD_BYTES, b"\0")
     return mavlink.MAVLink_file_transfer_protocol_message(0, *target, list(payload))
 

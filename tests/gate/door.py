@@ -21,7 +21,6 @@ from mavproxy_handover.gate.intent import Aim, Intent
 from mavproxy_handover.gate.judge import StationIdentity, Verdict
 from mavproxy_handover.gate.observers import ObserverLimits
 from mavproxy_handover.gate.passed import PassedFrames
-from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.gate.replies import GateReports
 from mavproxy_handover.gate.stale_streams import News
 from mavproxy_handover.vehicle.profiles import COPTER, Modes
@@ -102,8 +101,7 @@ class Door:
         #: the commands in flight that the gate asked about, with their stations
         self.asked: list[tuple[Intent, int]] = []
         self.takes_over: Callable[[Frame], bool] = lambda _frame: False
-        self.served_file: Callable[[int, Frame], Access | None] = lambda _station, _frame: None
-        matters = CompanionMatters(self._passes, self._allows, self._carries_out, self._serves, lambda: self.modes)
+        matters = CompanionMatters(self._passes, self._allows, self._carries_out, lambda: self.modes)
         in_force = AuthorityInForce()
         self.frames = PassedFrames(VEHICLE, self.ports, ObserverLimits(), in_force, pass_on, reports.fault)
         self.gate = Gate(VEHICLE, self.ports, in_force, self.frames, pass_on, reports, matters)
@@ -117,9 +115,6 @@ class Door:
 
     def _carries_out(self, frame: Frame) -> bool:
         return self.takes_over(frame)
-
-    def _serves(self, station: int, frame: Frame) -> Access | None:
-        return self.served_file(station, frame)
 
     def up(self, station: StationIdentity, frame: Frame) -> Came:
         """A frame arrives from a station."""

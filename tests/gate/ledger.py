@@ -182,14 +182,6 @@ MAINTENANCE_FILES = [
     (4, b"/APM/CubeOrange.stg"),
     (4, b"APM/CUBEOR~1.STG"),
     (11, b"APM/mission.stg"),
-    (8, b"@MISSION/rally.dat"),
-    (12, b"@MISSION/rally.dat"),
-    (13, b"x\0@MISSION/rally.dat"),
-    (13, b"@MISSION/rally.dat\0x"),
-    (3, b"@MISSION/rally.dat"),
-    (6, b"@MISSION/rally.dat2"),
-    (4, b"@MISSIONrally.dat"),
-    (4, b"@MISSION/x/../rally.dat"),
     (4, b"eeprom.bin"),
     (4, b"./eeprom-replay.bin"),
 ]
@@ -201,13 +193,19 @@ TOLD_FILES = [
     (14, b"logs/1.BIN"),
     (8, b"APM/LOGS/1.BIN"),
 ]
-#: the list that a return chooses its place of, the companion's own
-RALLY_READ_FILES = [
+#: files that stations are told the vehicle does not have: the autopilot's own list of rally points
+ABSENT_FILES = [
+    (8, b"@MISSION/rally.dat"),
+    (12, b"@MISSION/rally.dat"),
+    (13, b"x\0@MISSION/rally.dat"),
+    (13, b"@MISSION/rally.dat\0x"),
+    (3, b"@MISSION/rally.dat"),
+    (6, b"@MISSION/rally.dat2"),
+    (4, b"@MISSIONrally.dat"),
+    (4, b"@MISSION/x/../rally.dat"),
     (4, b"@MISSION/rally.dat"),
     (4, b"/@mission/RALLY.dat"),
     (14, b"@MISSION\\rally.dat"),
-]
-RALLY_WRITE_FILES = [
     (6, b"@MISSION/rally.dat"),
     (6, b"/@mission/rally.dat"),
     (11, b"/@mission/RALLY.dat"),
@@ -345,13 +343,14 @@ SILENT, RATE, START, TAKE_OFF, HELD = "silent", "rate", "start", "take off", "he
 TURNING = "turning"
 HANDOVER, CONTROL, LIVENESS = "handover", "control", "liveness"
 JUDGED, CALLED_OFF = "judged", "called off"
-MAINTENANCE, NEVER, UNKNOWN = "maintenance", "never", "unknown"
+ABSENT, MAINTENANCE, NEVER, UNKNOWN = "absent", "maintenance", "never", "unknown"
 RALLY_READ, RALLY_WRITE = "rally read", "rally write"
 
 _ALLOWED = (Fate.FORWARD, GateReason.ALLOWED)
 _NOT_IN_CONTROL = (Fate.REFUSE, GateReason.NOT_IN_CONTROL)
 _CONSUMED = (Fate.CONSUME, GateReason.COMPANION)
 _NO_RADIO = (Fate.REFUSE, GateReason.MAINTENANCE_ONLY)
+_ABSENT = (Fate.REFUSE, GateReason.ABSENT)
 _NEVER = (Fate.DROP, GateReason.NEVER)
 _UNKNOWN = (Fate.REFUSE, GateReason.UNKNOWN_COMMAND)
 
@@ -374,6 +373,7 @@ OUTCOMES = {
     CONTROL: (_CONSUMED, _CONSUMED),
     RALLY_READ: (_CONSUMED, _CONSUMED),
     RALLY_WRITE: (_CONSUMED, _NOT_IN_CONTROL),
+    ABSENT: (_ABSENT, _ABSENT),
     MAINTENANCE: (_NO_RADIO, _NO_RADIO),
     NEVER: (_NEVER, _NEVER),
     UNKNOWN: (_UNKNOWN, _UNKNOWN),
@@ -403,6 +403,7 @@ ACCESS = {
     CONTROL: Access.CONTROL,
     RALLY_READ: Access.RALLY_READ,
     RALLY_WRITE: Access.RALLY_WRITE,
+    ABSENT: Access.ABSENT,
     MAINTENANCE: Access.MAINTENANCE,
     NEVER: Access.NEVER,
     UNKNOWN: None,
@@ -577,8 +578,7 @@ def cases() -> Iterator[Case]:
     for files, kind in (
         (MAINTENANCE_FILES, MAINTENANCE),
         (TOLD_FILES, TOLD),
-        (RALLY_READ_FILES, RALLY_READ),
-        (RALLY_WRITE_FILES, RALLY_WRITE),
+        (ABSENT_FILES, ABSENT),
         (SAFEGUARD_FILES, SAFEGUARD),
         (PLAIN_FILES, None),
     ):

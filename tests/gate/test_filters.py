@@ -110,25 +110,6 @@ class TestCommandsInFlight:
         assert (came.verdict.fate, came.passed, door.asked) == (Fate.CONSUME, [], [])
 
 
-class TestServedFiles:
-    """Files that the companion serves in the autopilot's place."""
-
-    def test_it_answers_no_request_that_the_policy_drops(self, door: Door, make: Make) -> None:
-        door.served_file = lambda _station, _frame: Access.RALLY_READ
-        request = {"target_system": VEHICLE, "target_component": 1, "payload": bytes(251)}
-        served = door.up(B, make("FILE_TRANSFER_PROTOCOL", sysid=GCSB, **request))
-        assert (served.verdict.fate, served.verdict.access) == (Fate.CONSUME, Access.RALLY_READ)
-        dropped = door.up(B, make("FILE_TRANSFER_PROTOCOL", sysid=GCSB, **{**request, "target_system": VEHICLE + 1}))
-        assert (dropped.verdict.fate, dropped.verdict.reason) == (Fate.DROP, GateReason.OTHER_TARGET)
-
-    def test_the_commander_alone_may_write_one(self, door: Door, make: Make) -> None:
-        door.change(replace(FLYING, phase=Phase.ON_LOAD, armed=False))
-        door.served_file = lambda _station, _frame: Access.RALLY_WRITE
-        assert door.up(A, make("FILE_TRANSFER_PROTOCOL")).verdict.fate is Fate.CONSUME
-        refused = door.up(B, make("FILE_TRANSFER_PROTOCOL", sysid=GCSB)).verdict
-        assert (refused.fate, refused.reason) == (Fate.REFUSE, GateReason.NOT_IN_CONTROL)
-
-
 def test_an_observer_may_end_its_own_reading_of_a_file_and_no_other(door: Door, make: Make) -> None:
     door.change(replace(FLYING, phase=Phase.ON_LOAD, armed=False))
     ends = make("FILE_TRANSFER_PROTOCOL", sysid=GCSB, payload=ftp_request(1, b""))

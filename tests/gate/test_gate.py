@@ -184,11 +184,10 @@ def test_so_many_frames_wait_to_be_noted_at_most(door: Door, make: Make) -> None
 
 def test_a_camera_of_the_commanders_number_does_not_command(door: Door, make: Make) -> None:
     door.change(replace(OF_A, phase=Phase.ON_LOAD))
-    door.served_file = lambda _station, _frame: Access.RALLY_WRITE
-    write = ftp_request(6, b"@MISSION/rally.dat")
-    assert door.up(A, make("FILE_TRANSFER_PROTOCOL", payload=write)).verdict.fate is Fate.CONSUME
-    came = door.up(A, make("FILE_TRANSFER_PROTOCOL", compid=100, payload=write))
-    assert (came.verdict.fate, came.verdict.reason) == (Fate.REFUSE, GateReason.NOT_IN_CONTROL)
+    passed = door.up(A, make("PARAM_REQUEST_READ", compid=100))
+    assert (passed.verdict.fate, len(door.frames.unnoted)) == (Fate.FORWARD, 0), "noted at once, as any other's"
+    came = door.up(A, make("COMMAND_LONG", compid=100, command=20))
+    assert (came.verdict.fate, came.verdict.reason) == (Fate.REFUSE, GateReason.COMPONENT)
 
 
 # ---- up: answers -----------------------------------------------------------------------------------------------------

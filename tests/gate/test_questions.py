@@ -266,12 +266,12 @@ def test_the_end_of_its_reading_does_not_go_to_another_aircraft(desk: Desk, make
     assert desk.outcome(elsewhere, 0.1) == (Fate.DROP, GateReason.OTHER_TARGET)
 
 
-def test_an_observer_reads_the_rally_points_of_the_companion_while_the_commander_writes_a_file(
+def test_an_observer_hears_at_once_that_there_is_no_rally_file_while_the_commander_writes_one(
     desk: Desk, make: Make
 ) -> None:
     desk.ask(ftp(make, CREATE, GCSA, b"@MISSION/mission.dat"), 0.0)
     rally = ftp(make, OPEN, GCSB, b"@MISSION/rally.dat")
-    assert desk.outcome(rally, 0.1) == (Fate.CONSUME, GateReason.COMPANION)
+    assert desk.outcome(rally, 0.1) == (Fate.REFUSE, GateReason.ABSENT)
 
 
 def test_an_observer_never_resets_the_sessions_of_all(desk: Desk, make: Make) -> None:

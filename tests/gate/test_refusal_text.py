@@ -320,6 +320,7 @@ def test_the_operator_reads_how_to_lift_a_limit() -> None:
     ("reason", "commander", "why"),
     [
         (GateReason.FILE_BUSY, "GCSA", "GCSA is using file transfer"),
+        (GateReason.ABSENT, "GCSA", "there is no such file, use the mission protocol"),
         (GateReason.FILE_BUSY, "", "another station is using file transfer"),
         (GateReason.OTHER_TARGET, "GCSA", "other target"),
     ],

@@ -148,6 +148,18 @@ def test_of_what_was_aimed_at_the_companion_a_text_stands_in_only_for_a_protocol
     assert told("LOG_ERASE")
 
 
+@pytest.mark.parametrize("opcode", [4, 6, 11, 14])
+@pytest.mark.parametrize("station", [OBSERVER, COMMANDER])
+def test_the_rally_list_is_no_file(make: Make, own: mavlink.MAVLink, opcode: int, station: StationIdentity) -> None:
+    """FileNotFound: only after this error Mission Planner goes on by the mission protocol at once."""
+    path = b"@MISSION/rally.dat"
+    request = make("FILE_TRANSFER_PROTOCOL", sysid=station.sysid, payload=ftp_request(opcode, path, session=3))
+    nak = answer(request, own, station)
+    assert (nak.target_system, origin(nak)) == (station.sysid, (VEHICLE, 1))
+    assert nak.payload[2:6] + nak.payload[12:14] == [3, 129, 1, opcode, 10, 0]
+    assert is_told(request, station) is (opcode in (6, 11))
+
+
 def test_what_is_locked_while_armed_is_denied(make: Make, own: mavlink.MAVLink) -> None:
     (ack,) = answers_to(make("COMMAND_LONG", command=245), own, COMMANDER, ARMED)
     assert (ack.get_type(), ack.result) == ("COMMAND_ACK", 2)

@@ -141,22 +141,6 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
             "what fills up is the same in all that are compared"
         ),
     },
-    "list_file": {
-        "access: dropped from and/or: aim is None: file is None or aim is None or aim[1] not in (EVERYBODY, "
-        "AUTOPILOT_COMPID)": "a request of file transfer has an address",
-        "access: dropped: return None (number 2)": "the lines after it find no class for such a request",
-        **dict.fromkeys(
-            (
-                "_content: number one more: 0 in m = item_message(item, (0, 0), self._kind)",
-                "_content: number one more: 0 in m = item_message(item, (0, 0), self._kind) (number 2)",
-                "_item: number one more: 0 in return filled(item_of(mavlink.MAVLink_mission_item_int_message(0, 0, "
-                "seq, frame, command, ",
-                "_item: number one more: 0 in return filled(item_of(mavlink.MAVLink_mission_item_int_message(0, 0, "
-                "seq, frame, command,  (number 2)",
-            ),
-            "the address of the message is not used",
-        ),
-    },
     "mission_server": {
         "tick: sign turned: opened.tries += 1": "only whether the number is odd counts",
         **dict.fromkeys(

@@ -32,6 +32,7 @@ class Access(Enum):
     RALLY_WRITE = "rally upload"  #: the commander's goes to that list; never passed on; all others are refused
     TRANSFER = "transfer"  #: any station; handled by the companion, never passed on
     CONTROL = "control"  #: operator-control request; any station; handled by the companion, never passed on
+    ABSENT = "absent"  #: refused to any station, as if the vehicle did not have it
     MAINTENANCE = "maintenance"  #: over no radio link, from any station
     NEVER = "never"  #: no station has a reason to send it; dropped
 

@@ -5,13 +5,12 @@
 Rules:
 
 1. A row applies to writes (create, open for writing, remove, make or remove a directory, truncate, rename). A row with
-   `reads` applies to every opcode that names a path, a row with `opcodes` to these. The first row that fits decides;
-   without one, the opcode decides.
+   `reads` applies to every opcode that names a path. The first row that fits decides; without one, the opcode decides.
 2. A path is compared as the most lenient of ArduPilot's file systems would read it. Case does not matter, `\\` also
    separates, and dots and spaces at the end of a name and repeated separators do not count. `..` is not resolved: a
    path that mentions a guarded folder counts as inside it.
 3. WriteFile names a session and no path. A file that may not be opened cannot be written, and files that were opened
-   before arming are closed at arming (`flush`). `list_file` knows its sessions with the file that the companion serves.
+   before arming are closed at arming (`flush`).
 
 Source: ArduPilot's AP_Filesystem (backends chosen by prefix), AP_Bootloader (flash from SD card), AP_HAL_ChibiOS,
 AP_HAL_Linux and AP_HAL_SITL (`Storage.cpp`: where the storage is kept as a file, and its copies).
@@ -46,7 +45,6 @@ class FileRule:
     why: str
     patterns: tuple[str, ...]
     reads: bool = False  #: the row also applies to reading
-    opcodes: frozenset[int] | None = None  #: the row applies only to these
 
 
 FILE_RULES: Final = (
@@ -97,24 +95,9 @@ FILE_RULES: Final = (
         reads=True,
     ),
     FileRule(
-        Access.RALLY_READ,
-        "rally points, read",
-        "reads the list that a return chooses its place of: the companion's",
-        ("/@mission/rally.dat/",),
-        reads=True,
-        opcodes=frozenset({FTP_OPEN_READ, FTP_CHECKSUM}),
-    ),
-    FileRule(
-        Access.RALLY_WRITE,
-        "rally points, written",
-        "writes that list",
-        ("/@mission/rally.dat/",),
-        opcodes=frozenset({FTP_CREATE, FTP_OPEN_WRITE}),
-    ),
-    FileRule(
-        Access.MAINTENANCE,
+        Access.ABSENT,
         "rally points",
-        "the autopilot's own list, which holds only the return site",
+        "the autopilot's own list, which holds only the return site: programs then ask for the list by messages",
         ("/@mission*rally*",),
         reads=True,
     ),
@@ -164,8 +147,6 @@ def file_rule(opcode: int, payload: bytes) -> FileRule | None:
         return None
     paths = _paths(opcode, payload)
     for rule in FILE_RULES:
-        if rule.opcodes is not None and opcode not in rule.opcodes:
-            continue
         if (writes or rule.reads) and any(fnmatchcase(path, pattern) for path in paths for pattern in rule.patterns):
             return rule
     return None

@@ -3,12 +3,12 @@
 """The rally list that stations see: the candidates for the return site, served by the companion.
 
 The autopilot's own list holds only the chosen return site (`rally_writer.py`), and no station reads or writes it. The
-companion serves this list in the autopilot's name: by the mission protocol for rally points, and as the file
-`@MISSION/rally.dat`, to read and to write. The gate lets all stations read, and only the commander write.
+companion serves this list in the autopilot's name, by the mission protocol for rally points. The gate lets all stations
+read, and only the commander write. The file `@MISSION/rally.dat` does not exist for stations.
 
 An upload counts if it is complete and every point is valid. It replaces the whole list until the flight is over. An
-upload that ends early, or whose station no longer has authority, changes nothing. The protocols are in
-`gate/mission_server.py` and `gate/list_file.py`.
+upload that ends early, or whose station no longer has authority, changes nothing. The protocol is in
+`gate/mission_server.py`.
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.gate.list_file import ListFile
 from mavproxy_handover.gate.mission_server import MissionServer, Turn
 from mavproxy_handover.mission.items import FRAME_ABOVE_HOME, MissionItem, RallyPoint
 from mavproxy_handover.mission.plan import HIGHEST_M, LOWEST_M
@@ -54,20 +53,12 @@ class RallyList:
         self._points = points
         self._replaced = replaced
         self._server = MissionServer(_RALLY, MOST_POINTS, _flaw)
-        #: the list as a file
-        self.file = ListFile(_RALLY, MOST_POINTS, lambda: rally_items(points()), _flaw)
         #: the sender of the open upload
         self._port: StationPort | None = None
 
     def on_message(self, port: StationPort, message: Any, now: float) -> None:
-        """A message about rally points, by the mission protocol or by file transfer.
-
-        The gate has checked whether the station may send it.
-        """
+        """A message of the mission protocol about rally points. The gate has checked that the station may send it."""
         sender = (message.get_srcSystem(), message.get_srcComponent())
-        if message.get_type() == "FILE_TRANSFER_PROTOCOL":
-            self._on_file_message(port, message, sender, now)
-            return
         if message.mission_type != _RALLY:  # clearing all lists at once is refused, as by ArduPilot
             refusal = mavlink.MAVLink_mission_ack_message(
                 *sender, mavlink.MAV_MISSION_UNSUPPORTED, message.mission_type
@@ -86,14 +77,6 @@ class RallyList:
             self._replaced(tuple(map(_point, turn.whole.items)), port.name, now)
             self._reports.answer(port, _WORDS, self._server.conclude(mavlink.MAV_MISSION_ACCEPTED, now), now)
 
-    def _on_file_message(self, port: StationPort, message: Any, sender: tuple[int, int], now: float) -> None:
-        self._give_up(now)
-        turn = self.file.answer(port.sysid, message, sender)
-        if turn.whole is not None:
-            self._replaced(tuple(map(_point, turn.whole.items)), port.name, now)
-            turn = self.file.conclude(port.sysid)
-        self._reports.answer(port, _WORDS, turn, now)
-
     def tick(self, now: float) -> None:
         """Time has passed; to be called often."""
         self._give_up(now)
@@ -101,10 +84,7 @@ class RallyList:
             self._reports.answer(self._port, _WORDS, self._server.tick(now), now)
 
     def _give_up(self, now: float) -> None:
-        """End the uploads of stations that no longer command."""
-        for station in self.file.writers:
-            if not self._commands(station):
-                self.file.forget(station)
+        """End the upload of a station that no longer commands."""
         if self._server.sender is None:
             self._port = None
         if self._port is not None and not self._commands(self._port.sysid):
