@@ -18,7 +18,7 @@ __all__ = ["manual"]
 
 _NOTE = '.\\" SPDX-License-Identifier: GPL-3.0-or-later'
 _EXIT = (
-    ("0", "All is well."),
+    ("0", "Done, or the answer is yes."),
     ("1", "The answer is no: a check found errors, an expectation did not hold."),
     ("2", "Wrong usage or bad input, with one line that says what and where."),
 )
@@ -75,7 +75,9 @@ def _page(several: list[Command]) -> str:
         lines += [".SH OPTIONS", *_options(first)]
     if first.epilog:
         lines += [".SH NOTES", _sentence(first.epilog)]
-    lines += [".SH EXIT STATUS", *_tagged(_EXIT), ".SH SEE ALSO", ".BR handover (1)"]
+    lines += [".SH EXAMPLES", *_tagged(first.examples)]
+    codes = ((str(code), text) for code, text in first.codes.items())
+    lines += [".SH EXIT STATUS", *_tagged(codes), ".SH SEE ALSO", ".BR handover (1)"]
     return _joined(lines)
 
 

@@ -10,12 +10,13 @@ from __future__ import annotations
 import argparse
 import importlib
 import re
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from typing import Any, Final, NoReturn
 from unittest import mock
 
 from mavproxy_handover import cli
+from mavproxy_handover.tools.command_line import CommandParser
 
 __all__ = ["Command", "Option", "commands", "parser_of"]
 
@@ -50,6 +51,10 @@ class Command:
     description: str
     epilog: str
     options: tuple[Option, ...]
+    #: command lines, and what each does
+    examples: tuple[tuple[str, str], ...] = ()
+    #: exit code -> what it says
+    codes: Mapping[int, str] = field(default_factory=dict)
 
     @property
     def usage(self) -> str:
@@ -90,7 +95,16 @@ def commands() -> tuple[Command, ...]:
 def _commands(words: str, text: str, parser: argparse.ArgumentParser) -> Iterator[Command]:
     below = [action for action in parser._actions if isinstance(action, argparse._SubParsersAction)]
     options = tuple(_option(parser, action) for action in parser._actions if action not in below)
-    yield Command(words, text, parser.description or "", parser.epilog or "", (*options, *map(_word, below)))
+    assert isinstance(parser, CommandParser), f"handover {words}: its help has no examples"
+    yield Command(
+        words,
+        text,
+        parser.description or "",
+        parser.epilog or "",
+        (*options, *map(_word, below)),
+        parser.examples,
+        parser.codes,
+    )
     for action in below:
         for name, inner in action.choices.items():
             yield from _commands(f"{words} {name}", inner.description or "", inner)

@@ -23,8 +23,6 @@ def typed() -> str:
     return page(
         "Commands",
         "## In a shell",
-        "Exit codes, everywhere: 0 all is well, 1 the answer is no (a check found errors, an expectation did not "
-        "hold), 2 wrong usage or bad input, with one line that says what and where.",
         *(part for command in commands() for part in _command(command)),
         "## At the companion's MAVProxy",
         "Typed behind `handover`, with the module of the vehicle loaded (`module load handover`). They show, and never "
@@ -49,6 +47,8 @@ def _command(command: Command) -> list[str]:
         f"```\n{command.usage}\n```",
         table(("option", "meaning"), rows),
         command.epilog,
+        "```sh\n" + "\n".join(f"{typed}    # {what}" for typed, what in command.examples) + "\n```",
+        "Exit code: " + ", ".join(f"{code} {text}" for code, text in command.codes.items()) + ".",
     ]
 
 

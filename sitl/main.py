@@ -21,6 +21,7 @@ from typing import Any, Final, TextIO
 from mavproxy_handover.mission import package as packages
 from mavproxy_handover.mission.check import Severity, check
 from mavproxy_handover.mission.errors import MissionError
+from mavproxy_handover.tools.command_line import CommandParser
 from mavproxy_handover.vehicle.profiles import ASSUMED
 from sitl.report.page import write_report
 from sitl.report.record import RecordError, load_run
@@ -119,61 +120,68 @@ def stop_like_ctrl_c() -> None:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = CommandParser(
         prog="handover sim",
+        examples=(
+            ("handover sim", "the delivery mission, in two minutes"),
+            (
+                "handover sim --scenario commander-dead-before --vehicle arducopter",
+                "a lost commander, flown by ArduCopter SITL",
+            ),
+            ("handover sim --mission missions/delivery --faults 7", "your own mission, with faults by chance"),
+        ),
+        codes={0: "every expectation held", 1: "one did not", 2: "wrong usage, or nothing could be set up"},
         description="Fly a scenario: a simulated vehicle with the guard, a companion and ground stations as real "
         "processes on this machine; then judge it and write a report.",
-        epilog="Exit code: 0 every expectation held, 1 one did not, 2 wrong usage or nothing could be set up.",
     )
-    what = parser.add_mutually_exclusive_group()
+    flown = parser.add_argument_group("what is flown")
+    what = flown.add_mutually_exclusive_group()
     usual = ", ".join(f"{name} for a {kind}" for kind, name in USUAL_SCENARIO.items())
     what.add_argument("--scenario", metavar="NAME", help=f"what to play (default: {usual})")
     what.add_argument("--mission", type=Path, metavar="DIR", help="fly this mission package as its check says")
-    parser.add_argument("--faults", type=int, metavar="SEED", help="with --mission: something goes wrong, by chance")
-    parser.add_argument("--anyway", action="store_true", help="with --mission: even if its check finds errors")
-    parser.add_argument(
+    flown.add_argument("--faults", type=int, metavar="SEED", help="with --mission: something goes wrong, by chance")
+    flown.add_argument("--anyway", action="store_true", help="with --mission: even if its check finds errors")
+    flown.add_argument(
         "--home",
         metavar="LAT,LON[,ALT[,HEADING]]",
         help="fly the same mission there: its places keep their way from home",
     )
-    parser.add_argument(
+    flown.add_argument(
         "--watch",
         action="append",
         default=[],
         metavar="udp:HOST:PORT",
         help="show the flight to a ground station program there, which can read and command nothing; once for each",
     )
-    parser.add_argument("--list", action="store_true", help="list the scenarios and end")
-    parser.add_argument(
+    flown.add_argument("--list", action="store_true", help="list the scenarios and end")
+    vehicle = parser.add_argument_group("the vehicle")
+    vehicle.add_argument(
         "--vehicle",
         default="builtin",
         choices=[*KINDS, "auto"],
         help="builtin: the copter model that ships here; arducopter: ArduPilot's own SITL program; quadplane, plane: "
         "ArduPlane's; auto: what the mission is for, of copters arducopter if there is one (default: builtin)",
     )
-    parser.add_argument(
+    vehicle.add_argument(
         "--arducopter", metavar="PATH", help="the SITL program (else $ARDUCOPTER, PATH, ~/ardupilot, the one fetched)"
     )
-    parser.add_argument(
+    vehicle.add_argument(
         "--arduplane", metavar="PATH", help="ArduPlane's SITL program (else $ARDUPLANE, PATH, ~/ardupilot)"
     )
-    parser.add_argument(
+    vehicle.add_argument(
         "--fetch-arducopter",
         action="store_true",
         help=f"bring ArduPilot's published ArduCopter {PUBLISHED.version} for this (Linux, x86_64), and end",
     )
-    parser.add_argument(
+    run = parser.add_argument_group("the run")
+    run.add_argument(
         "--speedup",
         type=float,
         metavar="N",
         help=f"simulated seconds per second, 0.5 to {MAX_SPEEDUP:g} (default: {DEFAULT_SPEEDUP:g}, or the scenario's)",
     )
-    parser.add_argument(
-        "--out", type=Path, metavar="DIR", help="folder of the run (default: runs/TIME-SCENARIO-VEHICLE)"
-    )
-    parser.add_argument(
-        "--json", action="store_true", help="print one JSON object at the end; the story goes to stderr"
-    )
+    run.add_argument("--out", type=Path, metavar="DIR", help="folder of the run (default: runs/TIME-SCENARIO-VEHICLE)")
+    run.add_argument("--json", action="store_true", help="print one JSON object at the end; the story goes to stderr")
     return parser
 
 

@@ -18,6 +18,7 @@ from gcs_module.watch.passive_link import parse_passive_link
 from gcs_module.watch.web_auth import WebAuth, is_loopback
 from mavproxy_handover.link.forms import LinkError
 from mavproxy_handover.mission.errors import MissionError
+from mavproxy_handover.tools.command_line import CommandParser
 
 __all__ = ["main"]
 
@@ -34,8 +35,13 @@ class _Wrong(Exception):
 
 def main(argv: Sequence[str]) -> int:
     """0: it was stopped; 2: wrong usage, or an argument that cannot be used."""
-    parser = argparse.ArgumentParser(
+    parser = CommandParser(
         prog="handover watch",
+        examples=(
+            ("handover watch flights", "the flights of this machine, while they are written"),
+            ("handover watch --link udpin:127.0.0.1:14560 --mission missions/delivery", "from a MAVLink link"),
+        ),
+        codes={0: "ended by Ctrl-C", 2: "wrong usage, or the page cannot be served"},
         description="Serve a page for those who watch: all aircraft and stations on a map, from journals while they "
         "are written, or from a MAVLink link. It only listens: nothing is ever sent to an aircraft or a station.",
     )

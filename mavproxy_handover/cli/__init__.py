@@ -73,15 +73,32 @@ COMMANDS: Final = {
 DESCRIPTION: Final = "Authority handover of an ArduPilot vehicle between ground control stations."
 
 
+#: the commands in groups, as `handover --help` lists them
+GROUPS: Final = {
+    "before a flight": ("check", "sim", "campaign", "bench", "policy", "explain"),
+    "in flight": ("companion", "station", "watch"),
+    "after a flight": ("report", "replay", "logs"),
+    "setting up": ("init", "keys", "guard", "install", "uninstall", "doctor", "completion"),
+}
+
+
 def _usage() -> str:
-    lines = [
-        "usage: handover COMMAND [options]        (handover COMMAND --help tells more)",
-        "",
-        DESCRIPTION,
-        "",
-        *(f"  {word:10} {text}" for word, (_module, _function, text) in COMMANDS.items()),
-        "",
+    lines = ["usage: handover COMMAND [options]", "", DESCRIPTION, ""]
+    for group, words in GROUPS.items():
+        lines += [f"{group}:", *(f"  {word:10} {COMMANDS[word][2]}" for word in words), ""]
+    lines += [
         "  --help, --version",
+        "",
+        "examples:",
+        "  handover sim",
+        "      fly the delivery mission in simulation, and write a report",
+        "  handover check --help",
+        "      purpose, options, examples and exit codes of one command",
+        "",
+        "exit code:",
+        "  0  done, or the answer is yes",
+        "  1  the answer is no: a check found errors, an expectation did not hold",
+        "  2  wrong usage or bad input",
     ]
     return "\n".join(lines)
 

@@ -15,6 +15,7 @@ from mavproxy_handover.core.safety.energy import Wind
 from mavproxy_handover.mission.check import OPERATOR_S, REACH_M, TRANSFER_S, check, report_text
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.package import MISSION_FILE, MissionPackage, load
+from mavproxy_handover.tools.command_line import CommandParser
 
 __all__ = ["main"]
 
@@ -61,10 +62,17 @@ def _stations(named: str | None, package: MissionPackage) -> tuple[Station, ...]
 
 def main(args: Sequence[str]) -> int:
     """The command `handover check`. Returns 0 passed, 1 errors found, 2 bad input."""
-    parser = argparse.ArgumentParser(
+    parser = CommandParser(
         prog="handover check",
         description="Check a mission package before flight: coverage, handovers, rally points, energy.",
-        epilog="Exit code: 0 passed, 1 errors found, 2 the mission or the command cannot be read.",
+        examples=(
+            ("handover check missions/delivery", "what would go wrong, before anything flies"),
+            (
+                "handover check missions/delivery --map map.png --wind 8,270",
+                "a map, and the energy in 8 m/s from the west",
+            ),
+        ),
+        codes={0: "passed", 1: "errors found", 2: "the mission or the command cannot be read"},
     )
     parser.add_argument("mission", metavar="MISSION", help=f"folder of the mission package, or its {MISSION_FILE}")
     parser.add_argument("--map", metavar="FILE", help="draw a map of the mission (.png, .svg or .pdf)")

@@ -7,11 +7,11 @@ The scripts are data of the package, made from the parsers of all commands when 
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Sequence
 from typing import Final
 
+from mavproxy_handover.tools.command_line import CommandParser
 from mavproxy_handover.tools.resources import shipped
 
 __all__ = ["main"]
@@ -22,8 +22,10 @@ _SCRIPTS: Final = {"bash": "handover", "zsh": "_handover", "fish": "handover.fis
 
 def main(argv: Sequence[str]) -> int:
     """Run `handover completion`. 0: printed; 2: wrong usage, or not installed."""
-    parser = argparse.ArgumentParser(
+    parser = CommandParser(
         prog="handover completion",
+        examples=(("handover completion zsh > _handover", "write the script for zsh; put it in a folder of $fpath"),),
+        codes={0: "printed", 2: "wrong usage, or not made in this installation"},
         description="Print the script that completes `handover`, its commands and options in a shell.",
         epilog='In bash: eval "$(handover completion bash)", in ~/.bashrc. In zsh: handover completion zsh > _handover '
         "in a folder of $fpath. In fish: handover completion fish > ~/.config/fish/completions/handover.fish.",

@@ -4,12 +4,12 @@
 
 from __future__ import annotations
 
-import argparse
+import json
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from mavproxy_handover.config.toml import ConfigError
 from mavproxy_handover.config.vehicle import load_vehicle
@@ -25,6 +25,7 @@ from mavproxy_handover.core.safety.explain import (
 )
 from mavproxy_handover.core.safety.strategy import Fact
 from mavproxy_handover.gate.explain import columns, markdown_table
+from mavproxy_handover.tools.command_line import CommandParser
 from mavproxy_handover.vehicle.profiles import PROFILES
 
 __all__ = ["main", "markdown"]
@@ -34,6 +35,10 @@ _CAUSES: Final[Mapping[str, Cause]] = {cause.value: cause for cause in Cause}
 #: how each kind of aircraft carries out what is decided
 _WORDS: Final = {profile.name: profile.carried_out for profile in PROFILES}
 _FACTS: Final[Mapping[str, Fact]] = {fact.name.lower(): fact for fact in Fact}
+
+
+#: the columns of the table of causes, for programs
+_KEYS: Final = ("cause", "wrong", "counts_after", "ends", "policy", "done")
 
 
 class _BadState(Exception):
@@ -87,10 +92,31 @@ def markdown() -> str:
     return f"{causes}\n\n{facts}\n\n{markdown_table(carried_out_table(_WORDS))}"
 
 
+def _as_json(limits: Limits, state: _State | None) -> dict[str, Any]:
+    """The tables, or what is decided in a state: the sentences, with the causes and facts that it has."""
+    if state is not None:
+        return {
+            "causes": sorted(cause.value for cause in state.causes),
+            "facts": sorted(fact.name.lower() for fact in state.facts),
+            "decision": story(state.causes, state.facts, limits),
+        }
+    rows = [dict(zip(_KEYS, row, strict=True)) for row in table(limits)]
+    facts = [dict(zip(("fact", "holds_when", "does"), row, strict=True)) for row in facts_table()]
+    return {"causes": rows, "facts": facts}
+
+
 def main(argv: Sequence[str]) -> int:
     """Print the table, or what is decided in a state. 2: a bad file or a bad state."""
-    parser = argparse.ArgumentParser(
+    parser = CommandParser(
         prog="handover explain",
+        examples=(
+            ("handover explain", "what is done about each cause, by the defaults"),
+            (
+                "handover explain --config handover.toml --state commander_lost --state place=no",
+                "what this vehicle does when the commander is lost and no return site is in reach",
+            ),
+        ),
+        codes={0: "printed", 2: "wrong usage, or a configuration that cannot be read"},
         description="What the aircraft does about what is wrong: each cause, how long its sign has to stay, and what "
         "is done, by the configuration. With --state: what would be decided then, and why.",
         epilog="A state names causes and facts: --state commander_lost --state place=no --state policy.fence=return. "
@@ -103,7 +129,9 @@ def main(argv: Sequence[str]) -> int:
     parser.add_argument(
         "--state", nargs="+", action="extend", metavar="KEY=VALUE", help="a cause or a fact, =no: not so"
     )
-    parser.add_argument("--markdown", action="store_true", help="the tables of the defaults for a document")
+    form = parser.add_mutually_exclusive_group()
+    form.add_argument("--markdown", action="store_true", help="the tables of the defaults for a document")
+    form.add_argument("--json", action="store_true", help="for programs: the same as one object")
     try:
         arguments = parser.parse_args(argv)
     except SystemExit as stop:
@@ -123,6 +151,9 @@ def main(argv: Sequence[str]) -> int:
     except (ConfigError, _BadState) as error:
         print(f"handover explain: {error}", file=sys.stderr)
         return 2
+    if arguments.json:
+        print(json.dumps(_as_json(limits, None if arguments.state is None else state), indent=1))
+        return 0
     if arguments.state is not None:
         print("\n".join(story(state.causes, state.facts, limits)))
         return 0

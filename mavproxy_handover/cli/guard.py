@@ -16,15 +16,18 @@ Rules that live here:
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import re
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from mavproxy_handover.store.durable import discard, sync_folder
 from mavproxy_handover.store.keys import KeysError, load_key
+from mavproxy_handover.tools.command_line import CommandParser
 from mavproxy_handover.tools.resources import shipped
 from mavproxy_handover.vehicle.profiles import ASSUMED, PROFILES
 from mavproxy_handover.wire.signing import fingerprint
@@ -63,8 +66,17 @@ class _Unusable(Exception):
 
 def main(argv: Sequence[str]) -> int:
     """Run `handover guard`. 0: all is in place; 1: something on the card stands in the way; 2: wrong usage or input."""
-    parser = argparse.ArgumentParser(
+    parser = CommandParser(
         prog="handover guard",
+        examples=(
+            ("handover guard /media/card", "copy the guard and the parameters of a copter to the card"),
+            ("handover guard /media/card --check", "what is missing on the card; nothing is written"),
+        ),
+        codes={
+            0: "all is in place",
+            1: "something is missing, or another file on the card does not allow it",
+            2: "wrong usage, or the card cannot be used",
+        },
         description="Copy the guard, its parameters and optionally the key of the leases to an autopilot's SD card. "
         "Check the other files there.",
     )
@@ -78,12 +90,13 @@ def main(argv: Sequence[str]) -> int:
     parser.add_argument("--key", type=Path, metavar="FILE", help="guard_key of the vehicle's configuration")
     parser.add_argument("--check", action="store_true", help="look only, write nothing; 1 if something is missing")
     parser.add_argument("--force", action="store_true", help="replace files that differ, and mind no other script")
+    parser.add_argument("--json", action="store_true", help="for programs: what is wrong, missing, written")
     try:
         arguments = parser.parse_args(argv)
     except SystemExit as stop:
         return int(stop.code or 0)
     try:
-        return _run(arguments.card, arguments.vehicle, arguments.key, check=arguments.check, force=arguments.force)
+        return _run(arguments)
     except (_Unusable, KeysError) as error:
         print(f"handover guard: {error}", file=sys.stderr)
         return 2
@@ -92,29 +105,52 @@ def main(argv: Sequence[str]) -> int:
         return 2
 
 
-def _run(card: Path, vehicle: str, key_file: Path | None, *, check: bool, force: bool) -> int:
-    _check_root(card, force=force)
-    wanted = _wanted(vehicle, key_file)
+def _run(arguments: argparse.Namespace) -> int:
+    card: Path = arguments.card
+    _check_root(card, force=arguments.force)
+    wanted = _wanted(arguments.vehicle, arguments.key)
     findings = survey(card, wanted)
     missing = [name for name, data in wanted.items() if _read(card / _FOLDER / name) != data]
-    stops = [finding for finding in findings if finding.stops]
+    stops = any(finding.stops for finding in findings)
+    writes = not arguments.check and (not stops or arguments.force)
+    if writes:
+        for name in missing:
+            _place(card / _FOLDER / name, wanted[name])
+    if arguments.json:
+        print(json.dumps(_as_json(card, findings, missing, written=writes), indent=1))
+    else:
+        _tell(arguments, findings, {name: wanted[name] for name in missing}, writes=writes, stops=stops)
+    return 0 if writes or not (missing or stops) else 1
+
+
+def _as_json(card: Path, findings: list[Finding], missing: list[str], *, written: bool) -> dict[str, Any]:
+    """`missing`: files that were not on the card, or differ. They are there now if they were `written`."""
+    return {
+        "findings": [{"path": str(each.path), "text": each.text, "stops": each.stops} for each in findings],
+        "missing": [] if written else [str(card / _FOLDER / name) for name in missing],
+        "written": [str(card / _FOLDER / name) for name in missing] if written else [],
+    }
+
+
+def _tell(
+    arguments: argparse.Namespace, findings: list[Finding], missing: dict[str, bytes], *, writes: bool, stops: bool
+) -> None:
+    card: Path = arguments.card
     for finding in findings:
         print(f"{finding.path}: {finding.text}", file=sys.stderr if finding.stops else sys.stdout)
-    if check:
+    if arguments.check:
         for name in missing:
             if not (card / _FOLDER / name).exists():
                 print(f"{card / _FOLDER / name}: missing", file=sys.stderr)
-        return 1 if missing or stops else 0
-    if stops and not force:
+        return
+    if not writes:
         print("handover guard: nothing was written; put that right, or --force", file=sys.stderr)
-        return 1
-    for name in missing:
-        _place(card / _FOLDER / name, wanted[name])
-        print(f"{card / _FOLDER / name}: written{version_of(wanted[name])}")
+        return
+    for name, data in missing.items():
+        print(f"{card / _FOLDER / name}: written{version_of(data)}")
     if not missing:
         print(f"{card}: nothing to write, all is there")
-    _say_what_follows(card, vehicle, key_file)
-    return 0
+    _say_what_follows(card, arguments.vehicle, arguments.key)
 
 
 def _wanted(vehicle: str, key_file: Path | None) -> dict[str, bytes]:

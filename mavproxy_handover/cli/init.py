@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import argparse
 import shutil
 import sys
 from collections.abc import Sequence
@@ -14,6 +13,7 @@ from typing import Final
 from mavproxy_handover.cli.keys import GROUND, show_key, typing_help
 from mavproxy_handover.config.sample import station_sample, vehicle_sample
 from mavproxy_handover.store.keys import KeysError, key_of, key_path, make_passphrase, write_key
+from mavproxy_handover.tools.command_line import CommandParser
 from mavproxy_handover.tools.resources import DEPLOY, shipped
 
 __all__ = ["main"]
@@ -29,8 +29,14 @@ _SAMPLES: Final = {"vehicle": vehicle_sample, "station": station_sample}
 
 def main(argv: Sequence[str]) -> int:
     """Write the sample of the given kind; never over something that exists."""
-    parser = argparse.ArgumentParser(
+    parser = CommandParser(
         prog="handover init",
+        examples=(
+            ("handover init demo", "a folder with a vehicle, two stations and the delivery mission"),
+            ("handover init vehicle", "handover.toml here, with a comment on each key"),
+            ("handover init station GCSA.toml", "the same for a station, in this file"),
+        ),
+        codes={0: "written", 2: "wrong usage, or the file exists: nothing was written"},
         description="Write a commented configuration: for a vehicle's companion, for a station, or a folder with those "
         "of the delivery mission (one vehicle, two stations, all here).",
     )

@@ -32,6 +32,7 @@ from mavproxy_handover.config.sample import station_sample, vehicle_sample
 from mavproxy_handover.link.forms import Kind, parse_device
 from mavproxy_handover.store.durable import discard
 from mavproxy_handover.store.keys import KeysError, load_key
+from mavproxy_handover.tools.command_line import CommandParser
 
 __all__ = ["install", "uninstall"]
 
@@ -82,8 +83,21 @@ def uninstall(argv: Sequence[str]) -> int:
     return _run(parser, argv, _uninstall)
 
 
+_CODES: Final = {0: "done", 1: "not allowed here, or a file cannot be written", 2: "wrong usage: nothing was done"}
+_EXAMPLES: Final = {
+    "install": (
+        ("sudo handover install companion --device /dev/ttyTHS1,921600 --config handover.toml", "on an aircraft"),
+        ("handover install station --device udpin:0.0.0.0:14550 --print", "what would be written, and nothing more"),
+    ),
+    "uninstall": (
+        ("sudo handover uninstall companion", "what install wrote goes; logs, configuration and keys stay"),
+        ("sudo handover uninstall companion --purge", "these go as well"),
+    ),
+}
+
+
 def _parser(word: str, description: str) -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog=f"handover {word}", description=description)
+    parser = CommandParser(prog=f"handover {word}", description=description, examples=_EXAMPLES[word], codes=_CODES)
     parser.add_argument("kind", choices=list(CONFIGURATION), help="what this machine is")
     parser.add_argument("--root", type=Path, help="write below this folder, and run nothing")
     parser.add_argument("--force", action="store_true", help="also files that were changed since")

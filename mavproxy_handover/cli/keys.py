@@ -9,10 +9,12 @@ from __future__ import annotations
 
 import argparse
 import getpass
+import json
 import sys
 from collections.abc import Callable, Sequence
 from datetime import datetime, timezone
 from pathlib import Path
+from typing import Any, Final
 
 from mavproxy_handover.store.keys import (
     KeysError,
@@ -27,6 +29,7 @@ from mavproxy_handover.store.keys import (
     rotate_key,
     write_key,
 )
+from mavproxy_handover.tools.command_line import CommandParser
 from mavproxy_handover.wire.signing import fingerprint
 
 __all__ = ["GROUND", "GUARD", "main", "show_key", "typing_help"]
@@ -52,14 +55,35 @@ No station is cut off: a running companion has its keys in memory, and a new one
 If another person may have the old key, do all three before the next flight. Until step 3 the gate accepts it."""
 
 
+_CODES: Final = {0: "done", 1: "a key cannot be used", 2: "wrong usage: nothing was done"}
+_EXAMPLES: Final = {
+    "make": (("handover keys make GCSA GCSB", "a key for each of two stations, shown once as a passphrase"),),
+    "list": (("handover keys list", "the keys in ./keys, with their fingerprints"),),
+    "rotate": (("handover keys rotate GCSB", "a new key; the old one is accepted until it is retired"),),
+    "retire": (("handover keys retire GCSB", "the old key is not accepted any more"),),
+    "check": (("handover keys check --dir /etc/handover/keys", "whether every key of this machine can be used"),),
+}
+
+
 def main(argv: Sequence[str]) -> int:
     """Run `handover keys`. 0: done; 1: a key cannot be used (list, check); 2: wrong usage, or nothing was done."""
-    parser = argparse.ArgumentParser(prog="handover keys", description="Signing keys: one file for each station.")
+    parser = CommandParser(
+        prog="handover keys",
+        description="Signing keys: one file for each station.",
+        examples=(
+            ("handover keys make GCSA GCSB", "a key for each of two stations, shown once as a passphrase"),
+            ("handover keys check --dir /etc/handover/keys", "whether every key of this machine can be used"),
+            ("handover keys rotate GCSB", "the first of three steps to another key for GCSB"),
+        ),
+        codes=_CODES,
+    )
     parser.set_defaults(run=None)
     commands = parser.add_subparsers(metavar="COMMAND")
 
     def command(word: str, run: Callable[[argparse.Namespace], int], text: str) -> argparse.ArgumentParser:
-        added: argparse.ArgumentParser = commands.add_parser(word, help=text, description=text)
+        added: argparse.ArgumentParser = commands.add_parser(
+            word, help=text, description=text, examples=_EXAMPLES[word], codes=_CODES
+        )
         added.add_argument("--dir", type=Path, default=Path("keys"), help="folder of the key files (default: ./keys)")
         added.set_defaults(run=run)
         return added
@@ -76,6 +100,7 @@ def main(argv: Sequence[str]) -> int:
         one.add_argument("--passphrase-stdin", action="store_true", help="read the passphrase from standard input")
     for one in (listing, check):
         one.set_defaults(names=None)
+        one.add_argument("--json", action="store_true", help="for programs: the keys, and what is wrong")
     try:
         arguments = parser.parse_args(argv)
         if arguments.run is None:
@@ -148,16 +173,17 @@ def _retire(arguments: argparse.Namespace) -> int:
 
 
 def _list(arguments: argparse.Namespace) -> int:
-    return _survey(arguments.dir, show=True)
+    return _survey(arguments.dir, show=True, as_json=arguments.json)
 
 
 def _check(arguments: argparse.Namespace) -> int:
-    return _survey(arguments.dir, show=False)
+    return _survey(arguments.dir, show=False, as_json=arguments.json)
 
 
-def _survey(folder: Path, *, show: bool) -> int:
-    """Check all keys of a folder and print their faults; with `show` print the keys too."""
+def _survey(folder: Path, *, show: bool, as_json: bool) -> int:
+    """Check all keys of a folder and print their faults; with `show` or as JSON print the keys too."""
     problems = []
+    listed: list[dict[str, Any]] = []
     good: dict[str, StationKeys] = {}
     paths = _key_files(folder)
     for path in paths:
@@ -168,14 +194,26 @@ def _survey(folder: Path, *, show: bool) -> int:
             problems.append(str(error))
             continue
         good[path.stem] = station
-        if show:
-            made = datetime.fromtimestamp(path.stat().st_mtime, timezone.utc).strftime("%Y-%m-%d %H:%M UTC")
-            old = "" if station.previous is None else f"  rotation under way, old key {fingerprint(station.previous)}"
-            print(f"{path.stem:20} {fingerprint(station.current)}  {made}{old}")
+        made = datetime.fromtimestamp(path.stat().st_mtime, timezone.utc)
+        previous = None if station.previous is None else fingerprint(station.previous)
+        listed.append(
+            {
+                "name": path.stem,
+                "fingerprint": fingerprint(station.current),
+                "made_utc": made.isoformat(timespec="seconds"),
+                "old_fingerprint": previous,
+            }
+        )
+        if show and not as_json:
+            old = "" if previous is None else f"  rotation under way, old key {previous}"
+            print(f"{path.stem:20} {fingerprint(station.current)}  {made:%Y-%m-%d %H:%M} UTC{old}")
     try:
         check_distinct(good)
     except KeysError as error:
         problems.append(f"{folder}: {error}")
+    if as_json:
+        print(json.dumps({"keys": listed, "problems": problems}, indent=1))
+        return 1 if problems else 0
     for problem in problems:
         print(f"handover keys: {problem}", file=sys.stderr)
     if not problems and not show:

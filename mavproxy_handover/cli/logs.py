@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 from collections.abc import Sequence
@@ -13,6 +12,7 @@ from pathlib import Path
 from typing import Final
 
 from mavproxy_handover.store.flights import Flight, delete, flights, to_go
+from mavproxy_handover.tools.command_line import CommandParser
 
 __all__ = ["main"]
 
@@ -22,8 +22,13 @@ _MB: Final = 1e6
 
 def main(argv: Sequence[str]) -> int:
     """Run `handover logs`. 0: done; 1: a folder could not be deleted; 2: wrong usage, no such folder."""
-    parser = argparse.ArgumentParser(
+    parser = CommandParser(
         prog="handover logs",
+        examples=(
+            ("handover logs", "the flights on this machine, the oldest first"),
+            ("handover logs prune --keep-days 30 --dry-run", "what would be deleted"),
+        ),
+        codes={0: "done", 1: "a folder could not be deleted", 2: "wrong usage, or no such folder"},
         description="List the folders of flights, the oldest first; with `prune`, delete what is older or more than is "
         "kept. A flight that goes on is never touched.",
     )

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import re
 import sys
@@ -17,6 +16,7 @@ from mavproxy_handover.gate.explain import columns, for_commander, for_others, m
 from mavproxy_handover.gate.policy.access import ANY, Access
 from mavproxy_handover.gate.policy.parameters import OTHER_PARAMETERS, parameter_rule
 from mavproxy_handover.gate.policy.tables import MESSAGES_BY_PART, POLICY, PolicyRow
+from mavproxy_handover.tools.command_line import CommandParser
 
 __all__ = ["main"]
 
@@ -29,8 +29,14 @@ _PARAMETER = re.compile(r"[A-Z][A-Z0-9_]{1,15}")
 
 def main(argv: Sequence[str]) -> int:
     """Print the policy or a part of it. 1: no row fits the names asked for."""
-    parser = argparse.ArgumentParser(
+    parser = CommandParser(
         prog="handover policy",
+        examples=(
+            ("handover policy DO_SET_MODE", "which station may set the mode, and why"),
+            ('handover policy "FS_*" --json', "the failsafe parameters, for programs"),
+            ("handover policy --summary", "how many messages each class has"),
+        ),
+        codes={0: "printed", 1: "no row fits: such a message is refused", 2: "wrong usage"},
         description="What a station may send to the vehicle: every message, command, file opcode, mission type, "
         "parameter and file with a rule of its own, its class, and why. What is not in the table is refused.",
     )

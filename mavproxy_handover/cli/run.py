@@ -26,6 +26,7 @@ from mavproxy_handover.cli.reach import trouble
 from mavproxy_handover.config.files import ConfigError, find_vehicle_config, load_station
 from mavproxy_handover.store.flights import LATEST, begin
 from mavproxy_handover.supervision.must_load import import_fault, module_fault, must_load
+from mavproxy_handover.tools.command_line import CommandParser
 from mavproxy_handover.tools.version import VERSION
 
 __all__ = ["companion", "station"]
@@ -38,8 +39,20 @@ _NO_WX: Final = (
 
 def companion(argv: Sequence[str]) -> int:
     """MAVProxy on the companion computer, supervised."""
-    parser = argparse.ArgumentParser(
+    parser = CommandParser(
         prog="handover companion",
+        examples=(
+            ("handover companion --master /dev/ttyTHS1,921600", "with ./handover.toml, or that of /etc/handover"),
+            (
+                "handover companion --config handover.toml --master tcp:127.0.0.1:5762",
+                "with ArduPilot SITL on this machine",
+            ),
+        ),
+        codes={
+            0: "ended as asked for",
+            1: "MAVProxy did not start, or failed",
+            2: "wrong usage or configuration: nothing was started",
+        },
         description="Run MAVProxy with `module load handover` (the command line is printed), and start it again at "
         "once when it dies, or its main loop stands still. It lives on without a terminal.",
     )
@@ -58,8 +71,20 @@ def companion(argv: Sequence[str]) -> int:
 
 def station(argv: Sequence[str]) -> int:
     """MAVProxy at a ground station."""
-    parser = argparse.ArgumentParser(
+    parser = CommandParser(
         prog="handover station",
+        examples=(
+            ("handover station --master udpin:0.0.0.0:14550", "with ./station.toml; the vehicle sends to this machine"),
+            (
+                "handover station --config GCSA.toml --master udpin:0.0.0.0:14550 -- --console --map",
+                "with MAVProxy's windows",
+            ),
+        ),
+        codes={
+            0: "ended as asked for",
+            1: "MAVProxy did not start, or failed",
+            2: "wrong usage or configuration: nothing was started",
+        },
         description="Run MAVProxy with `module load handover_gcs` (the command line is printed).",
     )
     parser.add_argument("--config", default="station.toml", help="station configuration (default: ./station.toml)")

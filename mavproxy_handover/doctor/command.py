@@ -34,6 +34,7 @@ from mavproxy_handover.doctor.programs import programs
 from mavproxy_handover.doctor.settings import configuration, keys
 from mavproxy_handover.doctor.stations import stations
 from mavproxy_handover.tools.clocks import Clocks
+from mavproxy_handover.tools.command_line import CommandParser
 
 __all__ = ["CHECKS", "main"]
 
@@ -62,8 +63,16 @@ class _Usage(Exception):
 
 def main(argv: Sequence[str], clocks: Clocks = Clocks(time.time, time.monotonic)) -> int:  # noqa: B008 (a constant)
     """`handover doctor`. 0: all is well; 1: something is wrong; 2: wrong usage, or something could not be looked at."""
-    parser = argparse.ArgumentParser(
+    parser = CommandParser(
         prog="handover doctor",
+        examples=(
+            ("handover doctor", "what is wrong with this machine, and what to do"),
+            (
+                "handover doctor companion --config handover.toml --device /dev/ttyTHS1,921600",
+                "before the companion is installed",
+            ),
+        ),
+        codes={0: "no error", 1: "an error was found", 2: "wrong usage, or nothing to look at"},
         description="Find out what is wrong with this machine, and say what to do about it. Nothing is changed. The "
         "autopilot is asked for parameters and its version, and for nothing while it is armed.",
     )

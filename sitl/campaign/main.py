@@ -5,13 +5,16 @@
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
+from mavproxy_handover.tools.command_line import CommandParser
 from sitl.campaign.compare import compare
-from sitl.campaign.figures import figures
+from sitl.campaign.figures import Figures, figures
 from sitl.campaign.judge import ended, judge
 from sitl.campaign.page import summary, write_page
 from sitl.campaign.plan import DOWNLINK, HARD, draw
@@ -26,10 +29,19 @@ _TELLS_S = 10.0
 
 
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
+    parser = CommandParser(
         prog="handover campaign",
+        examples=(
+            ("handover campaign --runs 1000 --jobs 4", "a thousand flights on four processes"),
+            ("handover campaign --seed 20055 --story", "the flight of one seed, in sentences"),
+        ),
+        codes={
+            0: "no flight was unsafe",
+            1: "a flight was unsafe; its seed is told",
+            2: "wrong usage, or a folder of another campaign",
+        },
         description="Fly random missions with random faults over the real rules, in simulated time, and judge them by "
-        "what really happened. Exit code 1 if a flight was unsafe.",
+        "what really happened.",
     )
     parser.add_argument("--runs", type=int, default=200, metavar="N", help="how many flights (200)")
     parser.add_argument("--jobs", type=int, default=1, metavar="M", help="processes on this machine (1)")
@@ -53,6 +65,7 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--compare", action="store_true", help="fly each flight both ways: the same outcomes, and how much faster?"
     )
+    parser.add_argument("--json", action="store_true", help="print one JSON object at the end; progress to stderr")
     arguments = parser.parse_args(argv)
     for name, least in (("runs", 1), ("jobs", 1), ("seed", 0)):
         if getattr(arguments, name) < least:
@@ -79,17 +92,18 @@ def main(argv: Sequence[str] | None = None) -> int:
     campaign = Campaign(arguments.seed, arguments.runs, arguments.stepping)
     folder: Path = arguments.out or Path("runs") / time.strftime("campaign-%Y%m%d-%H%M%S")
     try:
-        return _fly(campaign, folder, arguments.jobs, arguments.scheduler)
+        return _fly(campaign, folder, arguments)
     except CampaignError as error:
         print(f"handover campaign: {error}", file=sys.stderr)
         return 2
 
 
-def _fly(campaign: Campaign, folder: Path, jobs: int, scheduler: str | None) -> int:
+def _fly(campaign: Campaign, folder: Path, arguments: argparse.Namespace) -> int:
     flights = Flights(folder, campaign)
+    told_on = sys.stderr if arguments.json else sys.stdout
     begun = told = time.monotonic()
     flown = 0
-    for batch in fly_all(campaign, flights.outcomes, jobs, scheduler):
+    for batch in fly_all(campaign, flights.outcomes, arguments.jobs, arguments.scheduler):
         flights.add(batch)
         flown += len(batch)
         now = time.monotonic()
@@ -97,17 +111,31 @@ def _fly(campaign: Campaign, folder: Path, jobs: int, scheduler: str | None) -> 
             told = now
             left_s = (campaign.runs - len(flights.outcomes)) * (now - begun) / flown
             unsafe = sum(bool(each.unsafe) for each in flights.outcomes.values())
-            print(
-                f"{len(flights.outcomes)} of {campaign.runs} flights, {unsafe} unsafe, {left_s:.0f} s to go", flush=True
-            )
+            text = f"{len(flights.outcomes)} of {campaign.runs} flights, {unsafe} unsafe, {left_s:.0f} s to go"
+            print(text, file=told_on, flush=True)
     outcomes = list(flights.outcomes.values())
     found = figures(outcomes)
-    print(summary(found))
     try:
-        print(write_page(folder, outcomes))
+        page = write_page(folder, outcomes)
     except OSError as error:
         raise CampaignError(f"{folder}: {error.strerror}") from error
+    if arguments.json:
+        print(json.dumps(_as_json(found, page), indent=1))
+    else:
+        print(summary(found), page, sep="\n")
     return 1 if found.unsafe_flights else 0
+
+
+def _as_json(found: Figures, page: Path) -> dict[str, Any]:
+    """`unsafe`: each way to be unsafe, with the seeds of its flights."""
+    return {
+        "flights": found.flights,
+        "hours": round(found.hours, 3),
+        "ended": dict(found.ended),
+        "unsafe_flights": found.unsafe_flights,
+        "unsafe": found.examples,
+        "page": str(page),
+    }
 
 
 def _compare(seeds: range) -> int:

@@ -19,6 +19,7 @@ from typing import Final, TextIO
 
 from mavproxy_handover.mission import package as packages
 from mavproxy_handover.mission.errors import MissionError
+from mavproxy_handover.tools.command_line import CommandParser
 from sitl import main as sim
 from sitl.hosts import namespaces, tunnel
 from sitl.hosts.flight import flight
@@ -61,9 +62,18 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 130
 
 
+_EXAMPLES: Final = (
+    ("sudo handover bench hosts", "the linear mission, with its wired path cut"),
+    ("sudo handover bench hosts --cut none --tunnel", "no path cut, the links of the parent in a tunnel"),
+)
+_CODES: Final = {0: "every expectation held", 1: "one did not", 2: "wrong usage, or the hosts cannot be made here"}
+
+
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = CommandParser(
         prog="handover bench",
+        examples=_EXAMPLES,
+        codes=_CODES,
         description="Benches of several computers. Speed is measured by python -m sitl.bench.",
     )
     below = parser.add_subparsers(dest="bench", required=True, metavar="BENCH")
@@ -75,7 +85,8 @@ def _parser() -> argparse.ArgumentParser:
         "hosts",
         help="fly with each program on a host of its own",
         description=text,
-        epilog="Exit code: 0 every expectation held, 1 one did not, 2 wrong usage or the hosts cannot be made here.",
+        examples=_EXAMPLES,
+        codes=_CODES,
     )
     hosts.add_argument("--mission", default="linear", metavar="NAME", help="one that ships, or a folder (linear)")
     hosts.add_argument("--vehicle", default="builtin", choices=KINDS, help="as of handover sim (default: builtin)")

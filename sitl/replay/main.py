@@ -19,6 +19,7 @@ from mavproxy_handover.config.vehicle import VehicleConfig
 from mavproxy_handover.mission import package as packages
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.package import MissionPackage
+from mavproxy_handover.tools.command_line import CommandParser
 from sitl.replay.compare import Comparison, compare
 from sitl.replay.flight import Replay, replay
 from sitl.replay.happened import Decision, Happened, journal_beside, read_journal
@@ -58,10 +59,18 @@ class _Told:
 
 
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
+    parser = CommandParser(
         prog="handover replay",
+        examples=(
+            ("handover replay flight.tlog --mission missions/delivery", "what the rules of today would decide"),
+            (
+                "handover replay flight.tlog --mission missions/delivery --set limits.enter_margin_m=30",
+                "the same with another limit",
+            ),
+        ),
+        codes={0: "the same decisions", 1: "something differs", 2: "wrong usage, or a recording that cannot be read"},
         description="Pass a recorded flight through today's rules. Shows commanders and decisions with their reasons, "
-        "compared with what happened. Exit code 1 if anything differs.",
+        "compared with what happened.",
     )
     parser.add_argument("file", type=Path, metavar="FILE", help="a tlog, a dataflash log (.bin) or a table (.csv)")
     parser.add_argument("--mission", type=Path, required=True, metavar="DIR", help="the mission package to fly it by")

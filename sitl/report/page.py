@@ -11,15 +11,17 @@ decisions; and where all that comes from. Of several vehicles each has all of th
 
 from __future__ import annotations
 
-import argparse
+import json
 import sys
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from html import escape
 from pathlib import Path
+from typing import Any
 from urllib.parse import quote
 
 from mavproxy_handover.core.common.model import journal_in_words
+from mavproxy_handover.tools.command_line import CommandParser
 from sitl.report.exchange import Exchange, exchanges
 from sitl.report.export import write_csv, write_kml
 from sitl.report.flight import Story
@@ -79,8 +81,13 @@ def write_report(record: RunRecord, path: Path | None = None) -> Path:
 
 def main_report(argv: Sequence[str] | None = None) -> int:
     """`handover report PATH...`; returns the exit code, 2 when there is nothing to report."""
-    parser = argparse.ArgumentParser(
+    parser = CommandParser(
         prog="handover report",
+        examples=(
+            ("handover report flights/latest", "the last flight of this machine: report.html in its folder"),
+            ("handover report vehicle.jsonl 00000042.BIN --csv track.csv", "of single files; a row for each position"),
+        ),
+        codes={0: "written", 2: "wrong usage, or nothing to report"},
         description="Make the report of a run of 'handover sim', or of a flight: of journals (.jsonl), telemetry logs "
         "(.tlog) and the autopilot's logs (.bin, .log) of the vehicle and of stations, in any combination.",
     )
@@ -93,20 +100,32 @@ def main_report(argv: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--kml", type=Path, metavar="FILE", help="the track and the zones for a map program")
     parser.add_argument("--csv", type=Path, metavar="FILE", help="a row for each position: time, place, who commanded")
+    parser.add_argument("--json", action="store_true", help="for programs: the outcome, and the files written")
     try:
         arguments = parser.parse_args(argv)
         record = load(arguments.paths, arguments.mission)
-        print(write_report(record, arguments.out or _beside(arguments.paths)))
+        written = [write_report(record, arguments.out or _beside(arguments.paths))]
         for write, path in ((write_kml, arguments.kml), (write_csv, arguments.csv)):
             if path is not None:
                 write(record, path)
-                print(path)
+                written.append(path)
+        print(json.dumps(_as_json(record, written), indent=1) if arguments.json else "\n".join(map(str, written)))
     except SystemExit as stop:
         return int(stop.code or 0)
     except (RecordError, OSError) as error:
         print(f"handover report: {error}", file=sys.stderr)
         return 2
     return 0
+
+
+def _as_json(record: RunRecord, written: Sequence[Path]) -> dict[str, Any]:
+    """`held`: whether every expectation of a simulation held; None for a flight."""
+    vehicles = []
+    for story in record.stories:
+        lines = outcome(story.evidence, exchanges(story.evidence), Times(story.evidence))
+        told = [{"gravity": line.gravity.name.lower(), "text": line.text} for line in lines]
+        vehicles.append({"vehicle": story.vehicle, "outcome": told})
+    return {"held": record.held, "vehicles": vehicles, "files": [str(path) for path in written]}
 
 
 def _beside(paths: Sequence[Path]) -> Path | None:

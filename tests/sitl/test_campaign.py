@@ -614,6 +614,15 @@ def test_the_command_flies_and_writes_a_page(tmp_path: Path, capsys: pytest.Capt
     assert "http" not in page.replace("http-equiv", "")
 
 
+def test_a_program_reads_the_figures_as_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--runs", "1", "--seed", "10", "--out", str(tmp_path), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert (told["flights"], told["unsafe_flights"], told["unsafe"]) == (1, 0, {})
+    assert sum(told["ended"].values()) == 1
+    assert told["hours"] > 0.0
+    assert Path(told["page"]).is_file()
+
+
 def test_the_story_of_a_flight(capsys: pytest.CaptureFixture[str]) -> None:
     main(["--seed", "2", "--story"])
     said = capsys.readouterr().out

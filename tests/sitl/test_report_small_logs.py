@@ -9,6 +9,7 @@ ten minutes on the ground between them, and a log as ArduCopter 3.1 wrote it (no
 from __future__ import annotations
 
 import html
+import json
 import re
 import struct
 from pathlib import Path
@@ -138,6 +139,20 @@ def test_latest_is_the_whole_flight_and_not_only_the_last_run(tmp_path: Path) ->
     words = words_of(base / "20230914T221330Z-GCSA" / "report.html")
     assert "drone-1.jsonl" in words
     assert "GCSA.jsonl" in words
+
+
+def test_a_program_reads_the_outcome_as_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    journal(tmp_path / "drone-1.jsonl", "drone-1", companion_entries())
+    assert main_report([str(tmp_path), "--csv", str(tmp_path / "track.csv"), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["held"] is None
+    assert told["files"] == [str(tmp_path / "report.html"), str(tmp_path / "track.csv")]
+    assert [vehicle["vehicle"] for vehicle in told["vehicles"]] == ["drone-1"]
+    lines = told["vehicles"][0]["outcome"]
+    assert lines
+    assert {line["gravity"] for line in lines} <= {"plain", "good", "warning", "bad"}
+    words = words_of(tmp_path / "report.html")
+    assert all(line["text"] in words for line in lines)
 
 
 def test_a_telemetry_log_with_another_name_is_no_dataflash_log(tmp_path: Path) -> None:

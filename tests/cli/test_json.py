@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What programs read with `--json`: one object, with what people read, and the same exit code."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from mavproxy_handover import cli
+from mavproxy_handover.store.keys import key_of, write_key
+
+
+def read(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, Any]:
+    capsys.readouterr()
+    code = cli.main([*words, "--json"])
+    return code, json.loads(capsys.readouterr().out)
+
+
+def test_keys(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "keys"
+    folder.mkdir(mode=0o700)
+    write_key(folder / "GCSA.key", key_of("correct-horse-battery"))
+    code, listed = read(capsys, "keys", "list", "--dir", str(folder))
+    assert code == 0
+    assert [key["name"] for key in listed["keys"]] == ["GCSA"]
+    assert listed["keys"][0]["old_fingerprint"] is None
+    assert listed["keys"][0]["made_utc"].endswith("+00:00")
+    assert listed["problems"] == []
+    (folder / "GCSA.key").chmod(0o644)
+    code, checked = read(capsys, "keys", "check", "--dir", str(folder))
+    assert code == 1
+    assert checked["keys"] == []
+    assert len(checked["problems"]) == 1
+    assert str(folder / "GCSA.key") in checked["problems"][0]
+
+
+def test_guard(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scripts = tmp_path / "APM" / "scripts"
+    scripts.mkdir(parents=True)
+    guard, parameters = str(scripts / "handover_guard.lua"), str(scripts / "handover.parm")
+    code, found = read(capsys, "guard", str(tmp_path), "--check")
+    assert (code, found) == (1, {"findings": [], "missing": [guard, parameters], "written": []})
+    code, found = read(capsys, "guard", str(tmp_path))
+    assert (code, found["missing"], found["written"]) == (0, [], [guard, parameters])
+    (scripts / "handover_guard.lua").write_text("-- another one")
+    code, found = read(capsys, "guard", str(tmp_path))
+    assert code == 1
+    assert [(each["path"], each["stops"]) for each in found["findings"]] == [(guard, True)]
+    assert (found["missing"], found["written"]) == ([guard], [])
+    assert (scripts / "handover_guard.lua").read_text() == "-- another one"
+
+
+def test_explain(capsys: pytest.CaptureFixture[str]) -> None:
+    code, tables = read(capsys, "explain")
+    assert code == 0
+    lost = next(row for row in tables["causes"] if row["cause"] == "commander_lost")
+    assert (lost["wrong"], lost["ends"]) == ("commander lost", "when it is gone")
+    assert "place" in {row["fact"] for row in tables["facts"]}
+    code, decided = read(capsys, "explain", "--state", "commander_lost")
+    assert (code, decided["causes"]) == (0, ["commander_lost"])
+    assert any("RETURN" in line for line in decided["decision"])
