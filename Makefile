@@ -10,7 +10,10 @@ BIN := $(VENV)/bin
 # pytest and every program that a test starts keep what they have compiled: without it each worker rewrites the asserts
 # of all tests again, half a minute
 unexport PYTHONDONTWRITEBYTECODE
-SOURCES := $(shell find mavproxy_handover gcs_module sitl missions ardupilot_lua reference -type f -not -path '*/__pycache__/*') \
+# what building leaves behind
+BUILT := build *.egg-info sitl/build sitl/*.egg-info
+SOURCES := $(shell find mavproxy_handover gcs_module sitl missions ardupilot_lua reference -type f \
+             -not -path '*/__pycache__/*' -not -path 'sitl/build/*' -not -path '*.egg-info/*') \
            pyproject.toml setup.py constraints.txt
 
 .DEFAULT_GOAL := help
@@ -45,19 +48,19 @@ $(BIN)/python:
 	  { echo "Python 3.10 or newer is needed; choose one with: make PYTHON=python3.12 ..."; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 
-$(VENV)/dependencies: $(BIN)/python pyproject.toml constraints.txt setup.py
+$(VENV)/dependencies: $(BIN)/python pyproject.toml constraints.txt setup.py sitl/pyproject.toml sitl/setup.py
 	@echo "Installing what the project needs (a few minutes the first time) ..."
 	$(BIN)/python -m pip install --quiet --upgrade pip setuptools wheel
-	@rm -rf build
-	$(BIN)/python -m pip install --quiet -c constraints.txt '.[dev]'
-	@rm -rf build *.egg-info
+	@rm -rf $(BUILT)
+	$(BIN)/python -m pip install --quiet -c constraints.txt '.[dev]' ./sitl
+	@rm -rf $(BUILT)
 	@touch $@
 
 # What runs is what a user gets: the installed package, made anew whenever a source changes.
 $(VENV)/installed: $(VENV)/dependencies $(SOURCES)
-	@rm -rf build
-	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --force-reinstall .
-	@rm -rf build *.egg-info
+	@rm -rf $(BUILT)
+	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --force-reinstall . ./sitl
+	@rm -rf $(BUILT)
 	@touch $@
 
 demo: $(VENV)/installed
@@ -138,4 +141,4 @@ format: $(VENV)/installed
 	$(BIN)/ruff check --fix .
 
 clean:
-	rm -rf $(VENV) build dist site *.egg-info runs .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) $(BUILT) dist site runs .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -26,16 +26,12 @@ __all__ = ["COMMANDS", "DESCRIPTION", "main"]
 #: 128 and the number of SIGPIPE
 _NOBODY_READS: Final = 141
 
-#: what is not installed with everything -> the extra that brings it
-_EXTRAS: Final = {
-    "matplotlib": "sim",
-    "lupa": "sim",
-    "plotly": "report",
-    "dask": "campaign",
-    "distributed": "campaign",
-    "nicegui": "watch",
-    "fastapi": "watch",
-    "uvicorn": "watch",
+_SIM: Final = "mavproxy-handover-sim"
+#: what is not installed with everything -> the distribution that brings it
+_BRINGS: Final = {
+    **dict.fromkeys(("sitl", "lupa", "matplotlib", "plotly"), _SIM),
+    **dict.fromkeys(("dask", "distributed"), f"{_SIM}[campaign]"),
+    **dict.fromkeys(("nicegui", "fastapi", "uvicorn"), "mavproxy-handover[watch]"),
 }
 
 #: word -> (module, function, what it does): what `handover`, its manual and its completion know
@@ -182,8 +178,8 @@ def _run(words: list[str]) -> int:
 def _cannot_import(word: str, error: Exception) -> int:
     """Report in one sentence which package is missing or broken, and what to do."""
     name = (getattr(error, "name", "") or "").split(".")[0]
-    if isinstance(error, ModuleNotFoundError) and name in _EXTRAS:
-        text = f"needs {name}: pip install 'mavproxy-handover[{_EXTRAS[name]}]'"
+    if isinstance(error, ModuleNotFoundError) and name in _BRINGS:
+        text = f"needs {name}: pip install '{_BRINGS[name]}'"
     else:
         text = import_fault(error)
     print(f"handover {word}: {text}", file=sys.stderr)

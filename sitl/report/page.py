@@ -215,7 +215,7 @@ def _figures(story: Story, transfers: Sequence[Exchange], times: Times, number: 
     try:
         import plotly  # noqa: F401
     except ImportError:
-        words = 'No pictures: plotly is not installed (pip install "mavproxy-handover[report]").'
+        words = "No pictures: plotly is not installed (pip install mavproxy-handover-sim)."
         return _section("Map and timeline", f'<p class="small">{escape(words)}</p>')
     from sitl.report.figures import map_figure, timeline_figure
 

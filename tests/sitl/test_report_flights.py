@@ -295,7 +295,7 @@ def test_without_plotly_the_page_says_what_is_missing(tmp_path: Path, monkeypatc
     monkeypatch.setitem(sys.modules, "plotly", None)
     assert main_report([str(path)]) == 0
     text = (tmp_path / "GCSB-report.html").read_text(encoding="utf-8")
-    assert "No pictures: plotly is not installed (pip install &quot;mavproxy-handover[report]&quot;)." in text
+    assert "No pictures: plotly is not installed (pip install mavproxy-handover-sim)." in text
     assert "1 handover committed" in text
     assert "<script" not in text
 

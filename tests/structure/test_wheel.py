@@ -20,7 +20,7 @@ import pytest
 from mavproxy_handover.cli import COMMANDS
 
 ROOT = Path(__file__).resolve().parents[2]
-PACKAGES = ("mavproxy_handover/", "gcs_module/", "sitl/")
+PACKAGES = ("mavproxy_handover/", "gcs_module/")
 #: written out: what is not in a package of ours has to be here, and must be small
 TOP_LEVEL = {"handover.py", "handover_gcs.py", "handover_dialect.py", "handover_dialect.pth"}
 DIALECT = "mavproxy_handover/data/dialect/handover.py"
@@ -33,15 +33,29 @@ pytestmark = [
 
 
 @pytest.fixture(scope="module")
-def wheel(tmp_path_factory: pytest.TempPathFactory) -> zipfile.ZipFile:
-    """Built from a copy, so that nothing is left behind in the source."""
+def wheels(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of both wheels. Built from a copy, so that nothing is left behind in the source."""
     folder = tmp_path_factory.mktemp("wheel")
     source = folder / "source"
     shutil.copytree(ROOT, source, ignore=NOT_COPIED)
     command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "-w", str(folder)]
-    done = subprocess.run([*command, str(source)], capture_output=True, text=True, check=False, timeout=200)
+    both = (str(source), str(source / "sitl"))
+    done = subprocess.run([*command, *both], capture_output=True, text=True, check=False, timeout=200)
     assert done.returncode == 0, done.stderr
-    (path,) = folder.glob("*.whl")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def wheel(wheels: Path) -> zipfile.ZipFile:
+    """Of the aircraft and the stations."""
+    (path,) = wheels.glob("mavproxy_handover-*.whl")
+    return zipfile.ZipFile(path)
+
+
+@pytest.fixture(scope="module")
+def sim_wheel(wheels: Path) -> zipfile.ZipFile:
+    """Of the simulation."""
+    (path,) = wheels.glob("mavproxy_handover_sim-*.whl")
     return zipfile.ZipFile(path)
 
 
@@ -112,7 +126,7 @@ def test_the_dialect_in_the_wheel_knows_our_messages(wheel: zipfile.ZipFile) -> 
 
 
 def test_every_module_of_ours_is_in_it(names: set[str]) -> None:
-    for package in ("mavproxy_handover", "gcs_module", "sitl"):
+    for package in ("mavproxy_handover", "gcs_module"):
         sources = {str(path.relative_to(ROOT)) for path in (ROOT / package).rglob("*.py")}
         assert len(sources) > 4
         assert sources <= names
@@ -136,9 +150,39 @@ def test_missions_guard_parameters_definitions_and_samples_are_in_it(names: set[
         "mavproxy_handover/deploy/install/companion.service",
         "mavproxy_handover/deploy/demo/handover.toml",
         "mavproxy_handover/deploy/top_level/handover.py",
-        "sitl/scenarios/nominal.toml",
     }
     assert wanted - names == set()
+
+
+def test_the_simulation_is_a_wheel_of_its_own_and_not_on_an_aircraft(
+    names: set[str], sim_wheel: zipfile.ZipFile
+) -> None:
+    assert [name for name in names if name.startswith("sitl")] == []
+    packed = {name for name in sim_wheel.namelist() if ".dist-info/" not in name}
+    wanted = {
+        str(path.relative_to(ROOT))
+        for pattern in ("*.py", "scenarios/*.toml", "run/*.c", "*.lua", "*.js", "*.css")
+        for path in (ROOT / "sitl").rglob(pattern)
+        if path != ROOT / "sitl" / "setup.py"
+    }
+    assert len(wanted) > 200
+    assert packed == wanted
+
+
+def test_the_simulation_needs_the_main_package_of_its_own_version(sim_wheel: zipfile.ZipFile) -> None:
+    from mavproxy_handover.tools.version import VERSION
+
+    (path,) = [name for name in sim_wheel.namelist() if name.endswith(".dist-info/METADATA")]
+    lines = sim_wheel.read(path).decode().splitlines()
+    assert f"Version: {VERSION}" in lines
+    assert f"Requires-Dist: mavproxy-handover=={VERSION}" in lines
+
+
+def test_a_command_of_the_simulation_names_its_package_where_it_is_missing() -> None:
+    run = "import sys; sys.modules['sitl'] = None; from mavproxy_handover import cli; sys.exit(cli.main(['sim']))"
+    done = subprocess.run([sys.executable, "-c", run], capture_output=True, text=True, check=False, timeout=60)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == "handover sim: needs sitl: pip install 'mavproxy-handover-sim'\n"
 
 
 def test_the_guard_in_the_wheel_is_the_guard_of_the_source(wheel: zipfile.ZipFile) -> None:
