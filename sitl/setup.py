@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What pyproject.toml cannot say: the packages of this folder, and the version, which is that of the main package."""
+"""Packages of this folder, and the version of the main package: pyproject.toml cannot name them."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ _VERSION_OF = HERE.parent / "mavproxy_handover" / "tools" / "version.py"
 
 
 def version() -> str:
-    """That of the repository; in a source distribution, where the rest of it is missing, its own."""
+    """The version of the repository. A source distribution lacks the rest of it, and has its own."""
     if _VERSION_OF.is_file():
-        return re.findall(r'^VERSION = "(.+)"$', _VERSION_OF.read_text(encoding="utf-8"), re.MULTILINE)[0]
+        return str(re.findall(r'^VERSION = "(.+)"$', _VERSION_OF.read_text(encoding="utf-8"), re.MULTILINE)[0])
     return str(HeaderParser().parsestr((HERE / "PKG-INFO").read_text(encoding="utf-8"))["Version"])
 
 
-class Build(build_py):
+class Build(build_py):  # type: ignore[misc]
     """build_py without this module, which lies in the folder of the package."""
 
     def find_package_modules(self, package: str, package_dir: str) -> list[tuple[str, str, str]]:

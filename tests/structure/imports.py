@@ -47,10 +47,10 @@ def floors(table: str = "floors") -> tuple[Part, ...]:
 
 @cache
 def files() -> Mapping[str, Path]:
-    """Every module by its dotted name."""
+    """Every module by its dotted name. `setup.py` builds a package and is not in it."""
     found = {}
     for package in PACKAGES:
-        for path in sorted((ROOT / package).rglob("*.py")):
+        for path in sorted(each for each in (ROOT / package).rglob("*.py") if each.name != "setup.py"):
             parts = path.relative_to(ROOT).with_suffix("").parts
             name = ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
             if not name.startswith(DATA):
