@@ -298,10 +298,6 @@ class Arbiter:
         """What any other command of this station that arms or takes off still lacks: what START does."""
         return self._start.needs(station, now, by_hand=True)
 
-    def rehearsal_needs(self, station: int, now: float) -> tuple[str, ...]:
-        """What a rehearsal by this station's word still lacks, in words; empty when it may begin."""
-        return self._rehearsal.needs(station, now)
-
     # ---- the two entry points -------------------------------------------------------------------------------------
 
     def handle(self, event: Event, now: float) -> list[Action]:

@@ -125,7 +125,8 @@ class LogDownload:
         #: how many more times the autopilot may be asked for the piece
         self._tries = TRIES
         self._queue: deque[bytes] = deque()
-        self._queued_bytes = 0
+        #: bytes that wait for the station
+        self.queued_bytes = 0
         #: the log that is downloaded, and how far it was sent
         self._log, self._sent_to = 0, 0
         self._pace = PACE_BYTES_PER_S
@@ -135,11 +136,6 @@ class LogDownload:
         self._credit_bytes, self._credit_at = BURST_BYTES, -math.inf
         #: when the station's link last took a frame, or the queue began to fill
         self._took_at = -math.inf
-
-    @property
-    def queued_bytes(self) -> int:
-        """Bytes that wait for the station."""
-        return self._queued_bytes
 
     def asked(self, receiver: Receiver, frame: Frame, now: float) -> None:
         """Pass on a request about logs that passed the gate (LOG_REQUEST_*, LOG_ERASE), now or later."""
@@ -219,12 +215,12 @@ class LogDownload:
         if count == 0 and begin == self._own_piece_at:
             self._over(now)
             return True
-        if begin < self._next or self._queued_bytes + len(raw) > MOST_BYTES:
+        if begin < self._next or self.queued_bytes + len(raw) > MOST_BYTES:
             return True
         if not self._queue:
             self._took_at = now
         self._queue.append(raw)
-        self._queued_bytes += len(raw)
+        self.queued_bytes += len(raw)
         self._next = begin + count
         self._sent_to = max(self._sent_to, self._next)
         if count < _DATA_BYTES or self._next >= served.end:
@@ -250,11 +246,11 @@ class LogDownload:
                 break
             self._took_at = now
             size = len(queue.popleft())
-            self._queued_bytes -= size
+            self.queued_bytes -= size
             if paced:
                 self._credit_bytes -= size
         served = self._served
-        if served is not None and self._piece_end <= self._next < served.end and self._queued_bytes <= LOW_BYTES:
+        if served is not None and self._piece_end <= self._next < served.end and self.queued_bytes <= LOW_BYTES:
             self._own_piece_at = self._next
             self._ask(served, now)
         if queue and now - self._took_at > STUCK_S:
@@ -269,4 +265,4 @@ class LogDownload:
 
     def _clear_queue(self) -> None:
         self._queue.clear()
-        self._queued_bytes = 0
+        self.queued_bytes = 0

@@ -425,11 +425,6 @@ class SignedPeer:
         """See `Verifier.behind_s`."""
         return self._behind.behind_s
 
-    @property
-    def uses_previous(self) -> bool:
-        """True if the peer still signs with the key before the rotation, so we do too."""
-        return self._in_use == 1
-
     def check(self, frame: Frame, now_utc_s: float, now_s: float) -> SignatureVerdict:
         """The verdict on a frame from this peer."""
         if self._only is not None:

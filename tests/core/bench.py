@@ -237,6 +237,10 @@ class Bench:
         """A station's message arrives now."""
         return self.give(StationMessage(station, message))
 
+    def rehearsal_needs(self, station: int) -> tuple[str, ...]:
+        """What a rehearsal at this station's request lacks now."""
+        return self.arbiter._rehearsal.needs(station, self.now)
+
     def position(self, *facts: ZoneFact) -> list[Action]:
         """The aircraft is here from now on."""
         self.facts = facts

@@ -267,7 +267,7 @@ def test_what_the_loaded_mission_lacks_stops_a_flight_and_no_rehearsal(event: St
     bench = Bench().on_ground()
     bench.give(event)
     assert bench.arbiter.start_needs(A, bench.now) == (text,)
-    assert bench.arbiter.rehearsal_needs(A, bench.now) == ()
+    assert bench.rehearsal_needs(A) == ()
     bench.give(MissionLoaded(b"", ()))
     assert bench.arbiter.start_needs(A, bench.now) == ("no mission loaded",)
 

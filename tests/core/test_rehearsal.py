@@ -146,7 +146,7 @@ class TestBeginning:
         bench = Bench()
         bench.guard, bench.facts = None, None
         bench.run(2.0)
-        assert bench.arbiter.rehearsal_needs(A, bench.now) == (
+        assert bench.rehearsal_needs(A) == (
             "no mission loaded",
             "the guard does not answer the lease",
             "no position",
@@ -156,7 +156,7 @@ class TestBeginning:
         bench = Bench().on_ground()
         bench.give(EnergyJudged("needs 60 Wh of 20 Wh"))
         bench.give(GapsJudged("HNDO_ALONE_MAX 0 s"))
-        assert bench.arbiter.rehearsal_needs(A, bench.now) == ()
+        assert bench.rehearsal_needs(A) == ()
         assert BEGUN in bench.give(RehearsalAsked(A, True))
 
 

@@ -415,7 +415,7 @@ class TestGround:
         bench.give(StartRequested(A))
         (refusal,) = [action for _at, action in bench.log if isinstance(action, StartRefused)]
         assert refusal.needs == ("a return does not land: it would circle for ever: RTL_AUTOLAND is 0",)
-        assert bench.arbiter.rehearsal_needs(A, bench.now) == ()
+        assert bench.rehearsal_needs(A) == ()
         bench.give(ReturnJudged(""))
         assert bench.arbiter.start_needs(A, bench.now) == ()
 
@@ -425,7 +425,7 @@ class TestGround:
         bench.give(StartRequested(A))
         (refusal,) = [action for _at, action in bench.log if isinstance(action, StartRefused)]
         assert refusal.needs == ("heights: item 2 (NAV_WAYPOINT) above sea: home is at 0 m in the plan",)
-        assert bench.arbiter.rehearsal_needs(A, bench.now) == ()
+        assert bench.rehearsal_needs(A) == ()
         bench.give(HeightsJudged(""))
         assert bench.arbiter.start_needs(A, bench.now) == ()
 
