@@ -10,19 +10,16 @@ import sys
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
 
-from pymavlink.dialects.v20 import handover as mavlink
-
 from mavproxy_handover.gate.explain import columns, for_commander, for_others, markdown_table, summary
 from mavproxy_handover.gate.policy.access import ANY, Access
 from mavproxy_handover.gate.policy.parameters import OTHER_PARAMETERS, parameter_rule
 from mavproxy_handover.gate.policy.tables import MESSAGES_BY_PART, POLICY, PolicyRow
 from mavproxy_handover.tools.command_line import CommandParser
+from mavproxy_handover.wire.message_ids import MESSAGE_IDS
 
 __all__ = ["main"]
 
-_NAMES = frozenset(row.name.upper() for row in POLICY) | frozenset(
-    message.msgname for message in mavlink.mavlink_map.values()
-)
+_NAMES = frozenset(row.name.upper() for row in POLICY).union(MESSAGE_IDS)
 #: as ArduPilot names parameters
 _PARAMETER = re.compile(r"[A-Z][A-Z0-9_]{1,15}")
 

@@ -38,6 +38,7 @@ from mavproxy_handover.wire.ids import (
     LEASE_TUNNEL,
     RATES_COMPID,
 )
+from mavproxy_handover.wire.message_ids import COMMAND_MESSAGES, MESSAGE_IDS
 
 __all__ = ["ANSWERS", "COMMAND_ANSWERS", "EACH", "FOR_EVERYBODY", "LIMIT_S", "WINDOW_S", "DownlinkPolicy"]
 
@@ -101,28 +102,25 @@ COMMAND_ANSWERS: Final = {
     "UAVCAN_GET_NODE_INFO": Answers(("UAVCAN_NODE_INFO", "UAVCAN_NODE_STATUS"), many=True),
 }
 
-_IDS: Final[dict[str, int]] = {cls.msgname: msgid for msgid, cls in mavlink.mavlink_map.items()}
 _COMMANDS: Final[dict[str, int]] = {e.name: number for number, e in mavlink.enums["MAV_CMD"].items()}
 
 
 def _ids(answers: Answers) -> tuple[int, ...]:
-    return tuple(_IDS[name] for name in answers.names if name in _IDS)
+    return tuple(MESSAGE_IDS[name] for name in answers.names if name in MESSAGE_IDS)
 
 
 #: Question -> (ids of its answers, whether there are many).
-_BY_MESSAGE: Final = {_IDS[name]: (_ids(a), a.many) for name, a in ANSWERS.items() if name in _IDS}
+_BY_MESSAGE: Final = {MESSAGE_IDS[name]: (_ids(a), a.many) for name, a in ANSWERS.items() if name in MESSAGE_IDS}
 _BY_COMMAND: Final = {
     _COMMANDS[f"MAV_CMD_{name}"]: (_ids(a), a.many)
     for name, a in COMMAND_ANSWERS.items()
     if f"MAV_CMD_{name}" in _COMMANDS
 }
 
-_COMMAND_LONG: Final = mavlink.MAVLINK_MSG_ID_COMMAND_LONG
-_COMMAND_INT: Final = mavlink.MAVLINK_MSG_ID_COMMAND_INT
 _COMMAND_ACK: Final = mavlink.MAVLINK_MSG_ID_COMMAND_ACK
 _TUNNEL: Final = mavlink.MAVLINK_MSG_ID_TUNNEL
 _REQUEST_MESSAGE: Final = mavlink.MAV_CMD_REQUEST_MESSAGE
-_QUESTIONS: Final = frozenset({*_BY_MESSAGE, _COMMAND_LONG, _COMMAND_INT})
+_QUESTIONS: Final = frozenset({*_BY_MESSAGE, *COMMAND_MESSAGES})
 #: components that the companion asks the autopilot as
 _COMPANION: Final = (COMPANION_COMPID, RATES_COMPID)
 _FLOAT: Final = struct.Struct("<f")

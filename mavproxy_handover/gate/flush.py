@@ -65,6 +65,7 @@ from mavproxy_handover.wire.ids import (
     MISSION_START,
     RATES_COMPID,
 )
+from mavproxy_handover.wire.message_ids import COMMAND_MESSAGES, MESSAGE_NAMES, message_ids
 from mavproxy_handover.wire.own_rates import OWN_RATES
 
 __all__ = ["Closing", "FlushTracker"]
@@ -87,11 +88,7 @@ _PARTIAL: Final = mavlink.MAVLINK_MSG_ID_MISSION_WRITE_PARTIAL_LIST
 _ITEMS: Final = (mavlink.MAVLINK_MSG_ID_MISSION_ITEM, mavlink.MAVLINK_MSG_ID_MISSION_ITEM_INT)
 _ACK: Final = mavlink.MAVLINK_MSG_ID_MISSION_ACK
 _FTP: Final = mavlink.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL
-_STICKS: Final = tuple(
-    msgid
-    for msgid, cls in mavlink.mavlink_map.items()
-    if cls.msgname in ("RC_CHANNELS_OVERRIDE", "RC_CHANNELS_OVERRIDE_V2", "MANUAL_CONTROL")
-)
+_STICKS: Final = message_ids("RC_CHANNELS_OVERRIDE", "RC_CHANNELS_OVERRIDE_V2", "MANUAL_CONTROL")
 _TARGETS: Final = (
     mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED,
     mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT,
@@ -99,10 +96,8 @@ _TARGETS: Final = (
 _ATTITUDE: Final = mavlink.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET
 _LOG_BEGINS: Final = (mavlink.MAVLINK_MSG_ID_LOG_REQUEST_LIST, mavlink.MAVLINK_MSG_ID_LOG_REQUEST_DATA)
 _LOG_END: Final = mavlink.MAVLINK_MSG_ID_LOG_REQUEST_END
-_COMMANDS: Final = (mavlink.MAVLINK_MSG_ID_COMMAND_LONG, mavlink.MAVLINK_MSG_ID_COMMAND_INT)
 
 _SET_INTERVAL: Final = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
-_IDS: Final = frozenset(mavlink.mavlink_map)
 
 #: Commands that give GUIDED another target, or leave it: a stream before them has no effect any more.
 _NEW_AIMS: Final = (
@@ -172,7 +167,7 @@ class FlushTracker:
             **dict.fromkeys(_TARGETS, self._saw_target),
             _ATTITUDE: self._saw_attitude,
             mavlink.MAVLINK_MSG_ID_SET_MODE: self._saw_mode,
-            **dict.fromkeys(_COMMANDS, self._saw_command),
+            **dict.fromkeys(COMMAND_MESSAGES, self._saw_command),
             **dict.fromkeys(_LOG_BEGINS, self._saw_log),
             _LOG_END: self._saw_log,
         }
@@ -293,7 +288,7 @@ class FlushTracker:
             self._saw_rate(field_float(frame, "param1"), field_float(frame, "param2"), opened)
 
     def _saw_rate(self, msgid: float, interval_us: float, opened: _Open) -> None:
-        if msgid not in _IDS or msgid in OWN_RATES:
+        if msgid not in MESSAGE_NAMES or msgid in OWN_RATES:
             return
         if interval_us == 0:  # the default
             opened.rates.pop(int(msgid), None)
@@ -365,7 +360,7 @@ class FlushTracker:
     def _close_rates(self, msgids: Collection[int]) -> Closing:
         target = self._vehicle, AUTOPILOT_COMPID
         frames = _packed((self._vehicle, RATES_COMPID), *(command_long(target, _SET_INTERVAL, each) for each in msgids))
-        names = " ".join(mavlink.mavlink_map[each].msgname for each in msgids)
+        names = " ".join(MESSAGE_NAMES[each] for each in msgids)
         return Closing(f"default message rates restored: {names}", frames)
 
     def _close_log(self, sender: _Sender, component: int) -> Closing:

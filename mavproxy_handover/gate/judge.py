@@ -49,6 +49,7 @@ from mavproxy_handover.gate.policy.rows import MESSAGE_ROWS, TAKE_OFF_MESSAGES, 
 from mavproxy_handover.vehicle.profiles import ASSUMED, Modes
 from mavproxy_handover.wire.frames import Frame, field_int, target, target_offsets
 from mavproxy_handover.wire.ids import COMPANION_COMPID, MISSION_START, STATION_COMPIDS
+from mavproxy_handover.wire.message_ids import message_ids
 
 __all__ = ["Fate", "GateReason", "StationIdentity", "Verdict", "decide", "judge", "outcome", "uploads", "usual"]
 
@@ -227,9 +228,7 @@ def decide(
 _ACK: Final[int] = mavlink.MAVLINK_MSG_ID_MISSION_ACK
 #: MAV_MISSION_TYPEs whose uploads end at the companion in flight; the messages that write such a list, or cancel it
 STAGED: Final = frozenset({mavlink.MAV_MISSION_TYPE_MISSION, mavlink.MAV_MISSION_TYPE_FENCE})
-_WRITERS: Final = frozenset(
-    {_ACK, *(msgid for msgid, cls in mavlink.mavlink_map.items() if cls.msgname in MISSION_TYPE_MESSAGES)}
-)
+_WRITERS: Final = message_ids("MISSION_ACK", *MISSION_TYPE_MESSAGES)
 
 #: constants, because Python 3.11 takes 0.1 us to look up a member of an enumeration
 _FORWARD: Final = Fate.FORWARD

@@ -22,6 +22,7 @@ from mavproxy_handover.gate.policy.files import written_lists
 from mavproxy_handover.gate.policy.parameters import parameter_name
 from mavproxy_handover.gate.policy.switches import SWITCH_NUMBERS
 from mavproxy_handover.wire.frames import Frame, field_bytes, field_float, field_int
+from mavproxy_handover.wire.message_ids import COMMAND_MESSAGES
 
 __all__ = ["GEOFENCE", "MISSION", "ListChange", "list_change"]
 
@@ -35,7 +36,6 @@ _UPLOADS: Final = frozenset((_COUNT, _CLEAR, mavlink.MAVLINK_MSG_ID_MISSION_WRIT
 _FTP: Final = mavlink.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL
 _FENCE_POINT: Final = mavlink.MAVLINK_MSG_ID_FENCE_POINT
 _PARAM_SET: Final = mavlink.MAVLINK_MSG_ID_PARAM_SET
-_COMMANDS: Final = (mavlink.MAVLINK_MSG_ID_COMMAND_LONG, mavlink.MAVLINK_MSG_ID_COMMAND_INT)
 _SWITCHES: Final = frozenset(SWITCH_NUMBERS[name] for name in ("SAVE_WP", "CLEAR_WP", "RELOCATE_MISSION"))
 _PARAMETERS: Final = {"MIS_TOTAL": MISSION, "FENCE_TOTAL": GEOFENCE}
 
@@ -62,7 +62,7 @@ def list_change(frame: Frame) -> ListChange | None:
     if msgid == _PARAM_SET:
         what = _PARAMETERS.get(parameter_name(field_bytes(frame, "param_id")))
         return None if what is None else ListChange(what)
-    if msgid in _COMMANDS and field_int(frame, "command") == mavlink.MAV_CMD_DO_AUX_FUNCTION:
+    if msgid in COMMAND_MESSAGES and field_int(frame, "command") == mavlink.MAV_CMD_DO_AUX_FUNCTION:
         which = field_float(frame, "param1")  # the autopilot keeps 16 bits; a NaN may be any number
         return ListChange(MISSION) if not isfinite(which) or int(which) & 0xFFFF in _SWITCHES else None
     return None

@@ -35,6 +35,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.gate.policy.access import names
 from mavproxy_handover.wire.frames import Frame, field_bytes, field_int
 from mavproxy_handover.wire.ids import AVAILABLE_MODES_MONITOR
+from mavproxy_handover.wire.message_ids import COMMAND_MESSAGES, MESSAGE_IDS, message_ids
 
 __all__ = ["ALWAYS", "DEFAULTS", "STREAMS", "WISHES", "ObserverLimits", "ObserverRates"]
 
@@ -79,16 +80,14 @@ _MOST_SOURCES: Final = 512
 _EARLY: Final = 0.25
 _NEVER: Final = math.inf
 
-_IDS: Final[dict[str, int]] = {cls.msgname: msgid for msgid, cls in mavlink.mavlink_map.items()}
 #: and the notice that the list of modes has changed: it is rare, and the installed dialect does not know it
-_ALWAYS_IDS: Final = frozenset((*(_IDS[name] for name in ALWAYS), AVAILABLE_MODES_MONITOR))
-_DEFAULT_INTERVALS: Final = {_IDS[name]: interval_s for name, interval_s in DEFAULTS.items()}
-_GRANTABLE: Final = frozenset(_IDS[name] for name in (*DEFAULTS, *WISHES) if name in _IDS)
+_ALWAYS_IDS: Final = frozenset((*(MESSAGE_IDS[name] for name in ALWAYS), AVAILABLE_MODES_MONITOR))
+_DEFAULT_INTERVALS: Final = {MESSAGE_IDS[name]: interval_s for name, interval_s in DEFAULTS.items()}
+_GRANTABLE: Final = message_ids(*DEFAULTS, *WISHES)
 _STREAM_IDS: Final = {
-    number: tuple(_IDS[name] for name in group if name in _IDS)
+    number: tuple(MESSAGE_IDS[name] for name in group if name in MESSAGE_IDS)
     for number, group in (*STREAMS.items(), (_ALL_STREAMS, (*DEFAULTS, *WISHES)))
 }
-_COMMANDS: Final = (mavlink.MAVLINK_MSG_ID_COMMAND_LONG, mavlink.MAVLINK_MSG_ID_COMMAND_INT)
 _REQUEST_DATA_STREAM: Final = mavlink.MAVLINK_MSG_ID_REQUEST_DATA_STREAM
 _SET_INTERVAL: Final = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
 _GET_INTERVAL: Final = mavlink.MAV_CMD_GET_MESSAGE_INTERVAL
@@ -147,7 +146,7 @@ class ObserverRates:
         observer.heard_at = now
         if frame.msgid == _REQUEST_DATA_STREAM:
             self._stream(frame, observer)
-        if frame.msgid not in _COMMANDS:
+        if frame.msgid not in COMMAND_MESSAGES:
             return []
         command = field_int(frame, "command")
         wanted = _float(frame, "param1")

@@ -30,6 +30,7 @@ from mavproxy_handover.gate.policy.switches import switch_name
 from mavproxy_handover.vehicle.profiles import ASSUMED, Modes
 from mavproxy_handover.wire.frames import Frame, field_bytes, field_float, field_int
 from mavproxy_handover.wire.ids import FTP_CREATE, FTP_OPEN_WRITE, FTP_RENAME, FTP_RESET, FTP_TERMINATE, FTP_WRITE
+from mavproxy_handover.wire.message_ids import COMMAND_MESSAGES, MESSAGE_NAMES, message_ids
 
 __all__ = [
     "COMMANDS",
@@ -144,11 +145,6 @@ _BEGINNINGS: Final = ("NAV_", "DO_")
 _COMMAND_NAMES: Final[dict[int, str]] = {
     number: entry.name.removeprefix("MAV_CMD_") for number, entry in mavlink.enums["MAV_CMD"].items()
 }
-_MESSAGE_NAMES: Final[dict[int, str]] = {msgid: cls.msgname for msgid, cls in mavlink.mavlink_map.items()}
-
-
-def _ids(*wanted: str) -> frozenset[int]:
-    return frozenset(msgid for msgid, name in _MESSAGE_NAMES.items() if name in wanted)
 
 
 def _plain(name: str) -> str:
@@ -162,19 +158,18 @@ _COMMAND_WORDS: Final[Mapping[int, str]] = {
     number: COMMANDS.get(name) or _plain(name) for number, name in _COMMAND_NAMES.items()
 }
 _MESSAGE_WORDS: Final[Mapping[int, str]] = {
-    msgid: MESSAGES.get(name) or _plain(name) for msgid, name in _MESSAGE_NAMES.items()
+    msgid: MESSAGES.get(name) or _plain(name) for msgid, name in MESSAGE_NAMES.items()
 }
 _SWITCHED: Final = {number: SWITCHES[name] for number, name in _COMMAND_NAMES.items() if name in SWITCHES}
 #: names that the command's name does not tell
 _PARTICULAR: Final = frozenset(word for _parameter, *words in SWITCHES.values() for word in words)
 _THESIS_COMMANDS: Final = frozenset((COMMANDS["MISSION_START"], *SWITCHES["DO_PAUSE_CONTINUE"][1:]))
 _SWITCH: Final = f"{COMMANDS['DO_AUX_FUNCTION']} "
-_COMMAND_IDS: Final = _ids("COMMAND_LONG", "COMMAND_INT")
 _SET_MODE: Final = mavlink.MAVLINK_MSG_ID_SET_MODE
-_ITEM_IDS: Final = _ids("MISSION_ITEM", "MISSION_ITEM_INT")
-_UPLOAD_IDS: Final = _ids(*MISSION_TYPE_MESSAGES)
+_ITEM_IDS: Final = message_ids("MISSION_ITEM", "MISSION_ITEM_INT")
+_UPLOAD_IDS: Final = message_ids(*MISSION_TYPE_MESSAGES)
 _CLEAR_ALL: Final = mavlink.MAVLINK_MSG_ID_MISSION_CLEAR_ALL
-_PARAMETER_IDS: Final = _ids("PARAM_SET", "PARAM_EXT_SET", "PARAM_MAP_RC")
+_PARAMETER_IDS: Final = message_ids("PARAM_SET", "PARAM_EXT_SET", "PARAM_MAP_RC")
 _FTP: Final = mavlink.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL
 _DO_SET_MODE: Final = mavlink.MAV_CMD_DO_SET_MODE
 _MODE_MASK: Final = (1 << MODE_BITS) - 1
@@ -186,7 +181,7 @@ _SWITCH_MASK: Final = 0xFFFF
 def subject_of(frame: Frame) -> Subject:
     """The subject of a frame. Total for frames that the dialect knows, whatever they contain."""
     msgid = frame.msgid
-    if msgid in _COMMAND_IDS:
+    if msgid in COMMAND_MESSAGES:
         return _of_command(frame)
     if msgid == _SET_MODE:
         return field_int(frame, "custom_mode") & _MODE_MASK
@@ -264,7 +259,7 @@ def unsaid(frame: Frame, *, modes: Modes = ASSUMED.gate) -> str:
 
 def thesis_command(frame: Frame) -> str:
     """START, STOP or CONTINUE, the commands of the thesis for a station in flight; "" for every other frame."""
-    subject = _of_command(frame) if frame.known and frame.msgid in _COMMAND_IDS else ""
+    subject = _of_command(frame) if frame.known and frame.msgid in COMMAND_MESSAGES else ""
     return subject if isinstance(subject, str) and subject in _THESIS_COMMANDS else ""
 
 

@@ -33,6 +33,7 @@ from mavproxy_handover.wire.file_transfer import answer as file_answer
 from mavproxy_handover.wire.file_transfer import head_of
 from mavproxy_handover.wire.frames import Frame, field_bytes, field_int, target
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, FTP_NAK, NOT_IN_CONTROL
+from mavproxy_handover.wire.message_ids import MESSAGE_IDS, message_ids
 
 __all__ = [
     "CAUSE_S",
@@ -168,11 +169,11 @@ def _builders() -> dict[int, _Builder]:
     # PARAM_ERROR is new: a pymavlink without it sends only the text
     if hasattr(mavlink, "MAVLink_param_error_message"):
         by_name["PARAM_SET"] = by_name["PARAM_REQUEST_LIST"] = _param_error
-    return {msgid: by_name[cls.msgname] for msgid, cls in mavlink.mavlink_map.items() if cls.msgname in by_name}
+    return {MESSAGE_IDS[name]: build for name, build in by_name.items()}
 
 
 _BUILDERS: Final = _builders()
-_SILENT_IDS: Final = frozenset(msgid for msgid, cls in mavlink.mavlink_map.items() if cls.msgname in SILENT)
+_SILENT_IDS: Final = message_ids(*SILENT)
 
 
 def refusal(frame: Frame, verdict: Verdict, own: mavlink.MAVLink, known: Callable[[int], int]) -> list[bytes]:

@@ -42,6 +42,7 @@ from mavproxy_handover.gate.judge import Fate, GateReason, Verdict
 from mavproxy_handover.gate.policy.messages import MESSAGE_RULES
 from mavproxy_handover.gate.refusals import RefusalLimiter
 from mavproxy_handover.wire.frames import Frame, field_int
+from mavproxy_handover.wire.message_ids import MESSAGE_NAMES
 
 __all__ = [
     "BEATS",
@@ -69,9 +70,7 @@ _OTHERS: Final[_Sender] = (0, 0)
 
 _NAMES: Final = {name: rule.stream for rule in MESSAGE_RULES for name in rule.names if rule.stream}
 #: message id -> kind of stream
-KINDS: Final[Mapping[int, str]] = {
-    msgid: _NAMES[cls.msgname] for msgid, cls in mavlink.mavlink_map.items() if cls.msgname in _NAMES
-}
+KINDS: Final[Mapping[int, str]] = {msgid: _NAMES[name] for msgid, name in MESSAGE_NAMES.items() if name in _NAMES}
 
 #: messages that replace a pilot's sticks: rudder and switches can arm by them
 STICKS: Final = frozenset(msgid for msgid, kind in KINDS.items() if kind in ("RC override", "manual control"))

@@ -36,6 +36,7 @@ from mavproxy_handover.operator.stations.port import StationPort
 from mavproxy_handover.wire.conversation import Ask, Asking, Conversation, NoAnswer, RefusedError
 from mavproxy_handover.wire.frames import Frame, field_float, field_int
 from mavproxy_handover.wire.ids import MISSION_START
+from mavproxy_handover.wire.message_ids import COMMAND_MESSAGES
 
 __all__ = ["UNDOING", "Orders", "commanded", "disarms"]
 
@@ -43,7 +44,6 @@ __all__ = ["UNDOING", "Orders", "commanded", "disarms"]
 UNDOING: Final = ("the previous START is still being undone: send it again",)
 
 #: messages that carry a MAV_CMD
-_CARRIERS: Final = (mavlink.MAVLINK_MSG_ID_COMMAND_LONG, mavlink.MAVLINK_MSG_ID_COMMAND_INT)
 #: names of the conversations
 _START: Final = "start"
 _CALLED_OFF: Final = "start called off"
@@ -89,7 +89,7 @@ def commanded(frame: Frame) -> int | None:
 
 def disarms(frame: Frame) -> bool:
     """Whether a frame that passes on the ground disarms, stops the motors, or ends the flight."""
-    if frame.msgid not in _CARRIERS:
+    if frame.msgid not in COMMAND_MESSAGES:
         return False
     command, first, second = commanded(frame), field_float(frame, "param1"), field_float(frame, "param2")
     if command == mavlink.MAV_CMD_DO_AUX_FUNCTION:
@@ -293,7 +293,7 @@ class Orders:
 
     def takes_over(self, frame: Frame) -> bool:
         """Whether the companion carries out this command of the commander in flight, instead of the autopilot."""
-        pauses = frame.msgid in _CARRIERS and commanded(frame) == _PAUSE_CONTINUE
+        pauses = frame.msgid in COMMAND_MESSAGES and commanded(frame) == _PAUSE_CONTINUE
         return pauses and self._procedures().flight.holds_by(pause=True) is not None
 
     def pause_asked(self, port: StationPort, frame: Frame, now: float) -> None:

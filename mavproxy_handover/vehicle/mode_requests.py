@@ -18,6 +18,7 @@ from mavproxy_handover.core.common.model import ModeClass, ModeSource
 from mavproxy_handover.vehicle.profiles import ASSUMED, Profile
 from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.frames import Frame
+from mavproxy_handover.wire.message_ids import COMMAND_MESSAGES
 
 __all__ = ["breached", "of_command", "of_text", "radio_lives"]
 
@@ -45,7 +46,6 @@ _COMMANDS: Final[Mapping[int, ModeClass | None]] = {
     mavlink.MAV_CMD_SOLO_BTN_FLY_HOLD: _ANY,
     mavlink.MAV_CMD_SOLO_BTN_PAUSE_CLICK: _ANY,
 }
-_CARRIERS: Final = (mavlink.MAVLINK_MSG_ID_COMMAND_LONG, mavlink.MAVLINK_MSG_ID_COMMAND_INT)
 _SET_MODE: Final[int] = mavlink.MAVLINK_MSG_ID_SET_MODE
 _SET_ITEM: Final[int] = mavlink.MAVLINK_MSG_ID_MISSION_SET_CURRENT
 _RADIO: Final[int] = mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
@@ -79,7 +79,7 @@ def of_command(
 
     `leads_to`: what is flown when the mission goes on with an item, None if that changes nothing (`plane_landing.py`).
     """
-    if frame.msgid not in (_SET_MODE, _SET_ITEM) and frame.msgid not in _CARRIERS:
+    if frame.msgid not in (_SET_MODE, _SET_ITEM) and frame.msgid not in COMMAND_MESSAGES:
         return None
     message = codec.decode_bytes(frame.raw)
     if message is None:

@@ -118,8 +118,8 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
         ),
     },
     "policy.rows": {
-        "moves: dropped from and/or: frame.msgid in _COMMANDS: frame.msgid in _COMMANDS and (row.part == MISSION_START "
-        "or row.part in _TURNING)": "no other message of this class has such a part"
+        "moves: dropped from and/or: frame.msgid in COMMAND_MESSAGES: frame.msgid in COMMAND_MESSAGES and "
+        "(row.part == MISSION_START or row.part in _TURNING)": "no other message of this class has such a part"
     },
     "policy.parameters": {
         "parameter_rule: dropped from and/or: found.lastindex is None: found is None or found.lastindex is None": (

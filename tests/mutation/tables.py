@@ -34,6 +34,7 @@ def survivors() -> tuple[int, list[str]]:
     from mavproxy_handover.gate import judge
     from mavproxy_handover.gate.policy import files, parameters, rows, switches
     from mavproxy_handover.gate.policy.access import Access
+    from mavproxy_handover.wire.message_ids import MESSAGE_NAMES
     from tests.gate.frames import make_frame
     from tests.gate.ledger import (
         CASES,
@@ -124,7 +125,7 @@ def survivors() -> tuple[int, list[str]]:
                     f"{row.what} as {access.value}", by_part, part, replace(row, access=access), by_row[row.what]
                 )
     for msgid, default in rows._PART_DEFAULTS.items():
-        message = rows._MESSAGE_NAMES[msgid]
+        message = MESSAGE_NAMES[msgid]
         for access in others(default):
             judge_mutant(f"{message}/* as {access.value}", rows._PART_DEFAULTS, msgid, access, by_message[message])
 

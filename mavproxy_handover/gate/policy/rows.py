@@ -48,6 +48,7 @@ from mavproxy_handover.gate.policy.tables import (
 from mavproxy_handover.vehicle.profiles import ASSUMED, Modes
 from mavproxy_handover.wire.frames import Frame, field_bytes, field_float, field_int
 from mavproxy_handover.wire.ids import FTP_OPCODES, GUARD_STATUS_TUNNEL, LEASE_TUNNEL, MISSION_START
+from mavproxy_handover.wire.message_ids import COMMAND_MESSAGES, MESSAGE_IDS, MESSAGE_NAMES, message_ids
 
 __all__ = [
     "MESSAGE_ROWS",
@@ -75,8 +76,6 @@ class Row:
     part: int | None = None
 
 
-_MESSAGE_NAMES: Final[dict[int, str]] = {msgid: cls.msgname for msgid, cls in mavlink.mavlink_map.items()}
-_IDS: Final = {name: msgid for msgid, name in _MESSAGE_NAMES.items()}
 _COMMAND_NAMES: Final[dict[int, str]] = {
     number: entry.name for number, entry in mavlink.enums["MAV_CMD"].items() if not entry.name.endswith("_ENUM_END")
 }
@@ -88,7 +87,7 @@ def _by_name(rules: tuple[Rule, ...]) -> dict[str, Access]:
 
 def _message_rows() -> dict[int, Row]:
     access = _by_name(MESSAGE_RULES)
-    return {msgid: Row(name, access[name]) for msgid, name in _MESSAGE_NAMES.items() if name in access}
+    return {msgid: Row(name, access[name]) for msgid, name in MESSAGE_NAMES.items() if name in access}
 
 
 def _parts(rules: tuple[Rule, ...], numbers: dict[int, str], prefix: str = "") -> dict[int, tuple[str, Access]]:
@@ -112,13 +111,12 @@ def _part_rows() -> dict[int, dict[int, Row]]:
         **dict.fromkeys(MISSION_READ_MESSAGES, reads),
     }
     return {
-        _IDS[message]: {n: Row(f"{message}/{name}", access, n) for n, (name, access) in table.items()}
+        MESSAGE_IDS[message]: {n: Row(f"{message}/{name}", access, n) for n, (name, access) in table.items()}
         for message, table in tables.items()
     }
 
 
-_FTP: Final = _IDS["FILE_TRANSFER_PROTOCOL"]
-_COMMANDS: Final = frozenset((_IDS["COMMAND_LONG"], _IDS["COMMAND_INT"]))
+_FTP: Final = MESSAGE_IDS["FILE_TRANSFER_PROTOCOL"]
 _SWITCH: Final[int] = mavlink.MAV_CMD_DO_AUX_FUNCTION
 #: the bits that the autopilot keeps of the number of an auxiliary function
 _SWITCH_BITS: Final = 16
@@ -127,24 +125,24 @@ _FTP_OPCODE: Final = slice(3, 4)
 
 #: The field with the part of a message that decides; in file transfer it is a byte of the payload.
 _PART_FIELDS: Final = {
-    _IDS["COMMAND_LONG"]: "command",
-    _IDS["COMMAND_INT"]: "command",
-    _IDS["COMMAND_ACK"]: "command",
-    _IDS["TUNNEL"]: "payload_type",
-    **{_IDS[name]: "mission_type" for name in (*MISSION_TYPE_MESSAGES, *MISSION_READ_MESSAGES)},
+    **dict.fromkeys(COMMAND_MESSAGES, "command"),
+    MESSAGE_IDS["COMMAND_ACK"]: "command",
+    MESSAGE_IDS["TUNNEL"]: "payload_type",
+    **{MESSAGE_IDS[name]: "mission_type" for name in (*MISSION_TYPE_MESSAGES, *MISSION_READ_MESSAGES)},
 }
 
 #: The class of a part without a row. For messages that are not here such a part is refused.
 _PART_DEFAULTS: Final = {
-    _IDS["COMMAND_ACK"]: _by_name(COMMAND_ACK_RULES)[ANY],
-    _IDS["TUNNEL"]: _by_name(TUNNEL_RULES)[ANY],
-    **{_IDS[name]: Access.READ for name in MISSION_READ_MESSAGES},  # the autopilot answers that it has no such list
+    MESSAGE_IDS["COMMAND_ACK"]: _by_name(COMMAND_ACK_RULES)[ANY],
+    MESSAGE_IDS["TUNNEL"]: _by_name(TUNNEL_RULES)[ANY],
+    # the autopilot answers that it has no such list
+    **{MESSAGE_IDS[name]: Access.READ for name in MISSION_READ_MESSAGES},
 }
 
 #: Messages whose id alone decides. `judge` takes them up once, at import.
 MESSAGE_ROWS: Final[Mapping[int, Row]] = _message_rows()
 _PART_ROWS: Final = _part_rows()
-_PARAMETER_IDS: Final = frozenset(_IDS[name] for name in PARAMETER_MESSAGES)
+_PARAMETER_IDS: Final = message_ids(*PARAMETER_MESSAGES)
 
 
 def classify(frame: Frame) -> Row:
@@ -158,14 +156,14 @@ def classify(frame: Frame) -> Row:
     field = _PART_FIELDS.get(msgid)
     if field is not None:
         row = _part_row(msgid, field_int(frame, field))
-        if msgid not in _COMMANDS:
+        if msgid not in COMMAND_MESSAGES:
             return row
         found = special_value(frame, row.part)
         if found is not None:
             rule, word = found
             return Row(f"{row.what} ({word})", rule.access, row.part)
         return _switch_row(row, frame) if row.part == _SWITCH else row
-    what = _MESSAGE_NAMES.get(msgid, f"message {msgid}")
+    what = MESSAGE_NAMES.get(msgid, f"message {msgid}")
     if msgid not in _PARAMETER_IDS:
         return Row(what, None)
     name = parameter_name(field_bytes(frame, "param_id"))
@@ -174,7 +172,7 @@ def classify(frame: Frame) -> Row:
 
 def _part_row(msgid: int, part: int) -> Row:
     row = _PART_ROWS[msgid].get(part)
-    return Row(f"{_MESSAGE_NAMES[msgid]}/{part}", _PART_DEFAULTS.get(msgid), part) if row is None else row
+    return Row(f"{MESSAGE_NAMES[msgid]}/{part}", _PART_DEFAULTS.get(msgid), part) if row is None else row
 
 
 def special_value(frame: Frame, command: int | None) -> tuple[ValueRule, str] | None:
@@ -255,7 +253,7 @@ def moves(frame: Frame, row: Row, modes: Modes = ASSUMED.gate) -> bool:
     """Whether a frame with this row may turn motors while people carry the aircraft: START, arming, take-off, tests."""
     if row.access is not Access.COMMAND:
         return False
-    turns = frame.msgid in _COMMANDS and (row.part == MISSION_START or row.part in _TURNING)
+    turns = frame.msgid in COMMAND_MESSAGES and (row.part == MISSION_START or row.part in _TURNING)
     return turns or takes_off(frame, row, modes)
 
 
