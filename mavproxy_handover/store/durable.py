@@ -1,19 +1,33 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Small private files that are written completely or not at all.
+"""Small private files that are written completely or not at all, and records with a checksum.
 
 A temporary file is written beside the target, then linked or renamed. So a reader sees the whole new content or none of
 it, even if the power fails at any time. If the write fails, the temporary file is removed, because it may hold keys.
+
+A sealed record is JSON with a checksum over all of it. A damaged record is not repaired.
 """
 
 from __future__ import annotations
 
+import hashlib
+import json
 import os
 import secrets
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
-__all__ = ["discard", "discard_unfinished", "replace_whole", "sync_folder", "write_beside"]
+__all__ = [
+    "checksum",
+    "discard",
+    "discard_unfinished",
+    "opened",
+    "replace_whole",
+    "sealed",
+    "sync_folder",
+    "write_beside",
+]
 
 _MODE = 0o600
 _TOKEN_BYTES = 4
@@ -79,3 +93,22 @@ def sync_folder(path: Path) -> None:
             os.fsync(descriptor)
         finally:
             os.close(descriptor)
+
+
+def checksum(value: object) -> str:
+    """The checksum of what JSON can hold, whatever the order of its keys."""
+    return hashlib.sha256(json.dumps(value, sort_keys=True).encode("ascii")).hexdigest()
+
+
+def sealed(body: object, *, indent: int | None = None) -> bytes:
+    """Encode a record with its checksum."""
+    return json.dumps({"body": body, "sha256": checksum(body)}, indent=indent).encode("ascii")
+
+
+def opened(raw: bytes) -> Any:
+    """Decode what `sealed` made. Raises ValueError, KeyError, TypeError, OverflowError, RecursionError."""
+    whole = json.loads(raw)
+    body = whole["body"]
+    if whole["sha256"] != checksum(body):
+        raise ValueError("its checksum does not fit")
+    return body

@@ -16,7 +16,6 @@ Rules that live here:
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 from contextlib import suppress
@@ -25,7 +24,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from mavproxy_handover.store.background_writer import CLOSE_S, BackgroundWriter
-from mavproxy_handover.store.durable import discard, replace_whole, sync_folder
+from mavproxy_handover.store.durable import checksum, discard, replace_whole, sync_folder
 from mavproxy_handover.wire.signing import MAX_TIMESTAMP, UNITS_PER_S, SignedPeer, timestamp_of
 
 __all__ = ["ReplayStore"]
@@ -182,9 +181,8 @@ class ReplayStore:
 
 
 def _pack(stamps: _Stamps) -> bytes:
-    body = json.dumps(stamps, sort_keys=True)
-    digest = hashlib.sha256(body.encode("ascii")).hexdigest()
-    return json.dumps({"format": _FORMAT, "sha256": digest, "stamps": stamps}, sort_keys=True).encode("ascii") + b"\n"
+    content = {"format": _FORMAT, "sha256": checksum(stamps), "stamps": stamps}
+    return json.dumps(content, sort_keys=True).encode("ascii") + b"\n"
 
 
 def _unpack(data: bytes) -> _Stamps:
@@ -196,8 +194,7 @@ def _unpack(data: bytes) -> _Stamps:
     if not isinstance(content, dict) or content.get("format") != _FORMAT:
         raise ValueError(f"it is not in the form {_FORMAT!r}")
     stamps = content.get("stamps")
-    body = json.dumps(stamps, sort_keys=True)
-    if content.get("sha256") != hashlib.sha256(body.encode("ascii")).hexdigest():
+    if content.get("sha256") != checksum(stamps):
         raise ValueError("its checksum is wrong")
     if not isinstance(stamps, dict) or not all(_is_peer(entry) for entry in stamps.values()):
         raise ValueError("it holds something else than stamps")

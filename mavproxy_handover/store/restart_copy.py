@@ -13,14 +13,13 @@ Rules that live here
 from __future__ import annotations
 
 import hashlib
-import json
 import os
 import stat
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from mavproxy_handover.store.durable import discard, discard_unfinished, replace_whole
+from mavproxy_handover.store.durable import discard, discard_unfinished, opened, replace_whole, sealed
 from mavproxy_handover.store.memory import boot_id, memory_folder
 
 __all__ = ["RestartCopy"]
@@ -46,10 +45,9 @@ class RestartCopy:
         if raw is None:
             return None
         try:
-            whole = json.loads(raw)
-            body = whole["body"]
-            fits = whole["sha256"] == _checksum(body) and body["format"] == _FORMAT
-            return body["run"] if fits and body["boot"] == boot_id() and isinstance(body["run"], dict) else None
+            body = opened(raw)
+            fits = body["format"] == _FORMAT and body["boot"] == boot_id()
+            return body["run"] if fits and isinstance(body["run"], dict) else None
         except (ValueError, KeyError, TypeError, RecursionError):
             return None
 
@@ -58,7 +56,7 @@ class RestartCopy:
         if self.path is None:
             raise OSError("there is no storage in memory")
         body = {"format": _FORMAT, "boot": boot_id(), "run": run}
-        data = json.dumps({"body": body, "sha256": _checksum(body)}).encode("ascii")
+        data = sealed(body)
         if len(data) > _MOST_BYTES:
             raise OSError(f"it has {len(data)} bytes, more than {_MOST_BYTES}")
         replace_whole(self.path, data, sync=False)
@@ -83,7 +81,3 @@ def _read(path: Path) -> bytes | None:
             return file.read(_MOST_BYTES + 1) if private and found.st_size <= _MOST_BYTES else None
         except OSError:
             return None
-
-
-def _checksum(body: object) -> str:
-    return hashlib.sha256(json.dumps(body, sort_keys=True).encode("ascii")).hexdigest()

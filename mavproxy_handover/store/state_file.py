@@ -16,20 +16,20 @@ Rules
 from __future__ import annotations
 
 import hashlib
-import json
 import os
-from collections.abc import Mapping
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, fields
+from functools import partial
 from math import isfinite
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from mavproxy_handover.core.common.causes import CAUSES, Cause, Ends
 from mavproxy_handover.core.common.model import Phase
 from mavproxy_handover.core.common.snapshot import PackMemory, Snapshot
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.package import MissionPackage, from_bytes
-from mavproxy_handover.store.durable import sync_folder
+from mavproxy_handover.store.durable import opened, sealed, sync_folder
 from mavproxy_handover.wire.vehicle_address import (
     ENTRY_BYTES,
     MAX_ADDRESSES,
@@ -65,47 +65,25 @@ class Kept:
 
 def pack(kept: Kept, vehicle: str) -> bytes:
     """Encode the state of a vehicle, with a checksum over all of it."""
-    snapshot = kept.snapshot
-    body = {
-        "format": _FORMAT,
-        "vehicle": vehicle,
-        "boot": kept.boot,
-        "serial": kept.serial,
-        "owner": snapshot.owner,
-        "epoch": snapshot.epoch,
-        "handover_id": snapshot.handover_id,
-        "phase": snapshot.phase.value,
-        "route_at": snapshot.route_at,
-        "digest": snapshot.digest.hex(),
-        "route": list(snapshot.route),
-        "takeover_allowed": snapshot.takeover_allowed,
-        "out_of_coverage": snapshot.out_of_coverage,
-        "gap_since": snapshot.gap_since,
-        "proven": snapshot.proven,
-        "rehearsal": snapshot.rehearsal,
-        "held_since": snapshot.held_since,
-        "held_for": None if snapshot.held_for is None else snapshot.held_for.value,
-        "stands": snapshot.stands,
-        "lasting": [cause.value for cause in snapshot.lasting],
-        "packs": [asdict(memory) for memory in snapshot.packs],
-        "kept": snapshot.kept,
-        "kept_by": snapshot.kept_by.hex(),
-    }
-    return json.dumps({"body": body, "sha256": _checksum(body)}, indent=1).encode("utf-8")
+    head = {"format": _FORMAT, "vehicle": vehicle, "boot": kept.boot, "serial": kept.serial}
+    state = {key: field.written(getattr(kept.snapshot, key)) for key, field in _FIELDS.items()}
+    return sealed({**head, **state}, indent=1)
 
 
 def unpack(raw: bytes, vehicle: str) -> Kept:
-    """Decode what `pack` made. Raises ValueError that says what is wrong."""
+    """Decode what `pack` made. Raises ValueError that says what is wrong.
+
+    Nothing is converted: a value of another type than was written is an error.
+    """
     try:
-        whole = json.loads(raw)
-        body = whole["body"]
-        if whole["sha256"] != _checksum(body):
-            raise ValueError("its checksum does not fit")
+        body = opened(raw)
         if body["format"] != _FORMAT or body["vehicle"] != vehicle:
             raise ValueError("it is of another vehicle or version")
         if not isinstance(body["boot"], str):
             raise ValueError(f"boot: {body['boot']!r} must be a text")
-        return Kept(_snapshot(body), body["boot"], _whole("serial", body["serial"], 0, (1 << 63) - 1))
+        snapshot = Snapshot(**{key: field.read(key, body[key]) for key, field in _FIELDS.items()})
+        _whole(0, len(snapshot.route), "route_at", snapshot.route_at)
+        return Kept(snapshot, body["boot"], _whole(0, (1 << 63) - 1, "serial", body["serial"]))
     except (KeyError, TypeError, OverflowError, RecursionError) as error:
         raise ValueError(str(error)) from None
 
@@ -166,68 +144,52 @@ def _bound(digest: bytes, packed: bytes) -> bytes:
     return hashlib.sha256(digest + packed).digest() + packed
 
 
-def _snapshot(body: Mapping[str, Any]) -> Snapshot:
-    """Decode the snapshot. Raises ValueError, KeyError, TypeError.
+class _Field(NamedTuple):
+    """How a value of the snapshot is read and written. `read` gets the key and the value, and raises ValueError,
+    TypeError."""
 
-    Nothing is converted: a value of another type than was written is an error.
-    """
-    route = _list("route", body)
-    owner, policy = body["owner"], body["out_of_coverage"]
-    return Snapshot(
-        owner=None if owner is None else _whole("owner", owner, 1, _MAX_SYSID),
-        epoch=_whole("epoch", body["epoch"], 0, _MAX_EPOCH),
-        handover_id=_whole("handover_id", body["handover_id"], 0, 0xFFFF),
-        phase=Phase(_whole("phase", body["phase"], 0, max(Phase))),
-        route_at=_whole("route_at", body["route_at"], 0, len(route)),
-        digest=_digest("digest", body),
-        route=tuple(_whole("route", station, 1, _MAX_SYSID) for station in route),
-        takeover_allowed=_flag("takeover_allowed", body),
-        out_of_coverage=None if policy is None else _policy(policy),
-        gap_since=_since("gap_since", body["gap_since"]),
-        proven=_flag("proven", body),
-        rehearsal=_flag("rehearsal", body),
-        held_since=_since("held_since", body["held_since"]),
-        held_for=None if body["held_for"] is None else _cause("held_for", body["held_for"]),
-        stands=_flag("stands", body),
-        lasting=tuple(_lasting(word) for word in _list("lasting", body)),
-        packs=tuple(_memory(values) for values in _list("packs", body)),
-        kept=_flag("kept", body),
-        kept_by=_digest("kept_by", body),
-    )
+    read: Callable[[str, Any], Any]
+    written: Callable[[Any], object] = lambda value: value
 
 
-def _digest(key: str, body: Mapping[str, Any]) -> bytes:
-    digest = bytes.fromhex(body[key])
+def _optional(read: Callable[[str, Any], Any], key: str, value: object) -> Any:
+    return None if value is None else read(key, value)
+
+
+def _each(read: Callable[[str, Any], Any], key: str, value: object) -> tuple[Any, ...]:
+    if not isinstance(value, list):
+        raise ValueError(f"{key}: {value!r} must be a list")
+    return tuple(read(key, entry) for entry in value)
+
+
+def _digest(key: str, value: str) -> bytes:
+    digest = bytes.fromhex(value)
     if len(digest) not in (0, _DIGEST_BYTES):
         raise ValueError(f"{key}: {len(digest)} bytes, must be {_DIGEST_BYTES}, or none")
     return digest
 
 
-def _list(key: str, body: Mapping[str, Any]) -> list[Any]:
-    value = body[key]
-    if not isinstance(value, list):
-        raise ValueError(f"{key}: {value!r} must be a list")
-    return value
-
-
-def _flag(key: str, body: Mapping[str, Any]) -> bool:
-    value = body[key]
+def _flag(key: str, value: object) -> bool:
     if not isinstance(value, bool):
         raise ValueError(f"{key}: {value!r} must be true or false")
     return value
 
 
-def _whole(key: str, value: object, least: int, most: int) -> int:
+def _whole(least: int, most: int, key: str, value: object) -> int:
     if type(value) is not int or not least <= value <= most:
         raise ValueError(f"{key}: {value!r} must be a whole number from {least} to {most}")
     return value
 
 
-def _since(key: str, value: object) -> float | None:
-    """A monotonic time, or none."""
-    if value is not None and (type(value) is not float or not isfinite(value)):
+def _since(key: str, value: object) -> float:
+    """A monotonic time."""
+    if type(value) is not float or not isfinite(value):
         raise ValueError(f"{key}: {value!r} must be a time in seconds, or none")
     return value
+
+
+def _phase(key: str, value: object) -> Phase:
+    return Phase(_whole(0, max(Phase), key, value))
 
 
 def _cause(key: str, word: object) -> Cause:
@@ -236,36 +198,60 @@ def _cause(key: str, word: object) -> Cause:
     return Cause(word)
 
 
-def _lasting(word: object) -> Cause:
-    cause = _cause("lasting", word)
+def _lasting(key: str, word: object) -> Cause:
+    cause = _cause(key, word)
     if CAUSES[cause].ends is not Ends.WITH_THE_FLIGHT:
-        raise ValueError(f"lasting: {word!r} is none that lasts as long as the flight")
+        raise ValueError(f"{key}: {word!r} is none that lasts as long as the flight")
     return cause
 
 
-def _memory(values: object) -> PackMemory:
+def _memory(key: str, values: object) -> PackMemory:
     names = [entry.name for entry in fields(PackMemory)]
     if not isinstance(values, dict) or sorted(values) != sorted(names):
-        raise ValueError(f"packs: {values!r} must have {', '.join(names)}")
-    return PackMemory(**{name: _amount(name, values[name]) for name in names})
+        raise ValueError(f"{key}: {values!r} must have {', '.join(names)}")
+    return PackMemory(**{name: _optional(_amount, f"{key}: {name}", values[name]) for name in names})
 
 
-def _amount(key: str, value: object) -> float | None:
-    """An amount, or None."""
-    if value is not None and (type(value) is not float or not 0.0 <= value <= _MOST_AMOUNT):
-        raise ValueError(f"packs: {key}: {value!r} must be a number from 0.0 to {_MOST_AMOUNT}, or none")
+def _amount(key: str, value: object) -> float:
+    if type(value) is not float or not 0.0 <= value <= _MOST_AMOUNT:
+        raise ValueError(f"{key}: {value!r} must be a number from 0.0 to {_MOST_AMOUNT}, or none")
     return value
 
 
-def _policy(word: object) -> str:
+def _policy(key: str, word: object) -> str:
     policies = CAUSES[Cause.OUT_OF_COVERAGE].policies
     if type(word) is not str or word not in policies:
-        raise ValueError(f"out_of_coverage: {word!r} must be one of {', '.join(policies)}")
+        raise ValueError(f"{key}: {word!r} must be one of {', '.join(policies)}")
     return word
 
 
-def _checksum(body: object) -> str:
-    return hashlib.sha256(json.dumps(body, sort_keys=True).encode("utf-8")).hexdigest()
+_FLAG = _Field(_flag)
+_TIME = _Field(partial(_optional, _since))
+_DIGEST = _Field(_digest, bytes.hex)
+_STATION = partial(_whole, 1, _MAX_SYSID)
+
+#: the fields of the snapshot, in the order of the file
+_FIELDS = {
+    "owner": _Field(partial(_optional, _STATION)),
+    "epoch": _Field(partial(_whole, 0, _MAX_EPOCH)),
+    "handover_id": _Field(partial(_whole, 0, 0xFFFF)),
+    "phase": _Field(_phase, int),
+    "route_at": _Field(lambda _key, value: value),  # judged when the route is known
+    "digest": _DIGEST,
+    "route": _Field(partial(_each, _STATION)),
+    "takeover_allowed": _FLAG,
+    "out_of_coverage": _Field(partial(_optional, _policy)),
+    "gap_since": _TIME,
+    "proven": _FLAG,
+    "rehearsal": _FLAG,
+    "held_since": _TIME,
+    "held_for": _Field(partial(_optional, _cause), lambda cause: None if cause is None else cause.value),
+    "stands": _FLAG,
+    "lasting": _Field(partial(_each, _lasting), lambda causes: [cause.value for cause in causes]),
+    "packs": _Field(partial(_each, _memory), lambda packs: [asdict(memory) for memory in packs]),
+    "kept": _FLAG,
+    "kept_by": _DIGEST,
+}
 
 
 def _write(path: Path, data: bytes) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from mavproxy_handover.store import restart_copy
+from mavproxy_handover.store import durable, restart_copy
 from mavproxy_handover.store.restart_copy import RestartCopy
 
 RUN = {"text": "abc", "keys": {"GCSA": ["key", None]}}
@@ -81,7 +81,7 @@ def is_nested(path: Path) -> None:
 def is_of_another_form(path: Path) -> None:
     whole = json.loads(path.read_text())
     whole["body"]["format"] = 2
-    whole["sha256"] = restart_copy._checksum(whole["body"])
+    whole["sha256"] = durable.checksum(whole["body"])
     path.write_text(json.dumps(whole))
 
 
