@@ -44,16 +44,16 @@ from __future__ import annotations
 from collections import Counter, OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Final, Protocol
+from typing import Final
 
-from mavproxy_handover.link.base import LinkCounters
+from mavproxy_handover.link.base import Device
 from mavproxy_handover.link.link_sequencer import LinkSequencer, Seal
 from mavproxy_handover.link.monitor import LinkMonitor
 from mavproxy_handover.link.quality import LinkEvent, LinkEventKind, LinkLimits, LinkQuality
 from mavproxy_handover.link.timesync import TIMESYNC, answered_stamp
 from mavproxy_handover.wire.frames import MAGIC_V2, Frame
 
-__all__ = ["COPY_FRAMES", "COPY_WINDOW_S", "DWELL_S", "FRESH_S", "LinkBundle", "LinkDevice"]
+__all__ = ["COPY_FRAMES", "COPY_WINDOW_S", "DWELL_S", "FRESH_S", "LinkBundle"]
 
 COPY_WINDOW_S: Final = 2.0
 COPY_FRAMES: Final = 192
@@ -75,25 +75,6 @@ _UNKNOWN_ROUND_TRIP_S: Final = 0.5
 _LOSS_COST_S: Final = 1.0
 
 
-class LinkDevice(Protocol):
-    """The part of a device that a bundle needs; see `base.Device`."""
-
-    @property
-    def device(self) -> str: ...
-    @property
-    def counters(self) -> LinkCounters: ...
-    @property
-    def open(self) -> bool: ...
-    def read(self, once: bool = False) -> list[Frame]: ...
-    def write(self, data: bytes) -> bool: ...
-    def write_more(self, data: bytes) -> bool: ...
-    def flush(self) -> None: ...
-    @property
-    def flow_controlled(self) -> bool: ...
-    def accept_sender(self, frame: Frame) -> bool: ...
-    def close(self) -> None: ...
-
-
 @dataclass(slots=True)
 class _Remembered:
     """A genuine frame that came in: its time, its links, and the number of frames of its sender until then."""
@@ -106,7 +87,7 @@ class _Remembered:
 class _Link:
     """A device with its sequencer and its monitor."""
 
-    def __init__(self, device: LinkDevice, sequencer: LinkSequencer, monitor: LinkMonitor) -> None:
+    def __init__(self, device: Device, sequencer: LinkSequencer, monitor: LinkMonitor) -> None:
         self.device = device
         self.sequencer = sequencer
         self.monitor = monitor
@@ -161,7 +142,7 @@ class LinkBundle:
 
     def __init__(
         self,
-        devices: Sequence[LinkDevice],
+        devices: Sequence[Device],
         probe: Callable[[int], bytes],
         draw: Callable[[int], int],
         limits: LinkLimits | None = None,
@@ -193,7 +174,7 @@ class LinkBundle:
 
     # ---- up -------------------------------------------------------------------------------------------------------
 
-    def read(self, device: LinkDevice, now: float, once: bool = False) -> list[Frame]:
+    def read(self, device: Device, now: float, once: bool = False) -> list[Frame]:
         """Read the frames of one of the devices, without copies of frames that came by another.
 
         `once`: see `base.Device.read`.
@@ -211,7 +192,7 @@ class LinkBundle:
                 fresh.append(frame)
         return fresh
 
-    def accept(self, device: LinkDevice, frame: Frame, now: float) -> bool:
+    def accept(self, device: Device, frame: Frame, now: float) -> bool:
         """Record that a frame of `read` is genuine.
 
         Its sender gets the answers, it is counted, and later copies of it are recognised. Returns False if it only
@@ -224,7 +205,7 @@ class LinkBundle:
             link = self._links[number]
         return not self._credit(link, frame, now)
 
-    def bad_signature(self, device: LinkDevice, now: float) -> None:
+    def bad_signature(self, device: Device, now: float) -> None:
         """Count a frame on `device` whose signature is invalid or missing."""
         self._links[self._index[id(device)]].monitor.on_bad_signature(now)
 
@@ -366,15 +347,15 @@ class LinkBundle:
     # ---- what is known --------------------------------------------------------------------------------------------
 
     @property
-    def best(self) -> LinkDevice:
+    def best(self) -> Device:
         """The link of the downlink, if one is known to work."""
         return self._links[self._best].device
 
-    def carries(self, device: LinkDevice) -> bool:
+    def carries(self, device: Device) -> bool:
         """True if the downlink goes out on this link."""
         return not self._working or self._index[id(device)] == self._best
 
-    def quality(self, device: LinkDevice, now: float) -> LinkQuality:
+    def quality(self, device: Device, now: float) -> LinkQuality:
         """The measurements of one link."""
         link = self._links[self._index[id(device)]]
         link.count(now)
