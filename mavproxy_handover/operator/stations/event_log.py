@@ -104,6 +104,11 @@ class EventLog:
     def _tell_sentence(self, text: str) -> None:
         self.tell(f"{text[:1].upper()}{text[1:]}.")
 
+    def _write_and_tell(self, event: str, text: str, **values: Any) -> None:
+        """An entry of the journal, and its sentence on the console."""
+        self._journal.write(event, text, **values)
+        self._tell_sentence(text)
+
     # ---- the module -----------------------------------------------------------------------------------------------
 
     def loaded(self, version: str, configuration: str) -> None:
@@ -195,7 +200,7 @@ class EventLog:
 
     def decision(self, told: Announce) -> None:
         """A safety decision, or its end: the sentence that all stations get."""
-        self._journal.write(
+        self._write_and_tell(
             "decision",
             told.text,
             action="none" if told.action is None else told.action.name.lower(),
@@ -203,12 +208,10 @@ class EventLog:
             figures=told.figures or None,
             place=told.place or None,
         )
-        self._tell_sentence(told.text)
 
     def rehearsal(self, moved: RehearsalMoved) -> None:
         """A rehearsal has begun, or is over."""
-        self._journal.write("rehearsal", moved.text, on=moved.on, reason=moved.reason.name.lower())
-        self._tell_sentence(moved.text)
+        self._write_and_tell("rehearsal", moved.text, on=moved.on, reason=moved.reason.name.lower())
 
     def rehearsal_report(self, lines: Sequence[str], values: Mapping[str, Any]) -> None:
         """The results of a rehearsal, so far or at its end; `lines`: for the console."""
@@ -267,8 +270,7 @@ class EventLog:
 
     def kept_elsewhere(self, text: str) -> None:
         """The state is not saved where it should be."""
-        self._journal.write("state_kept", text)
-        self._tell_sentence(text)
+        self._write_and_tell("state_kept", text)
 
     def state_lost(self, trouble: str) -> None:
         """The state file exists, but cannot be trusted."""
@@ -358,21 +360,20 @@ class EventLog:
         """A command of the commander would leave energy, fence or coverage."""
         limits = [limit.value for limit in ruling.limits]
         text = f"{word} of {station} refused: {ruling.words}"
-        self._journal.write("command_refused", text, station=station, limits=limits)
-        self._tell_sentence(text)
+        self._write_and_tell("command_refused", text, station=station, limits=limits)
 
     def command_passed(self, station: str, word: str, ruling: Ruling) -> None:
         """A command that leaves a limit is carried out: an operator has lifted the limit, or its policy only warns."""
         limits = [limit.value for limit in ruling.limits]
         text = f"{word} of {station} {ruling.outcome.value}: {ruling.words}"
-        self._journal.write("command_passed", text, station=station, limits=limits, outcome=ruling.outcome.name.lower())
-        self._tell_sentence(text)
+        self._write_and_tell(
+            "command_passed", text, station=station, limits=limits, outcome=ruling.outcome.name.lower()
+        )
 
     def override(self, limit: str, by: str, for_s: float) -> None:
         """An operator lifts a limit."""
         text = f"{by} lifts {limit} for {for_s:g} s"
-        self._journal.write("override", text, by=by, limit=limit, for_s=for_s)
-        self._tell_sentence(text)
+        self._write_and_tell("override", text, by=by, limit=limit, for_s=for_s)
 
     def upload_refused(self, station: str, what: str, why: str, now: float) -> bool:
         """An upload of a station in flight was rejected, or is incomplete. Returns whether people are told.
@@ -391,15 +392,13 @@ class EventLog:
         """The commander has replaced the mission in flight."""
         names = " ".join(self._arbiter.name(each) for each in commanders)
         text = f"mission of {station} written in flight, read back, equal: {items} items"
-        self._journal.write("rerouted", text, station=station, items=items, commanders=names)
-        self._tell_sentence(text)
+        self._write_and_tell("rerouted", text, station=station, items=items, commanders=names)
 
     def found_in_flight(self, items: int, commanders: Sequence[int]) -> None:
         """After a restart in flight, the mission on the autopilot was read back. It is not the package's mission."""
         names = " ".join(self._arbiter.name(each) for each in commanders)
         text = f"the mission that is flown was read back: {items} items, not the package's"
-        self._journal.write("found_in_flight", text, items=items, commanders=names)
-        self._tell_sentence(text)
+        self._write_and_tell("found_in_flight", text, items=items, commanders=names)
 
     def closed(self, station: int, closing: Closing) -> None:
         """A transaction that `station` had open at the autopilot was closed."""
@@ -446,16 +445,14 @@ class EventLog:
         zone, other = map(self._name, zones)
         if other is not None:
             text = f"Handover Zone ({zone} and {other})"
-            self._journal.write("handover_zone", text, zone=zone, other_zone=other)
-            self.tell(f"{text}.")
+            self._write_and_tell("handover_zone", text, zone=zone, other_zone=other)
 
     def telemetry(self, commander: str) -> None:
         """The aircraft's telemetry goes to this commander; told when the commander changes."""
         if commander != self._telemetry_to:
             self._telemetry_to = commander
             text = f"telemetry goes to {commander}, once a second"
-            self._journal.write("telemetry_to", text, station=commander)
-            self._tell_sentence(text)
+            self._write_and_tell("telemetry_to", text, station=commander)
 
     def position(
         self, where: tuple[float, float, float], zones: tuple[int, int], commander: int | None, waypoint: int
@@ -475,8 +472,7 @@ class EventLog:
 
     def position_source(self, text: str, source: str, standing: str) -> None:
         """The state of the position box. `source`: the position source that counts."""
-        self._journal.write("position_source", text, source=source, standing=standing)
-        self._tell_sentence(text)
+        self._write_and_tell("position_source", text, source=source, standing=standing)
 
     def energy(self, fact: EnergyFact, *, aloud: bool) -> None:
         """Energy left, and the energy that flying costs. `aloud`: a trouble is new, so the console shows it."""
@@ -502,8 +498,7 @@ class EventLog:
     def energy_warning(self, shortfall: str) -> None:
         """The energy is too little for the mission, and START only warns of it; "": it is enough again."""
         text = f"energy: {shortfall}" if shortfall else "energy: the budget of the mission closes"
-        self._journal.write("energy_budget", text, closes=not shortfall)
-        self._tell_sentence(text)
+        self._write_and_tell("energy_budget", text, closes=not shortfall)
 
     def route(self, news: RouteNews) -> None:
         """The aircraft is off its route, or on it again."""
@@ -514,8 +509,7 @@ class EventLog:
 
     def place(self, text: str, name: str, reachable: bool) -> None:
         """The autopilot's rally list holds another return site."""
-        self._journal.write("place", text, place=name, reachable=reachable)
-        self._tell_sentence(text)
+        self._write_and_tell("place", text, place=name, reachable=reachable)
 
     def place_failed(self, why: str) -> None:
         """The return site could not be written to the autopilot's rally list."""
@@ -534,25 +528,21 @@ class EventLog:
         if not self._has_room(station, now):
             return
         text = f"{count} rally points of {station} replace the mission's for this flight"
-        self._journal.write("rally_list", text, station=station, count=count)
-        self._tell_sentence(text)
+        self._write_and_tell("rally_list", text, station=station, count=count)
 
     def bounced(self, name: str) -> None:
         """A return begins again, to another return site."""
         text = f"the return goes to {name} instead: GUIDED, then RTL again"
-        self._journal.write("bounce", text, place=name)
-        self._tell_sentence(text)
+        self._write_and_tell("bounce", text, place=name)
 
     def autopilot_restarted(self, text: str) -> None:
         """The autopilot has started again."""
-        self._journal.write("autopilot_restarted", text)
-        self._tell_sentence(text)
+        self._write_and_tell("autopilot_restarted", text)
 
     def second_manager(self, component: int) -> None:
         """Another component of the vehicle claims to manage operator control."""
         text = f"component {component} also claims to be the system manager: switch its operator control off"
-        self._journal.write("second_manager", text)
-        self._tell_sentence(text)
+        self._write_and_tell("second_manager", text)
 
     def in_our_name(self, sender: tuple[int, int], what: str) -> None:
         """A sender on the vehicle's side uses the companion's identity.
@@ -564,8 +554,7 @@ class EventLog:
         self._in_our_name.add(sender)
         system, component = sender
         text = f"{what} of {system}/{component} on the vehicle's side uses the companion's identity: not forwarded"
-        self._journal.write("in_our_name", text, system=system, component=component, what=what)
-        self._tell_sentence(text)
+        self._write_and_tell("in_our_name", text, system=system, component=component, what=what)
 
     def preflight(self, text: str, parameter: str, fits: bool) -> None:
         """A finding of the check before flight. `parameter`: the parameter to change, "" if there is none."""
@@ -590,26 +579,22 @@ class EventLog:
         self._journal.write("mission_written", f"{lists} written, read back, equal", cruise_mps=round(cruise_mps, 3))
         if fence and not package.route.fence:
             text = f"the plan has no geofence: the autopilot keeps the one that it has ({len(fence)} areas)"
-            self._journal.write("own_fence", text, areas=len(fence))
-            self._tell_sentence(text)
+            self._write_and_tell("own_fence", text, areas=len(fence))
         if not package.cruise_speed_named:
             checked = f"checked at {package.cruise_speed_mps:g}"
             text = f"the plan names no cruise speed: flown at {cruise_mps:g} m/s, {checked}"
-            self._journal.write("own_speed", text)
-            self._tell_sentence(text)
+            self._write_and_tell("own_speed", text)
 
     def list_changed(self, station: str, what: str, *, counted: bool) -> None:
         """A station's message changes a list of the autopilot on the ground. `what`: mission or geofence; `counted`: a
         mission was loaded until then."""
         text = f"{station} changes the {what} on the autopilot" + (". The companion judges it again" if counted else "")
-        self._journal.write("list_changed", text, station=station, list=what)
-        self._tell_sentence(text)
+        self._write_and_tell("list_changed", text, station=station, list=what)
 
     def changed_past(self, how: str) -> None:
         """The autopilot's mission or geofence was changed without the companion; `how` they differ."""
         text = f"the mission on the autopilot was changed without the companion: {how}"
-        self._journal.write("changed_past", text)
-        self._tell_sentence(text)
+        self._write_and_tell("changed_past", text)
 
     def mission_judged(self, station: str, items: int, commanders: Sequence[int], *, own: bool) -> None:
         """START flies a mission that a station wrote on the ground.
@@ -618,10 +603,9 @@ class EventLog:
         """
         names = " ".join(self._arbiter.name(each) for each in commanders)
         text = f"mission of {items} items on the autopilot read back and judged: START flies it"
-        self._journal.write(
+        self._write_and_tell(
             "mission_judged", text, station=station or None, items=items, commanders=names, own=own or None
         )
-        self._tell_sentence(text)
 
     def mission_rejected(self, station: str, what: str, why: str) -> None:
         """START does not fly the mission or geofence (`what`) that a station wrote on the ground."""
@@ -646,14 +630,12 @@ class EventLog:
     def speed(self, speed_mps: float, failure: str | None) -> None:
         """The result of the order to fly at the mission's speed again."""
         text = failure or f"mission speed restored: {speed_mps:g} m/s"
-        self._journal.write("speed", text, speed_mps=speed_mps, obeyed=failure is None)
-        self._tell_sentence(text)
+        self._write_and_tell("speed", text, speed_mps=speed_mps, obeyed=failure is None)
 
     def flown(self, action: FlightAction, mode: str | None, failure: str | None) -> None:
         """The result of a safety order: the mode that the autopilot flies, or the reason why it does not."""
         text = failure or f"the autopilot flies {mode}"
-        self._journal.write("fly", text, action=action.name.lower(), obeyed=failure is None)
-        self._tell_sentence(text)
+        self._write_and_tell("fly", text, action=action.name.lower(), obeyed=failure is None)
 
     def _name(self, station: int | None) -> str | None:
         return self._arbiter.name(station) if station else None
