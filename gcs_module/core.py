@@ -418,7 +418,8 @@ class StationCore:
             text = f"No station commands {self.vehicle_name}: it crosses a gap that its mission declares."
             notice = Notice("authority", text)
         elif commander is None and over and self.phase is not Phase.ON_LOAD:
-            text = f"No station commands {self.vehicle_name}. 'handover request' takes over when it is in your zone."
+            take = "When it is in your zone, type 'handover request' to take over."
+            text = f"No station commands {self.vehicle_name}. {take}"
             notice = Notice("no_commander", text)
         elif self.role is before:
             notice = Notice("authority", f"{self.name(commander)} commands, epoch {epoch}.")

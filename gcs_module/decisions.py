@@ -42,13 +42,13 @@ class Who(Enum):
     OTHER = "another station"
 
 
-_TAKE: Final = "'handover request' takes over when it is in your zone."
+_TAKE: Final = "When it is in your zone, type 'handover request' to take over."
 #: the possible commands, by the action and by which station commands
 _MAY: Final[Mapping[tuple[FlightAction, Who], str]] = {
-    (FlightAction.HOLD, Who.THIS): "'handover give STATION' hands it over.",
+    (FlightAction.HOLD, Who.THIS): "Type 'handover give STATION' to hand it over.",
     (FlightAction.HOLD, Who.OTHER): _TAKE,
     (FlightAction.RETURN, Who.NOBODY): _TAKE,
-    (FlightAction.RETURN, Who.THIS): "'handover resume' goes on once that is over.",
+    (FlightAction.RETURN, Who.THIS): "When that is over, 'handover resume' continues the mission.",
     (FlightAction.RETURN, Who.OTHER): "",
     (FlightAction.LAND, Who.NOBODY): _TAKE,
     (FlightAction.LAND, Who.THIS): "You command: choose another mode if it must not land.",

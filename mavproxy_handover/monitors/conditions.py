@@ -39,7 +39,7 @@ def breach(state: VehicleState, now: float) -> str:
     if fence is not None and now - state.telemetry.fence_status.at < _STOPPED_S:
         if not fence.breach_status:
             return ""
-        return f"outside the fence: {_BREACHES.get(fence.breach_type, 'breached')}"
+        return f"outside the fence ({_BREACHES.get(fence.breach_type, 'breached')})"
     lately = now - state.telemetry.sys_status.at < _STOPPED_S
     known = (
         lately

@@ -91,7 +91,7 @@ def test_a_configuration_is_heeded(capsys: pytest.CaptureFixture[str], tmp_path:
         (
             "energy pilot",
             [
-                "energy (energy for the way back only), policy return:",
+                "energy (energy only for the way back), policy return:",
                 "  asks for return: a place can be reached",
                 "  not commanded, a warning: a pilot steers",
                 "decision: WARN, for energy",
@@ -158,7 +158,7 @@ def test_where_nothing_is_held_no_room_for_it_is_taken_for_granted(
 
 def test_an_autopilot_that_is_not_heard_is_not_taken_for_heard(capsys: pytest.CaptureFixture[str]) -> None:
     assert printed(capsys, "--state", "energy", "autopilot_lost").splitlines() == [
-        "energy (energy for the way back only), policy return:",
+        "energy (energy only for the way back), policy return:",
         "  asks for return: a place can be reached",
         "  not commanded, a warning: the autopilot is not heard",
         "autopilot_lost (autopilot not heard), policy warn:",

@@ -301,7 +301,9 @@ class TestAnswers:
         for nonce in (1, 2):
             presence.asked.append((nonce, bench.now))
             bench.say(B, ConnectAck(B, 1, nonce, 1, A, "GCSB", DIGEST))
-            assert [each.text for each in bench.records("deaf")] == ["GCSB hears less than 15 % of the aircraft"]
+            assert [each.text for each in bench.records("deaf")] == [
+                "GCSB hears less than 15 % of what the aircraft sends"
+            ]
 
     @pytest.mark.parametrize("barred", [True, False])
     def test_that_a_lost_commander_is_back_if_it_hears_enough(self, barred: bool) -> None:
@@ -399,7 +401,7 @@ class TestTime:
         presence.hearing._fates.extend((bench.now - seconds, False) for seconds in range(14, 1, -1))
         presence.ask_at = bench.now
         actions = bench.arbiter.handle(Tick(), bench.now)
-        assert Record("deaf", "GCSB hears less than 15 % of the aircraft", station=B) in actions
+        assert Record("deaf", "GCSB hears less than 15 % of what the aircraft sends", station=B) in actions
 
     @pytest.mark.parametrize("how", ["silent", "barred", "there"])
     def test_a_partner_that_is_not_there_any_more_ends_the_transfer(self, how: str) -> None:
@@ -439,7 +441,11 @@ class TestLoss:
 
     @pytest.mark.parametrize(
         ("heard_ago_s", "answered_ago_s", "why"),
-        [(0.0, 0.0, "hears less than 15 % of the aircraft"), (0.0, 6.0, "answers no more"), (6.0, 6.0, "is lost")],
+        [
+            (0.0, 0.0, "hears less than 15 % of what the aircraft sends"),
+            (0.0, 6.0, "answers no more"),
+            (6.0, 6.0, "is lost"),
+        ],
     )
     def test_it_is_told_why(self, heard_ago_s: float, answered_ago_s: float, why: str) -> None:
         bench = Bench().on_mission()

@@ -157,7 +157,7 @@ def test_of_two_with_good_links_the_next_on_the_route_and_the_reason_is_the_link
         (0.5, 0.5, False, ""),
         (0.5, 10.4, False, "hears nothing for 10 s"),
         (0.5, inf, False, "hears nothing"),
-        (0.5, 0.5, True, "hears less than 15 % of the aircraft"),
+        (0.5, 0.5, True, "hears less than 15 % of what the aircraft sends"),
         (6.0, 6.0, True, ""),
     ],
 )
@@ -240,7 +240,7 @@ class TestWhyAStationCannotBePartner:
         made = candidates()
         made._presence[B].hearing.share, made._presence[B].hearing.barred_at = 0.1, NOW - 1.0
         texts, advice = told_of(made, A)
-        assert texts == ["GCSB cannot be partner: it hears less than 15 % of the aircraft"]
+        assert texts == ["GCSB cannot be partner: it hears less than 15 % of what the aircraft sends"]
         assert [each.stations for each in advice] == [(A, B)]
 
     def test_another_mission_is_named_though_it_hears_little(self) -> None:

@@ -265,7 +265,7 @@ class TestEndAhead:
 class TestWords:
     def test_a_commander_that_is_silent(self) -> None:
         bench = Bench()
-        assert bench.coverage.words(Cause.COMMANDER_LOST, NOW + 7.0) == "GCSA silent 7 s"
+        assert bench.coverage.words(Cause.COMMANDER_LOST, NOW + 7.0) == "GCSA silent for 7 s"
         bench.candidates._presence[A].heard_at = -inf
         assert bench.coverage.words(Cause.COMMANDER_LOST, NOW) == ""
         bench.authority.owner = None
@@ -285,7 +285,7 @@ class TestWords:
 
     def test_the_stations_here(self) -> None:
         bench = Bench()
-        text = "no station here could take the aircraft: GCSA, GCSB"
+        text = "no station whose zone holds the aircraft can take it: GCSA, GCSB"
         assert bench.coverage.words(Cause.NO_STATION, NOW) == text
         bench.zones()
         assert bench.coverage.words(Cause.NO_STATION, NOW) == ""
@@ -294,7 +294,10 @@ class TestWords:
         bench = Bench()
         assert bench.coverage.words(Cause.COVERAGE_ENDS, NOW) == ""
         bench.zones(A=4.2)
-        assert bench.coverage.words(Cause.COVERAGE_ENDS, NOW) == "coverage ends ahead, zone of GCSA in 4 s"
+        assert (
+            bench.coverage.words(Cause.COVERAGE_ENDS, NOW)
+            == "the zone of GCSA ends in 4 s, and no station is ready beyond it"
+        )
         bench.authority.owner = None
         assert bench.coverage.words(Cause.COVERAGE_ENDS, NOW) == ""
 

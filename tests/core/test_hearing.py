@@ -59,9 +59,9 @@ def test_a_commander_that_hears_three_tenths_of_a_second_in_five_is_lost() -> No
     fly(bench, 20.0, rhythm(0.3, 4.7), A)
     assert bench.arbiter.view.commander is None
     assert bench.flights() == [RETURN]
-    assert moves(bench) == ["GCSA hears less than 15 % of the aircraft: no station commands"]
+    assert moves(bench) == ["GCSA hears less than 15 % of what the aircraft sends: no station commands"]
     told = [action.text for _at, action in bench.log if isinstance(action, Announce)]
-    assert any("GCSA hears less than 15 % of the aircraft" in text for text in told), told
+    assert any("GCSA hears less than 15 % of what the aircraft sends" in text for text in told), told
 
 
 def test_it_is_lost_within_fourteen_seconds() -> None:
@@ -124,7 +124,7 @@ def test_what_is_said_of_such_a_partner() -> None:
     bench.run(1.0)
     bench.position(inside(A), inside(B), *far(253, 254))
     assert [record.text for record in bench.records("partner_unfit")] == [
-        "GCSB cannot be partner: it hears less than 15 % of the aircraft"
+        "GCSB cannot be partner: it hears less than 15 % of what the aircraft sends"
     ]
 
 
@@ -170,7 +170,7 @@ def test_that_a_station_is_deaf_is_told_also_when_its_answer_shows_it() -> None:
     bench.log.clear()
     bench.say(B, bench.ack(B, question))
     assert presence.hearing.barred
-    assert [record.text for record in bench.records("deaf")] == ["GCSB hears less than 15 % of the aircraft"]
+    assert [record.text for record in bench.records("deaf")] == ["GCSB hears less than 15 % of what the aircraft sends"]
 
 
 # ---- enough ----------------------------------------------------------------------------------------------------------

@@ -227,7 +227,7 @@ class TestDecisions:
     def test_a_return_is_told_and_not_ordered(self) -> None:
         bench = self.lost()
         assert bench.flights() == []
-        assert said(bench)[-1].startswith("REHEARSAL: would RETURN: GCSA silent ")
+        assert said(bench)[-1].startswith("REHEARSAL: would RETURN. GCSA silent ")
         assert [record.text for record in bench.records("would")] == ["commander lost: would return"]
         assert bench.records("emergency") == []
 
@@ -246,7 +246,7 @@ class TestDecisions:
         bench.run(10.0)
         view = bench.arbiter.view
         assert (view.phase, view.commander, view.rehearsal) == (Phase.ON_MISSION, A, True)
-        assert said(bench)[-1] == "REHEARSAL: OVER: commander lost"
+        assert said(bench)[-1] == "REHEARSAL: ALL CLEAR. Over: commander lost"
         assert bench.flights() == []
 
     def test_the_next_station_takes_over_in_the_emergency(self) -> None:
@@ -264,14 +264,15 @@ class TestDecisions:
         bench.position(*NOWHERE)
         bench.run(10.0)
         assert bench.flights() == []
-        assert any(text.startswith("REHEARSAL: would RETURN: out of coverage") for text in said(bench))
+        assert any(text.startswith("REHEARSAL: would RETURN. Out of coverage") for text in said(bench))
 
     def test_a_gap_that_the_mission_declares(self) -> None:
         bench = carried()
         bench.gap = GapFact(40.0, "GCSA -> GCSB", ahead=True)
         bench.position(ending(1.0), outside(B))
         assert said(bench) == [
-            "REHEARSAL: would CONTINUE: coverage ends ahead, zone of GCSA in 1 s; on through the gap GCSA -> GCSB, 40 s"
+            "REHEARSAL: would CONTINUE. The zone of GCSA ends in 1 s, and no station is ready beyond it. "
+            "It crosses the mission's gap GCSA -> GCSB, at most 40 s"
         ]
         assert bench.flights() == []
 
@@ -280,7 +281,7 @@ class TestDecisions:
         bench.position(*NOWHERE)
         bench.run(10.0)
         assert bench.flights() == []
-        assert any(text.startswith("REHEARSAL: would LAND: out of coverage") for text in said(bench))
+        assert any(text.startswith("REHEARSAL: would LAND. Out of coverage") for text in said(bench))
 
     def test_a_hold_is_over_as_soon_as_it_is_carried_away_from_the_border(self) -> None:
         """In flight it would stand there, until another station has it or its time is up. Nobody stands here."""
@@ -290,7 +291,7 @@ class TestDecisions:
         bench.position(*IN_A)
         bench.run(5.0)
         assert [record.text for record in bench.records("would")] == ["coverage ends ahead: would hold"]
-        assert said(bench)[-1] == "REHEARSAL: OVER: coverage ends ahead"
+        assert said(bench)[-1] == "REHEARSAL: ALL CLEAR. Over: coverage ends ahead"
         assert bench.arbiter.view.phase is Phase.ON_MISSION
         bench.run(120.0)
         assert len(bench.records("would")) == 1
@@ -301,7 +302,7 @@ class TestDecisions:
         bench.run(1.0)
         bench.position(ending(1.0), outside(B))
         bench.run(5.0)
-        assert said(bench)[-1].startswith("REHEARSAL: would HOLD: coverage ends ahead")
+        assert said(bench)[-1].startswith("REHEARSAL: would HOLD. The zone of GCSA ends")
 
     def test_carried_over_the_border_it_is_not_over_in_between(self) -> None:
         bench = carried()
@@ -317,7 +318,7 @@ class TestDecisions:
         assert not [text for text in said(bench) if "OVER" in text]
         bench.position(*IN_A)
         bench.run(10.0)
-        assert said(bench)[-1] == "REHEARSAL: OVER: out of coverage"
+        assert said(bench)[-1] == "REHEARSAL: ALL CLEAR. Over: out of coverage"
 
     @pytest.mark.parametrize("policy", ["hold", "land"])
     def test_whatever_the_policy_says_nothing_is_commanded(self, policy: str) -> None:
@@ -331,7 +332,7 @@ class TestDecisions:
         bench = carried()
         bench.facts = None
         bench.run(10.0)
-        assert any(text.startswith("REHEARSAL: WARN: ") for text in said(bench))
+        assert any(text.startswith("REHEARSAL: WARNING. ") for text in said(bench))
         assert bench.flights() == []
 
     def test_the_mode_of_what_is_carried_is_nobodys(self) -> None:
@@ -343,7 +344,7 @@ class TestDecisions:
         bench.run(2.0)
         bench.alive = set()
         bench.run(8.0)
-        assert said(bench)[-1].startswith("REHEARSAL: would RETURN: GCSA silent ")
+        assert said(bench)[-1].startswith("REHEARSAL: would RETURN. GCSA silent ")
         assert bench.records("helm") == []
 
 
@@ -382,7 +383,7 @@ class TestEnding:
         """A return is told with the next event: that may be the end."""
         bench = carried(Limits(hold_off_s={Cause.ENERGY: 0.0}))
         bench.give(ConditionsSeen(energy=True))
-        assert [record.text for record in bench.records("would")] == ["energy for the way back only: would return"]
+        assert [record.text for record in bench.records("would")] == ["energy only for the way back: would return"]
         bench.give(RehearsalAsked(A, False))
         bench.run(10.0)
         assert not [text for text in said(bench) if "RETURN" in text]
@@ -434,7 +435,7 @@ class TestEnding:
             RehearsalMoved(False, "REHEARSAL OVER: no station has had authority for 60 s", Reason.COMMANDER_LOST)
         ]
         assert bench.arbiter.view.phase is Phase.ON_LOAD
-        assert said(bench)[-1] == "OVER: the rehearsal"
+        assert said(bench)[-1] == "ALL CLEAR. Over: the rehearsal"
 
     def test_who_comes_back_in_time_goes_on(self) -> None:
         bench = carried(Limits(rehearsal_lost_s=60.0))

@@ -458,11 +458,11 @@ class TestUntilTheFlightIsOver:
         assert bench.arbiter.snapshot().lasting == (Cause.ENERGY,)
 
     def test_who_turned_back_goes_on_and_is_not_told_that_it_is_over(self) -> None:
-        """The fault: "OVER: the emergency of before the restart", and the return was nobody's order any more."""
+        """The fault: "ALL CLEAR", and the return was the order of no station any more."""
         bench = self.turned_back().restart()
         bench.run(10.0)
         assert bench.flights() == [], "it returns already"
-        assert [text.split(":")[0] for text in announced(bench)] == ["RETURN"]
+        assert [text.split(".")[0] for text in announced(bench)] == ["RETURN"]
         assert bench.arbiter.view.phase is Phase.EMERGENCY
         assert bench.arbiter.snapshot().lasting == (Cause.ENERGY,)
         assert {view.view.phase for view in bench.views()} == {Phase.EMERGENCY}
@@ -508,7 +508,7 @@ class TestUntilTheFlightIsOver:
     def test_a_warning_is_told_again_and_stays_one(self) -> None:
         bench = self.turned_back(Limits(policies={Cause.ENERGY: "warn"})).restart()
         bench.run(10.0)
-        assert [text.split(":")[0] for text in announced(bench)] == ["WARN"]
+        assert [text.split(".")[0] for text in announced(bench)] == ["WARNING"]
         assert bench.flights() == []
         assert bench.arbiter.view.phase is Phase.ON_MISSION
 
@@ -517,7 +517,7 @@ class TestUntilTheFlightIsOver:
         bench.alive = {A}
         bench.run(5.0)
         assert bench.flights() == []
-        assert announced(bench) == ["OVER: the emergency of before the restart"]
+        assert announced(bench) == ["ALL CLEAR. Over: the emergency before the restart"]
 
 
 class TestPolicy:

@@ -19,14 +19,17 @@ from mavproxy_handover.core.safety.sentence import sentence
 from mavproxy_handover.core.safety.strategy import Decision, Fact
 from mavproxy_handover.wire import status
 
-RETURNS = "RETURN to rally 2: GCSB silent 5 s; 1.9 km, needs 21 % of 38 %, covered by GCSA"
-TAKE = "'handover request' takes over when it is in your zone."
+RETURNS = (
+    "RETURN to rally 2. GCSB silent for 5 s. 1.9 km away, needs 21 % of the battery (38 % left), "
+    "covered by GCSA all the way"
+)
+TAKE = "When it is in your zone, type 'handover request' to take over."
 
 
 def decision(number: int, action: int, text: str) -> Any:
     """As the companion sends it: figures and place stand in the sentence too, which is cut to its field."""
     return status.decision(
-        Announce(text, FlightAction(action), Reason.COMMANDER_LOST, "GCSB silent 5 s", "rally 2"), number
+        Announce(text, FlightAction(action), Reason.COMMANDER_LOST, "GCSB silent for 5 s", "rally 2"), number
     )
 
 
@@ -56,14 +59,14 @@ def test_it_is_told_once_in_the_vehicles_sentence_with_what_may_be_done() -> Non
 @pytest.mark.parametrize(
     ("fact", "line"),
     [
-        (Fact.PILOT, "WARN: GCSB silent 5 s; a pilot has the aircraft."),
-        (Fact.AUTOPILOT, "WARN: GCSB silent 5 s; the autopilot is not heard."),
-        (Fact.LANDING, "WARN: GCSB silent 5 s; it lands already."),
+        (Fact.PILOT, "WARNING. GCSB silent for 5 s. A pilot has the aircraft."),
+        (Fact.AUTOPILOT, "WARNING. GCSB silent for 5 s. The autopilot is not heard."),
+        (Fact.LANDING, "WARNING. GCSB silent for 5 s. The aircraft lands already."),
     ],
 )
 def test_why_nothing_is_done_is_told(fact: Fact, line: str) -> None:
     withheld = Decision(FlightAction.WARN, Cause.COMMANDER_LOST, fact)
-    message = status.decision(sentence(withheld, "GCSB silent 5 s", None), 1)
+    message = status.decision(sentence(withheld, "GCSB silent for 5 s", None), 1)
     assert Decisions(nothing).on_message(message, Who.NOBODY) == Notice("decision", line, Level.ADVISORY)
 
 
@@ -75,18 +78,22 @@ def test_a_landing_is_not_said_to_be_where_the_aircraft_is(who: Who) -> None:
         Who.THIS: " You command: choose another mode if it must not land.",
         Who.OTHER: "",
     }
-    text = "LAND: GCSB silent 5 s"
-    assert line_of(FlightAction.LAND, text, who) == f"LAND: GCSB silent 5 s.{may[who]}"
+    text = "LAND: GCSB silent for 5 s"
+    assert line_of(FlightAction.LAND, text, who) == f"LAND: GCSB silent for 5 s.{may[who]}"
 
 
 @pytest.mark.parametrize(
     ("action", "who", "line"),
     [
         (FlightAction.TRANSFER, Who.THIS, "TRANSFER: links weak."),
-        (FlightAction.HOLD, Who.THIS, "HOLD: links weak. 'handover give STATION' hands it over."),
+        (FlightAction.HOLD, Who.THIS, "HOLD: links weak. Type 'handover give STATION' to hand it over."),
         (FlightAction.HOLD, Who.OTHER, f"HOLD: links weak. {TAKE}"),
         (FlightAction.CONTINUE, Who.OTHER, "CONTINUE: links weak."),
-        (FlightAction.RETURN, Who.THIS, "RETURN: links weak. 'handover resume' goes on once that is over."),
+        (
+            FlightAction.RETURN,
+            Who.THIS,
+            "RETURN: links weak. When that is over, 'handover resume' continues the mission.",
+        ),
         (FlightAction.RETURN, Who.OTHER, "RETURN: links weak."),
     ],
 )
@@ -101,8 +108,9 @@ def test_in_a_rehearsal_no_command_is_offered_because_nothing_is_done(action: Fl
 
 #: longer than the message's field, which ends within "ground"
 LONG = (
-    "RETURN to rally 2: energy: 99.4 Wh left, the way back needs 101.2 Wh with the reserve; 1.9 km, "
-    "needs 21 % of 38 %, OUT OF REACH, the way is too near to the ground, covered by GCSA"
+    "RETURN to rally 2. Energy: 99.4 Wh left, the way back needs 101.2 Wh with the reserve; 1.9 km, "
+    "needs 21 % of the battery (38 % left), OUT OF REACH, the way is too near to the ground, "
+    "covered by GCSA all the way"
 )
 CUT = LONG[:160]
 
@@ -133,15 +141,17 @@ def test_a_sentence_that_the_message_can_hold_is_not_looked_for() -> None:
 
 def test_a_number_with_other_words_is_another_decision() -> None:
     decisions = Decisions(nothing)
-    decisions.on_message(decision(1, FlightAction.WARN, "WARN: guard silent"), Who.THIS)
-    assert decisions.on_message(decision(1, FlightAction.WARN, "WARN: links weak"), Who.THIS) is not None
-    assert decisions.on_message(decision(2, FlightAction.WARN, "WARN: links weak"), Who.THIS) is not None
+    decisions.on_message(decision(1, FlightAction.WARN, "WARNING. Guard silent"), Who.THIS)
+    assert decisions.on_message(decision(1, FlightAction.WARN, "WARNING. Links weak"), Who.THIS) is not None
+    assert decisions.on_message(decision(2, FlightAction.WARN, "WARNING. Links weak"), Who.THIS) is not None
 
 
 def test_its_end_is_told_and_nothing_is_in_force() -> None:
     decisions = Decisions(nothing)
     decisions.on_message(decision(1, FlightAction.RETURN, "RETURN: links weak"), Who.OTHER)
-    assert decisions.on_message(over(2, "OVER: links weak"), Who.OTHER) == Notice("decision_over", "OVER: links weak")
+    assert decisions.on_message(over(2, "ALL CLEAR. Over: links weak"), Who.OTHER) == Notice(
+        "decision_over", "ALL CLEAR. Over: links weak"
+    )
     assert (decisions.text, decisions.action) == ("", None)
 
 
@@ -162,7 +172,7 @@ def test_the_words_of_the_last_eight_are_known() -> None:
         decisions.on_message(decision(number, FlightAction.WARN, f"WARN: {number} is wrong"), Who.THIS)
     known = [decisions.told(f"WARN: {number} is wrong") for number in range(9)]
     assert known == [False, *[True] * 8]
-    assert not decisions.told("WARN: 8 is wrong, and more")
+    assert not decisions.told("WARNING. 8 is wrong, and more")
 
 
 def test_a_decision_without_words_makes_no_text_known() -> None:

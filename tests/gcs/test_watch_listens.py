@@ -120,13 +120,13 @@ def test_an_aircraft_is_shown_as_its_link_says(listening: Listening) -> None:
 def test_decisions_and_commanders_are_told_once_and_alarm(listening: Listening) -> None:
     listening.hear(authority(251))
     for _ in range(3):
-        text = b"RETURN to home: GCSA silent 5 s"
+        text = b"RETURN to home. GCSA silent for 5 s"
         listening.hear(mavlink.MAVLink_handover_decision_message(7, FlightAction.RETURN, 5, b"home", b"", text))
         listening.hear(authority(None, Phase.EMERGENCY))
     alarms = [(row["level"], row["text"]) for row in shown(listening.scene, {}, listening.now).alarms]
-    assert alarms == [("emergency", "RETURN to home: GCSA silent 5 s"), ("emergency", "no station commands")]
+    assert alarms == [("emergency", "RETURN to home. GCSA silent for 5 s"), ("emergency", "no station commands")]
     told = [line.text for line in listening.scene.feed]
-    assert told == ["RETURN to home: GCSA silent 5 s", "no station commands, epoch 4"]
+    assert told == ["RETURN to home. GCSA silent for 5 s", "no station commands, epoch 4"]
     assert listening.scene.feed[0].level is DECISIONS[FlightAction.RETURN]
 
 
@@ -145,12 +145,12 @@ def test_an_action_of_a_newer_version_alarms_as_a_return_does(listening: Listeni
 
 def test_texts_of_the_companion_are_told_unless_a_message_has_said_so(listening: Listening) -> None:
     listening.hear(authority(251))
-    decided = b"HOLD: coverage ends in 5 s"
+    decided = b"HOLD. Coverage ends in 5 s"
     listening.hear(mavlink.MAVLink_handover_decision_message(7, FlightAction.HOLD, 5, b"", b"", decided))
     for text in (decided, b"GCSA commands now (handover 1)", b"energy: the budget closes"):
         listening.hear(mavlink.MAVLink_statustext_message(4, text), component=COMPANION_COMPID)
     listening.hearing.tick(listening.now + 1.0, 1.7e9)
-    assert [line.text for line in listening.scene.feed] == ["HOLD: coverage ends in 5 s", "energy: the budget closes"]
+    assert [line.text for line in listening.scene.feed] == ["HOLD. Coverage ends in 5 s", "energy: the budget closes"]
 
 
 def test_it_is_known_by_its_name_once_that_is_said(listening: Listening) -> None:

@@ -163,7 +163,7 @@ def test_alarms_have_the_levels_of_the_stations_table(watching: Watching) -> Non
         watching.say("drone-1", "decision", f"{action.name} it is", action=action.name.lower(), reason="energy")
         assert watching.alarms == [(DECISIONS[action].name.lower(), f"{action.name} it is")]
         assert watching.scene.feed[-1].level is DECISIONS[action]
-    watching.say("drone-1", "decision", "OVER: energy", action="none", reason="energy")
+    watching.say("drone-1", "decision", "ALL CLEAR. Over: energy", action="none", reason="energy")
     assert watching.alarms == []
     watching.view(None, phase="emergency", lease="lost")
     assert watching.alarms == [(EVENTS["no_commander"].name.lower(), "no station commands")]

@@ -84,7 +84,7 @@ def test_status_when_all_is_ready(bench: Bench, delivery: MissionPackage) -> Non
         "mission   f433d144af77fc76",
         "zone      GCSA",
         "energy    126.0 Wh of 126.0 Wh left, 0 W, wind not known, 3.0 m/s from ahead, as configured",
-        "place     home: 0 m, needs 3 % of 100 %, covered by GCSA",
+        "place     home: 0 m away, needs 3 % of the battery (100 % left), covered by GCSA all the way",
         "START     ready",
         "preflight guard, parameters and firmware fit",
     ]

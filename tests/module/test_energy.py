@@ -520,7 +520,7 @@ def test_who_returns_for_its_energy_goes_on_behind_a_restart(bench: Bench, deliv
     restart(bench)
     assert drain(bench, 8, part) == pytest.approx(left, abs=0.3)
     assert bench.companion.view.phase is Phase.EMERGENCY
-    told = [entry["text"].split(":")[0] for entry in bench.journal("decision")[before:]]
+    told = [entry["text"].split(".")[0] for entry in bench.journal("decision")[before:]]
     assert told == ["RETURN", "RETURN to home"], "its place is looked at anew"
 
 
@@ -681,7 +681,7 @@ def test_in_flight_with_no_more_than_the_way_back_needs_it_turns_back(bench: Ben
     bench.autopilot.battery = 0.2  # the reserve alone is a quarter
     bench.until(lambda: bool(bench.journal("emergency")), 15.0)
     (entry,) = bench.journal("emergency")
-    assert entry["text"] == "energy for the way back only: return"
+    assert entry["text"] == "energy only for the way back: return"
     bench.run(2.0)
     assert bench.autopilot.mode == 6
     bench.autopilot.battery = 1.0  # it does not turn round again

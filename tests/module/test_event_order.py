@@ -63,11 +63,11 @@ def test_a_return_that_is_followed_by_a_landing_is_told_and_never_ordered(flying
     assert texts(flying, "fly") == ["the autopilot flies LAND"]
     assert texts(flying, "emergency") == ["commander lost: return", "commander lost: land"]
     assert texts(flying, "decision") == [
-        "RETURN to home: GCSA silent 5 s; 203 m, needs 6 % of 100 %, not covered",
-        "LAND: GCSA silent 5 s",
+        "RETURN to home. GCSA silent for 5 s. 203 m away, needs 6 % of the battery (100 % left), covered by no station",
+        "LAND. GCSA silent for 5 s",
     ]
     heard = flying.b.texts()
-    assert heard.index("RETURN to home: GCSA silent 5 s") < heard.index("LAND: GCSA silent 5 s")
+    assert heard.index("RETURN to home. GCSA silent for 5 s") < heard.index("LAND. GCSA silent for 5 s")
 
 
 def test_a_return_to_another_place_is_ordered_after_the_place_is_written_and_told_once(

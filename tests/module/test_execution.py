@@ -59,8 +59,8 @@ def test_a_decision_is_one_sentence_to_every_station_and_program(flown: Bench) -
     flown.run(0.5)
     (entry,) = flown.journal("decision")
     text = entry["text"]
-    figures = "1.8 km, needs 27 % of 100 %, covered by GCSA"
-    assert text == f"RETURN to home: out of coverage, 1079 m outside the zone of GCSB; {figures}"
+    figures = "1.8 km away, needs 27 % of the battery (100 % left), covered by GCSA all the way"
+    assert text == f"RETURN to home. Out of coverage, 1079 m outside the zone of GCSB. {figures}"
     assert (entry["action"], entry["reason"], entry["place"]) == ("return", "out_of_coverage", "home")
     for station in (flown.a, flown.b):
         told = station.got("HANDOVER_DECISION")
@@ -83,7 +83,7 @@ def test_it_is_repeated_while_it_lasts_with_the_same_number_and_its_end_three_ti
     flown.autopilot.position = beside(0.5, 0.0)
     flown.wait(12.0)
     over = [m for m in flown.b.got("HANDOVER_DECISION") if m.action == 255]
-    assert [m.text for m in over] == ["OVER: out of coverage"] * 3
+    assert [m.text for m in over] == ["ALL CLEAR. Over: out of coverage"] * 3
     assert over[0].number == told[0] + 1
     flown.mpstate.type("handover status")
     assert not any(line.startswith("decision") for line in flown.mpstate.console.lines)
@@ -192,7 +192,7 @@ def test_a_failsafe_of_the_autopilot_has_its_way(flown: Bench, text: str) -> Non
     flown.autopilot.position = OUTSIDE
     flown.wait(10.0)
     assert modes(flown) == []
-    assert decisions(flown)[-1].endswith("; a failsafe of the autopilot acts")
+    assert decisions(flown)[-1].endswith(". A failsafe of the autopilot acts")
 
 
 @pytest.mark.parametrize("text", ["Battery Failsafe Cleared", "Fence breach cleared", "Handover: GCS failsafe off"])
@@ -205,18 +205,18 @@ def test_a_breach_of_the_fence_is_told(flown: Bench) -> None:
     for _ in range(6):
         flown.mpstate.deliver(packed(breach))
         flown.run(0.5)
-    assert decisions(flown) == ["WARN: outside the fence: its border"]
+    assert decisions(flown) == ["WARNING. Outside the fence (its border)"]
     for _ in range(10):
         flown.mpstate.deliver(packed(stock.MAVLink_fence_status_message(0, 1, 0, 1000)))
         flown.run(0.5)
-    assert decisions(flown)[1:] == ["OVER: outside the fence"]
+    assert decisions(flown)[1:] == ["ALL CLEAR. Over: outside the fence"]
     assert modes(flown) == []
 
 
 def test_so_is_one_that_only_the_status_of_the_system_tells(flown: Bench) -> None:
     say_health(flown, enabled=FENCE)
     flown.wait(4.0)
-    assert decisions(flown) == ["WARN: outside the fence"]
+    assert decisions(flown) == ["WARNING. Outside the fence"]
 
 
 def test_a_fence_that_is_off_cannot_be_left(flown: Bench) -> None:
@@ -265,10 +265,10 @@ def test_positions_of_a_receiver_that_has_lost_its_fix_are_guesses(flown: Bench)
     say_fix(flown, mavlink.GPS_FIX_TYPE_NO_FIX)
     flown.autopilot.position = OUTSIDE
     flown.wait(5.0)
-    assert decisions(flown) == ["WARN: no fresh position for 3 s"]
+    assert decisions(flown) == ["WARNING. No fresh position for 3 s"]
     say_fix(flown, mavlink.GPS_FIX_TYPE_3D_FIX)
     flown.wait(3.0)
-    assert any(text.startswith("RETURN to home: out of coverage") for text in decisions(flown))
+    assert any(text.startswith("RETURN to home. Out of coverage") for text in decisions(flown))
 
 
 def test_a_vehicle_without_a_receiver_has_its_position_from_elsewhere(flown: Bench) -> None:

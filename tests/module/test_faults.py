@@ -144,7 +144,7 @@ def test_a_broken_part_does_not_silence_the_strategy(
     bench.run(1.5)
     said = bench.a.texts()
     assert said.count(f"internal fault of the companion: {where}") == 1
-    assert "RETURN to home: " in said
+    assert "RETURN to home. " in said
     assert not bench.companion.failed
     monkeypatch.undo()
 

@@ -125,7 +125,7 @@ def test_in_the_gap_the_lease_says_alone_and_how_long(flying: Bench) -> None:
     assert flying.autopilot.mode == AUTO
     assert flying.journal("emergency") == []
     assert [entry["text"] for entry in flying.journal("gap")][-1].startswith(
-        "commander lost: on through the gap GCSA -> GCSB, 5"
+        "commander lost: It crosses the mission's gap GCSA -> GCSB, 5"
     )
 
 

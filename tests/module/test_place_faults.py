@@ -79,8 +79,8 @@ def test_a_battery_that_empties_brings_it_home_although_looking_breaks(
         flying.until(lambda: flying.autopilot.mode == RTL, 20.0)
         flying.run(1.0)
         said = flying.a.texts()
-    assert "RETURN to home: " in said
-    assert " Wh left, the way back needs 34.8 Wh with the reserve; " in said
+    assert "RETURN to home. " in said
+    assert " Wh left, the way back needs 34.8 Wh with the reserve. " in said
     assert said.count("internal fault of the companion: ") == 1
     assert not flying.companion.failed
 
@@ -118,7 +118,7 @@ def test_the_place_is_chosen_by_what_is_left_now(flying: Bench, monkeypatch: pyt
         flying.autopilot.battery = 0.001
         flying.until(lambda: flying.autopilot.mode == LAND, 30.0)
         words = watch(flying).words()
-    assert "of 0 %" in words
+    assert "(0 % left)" in words
     assert "OUT OF REACH" in words
 
 

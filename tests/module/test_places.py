@@ -79,8 +79,13 @@ def lose(bench: Bench, *stations: Any) -> None:
 
 def test_on_the_ground_the_list_holds_home_and_that_alone(ready: Bench) -> None:
     assert listed(ready) == [HOME]
-    assert told(ready) == ["a return goes to home: 0 m, needs 3 % of 100 %, covered by GCSA"]
-    assert "place     home: 0 m, needs 3 % of 100 %, covered by GCSA" in ready.mpstate.type("handover status")
+    assert told(ready) == [
+        "a return goes to home: 0 m away, needs 3 % of the battery (100 % left), covered by GCSA all the way"
+    ]
+    assert (
+        "place     home: 0 m away, needs 3 % of the battery (100 % left), covered by GCSA all the way"
+        in ready.mpstate.type("handover status")
+    )
     assert ready.a.texts() == "", "nobody expects anything else"
 
 
@@ -107,7 +112,7 @@ def test_it_follows_the_aircraft_and_is_told_to_everybody(flying: Bench) -> None
     assert listed(flying) == [RALLY_2]
     text = told(flying)[-1]
     assert text.startswith("a return goes to rally 2: 7")
-    assert text.endswith(" m, needs 6 % of 100 %, covered by GCSB")
+    assert text.endswith(" m away, needs 6 % of the battery (100 % left), covered by GCSB all the way")
     for station in (flying.a, flying.b):
         assert station.texts().count("A return goes to rally 2") == 1
 
@@ -128,12 +133,12 @@ def test_a_place_that_could_not_be_written_is_not_told_as_where_a_return_goes(fl
         )
         assert station.texts().count("rally 2 is not in the autopilot's list: a return may go elsewhere") == 1
     (line,) = [each for each in flying.mpstate.type("handover status") if each.startswith("place ")]
-    assert line.endswith(", covered by GCSB, NOT IN THE AUTOPILOT'S LIST")
+    assert line.endswith(", covered by GCSB all the way, NOT IN THE AUTOPILOT'S LIST")
     lose(flying, flying.a, flying.b)
     flying.until(lambda: flying.journal("fly"), 20.0)
     (first, *_more) = (e["text"] for e in flying.journal("decision") if e["text"].startswith("RETURN"))
-    assert first.endswith(", covered by GCSB, NOT IN THE AUTOPILOT'S LIST") or first.endswith(
-        ", not covered, NOT IN THE AUTOPILOT'S LIST"
+    assert first.endswith(", covered by GCSB all the way, NOT IN THE AUTOPILOT'S LIST") or first.endswith(
+        ", covered by no station, NOT IN THE AUTOPILOT'S LIST"
     )
 
 
@@ -607,14 +612,14 @@ def test_where_no_place_is_inside_the_fence_the_best_of_all_tells_of_the_energy(
     assert flying.companion.autopilot.return_site.short is False
     flying.autopilot.battery = 0.2
     flying.until(lambda: flying.autopilot.mode == LAND, 30.0)
-    assert flying.journal("emergency")[-1]["text"] == "energy for the way back only: land"
+    assert flying.journal("emergency")[-1]["text"] == "energy only for the way back: land"
 
 
 def test_where_no_place_is_in_reach_it_lands(flying: Bench) -> None:
     fly_to(flying, IN_B, 40.0)
     flying.autopilot.battery = 0.002
     flying.until(lambda: flying.autopilot.mode == LAND, 30.0)
-    assert flying.journal("emergency")[-1]["text"] == "energy for the way back only: land"
+    assert flying.journal("emergency")[-1]["text"] == "energy only for the way back: land"
     assert "OUT OF REACH" in flying.companion.autopilot.return_site.words()
 
 

@@ -54,6 +54,8 @@ def told(bench: Bench) -> list[tuple[str, str]]:
 
 
 OFF = "off route: 41 m right of the leg to waypoint 2"
+#: as a decision
+TOLD = "WARNING. Off route: 41 m right of the leg to waypoint 2"
 
 
 def test_a_deviation_is_told_once_to_everybody_and_so_is_its_end(flown: Bench) -> None:
@@ -68,9 +70,9 @@ def test_a_deviation_is_told_once_to_everybody_and_so_is_its_end(flown: Bench) -
         pytest.approx(41, abs=0.2),
         None,
     )
-    assert flown.mpstate.console.said("WARN: off route: 41 m right of the leg to waypoint 2.")
-    assert flown.a.texts().count(OFF) == 1
-    assert flown.b.texts().count(OFF) == 1
+    assert flown.mpstate.console.said("WARNING. Off route: 41 m right of the leg to waypoint 2.")
+    assert flown.a.texts().count(TOLD) == 1
+    assert flown.b.texts().count(TOLD) == 1
     route = flown.companion.autopilot.route
     assert route.deviation == route.track
     flown.mpstate.type("handover status")
@@ -79,7 +81,7 @@ def test_a_deviation_is_told_once_to_everybody_and_so_is_its_end(flown: Bench) -
     flown.wait(10.0)
     back = "on the route again: 2 m right of the leg to waypoint 2"
     assert told(flown) == [("off_route", OFF), ("on_route", back)]
-    assert flown.a.texts().count("OVER: off route") == 1
+    assert flown.a.texts().count("ALL CLEAR. Over: off route") == 1
     assert route.deviation is None
 
 

@@ -352,12 +352,12 @@ def test_alarms_name_the_aircraft_in_line_speech_and_status_row(fleet: Fleet) ->
     fleet.hear(2, status(Phase.ON_MISSION, 251))
     fleet.mpstate.modules.append((MPModule(fleet.mpstate, "speech"), gcs_module))
     decision = mavlink.MAVLink_handover_decision_message(
-        1, FlightAction.RETURN, 5, b"home", b"Battery is low", b"RETURN to home: Battery is low"
+        1, FlightAction.RETURN, 5, b"home", b"Battery is low", b"RETURN to home. Battery is low"
     )
     fleet.hear(2, decision)
     fleet.run(12.0)
     fleet.mpstate.modules.pop()
-    lines = fleet.lines("EMERGENCY: RETURN to home: Battery is low.")
+    lines = fleet.lines("EMERGENCY: RETURN to home. Battery is low.")
     assert len(lines) == 2, "said again"
     assert all("[drone-2 ONMISSION" in line for line in lines)
     spoken = [text for text in fleet.mpstate.spoken if "Battery is low" in text]

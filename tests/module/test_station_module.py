@@ -869,14 +869,14 @@ def statustext(text: str, severity: int = 4, text_id: int = 0, number: int = 0) 
     return mavlink.MAVLink_statustext_message(severity, text.encode(), text_id, number)
 
 
-RETURNS = "RETURN to home: GCSA silent 5 s; 0.4 km"
-TOLD = f"{RETURNS}. 'handover request' takes over when it is in your zone."
+RETURNS = "RETURN to home. GCSA silent for 5 s; 0.4 km"
+TOLD = f"{RETURNS}. When it is in your zone, type 'handover request' to take over."
 
 
 def test_a_decision_is_told_once_with_what_may_be_done_and_shown_while_it_lasts(station: StationBench) -> None:
     station.load()
     for _ in range(3):
-        station.hear(decision(1, 4, RETURNS, figures="GCSA silent 5 s"))
+        station.hear(decision(1, 4, RETURNS, figures="GCSA silent for 5 s"))
         station.hear(statustext(RETURNS, 2))
         station.run(0.6)
     assert sum(f"EMERGENCY: {TOLD}" in line for line in station.mpstate.console.lines) == 1
@@ -887,8 +887,8 @@ def test_a_decision_is_told_once_with_what_may_be_done_and_shown_while_it_lasts(
     assert f"decision  {RETURNS}" in shown
     assert f"alarm     EMERGENCY: {TOLD}" in shown
     for _ in range(3):
-        station.hear(decision(2, 255, "OVER: commander lost"))
-    assert sum("OVER" in line for line in station.mpstate.console.lines) == 1
+        station.hear(decision(2, 255, "ALL CLEAR. Over: commander lost"))
+    assert sum("ALL CLEAR" in line for line in station.mpstate.console.lines) == 1
     assert station.module.aircraft[0].decisions.text == ""
     assert not any(line.startswith("alarm") for line in station.mpstate.type("handover status"))
 
@@ -896,8 +896,9 @@ def test_a_decision_is_told_once_with_what_may_be_done_and_shown_while_it_lasts(
 def test_a_decision_longer_than_its_message_is_one_line_with_all_of_it(station: StationBench) -> None:
     station.load()
     text = (
-        "RETURN to rally 2: energy: 99.4 Wh left, the way back needs 101.2 Wh with the reserve; 1.9 km, "
-        "needs 21 % of 38 %, OUT OF REACH, the way is too near to the ground, covered by GCSA"
+        "RETURN to rally 2. Energy: 99.4 Wh left, the way back needs 101.2 Wh with the reserve; 1.9 km, "
+        "needs 21 % of the battery (38 % left), OUT OF REACH, the way is too near to the ground, "
+        "covered by GCSA all the way"
     )
     for _ in range(2):  # by each of two links
         for piece in status_texts(text, mavlink.MAV_SEVERITY_CRITICAL, 9):
@@ -907,28 +908,28 @@ def test_a_decision_longer_than_its_message_is_one_line_with_all_of_it(station: 
         )
         station.run(1.0)
     (line,) = (line for line in station.mpstate.console.lines if "RETURN" in line)
-    assert line.endswith(f"EMERGENCY: {text}. 'handover request' takes over when it is in your zone.")
+    assert line.endswith(f"EMERGENCY: {text}. When it is in your zone, type 'handover request' to take over.")
     assert f"decision  {text}" in station.mpstate.type("handover status")
 
 
 def test_after_a_restart_of_the_companion_a_number_that_was_there_is_another_word(station: StationBench) -> None:
     station.load()
-    station.hear(decision(1, 0, "WARN: guard silent 5 s", figures="guard silent 5 s"))
-    station.hear(decision(1, 4, "RETURN: GCSA silent 5 s", figures="GCSA silent 5 s", place=""))
-    assert [entry["text"].partition(".")[0] for entry in station.journal("decision")] == [
-        "WARN: guard silent 5 s",
-        "RETURN: GCSA silent 5 s",
+    station.hear(decision(1, 0, "WARNING. Guard silent for 5 s", figures="guard silent for 5 s"))
+    station.hear(decision(1, 4, "RETURN: GCSA silent for 5 s", figures="GCSA silent for 5 s", place=""))
+    assert [entry["text"].partition(". When")[0].rstrip(".") for entry in station.journal("decision")] == [
+        "WARNING. Guard silent for 5 s",
+        "RETURN: GCSA silent for 5 s",
     ]
 
 
 @pytest.mark.parametrize(
     ("commander", "words"),
-    [(251, " 'handover resume' goes on once that is over."), (252, "")],
+    [(251, " When that is over, 'handover resume' continues the mission."), (252, "")],
 )
 def test_what_an_operator_may_do_depends_on_who_commands(station: StationBench, commander: int, words: str) -> None:
     station.load()
     station.hear(authority(commander=commander))
-    station.hear(decision(1, 4, RETURNS, figures="GCSA silent 5 s"))
+    station.hear(decision(1, 4, RETURNS, figures="GCSA silent for 5 s"))
     assert station.mpstate.console.lines[-1].endswith(f"EMERGENCY: {RETURNS}.{words}")
 
 
@@ -943,12 +944,12 @@ def test_an_alarm_is_said_again_until_it_is_acknowledged(
 ) -> None:
     station.load()
     station.hear(authority())
-    station.hear(decision(1, 4, RETURNS, figures="GCSA silent 5 s"))
+    station.hear(decision(1, 4, RETURNS, figures="GCSA silent for 5 s"))
     assert capsys.readouterr().out == "\a"
     for _ in range(25):
         station.hear(authority())
         station.run(1.0)
-    assert sum("GCSA silent 5 s" in line for line in station.mpstate.console.lines) == 3, "after 10 and 20 s again"
+    assert sum("GCSA silent for 5 s" in line for line in station.mpstate.console.lines) == 3, "after 10 and 20 s again"
     assert capsys.readouterr().out == "\a\a"
     assert f"acknowledged: {RETURNS}." in station.mpstate.type("handover ack")[0]
     for _ in range(25):
@@ -1042,7 +1043,7 @@ def test_resume_asks_for_auto_unless_something_is_wrong(station: StationBench) -
     assert (sent.command, sent.param1, sent.param2) == (mavlink.MAV_CMD_DO_SET_MODE, 1.0, 3.0)
     station.run(8.0)
     station.sent()
-    station.hear(decision(1, 4, RETURNS, figures="GCSA silent 5 s"))
+    station.hear(decision(1, 4, RETURNS, figures="GCSA silent for 5 s"))
     station.mpstate.type("handover resume")
     station.run(0.1)
     assert station.commands() == []

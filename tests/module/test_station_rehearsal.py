@@ -123,8 +123,8 @@ def test_an_emergency_in_it_is_shown_as_one_and_says_that_nothing_is_done() -> N
     now = Situation("drone-1", Phase.EMERGENCY, heard_s=0.5, action=FlightAction.RETURN, rehearsal=True)
     words, level = banner(now)
     assert (words.endswith("REHEARSAL - NO COMMANDER"), level) == (True, Level.EMERGENCY)
-    text = "REHEARSAL: would RETURN to home: GCSA silent 5 s"
-    message = mavlink.MAVLink_handover_decision_message(1, 4, 5, b"home", b"GCSA silent 5 s", text.encode())
+    text = "REHEARSAL: would RETURN to home. GCSA silent for 5 s"
+    message = mavlink.MAVLink_handover_decision_message(1, 4, 5, b"home", b"GCSA silent for 5 s", text.encode())
     notice = Decisions(lambda _beginning: "").on_message(message, Who.NOBODY)
     assert notice is not None
     assert notice.text == text

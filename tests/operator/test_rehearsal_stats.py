@@ -144,8 +144,8 @@ class TestTheRest:
     def test_what_would_have_been_done(self) -> None:
         seen = book(())
         seen.saw(130.0, "no zone", HERE, [])
-        seen.would(131.0, "would RETURN to home: out of coverage")
-        assert seen.lines(140.0)[-1] == "31 s, no zone: would RETURN to home: out of coverage"
+        seen.would(131.0, "would RETURN to home. Out of coverage")
+        assert seen.lines(140.0)[-1] == "31 s, no zone: would RETURN to home. Out of coverage"
 
     def test_nothing_is_said_too(self) -> None:
         assert book(()).lines(140.0)[-1] == "nothing would have been commanded"

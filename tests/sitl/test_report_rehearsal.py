@@ -29,7 +29,7 @@ def book() -> RehearsalStats:
     seen.saw(111.0, "GCSA", HERE, [LinkSeen("GCSB", "udpout", None, None, None)])
     seen.handover("GCSA", "GCSB", 112.0, 0.034, "zone", distance_m)
     seen.refused("GCSB", "COMMAND_LONG/MAV_CMD_NAV_LAND", "not in control")
-    seen.would(120.0, "would RETURN: out of coverage")
+    seen.would(120.0, "would RETURN. Out of coverage")
     seen.end(130.0, "ended by GCSA")
     return seen
 
@@ -53,7 +53,7 @@ def test_what_the_vehicle_wrote_is_what_is_shown(book: RehearsalStats) -> None:
         ("GCSB", "udpout", "GCSA", "1.0 s", "", "", "never heard"),
     )
     assert refused.rows == (("GCSB", "COMMAND_LONG/MAV_CMD_NAV_LAND", "not in control", "1"),)
-    assert would.rows == (("20.0 s", "GCSA", "would RETURN: out of coverage"),)
+    assert would.rows == (("20.0 s", "GCSA", "would RETURN. Out of coverage"),)
 
 
 def test_the_last_word_of_each_book_counts() -> None:

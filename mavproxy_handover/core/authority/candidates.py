@@ -83,7 +83,7 @@ class Candidates:
     @property
     def hears_little(self) -> str:
         """What is said of a station whose answers are too few."""
-        return f"hears less than {self._limits.deaf_share:.0%} of the aircraft".replace("%", " %")
+        return f"hears less than {self._limits.deaf_share:.0%} of what the aircraft sends".replace("%", " %")
 
     def unable(self, station: int, now: float, flying: bool) -> Reason | None:
         """Why authority must not go to this station in this moment, whatever was agreed; None if it may."""

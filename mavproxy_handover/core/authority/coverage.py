@@ -155,7 +155,7 @@ class Coverage:
         if deaf:
             return f"{self.owner_name} {deaf}"
         silent_s = inf if owner is None else self._candidates.silent_s(owner, now)
-        return f"{self.owner_name} silent {silent_s:.0f} s" if silent_s < inf else ""
+        return f"{self.owner_name} silent for {silent_s:.0f} s" if silent_s < inf else ""
 
     def _outside(self, _now: float) -> str:
         nearest = self._candidates.zones.nearest()
@@ -166,18 +166,22 @@ class Coverage:
 
     def _no_station(self, _now: float) -> str:
         names = ", ".join(self._authority.name(station) for station in self._candidates.zones.inside())
-        return f"no station here could take the aircraft: {names}" if names else ""
+        return f"no station whose zone holds the aircraft can take it: {names}" if names else ""
 
     def _ends(self, _now: float) -> str:
         owner = self._authority.owner
         left_s = inf if owner is None else self._candidates.zones.ends_s(owner)
-        return f"coverage ends ahead, zone of {self.owner_name} in {left_s:.0f} s" if left_s < inf else ""
+        return (
+            f"the zone of {self.owner_name} ends in {left_s:.0f} s, and no station is ready beyond it"
+            if left_s < inf
+            else ""
+        )
 
     def _attacked_words(self, _now: float) -> str:
-        return f"repeated authentication failures in the name of {self.owner_name}"
+        return f"a sender without the key of {self.owner_name} speaks in its name"
 
     def _weak(self, _now: float) -> str:
-        return f"links of {self.owner_name} weak, and no better station"
+        return f"the links of {self.owner_name} are weak, and no station has better ones"
 
 
 _WORDS: Final[Mapping[Cause, Callable[[Coverage, float], str]]] = {

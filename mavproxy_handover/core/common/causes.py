@@ -88,7 +88,7 @@ def _row(
 CAUSES: Final[Mapping[Cause, CauseRow]] = {
     # energy does not come back: an aircraft that has turned back for it does not turn round again
     Cause.ENERGY: _row(
-        Reason.ENERGY, "energy for the way back only", 2.0, 0.0, _FLIGHT, "return land warn off",
+        Reason.ENERGY, "energy only for the way back", 2.0, 0.0, _FLIGHT, "return land warn off",
         "no more is left than the route to the return site needs, with the reserve"),
     # the commander has been silent for heartbeat_lost_s already
     Cause.COMMANDER_LOST: _row(

@@ -258,7 +258,7 @@ class ConditionsSeen:
 class PlaceJudged:
     """The return site of now, by name, and whether the energy left reaches it. It counts until the next one.
 
-    `words`: figures for people, as in "1.9 km, needs 21 % of 38 %, covered by GCSA".
+    `words`: figures for people, as in "1.9 km away, covered by GCSA all the way".
     """
 
     name: str

@@ -214,7 +214,7 @@ class DecisionExecutor:
     def _tell_decision(self, decision: Decision, now: float, actions: list[Action], *, crosses: bool = False) -> None:
         figures, place = self._figures.of(decision.cause, self._conditions.reported, now), self._facts.place
         if crosses:
-            figures += f"; {self._conditions.crossing.words(now)}"
+            figures += f". {self._conditions.crossing.words(now)}"
         self._told_place = "" if place is None else place.name
         self._say(sentence(decision, figures, place), actions)
 
@@ -229,7 +229,7 @@ class DecisionExecutor:
         """The rehearsal is over: nothing of it is in force."""
         self._tells_at = None
         if self._emergency.told is not None:
-            actions.append(Announce("OVER: the rehearsal", None, Reason.NONE))
+            actions.append(Announce("ALL CLEAR. Over: the rehearsal", None, Reason.NONE))
 
     def place_seen(self, now: float, actions: list[Action]) -> None:
         """The return site has been judged: tell it if another one was told."""
@@ -278,10 +278,10 @@ class DecisionExecutor:
         elif seen is Seen.AGAIN:
             if now >= self._again_at + _AGAIN_TOLD_S:
                 self._again_at = now
-                self._tell(f"{order.name} again: the autopilot flies {self._mode.name}", order, decision, actions)
+                self._tell(f"{order.name} again. The autopilot is in {self._mode.name}", order, decision, actions)
             self._fly(order, Reason.NONE if decision is None else CAUSES[decision.cause].reason, now, actions)
         else:
-            text = f"{order.name}: {seen.value}, flies {self._mode.name}"
+            text = f"{order.name}: {seen.value}. The autopilot is in {self._mode.name}"
             self._tell(text, FlightAction.WARN, decision, actions)
             return True
         return False

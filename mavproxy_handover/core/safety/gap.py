@@ -73,11 +73,11 @@ class Crossing:
         return max(0.0, self.since + self.gap.limit_s - now)
 
     def words(self, now: float) -> str:
-        """For people: "on through the gap GCSA to GCSB, 40 s left"; "" in none."""
+        """For people: "It crosses the mission's gap GCSA -> GCSB, 40 s left"; "" in none."""
         if self.gap is None:
             return ""
-        left = f"{self.left_s(now):.0f} s left" if self.since is not None else f"{self.gap.limit_s:g} s"
-        return f"on through the gap {self.gap.words}, {left}"
+        left = f"{self.left_s(now):.0f} s left" if self.since is not None else f"at most {self.gap.limit_s:g} s"
+        return f"It crosses the mission's gap {self.gap.words}, {left}"
 
     def ends_at(self) -> float | None:
         """When that time is over; None while none runs."""

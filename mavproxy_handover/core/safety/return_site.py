@@ -143,17 +143,17 @@ class Choice:
         return self.standing.reachable
 
     def words(self, name: Callable[[int], str]) -> str:
-        """Place and figures for people: "rally 2: 1.9 km, needs 21 % of 38 %, covered by GCSA". `name` of a station."""
+        """Place and figures for people: "rally 2: 1.9 km away, covered by GCSA all the way". `name` of a station."""
         return f"{self.place.name}: {self.figures(name)}"
 
     def figures(self, name: Callable[[int], str]) -> str:
         """The same without the name of the place."""
         place, far = self.place, self.place.distance_m
-        parts = [f"{far / 1000.0:.1f} km" if far >= 1000.0 else f"{far:.0f} m"]
+        parts = [f"{far / 1000.0:.1f} km away" if far >= 1000.0 else f"{far:.0f} m away"]
         if not isfinite(place.time_s):
             parts.append("the wind does not let it be flown")
         elif place.needs is not None and place.left is not None:
-            parts.append(f"needs {place.needs:.0%} of {place.left:.0%}".replace("%", " %"))
+            parts.append(f"needs {place.needs:.0%} of the battery ({place.left:.0%} left)".replace("%", " %"))
         if self.standing.reach is Reach.NO:
             parts.append("OUT OF REACH")
         if not self.standing.inside:
@@ -162,11 +162,10 @@ class Choice:
             parts.append("the way leaves the fence" if not place.way_inside else "the way is too near to the ground")
         stations = ", ".join(map(name, self.covered_by))
         if self.standing.coverage is Coverage.NO or not stations:
-            parts.append("not covered")
+            parts.append("covered by no station")
         else:
-            parts.append(
-                f"covered by {stations}{'' if self.standing.coverage is Coverage.ALL else ', not all the way'}"
-            )
+            how = "all the way" if self.standing.coverage is Coverage.ALL else "at its end only"
+            parts.append(f"covered by {stations} {how}")
         return ", ".join(parts)
 
 

@@ -2,7 +2,8 @@
 
 """Each safety decision as one sentence: action, place, what is wrong with its figures, and the place's.
 
-"RETURN to rally 2: GCSB silent 5 s; 1.9 km, needs 21 % of 38 %, covered by GCSA."
+"RETURN to rally 2. GCSB silent for 5 s. 1.9 km away, needs 21 % of the battery (38 % left), covered by GCSA all the
+way"
 
 The figures of a cause come from the part that knows them: the monitors for energy, route and fence (`ConditionsSeen`),
 authority for the commander, links and coverage (`AuthorityFacts.words`), this module for the aircraft (`Figures`). The
@@ -26,30 +27,34 @@ __all__ = ["Figures", "over", "sentence"]
 
 #: reasons why nothing is commanded, for people
 _WITHHELD: Final[Mapping[Fact, str]] = {
-    Fact.FLYING: "on the ground",
-    Fact.AUTOPILOT: "the autopilot is not heard",
-    Fact.PILOT: "a pilot has the aircraft",
-    Fact.FAILSAFE: "a failsafe of the autopilot acts",
-    Fact.RETURNING: "it returns already",
-    Fact.LANDING: "it lands already",
+    Fact.FLYING: "The aircraft is on the ground",
+    Fact.AUTOPILOT: "The autopilot is not heard",
+    Fact.PILOT: "A pilot has the aircraft",
+    Fact.FAILSAFE: "A failsafe of the autopilot acts",
+    Fact.RETURNING: "The aircraft returns already",
+    Fact.LANDING: "The aircraft lands already",
 }
+
+#: what an action is called, where its name is not a word for people
+_ACTIONS: Final[Mapping[FlightAction, str]] = {FlightAction.WARN: "WARNING"}
 
 
 def sentence(decision: Decision, figures: str, place: PlaceJudged | None) -> Announce:
     """The decision in force, for every station. `figures`: the cause with numbers; `place`: the return site."""
-    word, reason = decision.action.name, CAUSES[decision.cause].reason
+    word, reason = _ACTIONS.get(decision.action, decision.action.name), CAUSES[decision.cause].reason
+    why = figures[:1].upper() + figures[1:]
     if decision.action is FlightAction.RETURN and place is not None:
-        words = f"; {place.words}" if place.words else ""
-        return Announce(f"{word} to {place.name}: {figures}{words}", decision.action, reason, figures, place.name)
-    behind = "" if decision.withheld is None else f"; {_WITHHELD[decision.withheld]}"
-    return Announce(f"{word}: {figures}{behind}", decision.action, reason, figures)
+        words = f". {place.words}" if place.words else ""
+        return Announce(f"{word} to {place.name}. {why}{words}", decision.action, reason, figures, place.name)
+    more = "" if decision.withheld is None else f". {_WITHHELD[decision.withheld]}"
+    return Announce(f"{word}. {why}{more}", decision.action, reason, figures)
 
 
 def over(before: Decision | None) -> Announce:
     """The end of all causes; `before`: the last decision, None if the run before made it."""
     if before is None:
-        return Announce("OVER: the emergency of before the restart", None, Reason.NONE)
-    return Announce(f"OVER: {CAUSES[before.cause].words}", None, CAUSES[before.cause].reason)
+        return Announce("ALL CLEAR. Over: the emergency before the restart", None, Reason.NONE)
+    return Announce(f"ALL CLEAR. Over: {CAUSES[before.cause].words}", None, CAUSES[before.cause].reason)
 
 
 class Figures:
@@ -81,7 +86,7 @@ class Figures:
 
 
 def _silent(who: str, silent_s: float) -> str:
-    return f"{who} silent {silent_s:.0f} s" if silent_s < inf else ""
+    return f"{who} silent for {silent_s:.0f} s" if silent_s < inf else ""
 
 
 #: causes of the aircraft; those of authority, links and coverage have their words in `authority/coverage.py`

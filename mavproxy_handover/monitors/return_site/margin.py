@@ -93,4 +93,4 @@ class Margin:
         left_wh, margin_wh = energy.left_wh, self.margin_wh(energy)
         if left_wh is None or margin_wh is None or not math.isfinite(margin_wh):
             return ""
-        return f"energy: {left_wh:.1f} Wh left, the way back needs {left_wh - margin_wh:.1f} Wh with the reserve"
+        return f"{left_wh:.1f} Wh left, the way back needs {left_wh - margin_wh:.1f} Wh with the reserve"

@@ -109,14 +109,14 @@ def looked_at(bench: Bench, place: Event) -> Bench:
 class TestItsPlace:
     """The place of a return is another one where its station was just lost."""
 
-    NEAR, HOME = PlaceJudged("rally 2", True, "210 m, covered by GCSB"), PlaceJudged("home", True, "400 m")
+    NEAR, HOME = PlaceJudged("rally 2", True, "210 m, covered by GCSB all the way"), PlaceJudged("home", True, "400 m")
 
     def test_a_return_is_told_with_the_place_that_it_goes_to(self) -> None:
         bench = aloft()
         bench.give(self.NEAR)
         lost(looked_at(bench, self.HOME))
         bench.run(1.0)
-        assert [text for text in said(bench) if "RETURN" in text] == ["RETURN to home: GCSA silent 5 s; 400 m"]
+        assert [text for text in said(bench) if "RETURN" in text] == ["RETURN to home. GCSA silent for 5 s. 400 m"]
 
     def test_where_nothing_new_is_seen_it_is_told_at_once_all_the_same(self) -> None:
         bench = aloft()
@@ -133,14 +133,14 @@ class TestItsPlace:
         for place in (self.HOME, self.NEAR, replace(self.NEAR, words="200 m")):
             bench.give(place)
         texts = [text for text in said(bench) if text.startswith("RETURN to ")]
-        assert [text.split(":")[0] for text in texts] == ["RETURN to home", "RETURN to rally 2"]
+        assert [text.split(".")[0] for text in texts] == ["RETURN to home", "RETURN to rally 2"]
 
     def test_what_lands_after_all_is_not_told_to_return(self) -> None:
         bench = aloft()
         bench.give(self.NEAR)
         lost(looked_at(bench, PlaceJudged("home", False)))
         bench.run(1.0)
-        assert [text.split(":")[0] for text in said(bench)][:1] == ["LAND"]
+        assert [text.split(".")[0] for text in said(bench)][:1] == ["LAND"]
 
 
 class TestReturn:
@@ -162,9 +162,9 @@ class TestReturn:
         assert 6.0 <= waits[1] <= 6.6
         assert 12.0 <= waits[2] <= 13.2
         assert said(bench)[1:4] == [
-            "RETURN again: the autopilot flies AUTO (commander lost)",
-            "RETURN: the autopilot does not follow, flies AUTO (commander lost)",
-            "LAND: GCSA silent 17 s",
+            "RETURN again. The autopilot is in AUTO (commander lost)",
+            "RETURN: the autopilot does not follow. The autopilot is in AUTO (commander lost)",
+            "LAND. GCSA silent for 17 s",
         ]
 
     def test_a_landing_that_does_not_come_is_commanded_as_long_as_it_takes(self) -> None:
@@ -199,7 +199,7 @@ class TestReturn:
         assert bench.flights() == [HOME]
         nearer(bench, 3.0, -1.0)
         assert bench.flights() == [HOME, DOWN]
-        assert "RETURN: the autopilot does not follow, flies RTL (commander lost)" in said(bench)
+        assert "RETURN: the autopilot does not follow. The autopilot is in RTL (commander lost)" in said(bench)
 
     def test_against_the_wind_it_comes_home_slowly(self) -> None:
         bench = lost(aloft())
@@ -248,7 +248,7 @@ class TestReturn:
         lost(bench, None).alive = {A}
         bench.run(30.0)
         assert bench.flights() == [HOME]
-        assert said(bench)[-1].startswith("WARN: off route")
+        assert said(bench)[-1].startswith("WARNING. Off route")
 
     def test_after_the_flight_the_next_one_is_trusted_again(self) -> None:
         bench = lost(aloft(), None)
@@ -293,7 +293,7 @@ class TestHold:
         bench.run(0.5)
         bench.give(LinkJudged(A, weak=False, attacked=False, text=""))
         bench.position(inside(A), outside(B))
-        assert said(bench)[-1].startswith("OVER")
+        assert said(bench)[-1].startswith("ALL CLEAR")
         bench.run(3.0)
         assert said(bench)[-1] == "PILOT: a pilot has taken over, BRAKE"
         assert [fly.action for fly in bench.flights()] == [FlightAction.HOLD]
@@ -318,7 +318,7 @@ class TestHold:
         bench.mode = RTL
         bench.run(2.0)
         assert bench.flights() == [HOLD, BACK]
-        assert "HOLD: the autopilot does not follow, flies AUTO (coverage ends ahead)" in said(bench)
+        assert "HOLD: the autopilot does not follow. The autopilot is in AUTO (coverage ends ahead)" in said(bench)
 
     def test_what_flies_on_before_it_stood_is_not_expected_to_stand(self) -> None:
         bench = self.held()
@@ -418,7 +418,7 @@ class TestRefused:
         bench = self.held()
         bench.give(OrderRefused(FlightAction.HOLD))
         assert bench.flights() == [HOLD, BACK]
-        assert said(bench)[1] == "HOLD: the autopilot refuses it, flies AUTO (coverage ends ahead)"
+        assert said(bench)[1] == "HOLD: the autopilot refuses it. The autopilot is in AUTO (coverage ends ahead)"
 
     def test_what_stands_all_the_same_is_held(self) -> None:
         """In LOITER ArduCopter refuses the pause, and stands."""
@@ -450,7 +450,7 @@ class TestRefused:
         bench = lost(aloft(), None)
         bench.give(OrderRefused(FlightAction.RETURN))
         assert bench.flights() == [HOME, DOWN]
-        assert "RETURN: the autopilot refuses it, flies AUTO (commander lost)" in said(bench)
+        assert "RETURN: the autopilot refuses it. The autopilot is in AUTO (commander lost)" in said(bench)
 
     def test_a_return_that_has_shown_by_then_goes_on(self) -> None:
         """The landing that was tried behind it has been taken, and its answer was lost."""
@@ -496,7 +496,7 @@ class TestPilot:
         assert bench.flights() == [HOME, Fly(FlightAction.RETURN, Reason.ENERGY)]
         assert said(bench)[-2:] == [
             "PILOT: the pilot has given it back, AUTO (commander lost)",
-            "RETURN: energy for the way back only",
+            "RETURN. Energy only for the way back",
         ]
 
     def test_what_begins_while_he_flies_is_told_and_done_when_he_gives_it_back(self) -> None:
@@ -506,7 +506,7 @@ class TestPilot:
         bench.give(ConditionsSeen(energy=True, energy_words="3.1 of 12.0 Wh"))
         bench.run(10.0)
         assert bench.flights() == []
-        assert said(bench)[-1] == "WARN: 3.1 of 12.0 Wh; a pilot has the aircraft"
+        assert said(bench)[-1] == "WARNING. 3.1 of 12.0 Wh. A pilot has the aircraft"
         bench.mode = with_radio(AUTO)
         bench.run(2.0)
         assert bench.flights() == [Fly(FlightAction.RETURN, Reason.ENERGY)]
@@ -519,7 +519,7 @@ class TestPilot:
         bench.mode = with_radio(AUTO)
         bench.run(3.0)
         assert bench.flights() == [HOME, HOME]
-        assert said(bench)[-1] == "RETURN again: the autopilot flies AUTO (commander lost)"
+        assert said(bench)[-1] == "RETURN again. The autopilot is in AUTO (commander lost)"
 
     def test_when_his_radio_is_gone_the_aircraft_is_nobodys(self) -> None:
         bench = lost(aloft(mode=with_radio(AUTO)), with_radio(LOITER))
@@ -577,7 +577,7 @@ class TestOtherHands:
         bench.mode = AUTO
         bench.run(60.0)
         assert bench.flights() == [Fly(FlightAction.RETURN, Reason.ENERGY)]
-        assert "AUTO: chosen by GCSA; RETURN is not commanded any more (energy for the way back only)" in said(bench)
+        assert "AUTO: chosen by GCSA; RETURN is not commanded any more (energy only for the way back)" in said(bench)
         bench.motion = HOMEWARD
         bench.alive = set()
         bench.run(8.0)
@@ -671,7 +671,7 @@ class TestLink:
 class TestFence:
     def breached(self, policy: str) -> Bench:
         bench = aloft(Limits(policies={Cause.FENCE: policy}))
-        bench.give(ConditionsSeen(fence=True, fence_words="outside the fence: its border"))
+        bench.give(ConditionsSeen(fence=True, fence_words="outside the fence (its border)"))
         return bench
 
     def test_what_the_autopilots_fence_brings_home_is_left_to_it(self) -> None:
@@ -681,7 +681,7 @@ class TestFence:
         bench.run(120.0)
         assert bench.flights() == []
         assert said(bench) == [
-            "WARN: outside the fence: its border; a failsafe of the autopilot acts",
+            "WARNING. Outside the fence (its border). A failsafe of the autopilot acts",
         ]
 
     def test_a_fence_that_only_reports_can_have_the_companion_return(self) -> None:
@@ -705,14 +705,14 @@ class TestSentences:
     @pytest.mark.parametrize(
         ("event", "text"),
         [
-            (ConditionsSeen(off_route=True, off_route_words="42 m beside the route"), "WARN: 42 m beside the route"),
+            (ConditionsSeen(off_route=True, off_route_words="42 m beside the route"), "WARNING. 42 m beside the route"),
             (
-                ConditionsSeen(fence=True, fence_words="outside the fence: its border"),
-                "WARN: outside the fence: its border",
+                ConditionsSeen(fence=True, fence_words="outside the fence (its border)"),
+                "WARNING. Outside the fence (its border)",
             ),
             (
                 LinkJudged(A, weak=False, attacked=True, text="bad"),
-                "WARN: repeated authentication failures in the name of GCSA",
+                "WARNING. A sender without the key of GCSA speaks in its name",
             ),
         ],
         ids=["route", "fence", "attack"],
@@ -725,9 +725,9 @@ class TestSentences:
 
     def test_of_what_is_not_heard_it_is_for_how_long(self) -> None:
         for attribute, text in (
-            ("autopilot", "WARN: autopilot silent 3 s"),
-            ("guard", "WARN: guard silent 5 s"),
-            ("facts", "WARN: no fresh position for 3 s"),
+            ("autopilot", "WARNING. Autopilot silent for 3 s"),
+            ("guard", "WARNING. Guard silent for 5 s"),
+            ("facts", "WARNING. No fresh position for 3 s"),
         ):
             bench = aloft()
             setattr(bench, attribute, False if attribute == "autopilot" else None)
@@ -739,13 +739,13 @@ class TestSentences:
         bench.log.clear()
         bench.alive = set()
         bench.run(8.0)
-        assert said(bench) == ["WARN: GCSA silent 5 s; on the ground"]
+        assert said(bench) == ["WARNING. GCSA silent for 5 s. The aircraft is on the ground"]
 
     def test_and_when_it_is_over(self) -> None:
         bench = lost(aloft())
         bench.alive = {A}
         bench.run(1.0)
-        assert said(bench)[-1] == "OVER: commander lost"
+        assert said(bench)[-1] == "ALL CLEAR. Over: commander lost"
 
 
 # ---- what stands still goes on ------------------------------------------------------------------------------------
@@ -781,7 +781,7 @@ def test_an_order_to_go_on_that_was_lost_is_given_again_until_it_moves() -> None
     assert bench.flights() == [HOLD, GO_ON]
     bench.run(12.5)
     assert bench.flights() == [HOLD, GO_ON, GO_ON, GO_ON]
-    assert [text for text in said(bench) if "again" in text] == ["CONTINUE again: the autopilot flies AUTO"]
+    assert [text for text in said(bench) if "again" in text] == ["CONTINUE again. The autopilot is in AUTO"]
     bench.motion = MotionSeen(8.0, 0.0, 300.0)
     bench.run(60.0)
     assert bench.flights() == [HOLD, GO_ON, GO_ON, GO_ON]

@@ -101,7 +101,7 @@ def test_a_gap_is_crossed_when_a_station_is_about_to_take_the_aircraft() -> None
 
 
 def test_what_goes_on_is_not_over_while_another_is_waited_out() -> None:
-    """The fault: "OVER: guard lost", and it was lost still, because the commander was lost beside that and another
+    """The fault: "ALL CLEAR", and it was lost still, because the commander was lost beside that and another
     station about to take the aircraft."""
     emergency = Emergency(Limits())
     emergency.judge({GUARD}, ALOFT, 100.0)

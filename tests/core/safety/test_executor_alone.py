@@ -233,7 +233,7 @@ class TestCarriedOut:
         [text] = told(bench)
         assert text.startswith("REHEARSAL: would ")
         bench.safety.executor.rehearsal_over(bench.actions)
-        assert told(bench) == ["OVER: the rehearsal"]
+        assert told(bench) == ["ALL CLEAR. Over: the rehearsal"]
 
     def test_without_a_decision_the_end_of_a_rehearsal_is_not_told(self) -> None:
         bench = on_mission()
@@ -342,7 +342,7 @@ class TestVerified:
             bench.says(now)
             assert not bench.safety.executor.verify_order(bench.safety.facts.now(now), now, bench.actions)
             texts.append(told(bench))
-        text = "LAND again: the autopilot flies MISSION (commander lost)"
+        text = "LAND again. The autopilot is in MISSION (commander lost)"
         assert texts == [[], [text], [], [text]]
         assert bench.actions == [Fly(FlightAction.LAND, Reason.COMMANDER_LOST)] * 3
 
@@ -368,7 +368,7 @@ class TestVerified:
         bench.actions.clear()
         bench.says(107.0)
         bench.safety.executor.verify_order(bench.safety.facts.now(107.0), 107.0, bench.actions)
-        assert told(bench) == ["CONTINUE again: the autopilot flies MISSION"]
+        assert told(bench) == ["CONTINUE again. The autopilot is in MISSION"]
         assert bench.actions == [Fly(CONTINUE, Reason.NONE)]
 
     def test_an_order_that_shows_is_journalled(self) -> None:
@@ -388,5 +388,5 @@ class TestVerified:
         bench.safety.verification.unseen()
         assert bench.safety.executor.verify_order(bench.safety.facts.now(NOW), NOW, bench.actions) is refused
         assert told(bench) == (
-            ["HOLD: the autopilot refuses it, flies MISSION (coverage ends ahead)"] if refused else []
+            ["HOLD: the autopilot refuses it. The autopilot is in MISSION (coverage ends ahead)"] if refused else []
         )

@@ -87,7 +87,7 @@ class TestIntoIt:
         bench.gap = AHEAD
         bench.position(replace(inside(A, exit_s=3.0), ends_s=3.0), *far(B, C, D))
         assert bench.flights() == []
-        assert told(bench) == ["coverage ends ahead: on through the gap GCSA -> GCSB, 40 s"]
+        assert told(bench) == ["coverage ends ahead: It crosses the mission's gap GCSA -> GCSB, at most 40 s"]
 
     def test_an_aircraft_that_was_held_before_goes_on(self) -> None:
         bench = mission()
@@ -145,7 +145,7 @@ class TestIntoIt:
         bench = crossing()
         bench.run(20.0)
         assert (bench.flights(), trouble(bench)) == ([], [])
-        assert told(bench)[-1] == "out of coverage: on through the gap GCSA -> GCSB, 39 s left"
+        assert told(bench)[-1] == "out of coverage: It crosses the mission's gap GCSA -> GCSB, 39 s left"
         view = bench.arbiter.view
         assert (view.phase, view.lease, view.commander) == (Phase.ON_MISSION, LeaseState.HELD, A)
 
@@ -156,7 +156,7 @@ class TestAlone:
         assert [change.view.lease for change in bench.views()] == [LeaseState.ALONE]
         assert (bench.flights(), trouble(bench)) == ([], [])
         assert bench.arbiter.view.phase is Phase.ON_MISSION
-        assert told(bench)[-1].startswith("commander lost: on through the gap GCSA -> GCSB, 3")
+        assert told(bench)[-1].startswith("commander lost: It crosses the mission's gap GCSA -> GCSB, 3")
 
     def test_the_time_that_is_left_runs_from_where_coverage_ended(self) -> None:
         bench = crossing()

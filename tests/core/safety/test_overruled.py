@@ -354,11 +354,11 @@ def test_nor_does_a_border_that_is_only_warned_of() -> None:
     bench.run(1.0)
     bench.give(ModeSourceSeen(ModeSource.COMMANDER, ModeClass.MISSION))
     bench.run(3.0)
-    assert said(bench)[-1].startswith("WARN: coverage ends ahead")
+    assert said(bench)[-1].startswith("WARNING. The zone of GCSA ends")
     bench.give(LinkJudged(A, weak=False, attacked=False, text=""))
     bench.run(15.0)
     bench.position(*AWAY)
-    assert said(bench)[-1] == "OVER: coverage ends ahead"
+    assert said(bench)[-1] == "ALL CLEAR. Over: coverage ends ahead"
 
 
 def test_a_border_that_is_only_warned_of_and_comes_after_the_word_stays_ahead() -> None:
@@ -449,7 +449,7 @@ def test_a_warning_is_told_beside_what_a_pilot_holds_back() -> None:
     bench.position(ends(4.0), outside(B))
     bench.facts = (outside(A), outside(B))
     bench.run(20.0)
-    assert any("out of coverage" in text for text in said(bench))
+    assert any("Out of coverage" in text for text in said(bench))
 
 
 def test_what_was_wrong_and_known_does_not_end_a_hold_that_only_waits_for_the_autopilot() -> None:

@@ -156,21 +156,38 @@ def words(place: PlaceFact, usable: Iterable[int] = ALL) -> str:
     [
         (
             replace(FAR, distance_m=1940.0, needs=0.21, left=0.38),
-            "rally 2: 1.9 km, needs 21 % of 38 %, covered by GCSA",
+            "rally 2: 1.9 km away, needs 21 % of the battery (38 % left), covered by GCSA all the way",
         ),
-        (replace(HOME, needs=None, left=None), "home: 600 m, covered by GCSA"),
-        (replace(HOME, there=frozenset({C})), "home: 600 m, needs 20 % of 60 %, not covered"),
-        (replace(HOME, way=sets({C})), "home: 600 m, needs 20 % of 60 %, covered by GCSA, not all the way"),
-        (replace(HOME, time_s=inf), "home: 600 m, the wind does not let it be flown, OUT OF REACH, covered by GCSA"),
+        (replace(HOME, needs=None, left=None), "home: 600 m away, covered by GCSA all the way"),
+        (
+            replace(HOME, there=frozenset({C})),
+            "home: 600 m away, needs 20 % of the battery (60 % left), covered by no station",
+        ),
+        (
+            replace(HOME, way=sets({C})),
+            "home: 600 m away, needs 20 % of the battery (60 % left), covered by GCSA at its end only",
+        ),
+        (
+            replace(HOME, time_s=inf),
+            "home: 600 m away, the wind does not let it be flown, OUT OF REACH, covered by GCSA all the way",
+        ),
         (
             replace(HOME, margin_wh=-9.0, spare_wh=-1.0),
-            "home: 600 m, needs 20 % of 60 %, OUT OF REACH, covered by GCSA",
+            "home: 600 m away, needs 20 % of the battery (60 % left), OUT OF REACH, covered by GCSA all the way",
         ),
-        (replace(HOME, inside=False), "home: 600 m, needs 20 % of 60 %, outside the fence, covered by GCSA"),
-        (replace(HOME, way_inside=False), "home: 600 m, needs 20 % of 60 %, the way leaves the fence, covered by GCSA"),
+        (
+            replace(HOME, inside=False),
+            "home: 600 m away, needs 20 % of the battery (60 % left), outside the fence, covered by GCSA all the way",
+        ),
+        (
+            replace(HOME, way_inside=False),
+            "home: 600 m away, needs 20 % of the battery (60 % left), the way leaves the fence, "
+            "covered by GCSA all the way",
+        ),
         (
             replace(HOME, way_clear=False),
-            "home: 600 m, needs 20 % of 60 %, the way is too near to the ground, covered by GCSA",
+            "home: 600 m away, needs 20 % of the battery (60 % left), the way is too near to the ground, "
+            "covered by GCSA all the way",
         ),
     ],
 )
@@ -314,11 +331,11 @@ def test_a_return_gets_there_if_it_would_be_flown_to_and_the_energy_lasts(inside
 @pytest.mark.parametrize(
     ("changes", "text"),
     [
-        ({"distance_m": 999.4}, "999 m, needs 20 % of 60 %, covered by GCSA"),
-        ({"distance_m": 1000.0}, "1.0 km, needs 20 % of 60 %, covered by GCSA"),
-        ({"distance_m": 60_000.0}, "60.0 km, needs 20 % of 60 %, covered by GCSA"),
-        ({"needs": None}, "600 m, covered by GCSA"),
-        ({"left": None}, "600 m, covered by GCSA"),
+        ({"distance_m": 999.4}, "999 m away, needs 20 % of the battery (60 % left), covered by GCSA all the way"),
+        ({"distance_m": 1000.0}, "1.0 km away, needs 20 % of the battery (60 % left), covered by GCSA all the way"),
+        ({"distance_m": 60_000.0}, "60.0 km away, needs 20 % of the battery (60 % left), covered by GCSA all the way"),
+        ({"needs": None}, "600 m away, covered by GCSA all the way"),
+        ({"left": None}, "600 m away, covered by GCSA all the way"),
     ],
 )
 def test_figures(changes: dict[str, float | None], text: str) -> None:
@@ -329,7 +346,7 @@ def test_figures(changes: dict[str, float | None], text: str) -> None:
 def test_covered_is_what_counts_as_covered_and_has_somebody_who_covers_it() -> None:
     for coverage, stations in ((Coverage.NO, (A,)), (Coverage.ALL, ()), (Coverage.THERE, ())):
         choice = Choice(HOME, Standing(True, Reach.YES, True, coverage), stations)
-        assert choice.figures(NAMES.__getitem__).endswith(", not covered")
+        assert choice.figures(NAMES.__getitem__).endswith(", covered by no station")
 
 
 def test_what_is_seen_twice_in_the_same_moment_has_not_lasted() -> None:
