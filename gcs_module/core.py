@@ -715,7 +715,7 @@ class StationCore:
         if asked is None:
             return
         if now < self._read_until:
-            text = f"Another question has just taken its place: {self._in_words(asked.key)}. Answer that."
+            text = f"Your answer was not used: the question has changed to {self._in_words(asked.key)}. Answer again."
             actions.append(Notice("question", text))
             return
         if isinstance(asked, Ahead):

@@ -122,7 +122,8 @@ class Inbox:
             return receiver.conclude(digest, _REFUSED, why, sender.target)
         self._waiting[sender.sysid] = result
         name, short = result.name, digest.hex()[:8]
-        line = f"Mission {name!r} offered, {short}: it counts once the vehicle has it, or after 'handover take {name}'."
+        now = f"'handover take {name}' uses it now."
+        line = f"Mission {name!r} ({short}) offered. It is used when the vehicle flies it; {now}"
         self._lines.append((sender.sysid, line))
         return receiver.conclude(digest, _RECEIVED, "", sender.target)
 

@@ -275,9 +275,9 @@ def how_to_lift(limit: Limit, again_in_s: float | None) -> str:
     the same command counts as insisting; None: it never does."""
     override = f"handover override {limit.value}"
     return (
-        f"To lift it: {override}"
+        f"To lift it, type '{override}'"
         if again_in_s is None
-        else f"Send it again in {again_in_s:.0f} s to insist, or {override}"
+        else f"To insist, send it again after {again_in_s:.0f} s, or type '{override}'"
     )
 
 

@@ -226,7 +226,7 @@ class TestOnItsWay:
         bench = Bench().on_ground()
         bench.give(ControlRequested(A, True, True, 10.0, A))
         bench.give(StartRequested(A))
-        answer = ControlAnswer(B, ControlResult.DENIED, "the aircraft is outside its zone")
+        answer = ControlAnswer(B, ControlResult.DENIED, "the aircraft is outside the zone of GCSB")
         assert answer in bench.give(ControlRequested(B, True, False, 10.0, B))
         assert (bench.arbiter.view.commander, bench.arbiter.view.partner) == (A, None)
 

@@ -138,7 +138,7 @@ TABLE: list[tuple[str, ControlRequested, ControlFacts, ControlDecision]] = [
     ("gives to another version", asks(A, give_to=B), replace(GROUND, unfit=Reason.VERSION_DIFFERS),
      no(ANOTHER_VERSION)),
     ("gives out of its zone", asks(A, give_to=B), replace(FLYING, in_zone=False),
-     no("the aircraft is outside its zone")),
+     no("the aircraft is outside the zone of GCSB")),
     # the commander lets go
     ("releases on the ground", releases(A), GROUND, yes(Effect.RELEASE)),
     ("releases in flight", releases(A), FLYING, yes(Effect.OFFER)),
@@ -171,9 +171,9 @@ TABLE: list[tuple[str, ControlRequested, ControlFacts, ControlDecision]] = [
     ("asks, unfit", asks(B), replace(FLYING, unfit=Reason.MISSION_DIFFERS), no(ANOTHER_MISSION)),
     ("asks, unfit, takeover allowed", asks(B), replace(FLYING, unfit=Reason.PARTNER_SILENT, takeover_allowed=True),
      no(NOT_HEARD)),
-    ("asks out of its zone", asks(B), replace(FLYING, in_zone=False), no("the aircraft is outside its zone")),
+    ("asks out of its zone", asks(B), replace(FLYING, in_zone=False), no("the aircraft is outside the zone of GCSB")),
     ("asks out of its zone, takeover allowed", asks(B), replace(FLYING, in_zone=False, takeover_allowed=True),
-     no("the aircraft is outside its zone")),
+     no("the aircraft is outside the zone of GCSB")),
     ("asks for a third", asks(B, give_to=C), FLYING, THIRD),
     ("asks for a third, takeover allowed", asks(B, give_to=C), replace(FLYING, takeover_allowed=True), THIRD),
     ("asks for the commander", asks(B, give_to=A), FLYING, THIRD),
@@ -195,7 +195,7 @@ TABLE: list[tuple[str, ControlRequested, ControlFacts, ControlDecision]] = [
     ("asks after the loss, takeover was allowed", asks(B), replace(LOST, takeover_allowed=True),
      ControlDecision(PENDING, Effect.FORCE)),
     ("asks after the loss, out of its zone", asks(B), replace(LOST, in_zone=False),
-     no("the aircraft is outside its zone")),
+     no("the aircraft is outside the zone of GCSB")),
     ("asks after the loss, another is at it", asks(B), replace(LOST, waiting_for=C), SECOND_WAITER),
     ("asks after the loss, is at it", asks(B), replace(LOST, waiting_for=B), ControlDecision(PENDING)),
     ("asks just after a restart", asks(B), RESTARTED, AWAITED),
@@ -588,7 +588,7 @@ class TestRelease:
         bench.give(releases(A))
         bench.autopilot_says(armed=True, flying=True)
         assert [fly.reason for fly in bench.flights()] == [Reason.COMMANDER_LOST]
-        assert answers(bench.give(asks(B))) == [ControlAnswer(B, DENIED, "the aircraft is outside its zone")]
+        assert answers(bench.give(asks(B))) == [ControlAnswer(B, DENIED, "the aircraft is outside the zone of GCSB")]
         bench.position(inside(A), inside(B))
         assert answers(bench.give(asks(B))) == [ControlAnswer(B, DENIED, "there is no commander to follow")]
 

@@ -182,7 +182,7 @@ class TestAsInFlight:
     def test_a_request_is_judged_as_in_flight(self) -> None:
         bench = carried()
         answers = bench.give(ControlRequested(B, True, False, 10.0, B))
-        assert ControlAnswer(B, ControlResult.DENIED, "the aircraft is outside its zone") in answers
+        assert ControlAnswer(B, ControlResult.DENIED, "the aircraft is outside the zone of GCSB") in answers
 
     def test_released_it_stays_with_its_commander(self) -> None:
         bench = carried()

@@ -366,7 +366,7 @@ class TestBetweenTwo:
         bench = made.on_mission(*ALL)
         bench.give(bench.request(A, takeover=True))
         (answer,) = answers(bench.give(bench.request(B)))
-        assert answer == ControlAnswer(B, ControlResult.DENIED, "the aircraft is outside its zone")
+        assert answer == ControlAnswer(B, ControlResult.DENIED, "the aircraft is outside the zone of GCSB")
 
     def test_a_zone_that_calls_need_not_ask_either(self, made: Made) -> None:
         bench = made.on_mission(*ALL)

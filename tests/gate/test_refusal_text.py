@@ -312,8 +312,8 @@ def test_what_the_name_of_a_frame_leaves_open_and_the_commands_of_the_thesis(
 
 
 def test_the_operator_reads_how_to_lift_a_limit() -> None:
-    assert how_to_lift(Limit.ENERGY, None) == "To lift it: handover override energy"
-    assert how_to_lift(Limit.FENCE, 2.0) == "Send it again in 2 s to insist, or handover override fence"
+    assert how_to_lift(Limit.ENERGY, None) == "To lift it, type 'handover override energy'"
+    assert how_to_lift(Limit.FENCE, 2.0) == "To insist, send it again after 2 s, or type 'handover override fence'"
 
 
 @pytest.mark.parametrize(

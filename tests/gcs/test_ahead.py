@@ -181,7 +181,7 @@ class TestAnswer:
         core = asked()
         later = replace(BORDER, crossing=2)
         tell(core, NOW + 9.0, key=later)
-        text = "Another question has just taken its place: GCSA -> GCSB. Answer that."
+        text = "Your answer was not used: the question has changed to GCSA -> GCSB. Answer again."
         assert core.handle(Answer(True), NOW + 9.5) == [Notice("question", text)]
         assert words(core.handle(Answer(True), NOW + 11.0)) == [ToVehicle(OkAhead(later))]
 

@@ -824,7 +824,7 @@ class TestCrossing:
     @pytest.mark.parametrize("yes", [True, False])
     def test_it_is_not_taken(self, yes: bool) -> None:
         core = self.asked_twice()
-        text = "Another question has just taken its place: GCSA -> GCSC. Answer that."
+        text = "Your answer was not used: the question has changed to GCSA -> GCSC. Answer again."
         assert core.handle(Answer(yes), NOW + 10.9) == [Notice("question", text)]
         assert core.question == self.NEXT
         consent = OkHandover(self.NEXT) if yes else OkHandover(self.NEXT, Consent.DENIED, Reason.OPERATOR)

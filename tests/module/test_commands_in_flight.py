@@ -94,7 +94,7 @@ def test_a_target_outside_is_answered_with_the_reason(
     assert passed(flown) == 0
     assert flown.a.acks(REPOSITION) == [REJECTED]
     assert flown.a.texts().startswith(words)
-    assert flown.a.texts().endswith(f". Send it again in 10 s to insist, or handover override {limit}")
+    assert flown.a.texts().endswith(f". To insist, send it again after 10 s, or type 'handover override {limit}'")
     (entry,) = flown.journal("command_refused")
     assert (entry["station"], entry["limits"]) == ("GCSA", [limit])
     (refused,) = flown.journal("refused")
@@ -341,7 +341,7 @@ def test_a_stream_of_targets_outside_is_dropped_and_told_once_in_a_while(flown: 
     assert passed(flown, "SET_POSITION_TARGET_GLOBAL_INT") == 0
     assert flown.a.texts().count("target refused: leaves coverage") == 1
     assert "insist" not in flown.a.texts(), "a stream lifts nothing"
-    assert flown.a.texts().endswith(". To lift it: handover override coverage")
+    assert flown.a.texts().endswith(". To lift it, type 'handover override coverage'")
     flown.a.send(target((52.6785, 5.9240)))
     flown.run(0.3)
     assert passed(flown, "SET_POSITION_TARGET_GLOBAL_INT") == 1
@@ -380,7 +380,8 @@ def test_to_follow_another_system_is_refused_for_nobody_knows_where_it_leads(flo
         flown.run(0.3)
     assert passed(flown, "SET_MODE") == passed(flown, "COMMAND_LONG") == 0
     words = (
-        "FOLLOW refused: where it leads is not known. Send it again in 10 s to insist, or handover override coverage"
+        "FOLLOW refused: where it leads is not known. "
+        "To insist, send it again after 10 s, or type 'handover override coverage'"
     )
     assert flown.a.texts() == words
     flown.wait(10.0)
@@ -489,7 +490,10 @@ def test_what_hovers_is_judged_by_its_circle_too_for_it_flies_there_on_its_wings
 def test_above_the_ceiling_of_the_fence_no_target_of_wings_passes(dike: Bench) -> None:
     assert circles(dike, 1000.0, alt_m=250.0)
     assert not circles(dike, 1000.0, alt_m=251.0)
-    assert dike.a.texts() == f"target refused: {CEILING}. Send it again in 10 s to insist, or handover override fence"
+    assert (
+        dike.a.texts()
+        == f"target refused: {CEILING}. To insist, send it again after 10 s, or type 'handover override fence'"
+    )
 
 
 @pytest.mark.parametrize("command", [CHANGE_ALTITUDE, GUIDED_ALTITUDE])
@@ -691,7 +695,8 @@ def test_it_may_not_climb_or_come_down_slower_than_is_counted(
     flown.a.command(SPEED, kind, slow, -1)
     flown.run(0.3)
     assert flown.a.texts().startswith(
-        f"speed refused: slower than the {enough:g} m/s that the energy is calculated with. Send it again in 10 s"
+        f"speed refused: slower than the {enough:g} m/s that the energy is calculated with. "
+        "To insist, send it again after 10 s"
     )
     flown.a.command(SPEED, kind, enough, -1)
     flown.run(0.3)
@@ -834,7 +839,7 @@ def test_a_command_that_cannot_be_judged_is_refused(
     fly_to(flown, (52.6785, 5.9240))
     assert passed(flown) == 0
     assert flown.a.acks(REPOSITION) == [REJECTED]
-    words = f"target refused: {limit} cannot be judged: internal fault. Send it again in 10 s to insist"
+    words = f"target refused: {limit} cannot be judged: internal fault. To insist, send it again after 10 s"
     assert words in flown.a.texts()
     assert flown.companion.faults["judging a command"] == 1
     assert not flown.companion.failed

@@ -33,7 +33,7 @@ START, ARM = mavlink.MAV_CMD_MISSION_START, mavlink.MAV_CMD_COMPONENT_ARM_DISARM
 REJECTED = mavlink.MAV_RESULT_TEMPORARILY_REJECTED
 TOO_LITTLE = "energy: 79.5 Wh are needed with the reserve, 75.6 Wh are left"
 #: how whoever means it has it carried out
-LIFTS = ". Send it again in 10 s to insist, or handover override energy"
+LIFTS = ". To insist, send it again after 10 s, or type 'handover override energy'"
 
 
 @pytest.fixture
@@ -575,7 +575,7 @@ def test_a_fault_of_before_take_off_silences_no_decision_in_flight(
         bench.wait(3.0)
         if policy == "refuse":
             assert refused(bench).endswith(
-                "START refused: energy: internal fault. To lift it: handover override energy"
+                "START refused: energy: internal fault. To lift it, type 'handover override energy'"
             )
             for _ in range(2):
                 bench.wait(12.0)

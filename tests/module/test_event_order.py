@@ -86,7 +86,7 @@ def test_a_return_to_another_place_is_ordered_after_the_place_is_written_and_tol
     bench.wait(3.0)
     assert modes(bench) == [RTL]
     assert texts(bench, "fly") == ["the autopilot flies RTL"]
-    assert [text.partition(":")[0] for text in texts(bench, "decision")] == ["RETURN to home"]
+    assert [text.partition(".")[0] for text in texts(bench, "decision")] == ["RETURN to home"]
 
 
 def test_a_start_that_ends_with_its_commander_is_over_for_the_rules_too(ready: Bench) -> None:

@@ -702,8 +702,8 @@ def test_a_package_of_another_station_counts_once_the_vehicle_announces_it(
     station.load()
     assert offered(station, delivery).result == mavlink.HANDOVER_PACKAGE_RESULT_RECEIVED
     assert station.mpstate.console.said(
-        "GCSB: Mission 'delivery' offered, f433d144: it counts once the vehicle has it, or after 'handover take "
-        "delivery'."
+        "GCSB: Mission 'delivery' (f433d144) offered. It is used when the vehicle flies it; "
+        "'handover take delivery' uses it now."
     )
     assert shown(station) == bytes(32)
     assert station.mpstate.type("handover share")[-1].endswith("set mission in [station].")

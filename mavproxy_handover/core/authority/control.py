@@ -168,7 +168,7 @@ def _cannot_take(facts: ControlFacts, *, busy: bool) -> ControlDecision | None:
     if not facts.grounded and not facts.position_known:
         return _denied("no position of the aircraft")
     if not facts.grounded and not facts.in_zone:
-        return _denied("the aircraft is outside its zone")
+        return _denied(f"the aircraft is outside the zone of {facts.name}")
     return None
 
 

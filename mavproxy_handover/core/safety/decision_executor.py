@@ -278,7 +278,12 @@ class DecisionExecutor:
         elif seen is Seen.AGAIN:
             if now >= self._again_at + _AGAIN_TOLD_S:
                 self._again_at = now
-                self._tell(f"{order.name} again. The autopilot is in {self._mode.name}", order, decision, actions)
+                self._tell(
+                    f"{order.name} is ordered again. The autopilot is still in {self._mode.name}",
+                    order,
+                    decision,
+                    actions,
+                )
             self._fly(order, Reason.NONE if decision is None else CAUSES[decision.cause].reason, now, actions)
         else:
             text = f"{order.name}: {seen.value}. The autopilot is in {self._mode.name}"
