@@ -429,7 +429,10 @@ def test_without_a_position_the_battery_goes_on_emptying(bench: Bench, box: Box,
     assert returned_at is not None
     assert 0.25 < returned_at < 0.9
     assert bench.autopilot.mode == RTL, "on its way back nothing is known, and it is not landed for that"
-    assert any(entry["text"].startswith("RETURN to home. Energy") for entry in bench.journal("decision"))
+    assert any(
+        entry["text"].startswith("RETURN to home. ") and "Wh left" in entry["text"]
+        for entry in bench.journal("decision")
+    )
 
 
 # ---- a hostile one --------------------------------------------------------------------------------------------------
