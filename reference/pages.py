@@ -9,8 +9,8 @@ from typing import Final
 
 from reference import ROOT
 from reference.configuration import configuration, mission
+from reference.exchange import messages
 from reference.locked import locked
-from reference.messages import messages
 from reference.parameters import parameters
 from reference.requirements import requirements
 from reference.typed import typed
