@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""`messages.md`, from the definitions of the dialect."""
+"""`exchange.md`, from the definitions of the dialect."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from xml.etree.ElementTree import Element
 from reference import ROOT
 from reference.markdown import cell, code, page, table
 
-__all__ = ["messages"]
+__all__ = ["exchange"]
 
 _WIRE = ROOT / "mavproxy_handover" / "wire"
 _STEP = re.compile(r"Step (\d), (.+?)[:.] (.+)")
@@ -29,7 +29,7 @@ _FILES = {
 }
 
 
-def messages() -> str:
+def exchange() -> str:
     """The page."""
     parts = [
         "What travels between vehicle and stations, from `mavproxy_handover/wire/handover.xml` and "
@@ -53,7 +53,7 @@ def messages() -> str:
             ]
         parts += ["### Messages", *(part for message in root.iter("message") for part in _message(message))]
         parts += ["### Values", *(part for enum in root.iter("enum") for part in _enum(enum))]
-    return page("Messages", *parts)
+    return page("What is exchanged", *parts)
 
 
 def _steps(root: Element) -> Iterator[tuple[int, str, str, str]]:

@@ -9,7 +9,7 @@ from typing import Final
 
 from reference import ROOT
 from reference.configuration import configuration, mission
-from reference.exchange import messages
+from reference.exchange import exchange
 from reference.locked import locked
 from reference.parameters import parameters
 from reference.requirements import requirements
@@ -22,8 +22,8 @@ FOLDER: Final = ROOT / "docs" / "reference"
 PAGES: Final[Mapping[str, Callable[[], str]]] = {
     "commands.md": typed,
     "configuration.md": configuration,
+    "exchange.md": exchange,
     "locked.md": locked,
-    "messages.md": messages,
     "mission.md": mission,
     "parameters.md": parameters,
     "requirements.md": requirements,

@@ -65,7 +65,7 @@ def test_every_command_is_told_and_every_option_has_a_meaning() -> None:
 
 
 def test_every_message_is_told_with_all_its_fields() -> None:
-    text = TEXTS["messages.md"]
+    text = TEXTS["exchange.md"]
     told = 0
     for name in ("handover.xml", "operator_control.xml"):
         root = ElementTree.parse(ROOT / "mavproxy_handover" / "wire" / name).getroot()
