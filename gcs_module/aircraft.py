@@ -40,6 +40,7 @@ from gcs_module.map_layer import Now, now_of
 from gcs_module.map_view import MapView, loaded_maps
 from gcs_module.mission_session import MissionSession
 from gcs_module.mission_transfer import MissionTransfer
+from gcs_module.notices import notice
 from gcs_module.route_watch import StationRouteWatch
 from gcs_module.station_resources import VehicleResources
 from gcs_module.texts import Texts
@@ -239,8 +240,7 @@ class Aircraft:
             return
         self.state.rerouted = changed
         if changed:
-            text = "The commander has changed the mission in flight: no route check here until it has landed."
-            self._notice(Notice("rerouted", text))
+            self._notice(notice("rerouted"))
         self._update_held_mission()
 
     def _on_rehearsal(self, rehearsal: bool) -> None:
@@ -342,7 +342,7 @@ class Aircraft:
         calls_itself = self.core.vehicle_name
         if self.of and calls_itself not in (self.of, self._other_name):
             self._other_name = calls_itself
-            self._notice(Notice("named", f"It calls itself {calls_itself!r}, the configuration {self.of!r}."))
+            self._notice(notice("other_name", calls_itself=calls_itself, configured=self.of))
 
     # ---- out ------------------------------------------------------------------------------------------------------
 

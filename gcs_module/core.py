@@ -40,9 +40,9 @@ from collections.abc import Collection
 from dataclasses import dataclass, replace
 from enum import Enum, IntEnum
 from math import ceil, inf
+from typing import Any
 
 from gcs_module.ahead import Ahead, EarlyConsent
-from gcs_module.alarms import Level
 from gcs_module.events import (
     Action,
     Answer,
@@ -59,6 +59,7 @@ from gcs_module.events import (
     Wish,
     WishAnswered,
 )
+from gcs_module.notices import notice
 from mavproxy_handover.core.authority.cures import ended
 from mavproxy_handover.core.authority.transfer_manager import READ_S
 from mavproxy_handover.core.common.messages import (
@@ -331,12 +332,12 @@ class StationCore:
         actions: list[Action] = []
         if not self._vehicle_lost and not self.vehicle_alive(now):
             self._vehicle_lost = True
-            actions.append(Notice("lost", f"{self.vehicle_name} is not heard any more."))
+            actions.append(notice("vehicle_lost", vehicle=self.vehicle_name))
         for peer in [peer for peer in self._peers_up if not self.peer_alive(peer, now)]:
             self._peers_up -= {peer}
-            actions.append(Notice("peer_lost", f"Ground link to {self.name(peer)} is down."))
+            actions.append(notice("peer_down", station=self.name(peer)))
         if self._early_consent.expire(now):
-            actions.append(Notice("aborted", "The question is over: that border is not expected any more."))
+            actions.append(notice("ahead_over"))
         self._count_down(now, actions)
         return actions
 
@@ -355,11 +356,13 @@ class StationCore:
         due = [at for at in self.LEFT_S if left_s <= at < asked.told_left_s]
         if due:
             asked.told_left_s = min(due)
-            keeps = "no station commands it" if self.commander is None else f"{self.name(self.commander)} keeps it"
-            ahead = isinstance(asked, Ahead)
-            what = "At the border you are asked again" if ahead else f"Without an answer {keeps}"
-            words = f"{ceil(max(0.0, left_s))} s left to answer: {self._in_words(asked.key)}."
-            actions.append(Notice("countdown", f"{words} {what}.{self._hint(Consent.WAITING)}"))
+            values: dict[str, Any] = {"left_s": ceil(max(0.0, left_s)), "stations": self._in_words(asked.key)}
+            if isinstance(asked, Ahead):
+                actions.append(notice("time_left_ahead", waits=True, **values))
+            elif self.commander is None:
+                actions.append(notice("time_left_no_commander", waits=True, **values))
+            else:
+                actions.append(notice("time_left", waits=True, commander=self.name(self.commander), **values))
 
     # ---- the vehicle ----------------------------------------------------------------------------------------------
 
@@ -367,7 +370,7 @@ class StationCore:
         self._vehicle_heard = now
         if self._vehicle_lost:
             self._vehicle_lost = False
-            actions.append(Notice("connected", f"{self.vehicle_name} is connected."))
+            actions.append(notice("vehicle_found", vehicle=self.vehicle_name))
 
     def _on_vehicle(self, message: Message, now: float, actions: list[Action]) -> None:
         match message:
@@ -414,27 +417,19 @@ class StationCore:
         if self._part is not None and self._part.key.epoch < epoch:
             self._part = None  # the transfer is over, with any outcome, so its question is closed
         self._early_consent.end()
+        values: dict[str, Any] = {"vehicle": self.vehicle_name, "epoch": epoch}
         if commander is None and self.alone:
-            text = f"No station commands {self.vehicle_name}: it crosses a gap that its mission declares."
-            notice = Notice("authority", text)
+            actions.append(notice("in_gap", **values))
         elif commander is None and over and self.phase is not Phase.ON_LOAD:
-            take = "When it is in your zone, type 'handover request' to take over."
-            text = f"No station commands {self.vehicle_name}. {take}"
-            notice = Notice("no_commander", text)
+            actions.append(notice("no_commander", **values))
         elif self.role is before:
-            notice = Notice("authority", f"{self.name(commander)} commands, epoch {epoch}.")
+            actions.append(notice("commands", station=self.name(commander), **values))
         elif self.role is Role.COMMANDER:
-            text = f"I have {self.vehicle_name}: {self._station.name} is the commander now, epoch {epoch}."
-            notice = Notice("control_gained", text)
-            if forced:
-                words = "Its commander was lost. 'handover give STATION' or 'handover release' passes it on."
-                notice = Notice("control_gained", f"{text} {words}", Level.WARNING)
+            actions.append(notice("gained_forced" if forced else "gained", station=self._station.name, **values))
         elif commander is not None:
-            has = f"{self.name(commander)} has {self.vehicle_name}"
-            notice = Notice("control_lost", f"{has}: {self.name(commander)} commands now, epoch {epoch}.")
+            actions.append(notice("passed_on", station=self.name(commander), **values))
         else:
-            notice = Notice("control_lost", f"no station commands now, epoch {epoch}.")
-        actions.append(notice)
+            actions.append(notice("no_commander_now", **values))
 
     def _drop_invalid_epoch(self, epoch: int) -> None:
         """The vehicle sends `epoch`. If only the epoch known here is above EPOCH_MAX, start afresh."""
@@ -447,12 +442,12 @@ class StationCore:
         self._answer_until = now + event.answer_left_s
         self.alone = event.alone
         if event.phase is Phase.EMERGENCY and self._early_consent.end():
-            actions.append(Notice("aborted", "The question is over: there is an emergency."))
+            actions.append(notice("ahead_emergency"))
         if event.phase is not self.phase:
             self.phase = event.phase
             phase = event.phase.name.replace("_", " ").lower()
             if event.phase is not Phase.EMERGENCY:  # the decision tells what is wrong and what is done
-                actions.append(Notice("phase", f"{self.vehicle_name} is {phase}."))
+                actions.append(notice("phase", vehicle=self.vehicle_name, phase=phase))
         self._on_zone(event, actions)
         self.partner = event.partner
         self._announced = None
@@ -471,17 +466,16 @@ class StationCore:
         commander, flying = event.commander, event.phase is not Phase.ON_LOAD
         ending = flying and commander is not None and event.zone == commander and event.zone_ends_s <= self.ENDS_S
         if ending and self._zone_ending != commander:
-            text = f"The zone of {self.name(commander)} ends in {event.zone_ends_s:.0f} s."
-            actions.append(Notice("zone_ends", text))
+            actions.append(notice("zone_ends", station=self.name(commander), left_s=event.zone_ends_s))
         if ending:
             self._zone_ending = commander
         elif event.zone != commander or event.zone_ends_s > self.AGAIN_S:
             self._zone_ending = None
         left = self._zone == commander and commander is not None and event.zone != commander
         if flying and left and commander == self.commander:
-            there = f"it is in the zone of {self.name(event.zone)}" if event.zone else "it is in no zone"
-            text = f"{self.vehicle_name} has left the zone of {self.name(commander)}: {there}."
-            actions.append(Notice("zone_left", text))
+            values: dict[str, Any] = {"vehicle": self.vehicle_name, "station": self.name(commander)}
+            there = "zone_left" if event.zone else "zones_left"
+            actions.append(notice(there, other=self.name(event.zone), **values))
         self._zone = event.zone
 
     def _supersede(self, handover_id: int, epoch: int, actions: list[Action]) -> None:
@@ -491,7 +485,7 @@ class StationCore:
             return
         self._part = None
         if part.consent is Consent.WAITING:
-            actions.append(Notice("aborted", f"Handover {part.key.handover_id} is over."))
+            actions.append(notice("superseded", number=part.key.handover_id))
 
     def _on_result(self, message: HandoverResult, actions: list[Action]) -> None:
         key, aborted = message.key, message.outcome is Outcome.ABORTED
@@ -501,7 +495,7 @@ class StationCore:
             self._part = None
             if aborted:
                 why = ended(message.reason, self.name(key.from_station), self.name(key.to_station))
-                actions.append(Notice("aborted", f"Handover {key.handover_id} aborted: {why}"))
+                actions.append(notice("aborted", number=key.handover_id, why=why))
         self.partner = None
         self._update_authority(message.commander, key.epoch, actions, over=True)
         actions.append(ToVehicle(self._connect_ack(0)))
@@ -556,13 +550,16 @@ class StationCore:
         assert ahead is not None
         actions.append(ToVehicle(OkAhead(key, ahead.consent)))
         if new:
-            words = f"Handover {self._in_words(key)} of {self.vehicle_name} in {message.in_s:.0f} s."
-            event = ("requested" if partner else "asked") if ahead.waits else "ahead"
-            actions.append(Notice(event, words + self._hint(ahead.consent)))
+            name = ("ahead_to_take" if partner else "ahead_to_give") if ahead.waits else "ahead"
+            values: dict[str, Any] = {
+                "stations": self._in_words(key),
+                "vehicle": self.vehicle_name,
+                "in_s": message.in_s,
+            }
+            actions.append(notice(name, waits=ahead.consent is Consent.WAITING, **values))
         if ahead.other is Consent.DENIED and other is not Consent.DENIED:
             denies = self.name(key.from_station if partner else key.to_station)
-            text = f"{denies} has denied the handover {self._in_words(key)}."
-            actions.append(Notice("ahead", text, Level.ADVISORY))
+            actions.append(notice("ahead_denied", station=denies, stations=self._in_words(key)))
 
     def _on_request(self, message: HandoverRequest, now: float, actions: list[Action]) -> None:
         key = message.key
@@ -572,18 +569,14 @@ class StationCore:
         part.forced = message.reason is Reason.COMMANDER_LOST
         consent = part.consent
         if new:
-            what = f"Handover requested{_about(message.reason)}"
-            text = f"{what}: {self.name(key.from_station)} -> {self._station.name}."
-            event = "requested" if consent is Consent.WAITING else "announced"
-            actions.append(Notice(event, text + self._hint(consent)))
+            waits = consent is Consent.WAITING
+            stations = f"{self.name(key.from_station)} -> {self._station.name}"
+            name = "to_take" if waits else "takes"
+            actions.append(notice(name, waits=waits, why=_about(message.reason), stations=stations))
         self._send_readiness(key, consent, now, actions)
 
     def _in_words(self, key: TransferKey | CrossingKey) -> str:
         return f"{self.name(key.from_station)} -> {self.name(key.to_station)}"
-
-    @staticmethod
-    def _hint(consent: Consent) -> str:
-        return " Type 'handover accept' or 'handover deny'." if consent is Consent.WAITING else ""
 
     def _send_readiness(self, key: TransferKey, consent: Consent, now: float, actions: list[Action]) -> None:
         reason = Reason.OPERATOR if consent is Consent.DENIED else Reason.NONE
@@ -601,7 +594,7 @@ class StationCore:
         """Tell the operator how the commander is informed. A commander that is lost is not."""
         if not part.forced and self.commander == part.key.from_station:
             way = "over the ground link" if ground else "by the vehicle"
-            actions.append(Notice("told", f"{self.name(part.key.from_station)} is told {way}: {what}."))
+            actions.append(notice("commander_told", station=self.name(part.key.from_station), way=way, what=what))
 
     def _on_connect_handover(self, message: ConnectHandover, now: float, actions: list[Action]) -> None:
         key = message.key
@@ -620,7 +613,7 @@ class StationCore:
         actions.append(ToVehicle(word))
         if not part.connected:
             part.connected = True
-            actions.append(Notice("set_up", "Set up as commander: Drone Connected."))
+            actions.append(notice("set_up"))
             self._tell_commander_informed(part, "Drone Connected", ground, actions)
 
     # ---- as commander ---------------------------------------------------------------------------------------------
@@ -630,7 +623,7 @@ class StationCore:
         self._peers_heard[peer] = now
         if not was_up:
             self._peers_up |= {peer}
-            actions.append(Notice("peer", f"Ground link to {self.name(peer)} is up."))
+            actions.append(notice("peer_up", station=self.name(peer)))
 
     def _on_peer(self, peer: int, message: Message, now: float, actions: list[Action]) -> None:
         if not isinstance(message, (OnHandover, DroneConnected)) or message.key.to_station != peer:
@@ -660,15 +653,15 @@ class StationCore:
         actions.append(ToVehicle(self._ok_handover(key, consent)))
         if not new:
             return
-        text = f"{self.name(key.to_station)} is ready to take {self.vehicle_name}{_about(message.reason)}."
+        station, why = self.name(key.to_station), _about(message.reason)
         if consent is Consent.GRANTED:
-            actions.append(Notice("told", text))
-            actions.append(Notice("consent", "Handover Authorized."))
+            actions.append(notice("gives", station=station, vehicle=self.vehicle_name, why=why))
+            actions.append(notice("authorized"))
             return
         if consent is Consent.DENIED:
-            actions.append(Notice("consent", "Handover Denied, as answered beforehand."))
+            actions.append(notice("denied_before"))
             return
-        actions.append(Notice("asked", text + self._hint(consent)))
+        actions.append(notice("to_give", waits=True, station=station, vehicle=self.vehicle_name, why=why))
 
     def _release(self, key: TransferKey, actions: list[Action]) -> None:
         """The partner has connected: send DISCONNECT_HANDOVER if this station has consented."""
@@ -678,7 +671,7 @@ class StationCore:
         actions.append(ToVehicle(DisconnectHandover(key)))
         if not part.connected:
             part.connected = True
-            actions.append(Notice("released", f"{self.name(key.to_station)} has the drone: Disconnect."))
+            actions.append(notice("released", station=self.name(key.to_station)))
 
     @staticmethod
     def _ok_handover(key: TransferKey, consent: Consent) -> OkHandover:
@@ -711,12 +704,11 @@ class StationCore:
     def _on_answer(self, yes: bool, now: float, actions: list[Action]) -> None:
         asked = self._asked()
         if asked is None and not self._change_early_answer(yes, actions):
-            actions.append(Notice("question", "There is no question to answer."))
+            actions.append(notice("no_question"))
         if asked is None:
             return
         if now < self._read_until:
-            text = f"Your answer was not used: the question has changed to {self._in_words(asked.key)}. Answer again."
-            actions.append(Notice("question", text))
+            actions.append(notice("other_question", stations=self._in_words(asked.key)))
             return
         if isinstance(asked, Ahead):
             self._answer_ahead(asked, yes, actions)
@@ -734,15 +726,14 @@ class StationCore:
     def _answer_ahead(self, ahead: Ahead, yes: bool, actions: list[Action]) -> None:
         """Store and send the operator's answer to the question about the border ahead."""
         ahead.consent = Consent.GRANTED if yes else Consent.DENIED
-        words = "accepted" if yes else "denied"
-        text = f"{self._in_words(ahead.key)} {words} beforehand; 'handover {'deny' if yes else 'accept'}' changes that."
-        actions.append(Notice("consent", text))
+        answer, other = ("accepted", "deny") if yes else ("denied", "accept")
+        actions.append(notice("ahead_answered", stations=self._in_words(ahead.key), answer=answer, other=other))
         actions.append(ToVehicle(OkAhead(ahead.key, ahead.consent)))
 
     def _answer_transfer(self, part: _Part, yes: bool, now: float, actions: list[Action]) -> None:
         """Store and send the operator's answer to the question of a transfer."""
         part.consent = Consent.GRANTED if yes else Consent.DENIED
-        actions.append(Notice("consent", "Handover Authorized." if yes else "Handover Denied."))
+        actions.append(notice("authorized" if yes else "denied"))
         if part.as_partner:
             self._send_readiness(part.key, part.consent, now, actions)
         else:

@@ -22,6 +22,7 @@ from typing import Any, Final
 from pymavlink.dialects.v20 import handover as mavlink
 
 from gcs_module.events import Notice
+from gcs_module.notices import notice
 from mavproxy_handover.core.safety.route import RouteCheck, RouteLimits, TrackFact
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.mission.track import Motion, RouteTracker
@@ -95,8 +96,8 @@ class StationRouteWatch:
         news = self._check.update(self.track, now)
         if news is None:
             return None
-        text = f"{news.text[:1].upper()}{news.text[1:]}, as this station sees it."
-        return Notice("off_route" if news.off else "on_route", text)
+        text = f"{news.text[:1].upper()}{news.text[1:]}"
+        return notice("off_route" if news.off else "on_route", news=text)
 
 
 def _motion(lat: int, lon: int, north_mps: float, east_mps: float, waypoint: int, on_mission: bool) -> Motion:

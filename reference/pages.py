@@ -11,6 +11,7 @@ from reference import ROOT
 from reference.configuration import configuration, mission
 from reference.exchange import exchange
 from reference.locked import locked
+from reference.messages import messages
 from reference.parameters import parameters
 from reference.requirements import requirements
 from reference.typed import typed
@@ -24,6 +25,7 @@ PAGES: Final[Mapping[str, Callable[[], str]]] = {
     "configuration.md": configuration,
     "exchange.md": exchange,
     "locked.md": locked,
+    "messages.md": messages,
     "mission.md": mission,
     "parameters.md": parameters,
     "requirements.md": requirements,

@@ -29,7 +29,15 @@ def imported(path: Path) -> set[str]:
 
 def test_of_what_lies_beside_it_core_imports_what_is_as_pure_alone() -> None:
     beside = {name for name in imported(FOLDER / "core.py") if name.startswith((".", "gcs_module"))}
-    assert beside == {"gcs_module.ahead", "gcs_module.alarms", "gcs_module.events"}
+    assert beside == {"gcs_module.ahead", "gcs_module.events", "gcs_module.notices"}
+    assert imported(FOLDER / "notices.py") == {
+        "__future__",
+        "collections.abc",
+        "dataclasses",
+        "gcs_module.alarms",
+        "gcs_module.events",
+        "typing",
+    }
 
 
 def test_what_is_said_beforehand_is_judged_by_the_rules_words_alone() -> None:

@@ -1,0 +1,195 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The table of the sentences that a station's rules tell its operator, with meaning and action of each.
+
+`docs/reference/messages.md` is made from it. A rule names a row and its values: `notice("vehicle_lost", vehicle=...)`.
+Pure, as `core` is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+from gcs_module.alarms import EVENTS, Level
+from gcs_module.events import Notice
+
+__all__ = ["NOTICES", "QUESTION", "Row", "notice"]
+
+#: the end of a sentence that asks the operator
+QUESTION: Final = " Type 'handover accept' or 'handover deny'."
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One sentence. `event`: a key of `alarms.EVENTS`; `level`: instead of that event's, None: the event's."""
+
+    event: str
+    template: str
+    meaning: str
+    action: str
+    level: Level | None = None
+
+    @property
+    def gravity(self) -> Level:
+        """The level of the line."""
+        return EVENTS[self.event] if self.level is None else self.level
+
+
+_NOTHING: Final = "Nothing."
+
+#: id -> row, in the order of a flight
+NOTICES: Final[Mapping[str, Row]] = {
+    "vehicle_found": Row(
+        "connected", "{vehicle} is connected.",
+        "The station receives the heartbeat of the companion.", _NOTHING),
+    "vehicle_lost": Row(
+        "lost", "{vehicle} is not heard any more.",
+        "The station has received no heartbeat of the companion for 5 s. What it shows of the aircraft is old.",
+        "Check link and antenna. The aircraft acts by itself if its commander is lost."),
+    "other_name": Row(
+        "named", "It calls itself {calls_itself!r}, the configuration {configured!r}.",
+        "The vehicle has another name than the station's file gives it.",
+        "Check that it is the right aircraft. Correct the name in the file."),
+    "peer_up": Row(
+        "peer", "Ground link to {station} is up.",
+        "The two stations hear each other directly.", _NOTHING),
+    "peer_down": Row(
+        "peer_lost", "Ground link to {station} is down.",
+        "The other station has not been heard for 3 s. A handover still works by the vehicle.",
+        "Check the network between the stations."),
+    "commands": Row(
+        "authority", "{station} commands, epoch {epoch}.",
+        "The vehicle names its commander.", _NOTHING),
+    "gained": Row(
+        "control_gained", "I have {vehicle}: {station} is the commander now, epoch {epoch}.",
+        "This station has authority.", "Fly the aircraft."),
+    "gained_forced": Row(
+        "control_gained",
+        "I have {vehicle}: {station} is the commander now, epoch {epoch}. Its commander was lost. "
+        "'handover give STATION' or 'handover release' passes it on.",
+        "This station has authority after a forced handover. Its operator was not asked.",
+        "Fly the aircraft, or pass it on with one of the two commands.", Level.WARNING),
+    "passed_on": Row(
+        "control_lost", "{station} has {vehicle}: {station} commands now, epoch {epoch}.",
+        "Another station has authority. Commands of this one are refused.", _NOTHING),
+    "no_commander_now": Row(
+        "control_lost", "no station commands now, epoch {epoch}.",
+        "This station has lost authority, and no other station has it.",
+        "'handover request', if the aircraft is in your zone."),
+    "no_commander": Row(
+        "no_commander",
+        "No station commands {vehicle}. 'handover request' takes over when it is in your zone.",
+        "The commander is lost or has released the aircraft in flight. By default it comes home.",
+        "'handover request', if the aircraft is in your zone. Else watch it."),
+    "in_gap": Row(
+        "authority", "No station commands {vehicle}: it crosses a gap that its mission declares.",
+        "The mission declares a gap in coverage here. The aircraft flies on alone.",
+        "Wait until it comes out of the gap."),
+    "phase": Row(
+        "phase", "{vehicle} is {phase}.",
+        "The phase of the flight has changed: on load, on mission or on handover.", _NOTHING),
+    "zone_ends": Row(
+        "zone_ends", "The zone of {station} ends in {left_s:.0f} s.",
+        "The route leaves the zone of the commander.", "Expect a handover."),
+    "zone_left": Row(
+        "zone_left", "{vehicle} has left the zone of {station}: it is in the zone of {other}.",
+        "The commander's zone does not hold the aircraft any more.",
+        "'handover request' at the station of the zone that holds it."),
+    "zones_left": Row(
+        "zone_left", "{vehicle} has left the zone of {station}: it is in no zone.",
+        "No zone holds the aircraft. By default it comes home if this lasts.", "Watch it."),
+    "ahead": Row(
+        "ahead", "Handover {stations} of {vehicle} in {in_s:.0f} s.",
+        "The aircraft reaches the overlap of two zones. This station agrees by itself.", _NOTHING),
+    "ahead_to_take": Row(
+        "requested", "Handover {stations} of {vehicle} in {in_s:.0f} s.",
+        "The aircraft is about to reach your zone. You are asked whether you take it.",
+        "Read the briefing. Accept or deny."),
+    "ahead_to_give": Row(
+        "asked", "Handover {stations} of {vehicle} in {in_s:.0f} s.",
+        "The aircraft is about to reach the zone of the partner. You are asked whether it may take it.",
+        "Accept or deny."),
+    "ahead_denied": Row(
+        "ahead", "{station} has denied the handover {stations}.",
+        "The operator of the other station does not agree. The handover at the border is not possible.",
+        "Talk to that operator. Stop the aircraft, or change the route.", Level.ADVISORY),
+    "ahead_answered": Row(
+        "consent", "{stations} {answer} beforehand; 'handover {other}' changes that.",
+        "Your answer is stored, and used at the border.", "The named command, if you change your mind."),
+    "ahead_over": Row(
+        "aborted", "The question is over: that border is not expected any more.",
+        "The route does not lead to this border any more.", _NOTHING),
+    "ahead_emergency": Row(
+        "aborted", "The question is over: there is an emergency.",
+        "In an emergency no planned handover takes place.", "Follow the line about the emergency."),
+    "time_left_ahead": Row(
+        "countdown", "{left_s} s left to answer: {stations}. At the border you are asked again.",
+        "You have not answered the question about the handover ahead.", "Accept or deny."),
+    "time_left": Row(
+        "countdown", "{left_s} s left to answer: {stations}. Without an answer {commander} keeps it.",
+        "You have not answered the question. Without an answer there is no handover.", "Accept or deny."),
+    "time_left_no_commander": Row(
+        "countdown", "{left_s} s left to answer: {stations}. Without an answer no station commands it.",
+        "You have not answered the question, and no station has authority.", "Accept or deny."),
+    "to_take": Row(
+        "requested", "Handover requested{why}: {stations}.",
+        "The vehicle asks whether this station takes the aircraft.", "Read the briefing. Accept or deny."),
+    "takes": Row(
+        "announced", "Handover requested{why}: {stations}.",
+        "The vehicle asks whether this station takes the aircraft. The answer is known or automatic.", _NOTHING),
+    "to_give": Row(
+        "asked", "{station} is ready to take {vehicle}{why}.",
+        "The partner is ready. You are asked whether it may take the aircraft.", "Accept or deny."),
+    "gives": Row(
+        "told", "{station} is ready to take {vehicle}{why}.",
+        "The partner is ready. This station agrees by itself, or has agreed before.", _NOTHING),
+    "commander_told": Row(
+        "told", "{station} is told {way}: {what}.",
+        "This station informs the commander of a step of the handover.", _NOTHING),
+    "authorized": Row(
+        "consent", "Handover Authorized.",
+        "This station agrees to the handover.", _NOTHING),
+    "denied": Row(
+        "consent", "Handover Denied.",
+        "This station does not agree. Authority stays where it is.", _NOTHING),
+    "denied_before": Row(
+        "consent", "Handover Denied, as answered beforehand.",
+        "The operator denied this handover before the border was reached.", _NOTHING),
+    "set_up": Row(
+        "set_up", "Set up as commander: Drone Connected.",
+        "This station is ready to command; authority follows.", _NOTHING),
+    "released": Row(
+        "released", "{station} has the drone: Disconnect.",
+        "The partner is set up, and this station gives up authority.", _NOTHING),
+    "aborted": Row(
+        "aborted", "Handover {number} aborted: {why}",
+        "The handover did not take place. Authority stays where it was.", "Read the reason; it names the cure."),
+    "superseded": Row(
+        "aborted", "Handover {number} is over.",
+        "The vehicle has begun another handover, and the question of this one is closed.", _NOTHING),
+    "no_question": Row(
+        "question", "There is no question to answer.",
+        "You typed an answer, and no question waits.", "'handover status' shows what goes on."),
+    "other_question": Row(
+        "question", "Another question has just taken its place: {stations}. Answer that.",
+        "A new question came just before your answer. The answer was not used.",
+        "Read the new question, then answer it."),
+    "rerouted": Row(
+        "rerouted", "The commander has changed the mission in flight: no route check here until it has landed.",
+        "The aircraft flies another mission than the package's.", _NOTHING),
+    "off_route": Row(
+        "off_route", "{news}, as this station sees it.",
+        "The aircraft is not where its route leads, by the position that this station receives.",
+        "Look at mode, wind and position."),
+    "on_route": Row(
+        "on_route", "{news}, as this station sees it.",
+        "The aircraft is on its route again.", _NOTHING),
+}  # fmt: skip
+
+
+def notice(name: str, *, waits: bool = False, **values: object) -> Notice:
+    """A line for the operator and the journal. `name`: its row; `waits`: the operator has to answer."""
+    row = NOTICES[name]
+    return Notice(row.event, row.template.format(**values) + (QUESTION if waits else ""), row.level)
