@@ -239,7 +239,7 @@ class StationCommands:
         core, now = self._module.core, time.monotonic()
         asked = core.question is not None or core.asked_ahead is not None
         if asked and now - self._answered_at < _PRESS_S:
-            self._module.view.line("Your answer was not used: the question has changed. Read it, then answer again.")
+            self._module.view.line("Answer not used: a new question came first. Read it, then answer.")
             return
         if asked:
             self._answered_at = now

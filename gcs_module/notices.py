@@ -49,7 +49,9 @@ NOTICES: Final[Mapping[str, Row]] = {
         "The station has received no heartbeat of the companion for 5 s. What it shows of the aircraft is old.",
         "Check link and antenna. The aircraft acts by itself if its commander is lost."),
     "other_name": Row(
-        "named", "It calls itself {calls_itself!r}, the configuration {configured!r}.",
+        "named",
+        "The vehicle calls itself {calls_itself!r}, this station's file {configured!r}. "
+        "Check that it is the right one.",
         "The vehicle has another name than the station's file gives it.",
         "Check that it is the right aircraft. Correct the name in the file."),
     "peer_up": Row(
@@ -75,7 +77,7 @@ NOTICES: Final[Mapping[str, Row]] = {
         "control_lost", "{station} has {vehicle}: {station} commands now, epoch {epoch}.",
         "Another station has authority. Commands of this one are refused.", _NOTHING),
     "no_commander_now": Row(
-        "control_lost", "no station commands now, epoch {epoch}.",
+        "control_lost", "No station commands now, epoch {epoch}.",
         "This station has lost authority, and no other station has it.",
         "'handover request', if the aircraft is in your zone."),
     "no_commander": Row(
@@ -119,19 +121,19 @@ NOTICES: Final[Mapping[str, Row]] = {
         "consent", "{stations} {answer} beforehand; 'handover {other}' changes that.",
         "Your answer is stored, and used at the border.", "The named command, if you change your mind."),
     "ahead_over": Row(
-        "aborted", "The question is over: that border is not expected any more.",
+        "aborted", "Question withdrawn: the route does not lead to that border any more.",
         "The route does not lead to this border any more.", _NOTHING),
     "ahead_emergency": Row(
-        "aborted", "The question is over: there is an emergency.",
+        "aborted", "Question withdrawn: there is an emergency.",
         "In an emergency no planned handover takes place.", "Follow the line about the emergency."),
     "time_left_ahead": Row(
         "countdown", "{left_s} s left to answer: {stations}. At the border you are asked again.",
         "You have not answered the question about the handover ahead.", "Accept or deny."),
     "time_left": Row(
-        "countdown", "{left_s} s left to answer: {stations}. Without an answer {commander} keeps it.",
+        "countdown", "{left_s} s left to answer: {stations}. Without an answer {commander} keeps the aircraft.",
         "You have not answered the question. Without an answer there is no handover.", "Accept or deny."),
     "time_left_no_commander": Row(
-        "countdown", "{left_s} s left to answer: {stations}. Without an answer no station commands it.",
+        "countdown", "{left_s} s left to answer: {stations}. Without an answer no station commands the aircraft.",
         "You have not answered the question, and no station has authority.", "Accept or deny."),
     "to_take": Row(
         "requested", "Handover requested{why}: {stations}.",
@@ -173,7 +175,7 @@ NOTICES: Final[Mapping[str, Row]] = {
         "question", "There is no question to answer.",
         "You typed an answer, and no question waits.", "'handover status' shows what goes on."),
     "other_question": Row(
-        "question", "Another question has just taken its place: {stations}. Answer that.",
+        "question", "Answer not used: a new question came first, {stations}. Read it, then answer.",
         "A new question came just before your answer. The answer was not used.",
         "Read the new question, then answer it."),
     "rerouted": Row(

@@ -237,7 +237,7 @@ class TestWhoeverSaysIt:
         flown = network(early={}).run(45.0)
         core = flown.cores[B]
         texts = [action.text for action in core.tick(flown.now + 6.0) if isinstance(action, gcs.Notice)]
-        assert "The question is over: that border is not expected any more." in texts
+        assert "Question withdrawn: the route does not lead to that border any more." in texts
         assert core.asked_ahead is None
 
 

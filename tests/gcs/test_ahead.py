@@ -41,7 +41,7 @@ from tests.gcs.stations import KEY, NOW, A, B, C, from_vehicle, notices, partner
 BORDER = CrossingKey(A, B, 1, 3)
 HINT = " Type 'handover accept' or 'handover deny'."
 QUESTION = "Handover GCSA -> GCSB of drone in 30 s."
-OVER = Notice("aborted", "The question is over: that border is not expected any more.")
+OVER = Notice("aborted", "Question withdrawn: the route does not lead to that border any more.")
 GRANTED, DENIED, WAITING = Consent.GRANTED, Consent.DENIED, Consent.WAITING
 
 
@@ -181,7 +181,7 @@ class TestAnswer:
         core = asked()
         later = replace(BORDER, crossing=2)
         tell(core, NOW + 9.0, key=later)
-        text = "Your answer was not used: the question has changed to GCSA -> GCSB. Answer again."
+        text = "Answer not used: a new question came first, GCSA -> GCSB. Read it, then answer."
         assert core.handle(Answer(True), NOW + 9.5) == [Notice("question", text)]
         assert words(core.handle(Answer(True), NOW + 11.0)) == [ToVehicle(OkAhead(later))]
 
@@ -326,7 +326,7 @@ class TestTimeLeft:
         core = partner(asks=True)
         from_vehicle(core, HandoverRequest(KEY, Reason.ZONE))
         core.handle(AuthorityHeard(Phase.ON_HANDOVER, A, B, 3, 7, why=Reason.ZONE, answer_left_s=left_s), NOW)
-        words = f"{text} s left to answer: GCSA -> GCSB. Without an answer GCSA keeps it.{HINT}"
+        words = f"{text} s left to answer: GCSA -> GCSB. Without an answer GCSA keeps the aircraft.{HINT}"
         assert core.tick(NOW) == [Notice("countdown", words)]
         assert core.tick(NOW) == []
 
@@ -335,7 +335,7 @@ class TestTimeLeft:
         core.handle(AuthorityHeard(Phase.EMERGENCY, None, None, 3), NOW)
         from_vehicle(core, HandoverRequest(KEY, Reason.COMMANDER_LOST))
         core.handle(AuthorityHeard(Phase.EMERGENCY, None, B, 3, 7, answer_left_s=9.0), NOW)
-        text = f"9 s left to answer: GCSA -> GCSB. Without an answer no station commands it.{HINT}"
+        text = f"9 s left to answer: GCSA -> GCSB. Without an answer no station commands the aircraft.{HINT}"
         assert core.tick(NOW) == [Notice("countdown", text)]
 
 
@@ -347,7 +347,7 @@ class TestOver:
 
     def test_with_an_emergency_and_that_is_told_whom_was_asked(self) -> None:
         emergency = AuthorityHeard(Phase.EMERGENCY, A, None, 3)
-        told = Notice("aborted", "The question is over: there is an emergency.")
+        told = Notice("aborted", "Question withdrawn: there is an emergency.")
         core = asked()
         assert core.handle(emergency, NOW) == [told]
         assert core.handle(emergency, NOW) == []

@@ -124,7 +124,7 @@ class TestWhoCommands:
         assert notices(core.handle(AuthorityHeard(Phase.ON_MISSION, B, None, 3), NOW)) == []
         assert core.commander == A
         lost = core.handle(AuthorityHeard(Phase.ON_MISSION, None, None, 3), NOW)
-        text = "No station commands drone. When it is in your zone, type 'handover request' to take over."
+        text = "No station commands drone. 'handover request' takes over when it is in your zone."
         assert lost == [Notice("no_commander", text)]
         # a status from before the loss comes late
         assert core.handle(AuthorityHeard(Phase.ON_MISSION, A, None, 3), NOW) == []
@@ -136,7 +136,7 @@ class TestWhoCommands:
         core = station(A)
         waiting = AuthorityHeard(Phase.ON_MISSION, None, None, 4, recovering=True)
         back = AuthorityHeard(Phase.ON_MISSION, A, None, 4)
-        assert notices(core.handle(waiting, NOW)) == ["no station commands now, epoch 4."]
+        assert notices(core.handle(waiting, NOW)) == ["No station commands now, epoch 4."]
         assert core.role is Role.OBSERVER
         assert notices(core.handle(back, NOW)) == ["I have drone: GCSA is the commander now, epoch 4."]
         # a status of before comes late, over the slower of two links
@@ -730,7 +730,7 @@ class TestOperator:
             assert core.answer_left_s(now + 0.5) == left_s - 0.5
             core.handle(VehicleHeard(), now)
             told += [(second, each) for each in notices(core.tick(now)) if "left to answer" in each]
-        words = "s left to answer: GCSA -> GCSB. Without an answer GCSA keeps it."
+        words = "s left to answer: GCSA -> GCSB. Without an answer GCSA keeps the aircraft."
         hint = "Type 'handover accept' or 'handover deny'."
         assert told == [(19, f"10 {words} {hint}"), (24, f"5 {words} {hint}")]
 
@@ -824,7 +824,7 @@ class TestCrossing:
     @pytest.mark.parametrize("yes", [True, False])
     def test_it_is_not_taken(self, yes: bool) -> None:
         core = self.asked_twice()
-        text = "Your answer was not used: the question has changed to GCSA -> GCSC. Answer again."
+        text = "Answer not used: a new question came first, GCSA -> GCSC. Read it, then answer."
         assert core.handle(Answer(yes), NOW + 10.9) == [Notice("question", text)]
         assert core.question == self.NEXT
         consent = OkHandover(self.NEXT) if yes else OkHandover(self.NEXT, Consent.DENIED, Reason.OPERATOR)
@@ -1186,7 +1186,7 @@ class TestResult:
     def test_nobody_may_be_left_to_command(self) -> None:
         core = station(A)
         actions = from_vehicle(core, HandoverResult(KEY, None, Outcome.ABORTED, Reason.COMMANDER_LOST))
-        text = "No station commands drone. When it is in your zone, type 'handover request' to take over."
+        text = "No station commands drone. 'handover request' takes over when it is in your zone."
         assert Notice("no_commander", text) in actions
         assert core.commander is None
 

@@ -403,7 +403,8 @@ def test_a_vehicle_that_calls_itself_otherwise_is_told_once(fleet: Fleet) -> Non
     for _ in range(3):
         fleet.hear(2, connect(2, 251, name="albatross"))
         fleet.run(1.1)
-    assert len(fleet.lines("[drone-2 ONLOAD]: It calls itself 'albatross', the configuration 'drone-2'.")) == 1
+    said = "The vehicle calls itself 'albatross', this station's file 'drone-2'. Check that it is the right one."
+    assert len(fleet.lines(f"[drone-2 ONLOAD]: {said}")) == 1
 
 
 def test_grave_texts_of_the_autopilot_that_mavproxy_does_not_show_are_shown(fleet: Fleet) -> None:
