@@ -26,8 +26,9 @@ def messages() -> str:
         "Messages",
         "The sentences that a station tells its operator by its own rules, in the order of a flight. Values are in "
         f"capitals. The levels are {levels}. The [glossary](../glossary.md) explains the words.",
-        "Not on this page yet: refusals of the gate, errors of files and commands, the doctor, and the texts of "
-        "the guard. [Troubleshooting](../troubleshooting.md) has the most frequent ones.",
+        "Not on this page yet: lines about addresses, answers to typed commands, texts of the vehicle and refusals of "
+        "its gate, errors of files, the doctor, and the texts of the guard. "
+        "[Troubleshooting](../troubleshooting.md) has the most frequent ones.",
         "## Of the station",
         f"A line that waits for an answer ends with:{QUESTION}",
         table(("message", "level", "meaning", "what to do"), rows),
