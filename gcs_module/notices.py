@@ -82,7 +82,7 @@ NOTICES: Final[Mapping[str, Row]] = {
         "'handover request', if the aircraft is in your zone."),
     "no_commander": Row(
         "no_commander",
-        "No station commands {vehicle}. 'handover request' takes over when it is in your zone.",
+        "No station commands {vehicle}. When it is in your zone, type 'handover request' to take over.",
         "The commander is lost or has released the aircraft in flight. By default it comes home.",
         "'handover request', if the aircraft is in your zone. Else watch it."),
     "in_gap": Row(

@@ -610,7 +610,7 @@ def cases() -> Iterator[Case]:
 
 CASES = list(cases())
 
-#: Phase by phase: who commands, and who is about to. The aircraft is on the ground and armed.
+#: Phase by phase: who commands, and who is about to; on the ground and armed.
 VIEWS = [
     AuthorityView(Phase.ON_LOAD, None, None, 0, LeaseState.LOST),
     AuthorityView(Phase.ON_LOAD, GCSA, None, 1, LeaseState.HELD),

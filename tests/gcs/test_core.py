@@ -124,7 +124,7 @@ class TestWhoCommands:
         assert notices(core.handle(AuthorityHeard(Phase.ON_MISSION, B, None, 3), NOW)) == []
         assert core.commander == A
         lost = core.handle(AuthorityHeard(Phase.ON_MISSION, None, None, 3), NOW)
-        text = "No station commands drone. 'handover request' takes over when it is in your zone."
+        text = "No station commands drone. When it is in your zone, type 'handover request' to take over."
         assert lost == [Notice("no_commander", text)]
         # a status from before the loss comes late
         assert core.handle(AuthorityHeard(Phase.ON_MISSION, A, None, 3), NOW) == []
@@ -1186,7 +1186,7 @@ class TestResult:
     def test_nobody_may_be_left_to_command(self) -> None:
         core = station(A)
         actions = from_vehicle(core, HandoverResult(KEY, None, Outcome.ABORTED, Reason.COMMANDER_LOST))
-        text = "No station commands drone. 'handover request' takes over when it is in your zone."
+        text = "No station commands drone. When it is in your zone, type 'handover request' to take over."
         assert Notice("no_commander", text) in actions
         assert core.commander is None
 
