@@ -8,7 +8,7 @@ moment without stepping. ArduCopter's behaviour is modelled as far as it matters
 * AUTO: straight up, along the route, down at its end, or the return, which is a mode of its own as it is ArduPlane's. A
   pause brakes it; an aircraft that was carried off flies back.
 * RTL: up to the height of the return, straight to the one point of its rally list, which it reads when it begins, a
-  pause, down. A second order for it changes nothing; leaving RTL and ordering it again does. LAND. Straight down.
+  pause, down. A second order for it changes nothing; leaving RTL and ordering it again does. LAND: straight down.
 * Its own failsafes: a low and an empty battery (RTL, LAND), 8 s without a position (LAND), no heartbeat of the
   commander for 10 s (RTL), the fence (RTL). `world.py` decides when they act.
 
@@ -281,7 +281,7 @@ class Aircraft:
         self._next(now)
 
     def land(self, by: str, now: int) -> None:
-        """LAND. Straight down."""
+        """LAND: straight down."""
         if not self.flying or self.mode is Mode.LAND:
             return
         self._set(Mode.LAND, by, now)
