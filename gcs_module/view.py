@@ -15,6 +15,7 @@ from typing import Any, Final
 
 from gcs_module.alarms import LOOKS, Level
 from gcs_module.banner import Situation, age, banner, named, tag
+from gcs_module.speech import spoken
 
 __all__ = ["View", "alert", "plain_line", "telemetry_line", "telemetry_table"]
 
@@ -74,7 +75,7 @@ def alert(text: str, level: Level, speak: Callable[[str], None], ring: Callable[
     if look.bell:
         ring(_BELL)
     if look.spoken:
-        speak(text)
+        speak(spoken(text))
 
 
 def _row_name(now: Situation) -> str:
