@@ -122,7 +122,11 @@ def main(args: Sequence[str]) -> int:
             from mavproxy_handover.mission.picture import draw
 
             draw(package, Path(options.map), report.simulation)
-    except (MissionError, ConfigError) as error:
+    except MissionError as error:
+        for fault in error.faults:
+            print(f"handover check: {fault}", file=sys.stderr)
+        return 2
+    except ConfigError as error:
         print(f"handover check: {error}", file=sys.stderr)
         return 2
     return report.exit_code

@@ -11,22 +11,53 @@ from __future__ import annotations
 import difflib
 import json
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, NoReturn
 
 from mavproxy_handover.tools.key_table import Key
 
-__all__ = ["MissionError", "Where", "parse_json"]
+__all__ = ["Faults", "MissionError", "Where", "parse_json"]
 
 _SHOWN_LENGTH = 40
 
 
 class MissionError(ValueError):
-    """A mission package, or a part of it, is not usable. Its text is one line."""
+    """A mission package, or a part of it, is not usable. Its text is one line.
 
-    def __init__(self, message: str) -> None:
-        super().__init__(" ".join(message.split()))
+    `grave`: it takes away a safeguard. `faults`: the text of each fault, if several were found at once.
+    """
+
+    def __init__(self, message: str, *, grave: bool = False, faults: tuple[str, ...] = ()) -> None:
+        text = " ".join(message.split())
+        super().__init__(text)
+        self.grave = grave
+        self.faults = faults or (text,)
+
+
+class Faults:
+    """Collects the faults of a mission, so that all of them are told at once."""
+
+    def __init__(self) -> None:
+        self._found: list[MissionError] = []
+
+    @contextmanager
+    def noted(self) -> Iterator[None]:
+        """Note a MissionError that the block raises, and go on after the block."""
+        try:
+            yield
+        except MissionError as error:
+            self._found.append(error)
+
+    def raise_all(self) -> None:
+        """Raise MissionError if faults were noted: the gravest first, then in the order of the file."""
+        found = sorted(self._found, key=lambda error: not error.grave)
+        if not found:
+            return
+        faults = tuple(fault for error in found for fault in error.faults)
+        more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
+        raise MissionError(f"{faults[0]}{more}", grave=found[0].grave, faults=faults)
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,9 +71,9 @@ class Where:
         """The place `place` inside this one."""
         return Where(self.file, f"{self.place}, {place}" if self.place else place)
 
-    def error(self, problem: str) -> MissionError:
-        """An error here; the caller raises it."""
-        return MissionError(": ".join(part for part in (self.file, self.place, problem) if part))
+    def error(self, problem: str, *, grave: bool = False) -> MissionError:
+        """An error here; the caller raises it. `grave`: what is here takes away a safeguard."""
+        return MissionError(": ".join(part for part in (self.file, self.place, problem) if part), grave=grave)
 
     def number(self, value: object, name: str, low: float, high: float) -> float:
         """A finite number from `low` to `high`, both allowed."""
@@ -71,8 +102,16 @@ class Where:
             raise self.error(f"{name} is {_shown(value)} (allowed: {', '.join(words)})")
         return value
 
+    def flag(self, value: object, name: str) -> bool:
+        """True or false."""
+        if not isinstance(value, bool):
+            raise self.error(f"{name} is {_shown(value)} (allowed: true or false)")
+        return value
+
     def of_key(self, key: Key, value: object) -> Any:
-        """A value of a key that is a number, a whole number or one of some words."""
+        """A value of a key that is a number, a whole number, true or false, or one of some words."""
+        if key.kind is bool:
+            return self.flag(value, key.name)
         if key.words:
             return self.choice(value, key.name, key.words)
         assert key.limits is not None

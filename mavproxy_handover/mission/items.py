@@ -3,9 +3,8 @@
 """Mission items and rally points as they go to the autopilot, and what the autopilot keeps of them.
 
 `COMMANDS` lists the allowed commands of a mission package. Each entry has the parameters that ArduPilot stores and the
-kinds of aircraft that fly it. The list is shorter than the autopilot's own: commands that move home (DO_SET_HOME),
-switch the fence off, jump back along the route or hand the aircraft to another controller would make the check before
-flight worthless. DO_JUMP is in no package; in a mission that a station uploads on the ground it is walked (`jumps.py`).
+kinds of aircraft that fly it. The list is shorter than the autopilot's own: `refused_items.py` says which commands no
+mission may have, and why. DO_JUMP and DO_JUMP_TAG are walked (`jumps.py`).
 ArduCopter and ArduPlane share one mission storage, so each stores much that it then passes over in flight; what an
 aircraft would pass over is not for it.
 
@@ -27,6 +26,7 @@ __all__ = [
     "CHANGE_ALTITUDE",
     "CHANGE_SPEED",
     "COMMANDS",
+    "CONDITIONS",
     "DELAY",
     "FRAME_ABOVE_HOME",
     "FRAME_ABOVE_SEA",
@@ -34,6 +34,9 @@ __all__ = [
     "FRAME_NONE",
     "GRIPPER",
     "JUMP",
+    "JUMPS",
+    "JUMP_TAG",
+    "JUMP_TO_TAG",
     "LAND",
     "LANDINGS",
     "LAND_START",
@@ -84,10 +87,16 @@ JUMP = 177
 CHANGE_SPEED = 178
 LAND_START = 189
 GRIPPER = 211
+JUMP_TAG = 600
+JUMP_TO_TAG = 601
 VTOL_TRANSITION = 3000
 
 TAKEOFFS = frozenset((TAKEOFF, VTOL_TAKEOFF))
 LANDINGS = frozenset((LAND, VTOL_LAND))
+#: what follows one of these on the way waits for it
+CONDITIONS = frozenset((112, 114, 115))
+#: these go on with another item than the next one
+JUMPS = frozenset((JUMP, JUMP_TO_TAG))
 #: what wings fly as circles
 LOITERS = frozenset((LOITER_UNLIMITED, LOITER_TURNS, LOITER_TIME, LOITER_TO_ALTITUDE))
 
@@ -101,13 +110,15 @@ class Command:
     part up to 255, below 1 in parts of 256; `r`: a radius in metres up to 255, beyond that in tens of metres up to
     2550. `flown` marks the commands that move the aircraft or make it wait; the rest are done on the way. `located`
     commands carry a place. A profile says which commands its aircraft does not fly, and where its autopilot stores
-    something else.
+    something else. `numbered` commands have numbers where others have a place (parameters 5 to 7), and the autopilot
+    stores them.
     """
 
     name: str
     located: bool
     flown: bool
     kept: str
+    numbered: bool = False
 
 
 COMMANDS: Mapping[int, Command] = {
@@ -134,15 +145,30 @@ COMMANDS: Mapping[int, Command] = {
     182: Command("DO_REPEAT_RELAY", False, False, "iif-"),
     183: Command("DO_SET_SERVO", False, False, "ii--"),
     184: Command("DO_REPEAT_SERVO", False, False, "iiif"),
+    188: Command("DO_RETURN_PATH_START", True, False, "----"),
     LAND_START: Command("DO_LAND_START", True, False, "----"),
     195: Command("DO_SET_ROI_LOCATION", True, False, "----"),
     197: Command("DO_SET_ROI_NONE", False, False, "----"),
     201: Command("DO_SET_ROI", True, False, "i---"),
+    202: Command("DO_DIGICAM_CONFIGURE", False, False, "iiii", numbered=True),
+    203: Command("DO_DIGICAM_CONTROL", False, False, "iiii", numbered=True),
     205: Command("DO_MOUNT_CONTROL", False, False, "fff-"),
     206: Command("DO_SET_CAM_TRIGG_DIST", False, False, "f---"),
+    207: Command("DO_FENCE_ENABLE", False, False, "i---"),
+    208: Command("DO_PARACHUTE", False, False, "i---"),
     GRIPPER: Command("DO_GRIPPER", False, False, "ii--"),
+    216: Command("DO_SPRAYER", False, False, "i---"),
+    223: Command("DO_ENGINE_CONTROL", False, False, "bbf-"),
+    531: Command("SET_CAMERA_ZOOM", False, False, "if--"),
+    532: Command("SET_CAMERA_FOCUS", False, False, "if--"),
+    534: Command("SET_CAMERA_SOURCE", False, False, "iii-"),
+    JUMP_TAG: Command("JUMP_TAG", False, False, "i---"),
+    JUMP_TO_TAG: Command("DO_JUMP_TAG", False, False, "ii--"),
+    1000: Command("DO_GIMBAL_MANAGER_PITCHYAW", False, False, "iiii", numbered=True),
     2000: Command("IMAGE_START_CAPTURE", False, False, "ifii"),
     2001: Command("IMAGE_STOP_CAPTURE", False, False, "i---"),
+    2500: Command("VIDEO_START_CAPTURE", False, False, "i---"),
+    2501: Command("VIDEO_STOP_CAPTURE", False, False, "i---"),
     VTOL_TRANSITION: Command("DO_VTOL_TRANSITION", False, False, "i---"),
     42600: Command("DO_WINCH", False, False, "iiff"),
 }
@@ -152,7 +178,8 @@ COMMANDS: Mapping[int, Command] = {
 class MissionItem:
     """One mission item, fields as in MISSION_ITEM_INT (degrees and metres instead of scaled integers).
 
-    `seq` is its number in the autopilot, where 0 is home. `frame` is one of the FRAME values above.
+    `seq` is its number in the autopilot, where 0 is home. `frame` is one of the FRAME values above. Parameters 5 to 7
+    of a numbered command (`Command`) are stored as MISSION_ITEM_INT has them: `lat_deg` and `lon_deg` in 1e-7.
     """
 
     seq: int
@@ -238,6 +265,8 @@ def difference(sent: MissionItem, got: MissionItem, profile: Profile = ASSUMED) 
         want, have = _stored(ours, letter), _stored(theirs, letter)
         if not abs(want - have) <= 0.01 + 1e-6 * abs(want):
             return f"item {sent.seq}: parameter {number} {want:g} came back as {have:g}"
+    if command.numbered:
+        return _numbers_differ(sent, got)
     if not command.located:
         return None
     if got.frame != sent.frame:
@@ -250,4 +279,15 @@ def difference(sent: MissionItem, got: MissionItem, profile: Profile = ASSUMED) 
             return f"item {sent.seq}: {name} {ours:.7f} came back as {theirs:.7f}"
     if not abs(sent.alt_m - got.alt_m) <= 0.02:
         return f"item {sent.seq}: altitude {sent.alt_m:g} m came back as {got.alt_m:g} m"
+    return None
+
+
+def _numbers_differ(sent: MissionItem, got: MissionItem) -> str | None:
+    """Text about how parameters 5 and 6 of a numbered command differ; None if they do not.
+
+    ArduPilot stores parameter 7 as a number of 8 bits, or not at all.
+    """
+    for number, ours, theirs in ((5, sent.lat_deg, got.lat_deg), (6, sent.lon_deg, got.lon_deg)):
+        if round(ours * 1e7) != round(theirs * 1e7):
+            return f"item {sent.seq}: parameter {number} {ours * 1e7:.0f} came back as {theirs * 1e7:.0f}"
     return None

@@ -14,7 +14,7 @@ from typing import Final
 from mavproxy_handover.core.safety.energy_prior import START_POLICIES, EnergySettings
 from mavproxy_handover.mission.leg import DEFAULT_CRUISE_MPS
 from mavproxy_handover.mission.wings import AS_IT_COMES
-from mavproxy_handover.tools.key_table import Key, KeyTable, items, number, numbers, text, whole, word
+from mavproxy_handover.tools.key_table import Key, KeyTable, flag, items, number, numbers, text, whole, word
 from mavproxy_handover.vehicle.profiles import ASSUMED, PROFILES
 
 __all__ = ["ENERGY", "GAP", "MISSION", "MISSION_KEYS", "MOST_BATTERIES", "POLICY", "STATIONS", "WINGS"]
@@ -181,6 +181,12 @@ MISSION: Final = KeyTable(
             5,
             10_000,
             "how far coverage reaches beside the legs; with detectors waypoints and reached alone, which need it",
+        ),
+        flag(
+            "endless_jump",
+            "a DO_JUMP of the route may repeat without end: START's energy is one round, and the flight relies on the "
+            "point of no return",
+            default=False,
         ),
         whole("expected_handovers", 0, 1000, "the check fails when the route makes another number", required=True),
         number(

@@ -20,6 +20,7 @@ __all__ = [
     "Place",
     "above_home_m",
     "down",
+    "first_pass",
     "duration_s",
     "return_place",
     "rise_m",
@@ -72,6 +73,14 @@ class Leg:
             wrap_longitude_deg(lon + part * wrap_longitude_deg(lon2 - lon)),
             alt + part * (alt2 - alt),
         )
+
+
+def first_pass(legs: Sequence[Leg]) -> dict[int, tuple[Leg, ...]]:
+    """The legs to each item, as it is flown the first time: a jump may lead to it again."""
+    found: dict[int, tuple[Leg, ...]] = {}
+    for seq, group in groupby(legs, key=lambda leg: leg.seq):
+        found.setdefault(seq, tuple(group))
+    return found
 
 
 def round_by_round(legs: Sequence[Leg]) -> tuple[Leg, ...]:

@@ -34,6 +34,7 @@ from mavproxy_handover.mission.errors import MissionError, Where
 from mavproxy_handover.mission.gaps import DeclaredGap, Stretch, read_gaps, stretches
 from mavproxy_handover.mission.geojson import read_zones
 from mavproxy_handover.mission.items import COMMANDS, MissionItem
+from mavproxy_handover.mission.jumps import jumps
 from mavproxy_handover.mission.keys import ENERGY, MISSION, POLICY, STATIONS, WINGS
 from mavproxy_handover.mission.path import Path as FlownPath
 from mavproxy_handover.mission.path import path_of
@@ -373,7 +374,10 @@ def _build(texts: Mapping[str, str]) -> MissionPackage:
     stations = _stations(where, where.need(mission, "stations"), detector)
     route_file = str(mission["route"])
     profile = named(where.of_key(MISSION["aircraft"], mission.get("aircraft", ASSUMED.name)))
-    route = read_route(route_file, texts[route_file], profile)
+    endless = where.of_key(MISSION["endless_jump"], mission.get("endless_jump", False))
+    route = read_route(route_file, texts[route_file], profile, endless=endless)
+    if detector == "reached" and jumps(route.items):
+        raise where.error("detector 'reached' does not go with DO_JUMP (a waypoint would belong to more than one way)")
     terrain = _terrain(mission.get("terrain"), texts)
     route = replace(route, wings=_wings(where, mission.get("wings"), profile), ground=relief_of(terrain, route.home))
     speed = mission.get("cruise_speed_mps", route.cruise_speed_mps or profile.energy.cruise_mps)

@@ -5,27 +5,33 @@
 Formats: QGroundControl developer guide, "Plan File Format" (Plan 1, mission 2, geoFence 2, rallyPoints 2), and
 mavlink.io, "File Formats". What comes out is what goes to the autopilot: only simple items, parameters that the file
 leaves open (null, NaN) as 0, which is what ArduCopter takes them for, and frames in the form ArduCopter stores.
-Survey patterns and other complex items would have to be unfolded the way QGroundControl does it; they are refused.
+Surveys and other complex items count by the waypoints that they store (`complex_items.py`). A section of any version
+that is empty counts as none. All faults of the items are told at once (`Faults`).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Protocol, TypeAlias
 
-from mavproxy_handover.mission.errors import Where, parse_json
+from mavproxy_handover.mission.complex_items import simple_items
+from mavproxy_handover.mission.errors import Faults, Where, parse_json
 from mavproxy_handover.mission.items import (
     CHANGE_ALTITUDE,
+    CHANGE_SPEED,
     COMMANDS,
+    CONDITIONS,
     DELAY,
     FRAME_ABOVE_HOME,
     FRAME_ABOVE_SEA,
     FRAME_ABOVE_TERRAIN,
     FRAME_NONE,
+    GRIPPER,
     JUMP,
+    JUMPS,
     LAND,
     LAND_START,
     LANDINGS,
@@ -34,13 +40,15 @@ from mavproxy_handover.mission.items import (
     RETURN_TO_LAUNCH,
     SPLINE_WAYPOINT,
     TAKEOFFS,
+    VTOL_TRANSITION,
     WAYPOINT,
     Command,
     MissionItem,
     RallyPoint,
     stored_radius_m,
 )
-from mavproxy_handover.mission.jumps import as_flown, check_jumps
+from mavproxy_handover.mission.jumps import as_flown, check_jumps, endless_jumps, jumps
+from mavproxy_handover.mission.refused_items import command_name, safeguard_taken_away, why_not_flown
 from mavproxy_handover.mission.wings import AS_IT_COMES, Wings
 from mavproxy_handover.vehicle.profiles import ASSUMED, Profile
 
@@ -51,6 +59,7 @@ __all__ = [
     "Ground",
     "Home",
     "Route",
+    "first_in_air",
     "on_ground",
     "read_route",
     "ways_from_land_starts",
@@ -67,10 +76,13 @@ _WAIT = f"0 to {LONGEST_WAIT_S} s"
 #: far beyond any sensible altitude, near enough to catch centimetres given for metres
 LOWEST_M, HIGHEST_M = -1000.0, 10000.0
 LONGEST_NUMBER = 1e9
+#: parameters 5 and 6 of a command without a place have 32 bits
+_MOST_32 = 2.0**31 - 1.0
 
 #: MAV_FRAME as files have it -> as ArduCopter stores it (the _INT variants are the same frames)
 _FRAMES = {
     0: FRAME_ABOVE_SEA,
+    2: FRAME_ABOVE_SEA,
     5: FRAME_ABOVE_SEA,
     3: FRAME_ABOVE_HOME,
     6: FRAME_ABOVE_HOME,
@@ -153,6 +165,8 @@ class Route:
     wings: Wings = AS_IT_COMES
     #: the ground below it; None: the mission has no heights of it
     ground: Ground | None = field(default=None, repr=False, compare=False)
+    #: it may have a jump without end
+    endless: bool = False
 
     def upload_items(self) -> tuple[MissionItem, ...]:
         """All items to write to the autopilot, in order, home as item 0 first."""
@@ -171,21 +185,21 @@ class Route:
         return (home, *self.items)
 
 
-def read_route(file: str, text: str, profile: Profile = ASSUMED) -> Route:
-    """Read the route in `text`, for an aircraft of that profile; the ending of `file` tells the format. Raises
-    MissionError."""
+def read_route(file: str, text: str, profile: Profile = ASSUMED, *, endless: bool = False) -> Route:
+    """Read the route in `text`, for an aircraft of that profile; the ending of `file` tells the format. `endless`: it
+    may have a jump without end. Raises MissionError."""
     where = Where(file)
     if file.endswith(".plan"):
-        return _read_plan(where, text, profile)
+        return _read_plan(where, text, profile, endless)
     if file.endswith(".waypoints"):
-        return _read_waypoints(where, text, profile)
+        return _read_waypoints(where, text, profile, endless)
     raise where.error("not a route (allowed: a file named *.plan or *.waypoints)")
 
 
 # --- QGroundControl .plan ---
 
 
-def _read_plan(where: Where, text: str, profile: Profile) -> Route:
+def _read_plan(where: Where, text: str, profile: Profile, endless: bool) -> Route:
     plan = where.table(parse_json(text, where), "the file")
     if plan.get("fileType") != "Plan":
         raise where.error("not a QGroundControl plan (fileType is not 'Plan')")
@@ -193,21 +207,34 @@ def _read_plan(where: Where, text: str, profile: Profile) -> Route:
     mission = where.table(where.need(plan, "mission"), "mission")
     inside = where.at("mission")
     _version(inside, mission, "version", 2)
-    home = Home(*_coordinate(inside, inside.need(mission, "plannedHomePosition"), "plannedHomePosition", 3))
-    listed = inside.array(inside.need(mission, "items"), "items")
-    items = tuple(_plan_item(where, seq, entry, profile) for seq, entry in enumerate(listed, 1))
-    fence = plan.get("geoFence")
-    rally = plan.get("rallyPoints")
+    faults = Faults()
+    home, rally, fence = Home(0.0, 0.0, 0.0), tuple[RallyPoint, ...](), tuple[FencePart, ...]()
+    with faults.noted():
+        home = _planned_home(inside, inside.need(mission, "plannedHomePosition"))
+    items = _plan_items(where, inside.array(inside.need(mission, "items"), "items"), profile, faults)
+    with faults.noted():
+        rally = _rally_points(where.at("rallyPoints"), plan.get("rallyPoints"))
+    with faults.noted():
+        fence = _fence(where.at("geoFence"), plan.get("geoFence"))
+    faults.raise_all()
     return _finish(
         where,
         home,
         items,
-        rally=() if rally is None else _rally_points(where.at("rallyPoints"), rally),
-        fence=() if fence is None else _fence(where.at("geoFence"), fence),
+        rally=rally,
+        fence=fence,
         cruise_speed_mps=_plan_speed(inside, mission),
-        warnings=_plan_warnings(mission, profile),
+        warnings=_plan_warnings(inside, mission, profile),
         profile=profile,
+        endless=endless,
     )
+
+
+def _planned_home(where: Where, value: object) -> Home:
+    """The planned home. QGroundControl leaves its height open (null) if it has no heights of the ground."""
+    numbers = where.array(value, "plannedHomePosition")
+    known = [*numbers[:2], 0.0] if len(numbers) == 3 and numbers[2] is None else numbers
+    return Home(*_coordinate(where, known, "plannedHomePosition", 3))
 
 
 def _version(where: Where, table: Mapping[str, object], key: str, wanted: int) -> None:
@@ -227,16 +254,19 @@ def _coordinate(where: Where, value: object, name: str, length: int) -> tuple[fl
     )
 
 
-def _plan_item(where: Where, seq: int, entry: object, profile: Profile) -> MissionItem:
-    inside = where.at(f"item {seq}")
-    item = inside.table(entry, "the item")
-    kind = inside.need(item, "type")
-    if kind == "ComplexItem":
-        name = item.get("complexItemType")
-        shown = f" '{inside.text(name, 'complexItemType', 60)}'" if name is not None else ""
-        raise inside.error(f"complex item{shown} (allowed: SimpleItem; rebuild the pattern from waypoints)")
-    if kind != "SimpleItem":
-        raise inside.error("type is not 'SimpleItem'")
+def _plan_items(where: Where, listed: Sequence[object], profile: Profile, faults: Faults) -> tuple[MissionItem, ...]:
+    found: list[MissionItem] = []
+    numbers: dict[float, int] = {}
+    for seq, inside, item in simple_items(where, listed, faults):
+        with faults.noted():
+            found.append(_plan_item(inside, seq, item, profile))
+        jump_id = item.get("doJumpId", seq)
+        if isinstance(jump_id, int):
+            numbers.setdefault(jump_id, seq)
+    return tuple(replace(item, param1=numbers.get(item.param1, 0)) if item.command == JUMP else item for item in found)
+
+
+def _plan_item(inside: Where, seq: int, item: Mapping[str, object], profile: Profile) -> MissionItem:
     numbers = inside.array(inside.need(item, "params"), "params")
     if len(numbers) != 7:
         raise inside.error(f"params has {len(numbers)} numbers (allowed: 7)")
@@ -253,8 +283,10 @@ def _plan_item(where: Where, seq: int, entry: object, profile: Profile) -> Missi
 
 
 def _rally_points(where: Where, value: object) -> tuple[RallyPoint, ...]:
+    if not value:
+        return ()
     rally = where.table(value, "rallyPoints")
-    if rally.get("version") == 1 and not rally.get("points"):  # QGroundControl ignores that, too
+    if not rally.get("points"):  # QGroundControl ignores such a section of any version
         return ()
     _version(where, rally, "version", 2)
     points = where.array(where.need(rally, "points"), "points")
@@ -262,8 +294,10 @@ def _rally_points(where: Where, value: object) -> tuple[RallyPoint, ...]:
 
 
 def _fence(where: Where, value: object) -> tuple[FencePart, ...]:
+    if not value:
+        return ()
     fence = where.table(value, "geoFence")
-    if fence.get("version") == 1 and not any(fence.get(part) for part in ("polygon", "polygons", "circles")):
+    if not any(fence.get(part) for part in ("polygon", "polygons", "circles")):
         return ()
     _version(where, fence, "version", 2)
     found: list[FencePart] = []
@@ -293,8 +327,10 @@ def _plan_speed(where: Where, mission: Mapping[str, object]) -> float | None:
     return None if value is None else where.number(value, key, 0.1, 100.0)
 
 
-def _plan_warnings(mission: Mapping[str, object], profile: Profile) -> tuple[str, ...]:
+def _plan_warnings(where: Where, mission: Mapping[str, object], profile: Profile) -> tuple[str, ...]:
     found = []
+    if where.array(mission["plannedHomePosition"], "plannedHomePosition")[2] is None:
+        found.append("home has no height in the plan: 0 m above the sea is assumed")
     if mission.get("firmwareType", 3) != 3:
         found.append("the plan was made for another autopilot than ArduPilot (firmwareType is not 3)")
     made_for = mission.get("vehicleType")
@@ -307,38 +343,52 @@ def _plan_warnings(mission: Mapping[str, object], profile: Profile) -> tuple[str
 # --- QGC WPL 110 .waypoints ---
 
 
-def _read_waypoints(where: Where, text: str, profile: Profile) -> Route:
+def _read_waypoints(where: Where, text: str, profile: Profile, endless: bool) -> Route:
     lines = text.splitlines()
     if not lines or lines[0].split() != ["QGC", "WPL", "110"]:
         raise where.error("not a waypoint file (allowed: a first line 'QGC WPL 110')")
-    home: Home | None = None
-    items: list[MissionItem] = []
-    for number, line in enumerate(lines[1:], 2):
-        if not line.strip() or line.startswith("#"):
-            continue
-        inside = where.at(f"line {number}")
-        fields = line.split()
-        if len(fields) != 12:
-            raise inside.error(f"{len(fields)} fields (allowed: 12)")
-        seq = 0 if home is None else len(items) + 1
-        if fields[0] != str(seq):
-            raise inside.error(f"item number is '{fields[0][:20]}' (allowed here: {seq}, items count up from 0)")
-        values = [_field(inside, field, n) for n, field in enumerate(fields[2:11], 3)]
-        if home is None:
-            home = Home(
-                inside.number(values[6], "latitude", -90.0, 90.0),
-                inside.number(values[7], "longitude", -180.0, 180.0),
-                inside.number(values[8], "altitude", LOWEST_M, HIGHEST_M),
-            )
-            continue
-        command = inside.whole(values[1], "command", 0, 65535)
-        goes_on = fields[11] != "0"
-        items.append(
-            _item(inside, seq, command, frame=values[0], numbers=values[2:9], auto_continue=goes_on, profile=profile)
-        )
-    if home is None:
+    numbered = [
+        (where.at(f"line {number}"), line.split())
+        for number, line in enumerate(lines[1:], 2)
+        if line.strip() and not line.startswith("#")
+    ]
+    if not numbered:
         raise where.error("no items (allowed: item 0 is home, item 1 the first one flown)")
-    return _finish(where, home, tuple(items), profile=profile)
+    faults = Faults()
+    home = Home(0.0, 0.0, 0.0)
+    with faults.noted():
+        home = _home_line(*numbered[0])
+    items: list[MissionItem] = []
+    for seq, (inside, fields) in enumerate(numbered[1:], 1):
+        with faults.noted():
+            items.append(_item_line(inside, seq, fields, profile))
+    faults.raise_all()
+    return _finish(where, home, tuple(items), profile=profile, endless=endless)
+
+
+def _home_line(where: Where, fields: Sequence[str]) -> Home:
+    values = _values(where, 0, fields)
+    return Home(
+        where.number(values[6], "latitude", -90.0, 90.0),
+        where.number(values[7], "longitude", -180.0, 180.0),
+        where.number(values[8], "altitude", LOWEST_M, HIGHEST_M),
+    )
+
+
+def _item_line(where: Where, seq: int, fields: Sequence[str], profile: Profile) -> MissionItem:
+    values, goes_on = _values(where, seq, fields), fields[-1] != "0"
+    inside = where.at(f"item {seq}")
+    command = inside.whole(values[1], "command", 0, 65535)
+    return _item(inside, seq, command, frame=values[0], numbers=values[2:9], auto_continue=goes_on, profile=profile)
+
+
+def _values(where: Where, seq: int, fields: Sequence[str]) -> list[float | None]:
+    """The numbers of a line, from its frame to its height. Raises MissionError."""
+    if len(fields) != 12:
+        raise where.error(f"{len(fields)} fields (allowed: 12)")
+    if fields[0] != str(seq):
+        raise where.error(f"item number is '{fields[0][:20]}' (allowed here: {seq}, items count up from 0)")
+    return [_field(where, field, n) for n, field in enumerate(fields[2:11], 3)]
 
 
 def _field(where: Where, field: str, number: int) -> float | None:
@@ -361,13 +411,14 @@ def _item(
     numbers: Sequence[object],
     auto_continue: bool,
     profile: Profile,
-    jumps: bool = False,
 ) -> MissionItem:
-    """Check one item. `numbers` are parameters 1 to 4, latitude, longitude, altitude; None where left open. `jumps`: it
-    may be a DO_JUMP."""
+    """Check one item. `numbers` are parameters 1 to 4, latitude, longitude, altitude; None where left open."""
+    unsafe = safeguard_taken_away(command, numbers[0] or 0.0)
+    if unsafe:
+        raise where.error(f"{command_name(command)} takes away a safeguard: {unsafe}", grave=True)
     known = COMMANDS.get(command)
-    if known is None or (command == JUMP and not jumps):
-        raise where.error(f"command {command} is not one a mission package may hold (allowed: {_allowed(profile)})")
+    if known is None:
+        raise where.error(f"{command_name(command)} is not allowed: {why_not_flown(command)}")
     if command in profile.not_flown:
         raise where.error(f"{known.name} is not for a {profile.name}: {profile.not_flown[command]}")
     item = _item_of(where, seq, command, known, frame=frame, numbers=numbers, auto_continue=auto_continue)
@@ -393,7 +444,12 @@ def _item_of(
         for n, value in enumerate(numbers[:4], 1)
     )
     if not known.located:
-        return MissionItem(seq, command, FRAME_NONE, param1, param2, param3, param4, 0.0, 0.0, 0.0, auto_continue)
+        x, y, z = (
+            0.0 if value is None or not known.numbered else where.number(value, f"parameter {n}", -_MOST_32, _MOST_32)
+            for n, value in enumerate(numbers[4:], 5)
+        )
+        place = float(int(x)) / 1e7, float(int(y)) / 1e7, z
+        return MissionItem(seq, command, FRAME_NONE, param1, param2, param3, param4, *place, auto_continue)
     stored = (
         None if isinstance(frame, bool) else next((kept for value, kept in _FRAMES.items() if value == frame), None)
     )
@@ -408,18 +464,10 @@ def _item_of(
         param2,
         param3,
         param4,
-        where.number(numbers[4], "latitude", -90.0, 90.0),
-        where.number(numbers[5], "longitude", -180.0, 180.0),
+        0.0 if numbers[4] is None else where.number(numbers[4], "latitude", -90.0, 90.0),
+        0.0 if numbers[5] is None else where.number(numbers[5], "longitude", -180.0, 180.0),
         where.number(numbers[6], "altitude", LOWEST_M, HIGHEST_M),
         auto_continue,
-    )
-
-
-def _allowed(profile: Profile) -> str:
-    return ", ".join(
-        f"{number} {command.name}"
-        for number, command in COMMANDS.items()
-        if number not in profile.not_flown and number != JUMP
     )
 
 
@@ -484,6 +532,10 @@ def with_items(route: Route, items: Sequence[MissionItem]) -> Route:
     if len(items) - 1 > MAX_ITEMS:
         raise where.error(f"{len(items) - 1} items (allowed: at most {MAX_ITEMS})")
     checked = _checked(where, items[1:], route.profile)
+    for item in checked:
+        if item.command in JUMPS:
+            name = COMMANDS[item.command].name
+            raise where.at(f"item {item.seq}").error(f"{name}: in flight it is not known how often it was flown")
     if not any(COMMANDS[item.command].flown for item in checked):
         raise where.error("nothing is flown (allowed: at least one item that is)")
     if route.profile.flies_past:
@@ -496,12 +548,17 @@ def with_items(route: Route, items: Sequence[MissionItem]) -> Route:
 def on_ground(route: Route, items: Sequence[MissionItem], fence: tuple[FencePart, ...]) -> Route:
     """Copy of a plan with the mission and the geofence that the autopilot has on the ground.
 
-    The first item is its home. The rules for a plan in a file apply. Raises MissionError.
+    The first item is its home. The rules for a plan in a file apply, and it has to begin with a take-off. Raises
+    MissionError.
     """
     where = Where("")
+    checked = _checked(where, items[1:], route.profile)
+    name, begins = route.profile.begins
+    first = first_in_air(checked)
+    if first is None or first.command not in begins:
+        begun = f"the first flown item is {COMMANDS[first.command].name}" if first is not None else "nothing is flown"
+        raise where.error(f"{begun} (allowed: {name} first)")
     home = Home(items[0].lat_deg, items[0].lon_deg, items[0].alt_m)
-    checked = _checked(where, items[1:], route.profile, jumps=True)
-    check_jumps(where, checked)
     found = _finish(
         where,
         home,
@@ -510,27 +567,36 @@ def on_ground(route: Route, items: Sequence[MissionItem], fence: tuple[FencePart
         fence=fence,
         cruise_speed_mps=route.cruise_speed_mps,
         profile=route.profile,
+        endless=route.endless,
     )
     return replace(found, wings=route.wings)
 
 
-def _checked(
-    where: Where, items: Sequence[MissionItem], profile: Profile, *, jumps: bool = False
-) -> tuple[MissionItem, ...]:
+def _checked(where: Where, items: Sequence[MissionItem], profile: Profile) -> tuple[MissionItem, ...]:
     """Items that came from a station or from the autopilot, numbered from 1. Raises MissionError."""
-    return tuple(
-        _item(
-            where.at(f"item {seq}"),
-            seq,
-            item.command,
-            frame=item.frame,
-            numbers=(*item.params, item.lat_deg, item.lon_deg, item.alt_m),
-            auto_continue=item.auto_continue,
-            profile=profile,
-            jumps=jumps,
-        )
-        for seq, item in enumerate(items, 1)
-    )
+    faults, found = Faults(), list[MissionItem]()
+    for seq, item in enumerate(items, 1):
+        known = COMMANDS.get(item.command)
+        scale = 1e7 if known is not None and known.numbered else 1.0
+        with faults.noted():
+            found.append(
+                _item(
+                    where.at(f"item {seq}"),
+                    seq,
+                    item.command,
+                    frame=item.frame,
+                    numbers=(*item.params, round(item.lat_deg * scale, 7), round(item.lon_deg * scale, 7), item.alt_m),
+                    auto_continue=item.auto_continue,
+                    profile=profile,
+                )
+            )
+    faults.raise_all()
+    return tuple(found)
+
+
+def first_in_air(items: Sequence[MissionItem]) -> MissionItem | None:
+    """The first item that is flown; None: there is none. A NAV_DELAY before the take-off waits on the ground."""
+    return next((item for item in items if COMMANDS[item.command].flown and item.command != DELAY), None)
 
 
 def ways_from_land_starts(items: Sequence[MissionItem]) -> tuple[tuple[MissionItem, ...], ...]:
@@ -553,49 +619,98 @@ def _finish(
     cruise_speed_mps: float | None = None,
     warnings: tuple[str, ...] = (),
     profile: Profile = ASSUMED,
+    endless: bool = False,
 ) -> Route:
     """Check the route as a whole: raise if it makes no flight, warn if it makes an odd one."""
+    flown, faults = [item for item in items if COMMANDS[item.command].flown], Faults()
     if len(items) > MAX_ITEMS:
         raise where.error(f"{len(items)} items (allowed: at most {MAX_ITEMS})")
-    if home.lat_deg == home.lon_deg == 0.0:
-        raise where.error("home is at latitude 0, longitude 0: it was never set (allowed: the place of the take-off)")
-    flown = [item for item in items if COMMANDS[item.command].flown]
-    name, begins = profile.begins
-    if not flown or flown[0].command not in begins:
-        first = f"the first flown item is {COMMANDS[flown[0].command].name}" if flown else "nothing is flown"
-        raise where.error(f"{first} (allowed: {name} first)")
-    _check_takeoff(where, home, flown[0], profile)
-    found = list(warnings)
+    if not flown:
+        raise where.error("nothing is flown (allowed: at least one item that is)")
+    with faults.noted():
+        _check_home(where, home)
+    with faults.noted():
+        check_jumps(where, items, endless=endless)
+        if not profile.flies_past:
+            _check_splines(where, as_flown(items))
+    with faults.noted():
+        _check_transitions(where, items)
+    with faults.noted():
+        _check_takeoff(where, home, first_in_air(flown), profile)
+    if profile.flies_past:
+        with faults.noted():
+            _check_landings(where, items, profile)
+    faults.raise_all()
+    found = (*warnings, *_odd(items, flown, profile))
+    if not rally:
+        found = (*found, "no rally point: the aircraft can only return to home")
+    return Route(home, items, rally, fence, cruise_speed_mps, found, profile=profile, endless=endless)
+
+
+def _odd(items: Sequence[MissionItem], flown: Sequence[MissionItem], profile: Profile) -> Iterator[str]:
+    """What is odd but flyable, and what the check cannot know, one line each."""
+    first = first_in_air(flown)
+    if first is not None and first.command not in profile.begins[1]:
+        yield (
+            f"the mission begins with {COMMANDS[first.command].name}, not with {profile.begins[0]}: START is refused. "
+            "Take off with the remote control, then change to AUTO"
+        )
     name, ends = profile.ends
     if flown[-1].command not in (*ends, RETURN_TO_LAUNCH):
         last = COMMANDS[flown[-1].command].name
-        found.append(f"the route ends with {last}, not with {name} or NAV_RETURN_TO_LAUNCH")
+        yield f"the route ends with {last}, not with {name} or NAV_RETURN_TO_LAUNCH"
     for item in flown[:-1]:
         if item.command == RETURN_TO_LAUNCH:
-            found.append(f"item {item.seq} is NAV_RETURN_TO_LAUNCH: what follows it is never flown")
+            yield f"item {item.seq} is NAV_RETURN_TO_LAUNCH: what follows it is never flown"
             break
     for item in flown:
         if item.command == LOITER_UNLIMITED:
-            if profile.holds_by_circling:
-                circles = "it would circle there for ever (allowed: NAV_LOITER_TIME, NAV_LOITER_TURNS)"
-                raise where.at(f"item {item.seq}").error(f"NAV_LOITER_UNLIM: {circles}")
-            found.append(f"item {item.seq} is NAV_LOITER_UNLIM: the aircraft waits there until told to go on")
-    if profile.flies_past:
-        _check_landings(where, items, profile)
-    else:
-        _check_splines(where, as_flown(items))
-    if not rally:
-        found.append("no rally point: the aircraft can only return to home")
-    return Route(home, items, rally, fence, cruise_speed_mps, tuple(found), profile=profile)
+            waits = "circles" if profile.holds_by_circling else "waits"
+            yield f"item {item.seq} is NAV_LOITER_UNLIM: the aircraft {waits} there until told to go on"
+    condition: MissionItem | None = None
+    for item in items:
+        if item.command in CONDITIONS:
+            condition = item
+        elif COMMANDS[item.command].flown:
+            condition = None
+        elif item.command in (CHANGE_SPEED, GRIPPER) and condition is not None:
+            yield (
+                f"item {item.seq} ({COMMANDS[item.command].name}) waits for item {condition.seq} "
+                f"({COMMANDS[condition.command].name}): when that is, is not known. It is counted from the beginning "
+                "of the way"
+            )
+    for item in endless_jumps(items):
+        yield (
+            f"item {item.seq} ({COMMANDS[item.command].name}) repeats without end: one round is judged. The flight "
+            "ends when no return site would be in reach any more, or when the operator ends it"
+        )
 
 
-def _check_takeoff(where: Where, home: Home, item: MissionItem, profile: Profile) -> None:
-    if item.command not in TAKEOFFS:
+def _check_home(where: Where, home: Home) -> None:
+    if home.lat_deg == home.lon_deg == 0.0:
+        raise where.error("home is at latitude 0, longitude 0: it was never set (allowed: the place of the take-off)")
+
+
+def _check_transitions(where: Where, items: Sequence[MissionItem]) -> None:
+    if not jumps(items):
+        return
+    for item in items:
+        if item.command == VTOL_TRANSITION:
+            raise where.at(f"item {item.seq}").error(
+                "DO_VTOL_TRANSITION in a mission with DO_JUMP: whether the aircraft hovers after a jump is not known"
+            )
+
+
+def _check_takeoff(where: Where, home: Home, item: MissionItem | None, profile: Profile) -> None:
+    if item is None or item.command not in TAKEOFFS:
         return
     inside = where.at(f"item {item.seq}")
-    ground = home.alt_m if item.frame == FRAME_ABOVE_SEA else 0.0
-    if item.alt_m <= ground:
-        raise inside.error(f"take-off to {item.alt_m:g} m (allowed: above home)")
+    above_sea = item.frame == FRAME_ABOVE_SEA
+    if item.alt_m <= (home.alt_m if above_sea else 0.0):
+        height = (
+            f"{item.alt_m:g} m above the sea, and home is at {home.alt_m:g} m" if above_sea else f"{item.alt_m:g} m"
+        )
+        raise inside.error(f"take-off to {height} (allowed: above home)")
     if not profile.takeoff_above_sea and item.frame == FRAME_ABOVE_SEA:
         raise inside.error(
             "take-off to a height above the sea, which ArduPlane adds to where it stands (allowed: above home)"

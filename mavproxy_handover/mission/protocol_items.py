@@ -2,8 +2,9 @@
 
 """Converts items of a mission, fence or rally list between `MissionItem` and messages, and checks single items.
 
-MISSION_ITEM_INT has positions in 1e-7 degrees. The older MISSION_ITEM has 32-bit degrees, up to a metre less exact. A
-parameter that is NaN is left open; ArduCopter takes it for 0.
+MISSION_ITEM_INT has positions in 1e-7 degrees. The older MISSION_ITEM has 32-bit degrees, up to a metre less exact.
+Both have the numbers of a numbered command (`items.Command`) as they are. A parameter that is NaN is left open;
+ArduCopter takes it for 0.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.mission.items import MissionItem
+from mavproxy_handover.mission.items import COMMANDS, MissionItem
 
 __all__ = ["Flaw", "filled", "flaw", "item_of", "item_message", "older_item_message"]
 
@@ -49,9 +50,14 @@ def item_of(message: Any) -> MissionItem:
     whole = message.get_type() == "MISSION_ITEM_INT"
     frame = _INT_FRAMES.get(message.frame, message.frame)
     params = message.param1, message.param2, message.param3, message.param4
-    lat_deg, lon_deg = (message.x / 1e7, message.y / 1e7) if whole else (message.x, message.y)
+    scale = 1e7 if whole or _numbered(message.command) else 1.0
+    lat_deg, lon_deg = message.x / scale, message.y / scale
     goes_on = bool(message.autocontinue)
     return MissionItem(message.seq, message.command, frame, *params, lat_deg, lon_deg, message.z, goes_on)
+
+
+def _numbered(command: int) -> bool:
+    return command in COMMANDS and COMMANDS[command].numbered
 
 
 def filled(item: MissionItem) -> MissionItem:
@@ -79,7 +85,8 @@ def item_message(item: MissionItem, target: tuple[int, int], kind: int, current:
 
 def older_item_message(item: MissionItem, target: tuple[int, int], kind: int, current: bool = False) -> Any:
     """The item as MISSION_ITEM, for programs that ask by MISSION_REQUEST."""
-    place = item.lat_deg, item.lon_deg, item.alt_m
+    scale = 1e7 if _numbered(item.command) else 1.0
+    place = item.lat_deg * scale, item.lon_deg * scale, item.alt_m
     return mavlink.MAVLink_mission_item_message(*_head(item, target, current), *place, kind)
 
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from mavproxy_handover.mission.leg import first_pass
 from mavproxy_handover.mission.pieces import Line, PieceRow
 from mavproxy_handover.mission.plan import Route
 from mavproxy_handover.mission.route_simulation import legs_of
@@ -29,12 +30,11 @@ class RouteAhead:
         self._ends: tuple[_End, ...] = tuple((leg.seq, leg.end[:2]) for leg in legs)
         curved = {leg.seq for leg in legs if leg.curved}
         #: for each item that is flown to in a curve: its pieces, to find the one that the aircraft is on
-        self._rows = {
-            seq: PieceRow([Line(leg.start[:2], leg.end[:2]) for leg in legs if leg.seq == seq]) for seq in curved
-        }
+        ways = first_pass(legs)
+        self._rows = {seq: PieceRow([Line(leg.start[:2], leg.end[:2]) for leg in ways[seq]]) for seq in curved}
         #: for each item that is flown several times: the ends of one round
         self._rounds: dict[int, tuple[_End, ...]] = {
-            seq: tuple((seq, leg.end[:2]) for leg in legs if leg.seq == seq and leg.times > 1) for seq in curved
+            seq: tuple((seq, leg.end[:2]) for leg in ways[seq] if leg.times > 1) for seq in curved
         }
 
     def places(self, waypoint: int, here: tuple[float, float]) -> tuple[tuple[float, float], ...]:

@@ -26,7 +26,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from mavproxy_handover.mission.copter_path import copter_legs, pieces_lacking
 from mavproxy_handover.mission.geodesy import distance_m, east_north_m, offset
@@ -38,6 +38,7 @@ from mavproxy_handover.mission.items import (
     LOITER_TIME,
     LOITER_TURNS,
     RETURN_TO_LAUNCH,
+    TAKEOFF,
     TAKEOFFS,
     VTOL_TRANSITION,
     MissionItem,
@@ -51,7 +52,7 @@ from mavproxy_handover.mission.leg import (
     return_place,
     round_by_round,
 )
-from mavproxy_handover.mission.plan import Route, ways_from_land_starts
+from mavproxy_handover.mission.plan import Route, first_in_air, ways_from_land_starts
 from mavproxy_handover.mission.waypoint_ownership import Belonging
 from mavproxy_handover.mission.wings import HOVER_MPS
 from mavproxy_handover.mission.zones import ZoneFinder
@@ -258,7 +259,8 @@ def _legs(
     here = start_at or (route.home.lat_deg, route.home.lon_deg, 0.0)
     items = as_flown(route.items, first)
     if not route.profile.flies_past:
-        yield from copter_legs(route, list(_copter_items(items, speed_mps, cruise_mps)), here)
+        risen = _risen(items) if start_at is None else items
+        yield from copter_legs(route, list(_copter_items(risen, speed_mps, cruise_mps)), here)
         return
     end = next((n for n, item in enumerate(items) if item.command == RETURN_TO_LAUNCH), len(items))
     yield from _wing_legs(route, items[: end + 1], speed_mps, cruise_mps, here)
@@ -330,6 +332,14 @@ def _circling_s(route: Route, item: MissionItem, speed_mps: float) -> float:
     if item.command == LOITER_TURNS:
         return item.param1 * math.tau * route.wings.circle_radius_m(item.param3, speed_mps) / speed_mps
     return 0.0
+
+
+def _risen(items: Sequence[MissionItem]) -> Sequence[MissionItem]:
+    """The items of a mission from the ground. Without a take-off the pilot is taken to rise to the first height."""
+    first = first_in_air(items)
+    if first is None or first.command in TAKEOFFS:
+        return items
+    return (replace(first, command=TAKEOFF), *items)
 
 
 def _copter_items(

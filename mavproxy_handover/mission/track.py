@@ -51,7 +51,7 @@ from mavproxy_handover.mission.items import (
     WAYPOINT,
     MissionItem,
 )
-from mavproxy_handover.mission.leg import Leg
+from mavproxy_handover.mission.leg import Leg, first_pass
 from mavproxy_handover.mission.pieces import Line, PieceRow
 from mavproxy_handover.mission.plan import Route
 from mavproxy_handover.mission.route_simulation import legs_of
@@ -229,8 +229,9 @@ class RouteTracker:
 
 def _curves(legs: Sequence[Leg]) -> dict[int, tuple[Leg, ...]]:
     """The legs to each item that a copter flies to in a curve."""
+    ways = first_pass(legs)
     curved = {leg.seq for leg in legs if leg.curved}
-    return {seq: tuple(leg for leg in legs if leg.seq == seq and leg.length_m > 0.0) for seq in curved}
+    return {seq: tuple(leg for leg in ways[seq] if leg.length_m > 0.0) for seq in curved}
 
 
 def _circle_m(item: MissionItem) -> float:

@@ -13,7 +13,7 @@ the ground: a package that brings some along is not moved.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -106,13 +106,13 @@ def moved(package: MissionPackage, place: Place) -> MissionPackage:
 
 
 def _plan(plan: Any, move: _Move, alt_m: float, higher_m: float) -> str:
-    """Of what read_route takes: places are at known keys, and complex items are refused.
+    """Of what read_route takes: places are at known keys, those of a scan too.
 
     Latitude and longitude 0, both, are no place: an item with these is for wherever the aircraft is then.
     """
     mission = plan["mission"]
     mission["plannedHomePosition"] = [*move(*mission["plannedHomePosition"][:2]), alt_m]
-    for item in mission["items"]:
+    for item in _simple(mission["items"]):
         numbers = item["params"]
         if COMMANDS[item["command"]].located and any(numbers[4:6]):
             numbers[4:6] = move(*numbers[4:6])
@@ -130,8 +130,15 @@ def _plan(plan: Any, move: _Move, alt_m: float, higher_m: float) -> str:
     return json.dumps(plan, indent=4) + "\n"
 
 
-#: MAV_FRAME_GLOBAL and MAV_FRAME_GLOBAL_INT
-_ABOVE_SEA: Final = (0, 5)
+def _simple(items: list[Any]) -> Iterator[Any]:
+    """The items of a plan, and those that its scans store."""
+    for item in items:
+        scan = item.get("TransectStyleComplexItem", item)
+        yield from [item] if item["type"] == "SimpleItem" else scan["Items"]
+
+
+#: MAV_FRAME_GLOBAL, MAV_FRAME_MISSION and MAV_FRAME_GLOBAL_INT
+_ABOVE_SEA: Final = (0, 2, 5)
 
 
 def _waypoints(text: str, move: _Move, alt_m: float, higher_m: float) -> str:

@@ -9,6 +9,7 @@ sound once, and none of them is.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -22,9 +23,11 @@ from mavproxy_handover.mission.copter_path import MOST_PIECES
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.geodesy import distance_m, east_north_m, offset
 from mavproxy_handover.mission.items import MissionItem
-from mavproxy_handover.mission.leg import round_by_round
+from mavproxy_handover.mission.leg import first_pass, round_by_round
+from mavproxy_handover.mission.package import from_texts
 from mavproxy_handover.mission.pieces import Line
 from mavproxy_handover.mission.plan import Home, Route
+from mavproxy_handover.mission.route_ahead import RouteAhead
 from mavproxy_handover.mission.route_simulation import curves_lacking, legs_from, legs_of
 from mavproxy_handover.vehicle.profiles import COPTER
 
@@ -402,9 +405,61 @@ def test_heights_above_terrain_follow_the_mission_s_ground() -> None:
     assert not any("way to item 2" in text and "ground" in text for text in texts)
 
 
-def test_a_jump_is_refused() -> None:
-    with pytest.raises(MissionError, match="command 530 is not one a mission package may hold"):
+def jump_texts() -> dict[str, str]:
+    """The mission "jump" with an item that ArduPilot stores in the place of SET_CAMERA_MODE."""
+    texts = {file.name: file.read_text() for file in (DATA / "jump").iterdir()}
+    return {**texts, "route.waypoints": texts["route.waypoints"].replace("\t530\t", "\t203\t")}
+
+
+def test_only_what_the_autopilot_does_not_store_is_refused_of_a_mission_with_a_jump() -> None:
+    with pytest.raises(MissionError) as caught:
         load(DATA / "jump")
+    assert caught.value.faults == (
+        "route.waypoints: line 4, item 2: SET_CAMERA_MODE is not allowed: ArduPilot does not store it, and would "
+        "refuse the mission: remove the item",
+    )
+
+
+def test_a_jump_of_a_package_is_walked_as_often_as_it_says() -> None:
+    """To the take-off again, which climbs where the aircraft is, and to the place that it is at already."""
+    simulation = from_texts(jump_texts(), "jump").simulate()
+    assert simulation.length_m == pytest.approx(200.0, abs=1.0)
+    there_and_back = jump_texts()
+    there_and_back["route.waypoints"] = there_and_back["route.waypoints"].replace(
+        "2\t0\t2\t203\t0\t0\t0\t0\t0.0000000\t0.0000000\t0.00",
+        "2\t0\t3\t16\t0\t0\t0\t0\t52.0000000\t5.0000000\t20.00",
+    )
+    assert from_texts(there_and_back, "jump").simulate().length_m == pytest.approx(600.0, abs=3.0)
+
+
+def test_a_jump_without_end_needs_the_word_of_the_mission_and_one_round_is_judged() -> None:
+    texts = jump_texts()
+    texts["route.waypoints"] = texts["route.waypoints"].replace("\t177\t1\t2\t", "\t177\t1\t-1\t")
+    with pytest.raises(MissionError, match=r"item 4: DO_JUMP repeats without end: .*'endless_jump = true'"):
+        from_texts(texts, "jump")
+    texts["mission.toml"] = "endless_jump = true\n" + texts["mission.toml"]
+    package = from_texts(texts, "jump")
+    assert package.simulate().length_m == pytest.approx(100.0, abs=0.5)
+    assert any("item 4 (DO_JUMP) repeats without end: one round is judged" in text for text in package.route.warnings)
+
+
+def test_a_curve_that_is_flown_again_is_found_in_its_first_round() -> None:
+    """Track and way ahead know the pieces of one round: those of two would not be one line."""
+    circle = item(TURNS, (100.0, 0.0), params=(1.0, 0.0, 50.0, 0.0))
+    path = route(circle, item(WAYPOINT, (300.0, 0.0)), item(177, params=(2.0, 1.0, 0.0, 0.0)))
+    legs = legs_of(path)
+    assert [leg.seq for leg, before in zip(legs[1:], legs, strict=False) if leg.seq != before.seq] == [2, 3, 2, 3]
+    ahead = RouteAhead(path).places(2, at(50.0, 0.0))
+    assert min(distance_m(*place, *at(300.0, 0.0)) for place in ahead) < 1.0
+    first = first_pass(legs)[2]
+    assert sum(leg.length_m for leg in first) == pytest.approx(50.0 + math.tau * 50.0, rel=0.01)
+    assert all(before.end == after.start for before, after in pairwise(first))
+
+
+def test_without_a_takeoff_the_path_rises_at_home() -> None:
+    path = route(item(WAYPOINT, (100.0, 0.0), 40.0))
+    legs = legs_of(Route(path.home, (replace(path.items[1], seq=1),)))
+    assert [(leg.length_m > 0.0, leg.start[2], leg.end[2]) for leg in legs] == [(False, 0.0, 40.0), (True, 40.0, 40.0)]
 
 
 # ---- whatever is flown --------------------------------------------------------------------------------------------

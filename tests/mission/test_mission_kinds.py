@@ -6,12 +6,14 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from itertools import groupby
 
 import pytest
 
 from mavproxy_handover.mission import MissionError, MissionItem, difference, load, read_route
 from mavproxy_handover.mission.items import COMMANDS
 from mavproxy_handover.mission.plan import with_items
+from mavproxy_handover.mission.route_simulation import legs_of
 from mavproxy_handover.vehicle.profiles import COPTER, PLANE, PROFILES, QUADPLANE
 from tests.mission.conftest import PLAN
 
@@ -97,11 +99,35 @@ def test_a_plane_does_not_take_off_by_hovering(small):
     )
 
 
-def test_the_list_of_what_is_allowed_is_that_of_the_kind(small):
-    small.items[1]["command"] = 177
-    assert "84 NAV_VTOL_TAKEOFF" not in refusal(small.plan, COPTER)
-    assert "84 NAV_VTOL_TAKEOFF" in refusal(small.plan, QUADPLANE)
-    assert "82 NAV_SPLINE_WAYPOINT" not in refusal(small.plan, QUADPLANE)
+def jump(number, target, times):
+    return {"type": "SimpleItem", "command": 177, "frame": 2, "params": [target, times, 0, 0, 0, 0, 0]}
+
+
+def test_wings_that_circle_without_end_are_a_warning(small):
+    hovering(small).items[1]["command"] = 17
+    warnings = read(small.plan, QUADPLANE).warnings
+    assert "item 2 is NAV_LOITER_UNLIM: the aircraft circles there until told to go on" in warnings
+
+
+@pytest.mark.parametrize("kind", [PLANE, QUADPLANE])
+def test_the_jumps_of_wings_are_walked(small, kind):
+    small.items[0]["params"][4:6] = [0.0, 10.002]
+    small.items.insert(2, jump(3, 2, 2))
+    small.items.insert(2, small.item(3, 16, 0.0, 10.015, 30))
+    for number, item in enumerate(small.items, 1):
+        item["doJumpId"] = number
+    legs = legs_of(read(small.plan, kind))
+    assert [seq for seq, _legs in groupby(leg.seq for leg in legs)][:7] == [1, 2, 3, 2, 3, 2, 3]
+
+
+def test_no_jump_goes_with_a_transition(small):
+    """The fault: whether the aircraft hovers was told by the number of the item."""
+    small.items.insert(2, jump(3, 2, 1))
+    small.items.insert(2, {"type": "SimpleItem", "command": 3000, "frame": 2, "params": [4, 0, 0, 0, 0, 0, 0]})
+    assert refusal(small.plan, QUADPLANE) == (
+        "small.plan: item 3: DO_VTOL_TRANSITION in a mission with DO_JUMP: whether the aircraft hovers after a jump is "
+        "not known"
+    )
 
 
 def test_an_upload_in_flight_is_read_for_the_same_kind(small):
@@ -134,11 +160,6 @@ def test_an_upload_in_flight_is_read_for_the_same_kind(small):
         (178, [0, -2, -1], "parameter 2 of DO_CHANGE_SPEED is -2 (allowed: 1 to 100 m/s)"),
         (3000, [2, 0, 0], "parameter 1 of DO_VTOL_TRANSITION is 2 (allowed: 3 to hover, 4 to fly on its wings)"),
         (85, [2, 0, 0], "parameter 1 of NAV_VTOL_LAND is 2 (allowed: 0, or 1 for a circle down before it)"),
-        (
-            17,
-            [0, 0, 0],
-            "NAV_LOITER_UNLIM: it would circle there for ever (allowed: NAV_LOITER_TIME, NAV_LOITER_TURNS)",
-        ),
     ],
 )
 def test_numbers_that_arduplane_takes_for_something_else_are_refused(small, command, params, words):

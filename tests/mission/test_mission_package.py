@@ -174,9 +174,14 @@ def test_refuses_unknown_keys_and_suggests_the_right_one(small):
     small.toml = small.toml.replace("expected_handovers", "expected_handover")
     assert refusal(small) == (
         "mission.toml: unknown key 'expected_handover', did you mean 'expected_handovers'? (allowed: name, description,"
-        " aircraft, detector, route, zones, terrain, corridor_m, expected_handovers, cruise_speed_mps,"
-        " delivery_waypoint, stations, policy, energy, wings, gap)"
+        " aircraft, detector, route, zones, terrain, corridor_m, endless_jump, expected_handovers,"
+        " cruise_speed_mps, delivery_waypoint, stations, policy, energy, wings, gap)"
     )
+
+
+def test_refuses_an_endless_jump_that_is_no_flag(small):
+    small.toml = small.toml.replace("detector", "endless_jump = 1\ndetector", 1)
+    assert refusal(small) == "mission.toml: endless_jump is 1 (allowed: true or false)"
 
 
 @pytest.mark.parametrize("key", ["name", "detector", "route", "zones", "expected_handovers"])

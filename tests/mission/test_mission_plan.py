@@ -5,11 +5,13 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import pytest
 
-from mavproxy_handover.mission import MissionError, MissionItem, RallyPoint, read_route
+from mavproxy_handover.mission import MissionError, MissionItem, RallyPoint, difference, read_route
 from mavproxy_handover.mission.plan import FenceCircle, FencePolygon, Home
+from mavproxy_handover.mission.protocol_items import item_message, item_of, older_item_message
 
 
 def read(plan):
@@ -20,6 +22,11 @@ def refusal(plan):
     with pytest.raises(MissionError) as caught:
         read(plan)
     return str(caught.value)
+
+
+def do_item(command, *params):
+    numbers = [*params, *[0] * (7 - len(params))]
+    return {"type": "SimpleItem", "command": command, "frame": 2, "params": numbers, "doJumpId": 1}
 
 
 # --- what is read ---
@@ -50,7 +57,7 @@ def test_parameters_left_open_are_zero(small):
     assert read(small.plan).items[1].params == (7.0, 0.0, 0.0, 0.0)
 
 
-@pytest.mark.parametrize(("written", "stored"), [(0, 0), (5, 0), (3, 3), (6, 3), (10, 10), (11, 10)])
+@pytest.mark.parametrize(("written", "stored"), [(0, 0), (2, 0), (5, 0), (3, 3), (6, 3), (10, 10), (11, 10)])
 def test_frames_are_those_the_autopilot_stores(small, written, stored):
     small.items[1]["frame"] = written
     assert read(small.plan).items[1].frame == stored
@@ -101,6 +108,87 @@ def test_shipped_plans_have_what_qgroundcontrol_wants_of_every_item(missions, na
         if item["command"] not in (20, 211):  # NAV_RETURN_TO_LAUNCH and DO_GRIPPER have no place
             assert (item["AltitudeMode"], item["frame"]) == (1, 3)
             assert item["Altitude"] == item["params"][6]
+
+
+def scan(name, *items):
+    return {"type": "ComplexItem", "complexItemType": name, "TransectStyleComplexItem": {"Items": list(items)}}
+
+
+@pytest.mark.parametrize("name", ["survey", "CorridorScan", "StructureScan"])
+def test_a_scan_counts_by_the_waypoints_that_it_stores(small, name):
+    trigger = do_item(206, 25)
+    small.items[1] = scan(name, small.item(2, 16, 0.0, 10.002, 30), trigger, small.item(4, 16, 0.0, 10.004, 40))
+    items = read(small.plan).items
+    assert [(item.seq, item.command) for item in items] == [(1, 22), (2, 16), (3, 206), (4, 16), (5, 21)]
+    assert (items[3].lon_deg, items[3].alt_m) == (10.004, 40.0)
+
+
+def test_a_fault_in_a_scan_is_told_by_its_waypoint(small):
+    small.items[1] = scan("survey", small.item(2, 16, 0.0, 10.002, 30), small.item(3, 16, 95.0, 10.002, 30))
+    assert refusal(small.plan) == (
+        "small.plan: item 2, waypoint 2 of 'survey': latitude is 95.0 (allowed: a number from -90 to 90)"
+    )
+
+
+@pytest.mark.parametrize(
+    ("command", "params"),
+    [
+        (202, (1, 2, 3, 4, 5, 6, 0)),
+        (203, (0, 0, 0, 0, 1, 0, 0)),
+        (206, (25, 0, 1)),
+        (216, (1,)),
+        (531, (1, 2.5)),
+        (532, (4, 0)),
+        (534, (1, 2, 3)),
+        (1000, (-30, 90, 0, 0, 12, 0, 1)),
+        (2500, (0, 1, 0)),
+        (2501, (0,)),
+    ],
+)
+def test_camera_gimbal_and_video_commands_are_kept_and_uploaded(small, command, params):
+    small.items[1] = do_item(command, *params)
+    item = read(small.plan).items[1]
+    message = item_message(item, (1, 1), 0)
+    sent = (*item.params, message.x, message.y, message.z)
+    assert (item.command, sent[: len(params)]) == (command, params)
+    assert not item.has_place
+    assert difference(item, item_of(message)) is None
+    older = older_item_message(item, (1, 1), 0)
+    assert (older.x, older.y, older.z) == pytest.approx((message.x, message.y, message.z))
+    assert item_of(older) == item
+
+
+def test_parameters_in_the_place_of_a_place_are_compared(small):
+    small.items[1] = do_item(203, 0, 0, 0, 0, 1)
+    item = read(small.plan).items[1]
+    assert difference(item, replace(item, lat_deg=0.0)) == "item 2: parameter 5 1 came back as 0"
+    assert difference(item, replace(item, lon_deg=3e-7)) == "item 2: parameter 6 0 came back as 3"
+
+
+def test_a_jump_of_a_plan_names_an_item_by_its_jump_id(small):
+    for number, item in enumerate(small.items, 11):
+        item["doJumpId"] = number
+    small.items.insert(2, {**do_item(177, 12, 2), "doJumpId": 14})
+    assert read(small.plan).items[2].params == (2.0, 2.0, 0.0, 0.0)
+
+
+def test_a_takeoff_without_a_place_is_where_the_aircraft_stands(small):
+    small.items[0]["params"][4:6] = [None, None]
+    assert not read(small.plan).items[0].has_place
+
+
+@pytest.mark.parametrize("section", [None, {}, [], {"version": 3}, {"version": 1, "points": [], "polygons": []}])
+def test_an_empty_section_of_any_version_is_none(small, section):
+    small.plan["rallyPoints"] = small.plan["geoFence"] = section
+    route = read(small.plan)
+    assert (route.rally, route.fence) == ((), ())
+
+
+def test_a_home_without_height_is_said(small):
+    small.plan["mission"]["plannedHomePosition"][2] = None
+    route = read(small.plan)
+    assert route.home.alt_m == 0.0
+    assert route.warnings == ("home has no height in the plan: 0 m above the sea is assumed",)
 
 
 # --- what is odd ---
@@ -180,16 +268,17 @@ def test_refuses_a_plan_without_mission(small):
     assert refusal(small.plan) == "small.plan: key 'mission' is missing"
 
 
-def test_refuses_complex_items_by_name(small):
+def test_refuses_complex_items_without_stored_waypoints_by_name(small):
     small.items[1] = {"type": "ComplexItem", "complexItemType": "survey"}
     assert refusal(small.plan) == (
-        "small.plan: item 2: complex item 'survey' (allowed: SimpleItem; rebuild the pattern from waypoints)"
+        "small.plan: item 2: complex item 'survey' stores no waypoints (allowed: a survey, corridor or structure scan "
+        "that has them; rebuild the pattern from waypoints)"
     )
 
 
 def test_refuses_items_of_unknown_type(small):
     small.items[1]["type"] = "Simple"
-    assert refusal(small.plan) == "small.plan: item 2: type is not 'SimpleItem'"
+    assert refusal(small.plan) == "small.plan: item 2: type is not 'SimpleItem' or 'ComplexItem'"
 
 
 def test_refuses_six_parameters(small):
@@ -202,12 +291,82 @@ def test_refuses_a_parameter_that_is_no_number(small):
     assert refusal(small.plan) == ("small.plan: item 2: parameter 2 is '5' (allowed: a number from -1e+09 to 1e+09)")
 
 
-@pytest.mark.parametrize("command", [177, 179, 207, 92, 5000])
-def test_refuses_commands_that_would_make_the_check_worthless(small, command):
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        (179, "DO_SET_HOME takes away a safeguard: it moves home, to which a return leads"),
+        (92, "NAV_GUIDED_ENABLE takes away a safeguard: it hands the aircraft to another controller"),
+        (42702, "NAV_SCRIPT_TIME takes away a safeguard: a script on board flies the aircraft"),
+        (185, "DO_FLIGHTTERMINATION takes away a safeguard: it stops the motors"),
+        (218, "DO_AUX_FUNCTION takes away a safeguard: it can switch the geofence, the flight mode and the motors"),
+        (
+            207,
+            "DO_FENCE_ENABLE takes away a safeguard: it switches the geofence, or its floor, off (allowed: 1 in "
+            "parameter 1)",
+        ),
+        (
+            208,
+            "DO_PARACHUTE takes away a safeguard: it releases the parachute, or switches it off (allowed: 1 in "
+            "parameter 1)",
+        ),
+        (42703, "NAV_ATTITUDE_TIME is not allowed: the path that it makes is not known before the flight"),
+        (
+            530,
+            "SET_CAMERA_MODE is not allowed: ArduPilot does not store it, and would refuse the mission: remove the "
+            "item",
+        ),
+        (
+            5000,
+            "NAV_FENCE_RETURN_POINT is not allowed: ArduPilot does not store it, and would refuse the mission: remove "
+            "the item",
+        ),
+        (
+            4999,
+            "command 4999 is not allowed: ArduPilot does not store it, and would refuse the mission: remove the item",
+        ),
+    ],
+)
+def test_refuses_commands_by_name_and_reason(small, command, words):
     small.items[1]["command"] = command
-    assert refusal(small.plan).startswith(
-        f"small.plan: item 2: command {command} is not one a mission package may hold (allowed: 16 NAV_WAYPOINT, "
+    assert refusal(small.plan) == f"small.plan: item 2: {words}"
+
+
+@pytest.mark.parametrize("command", [207, 208, 223])
+def test_switching_a_safeguard_on_is_allowed(small, command):
+    small.items[1] = do_item(command, 1)
+    assert read(small.plan).items[1].command == command
+
+
+@pytest.mark.parametrize("action", [0, 2, 0.5, 1.5, None])
+def test_refuses_every_other_value_of_a_safeguard(small, action):
+    small.items[1] = do_item(207, action)
+    assert "takes away a safeguard" in refusal(small.plan)
+
+
+def test_all_faults_are_told_at_once_the_gravest_first(small):
+    small.items[1]["params"][4] = 90.5
+    small.items.insert(2, do_item(530))
+    small.items.insert(3, do_item(179))
+    with pytest.raises(MissionError) as caught:
+        read(small.plan)
+    assert [fault.split(" ", 3)[:3] for fault in caught.value.faults] == [
+        ["small.plan:", "item", "4:"],
+        ["small.plan:", "item", "2:"],
+        ["small.plan:", "item", "3:"],
+    ]
+    assert str(caught.value) == (
+        "small.plan: item 4: DO_SET_HOME takes away a safeguard: it moves home, to which a return leads (and 2 more)"
     )
+
+
+def test_faults_of_the_sections_are_told_with_those_of_the_items(small):
+    small.items[1]["params"][4] = 90.5
+    small.plan["rallyPoints"]["points"] = [[95.0, 10.0, 30.0]]
+    small.plan["geoFence"]["circles"] = [{"circle": {"center": [1, 2]}}]
+    small.plan["mission"]["plannedHomePosition"] = [0.0, 10.0]
+    with pytest.raises(MissionError) as caught:
+        read(small.plan)
+    assert len(caught.value.faults) == 4
 
 
 def test_refuses_a_command_that_is_no_number(small):
@@ -215,12 +374,12 @@ def test_refuses_a_command_that_is_no_number(small):
     assert refusal(small.plan) == "small.plan: item 2: command is null (allowed: a whole number from 0 to 65535)"
 
 
-@pytest.mark.parametrize("frame", [1, 2, None, False, "3", 1e400])
+@pytest.mark.parametrize("frame", [1, 4, None, False, "3", 1e400])
 def test_refuses_frames_without_a_place(small, frame):
     small.items[1]["frame"] = frame
     text = json.dumps(small.plan).replace("Infinity", "1e400")
     assert refusal(text) == (
-        "small.plan: item 2: frame of NAV_WAYPOINT is not one with a place (allowed: 0, 5, 3, 6, 10, 11)"
+        "small.plan: item 2: frame of NAV_WAYPOINT is not one with a place (allowed: 0, 2, 5, 3, 6, 10, 11)"
     )
 
 
@@ -317,14 +476,50 @@ def test_refuses_a_fence_circle_without_radius(small):
     assert refusal(small.plan) == "small.plan: geoFence, circle 1: key 'radius' is missing"
 
 
-def test_refuses_a_route_without_takeoff(small):
+def test_a_mission_without_takeoff_is_a_warning(small):
     del small.items[0]
-    assert refusal(small.plan) == "small.plan: the first flown item is NAV_WAYPOINT (allowed: NAV_TAKEOFF first)"
+    assert read(small.plan).warnings == (
+        "the mission begins with NAV_WAYPOINT, not with NAV_TAKEOFF: START is refused. Take off with the remote "
+        "control, then change to AUTO",
+    )
+
+
+def test_a_delay_may_wait_on_the_ground_before_the_takeoff(small):
+    small.items.insert(0, {"type": "SimpleItem", "command": 93, "frame": 2, "params": [5, -1, -1, -1, 0, 0, 0]})
+    assert read(small.plan).warnings == ()
 
 
 def test_refuses_an_empty_route(small):
     small.items.clear()
-    assert refusal(small.plan) == "small.plan: nothing is flown (allowed: NAV_TAKEOFF first)"
+    assert refusal(small.plan) == "small.plan: nothing is flown (allowed: at least one item that is)"
+
+
+def test_a_takeoff_above_the_sea_says_where_home_is(small):
+    small.items[0]["frame"] = 0
+    assert refusal(small.plan) == (
+        "small.plan: item 1: take-off to 30 m above the sea, and home is at 100 m (allowed: above home)"
+    )
+
+
+def test_faults_of_the_whole_route_are_told_at_once(small):
+    small.plan["mission"]["plannedHomePosition"] = [0, 0, 0]
+    small.items[0]["params"][6] = 0
+    small.items.insert(2, {**do_item(177, 1, -1), "doJumpId": 9})
+    with pytest.raises(MissionError) as caught:
+        read(small.plan)
+    assert len(caught.value.faults) == 3
+
+
+@pytest.mark.parametrize(("command", "name"), [(178, "DO_CHANGE_SPEED"), (211, "DO_GRIPPER")])
+def test_what_waits_for_a_condition_is_said(small, command, name):
+    small.items[1:1] = [do_item(112, 30), do_item(command, 1, 8)]
+    (warning,) = read(small.plan).warnings
+    assert warning == (
+        f"item 3 ({name}) waits for item 2 (CONDITION_DELAY): when that is, is not known. It is counted from the "
+        "beginning of the way"
+    )
+    small.items[1:3] = [do_item(112, 30), small.item(3, 16, 0.0, 10.002, 30), do_item(command, 1, 8)]
+    assert read(small.plan).warnings == ()
 
 
 def test_takeoff_may_follow_items_that_are_not_flown(small):
@@ -383,5 +578,5 @@ def test_refuses_a_field_that_is_no_number():
 
 def test_refuses_a_field_that_is_infinite():
     assert waypoint_refusal("QGC WPL 110\n" + HOME_LINE + "1 0 3 22 0 0 0 0 0 inf 30 1\n") == (
-        "a.waypoints: line 3: longitude is inf (allowed: a number from -180 to 180)"
+        "a.waypoints: line 3, item 1: longitude is inf (allowed: a number from -180 to 180)"
     )

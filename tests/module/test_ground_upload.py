@@ -227,7 +227,7 @@ def test_after_the_override_it_is_flown(loaded: Bench, delivery: MissionPackage)
     ("items", "why"),
     [
         ((SAFE[0], replace(SAFE[2], seq=1), replace(SAFE[4], seq=2)), "the first flown item is NAV_WAYPOINT"),
-        ((*SAFE[:3], waypoint(3, 0, 0, command=179), SAFE[4]), "item 3, DO_SET_HOME, cannot be judged"),
+        ((*SAFE[:3], waypoint(3, 0, 0, command=179), SAFE[4]), "item 3: DO_SET_HOME takes away a safeguard"),
     ],
     ids=["no take-off", "DO_SET_HOME"],
 )

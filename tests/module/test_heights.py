@@ -60,6 +60,10 @@ def flown(bench: Bench, delivery: MissionPackage) -> Bench:
     return flown
 
 
+def without_takeoff(mission: dict[str, Any]) -> None:
+    del mission["items"][0]
+
+
 # ---- START --------------------------------------------------------------------------------------------------------
 
 
@@ -83,6 +87,18 @@ def test_start_is_granted_where_both_agree(bench: Bench, delivery: MissionPackag
     bench.autopilot.home_alt_m = 600.0
     take_off(bench, changed(delivery, above_sea(home_m)))
     assert bench.companion.view.phase is Phase.ON_MISSION
+
+
+def test_start_is_refused_where_the_mission_does_not_take_off(bench: Bench, delivery: MissionPackage) -> None:
+    """ArduCopter would arm, and refuse AUTO."""
+    bench.connect()
+    bench.share(changed(delivery, without_takeoff))
+    bench.run(2.0)
+    bench.a.command(START)
+    bench.run(1.0)
+    assert bench.a.acks(START) == [mavlink.MAV_RESULT_TEMPORARILY_REJECTED]
+    assert "the mission has no take-off, it begins with item 1 (NAV_WAYPOINT)" in bench.a.texts()
+    assert bench.autopilot.commands() == []
 
 
 def test_heights_above_home_ask_nothing_of_the_height_of_home(bench: Bench, delivery: MissionPackage) -> None:

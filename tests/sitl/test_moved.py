@@ -103,6 +103,18 @@ def test_the_older_format_and_heights_above_the_sea_go_with_home(tmp_path: Path)
     assert _away_m(there)[:3] == pytest.approx(_away_m(package)[:3], rel=1e-3)
 
 
+def test_the_waypoints_of_a_scan_go_along() -> None:
+    package = _load("delivery")
+    texts = {name: data.decode() for name, data in package.files.items()}
+    plan = json.loads(texts["delivery.plan"])
+    items = plan["mission"]["items"]
+    scan = {"type": "ComplexItem", "complexItemType": "survey", "TransectStyleComplexItem": {"Items": items[1:3]}}
+    plan["mission"]["items"] = [items[0], scan, *items[3:]]
+    texts["delivery.plan"] = json.dumps(plan)
+    there = moved(packages.from_texts(texts, "delivery"), PLACES[0])
+    assert _away_m(there) == pytest.approx(_away_m(package), rel=1e-3, abs=0.01)
+
+
 def test_a_fence_of_circles_goes_along() -> None:
     package = _load("delivery")
     plan = json.loads(package.files["delivery.plan"])

@@ -45,9 +45,9 @@ from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.gate.policy.switches import switch_name, switch_rule
 from mavproxy_handover.mission.geodesy import distance_m
 from mavproxy_handover.mission.heights import above_sea, above_terrain, low_ways, named
-from mavproxy_handover.mission.items import GRIPPER, LANDINGS, LOITER_TURNS, MissionItem, stored_radius_m
+from mavproxy_handover.mission.items import GRIPPER, LANDINGS, LOITER_TURNS, TAKEOFFS, MissionItem, stored_radius_m
 from mavproxy_handover.mission.leg import Leg
-from mavproxy_handover.mission.plan import Route, ways_from_land_starts
+from mavproxy_handover.mission.plan import Route, first_in_air, ways_from_land_starts
 from mavproxy_handover.mission.route_simulation import legs_of
 from mavproxy_handover.vehicle.profiles import SWITCHED, Profile, RuleGroup
 from mavproxy_handover.vehicle.return_limits import BELOW_CEILING_M
@@ -99,6 +99,8 @@ class PlanFacts:
     low: str = ""
     #: number of its first DO_GRIPPER; None: it has none
     gripper: int | None = None
+    #: what it begins with, in words, if that is no take-off; "": it takes off
+    begins_with: str = ""
 
 
 def plan_facts(route: Route, cruise_mps: float | None = None) -> PlanFacts:
@@ -109,6 +111,7 @@ def plan_facts(route: Route, cruise_mps: float | None = None) -> PlanFacts:
     highest_m = max(leg.end[2] for leg in legs)
     inclusions, ways = sum(part.inclusion for part in route.fence), ways_from_land_starts(route.items)
     aloft = next((way[0].seq for way in ways if way[-1].command not in LANDINGS), None)
+    first = first_in_air(route.items)
     return PlanFacts(
         bool(route.fence),
         inclusions,
@@ -124,6 +127,7 @@ def plan_facts(route: Route, cruise_mps: float | None = None) -> PlanFacts:
         cruise_mps,
         next((low.text for low in low_ways(route, legs)), ""),
         next((item.seq for item in route.items if item.command == GRIPPER), None),
+        "" if first is None or first.command in TAKEOFFS else named(first),
     )
 
 

@@ -50,7 +50,7 @@ class PlanFitMonitor:
     def update(self, state: VehicleState, _now: float) -> list[Event]:
         """Returns what START lacks for aircraft, heights and a return that lands, when that changes."""
         parameters, found = state.parameters.read, list[Event]()
-        aircraft = other_type(parameters or {}) or self._other_kind(state)
+        aircraft = other_type(parameters or {}) or self._other_kind(state) or self._no_takeoff()
         if aircraft != self._aircraft:
             self._aircraft = aircraft
             found.append(AircraftJudged(aircraft))
@@ -63,6 +63,11 @@ class PlanFitMonitor:
             self._return = lacks
             found.append(ReturnJudged(lacks))
         return found
+
+    def _no_takeoff(self) -> str:
+        """What the mission begins with, in words, if that is no take-off: AUTO does not leave the ground then."""
+        begins = "" if self._facts is None else self._facts.begins_with
+        return f"the mission has no take-off, it begins with {begins}" if begins else ""
 
     def _other_kind(self, state: VehicleState) -> str:
         """Which kind of aircraft the mission was checked for, in words; "" if it is this one, or not known."""

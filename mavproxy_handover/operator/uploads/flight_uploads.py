@@ -36,7 +36,7 @@ from mavproxy_handover.mission.ahead import Ahead
 from mavproxy_handover.mission.crossings import WayAhead
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.heights import into_ground
-from mavproxy_handover.mission.items import COMMANDS, JUMP, MissionItem
+from mavproxy_handover.mission.items import COMMANDS, JUMPS, MissionItem
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.mission.plan import MAX_CORNERS, MAX_ITEMS, Route, with_items
 from mavproxy_handover.mission.protocol_items import Flaw, flaw
@@ -70,7 +70,7 @@ _READ: Final = "mission found in flight"
 
 def _mission_flaw(item: MissionItem) -> Flaw | None:
     """The flaw of a single mission item; None: none. Item 0 is home, which the autopilot sets itself."""
-    if item.seq and (item.command not in COMMANDS or item.command == JUMP):
+    if item.seq and (item.command not in COMMANDS or item.command in JUMPS):
         words = f"item {item.seq}: command {item.command} is not one that can be judged"
         return Flaw(mavlink.MAV_MISSION_UNSUPPORTED, words)
     return flaw(item)

@@ -25,18 +25,14 @@ from dataclasses import dataclass, replace
 from math import inf
 from typing import Final
 
-from pymavlink.dialects.v20 import handover as mavlink
-
 from mavproxy_handover.core.safety.commands import QUIET_S, Limit
 from mavproxy_handover.gate.list_changes import MISSION, ListChange
 from mavproxy_handover.gate.refusal_text import how_to_lift
 from mavproxy_handover.mission.ahead import leaves_coverage, leaves_fence
-from mavproxy_handover.mission.crossings import WayAhead
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.fence import Fence
 from mavproxy_handover.mission.heights import into_ground
-from mavproxy_handover.mission.items import COMMANDS, MissionItem, difference
-from mavproxy_handover.mission.jumps import jumps
+from mavproxy_handover.mission.items import difference
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.mission.route_simulation import simulate_legs
 from mavproxy_handover.operator.base.context import Context
@@ -44,7 +40,7 @@ from mavproxy_handover.operator.checks.command_check import CommandCheck
 from mavproxy_handover.operator.stations.port import StationPort
 from mavproxy_handover.operator.uploads.flown_mission import FlownMission
 from mavproxy_handover.operator.uploads.mission_readiness import MissionReadiness
-from mavproxy_handover.operator.uploads.prepared import Along, Prepared, way_of
+from mavproxy_handover.operator.uploads.prepared import Along, Prepared, way_ahead, way_of
 from mavproxy_handover.tools.worker import Worker
 from mavproxy_handover.vehicle.mission_protocol import fence_items, same_fence
 from mavproxy_handover.vehicle.procedures import HeldPlan
@@ -232,9 +228,6 @@ def _judge(package: MissionPackage, held: HeldPlan, commander: int) -> _Judged:
     """
     own = _is_own(package, held)
     if not own:
-        for item in held.items[1:]:
-            if item.command not in COMMANDS:
-                raise MissionError(f"item {item.seq}, {_command_name(item)}, cannot be judged")
         if package.route.fence and not held.fence:
             raise MissionError(f"the geofence of package {package.name} was cleared")
         package = package.with_mission(held.items, held.fence, held.cruise_mps)
@@ -250,9 +243,7 @@ def _judge(package: MissionPackage, held: HeldPlan, commander: int) -> _Judged:
             Limit.FENCE: leaves_fence(legs, Fence(package.route.fence)),
             Limit.COVERAGE: leaves_coverage(legs, package.zone_finder(), stations),
         }
-    # in flight the repetition of a DO_JUMP is not known, so there is no countdown to a border
-    way = None if jumps(package.route.items) else WayAhead.of(simulation, package.route)
-    along = Along(package.stretches(simulation), way, simulation.handovers)
+    along = Along(package.stretches(simulation), way_ahead(simulation, package.route), simulation.handovers)
     prepared = Prepared(package, package.zone_finder(), simulation.commanders, way_of(package), along)
     return _Judged(prepared, own, left)
 
@@ -269,8 +260,3 @@ def _is_own(package: MissionPackage, held: HeldPlan) -> bool:
         difference(sent, replace(got, seq=sent.seq), package.profile) is None
         for sent, got in zip(items[1:], held.items[1:], strict=True)
     )
-
-
-def _command_name(item: MissionItem) -> str:
-    names = mavlink.enums["MAV_CMD"]
-    return names[item.command].name.removeprefix("MAV_CMD_") if item.command in names else f"command {item.command}"

@@ -15,12 +15,14 @@ from mavproxy_handover.mission.ahead import Ahead
 from mavproxy_handover.mission.crossings import WayAhead
 from mavproxy_handover.mission.energy import PreparedWay
 from mavproxy_handover.mission.gaps import Stretch
+from mavproxy_handover.mission.jumps import jumps
 from mavproxy_handover.mission.package import MissionPackage
-from mavproxy_handover.mission.route_simulation import Handover
+from mavproxy_handover.mission.plan import Route
+from mavproxy_handover.mission.route_simulation import Handover, RouteSimulation
 from mavproxy_handover.mission.zones import ZoneFinder
 from mavproxy_handover.monitors.preflight.own_failsafes import PlanFacts
 
-__all__ = ["Along", "Prepared", "Rerouted", "Way", "prepare", "way_of"]
+__all__ = ["Along", "Prepared", "Rerouted", "Way", "prepare", "way_ahead", "way_of"]
 
 
 #: the pieces of a route, with the return from its end at that height (m) where it does not land
@@ -67,8 +69,13 @@ class Rerouted:
 def prepare(package: MissionPackage) -> Prepared:
     """Walk the route of a package through its zones."""
     simulation = package.simulate()
-    along = Along(package.stretches(simulation), WayAhead.of(simulation, package.route), simulation.handovers)
+    along = Along(package.stretches(simulation), way_ahead(simulation, package.route), simulation.handovers)
     return Prepared(package, package.zone_finder(), simulation.commanders, way_of(package), along)
+
+
+def way_ahead(simulation: RouteSimulation, route: Route) -> WayAhead | None:
+    """The borders of zones on a route. In flight the round of a jump is not known, so then there are none."""
+    return None if jumps(route.items) else WayAhead.of(simulation, route)
 
 
 def way_of(package: MissionPackage) -> Way:

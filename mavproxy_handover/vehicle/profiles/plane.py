@@ -309,7 +309,7 @@ PLANE: Final = Profile(
         mavlink.MAV_CMD_NAV_PAYLOAD_PLACE: "ArduPlane lands there, and need not go on after it",
         mavlink.MAV_CMD_CONDITION_YAW: "ArduPlane passes over it",
         mavlink.MAV_CMD_DO_WINCH: "ArduPlane passes over it",
-        mavlink.MAV_CMD_DO_JUMP: "the jumps of wings are not walked",
+        mavlink.MAV_CMD_DO_RETURN_PATH_START: "the return that joins its path is not walked",
         mavlink.MAV_CMD_DO_VTOL_TRANSITION: _BOTH,
     },
     stores={mavlink.MAV_CMD_NAV_WAYPOINT: "-yy-"},
