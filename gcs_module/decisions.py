@@ -48,7 +48,7 @@ _MAY: Final[Mapping[tuple[FlightAction, Who], str]] = {
     (FlightAction.HOLD, Who.THIS): "Type 'handover give STATION' to hand it over.",
     (FlightAction.HOLD, Who.OTHER): _TAKE,
     (FlightAction.RETURN, Who.NOBODY): _TAKE,
-    (FlightAction.RETURN, Who.THIS): "When that is over, 'handover resume' continues the mission.",
+    (FlightAction.RETURN, Who.THIS): "When the cause is over, 'handover resume' continues the mission.",
     (FlightAction.RETURN, Who.OTHER): "",
     (FlightAction.LAND, Who.NOBODY): _TAKE,
     (FlightAction.LAND, Who.THIS): "You command: choose another mode if it must not land.",

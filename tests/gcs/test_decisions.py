@@ -92,7 +92,7 @@ def test_a_landing_is_not_said_to_be_where_the_aircraft_is(who: Who) -> None:
         (
             FlightAction.RETURN,
             Who.THIS,
-            "RETURN: links weak. When that is over, 'handover resume' continues the mission.",
+            "RETURN: links weak. When the cause is over, 'handover resume' continues the mission.",
         ),
         (FlightAction.RETURN, Who.OTHER, "RETURN: links weak."),
     ],

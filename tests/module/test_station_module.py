@@ -924,7 +924,7 @@ def test_after_a_restart_of_the_companion_a_number_that_was_there_is_another_wor
 
 @pytest.mark.parametrize(
     ("commander", "words"),
-    [(251, " When that is over, 'handover resume' continues the mission."), (252, "")],
+    [(251, " When the cause is over, 'handover resume' continues the mission."), (252, "")],
 )
 def test_what_an_operator_may_do_depends_on_who_commands(station: StationBench, commander: int, words: str) -> None:
     station.load()

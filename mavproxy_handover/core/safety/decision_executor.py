@@ -279,7 +279,7 @@ class DecisionExecutor:
             if now >= self._again_at + _AGAIN_TOLD_S:
                 self._again_at = now
                 self._tell(
-                    f"{order.name} is ordered again. The autopilot is still in {self._mode.name}",
+                    f"{order.name} is ordered again. The aircraft has not begun it, in {self._mode.name}",
                     order,
                     decision,
                     actions,

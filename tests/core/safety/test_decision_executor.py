@@ -162,7 +162,7 @@ class TestReturn:
         assert 6.0 <= waits[1] <= 6.6
         assert 12.0 <= waits[2] <= 13.2
         assert said(bench)[1:4] == [
-            "RETURN is ordered again. The autopilot is still in AUTO (commander lost)",
+            "RETURN is ordered again. The aircraft has not begun it, in AUTO (commander lost)",
             "RETURN: the autopilot does not follow. The autopilot is in AUTO (commander lost)",
             "LAND. GCSA silent for 17 s",
         ]
@@ -519,7 +519,7 @@ class TestPilot:
         bench.mode = with_radio(AUTO)
         bench.run(3.0)
         assert bench.flights() == [HOME, HOME]
-        assert said(bench)[-1] == "RETURN is ordered again. The autopilot is still in AUTO (commander lost)"
+        assert said(bench)[-1] == "RETURN is ordered again. The aircraft has not begun it, in AUTO (commander lost)"
 
     def test_when_his_radio_is_gone_the_aircraft_is_nobodys(self) -> None:
         bench = lost(aloft(mode=with_radio(AUTO)), with_radio(LOITER))
@@ -782,7 +782,7 @@ def test_an_order_to_go_on_that_was_lost_is_given_again_until_it_moves() -> None
     bench.run(12.5)
     assert bench.flights() == [HOLD, GO_ON, GO_ON, GO_ON]
     assert [text for text in said(bench) if "again" in text] == [
-        "CONTINUE is ordered again. The autopilot is still in AUTO"
+        "CONTINUE is ordered again. The aircraft has not begun it, in AUTO"
     ]
     bench.motion = MotionSeen(8.0, 0.0, 300.0)
     bench.run(60.0)

@@ -342,7 +342,7 @@ class TestVerified:
             bench.says(now)
             assert not bench.safety.executor.verify_order(bench.safety.facts.now(now), now, bench.actions)
             texts.append(told(bench))
-        text = "LAND is ordered again. The autopilot is still in MISSION (commander lost)"
+        text = "LAND is ordered again. The aircraft has not begun it, in MISSION (commander lost)"
         assert texts == [[], [text], [], [text]]
         assert bench.actions == [Fly(FlightAction.LAND, Reason.COMMANDER_LOST)] * 3
 
@@ -368,7 +368,7 @@ class TestVerified:
         bench.actions.clear()
         bench.says(107.0)
         bench.safety.executor.verify_order(bench.safety.facts.now(107.0), 107.0, bench.actions)
-        assert told(bench) == ["CONTINUE is ordered again. The autopilot is still in MISSION"]
+        assert told(bench) == ["CONTINUE is ordered again. The aircraft has not begun it, in MISSION"]
         assert bench.actions == [Fly(CONTINUE, Reason.NONE)]
 
     def test_an_order_that_shows_is_journalled(self) -> None:
