@@ -57,15 +57,27 @@ def as_flown(items: Sequence[MissionItem], first: int = 0) -> tuple[MissionItem,
         if item.command not in JUMPS:
             found.append(item)
             at += 1
-        elif made[at] < abs(int(item.param2)) and int(item.param2) >= _WITHOUT_END:
+        elif int(item.param2) == _WITHOUT_END:
+            found += _to_its_beginning(items, _target(items, item))
+            break
+        elif made[at] < int(item.param2):
             made[at] += 1
             at = _target(items, item) - 1
-        elif int(item.param2) == _WITHOUT_END:
-            break
         else:
             made[at] = 0
             at += 1
     return tuple(found)
+
+
+def _to_its_beginning(items: Sequence[MissionItem], target: int) -> tuple[MissionItem, ...]:
+    """The items from the target of a jump to the first one that is flown; a further jump ends them."""
+    after = items[target - 1 :] if target > 0 else ()
+    for count, item in enumerate(after):
+        if item.command in JUMPS:
+            return tuple(after[:count])
+        if COMMANDS[item.command].flown:
+            return tuple(after[: count + 1])
+    return tuple(after)
 
 
 def _target(items: Sequence[MissionItem], jump: MissionItem) -> int:

@@ -2,7 +2,7 @@
 
 """Draws the map of a mission: zones, handover regions, the route in the colours of its commanders.
 
-Needs matplotlib (extra `sim`), which is loaded here only. The map is drawn in metres around home, so circles are round
+Needs matplotlib, which `mavproxy-handover-sim` brings and which is loaded here only. The map is drawn in metres around home, so circles are round
 and the scale bar is right; the axes are labelled in degrees.
 """
 
@@ -59,7 +59,7 @@ def draw(package: MissionPackage, path: str | Path, simulation: RouteSimulation 
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
     except ImportError:
-        raise MissionError(f"{path}: a map needs matplotlib (install the extra 'sim')") from None
+        raise MissionError(f"{path}: a map needs matplotlib: pip install mavproxy-handover-sim") from None
     sheet = MapSheet(package, simulation)
     figure = Figure(figsize=sheet.size_inches(), dpi=130)
     FigureCanvasAgg(figure)

@@ -354,7 +354,7 @@ def test_map_without_matplotlib_says_which_extra_brings_it(small, tmp_path, caps
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     assert main([str(small.write()), "--map", str(tmp_path / "map.png")]) == 2
     assert capsys.readouterr().err == (
-        f"handover check: {tmp_path}/map.png: a map needs matplotlib (install the extra 'sim')\n"
+        f"handover check: {tmp_path}/map.png: a map needs matplotlib: pip install mavproxy-handover-sim\n"
     )
 
 
