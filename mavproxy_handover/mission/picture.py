@@ -2,8 +2,8 @@
 
 """Draws the map of a mission: zones, handover regions, the route in the colours of its commanders.
 
-Needs matplotlib, which `mavproxy-handover-sim` brings and which is loaded here only. The map is drawn in metres around home, so circles are round
-and the scale bar is right; the axes are labelled in degrees.
+Needs matplotlib, which `mavproxy-handover-sim` brings and which is loaded here only. The map is drawn in metres around
+home, so circles are round and the scale bar is right; the axes are labelled in degrees.
 """
 
 from __future__ import annotations
