@@ -14,6 +14,7 @@ from reference.locked import locked
 from reference.messages import messages
 from reference.parameters import parameters
 from reference.requirements import requirements
+from reference.scenarios import scenarios
 from reference.typed import typed
 
 __all__ = ["FOLDER", "PAGES"]
@@ -29,4 +30,5 @@ PAGES: Final[Mapping[str, Callable[[], str]]] = {
     "mission.md": mission,
     "parameters.md": parameters,
     "requirements.md": requirements,
+    "scenarios.md": scenarios,
 }

@@ -13,6 +13,7 @@ import signal
 import sys
 import threading
 from collections.abc import Sequence
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from types import FrameType
@@ -50,6 +51,7 @@ __all__ = [
     "fly",
     "folder_of",
     "main",
+    "own_file",
     "report_of",
     "speedup_of",
     "stop_like_ctrl_c",
@@ -129,6 +131,7 @@ def _parser() -> argparse.ArgumentParser:
                 "a lost commander, flown by ArduCopter SITL",
             ),
             ("handover sim --mission missions/delivery --faults 7", "your own mission, with faults by chance"),
+            ("handover sim --scenario lost-link.toml", "your own scenario"),
         ),
         codes={0: "every expectation held", 1: "one did not", 2: "wrong usage, or nothing could be set up"},
         description="Fly a scenario: a simulated vehicle with the guard, a companion and ground stations as real "
@@ -137,7 +140,11 @@ def _parser() -> argparse.ArgumentParser:
     flown = parser.add_argument_group("what is flown")
     what = flown.add_mutually_exclusive_group()
     usual = ", ".join(f"{name} for a {kind}" for kind, name in USUAL_SCENARIO.items())
-    what.add_argument("--scenario", metavar="NAME", help=f"what to play (default: {usual})")
+    what.add_argument(
+        "--scenario",
+        metavar="NAME|FILE",
+        help=f"what to play: one that ships, or a file of your own, named *.toml (default: {usual})",
+    )
     what.add_argument("--mission", type=Path, metavar="DIR", help="fly this mission package as its check says")
     flown.add_argument("--faults", type=int, metavar="SEED", help="with --mission: something goes wrong, by chance")
     flown.add_argument("--anyway", action="store_true", help="with --mission: even if its check finds errors")
@@ -283,9 +290,21 @@ def _scenario(arguments: argparse.Namespace) -> Scenario:
     scenarios = known_scenarios()
     profile = ASSUMED if arguments.vehicle == "auto" else flies(arguments.vehicle)
     name = USUAL_SCENARIO[profile.name] if arguments.scenario is None else arguments.scenario
-    if name not in scenarios:
-        raise ScenarioError(f"no scenario {name!r}; the scenarios are {', '.join(scenarios) or 'none'}")
-    return load_scenario(scenarios[name])
+    if name in scenarios:
+        return load_scenario(scenarios[name])
+    if name.endswith(".toml"):
+        return own_file(Path(name).expanduser())
+    raise ScenarioError(
+        f"no scenario {name!r}; the scenarios are {', '.join(scenarios) or 'none'}; or give the path of a file named "
+        "*.toml"
+    )
+
+
+def own_file(path: Path) -> Scenario:
+    """The scenario of a user's own file. Its mission may be a folder beside the file. Raises ScenarioError."""
+    scenario = load_scenario(path)
+    beside = path.parent / scenario.mission
+    return replace(scenario, mission=str(beside)) if (beside / packages.MISSION_FILE).is_file() else scenario
 
 
 def _own(folder: Path, faults: int | None, *, anyway: bool) -> Scenario:

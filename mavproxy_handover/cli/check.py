@@ -1,33 +1,28 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The command line of `handover check`. `mission/check.py` judges and prints."""
+"""The command line of `handover check`. `mission/check.py` judges."""
 
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from mavproxy_handover.config.toml import ConfigError
 from mavproxy_handover.core.common.model import Station
 from mavproxy_handover.core.safety.energy import Wind
-from mavproxy_handover.mission.check import OPERATOR_S, REACH_M, TRANSFER_S, check, report_text
+from mavproxy_handover.mission.check import OPERATOR_S, check
+from mavproxy_handover.mission.check_json import report_json
+from mavproxy_handover.mission.check_text import report_text
 from mavproxy_handover.mission.errors import MissionError
+from mavproxy_handover.mission.fix import fix
 from mavproxy_handover.mission.package import MISSION_FILE, MissionPackage, load
 from mavproxy_handover.tools.command_line import CommandParser
 
 __all__ = ["main"]
-
-
-def _above_zero(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = 0.0
-    if not 0.0 < value < 1e6:
-        raise argparse.ArgumentTypeError(f"{text} (allowed: a number above 0)")
-    return value
 
 
 def _wind(text: str) -> Wind:
@@ -41,27 +36,36 @@ def _wind(text: str) -> Wind:
     return wind
 
 
-def _stations(named: str | None, package: MissionPackage) -> tuple[Station, ...]:
-    """The stations of the vehicle's file, which is named or found as the companion would find it.
+@dataclass(frozen=True, slots=True)
+class _Vehicle:
+    """Data of the vehicle's file that the check needs."""
 
-    A file that is not named counts only if it has the stations of this mission; otherwise there are none. Raises
+    stations: tuple[Station, ...] = ()
+    operator_s: float = OPERATOR_S
+
+
+def _vehicle(named: str | None, package: MissionPackage) -> _Vehicle:
+    """The vehicle's file, which is named or found as the companion would find it.
+
+    A file that is not named counts only if it has the stations of this mission; otherwise nothing is known. Raises
     ConfigError or ImportError for a named one.
     """
     try:  # the check of a mission needs no MAVLink, which the configuration does
         from mavproxy_handover.config.files import find_vehicle_config, load_vehicle
 
-        stations = tuple(each.station for each in load_vehicle(find_vehicle_config(named)).stations)
+        config = load_vehicle(find_vehicle_config(named))
     except (ConfigError, ImportError):
         if named is not None:
             raise
-        return ()
+        return _Vehicle()
+    stations = tuple(each.station for each in config.stations)
     known = {(station.sysid, station.name) for station in stations}
-    fits = all((station.sysid, station.name) in known for station in package.stations)
-    return stations if named is not None or fits else ()
+    if named is None and not all((station.sysid, station.name) in known for station in package.stations):
+        return _Vehicle()
+    return _Vehicle(stations, config.limits.operator_timeout_s)
 
 
-def main(args: Sequence[str]) -> int:
-    """The command `handover check`. Returns 0 passed, 1 errors found, 2 bad input."""
+def _parser() -> CommandParser:
     parser = CommandParser(
         prog="handover check",
         description="Check a mission package before flight: coverage, handovers, rally points, energy.",
@@ -71,23 +75,19 @@ def main(args: Sequence[str]) -> int:
                 "handover check missions/delivery --map map.png --wind 8,270",
                 "a map, and the energy in 8 m/s from the west",
             ),
+            ("handover check missions/delivery --json", "the same for programs"),
         ),
         codes={0: "passed", 1: "errors found", 2: "the mission or the command cannot be read"},
     )
     parser.add_argument("mission", metavar="MISSION", help=f"folder of the mission package, or its {MISSION_FILE}")
     parser.add_argument("--map", metavar="FILE", help="draw a map of the mission (.png, .svg or .pdf)")
     parser.add_argument(
-        "--transfer", type=_above_zero, default=TRANSFER_S, metavar="S", help="seconds a transfer needs (%(default)g)"
+        "--json", action="store_true", help="for programs: findings, handovers and energy as one object"
     )
     parser.add_argument(
-        "--operator",
-        type=_above_zero,
-        default=OPERATOR_S,
-        metavar="S",
-        help="seconds an operator may take to answer (%(default)g)",
-    )
-    parser.add_argument(
-        "--reach", type=_above_zero, default=REACH_M, metavar="M", help="metres off the route for rally (%(default)g)"
+        "--fix",
+        action="store_true",
+        help="put right what needs no decision, and say what was changed. The old files are kept as NAME.orig",
     )
     parser.add_argument(
         "--wind",
@@ -99,34 +99,42 @@ def main(args: Sequence[str]) -> int:
     parser.add_argument(
         "--config",
         metavar="FILE",
-        help="the vehicle's configuration, for what it says of consent (default: as the companion finds it, if it has "
-        "the stations of the mission)",
+        help="the vehicle's configuration, for what it says of consent and operators (default: as the companion finds "
+        "it, if it has the stations of the mission)",
     )
+    return parser
+
+
+def main(args: Sequence[str]) -> int:
+    """The command `handover check`. Returns 0 passed, 1 errors found, 2 bad input."""
     try:
-        options = parser.parse_args(list(args))
+        options = _parser().parse_args(list(args))
     except SystemExit as stop:  # argparse has printed the error
         return 0 if stop.code in (0, None) else 2
-    folder = Path(options.mission)
+    named = Path(options.mission)
     try:
-        package = load(folder.parent if folder.name == MISSION_FILE else folder)
-        report = check(
-            package,
-            transfer_s=options.transfer,
-            operator_s=options.operator,
-            reach_m=options.reach,
-            wind=options.wind,
-            stations=_stations(options.config, package),
-        )
-        print(report_text(report))
-        if options.map:
-            from mavproxy_handover.mission.picture import draw
-
-            draw(package, Path(options.map), report.simulation)
+        return _checked(named.parent if named.name == MISSION_FILE else named, options)
     except MissionError as error:
-        for fault in error.faults:
-            print(f"handover check: {fault}", file=sys.stderr)
-        return 2
+        faults: Sequence[str] = error.faults
     except ConfigError as error:
-        print(f"handover check: {error}", file=sys.stderr)
-        return 2
+        faults = (str(error),)
+    if options.json:
+        print(json.dumps({"passed": False, "faults": list(faults)}, indent=1))
+    for fault in faults:
+        print(f"handover check: {fault}", file=sys.stderr)
+    return 2
+
+
+def _checked(folder: Path, options: argparse.Namespace) -> int:
+    """Raises MissionError, ConfigError."""
+    for fixed in fix(folder) if options.fix else ():
+        print(f"fixed: {fixed}", file=sys.stderr)
+    package = load(folder)
+    vehicle = _vehicle(options.config, package)
+    report = check(package, operator_s=vehicle.operator_s, wind=options.wind, stations=vehicle.stations)
+    print(json.dumps(report_json(report), indent=1) if options.json else report_text(report))
+    if options.map:
+        from mavproxy_handover.mission.picture import draw
+
+        draw(package, Path(options.map), report.simulation)
     return report.exit_code

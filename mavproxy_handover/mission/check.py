@@ -2,7 +2,8 @@
 
 """`handover check MISSION`: finds faults of a mission before flight.
 
-`check` judges, `report_text` prints; the command is `cli/check.py`, and `energy.py` has the energy budget. There are
+`check` judges. `check_text.py` prints the report for people, `check_json.py` for programs; the command is
+`cli/check.py`, and `energy.py` has the energy budget. There are
 three severities. An error leaves the aircraft without a commander, without enough time for a transfer, or without the
 energy to come down at the right place. A warning costs reserve. An info is worth knowing.
 """
@@ -10,8 +11,8 @@ energy to come down at the right place. A warning costs reserve. An info is wort
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from enum import Enum
 from math import cos, inf, isclose, isfinite, radians, sin
 
@@ -20,6 +21,13 @@ from mavproxy_handover.core.common.limits import Limits
 from mavproxy_handover.core.common.model import Station
 from mavproxy_handover.core.safety.energy import Wind
 from mavproxy_handover.mission.addresses import ADDRESSES_FILE, without_addresses
+from mavproxy_handover.mission.check_words import (
+    battery_words,
+    handover_words,
+    pair_words,
+    position_words,
+    way_words,
+)
 from mavproxy_handover.mission.curves import WITHIN_M
 from mavproxy_handover.mission.energy import Budget, budget_of, places_inside, places_of, released_at
 from mavproxy_handover.mission.fence import outside_fence
@@ -40,7 +48,6 @@ from mavproxy_handover.mission.path import Path, Turn
 from mavproxy_handover.mission.plan import Route
 from mavproxy_handover.mission.route_simulation import (
     Gap,
-    Handover,
     RouteSimulation,
     curves_lacking,
     landing_sequences,
@@ -51,16 +58,16 @@ from mavproxy_handover.mission.wings import Air
 from mavproxy_handover.mission.zones import overlap
 from mavproxy_handover.wire.vehicle_address import on_this_computer
 
-__all__ = ["OPERATOR_S", "REACH_M", "TRANSFER_S", "CheckReport", "Finding", "Severity", "check", "report_text"]
+__all__ = ["OPERATOR_S", "TRANSFER_S", "CheckReport", "Finding", "Severity", "check"]
 
 #: time (s) of a transfer over a link that loses every fifth message each way, in 99 of 100 cases
 TRANSFER_S = 3.0
+#: a first try can fail with one lost link, a second one follows it
+TRIES = 2
 #: time (s) that an operator has to answer, if nothing else is configured
 OPERATOR_S = Limits().operator_timeout_s
 #: time (s) before the end of the commander's zone at which authority moves, whatever else is waited for
 EXIT_SOON_S = Limits().exit_soon_s
-#: a rally point farther than this from every place of the route is an error of its planner
-REACH_M = 5000.0
 #: a landing sequence that begins farther from a return site than this does not belong to it
 SEQUENCE_M = 2000.0
 #: directions all around a place
@@ -81,6 +88,10 @@ class Finding:
 
     severity: Severity
     text: str
+    #: number of the item that it is about; None: it is about no item, or about several
+    item: int | None = None
+    #: what was judged, one word for programs
+    rule: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,15 +126,13 @@ def check(
     *,
     transfer_s: float = TRANSFER_S,
     operator_s: float = OPERATOR_S,
-    reach_m: float = REACH_M,
     wind: Wind | None = None,
     stations: Sequence[Station] = (),
 ) -> CheckReport:
     """Simulate the mission and judge it.
 
-    `transfer_s`: time that a transfer needs. `operator_s`: time that an operator has to answer. `reach_m`: allowed
-    distance of a rally point from the route. `wind`: wind for energy and wings; None: that of [energy] for an unknown
-    wind. `stations`: stations of the vehicle's file, if it is known.
+    `transfer_s`: time that a transfer needs. `operator_s`: time that an operator has to answer. `wind`: wind for energy
+    and wings; None: that of [energy] for an unknown wind. `stations`: stations of the vehicle's file, if it is known.
     """
     simulation = package.simulate(wind)
     path = package.path(wind)
@@ -131,28 +140,30 @@ def check(
     energy = None if model is None else budget_of(package.route, package.cruise_speed_mps, model)
     crossed = package.stretches(simulation, wind)
     return_alt_m = package.profile.energy.return_alt_m if model is None else model.return_alt_m
-    findings = [
-        *_start(package, simulation),
-        *_gaps(package, simulation, path),
-        *(() if path is None else _turns(path)),
-        *_returns(package),
-        *_declared(package, crossed),
-        *_handovers(package, simulation, crossed, transfer_s),
-        *_waypoints(package, simulation),
-        *_operators(simulation, transfer_s, operator_s),
-        *_consent(simulation, stations),
-        *_lonely_zones(package, crossed),
-        *_rally(package, simulation, reach_m, return_alt_m),
-        *_fence(package, simulation),
-        *_ground(package, return_alt_m),
-        *_heights(package),
-        *_curves(package),
-        *(() if energy is None else _energy(energy)),
-        *_payload(package),
-        *_speed(package),
-        *_addresses(package),
-        *(Finding(Severity.WARNING, text) for text in package.route.warnings),
-    ]
+    by_rule: tuple[tuple[str, Iterable[Finding]], ...] = (
+        ("parent-zone", _start(package, simulation)),
+        ("coverage", _gaps(package, simulation, path)),
+        ("turns", () if path is None else _turns(path)),
+        ("landing-sequence", _returns(package)),
+        ("declared-gaps", _declared(package, crossed)),
+        ("overlap", _overlaps(package, simulation, crossed, transfer_s)),
+        ("handovers", _handovers(package, simulation)),
+        ("waypoints", _waypoints(package, simulation)),
+        ("operators", _operators(package, simulation, stations, transfer_s=transfer_s, operator_s=operator_s)),
+        ("consent", _consent(simulation, stations)),
+        ("zones", _lonely_zones(package, crossed)),
+        ("rally", _rally(package, simulation, return_alt_m)),
+        ("fence", _fence(package, simulation)),
+        ("ground", _ground(package, return_alt_m)),
+        ("heights", _heights(package)),
+        ("curves", _curves(package)),
+        ("energy", () if energy is None else _energy(energy)),
+        ("payload", _payload(package)),
+        ("speed", _speed(package)),
+        ("addresses", _addresses(package)),
+        ("route", (Finding(Severity.WARNING, text) for text in package.route.warnings)),
+    )
+    findings = [replace(finding, rule=rule) for rule, found in by_rule for finding in found]
     order = list(Severity)
     findings.sort(key=lambda finding: order.index(finding.severity))
     air = None if path is None else package.air(wind)
@@ -242,7 +253,7 @@ def _returns(package: MissionPackage) -> Iterator[Finding]:
 
 
 def _gap_words(gap: Gap) -> str:
-    place = f"{_place(gap.lat_deg, gap.lon_deg)} at {gap.alt_m:.0f} m, {_way(gap.distance_along_m)}"
+    place = f"{position_words(gap.lat_deg, gap.lon_deg)} at {gap.alt_m:.0f} m, {way_words(gap.distance_along_m)}"
     return f"{gap.length_m:.0f} m ({gap.duration_s:.0f} s) from {place}, on the way to {gap.seq}"
 
 
@@ -262,26 +273,33 @@ def _declared(package: MissionPackage, crossed: Sequence[Stretch]) -> Iterator[F
             yield Finding(Severity.ERROR, f"gap {declared.words} is declared, and the route has none there")
 
 
-def _handovers(
+def _overlaps(
     package: MissionPackage, simulation: RouteSimulation, crossed: Sequence[Stretch], transfer_s: float
 ) -> Iterator[Finding]:
-    behind = [stretch.found.distance_along_m + stretch.found.length_m for stretch in crossed]
+    """Findings about handovers with too little time: a transfer that fails must have time for a second one."""
+    after_gaps = [stretch.found.distance_along_m + stretch.found.length_m for stretch in crossed]
+    needed_s = TRIES * transfer_s
     for number, handover in enumerate(simulation.handovers, 1):
-        name = f"handover {number} {_pair(package, handover)}"
-        if any(isclose(handover.distance_along_m, end, abs_tol=0.1) for end in behind):  # on contact
+        name = f"handover {number} {pair_words(package, handover)}"
+        if any(isclose(handover.distance_along_m, end, abs_tol=0.1) for end in after_gaps):  # on contact
             continue
         if handover.overlap_s == 0.0:
-            yield Finding(Severity.ERROR, f"{name}: the zones do not overlap on the route, {_handover_way(handover)}")
-        elif handover.overlap_s < transfer_s:
-            text = f"{name}: {handover.overlap_s:.1f} s inside both zones, a transfer needs {transfer_s:g} s"
-            yield Finding(Severity.ERROR, text)
-        elif handover.overlap_s < 2.0 * transfer_s:
-            text = f"{name}: {handover.overlap_s:.1f} s inside both zones leave no time for a second try"
-            yield Finding(Severity.WARNING, text)
-    if len(simulation.handovers) != package.expected_handovers:
-        made, expected = len(simulation.handovers), package.expected_handovers
-        text = f"the route makes {made} handovers, {MISSION_FILE} expects {expected}"
-        yield Finding(Severity.ERROR, text)
+            text = f"{name}: the zones do not overlap on the route, {handover_words(handover)}"
+            yield Finding(Severity.ERROR, text, handover.seq)
+        elif handover.overlap_s < needed_s:
+            text = (
+                f"{name}: {handover.overlap_s:.1f} s inside both zones. A transfer and a second try need {needed_s:g} s"
+            )
+            yield Finding(Severity.ERROR, text, handover.seq)
+
+
+def _handovers(package: MissionPackage, simulation: RouteSimulation) -> Iterator[Finding]:
+    made, expected = len(simulation.handovers), package.expected_handovers
+    if expected is None:
+        text = f"{MISSION_FILE} has no expected_handovers. Write {made} there, and a later change of the route shows"
+        yield Finding(Severity.INFO, text)
+    elif made != expected:
+        yield Finding(Severity.ERROR, f"the route makes {made} handovers, {MISSION_FILE} expects {expected}")
     flown = set(simulation.commanders)
     for station in package.stations:
         if station.sysid not in flown:
@@ -294,7 +312,7 @@ def _waypoints(package: MissionPackage, simulation: RouteSimulation) -> Iterator
     if belonging is None:
         return
     for number, handover in enumerate(simulation.handovers, 1):
-        name, seq = f"handover {number} {_pair(package, handover)}", handover.seq
+        name, seq = f"handover {number} {pair_words(package, handover)}", handover.seq
         if not belonging.returns.isdisjoint((seq, seq + 1)):
             continue
         if belonging.owner(seq) != handover.to_station:
@@ -308,16 +326,26 @@ def _waypoints(package: MissionPackage, simulation: RouteSimulation) -> Iterator
             yield Finding(Severity.WARNING, text)
 
 
-def _operators(simulation: RouteSimulation, transfer_s: float, operator_s: float) -> Iterator[Finding]:
-    """Handover regions that are long enough, but end before an operator has to have answered.
+def _operators(
+    package: MissionPackage,
+    simulation: RouteSimulation,
+    stations: Sequence[Station],
+    *,
+    transfer_s: float,
+    operator_s: float,
+) -> Iterator[Finding]:
+    """Findings about handover regions that end before an operator has to have answered.
 
-    The operator is asked `operator_s` before the region begins, but not before the previous handover.
+    The operator is asked `operator_s` before the region begins, but not before the previous handover. Whether an
+    operator is asked is known only from the vehicle's file.
     """
-    short, asked_at = [], 0.0
+    answered = {each.sysid for each in stations if each.consent is not None}
+    asked, short, asked_at = bool(stations), [], 0.0
     for number, handover in enumerate(simulation.handovers, 1):
         begins_s = min(operator_s, handover.time_s - asked_at)
         left_s = begins_s + handover.overlap_s
-        if handover.overlap_s >= transfer_s and left_s < operator_s + transfer_s:
+        long_enough = handover.overlap_s >= TRIES * transfer_s
+        if long_enough and left_s < operator_s + transfer_s and handover.to_station not in answered:
             short.append((number, left_s))
         asked_at = handover.time_s
     if short:
@@ -327,7 +355,7 @@ def _operators(simulation: RouteSimulation, transfer_s: float, operator_s: float
             f"an operator who is asked may take {operator_s:g} s to answer; there is less at handover {which}, "
             f"even if asked early: {least_s:.1f} s at the least"
         )
-        yield Finding(Severity.INFO, text)
+        yield Finding(Severity.WARNING if asked else Severity.INFO, text)
 
 
 def _consent(simulation: RouteSimulation, stations: Sequence[Station]) -> Iterator[Finding]:
@@ -349,19 +377,20 @@ def _lonely_zones(package: MissionPackage, crossed: Sequence[Stretch]) -> Iterat
             yield Finding(Severity.ERROR, f"the zone of {zone.station_name} overlaps no other zone")
 
 
-def _rally(
-    package: MissionPackage, simulation: RouteSimulation, reach_m: float, return_alt_m: float
-) -> Iterator[Finding]:
-    route, finder = package.route, package.zone_finder()
+def _rally(package: MissionPackage, simulation: RouteSimulation, return_alt_m: float) -> Iterator[Finding]:
+    route, finder, reach_m = package.route, package.zone_finder(), package.rally_reach_m
     for number, point in enumerate(route.rally, 1):
-        name = f"rally point {number} at {_place(point.lat_deg, point.lon_deg)}"
+        name = f"rally point {number} at {position_words(point.lat_deg, point.lon_deg)}"
         if not finder.holding(point.lat_deg, point.lon_deg, point.alt_m):
             yield Finding(Severity.WARNING, f"{name} is in no zone: no station would command the aircraft there")
         if outside_fence(route.fence, point.lat_deg, point.lon_deg):
             yield Finding(Severity.WARNING, f"{name} is outside the geofence: no return goes there")
         nearest = min(distance_m(s.lat_deg, s.lon_deg, point.lat_deg, point.lon_deg) for s in simulation.samples)
         if nearest > reach_m:
-            text = f"{name} is out of reach: {nearest:.0f} m off the route, {reach_m:g} m are allowed (--reach)"
+            text = (
+                f"{name} is out of reach: {nearest:.0f} m off the route (allowed: {reach_m:g} m). Remove it, or "
+                f"declare the distance with rally_reach_m in {MISSION_FILE}"
+            )
             yield Finding(Severity.ERROR, text)
         if package.profile.returns_level and point.alt_m < return_alt_m:
             text = f"{name} is flown to at RTL_ALTITUDE, not at {point.alt_m:g} m: wings have to stay up on the way"
@@ -383,7 +412,7 @@ def _fence(package: MissionPackage, simulation: RouteSimulation) -> Iterator[Fin
         yield Finding(Severity.ERROR, "no return site is inside the geofence")
     for sample in simulation.samples:
         if outside_fence(package.route.fence, sample.lat_deg, sample.lon_deg):
-            place = f"{_place(sample.lat_deg, sample.lon_deg)}, {_way(sample.distance_along_m)}"
+            place = f"{position_words(sample.lat_deg, sample.lon_deg)}, {way_words(sample.distance_along_m)}"
             yield Finding(Severity.ERROR, f"the route leaves the geofence of the plan at {place}")
             return
 
@@ -479,7 +508,7 @@ def _energy(budget: Budget) -> Iterator[Finding]:
             yield Finding(Severity.ERROR, text)
             return
     if budget.budget_wh > budget.model.battery_wh:
-        text = f"energy: the route needs {_of_battery(budget)} with the reserve: it does not close"
+        text = f"energy: the route needs {battery_words(budget)} with the reserve: it does not close"
         yield Finding(Severity.ERROR, text)
     for item in budget.items:
         if item.back is not None and item.back.margin_wh < 0.0:
@@ -487,7 +516,7 @@ def _energy(budget: Budget) -> Iterator[Finding]:
             yield Finding(Severity.ERROR, text)
             return
     if budget.no_return_m is not None:
-        text = f"energy: from {_way(budget.no_return_m)} on no return site is in reach with the reserve"
+        text = f"energy: from {way_words(budget.no_return_m)} on no return site is in reach with the reserve"
         yield Finding(Severity.INFO, text)
 
 
@@ -496,175 +525,3 @@ def _speed(package: MissionPackage) -> Iterator[Finding]:
         speed = f"{package.cruise_speed_mps:g} m/s"
         text = f"neither mission nor plan names a cruise speed: checked at {speed}, flown as the autopilot is set"
         yield Finding(Severity.WARNING, text)
-
-
-# --- words ---
-
-
-def _place(lat: float, lon: float) -> str:
-    return f"{abs(lat):.5f} {'N' if lat >= 0 else 'S'} {abs(lon):.5f} {'E' if lon >= 0 else 'W'}"
-
-
-def _way(distance: float) -> str:
-    return f"{distance:.0f} m along the route"
-
-
-def _handover_way(handover: Handover) -> str:
-    return f"{_place(handover.lat_deg, handover.lon_deg)}, {_way(handover.distance_along_m)}"
-
-
-def _pair(package: MissionPackage, handover: Handover) -> str:
-    names = {station.sysid: station.name for station in package.stations}
-    return f"{names[handover.from_station]} -> {names[handover.to_station]}"
-
-
-def _minutes(seconds: float) -> str:
-    return f"{int(seconds) // 60} min {int(seconds) % 60:02d} s"
-
-
-def _of_battery(budget: Budget) -> str:
-    return f"{budget.budget_wh:.1f} Wh of {budget.model.battery_wh:.1f} Wh"
-
-
-def _energy_line(report: CheckReport) -> str:
-    budget = report.energy
-    if budget is None:
-        return f"unknown: {report.package.energy.missing} in {MISSION_FILE}"
-    wind, ahead = budget.model.wind, budget.model.headwind_mps
-    if wind is None:
-        words = f"{ahead:g} m/s from ahead wherever it flies"
-    else:
-        words = f"{wind.speed_mps:g} m/s from {wind.from_deg:g} degrees"
-    if not isfinite(budget.need_wh):
-        return f"the route cannot be flown; wind: {words}"
-    return f"the route takes {budget.need_wh:.1f} Wh, with the reserve {_of_battery(budget)}; wind: {words}"
-
-
-def _wings_lines(report: CheckReport) -> Iterator[str]:
-    air, package = report.air, report.package
-    if air is None:
-        return
-    wings = package.route.wings
-    if air.wind is None:
-        blows = f"wind up to {air.wind_mps:g} m/s from anywhere"
-    else:
-        blows = f"wind {air.wind.speed_mps:g} m/s from {air.wind.from_deg:g} degrees"
-    radius = wings.turn_radius_m(air.fastest_mps)
-    yield (
-        f"wings       {package.profile.name}, airspeed {air.airspeed_mps:g} m/s, {blows}: up to "
-        f"{air.fastest_mps:g} m/s over ground, turns of {radius:.0f} m at {wings.bank_deg:g} degrees"
-    )
-
-
-def _turn_rows(path: Path) -> list[tuple[str, ...]]:
-    rows: list[tuple[str, ...]] = [("at item", "turn", "radius", "outside", "begins")]
-    for turn in path.turns:
-        angle = "circle" if turn.circle else f"{turn.angle_deg:.0f} deg"
-        outside = "-" if turn.circle else f"{turn.outside_m:.0f} m"
-        rows.append((str(turn.seq), angle, f"{turn.radius_m:.0f} m", outside, f"{turn.begins_m:.0f} m"))
-    return rows
-
-
-def _crossed_line(report: CheckReport) -> str:
-    if not report.crossed:
-        return ""
-    longest_s = max(stretch.declared.limit_s for stretch in report.crossed)
-    count = len(report.crossed)
-    return f"; {count} gap{'s' if count > 1 else ''} crossed alone: HNDO_ALONE_MAX {longest_s:g} or more"
-
-
-def _wh(energy_wh: float) -> str:
-    """Text of an energy (Wh); infinite if it cannot be flown."""
-    return f"{energy_wh:.1f} Wh" if isfinite(energy_wh) else "-"
-
-
-def _energy_rows(budget: Budget) -> list[tuple[str, ...]]:
-    rows: list[tuple[str, ...]] = [
-        ("to item", "length", "speed", "power", "needs", "left", "back to", "needs", "margin")
-    ]
-    for item in budget.items:
-        made, back = item.made, item.back
-        rows.append(
-            (
-                str(item.seq),
-                f"{item.length_m:.0f} m",
-                f"{made.speed_mps:.1f} m/s" if made is not None else "-",
-                f"{made.power_w:.0f} W" if made is not None and made.speed_mps > 0.0 else "-",
-                _wh(item.need_wh),
-                _wh(item.left_wh),
-                back.place if back is not None else "-",
-                _wh(back.need_wh) if back is not None else "-",
-                _wh(back.margin_wh) if back is not None else "-",
-            )
-        )
-    return rows
-
-
-def _table(rows: list[tuple[str, ...]], words: Collection[int]) -> Iterator[str]:
-    """The rows as lines. The columns of `words` are aligned to the left; the others are numbers."""
-    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
-    for row in rows:
-        cells = [
-            cell.ljust(width) if column in words else cell.rjust(width)
-            for column, (cell, width) in enumerate(zip(row, widths, strict=True))
-        ]
-        yield "  " + "  ".join(cells)
-
-
-def _address_lines(package: MissionPackage) -> Iterator[str]:
-    if package.addresses:
-        listed = [
-            f"{each.name} {', '.join(address.text for address in package.addresses.get(each.sysid, ())) or 'none'}"
-            for each in package.stations
-        ]
-        yield f"addresses   {'; '.join(listed)} ({ADDRESSES_FILE}, not in the digest)"
-
-
-def report_text(report: CheckReport) -> str:
-    """The report as a table to print, without a line end at its end."""
-    package, simulation = report.package, report.simulation
-    names = {station.sysid: station.name for station in package.stations}
-    gap = sum(gap.length_m for gap in simulation.gaps)
-    covered = 100.0 * (1.0 - gap / simulation.length_m) if simulation.length_m > 0.0 else 100.0
-    lines = [
-        f"mission     {package.name}  ({', '.join(package.files)}; digest {package.digest.hex()[:12]})",
-        f"stations    {', '.join(f'{s.name} ({s.sysid})' for s in package.stations)}; zones from {package.detector}",
-        f"route       {len(package.route.items)} items, {simulation.length_m / 1000.0:.2f} km, at least "
-        f"{_minutes(simulation.duration_s)} at {package.cruise_speed_mps:g} m/s, "
-        f"{len(package.route.rally)} rally points",
-        f"coverage    {covered:.1f} % of the route{_crossed_line(report)}",
-        f"commanders  {' -> '.join(names[sysid] for sysid in simulation.commanders)}",
-        f"energy      {_energy_line(report)}",
-        *_wings_lines(report),
-        *_address_lines(package),
-    ]
-    if simulation.handovers:
-        rows: list[tuple[str, ...]] = [
-            ("#", "from", "to", "starts at", "along", "after", "to item", "overlap", "time", "needed")
-        ]
-        for number, handover in enumerate(simulation.handovers, 1):
-            rows.append(
-                (
-                    str(number),
-                    names[handover.from_station],
-                    names[handover.to_station],
-                    _place(handover.lat_deg, handover.lon_deg),
-                    f"{handover.distance_along_m:.0f} m",
-                    f"{handover.time_s:.0f} s",
-                    str(handover.seq),
-                    f"{handover.overlap_length_m:.0f} m",
-                    f"{handover.overlap_s:.1f} s",
-                    f"{report.transfer_s:g} s",
-                )
-            )
-        lines += ["", *_table(rows, (1, 2, 3))]
-    if report.path is not None and report.path.turns:
-        lines += ["", *_table(_turn_rows(report.path), ())]
-    if report.energy is not None:
-        lines += ["", *_table(_energy_rows(report.energy), (6,))]
-    if report.findings:
-        lines.append("")
-        lines += [f"{finding.severity.value + ':':9}{finding.text}" for finding in report.findings]
-    errors, warnings = report.count(Severity.ERROR), report.count(Severity.WARNING)
-    lines += ["", f"check {'failed' if errors else 'passed'}: {errors} errors, {warnings} warnings"]
-    return "\n".join(lines)

@@ -11,16 +11,17 @@ from __future__ import annotations
 import difflib
 import json
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, NoReturn
+from typing import Any, NoReturn, TypeVar
 
 from mavproxy_handover.tools.key_table import Key
 
 __all__ = ["Faults", "MissionError", "Where", "parse_json"]
 
 _SHOWN_LENGTH = 40
+_T = TypeVar("_T")
 
 
 class MissionError(ValueError):
@@ -49,6 +50,12 @@ class Faults:
             yield
         except MissionError as error:
             self._found.append(error)
+
+    def get(self, make: Callable[[], _T]) -> _T | None:
+        """What `make` returns, or None if it raises MissionError, which is noted."""
+        with self.noted():
+            return make()
+        return None
 
     def raise_all(self) -> None:
         """Raise MissionError if faults were noted: the gravest first, then in the order of the file."""

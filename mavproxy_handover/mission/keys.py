@@ -17,8 +17,20 @@ from mavproxy_handover.mission.wings import AS_IT_COMES
 from mavproxy_handover.tools.key_table import Key, KeyTable, flag, items, number, numbers, text, whole, word
 from mavproxy_handover.vehicle.profiles import ASSUMED, PROFILES
 
-__all__ = ["ENERGY", "GAP", "MISSION", "MISSION_KEYS", "MOST_BATTERIES", "POLICY", "STATIONS", "WINGS"]
+__all__ = [
+    "DEFAULT_RALLY_REACH_M",
+    "ENERGY",
+    "GAP",
+    "MISSION",
+    "MISSION_KEYS",
+    "MOST_BATTERIES",
+    "POLICY",
+    "STATIONS",
+    "WINGS",
+]
 
+#: farther from the route, a rally point is more likely a mistake than a plan
+DEFAULT_RALLY_REACH_M: Final = 5000.0
 #: monitors that ArduPilot counts for one aircraft
 MOST_BATTERIES: Final = 8
 _DETECTORS: Final = ("circles", "polygons", "waypoints", "reached")
@@ -188,7 +200,19 @@ MISSION: Final = KeyTable(
             "point of no return",
             default=False,
         ),
-        whole("expected_handovers", 0, 1000, "the check fails when the route makes another number", required=True),
+        whole(
+            "expected_handovers",
+            0,
+            1000,
+            "the check fails when the route makes another number; without it the number is only told",
+        ),
+        number(
+            "rally_reach_m",
+            1,
+            1_000_000,
+            "a rally point farther than this from the route is an error, because it is more likely a mistake than a plan",
+            DEFAULT_RALLY_REACH_M,
+        ),
         number(
             "cruise_speed_mps",
             0.1,

@@ -30,12 +30,12 @@ from mavproxy_handover.core.safety.energy import Wind
 from mavproxy_handover.core.safety.energy_prior import EnergySettings
 from mavproxy_handover.mission.addresses import ADDRESSES_FILE, read_addresses
 from mavproxy_handover.mission.corridor import covered_area
-from mavproxy_handover.mission.errors import MissionError, Where
+from mavproxy_handover.mission.errors import Faults, MissionError, Where
 from mavproxy_handover.mission.gaps import DeclaredGap, Stretch, read_gaps, stretches
 from mavproxy_handover.mission.geojson import read_zones
 from mavproxy_handover.mission.items import COMMANDS, MissionItem
 from mavproxy_handover.mission.jumps import jumps
-from mavproxy_handover.mission.keys import ENERGY, MISSION, POLICY, STATIONS, WINGS
+from mavproxy_handover.mission.keys import DEFAULT_RALLY_REACH_M, ENERGY, MISSION, POLICY, STATIONS, WINGS
 from mavproxy_handover.mission.path import Path as FlownPath
 from mavproxy_handover.mission.path import path_of
 from mavproxy_handover.mission.plan import FencePart, Route, on_ground, read_route
@@ -66,6 +66,7 @@ __all__ = [
     "from_bytes",
     "from_texts",
     "load",
+    "read_file",
 ]
 
 MISSION_FILE = "mission.toml"
@@ -119,7 +120,10 @@ class MissionPackage:
     #: with detector "reached": the station of each waypoint
     belonging: Belonging | None
     route: Route
-    expected_handovers: int
+    #: number that the planner wrote; None: none
+    expected_handovers: int | None
+    #: a rally point may be this far from the route, metres
+    rally_reach_m: float
     #: the speed of the mission, else of its plan, else the autopilot's default; of wings, the airspeed
     cruise_speed_mps: float
     #: True if the mission or its plan names the speed
@@ -238,10 +242,10 @@ def load(folder: str | Path) -> MissionPackage:
     """Read the mission package in `folder`, with its addresses. Raises MissionError, also for files that cannot be
     read. A fault of the addresses does not raise: the package has none then, and says why (`addresses_fault`)."""
     folder = Path(folder)
-    mission_text = _read_file(folder, MISSION_FILE)
+    mission_text = read_file(folder, MISSION_FILE)
     texts = {MISSION_FILE: mission_text}
     for name in _referenced(_toml(mission_text)):
-        texts[name] = _read_file(folder, name)
+        texts[name] = read_file(folder, name)
     package = from_texts(texts, str(folder))
     if not os.path.lexists(folder / ADDRESSES_FILE):
         return package
@@ -306,7 +310,7 @@ def from_bytes(data: bytes) -> MissionPackage:
 def _addresses(folder: Path, package: MissionPackage) -> Addresses:
     """Raises MissionError."""
     file = str(folder / ADDRESSES_FILE)
-    table = _toml(_read_file(folder, ADDRESSES_FILE), file)
+    table = _toml(read_file(folder, ADDRESSES_FILE), file)
     return MappingProxyType(read_addresses(table, {each.name: each.sysid for each in package.stations}, file))
 
 
@@ -315,7 +319,8 @@ def _plain_form(files: Mapping[str, bytes]) -> bytes:
     return json.dumps(texts, sort_keys=True, ensure_ascii=False, separators=(",", ":")).encode()
 
 
-def _read_file(folder: Path, name: str) -> str:
+def read_file(folder: Path, name: str) -> str:
+    """The text of a file of a mission, with one form of line ends. Raises MissionError."""
     path = folder / name
     try:
         with path.open("rb") as stream:
@@ -366,48 +371,77 @@ def _referenced(mission: Mapping[str, object]) -> list[str]:
 
 
 def _build(texts: Mapping[str, str]) -> MissionPackage:
-    """Check the files against each other; raises MissionError."""
+    """Check the files against each other; raises MissionError with the faults of all files."""
     where = Where(MISSION_FILE)
     mission = _toml(texts[MISSION_FILE])
-    where.known_keys(mission, MISSION.names)
     detector = where.of_key(MISSION["detector"], where.need(mission, "detector"))
-    stations = _stations(where, where.need(mission, "stations"), detector)
-    route_file = str(mission["route"])
     profile = named(where.of_key(MISSION["aircraft"], mission.get("aircraft", ASSUMED.name)))
-    endless = where.of_key(MISSION["endless_jump"], mission.get("endless_jump", False))
-    route = read_route(route_file, texts[route_file], profile, endless=endless)
-    if detector == "reached" and jumps(route.items):
-        raise where.error("detector 'reached' does not go with DO_JUMP (a waypoint would belong to more than one way)")
-    terrain = _terrain(mission.get("terrain"), texts)
-    route = replace(route, wings=_wings(where, mission.get("wings"), profile), ground=relief_of(terrain, route.home))
+    faults = Faults()
+    faults.get(lambda: where.known_keys(mission, MISSION.names))
+    name = faults.get(lambda: where.text(where.need(mission, "name"), "name", 40))
+    description = faults.get(lambda: _description(where, mission.get("description")))
+    stations = faults.get(lambda: _stations(where, where.need(mission, "stations"), detector))
+    expected = faults.get(lambda: _expected(where, mission.get("expected_handovers")))
+    reach = mission.get("rally_reach_m", DEFAULT_RALLY_REACH_M)
+    rally_reach_m = faults.get(lambda: where.of_key(MISSION["rally_reach_m"], reach))
+    policies = faults.get(lambda: _policies(where, mission.get("policy", {})))
+    energy = faults.get(lambda: _energy(where, mission.get("energy", {})))
+    wings = faults.get(lambda: _wings(where, mission.get("wings"), profile))
+    terrain = faults.get(lambda: _terrain(mission.get("terrain"), texts))
+    route = faults.get(lambda: _route(where, mission, texts, profile, detector))
+    faults.raise_all()
+    # without a fault nothing is missing
+    assert name is not None
+    assert rally_reach_m is not None
+    assert description is not None
+    assert stations is not None
+    assert policies is not None
+    assert energy is not None
+    assert wings is not None
+    assert route is not None
+    route = replace(route, wings=wings, ground=relief_of(terrain, route.home))
     speed = mission.get("cruise_speed_mps", route.cruise_speed_mps or profile.energy.cruise_mps)
     speed_mps = where.of_key(MISSION["cruise_speed_mps"], speed)
-    energy = _energy(where, mission.get("energy", {}))
-    description = mission.get("description")
     files = {name: text.encode() for name, text in texts.items()}
     listed = [(station.sysid, station.waypoints) for station in stations]
     belonging = belonging_of(where, route, listed) if detector == "reached" else None
     zones = _zones(where, mission, texts, detector=detector, stations=stations, route=route, belonging=belonging)
     return MissionPackage(
-        name=where.text(where.need(mission, "name"), "name", 40),
-        description="" if description is None else where.text(description, "description", 400),
+        name=name,
+        description=description,
         profile=profile,
         stations=stations,
         detector=detector,
         zones=zones,
         belonging=belonging,
         route=with_return(route, zones, terrain),
-        expected_handovers=where.of_key(MISSION["expected_handovers"], where.need(mission, "expected_handovers")),
+        expected_handovers=expected,
+        rally_reach_m=rally_reach_m,
         cruise_speed_mps=speed_mps,
         cruise_speed_named="cruise_speed_mps" in mission or route.cruise_speed_mps is not None,
         delivery_waypoint=_delivery(where, mission.get("delivery_waypoint"), route),
-        policies=_policies(where, mission.get("policy", {})),
+        policies=policies,
         gaps=read_gaps(where, mission.get("gap", []), {each.name: each.sysid for each in stations}, route),
         energy=energy.over(_flown_at(speed_mps)) if profile.energy.holds_airspeed else energy,
         terrain=terrain,
         files=MappingProxyType(files),
         digest=hashlib.sha256(_plain_form(files)).digest(),
     )
+
+
+def _route(
+    where: Where, mission: Mapping[str, object], texts: Mapping[str, str], profile: Profile, detector: str
+) -> Route:
+    file = str(mission["route"])
+    endless = where.of_key(MISSION["endless_jump"], mission.get("endless_jump", False))
+    route = read_route(file, texts[file], profile, endless=endless)
+    if detector == "reached" and jumps(route.items):
+        raise where.error("detector 'reached' does not go with DO_JUMP (a waypoint would belong to more than one way)")
+    return route
+
+
+def _description(where: Where, value: object) -> str:
+    return "" if value is None else where.text(value, "description", 400)
 
 
 def _terrain(name: object, texts: Mapping[str, str]) -> Terrain | None:
@@ -476,6 +510,10 @@ def _zones(
     zones_file = str(where.need(mission, "zones"))
     ids = {station.name: station.sysid for station in stations}
     return read_zones(zones_file, texts[zones_file], ids, detector, home)
+
+
+def _expected(where: Where, value: object) -> int | None:
+    return None if value is None else int(where.of_key(MISSION["expected_handovers"], value))
 
 
 def _delivery(where: Where, value: object, route: Route) -> int | None:

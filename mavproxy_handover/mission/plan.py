@@ -213,6 +213,8 @@ def _read_plan(where: Where, text: str, profile: Profile, endless: bool) -> Rout
         home = _planned_home(inside, inside.need(mission, "plannedHomePosition"))
     items = _plan_items(where, inside.array(inside.need(mission, "items"), "items"), profile, faults)
     with faults.noted():
+        _check_kind(inside, mission, profile)
+    with faults.noted():
         rally = _rally_points(where.at("rallyPoints"), plan.get("rallyPoints"))
     with faults.noted():
         fence = _fence(where.at("geoFence"), plan.get("geoFence"))
@@ -224,7 +226,7 @@ def _read_plan(where: Where, text: str, profile: Profile, endless: bool) -> Rout
         rally=rally,
         fence=fence,
         cruise_speed_mps=_plan_speed(inside, mission),
-        warnings=_plan_warnings(inside, mission, profile),
+        warnings=_plan_warnings(inside, mission),
         profile=profile,
         endless=endless,
     )
@@ -327,17 +329,24 @@ def _plan_speed(where: Where, mission: Mapping[str, object]) -> float | None:
     return None if value is None else where.number(value, key, 0.1, 100.0)
 
 
-def _plan_warnings(where: Where, mission: Mapping[str, object], profile: Profile) -> tuple[str, ...]:
+def _plan_warnings(where: Where, mission: Mapping[str, object]) -> tuple[str, ...]:
     found = []
     if where.array(mission["plannedHomePosition"], "plannedHomePosition")[2] is None:
         found.append("home has no height in the plan: 0 m above the sea is assumed")
     if mission.get("firmwareType", 3) != 3:
         found.append("the plan was made for another autopilot than ArduPilot (firmwareType is not 3)")
+    return tuple(found)
+
+
+def _check_kind(where: Where, mission: Mapping[str, object], profile: Profile) -> None:
+    """A plan for another kind of aircraft flies other ways: its items mean other things there. Raises MissionError."""
     made_for = mission.get("vehicleType")
     name = _MADE_FOR.get(made_for) if type(made_for) is int else None
     if name is not None and made_for not in profile.types:
-        found.append(f"the plan was made for {name} (vehicleType {made_for}), the mission is for a {profile.name}")
-    return tuple(found)
+        raise where.error(
+            f"the plan was made for {name} (vehicleType {made_for}), the mission is for a {profile.name}: set aircraft "
+            "in mission.toml, or make the plan for that vehicle"
+        )
 
 
 # --- QGC WPL 110 .waypoints ---
@@ -666,7 +675,10 @@ def _odd(items: Sequence[MissionItem], flown: Sequence[MissionItem], profile: Pr
     for item in flown:
         if item.command == LOITER_UNLIMITED:
             waits = "circles" if profile.holds_by_circling else "waits"
-            yield f"item {item.seq} is NAV_LOITER_UNLIM: the aircraft {waits} there until told to go on"
+            yield (
+                f"item {item.seq} is NAV_LOITER_UNLIM: the aircraft {waits} there until told to go on. No time is "
+                "counted for that. The flight ends when no return site would be in reach any more"
+            )
     condition: MissionItem | None = None
     for item in items:
         if item.command in CONDITIONS:

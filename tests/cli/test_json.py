@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,8 @@ import pytest
 
 from mavproxy_handover import cli
 from mavproxy_handover.store.keys import key_of, write_key
+
+MISSIONS = Path(__file__).resolve().parents[2] / "missions"
 
 
 def read(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, Any]:
@@ -63,3 +66,24 @@ def test_explain(capsys: pytest.CaptureFixture[str]) -> None:
     code, decided = read(capsys, "explain", "--state", "commander_lost")
     assert (code, decided["causes"]) == (0, ["commander_lost"])
     assert any("RETURN" in line for line in decided["decision"])
+
+
+def test_check(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = Path(shutil.copytree(MISSIONS / "delivery", tmp_path / "delivery"))
+    code, found = read(capsys, "check", str(folder))
+    assert (code, found["passed"], found["errors"], found["warnings"]) == (0, True, 0, 0)
+    assert found["commanders"] == ["GCSA", "GCSB", "GCSA", "GCSB", "GCSA"]
+    assert [(each["from"], each["to"]) for each in found["handovers"]][:2] == [("GCSA", "GCSB"), ("GCSB", "GCSA")]
+    assert found["handovers"][0]["needed_s"] == 6.0
+    assert found["energy"]["with_reserve_wh"] < found["energy"]["battery_wh"]
+    toml = folder / "mission.toml"
+    toml.write_text(toml.read_text().replace("expected_handovers = 4", "expected_handovers = 5"))
+    code, found = read(capsys, "check", str(folder))
+    assert (code, found["passed"]) == (1, False)
+    assert [(each["severity"], each["rule"], each["item"]) for each in found["findings"]][:1] == [
+        ("error", "handovers", None)
+    ]
+    toml.write_text("name = ")
+    code, found = read(capsys, "check", str(folder))
+    assert (code, found["passed"]) == (2, False)
+    assert found["faults"][0].startswith("mission.toml: not TOML")

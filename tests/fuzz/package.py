@@ -20,7 +20,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from mavproxy_handover.mission.check import check, report_text
+from mavproxy_handover.mission.check import check
+from mavproxy_handover.mission.check_json import report_json
+from mavproxy_handover.mission.check_text import report_text
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.package import MISSION_FILE, MissionPackage, from_bytes
 from tests.mission.conftest import PLAN, TOML, ZONES
@@ -107,6 +109,7 @@ def run(plan: bytes) -> MissionPackage | None:
     assert package.digest == hashlib.sha256(zlib.decompress(data)).digest()
     report = check(package)
     assert report_text(report)
+    assert json.dumps(report_json(report), allow_nan=False)
     assert report.simulation.commanders
     assert package.route.upload_items()
     return package

@@ -15,7 +15,8 @@ from mavproxy_handover.cli.check import main
 from mavproxy_handover.core.safety.energy import Piece, Wind
 from mavproxy_handover.core.safety.energy_prior import EnergySettings
 from mavproxy_handover.mission import MissionError, load
-from mavproxy_handover.mission.check import Severity, check, report_text
+from mavproxy_handover.mission.check import Severity, check
+from mavproxy_handover.mission.check_text import report_text
 from mavproxy_handover.mission.energy import budget_of, pieces_along, pieces_of, places_of, released_at
 from mavproxy_handover.mission.keys import ENERGY
 from mavproxy_handover.mission.route_simulation import legs_of

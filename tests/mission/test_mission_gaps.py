@@ -10,7 +10,8 @@ import pytest
 
 from mavproxy_handover.core.safety.energy import Wind
 from mavproxy_handover.mission import MissionError, load
-from mavproxy_handover.mission.check import Severity, check, report_text
+from mavproxy_handover.mission.check import Severity, check
+from mavproxy_handover.mission.check_text import report_text
 from mavproxy_handover.mission.picture import draw
 
 #: between the zones of A (to 10.002) and B (from 10.003): 111.3 m, 22 s at 5 m/s

@@ -17,8 +17,12 @@ from mavproxy_handover.mission.route_simulation import legs_of
 from mavproxy_handover.vehicle.profiles import COPTER, PLANE, PROFILES, QUADPLANE
 from tests.mission.conftest import PLAN
 
+#: MAV_TYPE of a plan for each kind
+MADE_FOR = {COPTER: 2, PLANE: 1, QUADPLANE: 20}
+
 
 def read(plan, kind):
+    plan["mission"]["vehicleType"] = MADE_FOR[kind]
     return read_route("small.plan", json.dumps(plan), kind)
 
 
@@ -106,7 +110,7 @@ def jump(number, target, times):
 def test_wings_that_circle_without_end_are_a_warning(small):
     hovering(small).items[1]["command"] = 17
     warnings = read(small.plan, QUADPLANE).warnings
-    assert "item 2 is NAV_LOITER_UNLIM: the aircraft circles there until told to go on" in warnings
+    assert warnings[0].startswith("item 2 is NAV_LOITER_UNLIM: the aircraft circles there until told to go on")
 
 
 @pytest.mark.parametrize("kind", [PLANE, QUADPLANE])
@@ -198,9 +202,12 @@ def test_a_quadplane_that_ends_in_the_air_is_a_warning(small):
     )
 
 
-def test_a_plan_for_a_multicopter_is_a_warning(small):
-    assert read(small.plan, PLANE).warnings == (
-        "the plan was made for a multicopter (vehicleType 2), the mission is for a plane",
+def test_wings_refuse_a_plan_for_a_multicopter(small):
+    with pytest.raises(MissionError) as caught:
+        read_route("small.plan", json.dumps(small.plan), PLANE)
+    assert caught.value.faults[0] == (
+        "small.plan: mission: the plan was made for a multicopter (vehicleType 2), the mission is for a plane: set "
+        "aircraft in mission.toml, or make the plan for that vehicle"
     )
 
 
@@ -215,7 +222,7 @@ def going_down(small, *commands):
 
 def uploaded(plan, kind):
     """The same, sent in flight. Returns why it is refused."""
-    route = read_route("small.plan", json.dumps(PLAN), kind)
+    route = read(json.loads(json.dumps(PLAN)), kind)
     items = [MissionItem(0, 16, 3, 0, 0, 0, 0, 0.0, 10.0, 0.0)]
     for seq, each in enumerate(plan["mission"]["items"], 1):
         items.append(MissionItem(seq, each["command"], 3, 0, 0, 0, 0, *each["params"][4:]))

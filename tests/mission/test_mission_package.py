@@ -175,7 +175,7 @@ def test_refuses_unknown_keys_and_suggests_the_right_one(small):
     assert refusal(small) == (
         "mission.toml: unknown key 'expected_handover', did you mean 'expected_handovers'? (allowed: name, description,"
         " aircraft, detector, route, zones, terrain, corridor_m, endless_jump, expected_handovers,"
-        " cruise_speed_mps, delivery_waypoint, stations, policy, energy, wings, gap)"
+        " rally_reach_m, cruise_speed_mps, delivery_waypoint, stations, policy, energy, wings, gap)"
     )
 
 
@@ -184,7 +184,7 @@ def test_refuses_an_endless_jump_that_is_no_flag(small):
     assert refusal(small) == "mission.toml: endless_jump is 1 (allowed: true or false)"
 
 
-@pytest.mark.parametrize("key", ["name", "detector", "route", "zones", "expected_handovers"])
+@pytest.mark.parametrize("key", ["name", "detector", "route", "zones"])
 def test_refuses_a_missing_key(small, key):
     small.toml = re.sub(rf"^{key} = .*\n", "", small.toml, count=1, flags=re.MULTILINE)
     assert refusal(small) == f"mission.toml: key '{key}' is missing"

@@ -12,6 +12,7 @@ import pytest
 from mavproxy_handover.mission import MissionError, MissionItem, RallyPoint, difference, read_route
 from mavproxy_handover.mission.plan import FenceCircle, FencePolygon, Home
 from mavproxy_handover.mission.protocol_items import item_message, item_of, older_item_message
+from mavproxy_handover.vehicle.profiles import PLANE
 
 
 def read(plan):
@@ -70,7 +71,7 @@ def test_item_without_place_carries_none(small):
 
 def test_wings_are_planned_by_cruise_speed_and_copters_by_hover_speed(small):
     small.plan["mission"]["vehicleType"] = 1
-    assert read(small.plan).cruise_speed_mps == 15.0
+    assert read_route("small.plan", json.dumps(small.plan), PLANE).cruise_speed_mps == 15.0
 
 
 def test_geofence_is_read(small):
@@ -206,7 +207,10 @@ def test_items_behind_a_return_are_a_warning(small):
 
 def test_endless_loiter_is_a_warning(small):
     small.items[1]["command"] = 17
-    assert read(small.plan).warnings == ("item 2 is NAV_LOITER_UNLIM: the aircraft waits there until told to go on",)
+    assert read(small.plan).warnings == (
+        "item 2 is NAV_LOITER_UNLIM: the aircraft waits there until told to go on. No time is counted for that. The "
+        "flight ends when no return site would be in reach any more",
+    )
 
 
 def test_plan_without_rally_points_is_a_warning(small):
@@ -407,9 +411,12 @@ def test_refuses_an_altitude_left_open(small):
         (12, "a submarine (vehicleType 12), the mission is for a copter"),
     ],
 )
-def test_a_plan_of_another_kind_of_aircraft_is_a_warning(small, made_for, words):
+def test_a_plan_of_another_kind_of_aircraft_is_refused(small, made_for, words):
     small.plan["mission"]["vehicleType"] = made_for
-    assert f"the plan was made for {words}" in read(small.plan).warnings
+    assert refusal(small.plan) == (
+        f"small.plan: mission: the plan was made for {words}: set aircraft in mission.toml, or make the plan for that "
+        "vehicle"
+    )
 
 
 @pytest.mark.parametrize("made_for", [0, 2, 13, 14, 35, 99, True, "2", None])

@@ -15,7 +15,8 @@ import pytest
 from mavproxy_handover.cli.check import main
 from mavproxy_handover.core.safety.energy import Piece, Wind, landing
 from mavproxy_handover.mission import MissionError, MissionItem, RallyPoint, load
-from mavproxy_handover.mission.check import Severity, check, report_text
+from mavproxy_handover.mission.check import Severity, check
+from mavproxy_handover.mission.check_text import report_text
 from mavproxy_handover.mission.energy import places_of, way_back
 from mavproxy_handover.mission.geodesy import east_north_m
 from mavproxy_handover.mission.path import path_of

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import pytest
@@ -55,6 +56,50 @@ def test_bad_usage_is_one_line_and_exit_code_2(
     assert err.startswith("handover sim: ")
     for word in words:
         assert word in err
+
+
+OWN = """
+name = "lost-link"
+description = "the commander's program dies"
+mission = "MISSION"
+begin = "start"
+[[step]]
+wait_reached = 2
+[[step]]
+kill = "GCSA"
+[[expect]]
+emergencies = ["commander_lost"]
+"""
+
+
+def test_a_scenario_of_ones_own_is_a_file_with_its_mission_beside_it(tmp_path: Path) -> None:
+    own = tmp_path / "lost-link.toml"
+    own.write_text(OWN.replace("MISSION", "delivery"))
+    assert command.own_file(own).mission == "delivery"
+    shutil.copytree(Path(__file__).parents[2] / "missions" / "linear", tmp_path / "here")
+    own.write_text(OWN.replace("MISSION", "here"))
+    assert command.own_file(own).mission == str(tmp_path / "here")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (None, "cannot be read: "),
+        ("name =", "lost-link.toml: not valid TOML"),
+        (OWN.replace("wait_reached", "wait_reach"), "lost-link.toml: [step 1] wait_reach: unknown key"),
+        (OWN.replace("MISSION", "nowhere"), "no mission 'nowhere'"),
+    ],
+)
+def test_what_is_wrong_with_ones_own_scenario_is_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str | None, words: str
+) -> None:
+    own = tmp_path / "lost-link.toml"
+    if text is not None:
+        own.write_text(text)
+    code, out, err = run(capsys, "--scenario", str(own))
+    assert (code, out) == (2, "")
+    assert len(err.strip().splitlines()) == 1
+    assert words in err
 
 
 def test_an_unknown_option_is_exit_code_2(capsys: pytest.CaptureFixture[str]) -> None:
