@@ -210,7 +210,7 @@ MISSION: Final = KeyTable(
             "rally_reach_m",
             1,
             1_000_000,
-            "a rally point farther than this from the route is an error, because it is more likely a mistake than a plan",
+            "a rally point farther than this from the route is an error, unless the mission declares it here",
             DEFAULT_RALLY_REACH_M,
         ),
         number(
