@@ -70,6 +70,11 @@ _SPEAKERS: Final = frozenset((COMPANION_COMPID, LANGUAGE_COMPID))
 _OF_STATION: Final = ("peer", "peer_lost")
 
 
+def _is_answer(action: Action) -> bool:
+    """Whether the action answers the vehicle or another station, or tells the operator of such an answer."""
+    return not isinstance(action, Notice) or action.event in ("consent", "set_up", "told")
+
+
 class Host(Protocol):
     """The part of the station's module that one vehicle needs."""
 
@@ -148,6 +153,8 @@ class Aircraft:
         self._map_view = MapView(f"handover {vehicle.sysid}", partial(loaded_maps, host.mpstate), self._fault)
         self.commands = StationCommands(self, host.settings_of_ours)
         self._telemetry_shown_at = 0.0
+        #: nothing is answered by itself: the program that is this station is not there (`served_program.py`)
+        self.mute = False
         #: the name that the vehicle uses for itself, if a notice about the difference was given
         self._other_name = ""
 
@@ -193,7 +200,8 @@ class Aircraft:
             elif frame.msgid == mavlink.MAVLINK_MSG_ID_STATUSTEXT:
                 self.texts.on_companion(frame, self._now())
         elif frame.compid == PROBE_COMPID:
-            self.connection.answer_probe(frame, self._now())
+            if not self.mute:
+                self.connection.answer_probe(frame, self._now())
         elif frame.msgid == mavlink.MAVLINK_MSG_ID_STATUSTEXT:
             self.texts.on_other(frame, m, self._now())
         elif frame.msgid in (mavlink.MAVLINK_MSG_ID_COMMAND_ACK, mavlink.MAVLINK_MSG_ID_HEARTBEAT):
@@ -352,6 +360,8 @@ class Aircraft:
 
     def _perform(self, actions: list[Action]) -> None:
         for action in actions:  # if one fails, the next one is still performed
+            if self.mute and _is_answer(action):
+                continue
             self._guarded(f"action {type(action).__name__}", partial(self._perform_one, action))
 
     def _perform_one(self, action: Action) -> None:

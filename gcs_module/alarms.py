@@ -86,6 +86,8 @@ EVENTS: Final[Mapping[str, Level]] = {
     "named": _ADVISORY,
     "peer": _INFO,
     "peer_lost": _ADVISORY,
+    "program": _INFO,
+    "program_lost": _EMERGENCY,
     "zone_left": _ADVISORY,
     "zone_ends": _ADVISORY,
     "rerouted": _ADVISORY,
@@ -105,6 +107,7 @@ STANDS: Final[Mapping[str, str]] = {
     "asked": "question",
     "decision": "decision",
     "off_route": "route",
+    "program_lost": "program",
 }
 ENDS: Final[Mapping[str, str]] = {
     "connected": "link",
@@ -117,6 +120,7 @@ ENDS: Final[Mapping[str, str]] = {
     "decision_over": "decision",
     "on_route": "route",
     "rerouted": "route",
+    "program": "program",
 }
 
 #: the vehicle's action -> the level of its line

@@ -32,6 +32,8 @@ from gcs_module.fleet import FleetCommands, our_settings
 from gcs_module.interrupts import Interrupts
 from gcs_module.links import Links
 from gcs_module.menu import Menu
+from gcs_module.served_program import ServedProgram
+from gcs_module.serving import Serving
 from gcs_module.station_resources import StationResources
 from gcs_module.vehicle_selection import VehicleSelection
 from gcs_module.view import alert, plain_line
@@ -44,6 +46,7 @@ from mavproxy_handover.config.files import (
     load_station,
     path_argument,
 )
+from mavproxy_handover.config.served import parse_served
 from mavproxy_handover.link.devices import Device
 from mavproxy_handover.link.forms import parse_device
 from mavproxy_handover.supervision.must_load import loaded, refused
@@ -126,11 +129,16 @@ class HandoverGcsModule(mp_module.MPModule):
             text = f"source_system is {self.settings.source_system}: set to {config.station.sysid}."
             self._tell(text, Level.ADVISORY)
             self.settings.source_system = config.station.sysid
+        self._served = self._serve(resources.served)
         try:
             self._set_up_links()
         except Exception:
             self._restore_links()
+            if self._served is not None:
+                self._served.release()
             raise
+        if self._served is not None:
+            self._served.begin(self.now())
         self._interrupts = Interrupts(mpstate, self._flown_from_here, self.now)
         self._interrupts.install()
 
@@ -141,6 +149,13 @@ class HandoverGcsModule(mp_module.MPModule):
         self.links.refresh()
         for aircraft in self.aircraft:
             aircraft.begin()
+
+    def _serve(self, opened: Device | None) -> Serving | None:
+        """The program that flies through this station; None: there is none."""
+        if opened is None or self.config.serve is None:
+            return None
+        program = ServedProgram(opened, self.config.station.sysid, tuple(self._by_sysid), self._on_link_fault)
+        return Serving(self.mpstate, self.config.serve, program, self.aircraft)
 
     def _restore_links(self) -> None:
         for aircraft in self.aircraft:
@@ -179,6 +194,8 @@ class HandoverGcsModule(mp_module.MPModule):
         for link in self._links():
             mp_util.child_fd_list_remove(link.fileno())
         self._ground.close()
+        if self._served is not None:
+            self._guarded("served program", self._served.release)
         self.remove_command("handover")
         self.mpstate.completion_functions.pop("(HANDOVERSETTING)", None)
         self.mpstate.public_modules.pop("handover_gcs", None)
@@ -270,6 +287,8 @@ class HandoverGcsModule(mp_module.MPModule):
     def _on_packet(self, m: Any) -> None:
         frame = parse_one(bytes(m.get_msgbuf()))
         if frame is not None and frame.known and frame.sysid in self._by_sysid:
+            if self._served is not None:
+                self._served.on_vehicle(frame)
             if frame.msgid == mavlink.MAVLINK_MSG_ID_STATUSTEXT:
                 self._answers.said(m.text)
             self._by_sysid[frame.sysid].on_frame(frame, m)
@@ -332,6 +351,8 @@ class HandoverGcsModule(mp_module.MPModule):
         if now >= self._turn_at:
             self._turn_at = now + _TURN_S
             self._guarded("links", partial(self._turns, now))
+            if self._served is not None:
+                self._guarded("served program", partial(self._served.tick, now))
             self._guarded("links", self.links.push)
         if now >= self._each_second_at:
             self._each_second_at = now + 1.0
@@ -390,22 +411,29 @@ class HandoverGcsModule(mp_module.MPModule):
             aircraft.view.line("Its sticks are let go of: another vehicle is chosen.", Level.ADVISORY)
 
 
-def init(mpstate: Any, config: Any = None, journal: Any = None, **unknown: Any) -> HandoverGcsModule | None:
+def init(
+    mpstate: Any, config: Any = None, journal: Any = None, serve: Any = None, **unknown: Any
+) -> HandoverGcsModule | None:
     """Called by MAVProxy. Without a usable configuration it says why, and MAVProxy runs on.
 
     `config`: path of the configuration file (`module load handover_gcs:{"config":"FILE"}`); `journal`: path of the
-    journal instead of the configured one: `handover` gives each run its own folder.
+    journal instead of the configured one: `handover` gives each run its own folder. `serve`: link to a served program
+    instead of the configured one.
     """
     resources: StationResources | None = None
     try:
         if unknown:
-            raise ConfigError(f"unknown argument {', '.join(unknown)}; allowed are: config, journal")
+            raise ConfigError(f"unknown argument {', '.join(unknown)}; allowed are: config, journal, serve")
         if "handover" in mpstate.command_map:
             raise ConfigError("module handover is loaded here: vehicle and station need a MAVProxy each")
         settings = load_station(find_station_config(path_argument("config", config) or _last.get("config")))
         written = path_argument("journal", journal) or _last.get("journal")
         if written is not None:
             settings = replace(settings, journal=Path(written))
+        serve = serve or _last.get("serve")
+        if serve is not None:
+            parse_served(str(serve))
+            settings = replace(settings, serve=str(serve))
         resources = StationResources.of(settings, Clocks(time.time, time.monotonic))
         module = HandoverGcsModule(mpstate, settings, resources)
     except Exception as error:  # an exception would end MAVProxy while it loads its default modules
@@ -417,5 +445,6 @@ def init(mpstate: Any, config: Any = None, journal: Any = None, **unknown: Any) 
         refused(mpstate, "handover_gcs", why(error))
         return None
     loaded()
-    _last.update({"config": str(settings.path)} | ({} if written is None else {"journal": written}))
+    given = {"journal": written, "serve": serve}
+    _last.update({"config": str(settings.path)} | {name: value for name, value in given.items() if value is not None})
     return module

@@ -9,7 +9,9 @@ from dataclasses import dataclass
 
 from gcs_module.ground import GroundLink
 from gcs_module.signing import LinkSigning
+from mavproxy_handover.config.served import parse_served
 from mavproxy_handover.config.station import FleetVehicle, StationConfig
+from mavproxy_handover.link.devices import Device, LinkError, open_device
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.store.journal import Journal
@@ -35,6 +37,8 @@ class StationResources:
     vehicles: tuple[VehicleResources, ...]
     ground: GroundLink
     journal: Journal
+    #: link to a served program; None: there is none
+    served: Device | None
 
     @classmethod
     def of(cls, config: StationConfig, clocks: Clocks) -> StationResources:
@@ -48,10 +52,15 @@ class StationResources:
             for vehicle in config.vehicles
         )
         ground = GroundLink(config, clocks)
+        served: Device | None = None
         try:
-            return cls(vehicles, ground, Journal(config.journal, config.station.name))
-        except OSError:
+            if config.serve is not None:
+                served = open_device(parse_served(config.serve).text)
+            return cls(vehicles, ground, Journal(config.journal, config.station.name), served)
+        except (OSError, LinkError):
             ground.close()
+            if served is not None:
+                served.close()
             raise
 
     def close(self) -> None:
@@ -60,6 +69,8 @@ class StationResources:
             if vehicle.signing is not None:
                 vehicle.signing.release()
         self.ground.close()
+        if self.served is not None:
+            self.served.close()
         self.journal.close()
 
 

@@ -40,6 +40,7 @@ from sitl.script.scenario import (
     known_scenarios,
     load_scenario,
     parse_scenario,
+    program_of,
     with_opening,
 )
 from sitl.vehicles import KINDS, LaunchError, find_arducopter, find_arduplane, flies
@@ -320,10 +321,20 @@ def _check_names(scenario: Scenario, package: packages.MissionPackage) -> None:
     """Stations that the scenario names must be in the mission."""
     names = [station.name for station in package.stations]
     used = {*scenario.consent, *scenario.standard, *scenario.not_in_control, *scenario.links, *scenario.rogue}
+    used |= set(scenario.served)
     used |= {name for lines in scenario.serial for name in lines.lines if name != AUTOPILOT}
     for step in scenario.steps:
         used.update(step.deed.processes())
-    for name in sorted(used - {*names, "companion", *scenario.fleet, *(["rogue"] if scenario.rogue else [])}):
+    for name in sorted(
+        used
+        - {
+            *names,
+            "companion",
+            *scenario.fleet,
+            *map(program_of, scenario.served),
+            *(["rogue"] if scenario.rogue else []),
+        }
+    ):
         raise ScenarioError(
             f"{scenario.name}.toml: {name!r} is no station of mission {package.name!r}: {', '.join(names)}"
         )

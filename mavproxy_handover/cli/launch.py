@@ -13,7 +13,8 @@ import sys
 from pathlib import Path
 
 from mavproxy_handover.config.files import ConfigError, FleetVehicle, load_station
-from mavproxy_handover.link.forms import Kind, parse_device
+from mavproxy_handover.config.served import parse_served
+from mavproxy_handover.link.forms import Kind, LinkError, parse_device
 from mavproxy_handover.wire.ids import COMPANION_COMPID, STATION_COMPID
 from mavproxy_handover.wire.vehicle_address import WAITING_LINK
 
@@ -36,9 +37,13 @@ def mavproxy() -> list[str]:
     return [sys.executable, found]
 
 
-def _load(module: str, config: Path, journal: Path | None) -> str:
+def _load(module: str, config: Path, journal: Path | None, serve: str | None = None) -> str:
     """The `module load` line. MAVProxy splits at spaces and `;`, so such a path cannot be given this way."""
-    paths = {"config": config.resolve(), **({} if journal is None else {"journal": journal.resolve()})}
+    paths: dict[str, Path | str] = {"config": config.resolve()}
+    if journal is not None:
+        paths["journal"] = journal.resolve()
+    if serve is not None:
+        paths["serve"] = serve
     for path in map(str, paths.values()):
         if any(character in path for character in " ;'\"\\"):
             raise ConfigError(f"{path}: MAVProxy cannot take a path with spaces, quotes or ';': move the file")
@@ -75,12 +80,15 @@ def supervised_argv(config: Path, master: str, logfile: Path) -> list[str]:
     return [sys.executable, "-m", "mavproxy_handover.cli", *words]
 
 
-def station_argv(config: Path, master: str | None, logfile: Path, journal: Path | None = None) -> list[str]:
+def station_argv(
+    config: Path, master: str | None, logfile: Path, journal: Path | None = None, serve: str | None = None
+) -> list[str]:
     """MAVProxy with `handover_gcs`. Raises ConfigError.
 
     `master`: link to the vehicle; None if [[vehicle]] tables name the links or another station will send the vehicle's
-    address. `logfile`: the tlog. `journal`: replaces the configuration's.
+    address. `logfile`: the tlog. `journal`, `serve`: replace the configuration's.
     """
+    _check_served(serve)
     station = load_station(config)
     labelled = [link for vehicle in station.vehicles for link in _labelled(vehicle)]
     links = labelled if master is None else [_of_mavproxy(master)]
@@ -103,8 +111,17 @@ def station_argv(config: Path, master: str | None, logfile: Path, journal: Path 
         "--nowait",
         f"--default-modules={_STATION_MODULES}",
         f"--logfile={logfile}",
-        f"--cmd={_load('handover_gcs', config, journal)}",
+        f"--cmd={_load('handover_gcs', config, journal, serve)}",
     ]
+
+
+def _check_served(serve: str | None) -> None:
+    """Raises ConfigError if no program can be served by that link."""
+    if serve is not None:
+        try:
+            parse_served(serve)
+        except LinkError as error:
+            raise ConfigError(f"--serve: {error}") from None
 
 
 def _of_mavproxy(link: str) -> str:

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from datetime import datetime, timezone
 from importlib import metadata
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from mavproxy_handover.cli.launch import companion_argv, station_argv
 from mavproxy_handover.cli.reach import trouble
@@ -66,7 +66,7 @@ def companion(argv: Sequence[str]) -> int:
         help="the third restart in so many seconds sends no more leases: no station commands (default: 60)",
     )
     _fill_standard_streams()
-    return _run(parser, argv, companion_argv, _vehicle_config, _supervise)
+    return _run(parser, argv, _companion_argv, _vehicle_config, _supervise)
 
 
 def station(argv: Sequence[str]) -> int:
@@ -78,6 +78,10 @@ def station(argv: Sequence[str]) -> int:
             (
                 "handover station --config GCSA.toml --master udpin:0.0.0.0:14550 -- --console --map",
                 "with MAVProxy's windows",
+            ),
+            (
+                "handover station --master udpin:0.0.0.0:14550 --serve udp:127.0.0.1:14550",
+                "QGroundControl on this computer flies through the station",
             ),
         ),
         codes={
@@ -93,13 +97,19 @@ def station(argv: Sequence[str]) -> int:
         help="the link to the vehicle, e.g. udpin:0.0.0.0:14550; not where [[vehicle]] tables name the links; without "
         "it the station waits for the vehicle's address with a mission",
     )
-    return _run(parser, argv, station_argv, lambda named: Path(named or "").expanduser().resolve(), _station)
+    parser.add_argument(
+        "--serve",
+        metavar="LINK",
+        help="a program on this computer that flies through this station, for example udp:127.0.0.1:14550 for "
+        "QGroundControl (else `serve` of the configuration)",
+    )
+    return _run(parser, argv, _station_argv, lambda named: Path(named or "").expanduser().resolve(), _station)
 
 
 def _run(
     parser: argparse.ArgumentParser,
     argv: Sequence[str],
-    build: Callable[[Path, Any, Path, Path | None], list[str]],
+    build: Callable[[Path, argparse.Namespace, _Logs], list[str]],
     find: Callable[[str | None], Path],
     start: Callable[[list[str], argparse.Namespace], int],
 ) -> int:
@@ -116,7 +126,7 @@ def _run(
     try:
         config = find(arguments.config)
         logs = _Logs(arguments.logfile) if arguments.logfile is not None else _logs_of(parser.prog, config, arguments)
-        command = [*build(config, arguments.master, logs.tlog, logs.journal), *arguments.more, *logs.options]
+        command = [*build(config, arguments, logs), *arguments.more, *logs.options]
     except ConfigError as error:
         print(f"{parser.prog}: {error}", file=sys.stderr)
         return 2
@@ -137,6 +147,14 @@ class _Logs:
     tlog: Path
     journal: Path | None = None
     options: tuple[str, ...] = ("--append-log",)
+
+
+def _companion_argv(config: Path, arguments: argparse.Namespace, logs: _Logs) -> list[str]:
+    return companion_argv(config, arguments.master, logs.tlog, logs.journal)
+
+
+def _station_argv(config: Path, arguments: argparse.Namespace, logs: _Logs) -> list[str]:
+    return station_argv(config, arguments.master, logs.tlog, logs.journal, arguments.serve)
 
 
 def _logs_of(program: str, config: Path, arguments: argparse.Namespace) -> _Logs:

@@ -16,10 +16,12 @@ from pathlib import Path
 from typing import Any, Final
 
 from mavproxy_handover.config.route import route_limits
+from mavproxy_handover.config.served import parse_served
 from mavproxy_handover.config.station_keys import ASK, GROUND, PEER, STATION, STATION_FILE, VEHICLE
 from mavproxy_handover.config.toml import ConfigError, Table, check_tables, list_of_tables, one_table, read_toml
 from mavproxy_handover.core.common.model import AUTOMATIC, QUESTIONS, UNASKED, Station
 from mavproxy_handover.core.safety.route import RouteLimits
+from mavproxy_handover.link.forms import LinkError
 
 __all__ = ["FleetVehicle", "PeerConfig", "StationConfig", "load_station"]
 
@@ -78,6 +80,8 @@ class StationConfig:
     route: RouteLimits = field(default_factory=RouteLimits)
     #: the operator is asked about an address of the vehicle that another station sends; False: it is refused
     offered_addresses: bool = True
+    #: link to a program on this computer that flies through this station; None: MAVProxy itself is the program
+    serve: str | None = None
     #: such an address may be one of this computer: for tests and simulations
     offered_addresses_local: bool = False
 
@@ -108,9 +112,20 @@ def load_station(path: Path) -> StationConfig:
         ground_key=ground_key,
         peers=peers,
         route=route_limits(data, path),
+        serve=_serve(table),
         offered_addresses=table["offered_addresses"] == ASK,
         offered_addresses_local=table["offered_addresses_local"],
     )
+
+
+def _serve(table: Table) -> str | None:
+    if table["serve"] is None:
+        return None
+    try:
+        parse_served(table["serve"])
+    except LinkError as error:
+        raise table.error("serve", str(error).removeprefix("link ")) from None
+    return str(table["serve"])
 
 
 def _ground(table: Table) -> tuple[str, Path | None]:

@@ -46,6 +46,13 @@ STATION: Final = KeyTable(
             "automatic",
         ),
         text(
+            "serve",
+            "a program on this computer that flies through this station, QGroundControl for one: udp:127.0.0.1:14550 "
+            "(it listens there), udpin:127.0.0.1:14551 or tcpin:127.0.0.1:5770 (it connects). Its heartbeat is then "
+            "required",
+            example="udp:127.0.0.1:14550",
+        ),
+        text(
             "journal",
             "file of the journal; without it the name of the station and .jsonl. `handover station` writes it to the "
             "folder of the run (--logs)",

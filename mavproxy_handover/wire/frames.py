@@ -37,11 +37,14 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 __all__ = [
     "MAX_FRAME_BYTES",
+    "MAGIC_V2",
     "PATIENCE_S",
+    "REVERSED",
     "Frame",
     "FrameCounters",
     "FrameSplitter",
     "checked_types",
+    "crc_extra",
     "field_bytes",
     "field_float",
     "field_int",
@@ -164,6 +167,11 @@ def target_offsets(msgid: int) -> tuple[int, int | None, int | None]:
     return definition.length, definition.target_system, definition.target_component
 
 
+def crc_extra(msgid: int) -> bytes:
+    """The CRC extra byte of a message. Raises KeyError if the dialect lacks the message."""
+    return _DEFINITIONS[msgid].crc_extra
+
+
 def field_offset(msgid: int, field: str) -> int:
     """Offset of a field in the payload. Raises KeyError if the dialect lacks message or field."""
     offset: int = _FIELDS[msgid][field].start
@@ -205,12 +213,12 @@ _FLOAT: Final = struct.Struct("<f")
 
 #: Every byte with its bits in reverse order. MAVLink's CRC (CRC-16/MCRF4XX) is that of the standard library with
 #: reversed bits of each byte and of the result.
-_REVERSED: Final = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
+REVERSED: Final = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 
 
 def _crc_fits(raw: bytes, end: int, crc_extra: bytes) -> bool:
     data = raw[1:end] + crc_extra + raw[end : end + CRC_BYTES]  # any data followed by its CRC has the CRC 0
-    return not crc_hqx(data.translate(_REVERSED), 0xFFFF)
+    return not crc_hqx(data.translate(REVERSED), 0xFFFF)
 
 
 def _frame_length(data: bytes, start: int) -> int:

@@ -40,7 +40,7 @@ from sitl.run.fleet import FIRST, Craft, first_of
 from sitl.run.sites import HERE, Reach, Site
 from sitl.run.slow_disk import on_slow_disk
 from sitl.script.places import mission_folder
-from sitl.script.scenario import AUTOPILOT, Scenario
+from sitl.script.scenario import AUTOPILOT, Scenario, program_of
 from sitl.script.weather import Weather
 from sitl.vehicles.ports import LOOPBACK, PortPicker
 
@@ -64,6 +64,8 @@ IMPAIRMENT, ROGUE, LINES = "impairment", "rogue", "lines"
 #: name of the position box's process
 BOX = "box"
 SYSID = FIRST[1]
+#: system id of a program that flies through a station, as most programs come
+SERVED_SYSID = 255
 #: files in the folder of each of our stations that MAVProxy can be told to load, one of them an unused mission
 _TO_LOAD = {
     "other.waypoints": """QGC WPL 110
@@ -182,6 +184,8 @@ class _Between:
         self.lines: list[dict[str, Any]] = []
         self.proxies: list[dict[str, Any]] = []
         self.taps: list[dict[str, Any]] = []
+        #: station -> port of the program that flies through it
+        self.served = {name: ports.udp() for name in scenario.served}
 
     def _impaired(self, kind: str) -> bool:
         return self._scenario.impair is not None and kind in self._scenario.impair.links
@@ -240,7 +244,19 @@ class _Between:
             config = _write(home / f"{ROGUE}.toml", tables, {"journal": str(journal), "vehicle": SYSID})
             argv = (sys.executable, "-m", "sitl.run.rogue", "--config", str(config))
             programs.append(Program(ROGUE, argv, home, journal))
+        programs += [_served(folder, name, port) for name, port in self.served.items()]
         return tuple(programs)
+
+
+def _served(folder: Path, station: str, port: int) -> Program:
+    """A program that flies through a station, with the system id that most programs have. Raises OSError."""
+    name = program_of(station)
+    home = folder / name
+    home.mkdir(parents=True, exist_ok=True)
+    journal = home / f"{name}.jsonl"
+    argv = [sys.executable, "-m", "sitl.run.standard_gcs", "--name", name, "--sysid", str(SERVED_SYSID)]
+    argv += ["--vehicle", str(SYSID), "--listen", str(port), "--journal", str(journal)]
+    return Program(name, tuple(argv), home, journal)
 
 
 def lay_out(
@@ -448,6 +464,8 @@ def _station(
         own["key"] = str(keys[station.name])
     if station.name in scenario.address:
         own["offered_addresses_local"] = True
+    if station.name in between.served:
+        own["serve"] = f"udp:{LOOPBACK}:{between.served[station.name]}"
     peers = []
     for other in package.stations:
         if other == station or other.name in scenario.standard:

@@ -16,6 +16,7 @@ Before the steps stands what the flight is made of, where that differs from the 
     consent = {GCSA = "operator"}  its operator is asked; automatic or refuse for a station in `standard`
     forced = {GCSB = "ask"}        its operator is asked as well when the commander is lost
     standard = ["GCSA"]            speaks the MAVLink standard only
+    served = ["GCSB"]              another program flies through it; the process is called GCSB-program
     not_in_control = {GCSA = "never"}  the vehicle's setting for a station
     on_board = true                the mission package is there before the flight
     signed = true                  a key for each station
@@ -76,6 +77,7 @@ __all__ = [
     "known_scenarios",
     "load_scenario",
     "parse_scenario",
+    "program_of",
     "with_opening",
 ]
 
@@ -99,6 +101,7 @@ _KEYS = (
     "consent",
     "forced",
     "standard",
+    "served",
     "not_in_control",
     "on_board",
     "signed",
@@ -122,6 +125,7 @@ _STEP_KEYS = ("label", "say", "timeout_s", "timeout_wall_s", "vehicle")
 #: what is laid for one vehicle only
 _NOT_OF_A_FLEET = (
     "standard",
+    "served",
     "not_in_control",
     "links",
     "address",
@@ -220,6 +224,8 @@ class Scenario:
     begin: str = ""
     #: stations that speak the MAVLink standard only
     standard: tuple[str, ...] = ()
+    #: stations through which another program flies
+    served: tuple[str, ...] = ()
     #: station -> who gets that result there (`POLICIES` of `gate/client_capabilities.py`); those
     #: not named have the default
     not_in_control: Mapping[str, str] = field(default_factory=dict)
@@ -243,6 +249,11 @@ class Scenario:
     fsync_s: float = 0.0
     #: further vehicles: name -> mission
     fleet: Mapping[str, str] = field(default_factory=dict)
+
+
+def program_of(station: str) -> str:
+    """Name of the process of the program that a station serves."""
+    return f"{station}-program"
 
 
 def known_scenarios(folder: Path = SCENARIOS) -> dict[str, Path]:
@@ -306,6 +317,7 @@ def parse_scenario(text: str, file: str) -> Scenario:
         speedup=speedup,
         begin=_word(reader, data, "begin", BEGINNINGS),
         standard=reader.value(data, "standard", tuple[str, ...], ()),
+        served=reader.value(data, "served", tuple[str, ...], ()),
         not_in_control=_words(reader, data, "not_in_control", POLICIES),
         on_board=reader.value(data, "on_board", bool, False),
         signed=reader.value(data, "signed", bool, False),
@@ -326,6 +338,9 @@ def parse_scenario(text: str, file: str) -> Scenario:
         raise reader.error("box", "a step gives the position box an order, and there is none")
     _check_lines(reader, scenario)
     _check_address(reader, scenario)
+    for name in scenario.served:
+        if name in scenario.standard:
+            raise reader.error("served", f"{name!r} is in standard: it has no module that serves a program")
     _check_fleet(reader, scenario)
     return scenario
 

@@ -44,7 +44,7 @@ def test_every_line_that_is_made_is_in_the_table() -> None:
 
 def test_the_levels_as_they_are_written_on_the_card() -> None:
     grave = {event for event, level in EVENTS.items() if level is EMERGENCY}
-    assert grave == {"no_commander", "decision"}
+    assert grave == {"no_commander", "decision", "program_lost"}
     waits = {event for event, level in EVENTS.items() if level is WARNING}
     assert waits == {"lost", "requested", "asked", "countdown", "off_route", "stream"}
     assert [DECISIONS[action] for action in FlightAction] == [

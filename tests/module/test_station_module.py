@@ -188,7 +188,7 @@ def test_without_a_configuration_one_line_says_where_it_looked(station: StationB
         ({"config": "/nowhere/x.toml"}, "/nowhere/x.toml: no such file"),
         ({"config": 5}, "argument config: 5 must be the path of a file"),
         ({"config": "~nobody-of-that-name/x"}, "~nobody-of-that-name/x: Could not determine home directory."),
-        ({"x": 1}, "unknown argument x; allowed are: config, journal"),
+        ({"x": 1}, "unknown argument x; allowed are: config, journal, serve"),
     ],
 )
 def test_arguments_that_make_no_sense_are_one_line(
