@@ -29,7 +29,7 @@ class Serving:
 
     def __init__(self, mpstate: Any, link: str, program: ServedProgram, aircraft: Sequence[Aircraft]) -> None:
         self._mpstate = mpstate
-        self._values = {"link": link, "silent_s": SILENT_S, "lost_s": LOST_S}
+        self._link = link
         self._program = program
         self._aircraft = aircraft
         self._kept = {name: getattr(mpstate.settings, name) for name in _SETTINGS if hasattr(mpstate.settings, name)}
@@ -38,7 +38,7 @@ class Serving:
 
     def begin(self, now: float) -> None:
         """Tell the operator what is waited for."""
-        self._tell(notice("program_awaited", **self._values), now)
+        self._tell(notice("program_awaited", link=self._link), now)
 
     def tick(self, now: float) -> None:
         """Pass on what the program sent; to be called often."""
@@ -53,7 +53,7 @@ class Serving:
         change = self._program.change(now)
         if change is not Change.NONE:
             row = "program_heard" if change is Change.HEARD else "program_silent"
-            self._tell(notice(row, **self._values), now)
+            self._tell(notice(row, link=self._link, silent_s=SILENT_S, lost_s=LOST_S), now)
 
     def on_vehicle(self, frame: Frame) -> None:
         """A frame of a vehicle of this station."""
