@@ -17,15 +17,15 @@ from mavproxy_handover.config.station_keys import STATION_FILE
 from mavproxy_handover.config.vehicle_keys import VEHICLE_FILE
 from mavproxy_handover.tools.key_table import Key, KeyTable
 
-__all__ = ["station_sample", "toml_value", "vehicle_sample"]
+__all__ = ["Values", "station_sample", "station_text", "toml_value", "vehicle_sample", "vehicle_text"]
 
 #: width of a line, and the column of its comment
 _WIDTH, _COLUMN = 120, 40
 _NO_BREAK: Final = "\N{NO-BREAK SPACE}"
-#: values in force, by table
-_Values = Mapping[str, Sequence[Mapping[str, Any]]]
+#: values in force, by table; an empty list: the table is a comment
+Values = Mapping[str, Sequence[Mapping[str, Any]]]
 
-_VEHICLE: Final[_Values] = {
+_VEHICLE: Final[Values] = {
     "vehicle": [
         {
             "name": "drone-1",
@@ -41,7 +41,7 @@ _VEHICLE: Final[_Values] = {
         {"name": "GCSB", "sysid": 252, "links": ["udpout:127.0.0.1:14552"], "key": "keys/GCSB.key"},
     ],
 }
-_STATION: Final[_Values] = {
+_STATION: Final[Values] = {
     "station": [
         {
             "name": "GCSA",
@@ -65,29 +65,34 @@ _EXAMPLES: Final[Mapping[str, Any]] = {
 }
 
 
+_VEHICLE_HEAD: Final = (
+    "Configuration of a vehicle's companion computer.",
+    'Found as: module load handover:{"config":"FILE"}, $HANDOVER_CONFIG, ./handover.toml, /etc/handover/vehicle.toml',
+)
+_STATION_HEAD: Final = (
+    "Configuration of a ground station.",
+    'Found as: module load handover_gcs:{"config":"FILE"}, ./station.toml',
+)
+
+
 def vehicle_sample(folder: str = "") -> str:
     """A vehicle's file. `folder`: of journal and state, with the stroke at its end; "": that of the file."""
-    return _sample(
-        (
-            "Configuration of a vehicle's companion computer.",
-            'Found as: module load handover:{"config":"FILE"}, $HANDOVER_CONFIG, ./handover.toml, '
-            "/etc/handover/vehicle.toml",
-        ),
-        VEHICLE_FILE,
-        _placed(_VEHICLE, "vehicle", folder),
-    )
+    return vehicle_text(_placed(_VEHICLE, "vehicle", folder))
 
 
 def station_sample(folder: str = "") -> str:
     """A station's file. `folder`: of its journal, with the stroke at its end; "": that of the file."""
-    return _sample(
-        (
-            "Configuration of a ground station.",
-            'Found as: module load handover_gcs:{"config":"FILE"}, ./station.toml',
-        ),
-        STATION_FILE,
-        _placed(_STATION, "station", folder),
-    )
+    return station_text(_placed(_STATION, "station", folder))
+
+
+def vehicle_text(values: Values, notes: Sequence[str] = ()) -> str:
+    """A vehicle's file with these values in force. `notes`: more lines at its head."""
+    return _sample((*_VEHICLE_HEAD, *notes), VEHICLE_FILE, values)
+
+
+def station_text(values: Values, notes: Sequence[str] = ()) -> str:
+    """A station's file with these values in force. `notes`: more lines at its head."""
+    return _sample((*_STATION_HEAD, *notes), STATION_FILE, values)
 
 
 def toml_value(value: Any) -> str:
@@ -97,14 +102,14 @@ def toml_value(value: Any) -> str:
     return f"{value:.12g}" if isinstance(value, float) else json.dumps(value)
 
 
-def _placed(values: _Values, table: str, folder: str) -> _Values:
+def _placed(values: Values, table: str, folder: str) -> Values:
     """The values with journal and state in that folder."""
     (first,) = values[table]
     placed = {key: f"{folder}{first[key]}" for key in ("journal", "state") if key in first}
     return {**values, table: [{**first, **placed}]}
 
 
-def _sample(head: Sequence[str], tables: Sequence[KeyTable], values: _Values) -> str:
+def _sample(head: Sequence[str], tables: Sequence[KeyTable], values: Values) -> str:
     lines = [f"# {line}" for line in head]
     lines.append("# Times are in seconds, distances in metres. A key in a comment shows the default, or an example.")
     for table in tables:

@@ -22,7 +22,16 @@ from mavproxy_handover.mission.errors import Where, parse_json
 from mavproxy_handover.mission.geodesy import distance_m
 from mavproxy_handover.mission.zones import Circle, Zone, beside
 
-__all__ = ["read_zones"]
+__all__ = [
+    "LARGEST_RADIUS_M",
+    "MAX_CORNERS",
+    "SMALLEST_RADIUS_M",
+    "altitude_limits",
+    "check_valid",
+    "position_of",
+    "read_zones",
+    "rings_of",
+]
 
 #: more would make the finder slow, and a coverage area is not known that exactly
 MAX_CORNERS = 1000
@@ -100,7 +109,7 @@ def _zone(
         raise where.error(f"radius_m on a {kind} (allowed: on a Point)")
     area: Circle | Polygon | MultiPolygon
     if kind == "Point":
-        lon, lat = _position(where, coordinates, "the centre", home)
+        lon, lat = position_of(where, coordinates, "the centre", home)
         radius = where.number(where.need(properties, "radius_m"), "radius_m", SMALLEST_RADIUS_M, LARGEST_RADIUS_M)
         area = Circle(lat, lon, radius)
     elif kind == "Polygon":
@@ -112,31 +121,40 @@ def _zone(
         area = MultiPolygon(
             [_polygon(where.at(f"polygon {number}"), part, home) for number, part in enumerate(parts, 1)]
         )
-        _valid(where, area)
+        check_valid(where, area)
         area = beside(area, home[1])
-    if not isinstance(area, Circle) and sum(len(ring) for ring in _rings(area)) > MAX_CORNERS:
+    if not isinstance(area, Circle) and sum(len(ring) for ring in rings_of(area)) > MAX_CORNERS:
         raise where.error(f"too many corners (allowed: at most {MAX_CORNERS})")
+    low, high = altitude_limits(where, properties)
+    label = properties.get("name")
+    return Zone(sysid, station, area, "" if label is None else where.text(label, "name", 60), low, high)
+
+
+def altitude_limits(where: Where, properties: Mapping[str, object]) -> tuple[float | None, float | None]:
+    """The properties `min_alt_m` and `max_alt_m`; None: not given. Raises MissionError."""
     low, high = (
         None if properties.get(key) is None else where.number(properties[key], key, LOWEST_M, HIGHEST_M)
         for key in ("min_alt_m", "max_alt_m")
     )
     if low is not None and high is not None and low >= high:
         raise where.error(f"min_alt_m is {low:g}, not below max_alt_m {high:g}")
-    label = properties.get("name")
-    return Zone(sysid, station, area, "" if label is None else where.text(label, "name", 60), low, high)
+    return low, high
 
 
-def _position(where: Where, value: object, name: str, home: tuple[float, float]) -> tuple[float, float]:
+def position_of(where: Where, value: object, name: str, home: tuple[float, float] | None) -> tuple[float, float]:
+    """Longitude and latitude of a position. `home`: as in `read_zones`; None: not known. Raises MissionError."""
     numbers = where.array(value, name)
     if len(numbers) not in (2, 3):
         raise where.error(f"{name} has {len(numbers)} numbers (allowed: longitude, latitude, perhaps altitude)")
     lon = where.number(numbers[0], f"longitude of {name}", -180.0, 180.0)
     lat = numbers[1]
     if isinstance(lat, int | float) and 90.0 < abs(lat) <= 180.0 and abs(lon) <= 90.0:
-        raise where.error(f"latitude of {name} is {lat:g}: swapped? GeoJSON has longitude first")
+        raise where.error(f"latitude of {name} is {lat:g}: swapped? Longitude comes first")
     lat = where.number(lat, f"latitude of {name}", -HIGHEST_LAT_DEG, HIGHEST_LAT_DEG)
+    if home is None:
+        return lon, lat
     if distance_m(lat, lon, *home) > _SWAPPED_FAR_M and distance_m(lon, lat, *home) < _SWAPPED_NEAR_M:
-        raise where.error(f"{name} is far from home, and near it when swapped: GeoJSON has longitude first")
+        raise where.error(f"{name} is far from home, and near it when swapped: longitude comes first")
     return lon, lat
 
 
@@ -148,7 +166,7 @@ def _polygon(where: Where, value: object, home: tuple[float, float]) -> Polygon:
     for number, entry in enumerate(rings):
         inside = where.at(f"hole {number}") if number else where
         corners = inside.array(entry, "the ring")
-        path = [_position(inside, corner, f"corner {n}", home) for n, corner in enumerate(corners, 1)]
+        path = [position_of(inside, corner, f"corner {n}", home) for n, corner in enumerate(corners, 1)]
         if len(path) > MAX_CORNERS:
             raise inside.error(f"too many corners (allowed: at most {MAX_CORNERS})")
         if path and path[0] != path[-1]:
@@ -159,11 +177,12 @@ def _polygon(where: Where, value: object, home: tuple[float, float]) -> Polygon:
             raise inside.error("the polygon crosses the 180th meridian (allowed: a MultiPolygon cut there)")
         paths.append(path)
     polygon = Polygon(paths[0], paths[1:])
-    _valid(where, polygon)
+    check_valid(where, polygon)
     return polygon
 
 
-def _valid(where: Where, area: Polygon | MultiPolygon) -> None:
+def check_valid(where: Where, area: Polygon | MultiPolygon) -> None:
+    """Raise MissionError if an outline crosses itself, or a hole or a part lies where it must not."""
     if area.is_valid:
         return
     reason, _, place = explain_validity(area).partition("[")
@@ -175,6 +194,7 @@ def _valid(where: Where, area: Polygon | MultiPolygon) -> None:
     raise where.error(f"{_FAULTS.get(reason, reason)}{at} (allowed: a plain area)")
 
 
-def _rings(area: Polygon | MultiPolygon) -> list[tuple[object, ...]]:
+def rings_of(area: Polygon | MultiPolygon) -> list[tuple[tuple[float, ...], ...]]:
+    """All outlines and holes of an area; each ends where it begins."""
     polygons = area.geoms if isinstance(area, MultiPolygon) else [area]
     return [tuple(ring.coords) for polygon in polygons for ring in (polygon.exterior, *polygon.interiors)]

@@ -60,8 +60,10 @@ else:
     import tomli as tomllib
 
 __all__ = [
+    "FILE_NAME",
     "MISSION_FILE",
     "MissionPackage",
+    "STATION_NAME",
     "StationEntry",
     "from_bytes",
     "from_texts",
@@ -87,8 +89,8 @@ _ALIKE = bytes.maketrans(b"123456789", b"000000000")
 #: less than a tenth of a second
 MAX_NESTED, MAX_VALUES = 50_000, 200_000
 #: names that are a file in the package's own folder on every system
-_FILE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_-]{0,50}(\.[A-Za-z0-9]{1,12}){1,2}")
-_STATION_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,15}")
+FILE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_-]{0,50}(\.[A-Za-z0-9]{1,12}){1,2}")
+STATION_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,15}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -355,7 +357,7 @@ def _toml(text: str, file: str = MISSION_FILE) -> Mapping[str, object]:
 
 
 def _file_name(where: Where, value: object, name: str) -> str:
-    if not isinstance(value, str) or not _FILE_NAME.fullmatch(value):
+    if not isinstance(value, str) or not FILE_NAME.fullmatch(value):
         raise where.error(f"{name} is not a plain file name (allowed: letters, digits, _ and -, an ending, no folder)")
     return value
 
@@ -458,7 +460,7 @@ def _stations(where: Where, value: object, detector: str) -> tuple[StationEntry,
         table = inside.table(entry, "the station")
         inside.known_keys(table, STATIONS.names if detector in _LISTED else ("name", "sysid"))
         name = inside.need(table, "name")
-        if not isinstance(name, str) or not _STATION_NAME.fullmatch(name):
+        if not isinstance(name, str) or not STATION_NAME.fullmatch(name):
             raise inside.error("name is not a station's name (allowed: 1 to 16 letters, digits, - and _)")
         sysid = inside.of_key(STATIONS["sysid"], inside.need(table, "sysid"))
         for other in found:

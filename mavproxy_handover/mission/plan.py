@@ -58,9 +58,11 @@ __all__ = [
     "FencePolygon",
     "Ground",
     "Home",
+    "MADE_FOR",
     "Route",
     "first_in_air",
     "on_ground",
+    "read_fence",
     "read_route",
     "ways_from_land_starts",
     "with_items",
@@ -90,7 +92,7 @@ _FRAMES = {
     11: FRAME_ABOVE_TERRAIN,
 }
 #: MAV_TYPE of a plan -> what it was made for, in words
-_MADE_FOR: Mapping[int, str] = {
+MADE_FOR: Mapping[int, str] = {
     **dict.fromkeys((2, 3, 4, 13, 14, 15, 29, 35), "a multicopter"),
     1: "a fixed-wing aircraft",
     **dict.fromkeys(range(19, 26), "a VTOL aircraft"),
@@ -217,7 +219,7 @@ def _read_plan(where: Where, text: str, profile: Profile, endless: bool) -> Rout
     with faults.noted():
         rally = _rally_points(where.at("rallyPoints"), plan.get("rallyPoints"))
     with faults.noted():
-        fence = _fence(where.at("geoFence"), plan.get("geoFence"))
+        fence = read_fence(where.at("geoFence"), plan.get("geoFence"))
     faults.raise_all()
     return _finish(
         where,
@@ -295,7 +297,8 @@ def _rally_points(where: Where, value: object) -> tuple[RallyPoint, ...]:
     return tuple(RallyPoint(*_coordinate(where, point, f"point {number}", 3)) for number, point in enumerate(points, 1))
 
 
-def _fence(where: Where, value: object) -> tuple[FencePart, ...]:
+def read_fence(where: Where, value: object) -> tuple[FencePart, ...]:
+    """The areas of a plan's section geoFence: polygons first, then circles. Raises MissionError."""
     if not value:
         return ()
     fence = where.table(value, "geoFence")
@@ -324,7 +327,7 @@ def _fence(where: Where, value: object) -> tuple[FencePart, ...]:
 def _plan_speed(where: Where, mission: Mapping[str, object]) -> float | None:
     # QGroundControl plans copters by the hover speed; its cruise speed is for wings
     kind = mission.get("vehicleType", 2)
-    key = "hoverSpeed" if isinstance(kind, int) and _MADE_FOR.get(kind) == "a multicopter" else "cruiseSpeed"
+    key = "hoverSpeed" if isinstance(kind, int) and MADE_FOR.get(kind) == "a multicopter" else "cruiseSpeed"
     value = mission.get(key)
     return None if value is None else where.number(value, key, 0.1, 100.0)
 
@@ -341,7 +344,7 @@ def _plan_warnings(where: Where, mission: Mapping[str, object]) -> tuple[str, ..
 def _check_kind(where: Where, mission: Mapping[str, object], profile: Profile) -> None:
     """A plan for another kind of aircraft flies other ways: its items mean other things there. Raises MissionError."""
     made_for = mission.get("vehicleType")
-    name = _MADE_FOR.get(made_for) if type(made_for) is int else None
+    name = MADE_FOR.get(made_for) if type(made_for) is int else None
     if name is not None and made_for not in profile.types:
         raise where.error(
             f"the plan was made for {name} (vehicleType {made_for}), the mission is for a {profile.name}: set aircraft "

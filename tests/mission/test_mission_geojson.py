@@ -150,7 +150,7 @@ def test_refuses_more_corners_than_the_finder_can_take(small):
 
 def test_refuses_a_latitude_out_of_range_and_asks_whether_it_is_swapped(small):
     assert ring_refusal(small, [[10.0, 120.0]]) == (
-        "zones.geojson: feature 2 (B): latitude of corner 1 is 120: swapped? GeoJSON has longitude first"
+        "zones.geojson: feature 2 (B): latitude of corner 1 is 120: swapped? Longitude comes first"
     )
 
 
@@ -159,7 +159,7 @@ def test_refuses_coordinates_that_only_make_sense_swapped(small):
         [[lat, lon] for lon, lat in small.box(5.92, 5.93, 52.67, 52.68)]
     ]
     assert refusal(small.zones, home=(52.679, 5.924)) == (
-        "zones.geojson: feature 1 (A): corner 1 is far from home, and near it when swapped: GeoJSON has longitude first"
+        "zones.geojson: feature 1 (A): corner 1 is far from home, and near it when swapped: longitude comes first"
     )
 
 
