@@ -52,7 +52,10 @@ def main(argv: Sequence[str]) -> int:
     parser = CommandParser(
         prog="handover init",
         examples=(
-            ("handover init demo", "a folder with a vehicle, two stations and the delivery mission"),
+            (
+                "handover init demo --with-passphrases",
+                "a folder with a vehicle, two stations and the delivery mission; its passphrases are shown this once",
+            ),
             ("handover init vehicle", "handover.toml here, with a comment on each key"),
             ("handover init station GCSA.toml", "the same for a station, in this file"),
             init_mission.EXAMPLES[0],

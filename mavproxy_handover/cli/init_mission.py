@@ -27,7 +27,6 @@ from mavproxy_handover.mission.energy import places_of
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.keys import POLICY
 from mavproxy_handover.mission.package import load
-from mavproxy_handover.vehicle.profiles import PROFILES
 
 __all__ = ["CODES", "EXAMPLES", "add_options", "run"]
 
@@ -110,13 +109,15 @@ def run(arguments: argparse.Namespace, ask: Callable[[str], str] | None = None) 
     questions = Questions(ask or (input if at_terminal() else None))
     try:
         job = job_of(arguments, questions)
+        arguments.out = job.out
         kept = _write(job, arguments.force)
     except MissionError as error:
         return _refused(error.faults)
     except ConfigError as error:
         return _refused([str(error)])
     except OSError as error:
-        return _refused([f"{error.filename or arguments.out}: {error.strerror or error}"])
+        where = arguments.out or error.filename
+        return _refused([f"{where}: {error.strerror or error}. Nothing was written: give another --out"])
     except (EOFError, KeyboardInterrupt):
         return _refused(["no answer: nothing was written"])
     except Missing as missing:
@@ -186,7 +187,8 @@ def _next_steps(job: Job, passed: bool) -> Iterator[str]:
     if not passed:
         yield "Put right what is an error in plan or zones, then type the same command again with --force."
         return
-    vehicle = "" if job.package.profile is PROFILES[0] else f" --vehicle {job.package.profile.name}"
+    profile = job.package.profile
+    vehicle = f" --vehicle {profile.name}" if profile.flies_past else ""  # the embedded vehicle has no wings
     yield "next:"
     yield f"  cd {folder}"
     yield f"  handover keys make {names}"

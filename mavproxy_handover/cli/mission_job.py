@@ -140,7 +140,7 @@ def _sources(arguments: argparse.Namespace, questions: Questions) -> _Sources:
     zones: list[DrawnZone] = []
     for each in paths:
         with faults.noted():
-            own = each.exists() and each.samefile(path)
+            own = each.resolve() == path.resolve()
             read = read_zone_file(each, facts.home)
             zones += read if own else [replace(zone, fence_part=None) for zone in read]
     faults.raise_all()
