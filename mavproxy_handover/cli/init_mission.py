@@ -15,13 +15,13 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
+from mavproxy_handover.cli.check import main as check_main
 from mavproxy_handover.cli.mission_job import AIRCRAFT, MISSION_FOLDER, Job, Missing, job_of
 from mavproxy_handover.cli.new_folder import write_folder
 from mavproxy_handover.cli.questions import Questions, at_terminal
 from mavproxy_handover.config.files import load_station, load_vehicle
 from mavproxy_handover.config.for_mission import is_placeholder
 from mavproxy_handover.config.toml import ConfigError
-from mavproxy_handover.mission.check import check, report_text
 from mavproxy_handover.mission.drawn.files import ENDINGS
 from mavproxy_handover.mission.energy import places_of
 from mavproxy_handover.mission.errors import MissionError
@@ -172,13 +172,10 @@ def _told(job: Job, kept: Path | None) -> Iterator[str]:
 
 def _checked(job: Job) -> int:
     """Check what was written as `handover check` does, and say what comes next. Returns the exit code."""
-    folder = job.out / MISSION_FOLDER
-    stations = [each.station for each in load_vehicle(job.out / "handover.toml").stations]
-    report = check(load(folder), stations=stations)
-    print(report_text(report))
+    code = check_main([str(job.out / MISSION_FOLDER), "--config", str(job.out / "handover.toml")])
     print()
-    print("\n".join(_next_steps(job, report.exit_code == 0)))
-    return report.exit_code
+    print("\n".join(_next_steps(job, code == 0)))
+    return code
 
 
 def _next_steps(job: Job, passed: bool) -> Iterator[str]:

@@ -158,7 +158,7 @@ def _asked_aircraft(sources: _Sources, questions: Questions) -> str | None:
     if sources.facts.made_for:
         raise MissionError(
             f"{sources.path.name}: the plan was made for {sources.facts.made_for} (allowed: {', '.join(AIRCRAFT)}). "
-            "If that is wrong, give --aircraft"
+            "Make the plan for one of these"
         )
     return questions.need("--aircraft WORD", f"kind of aircraft ({', '.join(AIRCRAFT)})", _aircraft)
 

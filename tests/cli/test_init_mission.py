@@ -499,14 +499,16 @@ def test_an_option_that_does_not_fit_is_told(options: str, said: str, typed: Cal
     assert not Path("survey").exists()
 
 
-def test_a_plan_for_a_rover_is_refused_and_one_for_another_kind_warned_of(typed: Callable[[str], Typed]) -> None:
+def test_a_plan_for_a_rover_is_refused_whatever_is_given(typed: Callable[[str], Typed]) -> None:
     plan(vehicleType=10)
     line = "--plan survey.plan --zones stations.kml"
     assert typed(line).faults == [
-        "survey.plan: the plan was made for a rover (allowed: copter, plane, quadplane). If that is wrong, give "
-        "--aircraft"
+        "survey.plan: the plan was made for a rover (allowed: copter, plane, quadplane). Make the plan for one of these"
     ]
-    assert "the plan was made for a rover (vehicleType 10)" in typed(f"{line} --aircraft copter").out
+    (fault,) = typed(f"{line} --aircraft copter").faults
+    assert fault.startswith(
+        "survey.plan: mission: the plan was made for a rover (vehicleType 10), the mission is for a copter"
+    )
 
 
 def test_a_mission_that_cannot_be_sent_is_told(typed: Callable[[str], Typed]) -> None:
