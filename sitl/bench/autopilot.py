@@ -1,10 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""An autopilot with the functions that a measurement needs.
+"""An autopilot with the functions that a measurement needs, its streams, and ways to move its aircraft.
 
-It has streams at given rates, the mission protocol, the one parameter that is written with a mission, and a place in
-the world. It does not fly: its place is set, in one step if needed. It reads the lease, so it knows the commander
-without asking. Its owner transports its bytes (`SerialAutopilot`: a line for one MAVProxy).
+The streams are those that an ArduCopter sends in flight. 50 a second is slightly more than the companion requests; 200
+a second is a fast link with all streams.
+
+The autopilot has streams at given rates, the mission protocol, the one parameter that is written with a mission, and a
+place in the world. It does not fly: its place is set, in one step if needed (`Tour`). It reads the lease, so it knows
+the commander without asking. Its owner transports its bytes: on a line for one MAVProxy (`SerialAutopilot`), or by
+calls of the companion's module in this process (`HostedVehicle`).
 """
 
 from __future__ import annotations
@@ -13,18 +17,41 @@ import math
 import os
 import time
 import tty
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
-from typing import Any
+from dataclasses import dataclass
+from pathlib import Path
+from random import Random
+from types import SimpleNamespace
+from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
+from mavproxy_handover.companion import module as vehicle_module
 from mavproxy_handover.wire.ids import COMPANION_COMPID, LEASE_TUNNEL
-from sitl.bench.loop import BenchError, Loop, Timer
-from sitl.bench.traffic import AUTOPILOT, DOWNLINK, VEHICLE, Place, downlink_message, split
+from sitl.bench.rig import AUTOPILOT, IDLE_S, VEHICLE, BenchError, Host, Loop, Timer, split
 
-__all__ = ["FakeAutopilot", "SerialAutopilot"]
+__all__ = [
+    "DOWNLINK",
+    "SHUTTLE",
+    "STREAM",
+    "A",
+    "B",
+    "FakeAutopilot",
+    "HostedVehicle",
+    "Place",
+    "SerialAutopilot",
+    "Stops",
+    "Tour",
+    "downlink_message",
+]
 
+#: the stations of the delivery mission; the first one is the parent
+A, B = 251, 252
+#: frames a second of an aircraft whose stream is not what is measured
+STREAM: Final = 50
+#: an entry into a region without a transfer is given up after this time (s)
+_GIVE_UP_S: Final = 60.0
 #: what is answered, if the companion sends it
 _ASKED = frozenset(
     (
@@ -39,6 +66,133 @@ _ASKED = frozenset(
         mavlink.MAVLINK_MSG_ID_COMMAND_LONG,
     )
 )
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where the aircraft is and how it moves: degrees, metres above home, metres per second."""
+
+    lat_deg: float
+    lon_deg: float
+    alt_m: float = 30.0
+    north_mps: float = 0.0
+    east_mps: float = 0.0
+
+
+#: frames a second in all -> message -> times a second
+DOWNLINK: dict[int, dict[str, int]] = {
+    50: {
+        "GLOBAL_POSITION_INT": 20,
+        "ATTITUDE": 8,
+        "VFR_HUD": 4,
+        "NAV_CONTROLLER_OUTPUT": 2,
+        "EXTENDED_SYS_STATE": 2,
+        "MISSION_CURRENT": 2,
+        "SYS_STATUS": 2,
+        "GPS_RAW_INT": 2,
+        "RC_CHANNELS": 2,
+        "SERVO_OUTPUT_RAW": 2,
+        "BATTERY_STATUS": 1,
+        "SYSTEM_TIME": 1,
+        "VIBRATION": 1,
+        "HEARTBEAT": 1,
+    },
+    200: {
+        "GLOBAL_POSITION_INT": 20,
+        "ATTITUDE": 50,
+        "LOCAL_POSITION_NED": 25,
+        "RAW_IMU": 25,
+        "VFR_HUD": 20,
+        "SERVO_OUTPUT_RAW": 20,
+        "RC_CHANNELS": 10,
+        "NAV_CONTROLLER_OUTPUT": 5,
+        "GPS_RAW_INT": 5,
+        "SYS_STATUS": 4,
+        "VIBRATION": 4,
+        "EXTENDED_SYS_STATE": 3,
+        "MISSION_CURRENT": 3,
+        "BATTERY_STATUS": 3,
+        "SYSTEM_TIME": 2,
+        "HEARTBEAT": 1,
+    },
+}
+
+
+def downlink_message(name: str, place: Place, boot_ms: int, armed: bool, in_air: bool) -> Any:
+    """One message of the autopilot's streams. KeyError for a name that is in none of them."""
+    return _DOWNLINK_MESSAGES[name](place, boot_ms, armed, in_air)
+
+
+def _heartbeat(_place: Place, _ms: int, armed: bool, in_air: bool) -> Any:
+    base = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | (mavlink.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0)
+    state = mavlink.MAV_STATE_ACTIVE if in_air else mavlink.MAV_STATE_STANDBY
+    return mavlink.MAVLink_heartbeat_message(
+        mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, base, 3 if in_air else 0, state, 3
+    )
+
+
+def _position(place: Place, ms: int, _armed: bool, _in_air: bool) -> Any:
+    heading = math.degrees(math.atan2(place.east_mps, place.north_mps)) % 360.0
+    return mavlink.MAVLink_global_position_int_message(
+        ms,
+        round(place.lat_deg * 1e7),
+        round(place.lon_deg * 1e7),
+        round(place.alt_m * 1e3) - 4000,
+        round(place.alt_m * 1e3),
+        round(place.north_mps * 100),
+        round(place.east_mps * 100),
+        0,
+        round(heading * 100),
+    )
+
+
+def _landed_state(_place: Place, _ms: int, _armed: bool, in_air: bool) -> Any:
+    state = mavlink.MAV_LANDED_STATE_IN_AIR if in_air else mavlink.MAV_LANDED_STATE_ON_GROUND
+    return mavlink.MAVLink_extended_sys_state_message(0, state)
+
+
+def _wave(ms: int, size: float) -> float:
+    return size * math.sin(ms / 700.0)
+
+
+_DOWNLINK_MESSAGES: dict[str, Callable[[Place, int, bool, bool], Any]] = {
+    "HEARTBEAT": _heartbeat,
+    "GLOBAL_POSITION_INT": _position,
+    "EXTENDED_SYS_STATE": _landed_state,
+    "ATTITUDE": lambda place, ms, *_: mavlink.MAVLink_attitude_message(
+        ms, _wave(ms, 0.1), _wave(ms, 0.12), 1.2, 0.01, _wave(ms, 0.02), 0.001
+    ),
+    "LOCAL_POSITION_NED": lambda place, ms, *_: mavlink.MAVLink_local_position_ned_message(
+        ms, _wave(ms, 90.0), 12.5, -place.alt_m, place.north_mps, place.east_mps, 0.02
+    ),
+    "RAW_IMU": lambda place, ms, *_: mavlink.MAVLink_raw_imu_message(
+        ms * 1000, round(_wave(ms, 60)), -12, -998, 3, 7, round(_wave(ms, 9)), 220, -48, 391
+    ),
+    "VFR_HUD": lambda place, ms, *_: mavlink.MAVLink_vfr_hud_message(
+        9.8, 9.9 + _wave(ms, 0.2), 68, 47, place.alt_m, _wave(ms, 0.1)
+    ),
+    "NAV_CONTROLLER_OUTPUT": lambda place, ms, *_: mavlink.MAVLink_nav_controller_output_message(
+        1.5, -0.4, 68, 69, 140 + ms % 60, 0.1, 0.0, _wave(ms, 0.3)
+    ),
+    "MISSION_CURRENT": lambda place, ms, *_: mavlink.MAVLink_mission_current_message(3),
+    "SYS_STATUS": lambda place, ms, *_: mavlink.MAVLink_sys_status_message(
+        1399979183, 1382153387, 1467087023, 210, 22650 - ms % 40, 1120, 87, 0, 0, 0, 0, 0, 0
+    ),
+    "GPS_RAW_INT": lambda place, ms, *_: mavlink.MAVLink_gps_raw_int_message(
+        ms * 1000, 6, round(place.lat_deg * 1e7), round(place.lon_deg * 1e7), 26000, 62, 110, 980, 6800, 14
+    ),
+    "RC_CHANNELS": lambda place, ms, *_: mavlink.MAVLink_rc_channels_message(
+        ms, 16, *(1500 + round(_wave(ms, 3)) for _ in range(16)), 65535, 65535, 200
+    ),
+    "SERVO_OUTPUT_RAW": lambda place, ms, *_: mavlink.MAVLink_servo_output_raw_message(
+        ms * 1000 & 0xFFFFFFFF, 0, *(1500 + round(_wave(ms, 60)) for _ in range(8))
+    ),
+    "BATTERY_STATUS": lambda place, ms, *_: mavlink.MAVLink_battery_status_message(
+        0, 0, 0, 2150, [22650 - ms % 40] + [65535] * 9, 1120, 640, 530, 87
+    ),
+    "SYSTEM_TIME": lambda place, ms, *_: mavlink.MAVLink_system_time_message(int(time.time() * 1e6), ms),
+    "VIBRATION": lambda place, ms, *_: mavlink.MAVLink_vibration_message(ms * 1000, 0.02, 0.03, 0.04, 0, 0, 0),
+}
 
 
 class FakeAutopilot:
@@ -139,11 +293,18 @@ class FakeAutopilot:
             count = len(self._items.get(m.mission_type, []))
             self._put(mavlink.MAVLink_mission_count_message(*asker, count, m.mission_type))
         elif kind == "MISSION_REQUEST_INT":
-            item = self._items[m.mission_type][m.seq]
-            values = [getattr(item, name) for name in item.fieldnames[2:]]
-            self._put(mavlink.MAVLink_mission_item_int_message(*asker, *values))
+            self._give_item(m, asker)
         else:
             self._upload(m, kind, asker)
+
+    def _give_item(self, m: Any, asker: tuple[int, int]) -> None:
+        items = self._items.get(m.mission_type, [])
+        if m.seq < len(items):
+            values = [getattr(items[m.seq], name) for name in items[m.seq].fieldnames[2:]]
+            self._put(mavlink.MAVLink_mission_item_int_message(*asker, *values))
+        else:
+            refused = mavlink.MAV_MISSION_INVALID_SEQUENCE
+            self._put(mavlink.MAVLink_mission_ack_message(*asker, refused, m.mission_type))
 
     def _answer_cruise(self, m: Any, kind: str) -> None:
         name = m.param_id
@@ -221,3 +382,117 @@ class SerialAutopilot:
             with suppress(OSError):
                 os.close(end)
         self._ours = self._theirs = -1
+
+
+# ---- aircraft that are moved ----------------------------------------------------------------------------------------
+
+
+#: places, and the station that is to command there; None: the region between its neighbours
+Stops = Sequence[tuple[Place, int | None]]
+#: places in the delivery mission: zone of each station alone, and the region of both
+SHUTTLE: Final[Stops] = ((Place(52.6790, 5.9240), A), (Place(52.6790, 5.9255), None), (Place(52.6790, 5.9310), B))
+
+
+class Tour:
+    """An aircraft that is moved up and down a row of places, so that transfers follow each other quickly.
+
+    The row is a zone, the region to the next zone, that zone, and so on. The aircraft leaves a region when the lease
+    names the next station; each entry into a region is one transfer.
+    """
+
+    def __init__(self, autopilot: FakeAutopilot, stops: Stops, pause_s: float, seed: int) -> None:
+        """`pause_s`: between a commit and the next entry, about; a fifth more or less."""
+        self.commits = 0
+        #: the regions that were entered: from whom, to whom
+        self.asked: list[tuple[int | None, int | None]] = []
+        #: regions in which authority went nowhere
+        self.given_up = 0
+        self._autopilot, self._stops, self._pause_s, self._luck = autopilot, stops, pause_s, Random(seed)
+        self._at, self._step = 0, 1
+        self._next_at = 0.0
+        autopilot.place = stops[0][0]
+
+    def begin(self, now: float) -> None:
+        """In the air; where it stands, it stands for a while. Without this the first region is entered at once."""
+        self._next_at = now + self._pause_s * self._luck.uniform(0.0, 1.0)
+
+    def step(self, now: float) -> None:
+        """To be called often, once the aircraft is in the air."""
+        if self._stops[self._at][1] is None:
+            self._in_region(now)
+        elif now >= self._next_at:
+            if not 0 <= self._at + self._step < len(self._stops):
+                self._step = -self._step
+            self._go(now, _GIVE_UP_S)
+
+    def _in_region(self, now: float) -> None:
+        follows = self._stops[self._at + self._step][1]
+        if self._autopilot.commander == follows and not self._autopilot.in_transfer:
+            self.commits += 1
+        elif now < self._next_at:
+            return
+        else:
+            self.given_up += 1
+            self._step = -self._step
+        self._go(now, self._pause_s * self._luck.uniform(0.8, 1.2))
+
+    def _go(self, now: float, stay_s: float) -> None:
+        before = self._stops[self._at][1]
+        self._at += self._step
+        place, owner = self._stops[self._at]
+        if owner is None:
+            self.asked.append((before, self._stops[self._at + self._step][1]))
+        self._autopilot.place = place
+        self._next_at = now + stay_s
+
+
+class HostedVehicle:
+    """An autopilot on a tour and the companion's module, in this process.
+
+    There is no wire between them, but no call within a call either.
+    """
+
+    def __init__(self, loop: Loop, sysid: int, stops: Stops, pause_s: float, seed: int) -> None:
+        self.autopilot = FakeAutopilot(loop, self._from_autopilot, stops[0][0], sysid)
+        self.tour = Tour(self.autopilot, stops, pause_s, seed)
+        #: it goes from place to place; not before it is in the air and the stations know it
+        self.moves = False
+        self._loop = loop
+        self._parser = mavlink.MAVLink(None)
+        self._waiting: list[bytes] = []
+        master = SimpleNamespace(write=lambda data: self._waiting.append(bytes(data)))
+        self._host = Host(loop, master, sysid, COMPANION_COMPID)
+        self._timers: list[Timer] = []
+
+    def load(self, config: Path) -> None:
+        """Load the companion. Raises BenchError."""
+        self.companion: Any = self._host.load(vehicle_module, str(config)).companion
+        self._timers.append(self._loop.every(IDLE_S, self._idle))
+
+    def _from_autopilot(self, raw: bytes) -> None:
+        for message in self._parser.parse_buffer(raw) or []:
+            self._host.deliver(message)
+        self._to_autopilot()
+
+    def _to_autopilot(self) -> None:
+        waiting, self._waiting = self._waiting, []
+        for raw in waiting:
+            self.autopilot.receive(raw)
+
+    def _idle(self) -> None:
+        self._host.idle_if_due()
+        self._to_autopilot()
+        if self.moves:
+            self.tour.step(time.monotonic())
+
+    def faults(self) -> str:
+        """The faults inside the companion; "" if none."""
+        broken = self.companion.faults or self.companion.failed
+        return f"faults inside the companion: {dict(self.companion.faults)}" if broken else ""
+
+    def close(self) -> None:
+        """Unload the module and end the streams."""
+        for timer in self._timers:
+            timer.cancel()
+        self.autopilot.silence()
+        self._host.unload()

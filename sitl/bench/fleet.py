@@ -9,52 +9,233 @@ vehicle, and one end of the ground link for all vehicles. All of them sign. All 
 each at its own time. So authority over them comes to the station, goes on to the next, and comes back. Over each of
 them it changes about four times a minute, more often than on a real route.
 
-`fleet_figures.py` says what counts, and when nothing counts.
+A handover is missed if a region was entered and authority did not move, or if it was aborted. It is also missed if it
+took longer than a bad link may make it, or if the station itself has not noticed it. If the machine was busier than
+`BUSY_LIMIT`, the numbers are shown as void. Growth is judged from two vehicles on: distinguishing vehicles at all costs
+a station something once.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from functools import partial
+from itertools import pairwise
 from pathlib import Path
-from random import Random
+from statistics import linear_regression
 from time import monotonic
-from types import TracebackType
 from typing import Any, Final
 
-from pymavlink.dialects.v20 import handover as mavlink
-
 from mavproxy_handover.cli.launch import station_argv
-from mavproxy_handover.companion import module as vehicle_module
 from mavproxy_handover.config.station import PeerConfig, StationConfig
 from mavproxy_handover.core.common.model import Phase, Station
-from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage, StationEntry
 from mavproxy_handover.tools.resources import shipped
-from mavproxy_handover.wire.ids import COMPANION_COMPID
-from sitl.bench.autopilot import FakeAutopilot
-from sitl.bench.durations import read_journal
-from sitl.bench.fleet_figures import LATE_S, Crossing, Handovers, Load, growth_of, handovers_of, results
-from sitl.bench.ground import GroundEnd
-from sitl.bench.host import IDLE_S, Host
-from sitl.bench.loop import BenchError, Loop, Timer, cpu_s
-from sitl.bench.results import Measurement
-from sitl.bench.rig import key_file, key_for, toml
-from sitl.bench.talker import TalkingStation
-from sitl.bench.traffic import Place
-from sitl.run.processes import Child, Processes
+from sitl.bench.autopilot import STREAM, HostedVehicle, Place, Stops
+from sitl.bench.results import Measurement, Say
+from sitl.bench.rig import (
+    GROUND_KEY,
+    BenchError,
+    Loop,
+    Rig,
+    companion_config,
+    cpu_s,
+    key_file,
+    key_for,
+    shipped_mission,
+    station_entry,
+)
+from sitl.bench.stations import GroundEnd, TalkingStation
+from sitl.bench.transfers import Entry, read_journal, transfers
+from sitl.run.processes import Child
+from sitl.run.wiring import write_toml
 from sitl.vehicles.ports import PortPicker
 
-__all__ = ["Plan", "Tour", "measure"]
+__all__ = [
+    "BUSY_LIMIT",
+    "FULL",
+    "LATE_S",
+    "QUICK",
+    "Growth",
+    "Handovers",
+    "Load",
+    "Plan",
+    "growth",
+    "growth_of",
+    "handovers_of",
+    "measure",
+    "results",
+]
 
-_STREAM: Final = 50
-_GIVE_UP_S: Final = 60.0
-_LIMIT_START_S: Final = 90.0
+#: part of all processors' time; above it the station was not measured but the machine
+BUSY_LIMIT: Final = 0.8
+#: what 99 of 100 handovers take at the worst that links may be
+LATE_S: Final = 3.0
+#: a vehicle more costs so much more among many than among few
+GROWTH_LIMIT: Final = 1.3
+MEMORY_LIMIT: Final = 1.05
+_VOID: Final = f"VOID: the machine was busier than {BUSY_LIMIT:.0%}"
 #: after take-off, before a vehicle moves and anything counts: the station has caught up with what it was sent at once
 _SETTLE_S: Final = 5.0
 _TOLD_S: Final = 30.0
-#: the key of the ground link
-_GROUND: Final = "ground"
+
+
+# ---- what was measured ----------------------------------------------------------------------------------------------
+
+
+#: a region that was entered: from whom, to whom
+Crossing = tuple[int | None, int | None]
+
+
+@dataclass(frozen=True, slots=True)
+class Handovers:
+    """The results of handovers. `asked`: regions that were entered; `made`: commits in the vehicles' journals."""
+
+    asked: int
+    made: int
+    #: those of the real station, and those that it has told of itself
+    own: int
+    seen: int
+    #: asked for and not made, or made and not asked for, of each vehicle
+    amiss: int
+    aborted: int
+    late: int
+    slowest_s: float
+    #: messages of transfers that the real station got over the ground link, and that it sent
+    by_ground: tuple[int, int]
+
+    @property
+    def missed(self) -> int:
+        """How many were not as they should be."""
+        return max(self.amiss, abs(self.own - self.seen)) + self.aborted + self.late
+
+
+def handovers_of(
+    station: int, own: Sequence[Entry], flown: Sequence[tuple[Sequence[Crossing], Sequence[Entry]]]
+) -> Handovers:
+    """From the station's own journal; and of each vehicle the regions that it has entered, and its journal."""
+    asked = [crossing for crossings, _journal in flown for crossing in crossings]
+    committed = [transfers(journal, ()) for _crossings, journal in flown]
+    made = [one for each in committed for one in each]
+    ground = [entry["direction"] for entry in own if entry["event"] == "message" and entry.get("via") == "ground"]
+    return Handovers(
+        asked=len(asked),
+        made=len(made),
+        own=sum(station in crossing for crossing in asked),
+        seen=sum(entry["event"] in ("control_gained", "control_lost") for entry in own),
+        amiss=sum(abs(len(crossings) - len(each)) for (crossings, _), each in zip(flown, committed, strict=True)),
+        aborted=sum(entry["event"] == "transfer_aborted" for _, journal in flown for entry in journal),
+        late=sum(each.since_entry_s > LATE_S for each in made),
+        slowest_s=max((each.since_entry_s for each in made), default=0.0),
+        by_ground=(ground.count("in"), ground.count("out")),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Load:
+    """One number of vehicles, measured. Memory in MiB; `busy`: part of the machine's time."""
+
+    vehicles: int
+    seconds: float
+    cpu_ms_per_s: float
+    memory: tuple[float, float]
+    busy: float
+    handovers: Handovers
+
+
+@dataclass(frozen=True, slots=True)
+class Growth:
+    """The cost of one more vehicle, step by step.
+
+    `many_by_few`: of the last step by those before it (1.0 is a straight line); `most_by_least`: of the dearest by the
+    cheapest. The straight line that fits best: `base` + vehicles * `each`, `off` at most by that part of a cost.
+    """
+
+    steps: tuple[float, ...]
+    many_by_few: float
+    most_by_least: float
+    base: float
+    each: float
+    off: float
+
+
+def growth(costs: dict[int, float]) -> Growth:
+    """How cost grows with the number of vehicles, from two on.
+
+    `costs`: number of vehicles -> cost. ValueError with less than three such numbers, or where more cost nothing more.
+    """
+    numbers = sorted(number for number in costs if number > 1)
+    if len(numbers) < 3:
+        raise ValueError("growth: at least three numbers of several vehicles")
+    steps = tuple((costs[b] - costs[a]) / (b - a) for a, b in pairwise(numbers))
+    if min(steps) <= 0.0:
+        raise ValueError("growth: more vehicles cost nothing more")
+    few = (costs[numbers[-2]] - costs[numbers[0]]) / (numbers[-2] - numbers[0])
+    line = linear_regression(numbers, [costs[number] for number in numbers])
+    off = max(abs(line.intercept + line.slope * number - costs[number]) / costs[number] for number in numbers)
+    return Growth(steps, steps[-1] / few, max(steps) / min(steps), line.intercept, line.slope, off)
+
+
+def growth_of(loads: Sequence[Load]) -> Iterator[Measurement]:
+    """How the station's processor time has grown; nothing where that was not measured for enough numbers."""
+    costs = {load.vehicles: load.cpu_ms_per_s for load in loads}
+    if sum(vehicles > 1 for vehicles in costs) < 3:
+        return
+    found = growth(costs)
+    void = any(load.busy > BUSY_LIMIT for load in loads)
+    steps = " ".join(f"{step:.1f}" for step in found.steps)
+    line = f"{found.base:.0f} + {found.each:.1f} ms/s for each, {found.off:.0%} off at most"
+    more = f"one more costs {steps} ms/s, the dearest {found.most_by_least:.2f} of the cheapest"
+    yield Measurement(
+        "fleet",
+        "CPU of one vehicle more: among many by among few",
+        "",
+        {"vehicles": " ".join(map(str, costs))},
+        ours=found.many_by_few,
+        limit=None if void else GROWTH_LIMIT,
+        judged="ours",
+        details=asdict(found),
+        note=f"{line}; {more}{f'; {_VOID}' if void else ''}",
+    )
+
+
+def results(load: Load) -> Iterator[Measurement]:
+    """Its numbers; without targets where the machine was too busy."""
+    void = load.busy > BUSY_LIMIT
+    note = _VOID if void else ""
+    of_fleet = partial(Measurement, "fleet", case={"vehicles": load.vehicles, "stations": 4})
+    each = load.cpu_ms_per_s / load.vehicles
+    words = f"{each:.1f} ms/s for each vehicle; {load.busy:.0%} of the machine's time was used"
+    yield of_fleet(
+        "station: CPU per second",
+        "ms/s",
+        ours=load.cpu_ms_per_s,
+        details={"seconds": load.seconds, "machine_busy": load.busy, "each_ms_per_s": each},
+        note=f"{words}{f'; {_VOID}' if void else ''}",
+    )
+    begun, ended = load.memory
+    yield of_fleet(
+        "station: memory, at the end by the beginning",
+        "MiB",
+        ours=ended,
+        baseline=begun,
+        ratio=ended / begun,
+        limit=None if void else MEMORY_LIMIT,
+        note=note,
+    )
+    handovers = load.handovers
+    yield of_fleet(
+        f"handovers missed, of {handovers.asked}, {handovers.own} of the station",
+        "",
+        ours=float(handovers.missed),
+        limit=None if void else 0.0,
+        judged="ours",
+        details=asdict(handovers),
+        note=note,
+    )
+
+
+# ---- the vehicles and the station -----------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,177 +250,46 @@ class Plan:
         return Plan(dict.fromkeys(self.seconds, seconds), self.pause_s)
 
 
-class Tour:
-    """An aircraft that is moved up and down a row of places.
-
-    The row is a zone, the region to the next zone, that zone, and so on. `stops`: places, and the station that is to
-    command there; None: the region between its neighbours.
-    """
-
-    def __init__(
-        self, autopilot: FakeAutopilot, stops: Sequence[tuple[Place, int | None]], pause_s: float, luck: Random
-    ) -> None:
-        self.handovers = 0
-        #: the regions that were entered: from whom, to whom
-        self.asked: list[Crossing] = []
-        #: regions in which authority went nowhere
-        self.given_up = 0
-        self._autopilot, self._stops, self._pause_s, self._luck = autopilot, stops, pause_s, luck
-        self._at, self._step = 0, 1
-        self._next_at = 0.0
-        autopilot.place = stops[0][0]
-
-    def begin(self, now: float) -> None:
-        """In the air; where it stands, it stands for a while."""
-        self._next_at = now + self._pause_s * self._luck.uniform(0.0, 1.0)
-
-    def step(self, now: float) -> None:
-        """To be called often, once it has begun."""
-        if self._stops[self._at][1] is None:
-            self._in_region(now)
-        elif now >= self._next_at:
-            if not 0 <= self._at + self._step < len(self._stops):
-                self._step = -self._step
-            self._go(now, _GIVE_UP_S)
-
-    def _in_region(self, now: float) -> None:
-        follows = self._stops[self._at + self._step][1]
-        if self._autopilot.commander == follows and not self._autopilot.in_transfer:
-            self.handovers += 1
-        elif now < self._next_at:
-            return
-        else:
-            self.given_up += 1
-            self._step = -self._step
-        self._go(now, self._pause_s * self._luck.uniform(0.8, 1.2))
-
-    def _go(self, now: float, stay_s: float) -> None:
-        before = self._stops[self._at][1]
-        self._at += self._step
-        place, owner = self._stops[self._at]
-        if owner is None:
-            self.asked.append((before, self._stops[self._at + self._step][1]))
-        self._autopilot.place = place
-        self._next_at = now + stay_s
+FULL = Plan({1: 120.0, 2: 120.0, 5: 180.0, 10: 300.0})
+QUICK = Plan({2: 12.0}, 2.0)
 
 
-class _Master:
-    """The companion's link to its autopilot: no wire, but no call within a call either."""
-
-    def __init__(self) -> None:
-        self.waiting: list[bytes] = []
-
-    def write(self, data: bytes) -> None:
-        self.waiting.append(bytes(data))
-
-
-class _Vehicle:
+class Vehicle(HostedVehicle):
     """One vehicle, and the stations that are not the real one, as far as they are this vehicle's."""
 
     def __init__(
         self, loop: Loop, folder: Path, package: MissionPackage, sysid: int, port: int, pause_s: float
     ) -> None:
         """`port`: where the real station listens for it. Raises OSError, BenchError, KeysError."""
+        super().__init__(loop, sysid, _stops(package), pause_s, sysid)
         self.name = f"drone-{sysid}"
-        self._loop, self._folder, self._package = loop, folder, package
-        real = package.stations[1]
+        self.journal = folder / self.name / "companion.jsonl"
+        real, keys = package.stations[1], folder / "keys"
         self.stations = [
             TalkingStation(loop, each.name, each.sysid, key_for(each.name), sysid, _peers(package, each.sysid))
             for each in package.stations
             if each is not real
         ]
-        self._master = _Master()
-        self._parser = mavlink.MAVLink(None)
-        stops = _stops(package)
-        self.autopilot = FakeAutopilot(loop, self._from_autopilot, stops[0][0], sysid)
-        self.tour = Tour(self.autopilot, stops, pause_s, Random(sysid))
-        ports = {station.name: station.port for station in self.stations} | {real.name: port}
-        keys = {each.name: self.key_name(each.name) if each is real else each.name for each in package.stations}
-        self.companion = Host(loop, self._master, sysid, COMPANION_COMPID)
-        self.module = self.companion.load(vehicle_module, str(self._configure(sysid, ports, keys)))
-        self._timers: list[Timer] = [loop.every(IDLE_S, self._idle)]
-        self._flies = False
-
-    def key_name(self, station: str) -> str:
-        """The name of the key that the real station signs with only for this vehicle."""
-        return f"{station}-{self.name}"
-
-    @property
-    def journal(self) -> Path:
-        """The companion's."""
-        return self._folder / self.name / "companion.jsonl"
-
-    def _configure(self, sysid: int, ports: dict[str, int], keys: dict[str, str]) -> Path:
-        tables: dict[str, Any] = {
-            "vehicle": {
-                "name": self.name,
-                "sysid": sysid,
-                "parent": self._package.parent.name,
-                "journal": self.journal.name,
-                "guard": False,
-            },
-            "station": [
-                {
-                    "name": each.name,
-                    "sysid": each.sysid,
-                    "links": [f"udpout:127.0.0.1:{ports[each.name]}"],
-                    "key": str(key_file(self._folder / "keys", keys[each.name])),
-                }
-                for each in self._package.stations
-            ],
-            "limits": {"dwell_s": 0.0},
-            "policy": {"out_of_coverage": "warn", "commander_lost": "warn"},
-        }
-        self.journal.parent.mkdir(parents=True, exist_ok=True)
-        path = self.journal.with_name("handover.toml")
-        path.write_text(toml(tables), encoding="utf-8")
-        return path
-
-    # ---- what goes on ---------------------------------------------------------------------------------------------
-
-    def _from_autopilot(self, raw: bytes) -> None:
-        for message in self._parser.parse_buffer(raw) or []:
-            self.companion.deliver(message)
-        self._to_autopilot()
-
-    def _to_autopilot(self) -> None:
-        waiting, self._master.waiting = self._master.waiting, []
-        for raw in waiting:
-            self.autopilot.receive(raw)
-
-    def _idle(self) -> None:
-        self.companion.idle_if_due()
-        self._to_autopilot()
-        if self._flies:
-            self.tour.step(monotonic())
+        #: the key that the real station signs with only for this vehicle
+        self.key = key_file(keys, f"{real.name}-{self.name}")
+        entries = [station.entry(keys) for station in self.stations]
+        entries.insert(1, station_entry(real.name, real.sysid, port, self.key))
+        self.load(companion_config(folder / self.name, entries, dwell_s=0.0, name=self.name, sysid=sysid))
 
     def fly(self) -> None:
         """Begin to move from zone to zone."""
         self.tour.begin(monotonic())
-        self._flies = True
-
-    def rest(self) -> None:
-        """Stop moving: no further handover begins."""
-        self._flies = False
+        self.moves = True
 
     @property
     def view(self) -> Any:
         """Authority over it, as its own companion has it."""
-        return self.module.companion.view
-
-    def faults(self) -> str:
-        """The faults inside its module; "" if none."""
-        companion = self.module.companion
-        return f"{self.name}: {dict(companion.faults)}" if companion.faults or companion.failed else ""
+        return self.companion.view
 
     def close(self) -> None:
-        """Unload everything and close all sockets."""
-        for timer in self._timers:
-            timer.cancel()
-        self.autopilot.silence()
         for station in self.stations:
             station.close()
-        self.companion.unload()
+        super().close()
 
 
 def _peers(package: MissionPackage, station: int) -> tuple[Station, ...]:
@@ -247,7 +297,7 @@ def _peers(package: MissionPackage, station: int) -> tuple[Station, ...]:
     return tuple(Station(each.sysid, each.name) for each in package.stations if each.sysid != station)
 
 
-def _stops(package: MissionPackage) -> list[tuple[Place, int | None]]:
+def _stops(package: MissionPackage) -> Stops:
     """The route's places, and who commands there alone; None where two zones meet."""
     found: list[tuple[Place, int | None]] = []
     for item in package.route.items:
@@ -259,75 +309,60 @@ def _stops(package: MissionPackage) -> list[tuple[Place, int | None]]:
     return found
 
 
-class _Bench:
+class Bench(Rig):
     """A number of vehicles, and the station's process."""
 
     def __init__(self, folder: Path, vehicles: int, pause_s: float) -> None:
-        self.loop = Loop(many=True)
-        self.folder = folder
-        self.package = mission_package.load(shipped("missions") / "corridor")
+        super().__init__(folder, many=True)
+        self.package = shipped_mission("corridor")
         self.real = self.package.stations[1]
-        self.vehicles: list[_Vehicle] = []
+        self.vehicles: list[Vehicle] = []
         #: of the stations that are not the real one
         self.ground: list[GroundEnd] = []
         self._count, self._pause_s = vehicles, pause_s
-        self._processes = Processes()
-        self._child: Child | None = None
 
-    def __enter__(self) -> _Bench:
-        try:
-            self._start()
-        except BaseException:
-            self._close()
-            raise
-        return self
-
-    def __exit__(
-        self, _kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
-    ) -> None:
-        self._close()
-
-    def _close(self) -> None:
-        self._processes.stop_all()
+    def close(self) -> None:
+        super().close()
         for vehicle in self.vehicles:
             vehicle.close()
         for end in self.ground:
             end.close()
 
-    def _start(self) -> None:
+    def set_up(self) -> None:
         picker = PortPicker()
         ports = {sysid: picker.udp() for sysid in range(1, self._count + 1)}
         for sysid, port in ports.items():
-            vehicle = _Vehicle(self.loop, self.folder, self.package, sysid, port, self._pause_s)
-            self.vehicles.append(vehicle)
+            self.vehicles.append(Vehicle(self.loop, self.folder, self.package, sysid, port, self._pause_s))
         ground = {station.name: picker.udp() for station in self.package.stations}
         for number, entry in enumerate(each for each in self.package.stations if each is not self.real):
             self.ground.append(self._ground_end(entry, ground))
             for vehicle in self.vehicles:
                 self.ground[-1].join(vehicle.stations[number])
-        argv = station_argv(self._configure(ports, ground), None, self.folder / "station" / "mav.tlog")
-        self._child = self._processes.start("station", argv, self.folder / "station")
-        for vehicle in self.vehicles:
-            vehicle.autopilot.stream(_STREAM)
-        parent = self.package.parent.sysid
-        self._wait(lambda: all(each.view.commander == parent for each in self.vehicles), "the parent commands all")
-        for vehicle in self.vehicles:
+        config = self._configure(ports, ground)
+        self.run("station", station_argv(config, None, self.folder / "station" / "mav.tlog"))
+        self._take_off()
+
+    def _take_off(self) -> None:
+        vehicles, parent = self.vehicles, self.package.parent.sysid
+        for vehicle in vehicles:
+            vehicle.autopilot.stream(STREAM)
+        self.wait(lambda: all(each.view.commander == parent for each in vehicles), "the parent commands all")
+        for vehicle in vehicles:
             vehicle.stations[0].share(self.package)
-        self._wait(lambda: all(each.stations[0].shared for each in self.vehicles), "the mission package is loaded")
-        for vehicle in self.vehicles:
-            for station in vehicle.stations:
-                station.hold(self.package)
-        self._wait(lambda: all(self._ready(each) for each in self.vehicles), "the station has everything")
-        for vehicle in self.vehicles:
+        self.wait(lambda: all(each.stations[0].shared for each in vehicles), "the mission package is loaded")
+        for station in (station for vehicle in vehicles for station in vehicle.stations):
+            station.hold(self.package)
+        self.wait(lambda: all(self._ready(each) for each in vehicles), "the station has everything")
+        for vehicle in vehicles:
             vehicle.autopilot.take_off()
-        self._wait(lambda: all(each.view.phase is not Phase.ON_LOAD for each in self.vehicles), "all are on missions")
+        self.wait(lambda: all(each.view.phase is not Phase.ON_LOAD for each in vehicles), "all are on missions")
         self.loop.run(_SETTLE_S)
-        for vehicle in self.vehicles:
+        for vehicle in vehicles:
             vehicle.fly()
 
-    def _ready(self, vehicle: _Vehicle) -> bool:
+    def _ready(self, vehicle: Vehicle) -> bool:
         """The station may take the vehicle, and all others hear it over the ground link."""
-        arbiter, real = vehicle.module.companion.arbiter, self.real.sysid
+        arbiter, real = vehicle.companion.arbiter, self.real.sysid
         return arbiter.unfit(real, monotonic()) is None and all(each.reaches(real) for each in vehicle.stations)
 
     def _ground_end(self, station: StationEntry, ports: dict[str, int]) -> GroundEnd:
@@ -340,7 +375,7 @@ class _Bench:
             automatic=frozenset(),
             journal=folder / f"{station.name}.jsonl",
             ground=f"udpin:127.0.0.1:{ports[station.name]}",
-            ground_key=key_file(self.folder / "keys", _GROUND),
+            ground_key=key_file(self.folder / "keys", GROUND_KEY),
             peers=tuple(
                 PeerConfig(each, f"udpout:127.0.0.1:{ports[each.name]}") for each in _peers(self.package, station.sysid)
             ),
@@ -356,57 +391,34 @@ class _Bench:
                     "name": vehicle.name,
                     "sysid": sysid,
                     "links": [f"udpin:127.0.0.1:{port}"],
-                    "key": str(key_file(self.folder / "keys", vehicle.key_name(entry.name))),
+                    "key": str(vehicle.key),
                     "mission": str(shipped("missions") / "corridor"),
                 }
                 for vehicle, (sysid, port) in zip(self.vehicles, ports.items(), strict=True)
             ],
             "ground": {
                 "listen": f"udpin:127.0.0.1:{ground[entry.name]}",
-                "key": str(key_file(self.folder / "keys", _GROUND)),
+                "key": str(key_file(self.folder / "keys", GROUND_KEY)),
             },
             "peer": [
                 {"name": each.name, "sysid": each.sysid, "link": f"udpout:127.0.0.1:{ground[each.name]}"}
                 for each in _peers(self.package, entry.sysid)
             ],
         }
-        path = self.folder / "station" / "station.toml"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(toml(tables), encoding="utf-8")
-        return path
-
-    def _wait(self, condition: Callable[[], bool], what: str) -> None:
-        """Raises BenchError, with what the station said last, if that takes too long."""
-
-        def checked() -> bool:
-            self.check()
-            return condition()
-
-        try:
-            self.loop.run_until(checked, _LIMIT_START_S, what)
-        except BenchError as late:
-            raise BenchError(f"{late}; the station's last words: {' | '.join(self.child.console()[-5:])}") from late
+        return write_toml(self.folder / "station" / "station.toml", tables)
 
     def check(self) -> None:
         """Raises BenchError if the bench is broken.
 
         The station has ended, a fault occurred inside a vehicle's module, or a station refused what another one signed.
         """
-        child = self._child
-        if child is not None and not child.alive():
-            raise BenchError(f"the station has ended: {' | '.join(child.console()[-5:])}")
-        broken = [text for text in (vehicle.faults() for vehicle in self.vehicles) if text]
+        super().check()
+        broken = [f"{vehicle.name}: {text}" for vehicle in self.vehicles if (text := vehicle.faults())]
         if broken:
-            raise BenchError(f"faults inside the modules: {'; '.join(broken)}")
+            raise BenchError("; ".join(broken))
         refused = [end.refused for end in self.ground if end.refused]
         if refused:
             raise BenchError(f"frames of the ground link were refused: {refused}")
-
-    @property
-    def child(self) -> Child:
-        """The station's process."""
-        assert self._child is not None
-        return self._child
 
     def outcome(self) -> Handovers:
         """The results of all handovers; to be called when the station has ended."""
@@ -415,22 +427,22 @@ class _Bench:
         return handovers_of(self.real.sysid, own, flown)
 
 
-def _fly(folder: Path, vehicles: int, seconds: float, pause_s: float, say: Callable[[str], None]) -> Load:
-    with _Bench(folder, vehicles, pause_s) as bench:
-        pid, child = bench.child.pid, bench.child
-        begun_at, cpu, machine = monotonic(), cpu_s(pid), _machine()
+def _fly(folder: Path, vehicles: int, seconds: float, pause_s: float, say: Say) -> Load:
+    with Bench(folder, vehicles, pause_s) as bench:
+        child = bench.processes["station"]
+        begun_at, cpu, machine = monotonic(), cpu_s(child.pid), _machine()
         memory = _resident_mib(child)
         until = begun_at + seconds
         while (now := monotonic()) < until:
             bench.loop.run(min(_TOLD_S, until - now))
             bench.check()
-            done = sum(vehicle.tour.handovers for vehicle in bench.vehicles)
+            done = sum(vehicle.tour.commits for vehicle in bench.vehicles)
             say(f"{vehicles} vehicles: {monotonic() - begun_at:.0f} of {seconds:.0f} s, {done} handovers")
         took_s = monotonic() - begun_at
-        used_s, after = cpu_s(pid) - cpu, _machine()
+        used_s, after = cpu_s(child.pid) - cpu, _machine()
         grown = _resident_mib(child)
         for vehicle in bench.vehicles:
-            vehicle.rest()
+            vehicle.moves = False  # no further handover begins
         bench.loop.run(LATE_S)  # what is under way ends
         bench.check()
     busy = 1.0 - (after[1] - machine[1]) / max(1e-9, after[0] - machine[0])
@@ -451,11 +463,11 @@ def _resident_mib(child: Child) -> float:
     return kilobytes / 1024.0
 
 
-def measure(folder: Path, plan: Plan, say: Callable[[str], None]) -> Iterator[Measurement]:
+def measure(plan: Plan, folder: Path, say: Say) -> Iterator[Measurement]:
     """Fly each number of vehicles. Raises OSError, BenchError, KeysError, MissionError."""
     loads = []
     for vehicles, seconds in plan.seconds.items():
-        load = _fly(folder / f"{vehicles}", vehicles, seconds, plan.pause_s, say)
+        load = _fly(folder / "fleet" / f"{vehicles}", vehicles, seconds, plan.pause_s, say)
         loads.append(load)
         yield from results(load)
     yield from growth_of(loads)

@@ -1,23 +1,131 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Results: one JSON object a line as they come, and a table for people at the end."""
+"""Comparisons in turns, and results: one JSON object a line as they come, and a table at the end.
+
+A pair is one measurement of ours and one of the baseline, one after the other. A disturbance of the machine that lasts
+longer affects both, so the ratio within a pair is steadier than either number. Order within pairs alternates (A B, B
+A), so that a drift favours neither side. A result is the median of the pairs' ratios with its quartiles.
+"""
 
 from __future__ import annotations
 
 import json
+import math
 import os
 import platform
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, timezone
 from importlib import metadata
+from itertools import cycle
 from pathlib import Path
-from typing import Any
+from statistics import median
+from typing import Any, TypeVar
 
-from sitl.bench.numbers import Comparison
+__all__ = [
+    "Comparison",
+    "Measurement",
+    "Pair",
+    "Results",
+    "Say",
+    "both",
+    "compare",
+    "from_comparison",
+    "in_turns",
+    "quantile",
+    "settled",
+    "table",
+]
 
-__all__ = ["Measurement", "Results", "from_comparison", "machine", "table"]
+Say = Callable[[str], None]
+T = TypeVar("T")
+
+
+# ---- comparisons ----------------------------------------------------------------------------------------------------
+
+
+def quantile(values: Sequence[float], part: float) -> float:
+    """The `part` quantile (0 to 1) of some values, interpolated between neighbours. Raises ValueError for none."""
+    if not values:
+        raise ValueError("quantile of nothing")
+    ordered = sorted(values)
+    place = part * (len(ordered) - 1)
+    below = math.floor(place)
+    above = min(below + 1, len(ordered) - 1)
+    return ordered[below] + (ordered[above] - ordered[below]) * (place - below)
+
+
+@dataclass(frozen=True, slots=True)
+class Pair:
+    """One measurement of each side, in the same unit."""
+
+    ours: float
+    baseline: float
+
+    @property
+    def usable(self) -> bool:
+        """A baseline of nothing, or less where an idle share was taken off, gives no ratio."""
+        return self.baseline > 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """The medians of both sides, and the median ratio with its quartiles."""
+
+    ours: float
+    baseline: float
+    ratio: float
+    low: float
+    high: float
+    pairs: int
+    #: ratio of the 20 % quantiles of both sides: what else a machine does only ever adds to a time
+    quiet_ratio: float = 0.0
+    #: pairs whose baseline was lost in the noise
+    unusable: int = 0
+
+    @property
+    def uncertainty(self) -> float:
+        """Half the quartile range by the root of the number of pairs, as a part of the ratio."""
+        if self.ratio <= 0.0:
+            return math.inf
+        return (self.high - self.low) / 2.0 / math.sqrt(self.pairs) / self.ratio
+
+
+def compare(pairs: Sequence[Pair]) -> Comparison:
+    """The summary of some pairs. Raises ValueError if none is usable."""
+    usable = [pair for pair in pairs if pair.usable]
+    ratios = [pair.ours / pair.baseline for pair in usable]
+    return Comparison(
+        median([pair.ours for pair in usable]),
+        median([pair.baseline for pair in usable]),
+        median(ratios),
+        quantile(ratios, 0.25),
+        quantile(ratios, 0.75),
+        len(usable),
+        quantile([pair.ours for pair in usable], 0.2) / quantile([pair.baseline for pair in usable], 0.2),
+        len(pairs) - len(usable),
+    )
+
+
+def settled(pairs: Sequence[Pair], least: int, uncertainty: float) -> bool:
+    """Whether `least` pairs are there and more of them would hardly move the ratio."""
+    usable = sum(pair.usable for pair in pairs)
+    return usable >= least and compare(pairs).uncertainty <= uncertainty
+
+
+def both(measure: Callable[[bool], T], ours_first: bool) -> tuple[T, T]:
+    """Ours and the baseline, one after the other; `measure(True)` is ours."""
+    found = {ours: measure(ours) for ours in (ours_first, not ours_first)}
+    return found[True], found[False]
+
+
+def in_turns(measure: Callable[[bool], T]) -> Iterator[tuple[T, T]]:
+    """Pairs of ours and the baseline, for ever; each side is the first one in turn."""
+    return (both(measure, ours_first) for ours_first in cycle((True, False)))
+
+
+# ---- results --------------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,34 +180,14 @@ class Measurement:
 
 
 def from_comparison(
-    part: str,
-    what: str,
-    unit: str,
-    case: dict[str, Any],
-    comparison: Comparison,
-    *,
-    limit: float | None = None,
-    details: dict[str, Any] | None = None,
-    note: str = "",
+    part: str, what: str, unit: str, case: dict[str, Any], comparison: Comparison, **more: Any
 ) -> Measurement:
-    """A measurement that was made in pairs; its target is on the ratio."""
-    more: dict[str, Any] = {"quiet_ratio": comparison.quiet_ratio, **(details or {})}
+    """A measurement that was made in pairs; unless `more` says otherwise, its target is on the ratio."""
+    details = {"quiet_ratio": comparison.quiet_ratio, **more.pop("details", {})}
     if comparison.unusable:
-        more["pairs_lost_in_noise"] = comparison.unusable
-    return Measurement(
-        part,
-        what,
-        unit,
-        case,
-        comparison.ours,
-        comparison.baseline,
-        comparison.ratio,
-        (comparison.low, comparison.high),
-        comparison.pairs,
-        limit,
-        details=more,
-        note=note,
-    )
+        details["pairs_lost_in_noise"] = comparison.unusable
+    numbers = comparison.ours, comparison.baseline, comparison.ratio, (comparison.low, comparison.high)
+    return Measurement(part, what, unit, case, *numbers, comparison.pairs, details=details, **more)
 
 
 def _short(value: Any) -> Any:

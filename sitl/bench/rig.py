@@ -1,50 +1,231 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Two MAVProxy processes under the same load: the companion, and a stock MAVProxy with one `--out` a station.
+"""The base of the benches: a loop, processes with their configurations, and our modules without MAVProxy.
 
-Both are the installed MAVProxy with the same options (those of `handover companion`), the stock one without our module
-and with its own heartbeat; if it is to be as it comes, with the modules that it loads by itself, too. Each has an
-autopilot at a serial line (a pseudo-terminal) and stations of its own; the companion's parent commands, its mission is
-loaded, and its aircraft is in the air, in the parent's zone.
+`Loop` is one thread with many sockets and exact timers, in which fake autopilots and stations live. It waits by
+`select.select` and not by epoll where it matters, because Python's epoll waits in whole milliseconds and frames are
+sent a millisecond apart.
+
+`Rig` has the processes of a bench. Waiting for something ends with what the processes said last.
+
+`Host` is MAVProxy's main loop around one of our modules, without MAVProxy: so that many vehicles and stations fit in a
+process. The modules are the real ones, with their real sockets, journals and configurations. What is MAVProxy's own is
+here as far as the modules touch it: `mpstate`, idle tasks in every round and at least 100 times a second, sockets of
+modules in the same select. Not here: logs, other modules, and the time they take.
 """
 
 from __future__ import annotations
 
 import hashlib
-import json
-from collections.abc import Sequence
+import heapq
+import itertools
+import select
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
-from typing import Any
+from types import ModuleType, SimpleNamespace
+from typing import Any, Final, TypeVar
 
-from mavproxy_handover.cli.launch import companion_argv
-from mavproxy_handover.core.common.model import Phase
+from MAVProxy.modules.lib.mp_settings import MPSetting, MPSettings
+
 from mavproxy_handover.mission import package as mission_package
+from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.store.keys import key_path, write_key
 from mavproxy_handover.tools.resources import shipped
-from sitl.bench.autopilot import SerialAutopilot
-from sitl.bench.loop import BenchError, Loop, cpu_s
-from sitl.bench.station import FakeStation
-from sitl.bench.traffic import VEHICLE, Place
-from sitl.run.processes import Processes
+from sitl.run.processes import Child, Processes
+from sitl.run.wiring import write_toml
 
-__all__ = ["IN_ZONE_A", "PARENT", "Proxy", "Rig", "key_file", "key_for", "make_stations", "toml", "write_config"]
+__all__ = [
+    "AUTOPILOT",
+    "GROUND_KEY",
+    "IDLE_S",
+    "VEHICLE",
+    "BenchError",
+    "Host",
+    "Loop",
+    "Rig",
+    "Timer",
+    "companion_config",
+    "cpu_s",
+    "frame_key",
+    "key_file",
+    "key_for",
+    "last_words",
+    "shipped_mission",
+    "split",
+    "station_entry",
+]
 
-PARENT = 251
-#: in the delivery mission, inside the zone of GCSA and of no other; flying along
-IN_ZONE_A = Place(52.6792, 5.9240, 30.0, 3.0, 4.0)
-_START_LIMIT_S = 30.0
+#: system id of the vehicle, component id of its autopilot
+VEHICLE: Final = 1
+AUTOPILOT: Final = 1
+#: name of the key of the ground link
+GROUND_KEY: Final = "ground"
+#: MAVProxy's select_timeout
+IDLE_S: Final = 0.01
+_START_LIMIT_S: Final = 90.0
+
+R = TypeVar("R", bound="Rig")
 
 
-def toml(tables: dict[str, Any]) -> str:
-    """Tables and lists of tables as TOML text; JSON's values are TOML's as well."""
-    lines: list[str] = []
-    for name, value in tables.items():
-        for table in value if isinstance(value, list) else [value]:
-            lines.append(f"[[{name}]]" if isinstance(value, list) else f"[{name}]")
-            lines += [f"{key} = {json.dumps(entry)}" for key, entry in table.items()]
-            lines.append("")
-    return "\n".join(lines)
+class BenchError(Exception):
+    """A measurement cannot be made; one line for people."""
+
+
+def cpu_s(pid: int) -> float:
+    """Processor time of a process, user and system, all its threads, in seconds.
+
+    The sum that /proc/PID/stat shows in hundredths of a second, from the process's own clock (clock_getcpuclockid of
+    POSIX), which counts nanoseconds. Raises BenchError when there is no such process.
+    """
+    try:
+        return time.clock_gettime((~pid << 3) | 2)
+    except OSError as error:
+        raise BenchError(f"processor time of process {pid}: {error.strerror}") from None
+
+
+class Timer:
+    """Something that happens again and again until it is cancelled."""
+
+    __slots__ = ("cancelled", "due", "interval_s", "job")
+
+    def __init__(self, interval_s: float, job: Callable[[], None], due: float) -> None:
+        self.interval_s = interval_s
+        self.job = job
+        self.due = due
+        self.cancelled = False
+
+    def cancel(self) -> None:
+        """No more."""
+        self.cancelled = True
+
+
+class Loop:
+    """Runs timers and readers. Times are monotonic seconds."""
+
+    #: a timer that is later than this skips what it missed instead of catching up
+    CATCH_UP_S = 0.25
+
+    def __init__(self, *, many: bool = False) -> None:
+        """`many`: for hundreds of sockets. Waiting is then by epoll, and up to a millisecond too long."""
+        self._epoll = select.epoll() if many else None
+        self._readers: dict[int, Callable[[], None]] = {}
+        self._timers: list[tuple[float, int, Timer]] = []
+        self._clocks: list[Callable[[], float | None]] = []
+        self._numbers = itertools.count()
+
+    def add_reader(self, descriptor: int, job: Callable[[], None]) -> None:
+        """Call `job` whenever there is something to read."""
+        if self._epoll is not None and descriptor not in self._readers:
+            self._epoll.register(descriptor, select.EPOLLIN)
+        self._readers[descriptor] = job
+
+    def remove_reader(self, descriptor: int) -> None:
+        """Stop that; before the descriptor is closed."""
+        if self._readers.pop(descriptor, None) is not None and self._epoll is not None:
+            with suppress(OSError):  # its owner has closed it already: the system has forgotten it
+                self._epoll.unregister(descriptor)
+
+    def add_clock(self, job: Callable[[], float | None]) -> None:
+        """Call `job` in every round.
+
+        It returns in how many seconds it must be called again (None: it does not matter).
+        """
+        self._clocks.append(job)
+
+    def remove_clock(self, job: Callable[[], float | None]) -> None:
+        """Stop that."""
+        self._clocks.remove(job)
+
+    def every(self, interval_s: float, job: Callable[[], None], first_in_s: float = 0.0) -> Timer:
+        """Call `job` every `interval_s`; a late call does not delay the next ones."""
+        timer = Timer(interval_s, job, time.monotonic() + first_in_s)
+        heapq.heappush(self._timers, (timer.due, next(self._numbers), timer))
+        return timer
+
+    def run(self, seconds: float) -> None:
+        """Run for that long."""
+        until = time.monotonic() + seconds
+        while time.monotonic() < until:
+            self._round(until)
+
+    def run_until(self, condition: Callable[[], bool], limit_s: float, what: str) -> None:
+        """Run until `condition`. Raises BenchError, naming `what`, if that takes longer than `limit_s`."""
+        until = time.monotonic() + limit_s
+        while not condition():
+            if time.monotonic() >= until:
+                raise BenchError(f"{what}: not within {limit_s:g} s")
+            self._round(min(until, time.monotonic() + 0.05))
+
+    def _round(self, until: float) -> None:
+        now = time.monotonic()
+        while self._timers and self._timers[0][0] <= now < until:
+            _due, _number, timer = heapq.heappop(self._timers)
+            if timer.cancelled:
+                continue
+            timer.job()
+            timer.due += timer.interval_s
+            if now - timer.due > self.CATCH_UP_S:
+                timer.due = now
+            heapq.heappush(self._timers, (timer.due, next(self._numbers), timer))
+            # a burst that catches up must not keep the receivers waiting
+            if self._readers:
+                self._read(0.0)
+            now = time.monotonic()
+        wait_s = until - now
+        for clock in self._clocks:
+            due_in_s = clock()
+            if due_in_s is not None and due_in_s < wait_s:
+                wait_s = due_in_s
+        if self._timers:
+            wait_s = min(wait_s, self._timers[0][0] - now)
+        self._read(max(0.0, wait_s))
+
+    def _read(self, wait_s: float) -> None:
+        if self._epoll is None:
+            ready, _, _ = select.select(list(self._readers), [], [], wait_s)
+        else:
+            ready = [descriptor for descriptor, _events in self._epoll.poll(wait_s)]
+        for descriptor in ready:
+            reader = self._readers.get(descriptor)
+            if reader is not None:
+                reader()
+
+
+# ---- frames ---------------------------------------------------------------------------------------------------------
+
+
+def split(data: bytes) -> tuple[list[bytes], bytes]:
+    """Whole MAVLink frames in trusted bytes (of our own processes), and the rest that waits for more."""
+    frames = []
+    start, end = 0, len(data)
+    while end - start >= 3:
+        if data[start] == 0xFD:
+            length = 12 + data[start + 1] + (13 if data[start + 2] & 1 else 0)
+        elif data[start] == 0xFE:
+            length = 8 + data[start + 1]
+        else:
+            start += 1
+            continue
+        if end - start < length:
+            break
+        frames.append(data[start : start + length])
+        start += length
+    return frames, data[start:]
+
+
+def frame_key(raw: bytes) -> bytes:
+    """The identity of a MAVLink 2 frame on its way, signed or not: sequence number, ids and payload."""
+    return raw[4 : 10 + raw[1]]
+
+
+# ---- configurations -------------------------------------------------------------------------------------------------
+
+
+def shipped_mission(name: str) -> MissionPackage:
+    """One of the missions that ship."""
+    return mission_package.load(shipped("missions") / name)
 
 
 def key_for(station: str) -> bytes:
@@ -61,170 +242,219 @@ def key_file(folder: Path, station: str) -> Path:
     return path
 
 
-def write_config(folder: Path, stations: Sequence[FakeStation], *, signing: bool = False, guard: bool = False) -> Path:
-    """The companion's configuration file for these stations; the first is the parent. Raises OSError, KeysError."""
-    folder.mkdir(parents=True, exist_ok=True)
-    entries = []
-    for station in stations:
-        entry: dict[str, Any] = {
-            "name": station.name,
-            "sysid": station.sysid,
-            "links": [f"udpout:127.0.0.1:{station.port}"],
-        }
-        if signing:
-            entry["key"] = str(key_file(folder / "keys", station.name))
-        entries.append(entry)
-    tables: dict[str, Any] = {
-        "vehicle": {
-            "name": "drone-1",
-            "sysid": VEHICLE,
-            "parent": stations[0].name,
-            "journal": "companion.jsonl",
-            "guard": guard,
-            "allow_unsigned": not signing,
-        },
-        "station": entries,
-        "policy": {"out_of_coverage": "warn", "commander_lost": "warn"},
-    }
-    path = folder / "handover.toml"
-    path.write_text(toml(tables), encoding="utf-8")
-    return path
+def station_entry(name: str, sysid: int, port: int, key: Path | None = None) -> dict[str, Any]:
+    """The companion's [[station]] for a station that listens at a UDP port; it signs if there is a key."""
+    entry: dict[str, Any] = {"name": name, "sysid": sysid, "links": [f"udpout:127.0.0.1:{port}"]}
+    return entry if key is None else {**entry, "key": str(key)}
 
 
-def make_stations(loop: Loop, count: int, *, signing: bool = False) -> list[FakeStation]:
-    """A number of stations, the first of them the parent. Raises OSError."""
-    names = [f"GCS{chr(ord('A') + number)}" for number in range(count)]
-    return [
-        FakeStation(loop, name, _sysid(number), key_for(name) if signing else None) for number, name in enumerate(names)
-    ]
+def companion_config(
+    folder: Path, stations: Sequence[dict[str, Any]], *, dwell_s: float | None = None, **vehicle: Any
+) -> Path:
+    """Write the companion's configuration file for these stations, the first the parent. Raises OSError.
+
+    `dwell_s` 0: one transfer may follow the other at once. `vehicle`: what [vehicle] has besides.
+    """
+    own = {"name": "drone-1", "sysid": VEHICLE, "parent": stations[0]["name"], "journal": "companion.jsonl"}
+    own |= {"guard": False, "allow_unsigned": not any("key" in station for station in stations), **vehicle}
+    # a commander that is not heard for a while is no reason to fly home
+    policy = {"out_of_coverage": "warn", "commander_lost": "warn"}
+    tables: dict[str, Any] = {"vehicle": own, "station": list(stations), "policy": policy}
+    return write_toml(
+        folder / "handover.toml", tables if dwell_s is None else {**tables, "limits": {"dwell_s": dwell_s}}
+    )
 
 
-def _sysid(number: int) -> int:
-    """System ids of stations: those of the project's missions, then others."""
-    return PARENT + number if number < 4 else 200 + number
-
-
-class Proxy:
-    """One MAVProxy process under test, its autopilot and its stations."""
-
-    def __init__(self, loop: Loop, processes: Processes, folder: Path, name: str, stations: int, signing: bool) -> None:
-        self.name = name
-        self.autopilot = SerialAutopilot(loop, IN_ZONE_A)
-        self.stations = make_stations(loop, stations, signing=signing)
-        self._loop = loop
-        self._processes = processes
-        self._folder = folder
-        self._child: Any = None
-
-    def start(self, argv: Sequence[str]) -> None:
-        """Start the process and wait until it has connected to the autopilot. Raises BenchError."""
-        self._child = self._processes.start(self.name, argv, self._folder)
-        self.autopilot.model.stream(0)
-        self._wait(lambda: self.autopilot.connected, "MAVProxy connects")
-        self._wait(lambda: all(station.heard for station in self.stations), "every station hears the vehicle")
-
-    def _wait(self, condition: Any, what: str) -> None:
-        try:
-            self._loop.run_until(lambda: condition() or not self._child.alive(), _START_LIMIT_S, what)
-            if not self._child.alive():
-                raise BenchError(f"{what}: the process has ended")
-        except BenchError as error:
-            tail = " | ".join(self._child.console()[-5:])
-            raise BenchError(f"{self.name}: {error} (console: {tail})") from None
-
-    def establish(self) -> None:
-        """Make the companion fly: parent in command, mission loaded, armed and airborne. Raises BenchError."""
-        parent = self.stations[0]
-        model = self.autopilot.model
-        model.stream(50)
-        self._wait(lambda: parent.commander == PARENT, "the parent commands")
-        package = mission_package.load(shipped("missions") / "delivery")
-        parent.share(package)
-        self._wait(lambda: parent.shared or parent.share_trouble, "the mission package is loaded")
-        if parent.share_trouble:
-            raise BenchError(f"{self.name}: mission package refused: {parent.share_trouble}")
-        for station in self.stations:
-            station.digest = package.digest
-        model.take_off()
-        self._wait(lambda: parent.phase == Phase.ON_MISSION, "the aircraft is on its mission")
-
-    def fly(self) -> None:
-        """Put the aircraft in the air; a stock MAVProxy ignores that."""
-        self.autopilot.model.take_off()
-
-    @property
-    def pid(self) -> int:
-        return int(self._child.pid)
-
-    def cpu_s(self) -> float:
-        """Processor time so far. Raises BenchError when the process is gone."""
-        return cpu_s(self.pid)
-
-    def check(self) -> None:
-        """Raises BenchError if the process has ended, or another station than the parent commands."""
-        if not self._child.alive():
-            tail = " | ".join(self._child.console()[-5:])
-            raise BenchError(f"{self.name}: the process has ended (console: {tail})")
-        commander = self.stations[0].commander
-        if commander not in (None, PARENT):
-            raise BenchError(f"{self.name}: station {commander} commands in the middle of a measurement")
-
-    def close(self) -> None:
-        """Close all sockets; the owner of the process ends it."""
-        for station in self.stations:
-            station.close()
-        self.autopilot.close()
+# ---- processes ------------------------------------------------------------------------------------------------------
 
 
 class Rig:
-    """Ours and the baseline, started and ready. Leaving the `with` block ends both."""
+    """The processes of a bench, and the loop of what runs beside them. Leaving the `with` block ends all of it."""
 
-    def __init__(self, folder: Path, stations: int, signing: bool = False, as_it_comes: bool = False) -> None:
-        """`signing`: every station signs with a key of its own; the companion checks, and signs what it gets.
-        `as_it_comes`: the stock MAVProxy loads its default modules."""
-        self.loop = Loop()
-        self._number = 0
-        self._folder = folder
-        self._processes = Processes()
-        self._signing = signing
-        #: options of ours that the stock one does without
-        self._ours_alone = ("--cmd=", "--heartbeat=", *(("--default-modules=",) if as_it_comes else ()))
-        self.ours = Proxy(self.loop, self._processes, folder / "ours", "companion", stations, signing)
-        self.baseline = Proxy(self.loop, self._processes, folder / "baseline", "stock", stations, signing)
+    def __init__(self, folder: Path, *, many: bool = False) -> None:
+        """`many`: see `Loop`."""
+        self.folder = folder
+        self.loop = Loop(many=many)
+        self.processes = Processes()
 
-    def __enter__(self) -> Rig:
+    def __enter__(self: R) -> R:
         try:
-            config = write_config(self._folder / "ours", self.ours.stations, signing=self._signing)
-            ours = companion_argv(config, self._master(self.ours), self._folder / "ours" / "mav.tlog")
-            outs = [f"--out=udp:127.0.0.1:{station.port}" for station in self.baseline.stations]
-            stock = companion_argv(config, self._master(self.baseline), self._folder / "baseline" / "mav.tlog")
-            self.ours.start(ours)
-            self.ours.establish()
-            self.baseline.start([*(word for word in stock if not word.startswith(self._ours_alone)), *outs])
-            self.baseline.fly()
-            for proxy in (self.ours, self.baseline):
-                proxy.autopilot.model.stream(0)
-            self.loop.run(1.0)
+            self.set_up()
         except BaseException:
-            self._close()
+            self.close()
             raise
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    def __exit__(self, *_exception: object) -> None:
+        self.close()
+
+    def set_up(self) -> None:
+        """Start everything, and wait until it is ready. Raises BenchError, OSError."""
+        raise NotImplementedError
+
+    def close(self) -> None:
+        """End the processes, then close all sockets."""
+        self.processes.stop_all()
+
+    def run(self, name: str, argv: Sequence[str]) -> Child:
+        """Start a process in a folder of its own. Raises OSError."""
+        return self.processes.start(name, argv, self.folder / name)
+
+    def check(self) -> None:
+        """Raises BenchError if the bench is broken: a process has ended."""
+        for child in self.processes.dead():
+            raise BenchError(f"{child.name} has ended: {last_words(child)}")
+
+    def wait(
+        self, condition: Callable[[], bool], what: str, limit_s: float = _START_LIMIT_S, every_s: float = 0.0
     ) -> None:
-        self._close()
+        """Run until the condition is true, which is asked `every_s`. Raises BenchError after `limit_s`."""
+        next_look = 0.0
 
-    def _close(self) -> None:
-        self._processes.stop_all()
-        self.ours.close()
-        self.baseline.close()
+        def looked() -> bool:
+            nonlocal next_look
+            if time.monotonic() < next_look:
+                return False
+            next_look = time.monotonic() + every_s
+            self.check()
+            return condition()
 
-    def next_number(self) -> int:
-        """A number for the next uplink frame, never given before."""
-        self._number += 1
-        return self._number
+        try:
+            self.loop.run_until(looked, limit_s, what)
+        except BenchError as error:
+            told = "; ".join(f"{child.name} said: {last_words(child)}" for child in self.processes if child.alive())
+            raise BenchError(f"{error} ({told})") from None
 
-    @staticmethod
-    def _master(proxy: Proxy) -> str:
-        return proxy.autopilot.device
+
+def last_words(child: Child) -> str:
+    """The end of a process's console."""
+    return " | ".join(child.console()[-5:])
+
+
+# ---- modules without MAVProxy ---------------------------------------------------------------------------------------
+
+
+class _Console:
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+
+    def writeln(self, text: str, fg: str = "black", bg: str = "white") -> None:
+        self.lines.append(str(text))
+        del self.lines[:-20]
+
+    def set_status(self, name: str, text: str = "", row: int = 0, fg: str = "black", bg: str = "white") -> None:
+        """Nothing is shown."""
+
+
+class _NoLog:
+    """MAVProxy's log queue, which a writer would empty."""
+
+    def put(self, data: bytes) -> None:
+        """Gone."""
+
+
+class Host:
+    """One module in its MAVProxy. `master` is MAVProxy's link to the vehicle's side: it needs `write(bytes)`."""
+
+    def __init__(self, loop: Loop, master: Any, sysid: int, component: int) -> None:
+        self.console = _Console()
+        self.settings = MPSettings(
+            [
+                MPSetting("heartbeat", float, 1),
+                MPSetting("mavfwd", bool, True),
+                MPSetting("mavfwd_disarmed", bool, True),
+                MPSetting("moddebug", int, 0),
+                MPSetting("source_system", int, sysid),
+                MPSetting("source_component", int, component),
+                MPSetting("target_system", int, 0),
+                MPSetting("target_component", int, 0),
+            ]
+        )
+        self.command_map: dict[str, Any] = {}
+        self.completions: dict[str, list[str]] = {"set": ["(SETTING)"]}
+        self.completion_functions: dict[str, Any] = {}
+        self.modules: list[tuple[Any, ModuleType]] = []
+        self.public_modules: dict[str, Any] = {}
+        self.multi_instance: dict[str, Any] = {}
+        self.instance_count: dict[str, int] = {}
+        self.select_extra: dict[int, tuple[Callable[[Any], None], Any]] = {}
+        self.mav_outputs: list[Any] = []
+        self.sysid_outputs: dict[int, Any] = {}
+        self.mav_master = [master]
+        self.mav_param: dict[str, float] = {}
+        self.status = SimpleNamespace(logdir=None, exit=False)
+        self.functions = SimpleNamespace(say=lambda text: None)
+        self.logqueue = _NoLog()
+        self._loop = loop
+        self._watched: dict[int, Callable[[], None]] = {}
+        self._idle_at = 0.0
+
+    def master(self, _sysid: int = -1) -> Any:
+        """MAVProxy's `mpstate.master()`."""
+        return self.mav_master[0]
+
+    def module(self, name: str) -> Any:
+        """MAVProxy's `mpstate.module()`."""
+        return self.public_modules.get(name)
+
+    def load(self, package: ModuleType, config: str) -> Any:
+        """`module load`; returns the module. Raises BenchError with the module's own words."""
+        module = package.init(self, config=config)
+        if module is None:
+            raise BenchError("; ".join(self.console.lines) or f"{package.__name__} was not loaded")
+        self.modules.append((module, package))
+        self._watch()
+        return module
+
+    def type(self, line: str) -> None:
+        """A command at the console."""
+        word, *rest = line.split()
+        self.command_map[word][0](rest)
+
+    def deliver(self, message: Any) -> None:
+        """A message has come in from the vehicle's side."""
+        for module, _package in self.modules:
+            module.mavlink_packet(message)
+        self.idle()
+
+    def idle(self) -> None:
+        """One round of the main loop."""
+        self._idle_at = time.monotonic()
+        for module, _package in self.modules:
+            module.idle_task()
+        self._watch()
+
+    def idle_if_due(self) -> None:
+        """Make a round if the last one is long ago."""
+        if time.monotonic() - self._idle_at >= IDLE_S:
+            self.idle()
+
+    def _watch(self) -> None:
+        """Modules may open and close sockets at any time."""
+        if self._watched.keys() == self.select_extra.keys():
+            return
+        for descriptor in [*self._watched]:
+            if descriptor not in self.select_extra:
+                self._loop.remove_reader(descriptor)
+                del self._watched[descriptor]
+        for descriptor in self.select_extra:
+            if descriptor not in self._watched:
+                self._watched[descriptor] = self._reader(descriptor)
+                self._loop.add_reader(descriptor, self._watched[descriptor])
+
+    def _reader(self, descriptor: int) -> Callable[[], None]:
+        def read() -> None:
+            handler = self.select_extra.get(descriptor)
+            if handler is not None:
+                handler[0](handler[1])
+            self.idle()
+
+        return read
+
+    def unload(self) -> None:
+        """Unload the module: its sockets are closed, its journal ends."""
+        for module, _package in self.modules:
+            module.unload()
+        self.modules.clear()
+        self.select_extra.clear()
+        self._watch()

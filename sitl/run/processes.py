@@ -16,7 +16,7 @@ import signal
 import site
 import subprocess
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
 
@@ -174,6 +174,9 @@ class Processes:
 
     def __contains__(self, name: str) -> bool:
         return name in self._children
+
+    def __iter__(self) -> Iterator[Child]:
+        return iter(self._children.values())
 
     def start(self, name: str, argv: Sequence[str], folder: Path) -> Child:
         """Start a process under a name that is not in use. Raises OSError when it cannot be started."""

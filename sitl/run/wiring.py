@@ -55,6 +55,7 @@ __all__ = [
     "StationWires",
     "Wiring",
     "lay_out",
+    "write_toml",
 ]
 
 #: name of the companion's process, and its name in journals
@@ -230,18 +231,18 @@ class _Between:
             weather = asdict(replace(Weather(), **dict(self._scenario.impair.match.values)))
             links = [{**proxy, "up": weather, "down": weather} for proxy in self.proxies]
             home = folder / IMPAIRMENT
-            config = _write(home / f"{IMPAIRMENT}.toml", {"link": links}, {"seed": self._scenario.impair.seed})
+            config = write_toml(home / f"{IMPAIRMENT}.toml", {"link": links}, {"seed": self._scenario.impair.seed})
             argv = (sys.executable, "-m", "sitl.run.bad_links", "--config", str(config))
             programs.append(Program(IMPAIRMENT, argv, home))
         if self.lines:
-            config = _write(self._home / f"{LINES}.toml", {"line": self.lines})
+            config = write_toml(self._home / f"{LINES}.toml", {"line": self.lines})
             argv = (sys.executable, "-m", "sitl.run.noisy_lines", "--config", str(config))
             programs.append(Program(LINES, argv, self._home))
         if self.taps:
             home = folder / ROGUE
             journal = home / f"{ROGUE}.jsonl"
             tables = {"link": self.taps, "ground": grounds, "package": _foreign_package(home, self._scenario.mission)}
-            config = _write(home / f"{ROGUE}.toml", tables, {"journal": str(journal), "vehicle": SYSID})
+            config = write_toml(home / f"{ROGUE}.toml", tables, {"journal": str(journal), "vehicle": SYSID})
             argv = (sys.executable, "-m", "sitl.run.rogue", "--config", str(config))
             programs.append(Program(ROGUE, argv, home, journal))
         programs += [_served(folder, name, port) for name, port in self.served.items()]
@@ -325,7 +326,7 @@ def lay_out(
                 tables |= _fleet(
                     tables["station"], [_Beside(first, {station.name: masters[0]}, keys), *beside], station
                 )
-            config = _write(config, tables)
+            config = write_toml(config, tables)
             for name, text in _TO_LOAD.items():
                 (home / name).write_text(text, encoding="ascii")
         stations.append(
@@ -347,7 +348,7 @@ def lay_out(
     to_autopilot = between.line(AUTOPILOT)
     return Wiring(
         folder,
-        _write(folder / COMPANION / f"{COMPANION}.toml", _vehicle(first, scenario, entries, guard_key, box)),
+        write_toml(folder / COMPANION / f"{COMPANION}.toml", _vehicle(first, scenario, entries, guard_key, box)),
         tuple(stations),
         (*between.programs(folder, grounds), *_boxes(folder, box, scenario)),
         tuple(proxy["name"] for proxy in between.proxies),
@@ -380,7 +381,7 @@ class _Beside:
             entry: dict[str, Any] = {"name": station.name, "sysid": station.sysid, "links": links}
             entries.append(entry | ({"key": str(self.keys[station.name])} if self.keys else {}))
         tables = _vehicle(self.craft, scenario, entries, None)
-        return _write(folder / self.craft.name / COMPANION / f"{COMPANION}.toml", tables)
+        return write_toml(folder / self.craft.name / COMPANION / f"{COMPANION}.toml", tables)
 
 
 def _link(reach: Reach, port: int) -> str:
@@ -480,7 +481,9 @@ def _station(
 def _with_addresses(folder: Path, mission: Path, called: Mapping[str, int]) -> Path:
     """A copy of the mission that has the vehicle's address for these stations, by port. Raises OSError."""
     copy = Path(shutil.copytree(mission, folder / "shared-mission"))
-    _write(copy / ADDRESSES_FILE, {"vehicle": {name: [f"udpout:{LOOPBACK}:{port}"] for name, port in called.items()}})
+    write_toml(
+        copy / ADDRESSES_FILE, {"vehicle": {name: [f"udpout:{LOOPBACK}:{port}"] for name, port in called.items()}}
+    )
     return copy
 
 
@@ -515,7 +518,8 @@ def _guard_keys(folder: Path, scenario: Scenario) -> tuple[Path | None, tuple[Pa
     return own, (card,)
 
 
-def _write(path: Path, tables: Mapping[str, Any], head: Mapping[str, Any] | None = None) -> Path:
+def write_toml(path: Path, tables: Mapping[str, Any], head: Mapping[str, Any] | None = None) -> Path:
+    """Write a file of tables and lists of tables; `head`: what stands before them. Raises OSError."""
     lines: list[str] = [f"{key} = {_toml(entry)}" for key, entry in (head or {}).items()]
     for name, value in tables.items():
         for table in value if isinstance(value, list) else [value]:

@@ -10,8 +10,8 @@ import socket
 import time
 from collections import Counter
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
-from random import Random
 from types import SimpleNamespace
 from typing import Any
 
@@ -25,21 +25,27 @@ from mavproxy_handover.core.common.model import AuthorityView, Consent, Phase, R
 from mavproxy_handover.gate.judge import Fate, StationIdentity, judge
 from mavproxy_handover.wire.frames import parse_one
 from mavproxy_handover.wire.ids import COMPANION_COMPID
-from sitl.bench import energy, fleet, fleet_figures, zones
-from sitl.bench import loop as loop_module
-from sitl.bench.autopilot import FakeAutopilot
-from sitl.bench.download import finished, mavsdk
-from sitl.bench.durations import Committed, read_journal, transfers
-from sitl.bench.log_server import log_bytes
-from sitl.bench.loop import BenchError, Loop, cpu_s
-from sitl.bench.main import main
-from sitl.bench.numbers import Pair, abba, compare, median, quantile, settled
-from sitl.bench.results import Measurement, Results, from_comparison, table
-from sitl.bench.shuttle import Shuttle
-from sitl.bench.starve import GREED, slowest
-from sitl.bench.station import FakeStation
-from sitl.bench.talker import TalkingStation
-from sitl.bench.traffic import DOWNLINK, UPLINK_MIX, Place, downlink_message, frame_key, split, uplink_message
+from sitl.bench import fleet, rules, transfers
+from sitl.bench import rig as rig_module
+from sitl.bench.__main__ import BENCHES, main
+from sitl.bench.autopilot import DOWNLINK, SHUTTLE, FakeAutopilot, Place, Tour, downlink_message
+from sitl.bench.fleet import Handovers, Load, growth, growth_of, handovers_of, results
+from sitl.bench.reads import GREED, finished, mavsdk, slowest
+from sitl.bench.results import (
+    Measurement,
+    Pair,
+    Results,
+    compare,
+    from_comparison,
+    in_turns,
+    quantile,
+    settled,
+    table,
+)
+from sitl.bench.rig import BenchError, Loop, cpu_s, frame_key, split
+from sitl.bench.stations import UPLINK_MIX, FakeStation, TalkingStation, uplink_message
+from sitl.bench.transfers import Committed, read_journal
+from sitl.run.log_server import log_bytes
 
 PLACE = Place(52.68, 5.92)
 KEY = bytes(range(32))
@@ -79,8 +85,15 @@ def test_it_is_settled_when_there_are_enough_pairs_that_agree() -> None:
 
 
 def test_ours_and_the_baseline_take_turns_at_being_first() -> None:
-    turns = abba()
-    assert [next(turns) for _ in range(4)] == [(True, False), (False, True), (True, False), (False, True)]
+    made: list[bool] = []
+
+    def measured(ours: bool) -> str:
+        made.append(ours)
+        return "ours" if ours else "baseline"
+
+    pairs = list(islice(in_turns(measured), 2))
+    assert made == [True, False, False, True]
+    assert pairs == [("ours", "baseline")] * 2
 
 
 def test_processor_time_of_a_process_is_that_of_all_its_work() -> None:
@@ -139,6 +152,15 @@ def test_the_table_says_which_targets_are_missed_and_gives_each_note_once() -> N
     assert "MISSED" in lines[2]
     assert "held" in lines[3]
     assert [line for line in lines if "mind the gap" in line] == ["[1] mind the gap"]
+
+
+def test_every_part_has_a_plan_for_a_full_run_and_for_a_smoke_test() -> None:
+    assert list(BENCHES) == [
+        "uplink", "downlink", "zones", "energy", "transfers", "stalls", "restart", "starve", "download", "fleet",
+    ]  # fmt: skip
+    for bench in BENCHES.values():
+        assert type(bench.full) is type(bench.quick)
+        assert bench.full != bench.quick
 
 
 @pytest.mark.parametrize("argv", [["nonsense"], ["--out"]])
@@ -253,6 +275,11 @@ def test_the_autopilot_takes_a_mission_and_gives_it_back() -> None:
     assert wire.say(mavlink.MAVLink_mission_request_list_message(1, 1, 0)).count == 0
 
 
+def test_the_autopilot_refuses_an_item_that_it_has_not() -> None:
+    answer = Wire().say(mavlink.MAVLink_mission_request_int_message(1, 1, 0, 0))
+    assert (answer.get_type(), answer.type) == ("MISSION_ACK", mavlink.MAV_MISSION_INVALID_SEQUENCE)
+
+
 def test_the_autopilot_takes_the_speed_of_a_mission() -> None:
     wire = Wire()
     assert wire.say(mavlink.MAVLink_param_request_read_message(1, 1, b"WPNAV_SPEED", -1)).param_value == 1000.0
@@ -273,33 +300,25 @@ def test_what_a_station_says_is_measured_and_not_answered() -> None:
 
 def test_the_shuttle_waits_for_the_lease_and_goes_on_to_the_other_side() -> None:
     wire = Wire()
-    shuttle = Shuttle(wire.autopilot, 0.0, 1)
+    shuttle = Tour(wire.autopilot, SHUTTLE, 0.0, 1)
+    west, region, east = (place for place, _station in SHUTTLE)
     wire.lease(1, 251)
-    shuttle.step()
-    region = wire.autopilot.place
-    shuttle.step()
-    assert wire.autopilot.place == region  # nothing was handed over yet
-    wire.lease(2, 251)
-    shuttle.step()
-    assert wire.autopilot.place == region
-    wire.lease(1, 252)
-    shuttle.step()
-    beyond = wire.autopilot.place
-    assert beyond.lon_deg > region.lon_deg
-    assert (shuttle.commits, shuttle.given_up) == (1, 0)
-    shuttle.step()
-    wire.lease(1, 251)
-    shuttle.step()
-    assert wire.autopilot.place.lon_deg < region.lon_deg
-    assert shuttle.commits == 2
+    seen = []
+    for now, lease in enumerate([None, (2, 251), (1, 252), None, (1, 251)], 1):
+        if lease is not None:
+            wire.lease(*lease)
+        shuttle.step(float(now))
+        seen.append(wire.autopilot.place)
+    assert seen == [region, region, east, region, west]
+    assert (shuttle.commits, shuttle.given_up) == (2, 0)
 
 
-def toured(pause_s: float = 1.0) -> tuple[Wire, fleet.Tour, list[Place]]:
+def toured(pause_s: float = 1.0) -> tuple[Wire, Tour, list[Place]]:
     """In the air over the first of three zones, with two regions between them."""
     wire = Wire()
     places = [Place(52.68, 5.92 + 0.01 * number) for number in range(5)]
     stops = list(zip(places, (251, None, 252, None, 253), strict=True))
-    tour = fleet.Tour(wire.autopilot, stops, pause_s, Random(1))
+    tour = Tour(wire.autopilot, stops, pause_s, 1)
     tour.begin(0.0)
     return wire, tour, places
 
@@ -318,7 +337,7 @@ def test_a_tour_waits_for_the_lease_in_each_region_and_turns_at_its_end() -> Non
         tour.step(now)
         seen.append(places.index(wire.autopilot.place))
     assert seen == [1, 2, 3, 4, 3, 2, 1, 0, 1, 2]
-    assert (tour.handovers, tour.given_up) == (5, 0)
+    assert (tour.commits, tour.given_up) == (5, 0)
 
 
 def test_a_tour_gives_a_region_up_where_nothing_comes_of_it() -> None:
@@ -328,7 +347,7 @@ def test_a_tour_gives_a_region_up_where_nothing_comes_of_it() -> None:
     tour.step(61.9)
     assert (wire.autopilot.place, tour.given_up) == (places[1], 0)
     tour.step(62.1)
-    assert (wire.autopilot.place, tour.given_up, tour.handovers) == (places[0], 1, 0)
+    assert (wire.autopilot.place, tour.given_up, tour.commits) == (places[0], 1, 0)
 
 
 def test_a_tour_tells_who_was_to_hand_over_to_whom() -> None:
@@ -358,47 +377,47 @@ def test_handovers_are_missed_where_vehicle_or_station_has_them_otherwise_than_a
     crossings = [(251, 252), (252, 253), (253, 254)]
     made = [committed(1.0, "GCSB"), committed(2.0, "GCSC"), committed(3.0, "GCSD")]
     both = seen("control_gained", "control_lost")
-    told = fleet_figures.handovers_of(252, both, [(crossings, made)])
+    told = handovers_of(252, both, [(crossings, made)])
     assert (told.asked, told.made, told.own, told.seen, told.missed) == (3, 3, 2, 2, 0)
-    assert fleet_figures.handovers_of(252, both, [(crossings, made[:2])]).missed == 1
+    assert handovers_of(252, both, [(crossings, made[:2])]).missed == 1
     # one too few and one too many are not none
-    assert fleet_figures.handovers_of(252, both, [(crossings, made[:2]), ([], made[2:])]).missed == 2
-    assert fleet_figures.handovers_of(252, seen("control_gained"), [(crossings, made)]).missed == 1
+    assert handovers_of(252, both, [(crossings, made[:2]), ([], made[2:])]).missed == 2
+    assert handovers_of(252, seen("control_gained"), [(crossings, made)]).missed == 1
     aborted = [*made, {"t": 4.0, "event": "transfer_aborted", "station": "GCSD", "handover_id": 2}]
-    assert fleet_figures.handovers_of(252, both, [(crossings, aborted)]).missed == 1
+    assert handovers_of(252, both, [(crossings, aborted)]).missed == 1
     late = [*made[:2], committed(9.0, "GCSD", 3.1)]
-    found = fleet_figures.handovers_of(252, both, [(crossings, late)])
+    found = handovers_of(252, both, [(crossings, late)])
     assert (found.missed, found.slowest_s) == (1, 3.1)
 
 
 def test_growth_compares_what_one_more_costs_among_many_and_among_few() -> None:
-    straight = fleet_figures.growth({1: 10.0, 2: 15.0, 5: 30.0, 10: 55.0})
+    straight = growth({1: 10.0, 2: 15.0, 5: 30.0, 10: 55.0})
     assert (straight.many_by_few, straight.most_by_least) == (pytest.approx(1.0), pytest.approx(1.0))
     assert (straight.base, straight.each, straight.off) == (
         pytest.approx(5.0), pytest.approx(5.0), pytest.approx(0.0, abs=1e-9),
     )  # fmt: skip
-    bent = fleet_figures.growth({10: 105.0, 1: 10.0, 2: 15.0, 5: 30.0})
+    bent = growth({10: 105.0, 1: 10.0, 2: 15.0, 5: 30.0})
     assert (bent.many_by_few, bent.most_by_least) == (pytest.approx(3.0), pytest.approx(3.0))
     with pytest.raises(ValueError, match="three numbers"):
-        fleet_figures.growth({1: 1.0, 2: 2.0, 10: 2.0})
+        growth({1: 1.0, 2: 2.0, 10: 2.0})
     with pytest.raises(ValueError, match="nothing more"):
-        fleet_figures.growth({2: 1.0, 5: 1.0, 10: 2.0})
+        growth({2: 1.0, 5: 1.0, 10: 2.0})
 
 
 def test_what_a_second_vehicle_costs_once_does_not_hide_that_many_cost_more() -> None:
-    assert fleet_figures.growth({1: 56.5, 2: 82.2, 5: 113.5, 10: 182.8}).many_by_few == pytest.approx(1.33, abs=0.005)
+    assert growth({1: 56.5, 2: 82.2, 5: 113.5, 10: 182.8}).many_by_few == pytest.approx(1.33, abs=0.005)
 
 
-NONE_MISSED = fleet_figures.Handovers(90, 90, 60, 60, 0, 0, 0, 0.1, (60, 60))
+NONE_MISSED = Handovers(90, 90, 60, 60, 0, 0, 0, 0.1, (60, 60))
 
 
-def load(vehicles: int = 10, busy: float = 0.3, missed: int = 0) -> fleet_figures.Load:
+def load(vehicles: int = 10, busy: float = 0.3, missed: int = 0) -> Load:
     handovers = replace(NONE_MISSED, late=missed)
-    return fleet_figures.Load(vehicles, 300.0, 15.0 * vehicles, (80.0, 81.0), busy, handovers)
+    return Load(vehicles, 300.0, 15.0 * vehicles, (80.0, 81.0), busy, handovers)
 
 
 def test_what_was_measured_on_a_busy_machine_is_told_and_void() -> None:
-    missed = [list(fleet_figures.results(load(busy=busy, missed=2)))[-1] for busy in (0.8, 0.81)]
+    missed = [list(results(load(busy=busy, missed=2)))[-1] for busy in (0.8, 0.81)]
     assert [one.ours for one in missed] == [2.0, 2.0]
     assert [one.met for one in missed] == [False, None]
     assert "VOID" in missed[1].note
@@ -406,19 +425,27 @@ def test_what_was_measured_on_a_busy_machine_is_told_and_void() -> None:
 
 @pytest.mark.parametrize(("busy", "met"), [(0.3, True), (0.81, None)])
 def test_growth_is_void_where_one_of_its_numbers_is(busy: float, met: bool | None) -> None:
-    (growth,) = fleet_figures.growth_of([load(2), load(5, busy), load(10)])
-    assert (growth.ours, growth.met) == (pytest.approx(1.0), met)
-    assert ("VOID" in growth.note) is (met is None)
-    assert list(fleet_figures.growth_of([load(1), load(2), load(5)])) == []
+    (found,) = growth_of([load(2), load(5, busy), load(10)])
+    assert (found.ours, found.met) == (pytest.approx(1.0), met)
+    assert ("VOID" in found.note) is (met is None)
+    assert list(growth_of([load(1), load(2), load(5)])) == []
 
 
 def test_a_few_vehicles_go_through_a_real_station(tmp_path: Path) -> None:
-    found = {one.what: one for one in fleet.measure(tmp_path, fleet.Plan({2: 6.0}, 1.0), lambda text: None)}
+    found = {one.what: one for one in fleet.measure(fleet.Plan({2: 6.0}, 1.0), tmp_path, lambda text: None)}
     missed = next(one for what, one in found.items() if what.startswith("handovers missed"))
     assert missed.ours == 0.0
     assert missed.details["own"] > 0, "there were some of the station's"
     heard, spoken = missed.details["by_ground"]
     assert min(heard, spoken) > 0, "the stations spoke over the ground link"
+
+
+def test_lanes_fly_transfers_over_bad_links(tmp_path: Path) -> None:
+    lanes = transfers.LanePlan(1, 20.0, 1)
+    found = list(transfers.fly_lanes(tmp_path, transfers.LOSSY[:1], lanes, lambda text: None))
+    assert [one.what for one in found] == [f"duration, {part}" for part in ("median", "95 %", "99 %", "max")]
+    assert found[0].details["transfers"] >= 1
+    assert found[0].case["links"] == "5% loss each way"
 
 
 @pytest.mark.parametrize("seconds", ["0", "-5", "nan", "1e9"])
@@ -484,7 +511,7 @@ def test_a_loop_that_cannot_keep_up_ends_when_its_time_is_over(monkeypatch: pyte
         now[0] += 0.002
         assert len(calls) < 1000, "it never ends"
 
-    monkeypatch.setattr(loop_module, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    monkeypatch.setattr(rig_module, "time", SimpleNamespace(monotonic=lambda: now[0]))
     loop = Loop()
     loop.every(0.001, job)
     loop.run(0.1)
@@ -497,7 +524,7 @@ def test_a_loop_that_cannot_keep_up_ends_when_its_time_is_over(monkeypatch: pyte
 
 
 def test_the_energy_that_is_measured_is_that_of_a_flight_that_has_learned() -> None:
-    pilot = energy.Pilot()
+    pilot = rules.Pilot()
     for _ in range(60):
         pilot.second(5.92)
     fact = pilot.monitor.fact
@@ -507,8 +534,8 @@ def test_the_energy_that_is_measured_is_that_of_a_flight_that_has_learned() -> N
     assert 60.0 < fact.left_wh < 126.0
 
 
-def test_energy_is_measured_beside_a_zone_check() -> None:
-    found = list(energy.measure(energy.Plan(0.002, 1, 1), lambda _text: None))
+def test_energy_is_measured_beside_a_zone_check(tmp_path: Path) -> None:
+    found = list(rules.energy(rules.Calls(0.002, 1, 1), tmp_path, lambda _text: None))
     assert [(m.judged, m.limit) for m in found] == [*[("ours", 100.0)] * 4, ("ours", None)]
     assert all(m.ours is not None and m.baseline is not None and m.ours > 0.0 < m.baseline for m in found)
 
@@ -517,7 +544,7 @@ def test_energy_is_measured_beside_a_zone_check() -> None:
 
 
 def test_the_check_and_its_baseline_agree_on_the_zones_that_hold_a_place() -> None:
-    row = zones.Row(4, 50)
+    row = rules.Row(4, 50)
     held = []
     for place in row.places[::9]:
         inside = {1 + n for n, polygon in enumerate(row.polygons) if shapely.contains_xy(polygon, place, 52.68)}
@@ -550,7 +577,7 @@ def test_a_transfer_is_read_from_the_journals() -> None:
         said(10.01, 1, "HANDOVER_RESULT"),
     ]  # fmt: skip
     stations = [[said(10.0005, 1, "ON_HANDOVER"), said(10.02, 1, "ON_HANDOVER")], [said(10.001, 1, "OK_HANDOVER")]]
-    assert transfers(companion, stations) == [Committed(0.0088, 0.0088, 3, 0, False)]
+    assert transfers.transfers(companion, stations) == [Committed(0.0088, 0.0088, 3, 0, False)]
 
 
 def test_a_failed_attempt_counts_into_the_time_since_the_entry() -> None:
@@ -564,7 +591,7 @@ def test_a_failed_attempt_counts_into_the_time_since_the_entry() -> None:
             "reason": "release_timeout",
         },
     ]  # fmt: skip
-    (one,) = transfers(companion, [])
+    (one,) = transfers.transfers(companion, [])
     assert one.since_entry_s == pytest.approx(8.5)
     assert (one.duration_s, one.failed_attempts, one.by_timeout) == (2.5, 1, True)
 
@@ -573,10 +600,6 @@ def test_a_cut_line_of_a_journal_is_left_out(tmp_path: Path) -> None:
     path = tmp_path / "j.jsonl"
     path.write_text('{"event": "loaded"}\n{"event": "unl')
     assert read_journal(path) == [{"event": "loaded"}]
-
-
-def test_the_median_is_the_value_in_the_middle() -> None:
-    assert median([9.0, 1.0, 2.0]) == 2.0
 
 
 # ---- starve -------------------------------------------------------------------------------------------------------

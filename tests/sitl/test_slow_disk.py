@@ -14,7 +14,7 @@ import pytest
 
 from mavproxy_handover.mission import package as packages
 from mavproxy_handover.mission.package import MAX_PACKED_BYTES, MAX_PLAIN_BYTES, MissionPackage
-from sitl.bench import stall_bench
+from sitl.bench import load
 from sitl.run import slow_disk
 from sitl.run.memory import memory_of_a_run
 from sitl.run.slow_disk import on_slow_disk
@@ -127,7 +127,7 @@ class TestTheMemoryOfARun:
 
 class TestTheBench:
     def test_hostile_packages_may_be_sent_and_are_large(self, delivery: MissionPackage) -> None:
-        hostile = stall_bench._hostile_packages(delivery)
+        hostile = load._hostile_packages(delivery)
         assert all(len(data) <= MAX_PACKED_BYTES for data in hostile)
         assert sum(len(zlib.decompress(data)) > MAX_PLAIN_BYTES * 0.9 for data in hostile) >= 4
         assert all(len(zlib.decompress(data)) <= MAX_PLAIN_BYTES for data in hostile)
@@ -138,7 +138,7 @@ class TestTheBench:
         class Quiet:
             late_s = 0.0
 
-            class shuttle:
+            class tour:
                 commits = given_up = 0
 
         def made(gaps: list[float]) -> object:
@@ -148,12 +148,12 @@ class TestTheBench:
             raise SetupError("a slow disk needs a C compiler")
 
         monkeypatch.setattr(
-            stall_bench,
+            load,
             "LOADS",
             {"none": made([0.2, 0.25]), "slow": not_made, "full": made([0.2, 0.5]), "ro": made([0.4])},
         )
         said: list[str] = []
-        found = list(stall_bench.measure(stall_bench.Plan(1.0, ("none", "slow", "full", "ro")), tmp_path, said.append))
+        found = list(load.stalls(load.StallPlan(1.0, ("none", "slow", "full", "ro")), tmp_path, said.append))
         assert [(one.ours, one.baseline, one.met) for one in found] == [
             (0.25, 0.25, True),
             (None, None, None),
@@ -169,8 +169,8 @@ class TestTheBench:
         """In a process of its own: a namespace is for life."""
         script = f"""
 from pathlib import Path
-from sitl.bench.private_mounts import small_disk
-from sitl.bench.loop import BenchError
+from sitl.run.small_disk import small_disk
+from sitl.script.places import SetupError
 path = Path({str(tmp_path / "disk")!r})
 def errno_of(action):
     try:
@@ -186,7 +186,7 @@ try:
     with small_disk(path) as disk:
         disk.turn_read_only()
         print("read-only", errno_of(lambda: (path / "more").write_text("x")))
-except BenchError as error:
+except SetupError as error:
     print("not allowed", error)
 """
         done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=60)

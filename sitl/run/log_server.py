@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""`python -m sitl.bench.log_server`: an autopilot that serves one log, for machines without ArduCopter's program.
+"""`python -m sitl.run.log_server`: an autopilot that serves one log, for machines without ArduCopter's program.
 
 It handles log requests as ArduPilot does: one download at a time, and requests meanwhile are ignored. On TCP it sends
 as fast as the other end reads. On UDP it sends one frame a datagram, `_UDP_HZ` of them a second, as ArduPilot's
@@ -20,11 +20,12 @@ from typing import Any
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from sitl.bench.traffic import AUTOPILOT, VEHICLE, split
+from mavproxy_handover.wire.frames import Frame, FrameSplitter
 from sitl.vehicles.ports import LOOPBACK
 
 __all__ = ["log_bytes", "main"]
 
+VEHICLE, AUTOPILOT = 1, 1
 _LOG = 1
 _DATA_BYTES = 90
 #: measured with ArduCopter 4.7: 150 kB of log a second
@@ -47,7 +48,7 @@ class _Link:
         self._listener = sock if address is None else None
         self.socket: socket.socket | None = None if address is None else sock
         self._out = bytearray()
-        self._rest = b""
+        self._splitter = FrameSplitter()
         self._own = mavlink.MAVLink(None, srcSystem=VEHICLE, srcComponent=AUTOPILOT)
         self._sent_at = time.monotonic()
 
@@ -91,7 +92,7 @@ class _Link:
         except OSError:
             self._lost()
 
-    def receive(self, ready: socket.socket) -> list[bytes]:
+    def receive(self, ready: socket.socket) -> list[Frame]:
         """Whole frames that have arrived."""
         if ready is self._listener:
             self._lost()
@@ -108,13 +109,12 @@ class _Link:
             if self._address is None:
                 self._lost()
             return []
-        frames, self._rest = split(self._rest + data)
-        return frames
+        return self._splitter.feed(data)
 
     def _lost(self) -> None:
         if self.socket is not None:
             self.socket.close()
-        self.socket, self._rest = None, b""
+        self.socket, self._splitter = None, FrameSplitter()
         self._out.clear()
 
 
@@ -139,8 +139,8 @@ class _Server:
             writers = [link.socket for link in self._links if link.socket is not None and link.wants_to_write()]
             ready, _, _ = select.select(list(readers), writers if sends else [], [], 0.001 if sends else 0.1)
             for sock in ready:
-                for raw in readers[sock].receive(sock):
-                    self._take(readers[sock], raw)
+                for frame in readers[sock].receive(sock):
+                    self._take(readers[sock], frame)
             for link in self._links:
                 link.push()
             self._send()
@@ -151,12 +151,11 @@ class _Server:
             link.put(mavlink.MAVLink_heartbeat_message(kind, pilot, 81, 0, mavlink.MAV_STATE_STANDBY, 3))
             link.put(mavlink.MAVLink_global_position_int_message(0, 526792000, 59240000, 0, 0, 0, 0, 0, 0))
 
-    def _take(self, link: _Link, raw: bytes) -> None:
-        msgid = raw[5] if raw[0] == 0xFE else int.from_bytes(raw[7:10], "little")
-        if msgid == mavlink.MAVLINK_MSG_ID_LOG_REQUEST_END:
+    def _take(self, link: _Link, frame: Frame) -> None:
+        if frame.msgid == mavlink.MAVLINK_MSG_ID_LOG_REQUEST_END:
             self._served = None
-        elif msgid == mavlink.MAVLINK_MSG_ID_LOG_REQUEST_DATA and self._served is None:
-            m = self._parser.decode(bytearray(raw))
+        elif frame.msgid == mavlink.MAVLINK_MSG_ID_LOG_REQUEST_DATA and self._served is None:
+            m = self._parser.decode(bytearray(frame.raw))
             self._served, self._next, self._end = link, m.ofs, min(len(self._log), m.ofs + m.count)
 
     def _send(self) -> None:
@@ -173,7 +172,7 @@ class _Server:
 
 def main(argv: list[str]) -> None:
     """Serve until the process is ended."""
-    parser = argparse.ArgumentParser(prog="python -m sitl.bench.log_server")
+    parser = argparse.ArgumentParser(prog="python -m sitl.run.log_server")
     parser.add_argument("--size", type=int, required=True, help="bytes of the log")
     parser.add_argument("--tcp", type=int, action="append", default=[], help="port to listen at")
     parser.add_argument("--udp", type=int, action="append", default=[], help="port to send to")

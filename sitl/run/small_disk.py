@@ -17,7 +17,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
-from sitl.bench.loop import BenchError
+from sitl.script.places import SetupError
 
 __all__ = ["SmallDisk", "small_disk"]
 
@@ -45,11 +45,11 @@ def _separate_from_others() -> None:
         return
     if _libc().unshare(_NEW_NAMESPACE) != 0:
         code = ctypes.get_errno()
-        raise BenchError(f"a file system of our own needs root (unshare: {os.strerror(code)})")
+        raise SetupError(f"a file system of our own needs root (unshare: {os.strerror(code)})")
     try:
         _mount("none", "/", "none", _RECURSIVE | _PRIVATE)
     except OSError as error:
-        raise BenchError(f"a file system of our own cannot be kept from others: {error.strerror}") from None
+        raise SetupError(f"a file system of our own cannot be kept from others: {error.strerror}") from None
     _separate = True
 
 
@@ -65,17 +65,17 @@ class SmallDisk:
             while True:
                 file.write(bytes(4096))
         if os.statvfs(self.path).f_bavail:
-            raise BenchError(f"{self.path} does not get full")
+            raise SetupError(f"{self.path} does not get full")
 
     def turn_read_only(self) -> None:
-        """Refuse writes from now on. Raises BenchError if a program never stops writing."""
+        """Refuse writes from now on. Raises SetupError if a program never stops writing."""
         until = time.monotonic() + _PATIENCE_S
         while True:
             try:
                 _mount("none", str(self.path), "none", _REMOUNT | _READ_ONLY)
             except OSError as error:
                 if error.errno != errno.EBUSY or time.monotonic() > until:
-                    raise BenchError(f"{self.path} does not turn read-only: {error.strerror}") from None
+                    raise SetupError(f"{self.path} does not turn read-only: {error.strerror}") from None
                 time.sleep(0.01)
             else:
                 return
@@ -83,13 +83,13 @@ class SmallDisk:
 
 @contextmanager
 def small_disk(path: Path, size: str = "512k") -> Iterator[SmallDisk]:
-    """Mount one at `path`. Raises BenchError where that is not allowed."""
+    """Mount one at `path`. Raises SetupError where that is not allowed."""
     _separate_from_others()
     path.mkdir(parents=True, exist_ok=True)
     try:
         _mount("none", str(path), "tmpfs", 0, f"size={size}")
     except OSError as error:
-        raise BenchError(f"a small file system cannot be mounted: {error.strerror}") from None
+        raise SetupError(f"a small file system cannot be mounted: {error.strerror}") from None
     try:
         yield SmallDisk(path)
     finally:
