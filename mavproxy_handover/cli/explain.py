@@ -129,22 +129,11 @@ def main(argv: Sequence[str]) -> int:
     parser.add_argument(
         "--state", nargs="+", action="extend", metavar="KEY=VALUE", help="a cause or a fact, =no: not so"
     )
-    form = parser.add_mutually_exclusive_group()
-    form.add_argument("--markdown", action="store_true", help="the tables of the defaults for a document")
-    form.add_argument("--json", action="store_true", help="for programs: the same as one object")
+    parser.add_argument("--json", action="store_true", help="for programs: the same as one object")
     try:
         arguments = parser.parse_args(argv)
     except SystemExit as stop:
         return int(stop.code or 0)
-    if arguments.markdown and (arguments.state or arguments.config):
-        print(
-            "handover explain: --markdown gives the tables of the defaults: without --config and --state",
-            file=sys.stderr,
-        )
-        return 2
-    if arguments.markdown:
-        print(markdown())
-        return 0
     try:
         limits = Limits() if arguments.config is None else load_vehicle(arguments.config).limits
         state, limits = _state(arguments.state or (), limits)

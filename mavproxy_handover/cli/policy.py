@@ -10,7 +10,7 @@ import sys
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
 
-from mavproxy_handover.gate.explain import columns, for_commander, for_others, markdown_table, summary
+from mavproxy_handover.gate.explain import columns, for_commander, for_others, summary
 from mavproxy_handover.gate.policy.access import ANY, Access
 from mavproxy_handover.gate.policy.parameters import OTHER_PARAMETERS, parameter_rule
 from mavproxy_handover.gate.policy.tables import MESSAGES_BY_PART, POLICY, PolicyRow
@@ -40,11 +40,8 @@ def main(argv: Sequence[str]) -> int:
     parser.add_argument(
         "name", nargs="*", help="only names that contain this, or fit it as a pattern (FS_GCS*), or that it fits"
     )
-    parser.add_argument("--class", dest="classes", action="append", choices=[a.value for a in Access], help="only this")
     parser.add_argument("--summary", action="store_true", help="by class, not by name")
-    form = parser.add_mutually_exclusive_group()
-    form.add_argument("--markdown", action="store_true", help="as a table for a document")
-    form.add_argument("--json", action="store_true", help="as JSON, one list")
+    parser.add_argument("--json", action="store_true", help="as JSON, one list")
     try:
         arguments = parser.parse_args(argv)
     except SystemExit as stop:
@@ -54,9 +51,9 @@ def main(argv: Sequence[str]) -> int:
         if arguments.json:
             print(json.dumps([dict(zip(lines[0], line, strict=True)) for line in lines[1:]], indent=1))
         else:
-            print(markdown_table(lines) if arguments.markdown else columns(lines))
+            print(columns(lines))
         return 0
-    rows = [row for row in POLICY if _wanted(row, arguments.name, arguments.classes)]
+    rows = [row for row in POLICY if _wanted(row, arguments.name)]
     if not rows:
         asked = f"{', '.join(arguments.name)}: " if arguments.name else ""
         print(f"handover policy: {asked}no row fits. What has no row is refused.", file=sys.stderr)
@@ -64,16 +61,12 @@ def main(argv: Sequence[str]) -> int:
     if arguments.json:
         print(json.dumps([_as_json(row) for row in rows], indent=1))
         return 0
-    lines = [("class", "what", "name", "why"), *((r.access.value, r.kind, r.name, r.why) for r in rows)]
-    print(markdown_table(lines) if arguments.markdown else columns(lines))
-    if not arguments.markdown:
-        _explain(rows, arguments.name)
+    print(columns([("class", "what", "name", "why"), *((r.access.value, r.kind, r.name, r.why) for r in rows)]))
+    _explain(rows, arguments.name)
     return 0
 
 
-def _wanted(row: PolicyRow, names: Sequence[str], classes: Sequence[str] | None) -> bool:
-    if classes and row.access.value not in classes:
-        return False
+def _wanted(row: PolicyRow, names: Sequence[str]) -> bool:
     name = row.name.upper()
     asked = [word.upper().removeprefix("MAV_CMD_") for word in names]
     return not asked or any(word in name or fnmatchcase(name, word) or _fits(row, word) for word in asked)

@@ -151,15 +151,12 @@ LIMITS: Final = KeyTable(
             deaf_back_s         1 to 300      for this long; three times as long after each further loss of command in
                                               the flight, to 300 s
             retry_first_s       0.05 to 5     first retransmission of a transfer message
-            retry_growth        1 to 4        growth of the wait from one retransmission to the next
             retry_max_s         0.05 to 10    the longest wait for one
             step_timeout_s      0.5 to 60     a step of a transfer that takes longer aborts it: the commander stays
             operator_timeout_s  3 to 300      the same while an operator is asked
             release_timeout_s   0.5 to 30     commander consented, partner connected, release missing this long: the
                                               vehicle commits
             forced_timeout_s    0.2 to 10     the commander is lost: a forced transfer may take this long
-            reserve_timeout_s   0.1 to 10     and the station that is ready first has this long when another is ready
-                                              too
             retry_pause_s       0.1 to 60     pause before a failed transfer is tried again
             denied_pause_s      0.1 to 600    the same after an operator's denial
             result_timeout_s    1 to 120      how long the result is repeated to a station that does not show it
@@ -167,7 +164,6 @@ LIMITS: Final = KeyTable(
             leave_margin_m      0 to 1000     and left this far outside
             dwell_s             0 to 600      no transfer for a zone's sake sooner than this after the last one, unless
                                               coverage ends
-            exit_soon_s         0 to 120      the commander's zone ends within this time along the track: time to move
             hold_lead_s         1 to 60       the last coverage that counts ends within this time along the track: the
                                               aircraft is to stop
             answer_s            0.3 to 10     a station that was asked and has not taken the aircraft after this time

@@ -61,7 +61,6 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--out", type=Path, metavar="DIR", help="folder; one that is there goes on (runs/campaign-TIME)"
     )
-    parser.add_argument("--stepping", choices=("events", "plain"), default="events", help="plain: make every step")
     parser.add_argument(
         "--compare", action="store_true", help="fly each flight both ways: the same outcomes, and how much faster?"
     )
@@ -86,10 +85,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     except SystemExit as stop:
         return int(stop.code or 0)
     if arguments.story:
-        return _tell(arguments.seed, plain=arguments.stepping == "plain")
+        return _tell(arguments.seed)
     if arguments.compare:
         return _compare(range(arguments.seed, arguments.seed + arguments.runs))
-    campaign = Campaign(arguments.seed, arguments.runs, arguments.stepping)
+    campaign = Campaign(arguments.seed, arguments.runs)
     folder: Path = arguments.out or Path("runs") / time.strftime("campaign-%Y%m%d-%H%M%S")
     try:
         return _fly(campaign, folder, arguments)
@@ -149,10 +148,10 @@ def _compare(seeds: range) -> int:
     return 1 if found.differ else 0
 
 
-def _tell(seed: int, *, plain: bool) -> int:
+def _tell(seed: int) -> int:
     """The story of one flight."""
     plan = draw(seed)
-    log = World(plan, plain=plain, tells=True).run()
+    log = World(plan, tells=True).run()
     print(plan.words)
     for cause, policy in sorted(plan.policies.items(), key=lambda pair: pair[0].value):
         print(f"  policy {cause.value}: {policy}")

@@ -32,11 +32,10 @@ class CampaignError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Campaign:
-    """Which flights, and how time passes in them ("events", or "plain" for every step)."""
+    """Which flights."""
 
     seed: int
     runs: int
-    stepping: str = "events"
 
     @property
     def seeds(self) -> range:
@@ -54,7 +53,7 @@ class Flights:
         try:
             folder.mkdir(parents=True, exist_ok=True)
             if about.exists() and _read_json(about) != says:
-                raise CampaignError(f"{folder} holds another campaign (seed, stepping or rules differ)")
+                raise CampaignError(f"{folder} holds another campaign (seed or rules differ)")
             about.write_text(json.dumps(says), encoding="utf-8")
             self.outcomes = {outcome.seed: outcome for outcome in self._read() if outcome.seed in campaign.seeds}
         except OSError as error:
@@ -91,10 +90,10 @@ def _read_json(path: Path) -> object:
         raise CampaignError(f"{path}: no JSON ({error})") from error
 
 
-def _fly_batch(seeds: Sequence[int], plain: bool, flown_with: str) -> list[Outcome]:
+def _fly_batch(seeds: Sequence[int], flown_with: str) -> list[Outcome]:
     if rules() != flown_with:
         raise CampaignError(f"its rules are {rules()}, not {flown_with}")
-    return [fly(seed, plain=plain) for seed in seeds]
+    return [fly(seed) for seed in seeds]
 
 
 def fly_all(campaign: Campaign, done: Iterable[int], jobs: int, scheduler: str | None) -> Iterator[list[Outcome]]:
@@ -102,15 +101,14 @@ def fly_all(campaign: Campaign, done: Iterable[int], jobs: int, scheduler: str |
     flown = set(done)
     missing = [seed for seed in campaign.seeds if seed not in flown]
     batches = [missing[at : at + _BATCH] for at in range(0, len(missing), _BATCH)]
-    plain = campaign.stepping == "plain"
     if jobs == 1 and scheduler is None:
-        yield from (_fly_batch(batch, plain, rules()) for batch in batches)
+        yield from (_fly_batch(batch, rules()) for batch in batches)
         return
     with _client(jobs, scheduler) as client:
-        yield from _on_workers(client, batches, plain)
+        yield from _on_workers(client, batches)
 
 
-def _on_workers(client: Any, batches: list[list[int]], plain: bool) -> Iterator[list[Outcome]]:
+def _on_workers(client: Any, batches: list[list[int]]) -> Iterator[list[Outcome]]:
     """A few batches for each worker at a time.
 
     Waiting ones can be sent to a worker that has come since.
@@ -119,7 +117,7 @@ def _on_workers(client: Any, batches: list[list[int]], plain: bool) -> Iterator[
 
     def submit() -> Any:
         batch = next(waiting, None)
-        return None if batch is None else client.submit(_fly_batch, batch, plain, rules(), pure=False)
+        return None if batch is None else client.submit(_fly_batch, batch, rules(), pure=False)
 
     ahead = max(2, 3 * sum(client.nthreads().values()))
     first = [task for task in (submit() for _ in range(min(ahead, len(batches)))) if task is not None]

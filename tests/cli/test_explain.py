@@ -45,7 +45,7 @@ def test_the_document_has_the_tables() -> None:
     _before, begin, rest = text.partition("<!-- explain:begin -->\n")
     tables, end, _behind = rest.partition("\n<!-- explain:end -->")
     assert (begin, end) != ("", ""), "the markers are missing"
-    assert tables == markdown(), "make it anew: handover explain --markdown"
+    assert tables == markdown(), "make it anew: make reference"
 
 
 def test_the_readme_leads_there() -> None:
@@ -210,9 +210,3 @@ def test_it_says_how_each_kind_of_aircraft_does_what_is_decided(capsys: pytest.C
         "the next landing sequence: it cannot come down where it is",
         "QLAND, where it is",
     ]
-
-
-@pytest.mark.parametrize("more", [["--state", "energy"], ["--config", "vehicle.toml"]])
-def test_the_tables_of_the_defaults_take_nothing_else(more: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["--markdown", *more]) == 2
-    assert "without --config and --state" in capsys.readouterr().err

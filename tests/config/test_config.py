@@ -635,10 +635,20 @@ def test_every_number_has_a_range_that_is_kept_and_holds_its_default(file: Path,
         assert line == f"[{table.name}] {key.name}: {outside:g} must be {low:.12g} to {high:.12g}"
 
 
+#: limits that no configuration changes
+FIXED = {"retry_growth", "reserve_timeout_s", "exit_soon_s"}
+
+
+@pytest.mark.parametrize("name", sorted(FIXED))
+def test_a_limit_that_no_configuration_changes_is_refused_by_name(file: Path, name: str) -> None:
+    head = VEHICLE[: VEHICLE.index("[limits]")]
+    assert the_line(file, f"{head}[limits]\n{name} = 2\n", load_vehicle).startswith(f"[limits] {name}: unknown key")
+
+
 @pytest.mark.parametrize(
     ("name", "limits", "others"),
     [
-        ("limits", Limits, {"policies", "hold_off_s", "clear_s", "guard_required"}),
+        ("limits", Limits, {"policies", "hold_off_s", "clear_s", "guard_required", *FIXED}),
         ("links", LinkLimits, set()),
         ("observers", ObserverLimits, set()),
         ("energy", EnergySettings, set()),

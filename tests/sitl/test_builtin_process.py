@@ -197,7 +197,7 @@ SYDNEY = "-33.85000000,151.21000000,0.00000000,0.00000000"
 @pytest.mark.parametrize("home", [["--home", SYDNEY], [f"--home={SYDNEY}"]])
 def test_a_place_south_of_the_equator_is_no_option(home: list[str]) -> None:
     assert parse([*home, "--serial1", "tcp:0"]).home == (-33.85, 151.21, 0.0, 0.0)
-    assert parse(["--serial1", "tcp:0", *home, "--verbose"]).verbose
+    assert parse(["--serial1", "tcp:0", *home, "--speedup", "2"]).speedup == 2.0
 
 
 def test_it_flies_south_of_the_equator(tmp_path: Path) -> None:

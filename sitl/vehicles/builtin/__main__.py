@@ -187,7 +187,6 @@ def parse(arguments: list[str]) -> argparse.Namespace:
         "--rc-in-port", type=int, default=0, metavar="PORT", help="UDP port for pulse widths of a transmitter, 0: any"
     )
     parser.add_argument("--scripts", type=Path, metavar="DIR", help="run the Lua scripts in this directory")
-    parser.add_argument("--verbose", action="store_true", help="print the log records of the scripts too")
     options = parser.parse_args(_joined(arguments))
     if all(getattr(options, f"serial{serial}") is None for serial in _SERIALS):
         parser.error("give at least one of --serial0 to --serial2")
@@ -196,11 +195,6 @@ def parse(arguments: list[str]) -> argparse.Namespace:
 
 def _print(line: str) -> None:
     print(line, flush=True)
-
-
-def _print_texts(line: str) -> None:
-    if line.split(maxsplit=2)[1] != "log":
-        _print(line)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -219,7 +213,7 @@ def main(arguments: list[str] | None = None) -> int:
                 channels=tuple(numbers),
                 speedup=options.speedup,
                 unix_start_us=round(time.time() * 1e6),
-                record=_print if options.verbose else _print_texts,
+                record=_print,
             )
         )
         ports = [Port(serial, number) for serial, number in numbers.items()]

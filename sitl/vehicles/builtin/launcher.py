@@ -22,7 +22,6 @@ def command(spec: VehicleSpec, ports: Mapping[int, int], parameters: list[Path])
         sys.executable,
         "-m",
         "sitl.vehicles.builtin",
-        "--verbose",
         "--home=" + ",".join(f"{value:.8f}" for value in spec.home),
         "--sysid",
         str(spec.sysid),
