@@ -4,7 +4,8 @@
 
 Theory of operation
 -------------------
-Every line has a level, from a table: EVENTS by the kind of line, DECISIONS by the vehicle's action. The level alone
+Every line has a level, from a table: EVENTS by the kind of line, DECISIONS by the vehicle's action (the vehicle's own
+table, `core/common/levels.py`). The level alone
 decides how the line looks and sounds (LOOKS): colour, terminal bell, speech, and the interval at which it is repeated.
 
 An alarm is a line that stays true: no station commands, the aircraft returns, the vehicle is not heard, a question
@@ -18,25 +19,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from enum import IntEnum
 from math import inf
 from typing import Final
 
+from mavproxy_handover.core.common.levels import DECISION_LEVELS, Level
 from mavproxy_handover.core.common.model import FlightAction
 
 __all__ = ["DECISIONS", "ENDS", "EVENTS", "LOOKS", "STANDS", "Alarm", "Alarms", "Level", "Look"]
-
-
-class Level(IntEnum):
-    """How serious a line is; a higher value is more serious."""
-
-    INFO = 0
-    #: for information: no action is needed at once
-    ADVISORY = 1
-    #: something is about to go wrong, or waits for the operator
-    WARNING = 2
-    #: the aircraft has left its mission, or no station commands it
-    EMERGENCY = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +83,7 @@ EVENTS: Final[Mapping[str, Level]] = {
     "off_route": _WARNING,
     "on_route": _INFO,
     "decision": _EMERGENCY,
-    "decision_over": _ADVISORY,
+    "decision_over": DECISION_LEVELS[None],
     "text": _INFO,
     "stream": _WARNING,
 }
@@ -123,14 +112,9 @@ ENDS: Final[Mapping[str, str]] = {
     "program": "program",
 }
 
-#: the vehicle's action -> the level of its line
+#: the vehicle's action -> the level of its line: the one table of them
 DECISIONS: Final[Mapping[FlightAction, Level]] = {
-    FlightAction.WARN: _ADVISORY,
-    FlightAction.TRANSFER: _ADVISORY,
-    FlightAction.CONTINUE: _WARNING,
-    FlightAction.HOLD: _WARNING,
-    FlightAction.RETURN: _EMERGENCY,
-    FlightAction.LAND: _EMERGENCY,
+    action: level for action, level in DECISION_LEVELS.items() if action is not None
 }
 
 

@@ -18,18 +18,16 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from gcs_module.alarms import Level
 from mavproxy_handover.wire.frames import Frame, field_bytes, field_int
-from mavproxy_handover.wire.texts import MARK
+from mavproxy_handover.wire.texts import MARK, SEVERITY
 
 __all__ = ["SEVERITIES", "Text", "Texts"]
 
-#: the level of a text, by its severity
+#: the level of a text, by its severity. `SEVERITY` has those of the companion; the others are the autopilot's
 SEVERITIES: Final = {
     mavlink.MAV_SEVERITY_EMERGENCY: Level.EMERGENCY,
     mavlink.MAV_SEVERITY_ALERT: Level.EMERGENCY,
-    mavlink.MAV_SEVERITY_CRITICAL: Level.EMERGENCY,
     mavlink.MAV_SEVERITY_ERROR: Level.WARNING,
-    mavlink.MAV_SEVERITY_WARNING: Level.WARNING,
-    mavlink.MAV_SEVERITY_NOTICE: Level.ADVISORY,
+    **{severity: level for level, severity in SEVERITY.items() if level > Level.INFO},
 }
 #: pieces of one text arrive within this time; and a complete text waits this long (s) for the decision that it may be
 _TOGETHER_S, _WAITS_S = 2.0, 0.5

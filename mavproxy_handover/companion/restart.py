@@ -100,7 +100,7 @@ class Restart:
         if restored.phase is Phase.ON_LOAD:
             return None
         where = "a rehearsal" if restored.rehearsal else "flight"
-        event_log.restarted(arbiter.name(restored.owner), arbiter.view.epoch, where, proven=restored.proven)
+        event_log.restarted(restored.owner, arbiter.view.epoch, where, proven=restored.proven)
         package = self._store.load_package(restored.digest) if restored.digest else None
         if restored.digest and package is None:
             event_log.package_lost()

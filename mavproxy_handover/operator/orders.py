@@ -329,7 +329,9 @@ class Orders:
         """End the STOP or CONTINUE that is under way, if there is one."""
         stopper, self._stopper = self._stopper, None
         if self._conversations.drop(_PAUSE) and stopper is not None:
-            self._reply(stopper[0], _PAUSE_CONTINUE, mavlink.MAV_RESULT_FAILED, f"cancelled: {why}")
+            asker, pause = stopper
+            word = "STOP" if pause else "CONTINUE"
+            self._reply(asker, _PAUSE_CONTINUE, mavlink.MAV_RESULT_FAILED, f"{word} cancelled: {why}")
 
     # ---- the mission's speed --------------------------------------------------------------------------------------
 

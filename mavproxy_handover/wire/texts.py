@@ -15,14 +15,33 @@ Source: mavlink.io, STATUSTEXT; MAVProxy's module link and QGroundControl join p
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
+from mavproxy_handover.core.common.levels import Level
 from mavproxy_handover.wire.frames import Frame, field_bytes, field_int
 
-__all__ = ["COMMANDS_NOW", "MARK", "MOST_IDS", "TEXT_BYTES", "is_marked", "marked_texts", "pieces", "status_texts"]
+__all__ = [
+    "COMMANDS_NOW",
+    "MARK",
+    "MOST_IDS",
+    "SEVERITY",
+    "TEXT_BYTES",
+    "is_marked",
+    "marked_texts",
+    "pieces",
+    "status_texts",
+]
 
+#: level of a sentence -> the severity of its STATUSTEXT
+SEVERITY: Final[Mapping[Level, int]] = {
+    Level.INFO: mavlink.MAV_SEVERITY_INFO,
+    Level.ADVISORY: mavlink.MAV_SEVERITY_NOTICE,
+    Level.WARNING: mavlink.MAV_SEVERITY_WARNING,
+    Level.EMERGENCY: mavlink.MAV_SEVERITY_CRITICAL,
+}
 #: end of the text that names the commander. Our stations tell that from AUTHORITY_STATUS, and leave out this text
 COMMANDS_NOW: Final = " commands now"
 #: prefix of a text of the companion that is sent in the autopilot's name

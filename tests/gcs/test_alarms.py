@@ -48,8 +48,8 @@ def test_the_levels_as_they_are_written_on_the_card() -> None:
     waits = {event for event, level in EVENTS.items() if level is WARNING}
     assert waits == {"lost", "requested", "asked", "countdown", "off_route", "stream"}
     assert [DECISIONS[action] for action in FlightAction] == [
-        ADVISORY,
-        ADVISORY,
+        WARNING,
+        WARNING,
         WARNING,
         WARNING,
         EMERGENCY,

@@ -67,7 +67,7 @@ def test_it_is_told_once_in_the_vehicles_sentence_with_what_may_be_done() -> Non
 def test_why_nothing_is_done_is_told(fact: Fact, line: str) -> None:
     withheld = Decision(FlightAction.WARN, Cause.COMMANDER_LOST, fact)
     message = status.decision(sentence(withheld, "GCSB silent for 5 s", None), 1)
-    assert Decisions(nothing).on_message(message, Who.NOBODY) == Notice("decision", line, Level.ADVISORY)
+    assert Decisions(nothing).on_message(message, Who.NOBODY) == Notice("decision", line, Level.WARNING)
 
 
 @pytest.mark.parametrize("who", Who)

@@ -75,8 +75,8 @@ def test_how_grave_a_line_is_knows_nothing_but_the_rules_words() -> None:
         "__future__",
         "collections.abc",
         "dataclasses",
-        "enum",
         "math",
+        "mavproxy_handover.core.common.levels",
         "mavproxy_handover.core.common.model",
         "typing",
     }

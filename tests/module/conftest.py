@@ -27,6 +27,7 @@ from mavproxy_handover.operator.uploads.prepared import Prepared, prepare
 from mavproxy_handover.supervision.main_loop import readable
 from mavproxy_handover.wire.package_transfer import PackageSender
 from mavproxy_handover.wire.vehicle_address import pack_addresses
+from tests.module import said
 from tests.module.proxy import MPState
 from tests.module.vehicle import Autopilot, Station
 from tests.packages import ROUND
@@ -225,6 +226,14 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
 def no_threads(monkeypatch: pytest.MonkeyPatch) -> None:
     """What runs beside the main loop is done at once: it is not the bench's clock that it takes its time by."""
     monkeypatch.setattr("mavproxy_handover.tools.worker.in_thread", lambda run: run())
+
+
+@pytest.fixture(autouse=True)
+def sentences(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Every sentence that the companion says in a test is in the table of all sentences."""
+    heard = said.listen(monkeypatch)
+    yield
+    assert said.unknown(heard) == []
 
 
 @pytest.fixture(autouse=True)

@@ -342,7 +342,7 @@ def test_a_pilot_who_takes_over_ends_a_stop_that_is_under_way(flight: Bench) -> 
     flight.autopilot.mode = FBWA
     flight.run(1.0)  # until it beats
     assert flight.a.acks(PAUSE) == [FAILED]
-    assert flight.a.texts() == "cancelled: the autopilot is in FBWA now"
+    assert flight.a.texts() == "STOP cancelled: the autopilot is in FBWA now"
     del flight.autopilot.script[MODE]
     flight.wait(10.0)
     assert flight.autopilot.mode == FBWA

@@ -903,7 +903,7 @@ def test_a_plane_as_recommended_fits() -> None:
         *(
             (
                 {"Q_OPTIONS": float(options)},
-                f"Q_OPTIONS is {options}: bits 1 and 2 make a plane's of take-off and landing, and the mission was "
+                f"Q_OPTIONS is {options}: bits 1 and 2 make a plane's of take-off and landing; the mission was "
                 "checked with those of a QuadPlane",
             )
             for options in (34, 36)

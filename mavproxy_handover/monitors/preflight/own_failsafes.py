@@ -442,8 +442,8 @@ def _on_wings(p: Parameters, plan: PlanFacts | None) -> str | None:
     options = int(p.get("Q_OPTIONS", 0))
     if not options & _ON_WINGS:
         return None
-    checked = "and the mission was checked with those of a QuadPlane"
-    return f"is {options}: bits 1 and 2 make a plane's of take-off and landing, {checked}"
+    checked = "the mission was checked with those of a QuadPlane"
+    return f"is {options}: bits 1 and 2 make a plane's of take-off and landing; {checked}"
 
 
 def _home(p: Parameters, plan: PlanFacts | None) -> str | None:

@@ -19,10 +19,11 @@ from typing import Final
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.common.events import Advise, Announce, RehearsalMoved
+from mavproxy_handover.core.common.levels import DECISION_LEVELS
 from mavproxy_handover.core.common.model import FlightAction, Reason
 from mavproxy_handover.operator.stations.sender import MessageSender
 from mavproxy_handover.wire import status
-from mavproxy_handover.wire.texts import COMMANDS_NOW
+from mavproxy_handover.wire.texts import COMMANDS_NOW, SEVERITY
 
 __all__ = ["COMMANDER", "REHEARSAL", "SEVERITIES", "Announcer"]
 
@@ -34,13 +35,7 @@ _ENDS: Final = 3
 COMMANDER: Final[int] = mavlink.MAV_SEVERITY_NOTICE
 #: decision -> its severity; None: nothing is wrong any more
 SEVERITIES: Final[Mapping[FlightAction | None, int]] = {
-    None: mavlink.MAV_SEVERITY_NOTICE,
-    FlightAction.WARN: mavlink.MAV_SEVERITY_WARNING,
-    FlightAction.HOLD: mavlink.MAV_SEVERITY_WARNING,
-    FlightAction.TRANSFER: mavlink.MAV_SEVERITY_WARNING,
-    FlightAction.CONTINUE: mavlink.MAV_SEVERITY_WARNING,
-    FlightAction.RETURN: mavlink.MAV_SEVERITY_CRITICAL,
-    FlightAction.LAND: mavlink.MAV_SEVERITY_CRITICAL,
+    action: SEVERITY[level] for action, level in DECISION_LEVELS.items()
 }
 
 #: whether a rehearsal has begun, and whether an operator has ordered that -> severity

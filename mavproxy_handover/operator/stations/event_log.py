@@ -102,7 +102,7 @@ class EventLog:
         self._show(f"[{stamp}|{self._vehicle}][{_DISPLAY_MODE[self._phase()]}]: {text}")
 
     def _tell_sentence(self, text: str) -> None:
-        self.tell(f"{text[:1].upper()}{text[1:]}.")
+        self.tell(f"{text[:1].upper()}{text[1:].rstrip('.')}.")
 
     def _write_and_tell(self, event: str, text: str, **values: Any) -> None:
         """An entry of the journal, and its sentence on the console."""
@@ -262,10 +262,13 @@ class EventLog:
         """The commander is asked by the standard's command."""
         self._journal.write("notified", f"{station} is asked: may {requester} have control?", station=station)
 
-    def restarted(self, owner: str, epoch: int, where: str, *, proven: bool) -> None:
+    def restarted(self, owner: int | None, epoch: int, where: str, *, proven: bool) -> None:
         """A restart continues where the previous run ended. `where`: in flight, or in a rehearsal."""
-        self._journal.write("restarted", f"restarted in {where}; {owner} had authority", epoch=epoch, proven=proven)
-        waits = f"waiting for {owner}" if proven else f"{owner} has to show that it still has authority"
+        name = self._arbiter.name(owner)
+        self._journal.write("restarted", f"restarted in {where}; {name} had authority", epoch=epoch, proven=proven)
+        waits = f"waiting for {name}" if proven else f"{name} has to show that it still has authority"
+        if owner is None:
+            waits = "no station had authority"
         self.tell(f"Restarted in {where}, epoch {epoch}: {waits}.")
 
     def kept_elsewhere(self, text: str) -> None:
