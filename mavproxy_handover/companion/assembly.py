@@ -28,8 +28,7 @@ from mavproxy_handover.gate.in_force import AuthorityInForce
 from mavproxy_handover.gate.passed import PassedFrames
 from mavproxy_handover.gate.replies import GateReports
 from mavproxy_handover.gate.stale_streams import News
-from mavproxy_handover.operator.base.authority import Authority
-from mavproxy_handover.operator.base.reports import Reports
+from mavproxy_handover.operator.base.context import Authority, Reports
 from mavproxy_handover.operator.stations.announcer import Announcer
 from mavproxy_handover.operator.stations.event_log import EventLog
 from mavproxy_handover.operator.stations.missing_heartbeats import MissingHeartbeats

@@ -19,10 +19,8 @@ from mavproxy_handover.monitors.reboots import RebootMonitor
 from mavproxy_handover.monitors.route import RouteMonitor
 from mavproxy_handover.monitors.waypoints import WaypointMonitor
 from mavproxy_handover.monitors.zones import ZoneMonitor
-from mavproxy_handover.operator.base.authority import Authority
-from mavproxy_handover.operator.base.context import Context
+from mavproxy_handover.operator.base.context import Authority, Context, Reports
 from mavproxy_handover.operator.base.output_dispatcher import OutputDispatcher
-from mavproxy_handover.operator.base.reports import Reports
 from mavproxy_handover.operator.checks.command_check import CommandCheck
 from mavproxy_handover.operator.checks.preflight import Preflight
 from mavproxy_handover.operator.checks.read_back import ReadBack

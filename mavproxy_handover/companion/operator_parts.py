@@ -9,14 +9,12 @@ from dataclasses import dataclass
 from mavproxy_handover.companion.autopilot_parts import Autopilot
 from mavproxy_handover.gate.gate import Gate
 from mavproxy_handover.gate.in_force import AuthorityInForce
-from mavproxy_handover.operator.base.authority import Authority
-from mavproxy_handover.operator.base.reports import Reports
+from mavproxy_handover.operator.base.context import Authority, Reports
 from mavproxy_handover.operator.briefing import Briefing, BriefingSources
 from mavproxy_handover.operator.checks.preflight_warnings import PreflightWarnings
 from mavproxy_handover.operator.rehearsal.rehearsal import RehearsalManager, Surroundings
 from mavproxy_handover.operator.rehearsal.rehearsal_stats import Foreseen
-from mavproxy_handover.operator.requests.accepted import AcceptedCommands
-from mavproxy_handover.operator.requests.command_parts import CommandParts
+from mavproxy_handover.operator.requests.accepted import AcceptedCommands, CommandParts
 from mavproxy_handover.operator.requests.flight_commands import FlightCommands
 from mavproxy_handover.operator.requests.operator_control import OperatorControl
 from mavproxy_handover.operator.requests.overrides import Overrides

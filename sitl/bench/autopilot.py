@@ -52,20 +52,6 @@ A, B = 251, 252
 STREAM: Final = 50
 #: an entry into a region without a transfer is given up after this time (s)
 _GIVE_UP_S: Final = 60.0
-#: what is answered, if the companion sends it
-_ASKED = frozenset(
-    (
-        mavlink.MAVLINK_MSG_ID_MISSION_COUNT,
-        mavlink.MAVLINK_MSG_ID_MISSION_ITEM_INT,
-        mavlink.MAVLINK_MSG_ID_MISSION_CLEAR_ALL,
-        mavlink.MAVLINK_MSG_ID_MISSION_REQUEST_LIST,
-        mavlink.MAVLINK_MSG_ID_MISSION_REQUEST_INT,
-        mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_READ,
-        mavlink.MAVLINK_MSG_ID_PARAM_SET,
-        mavlink.MAVLINK_MSG_ID_TUNNEL,
-        mavlink.MAVLINK_MSG_ID_COMMAND_LONG,
-    )
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,10 +106,15 @@ DOWNLINK: dict[int, dict[str, int]] = {
 
 def downlink_message(name: str, place: Place, boot_ms: int, armed: bool, in_air: bool) -> Any:
     """One message of the autopilot's streams. KeyError for a name that is in none of them."""
-    return _DOWNLINK_MESSAGES[name](place, boot_ms, armed, in_air)
+    if name == "HEARTBEAT":
+        return _heartbeat(armed, in_air)
+    if name == "EXTENDED_SYS_STATE":
+        state = mavlink.MAV_LANDED_STATE_IN_AIR if in_air else mavlink.MAV_LANDED_STATE_ON_GROUND
+        return mavlink.MAVLink_extended_sys_state_message(0, state)
+    return getattr(mavlink, f"MAVLink_{name.lower()}_message")(*_VALUES[name](place, boot_ms))
 
 
-def _heartbeat(_place: Place, _ms: int, armed: bool, in_air: bool) -> Any:
+def _heartbeat(armed: bool, in_air: bool) -> Any:
     base = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | (mavlink.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0)
     state = mavlink.MAV_STATE_ACTIVE if in_air else mavlink.MAV_STATE_STANDBY
     return mavlink.MAVLink_heartbeat_message(
@@ -131,68 +122,46 @@ def _heartbeat(_place: Place, _ms: int, armed: bool, in_air: bool) -> Any:
     )
 
 
-def _position(place: Place, ms: int, _armed: bool, _in_air: bool) -> Any:
+def _position(place: Place, ms: int) -> tuple[int, ...]:
     heading = math.degrees(math.atan2(place.east_mps, place.north_mps)) % 360.0
-    return mavlink.MAVLink_global_position_int_message(
-        ms,
-        round(place.lat_deg * 1e7),
-        round(place.lon_deg * 1e7),
-        round(place.alt_m * 1e3) - 4000,
-        round(place.alt_m * 1e3),
-        round(place.north_mps * 100),
-        round(place.east_mps * 100),
-        0,
-        round(heading * 100),
-    )
+    lat, lon, alt_mm = round(place.lat_deg * 1e7), round(place.lon_deg * 1e7), round(place.alt_m * 1e3)
+    velocity = round(place.north_mps * 100), round(place.east_mps * 100), 0
+    return ms, lat, lon, alt_mm - 4000, alt_mm, *velocity, round(heading * 100)
 
 
-def _landed_state(_place: Place, _ms: int, _armed: bool, in_air: bool) -> Any:
-    state = mavlink.MAV_LANDED_STATE_IN_AIR if in_air else mavlink.MAV_LANDED_STATE_ON_GROUND
-    return mavlink.MAVLink_extended_sys_state_message(0, state)
+def _gps(place: Place, ms: int) -> tuple[int, ...]:
+    return ms * 1000, 6, round(place.lat_deg * 1e7), round(place.lon_deg * 1e7), 26000, 62, 110, 980, 6800, 14
 
 
 def _wave(ms: int, size: float) -> float:
     return size * math.sin(ms / 700.0)
 
 
-_DOWNLINK_MESSAGES: dict[str, Callable[[Place, int, bool, bool], Any]] = {
-    "HEARTBEAT": _heartbeat,
+def _pulses(ms: int, count: int, size: float) -> list[int]:
+    return [1500 + round(_wave(ms, size)) for _ in range(count)]
+
+
+#: message -> its values at a place and a time (ms since the start)
+_VALUES: dict[str, Callable[[Place, int], tuple[Any, ...]]] = {
     "GLOBAL_POSITION_INT": _position,
-    "EXTENDED_SYS_STATE": _landed_state,
-    "ATTITUDE": lambda place, ms, *_: mavlink.MAVLink_attitude_message(
-        ms, _wave(ms, 0.1), _wave(ms, 0.12), 1.2, 0.01, _wave(ms, 0.02), 0.001
-    ),
-    "LOCAL_POSITION_NED": lambda place, ms, *_: mavlink.MAVLink_local_position_ned_message(
-        ms, _wave(ms, 90.0), 12.5, -place.alt_m, place.north_mps, place.east_mps, 0.02
-    ),
-    "RAW_IMU": lambda place, ms, *_: mavlink.MAVLink_raw_imu_message(
-        ms * 1000, round(_wave(ms, 60)), -12, -998, 3, 7, round(_wave(ms, 9)), 220, -48, 391
-    ),
-    "VFR_HUD": lambda place, ms, *_: mavlink.MAVLink_vfr_hud_message(
-        9.8, 9.9 + _wave(ms, 0.2), 68, 47, place.alt_m, _wave(ms, 0.1)
-    ),
-    "NAV_CONTROLLER_OUTPUT": lambda place, ms, *_: mavlink.MAVLink_nav_controller_output_message(
-        1.5, -0.4, 68, 69, 140 + ms % 60, 0.1, 0.0, _wave(ms, 0.3)
-    ),
-    "MISSION_CURRENT": lambda place, ms, *_: mavlink.MAVLink_mission_current_message(3),
-    "SYS_STATUS": lambda place, ms, *_: mavlink.MAVLink_sys_status_message(
-        1399979183, 1382153387, 1467087023, 210, 22650 - ms % 40, 1120, 87, 0, 0, 0, 0, 0, 0
-    ),
-    "GPS_RAW_INT": lambda place, ms, *_: mavlink.MAVLink_gps_raw_int_message(
-        ms * 1000, 6, round(place.lat_deg * 1e7), round(place.lon_deg * 1e7), 26000, 62, 110, 980, 6800, 14
-    ),
-    "RC_CHANNELS": lambda place, ms, *_: mavlink.MAVLink_rc_channels_message(
-        ms, 16, *(1500 + round(_wave(ms, 3)) for _ in range(16)), 65535, 65535, 200
-    ),
-    "SERVO_OUTPUT_RAW": lambda place, ms, *_: mavlink.MAVLink_servo_output_raw_message(
-        ms * 1000 & 0xFFFFFFFF, 0, *(1500 + round(_wave(ms, 60)) for _ in range(8))
-    ),
-    "BATTERY_STATUS": lambda place, ms, *_: mavlink.MAVLink_battery_status_message(
-        0, 0, 0, 2150, [22650 - ms % 40] + [65535] * 9, 1120, 640, 530, 87
-    ),
-    "SYSTEM_TIME": lambda place, ms, *_: mavlink.MAVLink_system_time_message(int(time.time() * 1e6), ms),
-    "VIBRATION": lambda place, ms, *_: mavlink.MAVLink_vibration_message(ms * 1000, 0.02, 0.03, 0.04, 0, 0, 0),
+    "ATTITUDE": lambda _, ms: (ms, _wave(ms, 0.1), _wave(ms, 0.12), 1.2, 0.01, _wave(ms, 0.02), 0.001),
+    "LOCAL_POSITION_NED": lambda at, ms: (ms, _wave(ms, 90.0), 12.5, -at.alt_m, at.north_mps, at.east_mps, 0.02),
+    "RAW_IMU": lambda _, ms: (ms * 1000, round(_wave(ms, 60)), -12, -998, 3, 7, round(_wave(ms, 9)), 220, -48, 391),
+    "VFR_HUD": lambda at, ms: (9.8, 9.9 + _wave(ms, 0.2), 68, 47, at.alt_m, _wave(ms, 0.1)),
+    "NAV_CONTROLLER_OUTPUT": lambda _, ms: (1.5, -0.4, 68, 69, 140 + ms % 60, 0.1, 0.0, _wave(ms, 0.3)),
+    "MISSION_CURRENT": lambda _, ms: (3,),
+    "SYS_STATUS": lambda _, ms: (1399979183, 1382153387, 1467087023, 210, 22650 - ms % 40, 1120, 87, *[0] * 6),
+    "GPS_RAW_INT": _gps,
+    "RC_CHANNELS": lambda _, ms: (ms, 16, *_pulses(ms, 16, 3), 65535, 65535, 200),
+    "SERVO_OUTPUT_RAW": lambda _, ms: (ms * 1000 & 0xFFFFFFFF, 0, *_pulses(ms, 8, 60)),
+    "BATTERY_STATUS": lambda _, ms: (0, 0, 0, 2150, [22650 - ms % 40] + [65535] * 9, 1120, 640, 530, 87),
+    "SYSTEM_TIME": lambda _, ms: (int(time.time() * 1e6), ms),
+    "VIBRATION": lambda _, ms: (ms * 1000, 0.02, 0.03, 0.04, 0, 0, 0),
 }
+
+
+#: system and component id of a program
+Asker = tuple[int, int]
 
 
 class FakeAutopilot:
@@ -210,7 +179,6 @@ class FakeAutopilot:
         #: called with every frame that arrives
         self.on_frame: Callable[[bytes], None] = lambda raw: None
         self.frames_out = 0
-        self.positions = 0
         self._loop = loop
         self._send = send
         self._own = mavlink.MAVLink(None, srcSystem=sysid, srcComponent=AUTOPILOT)
@@ -244,8 +212,6 @@ class FakeAutopilot:
     def say(self, name: str) -> None:
         """Send one message of the streams now."""
         ms = int((time.monotonic() - self._booted) * 1000)
-        if name == "GLOBAL_POSITION_INT":
-            self.positions += 1
         self._put(downlink_message(name, self.place, ms, self.armed, self.in_air))
 
     def take_off(self) -> None:
@@ -267,65 +233,76 @@ class FakeAutopilot:
         self.on_frame(raw)
         if raw[0] != 0xFD or raw[6] != COMPANION_COMPID:
             return
-        if int.from_bytes(raw[7:10], "little") in _ASKED:
-            try:
-                message = self._parser.decode(bytearray(raw))
-            except mavlink.MAVError as error:
-                raise BenchError(f"the companion wrote a frame that cannot be read: {error}") from None
-            self._answer(message)
+        answer = _ANSWERS.get(int.from_bytes(raw[7:10], "little"))
+        if answer is None:
+            return
+        try:
+            message = self._parser.decode(bytearray(raw))
+        except mavlink.MAVError as error:
+            raise BenchError(f"the companion wrote a frame that cannot be read: {error}") from None
+        reply = answer(self, message, (message.get_srcSystem(), message.get_srcComponent()))
+        if reply is not None:
+            self._put(reply)
 
-    def _answer(self, m: Any) -> None:
-        kind = m.get_type()
-        asker = (m.get_srcSystem(), m.get_srcComponent())
-        if kind == "TUNNEL":
-            if m.payload_type == LEASE_TUNNEL:
-                self.commander = m.payload[2] or None
-                self.in_transfer = m.payload[1] == 2
-                self.on_lease(m.payload[1], int.from_bytes(m.payload[4:8], "little"))
-        elif kind == "COMMAND_LONG":
-            self._put(mavlink.MAVLink_command_ack_message(m.command, mavlink.MAV_RESULT_ACCEPTED, 0, 0, *asker))
-        elif kind in ("PARAM_REQUEST_READ", "PARAM_SET"):
-            self._answer_cruise(m, kind)
-        elif kind == "MISSION_CLEAR_ALL":
-            self._items[m.mission_type] = []
-            self._put(mavlink.MAVLink_mission_ack_message(*asker, 0, m.mission_type))
-        elif kind == "MISSION_REQUEST_LIST":
-            count = len(self._items.get(m.mission_type, []))
-            self._put(mavlink.MAVLink_mission_count_message(*asker, count, m.mission_type))
-        elif kind == "MISSION_REQUEST_INT":
-            self._give_item(m, asker)
-        else:
-            self._upload(m, kind, asker)
+    def _on_tunnel(self, m: Any, _asker: Asker) -> None:
+        if m.payload_type == LEASE_TUNNEL:
+            self.commander = m.payload[2] or None
+            self.in_transfer = m.payload[1] == 2
+            self.on_lease(m.payload[1], int.from_bytes(m.payload[4:8], "little"))
 
-    def _give_item(self, m: Any, asker: tuple[int, int]) -> None:
+    def _on_command(self, m: Any, asker: Asker) -> Any:
+        return mavlink.MAVLink_command_ack_message(m.command, mavlink.MAV_RESULT_ACCEPTED, 0, 0, *asker)
+
+    def _on_parameter(self, m: Any, _asker: Asker) -> Any:
+        name = m.param_id
+        if name not in self._cruise:
+            return None
+        self._cruise[name] = getattr(m, "param_value", self._cruise[name])
+        value = self._cruise[name]
+        return mavlink.MAVLink_param_value_message(name.encode(), value, mavlink.MAV_PARAM_TYPE_REAL32, 1, 0)
+
+    def _on_list(self, m: Any, asker: Asker) -> Any:
+        count = len(self._items.get(m.mission_type, []))
+        return mavlink.MAVLink_mission_count_message(*asker, count, m.mission_type)
+
+    def _on_request(self, m: Any, asker: Asker) -> Any:
         items = self._items.get(m.mission_type, [])
         if m.seq < len(items):
             values = [getattr(items[m.seq], name) for name in items[m.seq].fieldnames[2:]]
-            self._put(mavlink.MAVLink_mission_item_int_message(*asker, *values))
-        else:
-            refused = mavlink.MAV_MISSION_INVALID_SEQUENCE
-            self._put(mavlink.MAVLink_mission_ack_message(*asker, refused, m.mission_type))
+            return mavlink.MAVLink_mission_item_int_message(*asker, *values)
+        return mavlink.MAVLink_mission_ack_message(*asker, mavlink.MAV_MISSION_INVALID_SEQUENCE, m.mission_type)
 
-    def _answer_cruise(self, m: Any, kind: str) -> None:
-        name = m.param_id
-        if name not in self._cruise:
-            return
-        if kind == "PARAM_SET":
-            self._cruise[name] = m.param_value
-        value = self._cruise[name]
-        self._put(mavlink.MAVLink_param_value_message(name.encode(), value, mavlink.MAV_PARAM_TYPE_REAL32, 1, 0))
+    def _on_count(self, m: Any, asker: Asker) -> Any:
+        """An upload of so many items begins; a mission that is cleared has none."""
+        self._items[m.mission_type] = []
+        self._expected[m.mission_type] = getattr(m, "count", 0)
+        return self._next_item(m, asker)
 
-    def _upload(self, m: Any, kind: str, asker: tuple[int, int]) -> None:
-        if kind == "MISSION_COUNT":
-            self._items[m.mission_type] = []
-            self._expected[m.mission_type] = m.count
-        elif m.seq == len(self._items.setdefault(m.mission_type, [])):
-            self._items[m.mission_type].append(m)
+    def _on_item(self, m: Any, asker: Asker) -> Any:
+        items = self._items.setdefault(m.mission_type, [])
+        if m.seq == len(items):
+            items.append(m)
+        return self._next_item(m, asker)
+
+    def _next_item(self, m: Any, asker: Asker) -> Any:
         have = len(self._items[m.mission_type])
         if have < self._expected.get(m.mission_type, 0):
-            self._put(mavlink.MAVLink_mission_request_int_message(*asker, have, m.mission_type))
-        else:
-            self._put(mavlink.MAVLink_mission_ack_message(*asker, 0, m.mission_type))
+            return mavlink.MAVLink_mission_request_int_message(*asker, have, m.mission_type)
+        return mavlink.MAVLink_mission_ack_message(*asker, 0, m.mission_type)
+
+
+#: what the autopilot answers, if the companion sends it
+_ANSWERS: dict[int, Callable[[FakeAutopilot, Any, Asker], Any]] = {
+    mavlink.MAVLINK_MSG_ID_TUNNEL: FakeAutopilot._on_tunnel,
+    mavlink.MAVLINK_MSG_ID_COMMAND_LONG: FakeAutopilot._on_command,
+    mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_READ: FakeAutopilot._on_parameter,
+    mavlink.MAVLINK_MSG_ID_PARAM_SET: FakeAutopilot._on_parameter,
+    mavlink.MAVLINK_MSG_ID_MISSION_CLEAR_ALL: FakeAutopilot._on_count,
+    mavlink.MAVLINK_MSG_ID_MISSION_REQUEST_LIST: FakeAutopilot._on_list,
+    mavlink.MAVLINK_MSG_ID_MISSION_REQUEST_INT: FakeAutopilot._on_request,
+    mavlink.MAVLINK_MSG_ID_MISSION_COUNT: FakeAutopilot._on_count,
+    mavlink.MAVLINK_MSG_ID_MISSION_ITEM_INT: FakeAutopilot._on_item,
+}
 
 
 class SerialAutopilot:

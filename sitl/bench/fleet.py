@@ -32,7 +32,7 @@ from mavproxy_handover.core.common.model import Phase, Station
 from mavproxy_handover.mission.package import MissionPackage, StationEntry
 from mavproxy_handover.tools.resources import shipped
 from sitl.bench.autopilot import STREAM, HostedVehicle, Place, Stops
-from sitl.bench.results import Measurement, Say
+from sitl.bench.results import Entry, Measurement, Say, read_journal, transfers
 from sitl.bench.rig import (
     GROUND_KEY,
     BenchError,
@@ -46,7 +46,6 @@ from sitl.bench.rig import (
     station_entry,
 )
 from sitl.bench.stations import GroundEnd, TalkingStation
-from sitl.bench.transfers import Entry, read_journal, transfers
 from sitl.run.processes import Child
 from sitl.run.wiring import write_toml
 from sitl.vehicles.ports import PortPicker

@@ -16,7 +16,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 from statistics import mean, median
 from typing import Any, Final, TypeVar
@@ -39,6 +39,7 @@ T = TypeVar("T")
 IN_ZONE_A: Final = Place(52.6792, 5.9240, 30.0, 3.0, 4.0)
 #: pairs of turns with each start of the processes: A B, B A
 PAIRS_A_START: Final = 2
+_SIDES: Final = ("ours", "baseline")
 
 
 class Proxy:
@@ -367,17 +368,7 @@ class CpuStudy:
 
     def _medians(self, value: Callable[[_Visit], float]) -> dict[str, float]:
         sides = zip(*self._visits, strict=True)
-        return {side: median(map(value, visits)) for side, visits in zip(("ours", "baseline"), sides, strict=True)}
-
-
-@dataclass(slots=True)
-class _Delays:
-    """Delays at one rate: a pair a window, milliseconds, and every single one, seconds."""
-
-    medians: list[Pair] = field(default_factory=list)
-    lates: list[Pair] = field(default_factory=list)
-    ours: list[float] = field(default_factory=list)
-    baseline: list[float] = field(default_factory=list)
+        return {side: median(map(value, visits)) for side, visits in zip(_SIDES, sides, strict=True)}
 
 
 class DelayStudy:
@@ -386,7 +377,8 @@ class DelayStudy:
     def __init__(self, plan: UplinkPlan, case: dict[str, Any]) -> None:
         self._plan = plan
         self._case = case
-        self._delays = {rate: _Delays() for rate in plan.rates}
+        #: of each window the delays (s), ours and the baseline's
+        self._delays: dict[int, list[tuple[list[float], list[float]]]] = {rate: [] for rate in plan.rates}
         #: windows that were made again because frames got lost, by side
         self._disturbed: Counter[str] = Counter()
 
@@ -400,15 +392,15 @@ class DelayStudy:
                 # the first sender in each period changes with the window
                 order = senders if window % 2 else senders[::-1]
                 _undisturbed(partial(self._window, rig, order, rate), self._disturbed)
-                ours, baseline = (sender.delays_s for sender in senders)
-                delays.medians.append(Pair(median(ours) * 1e3, median(baseline) * 1e3))
-                delays.lates.append(Pair(quantile(ours, 0.99) * 1e3, quantile(baseline, 0.99) * 1e3))
-                delays.ours += ours
-                delays.baseline += baseline
+                delays.append((senders[0].delays_s, senders[1].delays_s))
         rig.rest()
         rig.check()
-        both_ratios = ((compare(delays.medians), compare(delays.lates)) for delays in self._delays.values())
-        return "delay ratio: " + ", ".join(f"{mid.ratio:.2f} (99 %: {late.ratio:.2f})" for mid, late in both_ratios)
+        both_parts = ([compare(self._pairs(rate, part)).ratio for part in (0.5, 0.99)] for rate in self._delays)
+        return "delay ratio: " + ", ".join(f"{middle:.2f} (99 %: {late:.2f})" for middle, late in both_parts)
+
+    def _pairs(self, rate: int, part: float) -> list[Pair]:
+        """A pair a window: that quantile of both sides, milliseconds."""
+        return [Pair(*(quantile(side, part) * 1e3 for side in window)) for window in self._delays[rate]]
 
     def _window(self, rig: SideBySide, senders: list[Sender], rate: int) -> None:
         for place, sender in enumerate(senders):
@@ -422,16 +414,17 @@ class DelayStudy:
 
     def results(self) -> Iterator[Measurement]:
         """Median and 99 % for each rate."""
-        for rate, delays in self._delays.items():
-            for what, pairs, part in (("delay, median", delays.medians, 0.5), ("delay, 99 %", delays.lates, 0.99)):
-                sides = {"ours": delays.ours, "baseline": delays.baseline}
+        for rate, windows in self._delays.items():
+            every = {side: list(chain(*found)) for side, found in zip(_SIDES, zip(*windows, strict=True), strict=True)}
+            for what, part in (("delay, median", 0.5), ("delay, 99 %", 0.99)):
                 details = {
-                    "frames": {side: len(found) for side, found in sides.items()},
+                    "frames": {side: len(found) for side, found in every.items()},
                     "windows_repeated_for_lost_frames": dict(self._disturbed),
-                    "of_all_frames_ms": {side: quantile(found, part) * 1e3 for side, found in sides.items()},
+                    "of_all_frames_ms": {side: quantile(found, part) * 1e3 for side, found in every.items()},
                 }
                 case = {"frames_per_s": rate, **self._case}
-                yield from_comparison("uplink", what, "ms", case, compare(pairs), limit=DELAY_RATIO, details=details)
+                compared = compare(self._pairs(rate, part))
+                yield from_comparison("uplink", what, "ms", case, compared, limit=DELAY_RATIO, details=details)
 
 
 def uplink(plan: UplinkPlan, folder: Path, say: Say) -> Iterator[Measurement]:
@@ -535,7 +528,7 @@ class StreamStudy:
         """One line a stream."""
         stations = self._case["stations"]
         for stream, turns in self._turns.items():
-            sides = zip(("ours", "baseline"), zip(*turns, strict=True), strict=True)
+            sides = zip(_SIDES, zip(*turns, strict=True), strict=True)
             delivered = {side: _delivered(of_side) for side, of_side in sides}
             told = {
                 side: " and ".join(f"{rate:.0f}" for rate in [*got.values()][1:]) for side, got in delivered.items()

@@ -47,9 +47,8 @@ from sitl.bench.results import Measurement, Say, quantile
 from sitl.bench.rig import VEHICLE, BenchError, Rig, companion_config, key_for, shipped_mission
 from sitl.bench.stations import TalkingStation, load_mission
 from sitl.bench.transfers import Flight
+from sitl.run.bad_disks import SmallDisk, on_slow_disk, small_disk
 from sitl.run.processes import Processes
-from sitl.run.slow_disk import on_slow_disk
-from sitl.run.small_disk import SmallDisk, small_disk
 from sitl.script.places import SetupError
 
 __all__ = ["LOADS", "RESTART", "RESTART_QUICK", "STALLS", "STALLS_QUICK", "StallPlan", "restart", "stalls"]

@@ -210,13 +210,16 @@ class Site(Rig):
         self._number = 0
 
     def set_up(self) -> None:
-        self.run("vehicle", self._autopilot(self.folder / "vehicle"))
+        vehicle = self.run("vehicle", self._autopilot(self.folder / "vehicle"))
         way = "udpout" if self._link == "udp" else "tcpin"
         entry = {**station_entry("GCSA", A, 0), "module": False, "consent": "automatic"}
         entry["links"] = [f"{way}:{LOOPBACK}:{self._station_port}"]
         companion = self.folder / "companion"
         config = companion_config(companion, [entry])
-        time.sleep(1.0)  # MAVProxy does not try a second time
+        if self._program is None:  # MAVProxy does not try a second time
+            self._wait_for(vehicle, "ready")
+        else:
+            time.sleep(1.0)
         argv = companion_argv(config, f"tcp:{LOOPBACK}:{self._companion_tcp}", companion / "mav.tlog")
         self._wait_for(self.run("companion", argv), "stations GCSA")
 

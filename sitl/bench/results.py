@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Comparisons in turns, and results: one JSON object a line as they come, and a table at the end.
+"""Comparisons in turns, journals, and results: one JSON object a line as they come, and a table at the end.
 
 A pair is one measurement of ours and one of the baseline, one after the other. A disturbance of the machine that lasts
 longer affects both, so the ratio within a pair is steadier than either number. Order within pairs alternates (A B, B
@@ -14,7 +14,7 @@ import math
 import os
 import platform
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, timezone
 from importlib import metadata
@@ -24,7 +24,9 @@ from statistics import median
 from typing import Any, TypeVar
 
 __all__ = [
+    "Committed",
     "Comparison",
+    "Entry",
     "Measurement",
     "Pair",
     "Results",
@@ -34,8 +36,10 @@ __all__ = [
     "from_comparison",
     "in_turns",
     "quantile",
+    "read_journal",
     "settled",
     "table",
+    "transfers",
 ]
 
 Say = Callable[[str], None]
@@ -123,6 +127,76 @@ def both(measure: Callable[[bool], T], ours_first: bool) -> tuple[T, T]:
 def in_turns(measure: Callable[[bool], T]) -> Iterator[tuple[T, T]]:
     """Pairs of ours and the baseline, for ever; each side is the first one in turn."""
     return (both(measure, ours_first) for ours_first in cycle((True, False)))
+
+
+# ---- journals -------------------------------------------------------------------------------------------------------
+
+
+Entry = dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Committed:
+    """One change of authority.
+
+    `since_entry_s`: from the zone check that noticed the region to the commit, failed attempts and waiting included.
+    `duration_s`: of the attempt that was committed, as journalled; the two differ where an earlier attempt failed.
+    `messages`: of that attempt, until the commit, sent by any program, copies and repetitions included.
+    """
+
+    since_entry_s: float
+    duration_s: float
+    messages: int
+    failed_attempts: int
+    #: the commander's release never came: committed by the limit on waiting for it
+    by_timeout: bool
+
+
+def read_journal(path: Path) -> list[Entry]:
+    """The entries of a journal, without a line that was cut. Raises OSError."""
+    entries = []
+    for line in path.read_text(encoding="utf-8").splitlines():
+        try:
+            entries.append(json.loads(line))
+        except ValueError:
+            continue
+    return entries
+
+
+def _is_step(entry: Entry) -> bool:
+    return entry["event"] == "message" and entry.get("direction") == "out" and entry.get("name") != "HANDOVER_RESULT"
+
+
+def transfers(companion: Sequence[Entry], stations: Iterable[Sequence[Entry]]) -> list[Committed]:
+    """All commits, in order, from the journals of the companion and of the stations."""
+    sent: dict[int, list[float]] = {}
+    for journal in (companion, *stations):
+        for entry in filter(_is_step, journal):
+            sent.setdefault(entry["handover_id"], []).append(entry["t"])
+    found = []
+    #: when each station's zone was entered, since the last commit
+    entered: dict[str, float] = {}
+    failed: dict[str, int] = {}
+    begun_at = 0.0
+    for entry in companion:
+        event, station = entry["event"], entry.get("station", "")
+        if event == "zone_entered":
+            entered[station] = entry["t"]
+            failed[station] = 0
+        elif event == "transfer_begun":
+            begun_at = entry["t"]
+        elif event == "transfer_aborted":
+            failed[station] = failed.get(station, 0) + 1
+        elif event == "transfer_committed":
+            waited_s = begun_at - entered.get(station, begun_at)
+            duration_s = entry["duration_s"]
+            # both entries of one zone check are written in a row; the time between them is not waiting
+            since_entry_s = duration_s + (waited_s if failed.get(station) or waited_s > 0.02 else 0.0)
+            messages = sum(t <= entry["t"] for t in sent.get(entry["handover_id"], []))
+            by_timeout = entry.get("reason") == "release_timeout"
+            found.append(Committed(since_entry_s, duration_s, messages, failed.get(station, 0), by_timeout))
+            entered.pop(station, None)
+    return found
 
 
 # ---- results --------------------------------------------------------------------------------------------------------

@@ -346,13 +346,6 @@ class _Console:
         """Nothing is shown."""
 
 
-class _NoLog:
-    """MAVProxy's log queue, which a writer would empty."""
-
-    def put(self, data: bytes) -> None:
-        """Gone."""
-
-
 class Host:
     """One module in its MAVProxy. `master` is MAVProxy's link to the vehicle's side: it needs `write(bytes)`."""
 
@@ -384,7 +377,7 @@ class Host:
         self.mav_param: dict[str, float] = {}
         self.status = SimpleNamespace(logdir=None, exit=False)
         self.functions = SimpleNamespace(say=lambda text: None)
-        self.logqueue = _NoLog()
+        self.logqueue = SimpleNamespace(put=lambda data: None)
         self._loop = loop
         self._watched: dict[int, Callable[[], None]] = {}
         self._idle_at = 0.0

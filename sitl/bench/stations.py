@@ -153,7 +153,6 @@ class FakeStation:
             self._own.signing.secret_key = key
             self._own.signing.link_id = 0
             self._own.signing.sign_outgoing = True
-        self._parser = mavlink.MAVLink(None)
         self._sender: PackageSender | None = None
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.bind(("127.0.0.1", 0))

@@ -12,11 +12,10 @@ A link has the same delay and loss each way; vehicle to stations, and station to
 
 from __future__ import annotations
 
-import json
 import socket
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -30,7 +29,7 @@ from mavproxy_handover.cli.launch import companion_argv, station_argv
 from mavproxy_handover.core.common.model import Phase
 from mavproxy_handover.tools.resources import shipped
 from sitl.bench.autopilot import SHUTTLE, STREAM, A, B, HostedVehicle, SerialAutopilot, Tour
-from sitl.bench.results import Measurement, Say, quantile
+from sitl.bench.results import Committed, Entry, Measurement, Say, quantile, read_journal, transfers
 from sitl.bench.rig import (
     GROUND_KEY,
     IDLE_S,
@@ -51,8 +50,7 @@ from sitl.run.wiring import write_toml
 from sitl.script.weather import Weather
 from sitl.vehicles.ports import PortPicker
 
-__all__ = ["FULL", "QUICK", "Committed", "Entry", "Flight", "LanePlan", "Plan", "fly_lanes", "measure", "read_journal"]
-__all__ += ["transfers"]
+__all__ = ["FULL", "LOSSY", "QUICK", "Flight", "LanePlan", "Plan", "fly_lanes", "measure"]
 
 #: "Numbers that are held to" in docs/architecture.md, in milliseconds
 LOOPBACK_MEDIAN_MS, LOOPBACK_LATE_MS = 10.0, 50.0
@@ -61,76 +59,6 @@ LOSSY_LATE_MS: Final = 3000.0
 #: after take-off, until every station has answered CONNECT with the mission that it holds
 _SETTLE_S: Final = 3.0
 _NAMES: Final = {A: "GCSA", B: "GCSB"}
-
-
-# ---- journals -------------------------------------------------------------------------------------------------------
-
-
-Entry = dict[str, Any]
-
-
-@dataclass(frozen=True, slots=True)
-class Committed:
-    """One change of authority.
-
-    `since_entry_s`: from the zone check that noticed the region to the commit, failed attempts and waiting included.
-    `duration_s`: of the attempt that was committed, as journalled; the two differ where an earlier attempt failed.
-    `messages`: of that attempt, until the commit, sent by any program, copies and repetitions included.
-    """
-
-    since_entry_s: float
-    duration_s: float
-    messages: int
-    failed_attempts: int
-    #: the commander's release never came: committed by the limit on waiting for it
-    by_timeout: bool
-
-
-def read_journal(path: Path) -> list[Entry]:
-    """The entries of a journal, without a line that was cut. Raises OSError."""
-    entries = []
-    for line in path.read_text(encoding="utf-8").splitlines():
-        try:
-            entries.append(json.loads(line))
-        except ValueError:
-            continue
-    return entries
-
-
-def _is_step(entry: Entry) -> bool:
-    return entry["event"] == "message" and entry.get("direction") == "out" and entry.get("name") != "HANDOVER_RESULT"
-
-
-def transfers(companion: Sequence[Entry], stations: Iterable[Sequence[Entry]]) -> list[Committed]:
-    """All commits, in order, from the journals of the companion and of the stations."""
-    sent: dict[int, list[float]] = {}
-    for journal in (companion, *stations):
-        for entry in filter(_is_step, journal):
-            sent.setdefault(entry["handover_id"], []).append(entry["t"])
-    found = []
-    #: when each station's zone was entered, since the last commit
-    entered: dict[str, float] = {}
-    failed: dict[str, int] = {}
-    begun_at = 0.0
-    for entry in companion:
-        event, station = entry["event"], entry.get("station", "")
-        if event == "zone_entered":
-            entered[station] = entry["t"]
-            failed[station] = 0
-        elif event == "transfer_begun":
-            begun_at = entry["t"]
-        elif event == "transfer_aborted":
-            failed[station] = failed.get(station, 0) + 1
-        elif event == "transfer_committed":
-            waited_s = begun_at - entered.get(station, begun_at)
-            duration_s = entry["duration_s"]
-            # both entries of one zone check are written in a row; the time between them is not waiting
-            since_entry_s = duration_s + (waited_s if failed.get(station) or waited_s > 0.02 else 0.0)
-            messages = sum(t <= entry["t"] for t in sent.get(entry["handover_id"], []))
-            by_timeout = entry.get("reason") == "release_timeout"
-            found.append(Committed(since_entry_s, duration_s, messages, failed.get(station, 0), by_timeout))
-            entered.pop(station, None)
-    return found
 
 
 # ---- one vehicle and two stations -----------------------------------------------------------------------------------

@@ -37,8 +37,7 @@ from mavproxy_handover.core.common.model import GuardState, Phase
 from mavproxy_handover.core.common.never import assert_never
 from mavproxy_handover.core.common.snapshot import Snapshot
 from mavproxy_handover.mission.package import MissionPackage
-from mavproxy_handover.operator.base.authority import Authority
-from mavproxy_handover.operator.base.reports import Reports
+from mavproxy_handover.operator.base.context import Authority, Reports
 from mavproxy_handover.operator.stations.event_log import EventLog
 from mavproxy_handover.operator.stations.sender import MessageSender
 from mavproxy_handover.operator.uploads.package_loading import MissionSurroundings

@@ -4,35 +4,35 @@
 
 It handles log requests as ArduPilot does: one download at a time, and requests meanwhile are ignored. On TCP it sends
 as fast as the other end reads. On UDP it sends one frame a datagram, `_UDP_HZ` of them a second, as ArduPilot's
-simulation does. The log is made of random bytes from a fixed seed (`log_bytes`).
+simulation does. The log is made of random bytes from a fixed seed (`log_bytes`). It says "ready" when it listens.
 """
 
 from __future__ import annotations
 
 import argparse
+import asyncio
 import random
-import select
-import socket
 import sys
 import time
+from collections.abc import Awaitable, Callable
 from contextlib import suppress
-from typing import Any
+from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.wire.frames import Frame, FrameSplitter
+from mavproxy_handover.wire.frames import FrameSplitter
 from sitl.vehicles.ports import LOOPBACK
 
 __all__ = ["log_bytes", "main"]
 
 VEHICLE, AUTOPILOT = 1, 1
-_LOG = 1
-_DATA_BYTES = 90
+_LOG: Final = 1
+_DATA_BYTES: Final = 90
 #: measured with ArduCopter 4.7: 150 kB of log a second
-_UDP_HZ = 1680.0
+_UDP_HZ: Final = 1680.0
 #: bytes that wait to leave by one link, at most: as the transmit buffer of an autopilot
-_OUT_BYTES = 8192
-_BEAT_S = 1.0
+_OUT_BYTES: Final = 8192
+_BEAT_S: Final = 1.0
 
 
 def log_bytes(size: int) -> bytes:
@@ -41,133 +41,106 @@ def log_bytes(size: int) -> bytes:
 
 
 class _Link:
-    """One link; `listener` of TCP, which has one client at a time, or an address for UDP."""
+    """One client. `write` takes a frame; `room` waits until another frame of the log may be put."""
 
-    def __init__(self, sock: socket.socket, address: tuple[str, int] | None = None) -> None:
-        self._address = address
-        self._listener = sock if address is None else None
-        self.socket: socket.socket | None = None if address is None else sock
-        self._out = bytearray()
-        self._splitter = FrameSplitter()
+    def __init__(self, write: Callable[[bytes], None], room: Callable[[], Awaitable[None]]) -> None:
+        self.room = room
+        self.splitter = FrameSplitter()
+        self._write = write
         self._own = mavlink.MAVLink(None, srcSystem=VEHICLE, srcComponent=AUTOPILOT)
-        self._sent_at = time.monotonic()
-
-    def descriptors(self) -> list[socket.socket]:
-        return [sock for sock in (self._listener, self.socket) if sock is not None]
-
-    def wants_to_write(self) -> bool:
-        return self.socket is not None and (bool(self._out) or self._address is not None)
-
-    def room(self) -> bool:
-        """Whether another frame of the log may be put."""
-        if self.socket is None:
-            return False
-        if self._address is None:
-            return len(self._out) < _OUT_BYTES
-        now = time.monotonic()
-        if now - self._sent_at < 1.0 / _UDP_HZ:
-            return False
-        self._sent_at = max(self._sent_at + 1.0 / _UDP_HZ, now - 0.01)
-        return True
 
     def put(self, message: Any) -> None:
-        if self.socket is None:
-            return
         raw = bytes(message.pack(self._own))
         self._own.seq = (self._own.seq + 1) & 0xFF
-        if self._address is not None:
-            with suppress(OSError):
-                self.socket.sendto(raw, self._address)
-            return
-        self._out += raw
-        self.push()
+        with suppress(OSError):
+            self._write(raw)
 
-    def push(self) -> None:
-        if self.socket is None or not self._out:
-            return
-        try:
-            del self._out[: self.socket.send(self._out)]
-        except BlockingIOError:
-            pass
-        except OSError:
-            self._lost()
 
-    def receive(self, ready: socket.socket) -> list[Frame]:
-        """Whole frames that have arrived."""
-        if ready is self._listener:
-            self._lost()
-            self.socket = self._listener.accept()[0]
-            self.socket.setblocking(False)
-            return []
-        try:
-            data = ready.recv(65536)
-        except BlockingIOError:
-            return []
-        except OSError:
-            data = b""
-        if not data:
-            if self._address is None:
-                self._lost()
-            return []
-        return self._splitter.feed(data)
+class _Pace:
+    """At most so many frames a second."""
 
-    def _lost(self) -> None:
-        if self.socket is not None:
-            self.socket.close()
-        self.socket, self._splitter = None, FrameSplitter()
-        self._out.clear()
+    def __init__(self, hz: float) -> None:
+        self._interval_s = 1.0 / hz
+        self._due = 0.0
+
+    async def __call__(self) -> None:
+        now = time.monotonic()
+        self._due = max(self._due + self._interval_s, now - 0.01)
+        if self._due > now:
+            await asyncio.sleep(self._due - now)
 
 
 class _Server:
-    def __init__(self, log: bytes, links: list[_Link]) -> None:
+    def __init__(self, log: bytes) -> None:
         self._log = log
-        self._links = links
+        self._links: list[_Link] = []
         self._parser = mavlink.MAVLink(None)
-        #: the link that gets the log, and from where to where
-        self._served: _Link | None = None
-        self._next = self._end = 0
+        #: sends the log
+        self._serving: asyncio.Task[None] | None = None
 
-    def run(self) -> None:
-        beat_at = 0.0
-        while True:
-            now = time.monotonic()
-            if now >= beat_at:
-                beat_at = now + _BEAT_S
-                self._beat()
-            readers = {sock: link for link in self._links for sock in link.descriptors()}
-            sends = self._served is not None
-            writers = [link.socket for link in self._links if link.socket is not None and link.wants_to_write()]
-            ready, _, _ = select.select(list(readers), writers if sends else [], [], 0.001 if sends else 0.1)
-            for sock in ready:
-                for frame in readers[sock].receive(sock):
-                    self._take(readers[sock], frame)
-            for link in self._links:
-                link.push()
-            self._send()
-
-    def _beat(self) -> None:
+    async def beat(self) -> None:
+        """Say once a second what this is, and where."""
         kind, pilot = mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
-        for link in self._links:
-            link.put(mavlink.MAVLink_heartbeat_message(kind, pilot, 81, 0, mavlink.MAV_STATE_STANDBY, 3))
-            link.put(mavlink.MAVLink_global_position_int_message(0, 526792000, 59240000, 0, 0, 0, 0, 0, 0))
+        while True:
+            for link in self._links:
+                link.put(mavlink.MAVLink_heartbeat_message(kind, pilot, 81, 0, mavlink.MAV_STATE_STANDBY, 3))
+                link.put(mavlink.MAVLink_global_position_int_message(0, 526792000, 59240000, 0, 0, 0, 0, 0, 0))
+            await asyncio.sleep(_BEAT_S)
 
-    def _take(self, link: _Link, frame: Frame) -> None:
-        if frame.msgid == mavlink.MAVLINK_MSG_ID_LOG_REQUEST_END:
-            self._served = None
-        elif frame.msgid == mavlink.MAVLINK_MSG_ID_LOG_REQUEST_DATA and self._served is None:
-            m = self._parser.decode(bytearray(frame.raw))
-            self._served, self._next, self._end = link, m.ofs, min(len(self._log), m.ofs + m.count)
+    async def by_tcp(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """Serve a client until it has gone."""
+        writer.transport.set_write_buffer_limits(_OUT_BYTES, _OUT_BYTES)
+        link = _Link(writer.write, writer.drain)
+        self._links.append(link)
+        with suppress(OSError):
+            while data := await reader.read(65536):
+                self._take(link, data)
+        self._links.remove(link)
+        self._stop()
+        writer.close()
 
-    def _send(self) -> None:
-        for _ in range(40):
-            link = self._served
-            if link is None or not link.room():
-                return
-            part = self._log[self._next : min(self._end, self._next + _DATA_BYTES)]
-            link.put(mavlink.MAVLink_log_data_message(_LOG, self._next, len(part), [*part.ljust(_DATA_BYTES, b"\0")]))
-            self._next += len(part)
-            if len(part) < _DATA_BYTES or self._next >= self._end:
-                self._served = None
+    async def by_udp(self, port: int) -> None:
+        """Send to a port, and take what comes back."""
+        client = asyncio.DatagramProtocol()
+        transport, _ = await asyncio.get_running_loop().create_datagram_endpoint(
+            lambda: client, remote_addr=(LOOPBACK, port)
+        )
+        link = _Link(transport.sendto, _Pace(_UDP_HZ))
+        client.datagram_received = lambda data, addr: self._take(link, data)  # type: ignore[method-assign]
+        self._links.append(link)
+
+    def _take(self, link: _Link, data: bytes) -> None:
+        for frame in link.splitter.feed(data):
+            if frame.msgid == mavlink.MAVLINK_MSG_ID_LOG_REQUEST_END:
+                self._stop()
+            elif frame.msgid == mavlink.MAVLINK_MSG_ID_LOG_REQUEST_DATA and self._serving is None:
+                m = self._parser.decode(bytearray(frame.raw))
+                self._serving = asyncio.create_task(self._serve(link, m.ofs, m.ofs + m.count))
+
+    async def _serve(self, link: _Link, place: int, end: int) -> None:
+        part = bytes(_DATA_BYTES)
+        while len(part) == _DATA_BYTES and place < end:
+            part = self._log[place : min(end, place + _DATA_BYTES)]
+            with suppress(OSError):
+                await link.room()
+            link.put(mavlink.MAVLink_log_data_message(_LOG, place, len(part), [*part.ljust(_DATA_BYTES, b"\0")]))
+            place += len(part)
+        self._serving = None
+
+    def _stop(self) -> None:
+        if self._serving is not None:
+            self._serving.cancel()
+        self._serving = None
+
+
+async def _serve(log: bytes, tcp: list[int], udp: list[int]) -> None:
+    server = _Server(log)
+    for port in tcp:
+        await asyncio.start_server(server.by_tcp, LOOPBACK, port)
+    for port in udp:
+        await server.by_udp(port)
+    print("ready", flush=True)
+    await server.beat()
 
 
 def main(argv: list[str]) -> None:
@@ -177,14 +150,7 @@ def main(argv: list[str]) -> None:
     parser.add_argument("--tcp", type=int, action="append", default=[], help="port to listen at")
     parser.add_argument("--udp", type=int, action="append", default=[], help="port to send to")
     arguments = parser.parse_args(argv)
-    links = []
-    for port in arguments.tcp:
-        links.append(_Link(socket.create_server((LOOPBACK, port))))
-    for port in arguments.udp:
-        sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        sock.setblocking(False)
-        links.append(_Link(sock, (LOOPBACK, port)))
-    _Server(log_bytes(arguments.size), links).run()
+    asyncio.run(_serve(log_bytes(arguments.size), arguments.tcp, arguments.udp))
 
 
 if __name__ == "__main__":

@@ -36,9 +36,9 @@ from mavproxy_handover.mission import package as packages
 from mavproxy_handover.mission.addresses import ADDRESSES_FILE
 from mavproxy_handover.mission.package import MissionPackage, StationEntry
 from mavproxy_handover.store.keys import key_path, write_key
+from sitl.run.bad_disks import on_slow_disk
 from sitl.run.fleet import FIRST, Craft, first_of
 from sitl.run.sites import HERE, Reach, Site
-from sitl.run.slow_disk import on_slow_disk
 from sitl.script.places import mission_folder
 from sitl.script.scenario import AUTOPILOT, Scenario, program_of
 from sitl.script.weather import Weather

@@ -32,6 +32,7 @@ from sitl.bench.autopilot import DOWNLINK, SHUTTLE, FakeAutopilot, Place, Tour, 
 from sitl.bench.fleet import Handovers, Load, growth, growth_of, handovers_of, results
 from sitl.bench.reads import GREED, finished, mavsdk, slowest
 from sitl.bench.results import (
+    Committed,
     Measurement,
     Pair,
     Results,
@@ -39,12 +40,13 @@ from sitl.bench.results import (
     from_comparison,
     in_turns,
     quantile,
+    read_journal,
     settled,
     table,
 )
+from sitl.bench.results import transfers as committed_of
 from sitl.bench.rig import BenchError, Loop, cpu_s, frame_key, split
 from sitl.bench.stations import UPLINK_MIX, FakeStation, TalkingStation, uplink_message
-from sitl.bench.transfers import Committed, read_journal
 from sitl.run.log_server import log_bytes
 
 PLACE = Place(52.68, 5.92)
@@ -577,7 +579,7 @@ def test_a_transfer_is_read_from_the_journals() -> None:
         said(10.01, 1, "HANDOVER_RESULT"),
     ]  # fmt: skip
     stations = [[said(10.0005, 1, "ON_HANDOVER"), said(10.02, 1, "ON_HANDOVER")], [said(10.001, 1, "OK_HANDOVER")]]
-    assert transfers.transfers(companion, stations) == [Committed(0.0088, 0.0088, 3, 0, False)]
+    assert committed_of(companion, stations) == [Committed(0.0088, 0.0088, 3, 0, False)]
 
 
 def test_a_failed_attempt_counts_into_the_time_since_the_entry() -> None:
@@ -591,7 +593,7 @@ def test_a_failed_attempt_counts_into_the_time_since_the_entry() -> None:
             "reason": "release_timeout",
         },
     ]  # fmt: skip
-    (one,) = transfers.transfers(companion, [])
+    (one,) = committed_of(companion, [])
     assert one.since_entry_s == pytest.approx(8.5)
     assert (one.duration_s, one.failed_attempts, one.by_timeout) == (2.5, 1, True)
 

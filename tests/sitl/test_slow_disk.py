@@ -15,9 +15,9 @@ import pytest
 from mavproxy_handover.mission import package as packages
 from mavproxy_handover.mission.package import MAX_PACKED_BYTES, MAX_PLAIN_BYTES, MissionPackage
 from sitl.bench import load
-from sitl.run import slow_disk
+from sitl.run import bad_disks
+from sitl.run.bad_disks import on_slow_disk
 from sitl.run.memory import memory_of_a_run
-from sitl.run.slow_disk import on_slow_disk
 from sitl.run.wiring import lay_out
 from sitl.script.places import SetupError, mission_folder
 from sitl.script.scenario import ScenarioError, load_scenario, parse_scenario
@@ -42,7 +42,7 @@ def delivery() -> MissionPackage:
 class TestTheShim:
     @pytest.fixture
     def compiler(self) -> None:
-        if slow_disk.shutil.which("cc") is None:
+        if bad_disks.shutil.which("cc") is None:
             pytest.skip("no C compiler here")
 
     @pytest.mark.process
@@ -62,7 +62,7 @@ class TestTheShim:
         assert "Bad file descriptor" in done.stderr
 
     def test_without_a_compiler_it_says_so(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr(slow_disk.shutil, "which", lambda _name: None)
+        monkeypatch.setattr(bad_disks.shutil, "which", lambda _name: None)
         with pytest.raises(SetupError, match="needs a C compiler"):
             on_slow_disk(tmp_path, 1.0)
 
@@ -70,7 +70,7 @@ class TestTheShim:
         self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, compiler: None
     ) -> None:
         (tmp_path / "broken.c").write_text("int fsync(\n")
-        monkeypatch.setattr(slow_disk, "_SOURCE", tmp_path / "broken.c")
+        monkeypatch.setattr(bad_disks, "_SOURCE", tmp_path / "broken.c")
         with pytest.raises(SetupError, match=r"slow_disk.c was not compiled: .*broken.c") as caught:
             on_slow_disk(tmp_path, 1.0)
         assert "\n" not in str(caught.value)
@@ -102,7 +102,7 @@ class TestInAScenario:
             parse_scenario(self.text(f"fsync_s = {word}"), "x.toml")
 
     def test_the_scenario_that_ships_has_two_seconds(self) -> None:
-        folder = Path(slow_disk.__file__).resolve().parents[1] / "scenarios"
+        folder = Path(bad_disks.__file__).resolve().parents[1] / "scenarios"
         assert load_scenario(folder / "slow-disk.toml").fsync_s == 2.0
 
 
@@ -169,7 +169,7 @@ class TestTheBench:
         """In a process of its own: a namespace is for life."""
         script = f"""
 from pathlib import Path
-from sitl.run.small_disk import small_disk
+from sitl.run.bad_disks import small_disk
 from sitl.script.places import SetupError
 path = Path({str(tmp_path / "disk")!r})
 def errno_of(action):

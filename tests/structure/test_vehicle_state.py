@@ -132,4 +132,4 @@ def test_monitors_return_what_they_find_and_tell_nobody() -> None:
         for other in others
         if monitor(module) and other.startswith(VOICES)
     ] == []
-    assert any(other.startswith(VOICES) for other in edges()["mavproxy_handover.operator.base.reports"])
+    assert any(other.startswith(VOICES) for other in edges()["mavproxy_handover.operator.base.context"])

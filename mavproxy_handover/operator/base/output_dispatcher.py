@@ -10,7 +10,7 @@ from mavproxy_handover.core.common.events import Event
 from mavproxy_handover.core.safety.route import RouteNews
 from mavproxy_handover.monitors.energy import EnergyNews, EnergyWarned
 from mavproxy_handover.monitors.position.source import BoxNews
-from mavproxy_handover.operator.base.reports import Reports
+from mavproxy_handover.operator.base.context import Reports
 
 __all__ = ["MonitorOutput", "OutputDispatcher"]
 

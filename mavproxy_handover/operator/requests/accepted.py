@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from mavproxy_handover.core.common.events import Event
 from mavproxy_handover.core.common.model import Phase
@@ -12,15 +13,29 @@ from mavproxy_handover.gate.in_force import AuthorityInForce
 from mavproxy_handover.gate.intent import INTENT_MESSAGES, intent_of
 from mavproxy_handover.gate.list_changes import list_change
 from mavproxy_handover.gate.refusal_text import thesis_command
-from mavproxy_handover.operator.orders import disarms
-from mavproxy_handover.operator.requests.command_parts import CommandParts
+from mavproxy_handover.operator.checks.command_check import CommandCheck
+from mavproxy_handover.operator.checks.read_back import ReadBack
+from mavproxy_handover.operator.orders import Orders, disarms
 from mavproxy_handover.operator.stations.event_log import EventLog
 from mavproxy_handover.operator.stations.port import StationPort
+from mavproxy_handover.operator.uploads.mission_on_board import MissionOnBoard
 from mavproxy_handover.tools.schedule import attempt
 from mavproxy_handover.vehicle import mode_requests
+from mavproxy_handover.vehicle.state import VehicleState
 from mavproxy_handover.wire.frames import Frame
 
-__all__ = ["AcceptedCommands"]
+__all__ = ["AcceptedCommands", "CommandParts"]
+
+
+@dataclass(frozen=True, slots=True)
+class CommandParts:
+    """The parts of one vehicle, for the services that carry out commands."""
+
+    aircraft: VehicleState
+    orders: Orders
+    command_check: CommandCheck
+    read_back: ReadBack
+    mission: MissionOnBoard
 
 
 class AcceptedCommands:

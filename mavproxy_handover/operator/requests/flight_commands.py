@@ -23,8 +23,7 @@ from mavproxy_handover.gate.policy.rows import begins_midway, classify
 from mavproxy_handover.operator.checks.preflight_warnings import PreflightWarnings
 from mavproxy_handover.operator.checks.read_back import WITHDRAWN
 from mavproxy_handover.operator.orders import UNDOING, commanded
-from mavproxy_handover.operator.requests.accepted import AcceptedCommands
-from mavproxy_handover.operator.requests.command_parts import CommandParts
+from mavproxy_handover.operator.requests.accepted import AcceptedCommands, CommandParts
 from mavproxy_handover.operator.stations.event_log import EventLog
 from mavproxy_handover.operator.stations.port import StationPort
 from mavproxy_handover.wire.frames import Frame

@@ -22,7 +22,7 @@ from mavproxy_handover.gate.mission_server import MissionServer, Turn
 from mavproxy_handover.mission.items import FRAME_ABOVE_HOME, MissionItem, RallyPoint
 from mavproxy_handover.mission.plan import HIGHEST_M, LOWEST_M
 from mavproxy_handover.mission.protocol_items import Flaw, flaw
-from mavproxy_handover.operator.base.reports import Reports
+from mavproxy_handover.operator.base.context import Reports
 from mavproxy_handover.operator.stations.port import StationPort
 from mavproxy_handover.vehicle.mission_protocol import rally_items
 

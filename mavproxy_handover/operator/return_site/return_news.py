@@ -16,7 +16,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.safety.return_site import Choice
 from mavproxy_handover.monitors.return_site.candidates import HOME
-from mavproxy_handover.operator.base.reports import Reports
+from mavproxy_handover.operator.base.context import Reports
 from mavproxy_handover.vehicle.state import VehicleState
 
 __all__ = ["ReturnNews"]

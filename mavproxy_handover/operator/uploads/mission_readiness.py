@@ -21,7 +21,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.core.common.events import Event, MissionJudged
 from mavproxy_handover.gate.list_changes import MISSION, ListChange
 from mavproxy_handover.mission.package import MissionPackage
-from mavproxy_handover.operator.base.reports import Reports
+from mavproxy_handover.operator.base.context import Reports
 from mavproxy_handover.operator.stations.port import StationPort
 
 __all__ = ["ON_BOARD_RETRY_S", "MissionReadiness"]

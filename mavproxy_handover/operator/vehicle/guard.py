@@ -9,7 +9,7 @@ from typing import Any
 
 from mavproxy_handover.core.common.events import Event, GuardSeen
 from mavproxy_handover.core.common.model import AuthorityView, GuardState
-from mavproxy_handover.operator.base.reports import Reports
+from mavproxy_handover.operator.base.context import Reports
 from mavproxy_handover.vehicle.guard_link import GuardLink
 from mavproxy_handover.vehicle.state import VehicleState
 from mavproxy_handover.wire.ids import GUARD_STATUS_TUNNEL

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from mavproxy_handover.core.common.model import AuthorityView
-from mavproxy_handover.operator.base.reports import Reports
+from mavproxy_handover.operator.base.context import Reports
 from mavproxy_handover.tools.schedule import attempt
 from mavproxy_handover.vehicle.state import VehicleState
 

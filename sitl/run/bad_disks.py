@@ -1,9 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Small file systems that fill up or turn read-only, visible only to this process and its children.
+"""Bad disks, for one program of a run: slow, full, read-only.
 
-They live in memory, in a mount namespace of this process, so they always end with it. Making one needs root
-(CAP_SYS_ADMIN); without it the error says so.
+A slow disk makes a program wait: `slow_disk.c` is compiled and loaded in front of the C library. The program and the
+call are the real ones; only the duration is not. Nothing else on the machine notices.
+
+Small file systems fill up or turn read-only, visible only to this process and its children. They live in memory, in a
+mount namespace of this process, so they always end with it. Making one needs root (CAP_SYS_ADMIN); without it the error
+says so.
 """
 
 from __future__ import annotations
@@ -11,6 +15,8 @@ from __future__ import annotations
 import ctypes
 import errno
 import os
+import shutil
+import subprocess
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -19,13 +25,35 @@ from typing import Final
 
 from sitl.script.places import SetupError
 
-__all__ = ["SmallDisk", "small_disk"]
+__all__ = ["SmallDisk", "on_slow_disk", "small_disk"]
 
+_SOURCE = Path(__file__).with_name("slow_disk.c")
+_COMPILE_S = 60.0
 _NEW_NAMESPACE: Final = 0x0002_0000
 _READ_ONLY, _REMOUNT, _RECURSIVE, _PRIVATE = 1, 1 << 5, 1 << 14, 1 << 18
 #: longest wait (s) for a moment in which no program writes
 _PATIENCE_S = 5.0
 _separate = False
+
+
+def on_slow_disk(folder: Path, fsync_s: float) -> tuple[str, ...]:
+    """Words to put before a command line: each fsync of that program takes `fsync_s`. `folder`: for what is compiled.
+
+    Raises SetupError with one line, as where there is no C compiler.
+    """
+    compiler = shutil.which("cc") or shutil.which("gcc")
+    if compiler is None:
+        raise SetupError("a slow disk needs a C compiler (Debian: gcc), and there is none")
+    folder.mkdir(parents=True, exist_ok=True)
+    library = (folder / "slow_disk.so").resolve()
+    command = [compiler, "-shared", "-fPIC", "-O2", "-o", str(library), str(_SOURCE), "-ldl"]
+    try:
+        subprocess.run(command, check=True, capture_output=True, text=True, timeout=_COMPILE_S)
+    except subprocess.CalledProcessError as error:
+        raise SetupError(f"slow_disk.c was not compiled: {' '.join(error.stderr.split())[:200]}") from None
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise SetupError(f"slow_disk.c was not compiled: {error}") from None
+    return ("/usr/bin/env", f"LD_PRELOAD={library}", f"SLOW_DISK_S={fsync_s:g}")
 
 
 def _libc() -> ctypes.CDLL:
