@@ -124,6 +124,18 @@ _TEXTS: Final = (
         "The guard hears the companion, and the station with this system id commands.",
     ),
     _row("HNDO: lease live, nobody commands", _INFO, "The aircraft crosses a gap that its mission declares."),
+    _row(
+        "HNDO: could not add param table",
+        _WARNING,
+        "Another script uses the guard's table of parameters. The guard does not run.",
+        "Remove the other script.",
+    ),
+    _row(
+        "HNDO: could not add param {parameter}",
+        _WARNING,
+        "Another script uses the guard's table of parameters. The guard does not run.",
+        "Remove the other script.",
+    ),
     _row("HNDO: guard disabled", _WARNING, "HNDO_ENABLE is 0: the guard does nothing.", "Set it to 1."),
     _row(
         "HNDO: lease refused, {objection}",

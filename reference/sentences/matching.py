@@ -33,6 +33,7 @@ class Matcher:
     """The rows of some groups. `words`: further values, name -> pattern."""
 
     def __init__(self, groups: tuple[Group, ...], words: Mapping[str, str]) -> None:
+        self.groups = groups
         self._groups = {group.name: group for group in groups}
         self._words = {**VALUES, **words}
         self.sentence = cache(self._pattern)

@@ -14,6 +14,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 from xml.etree import ElementTree as Xml
 
+from mavproxy_handover.core.common.levels import Level
 from sitl.report.evidence import Evidence
 from sitl.report.exchange import exchanges
 from sitl.report.flight import Story
@@ -129,7 +130,7 @@ def _vehicle(document: Xml.Element, story: Story) -> None:
     for stretch in emergencies(evidence):
         piece = [sample for sample in evidence.samples if stretch.begin_t <= sample.t <= stretch.end_t]
         if len(piece) > 1:
-            name, colour = ("held", WARNING) if stretch.held else ("emergency", ALARM)
+            name, colour = stretch.word, ALARM if stretch.level is Level.EMERGENCY else WARNING
             _line(folder, f"{name}: {stretch.why}", piece, colour, 9, times)
     for transfer in exchanges(evidence):
         sample = nearest(evidence.samples, transfer.ended_t or transfer.begun_t)

@@ -18,6 +18,7 @@ from typing import Any
 
 import shapely
 
+from mavproxy_handover.core.common.levels import Level
 from mavproxy_handover.mission.colours import DELIVERY, RALLY, rgb
 from mavproxy_handover.mission.drawing import round_down
 from mavproxy_handover.mission.flat import parts, quiet_place
@@ -29,7 +30,7 @@ from sitl.report.evidence import NOBODY
 from sitl.report.exchange import Exchange
 from sitl.report.flight import Story
 from sitl.report.journal_reader import Entry
-from sitl.report.outcome import emergencies, holds
+from sitl.report.outcome import emergencies, level_of
 from sitl.report.palette import (
     ALARM,
     GRID,
@@ -240,7 +241,7 @@ class _Map:
             piece = [each for each in self._samples if stretch.begin_t <= each.t <= stretch.end_t]
             if len(piece) < 2:
                 continue
-            name, colour = ("held", _WARN) if stretch.held else ("emergency", ALARM)
+            name, colour = stretch.word, ALARM if stretch.level is Level.EMERGENCY else _WARN
             self._line(
                 [each.lat_deg for each in piece], [each.lon_deg for each in piece], mode="lines", name=name,
                 line={"color": colour, "width": 13}, opacity=0.45, showlegend=name not in shown, legendgroup=name,
@@ -678,7 +679,7 @@ class _Timeline:
     def _marks(self, transfers: Sequence[Exchange]) -> None:
         for stretch in emergencies(self._evidence):
             x0, x1 = self._times.plus_s(stretch.begin_t), self._times.plus_s(stretch.end_t)
-            colour = _WARN if stretch.held else ALARM
+            colour = ALARM if stretch.level is Level.EMERGENCY else _WARN
             self._figure.add_shape(
                 type="rect", x0=x0, x1=x1, y0=0, y1=1, yref="paper", fillcolor=colour, opacity=0.16, line_width=0,
                 layer="below",
@@ -717,7 +718,7 @@ def _link_word(entry: Entry, station: str) -> str:
 
 
 def _colour(entry: Entry) -> str:
-    return _WARN if entry.event == "emergency" and holds(entry) else _DECISIONS[entry.event]
+    return _WARN if entry.event == "emergency" and level_of(entry) < Level.EMERGENCY else _DECISIONS[entry.event]
 
 
 def _said(entry: Entry) -> str:

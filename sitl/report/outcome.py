@@ -12,6 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
+from mavproxy_handover.core.common.levels import DECISION_LEVELS, Level
+from mavproxy_handover.core.common.model import FlightAction
 from mavproxy_handover.mission.geodesy import distance_m
 from sitl.report.evidence import NOBODY, CommanderChange, Evidence
 from sitl.report.exchange import Exchange
@@ -19,7 +21,7 @@ from sitl.report.journal_reader import Entry
 from sitl.report.times import Times, duration
 from sitl.report.watch import VEHICLE, Sample
 
-__all__ = ["Gravity", "Line", "Stretch", "emergencies", "holds", "outcome"]
+__all__ = ["Gravity", "Line", "Stretch", "emergencies", "level_of", "outcome"]
 
 #: a shorter time (s) without a commander in flight is the pause of a handover or of a restart
 _PAUSE_S = 0.5
@@ -55,17 +57,30 @@ class Stretch:
     begin_t: float
     end_t: float
     why: str
-    #: the aircraft was only held: a warning, and no emergency
-    held: bool = False
+    #: by the action of its decision, as at the stations
+    level: Level = Level.EMERGENCY
+
+    @property
+    def word(self) -> str:
+        """Its name, in small letters."""
+        if self.level is Level.EMERGENCY:
+            return "emergency"
+        return "held" if self.why.endswith(": hold") else "warning"
 
 
-def holds(entry: Entry) -> bool:
-    """Whether an entry "emergency" tells of a hold. That is a warning, as it is at the stations."""
-    return entry.get("action") == "hold" or entry.text.endswith(": hold")
+def level_of(entry: Entry) -> Level:
+    """The level of an entry "emergency", by the vehicle's own table of decisions. Without an action: an emergency."""
+    word = str(entry.get("action") or entry.text.rpartition(": ")[2]).upper()
+    action = FlightAction.__members__.get(word)
+    return Level.EMERGENCY if action is None else DECISION_LEVELS[action]
+
+
+def _warns(entry: Entry) -> bool:
+    return level_of(entry) < Level.EMERGENCY
 
 
 def emergencies(evidence: Evidence) -> list[Stretch]:
-    """Holds and emergencies, each from its beginning to its end.
+    """Warnings and emergencies, each from its beginning to its end.
 
     It ends at the landing or at the end of the record, too. A hold that a return follows ends where the return begins.
     """
@@ -74,7 +89,7 @@ def emergencies(evidence: Evidence) -> list[Stretch]:
     for entry in evidence.entries:
         if entry.event == "emergency" and begun is None:
             begun = entry
-        elif entry.event == "emergency" and begun is not None and holds(begun) and not holds(entry):
+        elif entry.event == "emergency" and begun is not None and _warns(begun) and not _warns(entry):
             found.append(_stretch(begun, entry.t))
             begun = entry
         elif begun is not None and (
@@ -89,7 +104,7 @@ def emergencies(evidence: Evidence) -> list[Stretch]:
 
 
 def _stretch(begun: Entry, end_t: float) -> Stretch:
-    return Stretch(begun.t, end_t, _why(begun), holds(begun))
+    return Stretch(begun.t, end_t, _why(begun), level_of(begun))
 
 
 def _why(entry: Entry) -> str:
@@ -162,8 +177,8 @@ def _wrong(evidence: Evidence, times: Times) -> list[Line]:
     found = emergencies(evidence)
     lines = [
         Line(
-            Gravity.WARNING if each.held else Gravity.BAD,
-            f"{'Held' if each.held else 'Emergency'} at {times.plus(each.begin_t)}, for "
+            Gravity.BAD if each.level is Level.EMERGENCY else Gravity.WARNING,
+            f"{each.word.capitalize()} at {times.plus(each.begin_t)}, for "
             f"{duration(times.plus_s(each.end_t) - times.plus_s(each.begin_t))}: {each.why}.",
         )
         for each in found

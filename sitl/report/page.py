@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+from mavproxy_handover.core.common.levels import Level
 from mavproxy_handover.core.common.model import journal_in_words
 from mavproxy_handover.tools.command_line import CommandParser
 from sitl.report.exchange import Exchange, exchanges
@@ -27,7 +28,7 @@ from sitl.report.export import write_csv, write_kml
 from sitl.report.flight import Story
 from sitl.report.journal_reader import Entry
 from sitl.report.kinds import kinds
-from sitl.report.outcome import Gravity, holds, outcome
+from sitl.report.outcome import Gravity, level_of, outcome
 from sitl.report.record import RecordError, RunRecord, load
 from sitl.report.rehearsal import books, tables
 from sitl.report.script import figure, library
@@ -337,7 +338,7 @@ def _gravity(entry: Entry) -> str:
         return "failed"
     if entry.event != "emergency":
         return ""
-    return "warned" if holds(entry) else "failed"
+    return "warned" if level_of(entry) < Level.EMERGENCY else "failed"
 
 
 def _sources(record: RunRecord) -> str:

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from mavproxy_handover.core.common.levels import Level
 from mavproxy_handover.mission.colours import ALARM, INK, NOBODY, PAPER, WARNING
 from mavproxy_handover.mission.drawing import columns
 from mavproxy_handover.mission.picture import MapSheet
@@ -19,7 +20,7 @@ from sitl.report.evidence import NOBODY as NOBODY_NAME
 from sitl.report.evidence import Evidence
 from sitl.report.exchange import Exchange
 from sitl.report.labels import LabelPlacer
-from sitl.report.outcome import emergencies, holds
+from sitl.report.outcome import emergencies, level_of
 from sitl.report.palette import colours
 from sitl.report.times import duration
 from sitl.report.track import airborne, nearest, pieces
@@ -80,7 +81,7 @@ class _Flown:
                 if stretch.begin_t <= sample.t <= stretch.end_t
             ]
             if len(line) > 1:
-                name, colour = ("held", WARNING) if stretch.held else ("emergency", ALARM)
+                name, colour = stretch.word, ALARM if stretch.level is Level.EMERGENCY else WARNING
                 style = {"color": colour, "alpha": 0.4, "linewidth": 10, "solid_capstyle": "round", "zorder": 4.5}
                 axes.plot(*columns(line), label=None if name in shown else name, **style)
                 shown.add(name)
@@ -130,7 +131,7 @@ class _Flown:
             axes.plot(*columns(places), "x", color=INK, markersize=6, label="refused", zorder=8, ls="none")
         spots: list[tuple[float, str, str]] = []
         for entry in self._evidence.of(event="emergency"):
-            colour = INK if holds(entry) else ALARM
+            colour = INK if level_of(entry) < Level.EMERGENCY else ALARM
             spots.append((entry.t, str(entry.get("reason", "emergency")).replace("_", " "), colour))
         for label, t in self._evidence.notes.marks.items():
             if not any(text == label for _, text, _ in spots):

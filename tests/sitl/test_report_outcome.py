@@ -8,12 +8,14 @@ from typing import Any
 
 import pytest
 
+from mavproxy_handover.core.common.levels import DECISION_LEVELS, Level
+from mavproxy_handover.core.common.model import FlightAction
 from mavproxy_handover.mission.colours import STATION_COLOURS
 from sitl.report.evidence import Evidence
 from sitl.report.exchange import Exchange, Flight
 from sitl.report.journal_reader import Entry
 from sitl.report.kinds import kinds, rows
-from sitl.report.outcome import Gravity, emergencies, outcome
+from sitl.report.outcome import Gravity, emergencies, level_of, outcome
 from sitl.report.palette import dark
 from sitl.report.style import STYLE
 from sitl.report.times import Times, duration
@@ -68,11 +70,11 @@ def test_an_emergency_lasts_until_it_is_over_or_the_aircraft_has_landed() -> Non
         (30.0, "vehicle", "landed", {}),
         (40.0, "drone-1", "emergency_over", {}),
     )
-    found = [(stretch.begin_t, stretch.end_t, stretch.why, stretch.held) for stretch in emergencies(evidence)]
+    found = [(stretch.begin_t, stretch.end_t, stretch.why, stretch.level) for stretch in emergencies(evidence)]
     assert found == [
-        (10.0, 12.0, "coverage ends ahead: hold", True),
-        (12.0, 14.0, "commander lost: return", False),
-        (20.0, 30.0, "commander lost", False),
+        (10.0, 12.0, "coverage ends ahead: hold", Level.WARNING),
+        (12.0, 14.0, "commander lost: return", Level.EMERGENCY),
+        (20.0, 30.0, "commander lost", Level.EMERGENCY),
     ]
 
 
@@ -89,6 +91,14 @@ def test_a_hold_is_a_warning_as_at_the_station() -> None:
     found = said(evidence)
     assert (Gravity.WARNING, "Held at T+0:10.0, for 2.00 s: coverage ends ahead: hold.") in found
     assert (Gravity.GOOD, "No emergency.") in found
+
+
+@pytest.mark.parametrize("action", FlightAction)
+def test_the_report_has_the_levels_of_the_vehicles_table(action: FlightAction) -> None:
+    word = action.name.lower()
+    for entry in ({"text": f"links weak: {word}"}, {"text": "links weak", "action": word}):
+        (found,) = flight((1.0, "drone-1", "emergency", entry)).of(event="emergency")
+        assert level_of(found) is DECISION_LEVELS[action]
 
 
 def test_a_return_after_a_hold_is_an_emergency_from_the_return_on() -> None:

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.structure.language import ALLOWED, CLEAN, ROOT, RULES, TERMS, Text, check, findings, main, read
+from tests.structure.language import ALLOWED, CLEAN, ROOT, RULES, TERMS, Text, check, findings, main, read, shown
+from tests.structure.shown import help_texts, message_texts
 
 #: rule -> a text with a finding of this rule, a text without one; a first paragraph of a module where that matters
 EXAMPLES = {
@@ -214,19 +215,47 @@ def test_what_is_read_of_a_document(tmp_path: Path) -> None:
 def test_a_finding_names_its_place(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    page = tmp_path / "page.md"
-    page.write_text("It is fine.\nIt is told to nobody.\n", encoding="utf-8")
+    code = tmp_path / "code.py"
+    code.write_text('"""A module."""\n\nX = "it is told to nobody here"\n', encoding="utf-8")
     monkeypatch.setattr("tests.structure.language.ROOT", tmp_path)
-    assert main(["page.md"]) == 1
-    assert capsys.readouterr().out.startswith("page.md:2: person: 'fine. It is told to nobody.': name the ")
-    page.write_text("It is fine.\n", encoding="utf-8")
+    assert main(["code.py"]) == 1
+    told = capsys.readouterr()
+    assert told.out.startswith("code.py:3: person: 'it is told to nobody here': name the ")
+    assert told.err == "1 findings, 0 warnings in documents\n"
+    code.write_text('"""A module."""\n', encoding="utf-8")
+    assert main(["code.py"]) == 0
+
+
+def test_a_finding_in_a_document_is_a_warning(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "page.md").write_text("It is fine.\nIt is told to nobody.\n", encoding="utf-8")
+    monkeypatch.setattr("tests.structure.language.ROOT", tmp_path)
     assert main(["page.md"]) == 0
+    told = capsys.readouterr()
+    assert told.out.startswith("page.md:2: person: ")
+    assert told.err == "0 findings, 1 warnings in documents\n"
+
+
+def test_message_tables_and_help_have_no_finding() -> None:
+    assert [str(finding) for finding in shown()] == []
+
+
+def test_message_tables_and_help_are_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    texts = [text.text for _where, text in (*message_texts(), *help_texts())]
+    assert len(texts) > 1500
+    assert "X commands, epoch X." in texts
+    monkeypatch.setattr(
+        "tests.structure.shown.help_texts", lambda: [("handover x --help", Text("message", 1, "Whoever."))]
+    )
+    assert [(finding.path, finding.rule) for finding in shown()] == [("handover x --help", "person")]
 
 
 def test_every_exception_is_needed_and_has_a_reason() -> None:
     for path, rule, text, reason in ALLOWED:
         assert reason
-        held = {(found, excerpt) for t in read(ROOT / path) for _line, found, excerpt, _advice in check(t)}
+        texts = [shown_text for where, shown_text in message_texts() if where == path] or read(ROOT / path)
+        held = {(found, excerpt) for t in texts for _line, found, excerpt, _advice in check(t)}
         assert any(found == rule and text in excerpt for found, excerpt in held), (path, rule, text)
 
 
