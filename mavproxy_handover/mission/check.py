@@ -30,7 +30,7 @@ from mavproxy_handover.mission.check_words import (
 )
 from mavproxy_handover.mission.curves import WITHIN_M
 from mavproxy_handover.mission.energy import Budget, budget_of, places_inside, places_of, released_at
-from mavproxy_handover.mission.fence import outside_fence
+from mavproxy_handover.mission.fence import Fence, outside_fence
 from mavproxy_handover.mission.gaps import Stretch, undeclared
 from mavproxy_handover.mission.geodesy import distance_m, offset
 from mavproxy_handover.mission.heights import (
@@ -43,14 +43,18 @@ from mavproxy_handover.mission.heights import (
     named,
 )
 from mavproxy_handover.mission.items import MissionItem
+from mavproxy_handover.mission.leg import first_pass
+from mavproxy_handover.mission.open_takeoff import climb_m, open_takeoff
 from mavproxy_handover.mission.package import MISSION_FILE, MissionPackage
 from mavproxy_handover.mission.path import Path, Turn
 from mavproxy_handover.mission.plan import Route
+from mavproxy_handover.mission.room import has_room
 from mavproxy_handover.mission.route_simulation import (
     Gap,
     RouteSimulation,
     curves_lacking,
     landing_sequences,
+    legs_of,
     sequence_place,
 )
 from mavproxy_handover.mission.terrain import CLEAR_M
@@ -136,6 +140,7 @@ def check(
     """
     simulation = package.simulate(wind)
     path = package.path(wind)
+    air = None if path is None else package.air(wind)
     model = package.energy.model(wind, package.profile.energy)
     energy = None if model is None else budget_of(package.route, package.cruise_speed_mps, model)
     crossed = package.stretches(simulation, wind)
@@ -143,7 +148,8 @@ def check(
     by_rule: tuple[tuple[str, Iterable[Finding]], ...] = (
         ("parent-zone", _start(package, simulation)),
         ("coverage", _gaps(package, simulation, path)),
-        ("turns", () if path is None else _turns(path)),
+        ("turns", () if path is None or air is None else _turns(package, path, air)),
+        ("take-off", _takeoff(package, air)),
         ("landing-sequence", _returns(package)),
         ("declared-gaps", _declared(package, crossed)),
         ("overlap", _overlaps(package, simulation, crossed, transfer_s)),
@@ -166,7 +172,6 @@ def check(
     findings = [replace(finding, rule=rule) for rule, found in by_rule for finding in found]
     order = list(Severity)
     findings.sort(key=lambda finding: order.index(finding.severity))
-    air = None if path is None else package.air(wind)
     return CheckReport(package, simulation, tuple(findings), transfer_s, energy, crossed, path, air)
 
 
@@ -213,14 +218,39 @@ def _turn_words(turn: Turn) -> str:
     return f"the turn at item {turn.seq} ({turn.angle_deg:.0f} degrees, radius {turn.radius_m:.0f} m{outside})"
 
 
-def _turns(path: Path) -> Iterator[Finding]:
+def _turns(package: MissionPackage, path: Path, air: Air) -> Iterator[Finding]:
     """Findings about legs and directions that wings cannot fly."""
     for seq in path.unflown:
         yield Finding(Severity.ERROR, f"the wind does not let the way to item {seq} be flown")
+    finder, fence = package.zone_finder(), Fence(package.route.fence)
+    lines = first_pass(legs_of(package.route, package.cruise_speed_mps))
     for tight in path.tight:
         text = (
             f"the leg to item {tight.seq} is {tight.length_m:.0f} m, the turns at its ends need {tight.needed_m:.0f} m:"
             " where it is flown is not known"
+        )
+        leg = lines[tight.seq][0]
+        reach_m = package.route.wings.reach_m(replace(air, airspeed_mps=leg.speed_mps).fastest_mps)
+        if has_room(leg, reach_m, finder, fence):
+            yield Finding(Severity.WARNING, f"{text}. All within {reach_m:.0f} m of it is covered alike")
+        else:
+            yield Finding(Severity.ERROR, text)
+
+
+def _takeoff(package: MissionPackage, air: Air | None) -> Iterator[Finding]:
+    """A take-off without a place has to have room in every direction."""
+    item = open_takeoff(package.route)
+    if item is None or air is None:
+        return
+    leg = package.legs()[0]
+    climb = climb_m(leg.end[2] - leg.start[2], air.fastest_mps)
+    turned_m = package.route.wings.reach_m(air.fastest_mps)
+    around = replace(leg, end=(*leg.start[:2], leg.end[2]))
+    if not has_room(around, climb + turned_m, package.zone_finder(), Fence(package.route.fence)):
+        text = (
+            f"{named(item)} has no place: it climbs {climb:.0f} m ahead, wherever the aircraft points, and turns "
+            "there. Not all of that is covered alike, and inside the geofence. Give the item a place ahead on the "
+            "runway"
         )
         yield Finding(Severity.ERROR, text)
 

@@ -10,7 +10,8 @@ Rules
 * A height above terrain is known before the flight only with the heights of the ground that a mission may bring.
 * Where the mission brings no heights of the ground, a way at home's height or below leads into the ground, unless that
   is lower there: an error. Less than `LOW_M` above home is a warning: the height itself is known to some metres only
-  (the barometer drifts, home is set when arming). Take-offs and landings are neither.
+  (the barometer drifts, home is set when arming). Take-offs and landings are neither. NAV_DELAY is not
+  judged: it waits where the item before it ends, also on the ground.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from typing import Final
 
 from mavproxy_handover.mission.items import (
     COMMANDS,
+    DELAY,
     FRAME_ABOVE_SEA,
     FRAME_ABOVE_TERRAIN,
     LANDINGS,
@@ -165,7 +167,7 @@ class Low:
 def low_ways(route: Route, legs: Iterable[Leg]) -> tuple[Low, ...]:
     """The legs at home's height or below, and low ones, if the mission has no heights of the ground."""
     lands = {item.seq for way in ways_from_land_starts(route.items) for item in way}
-    free = frozenset((*TAKEOFFS, *LANDINGS, RETURN_TO_LAUNCH, *route.profile.height_unused))
+    free = frozenset((*TAKEOFFS, *LANDINGS, RETURN_TO_LAUNCH, DELAY, *route.profile.height_unused))
     lowest: dict[int, float] = {}
     for leg in legs:
         item = route.items[leg.seq - 1]

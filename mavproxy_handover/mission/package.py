@@ -33,12 +33,12 @@ from mavproxy_handover.mission.corridor import covered_area
 from mavproxy_handover.mission.errors import Faults, MissionError, Where
 from mavproxy_handover.mission.gaps import DeclaredGap, Stretch, read_gaps, stretches
 from mavproxy_handover.mission.geojson import read_zones
-from mavproxy_handover.mission.items import COMMANDS, MissionItem
+from mavproxy_handover.mission.items import COMMANDS, TAKEOFFS, MissionItem
 from mavproxy_handover.mission.jumps import jumps
 from mavproxy_handover.mission.keys import DEFAULT_RALLY_REACH_M, ENERGY, MISSION, POLICY, STATIONS, WINGS
 from mavproxy_handover.mission.path import Path as FlownPath
 from mavproxy_handover.mission.path import path_of
-from mavproxy_handover.mission.plan import FencePart, Route, on_ground, read_route
+from mavproxy_handover.mission.plan import FencePart, Route, first_in_air, on_ground, read_route
 from mavproxy_handover.mission.returns import with_return
 from mavproxy_handover.mission.route_simulation import (
     Leg,
@@ -408,7 +408,7 @@ def _build(texts: Mapping[str, str]) -> MissionPackage:
     listed = [(station.sysid, station.waypoints) for station in stations]
     belonging = belonging_of(where, route, listed) if detector == "reached" else None
     zones = _zones(where, mission, texts, detector=detector, stations=stations, route=route, belonging=belonging)
-    return MissionPackage(
+    package = MissionPackage(
         name=name,
         description=description,
         profile=profile,
@@ -429,6 +429,17 @@ def _build(texts: Mapping[str, str]) -> MissionPackage:
         files=MappingProxyType(files),
         digest=hashlib.sha256(_plain_form(files)).digest(),
     )
+    _check_leaves(Where(str(mission["route"])), package)
+    return package
+
+
+def _check_leaves(where: Where, package: MissionPackage) -> None:
+    """Check that the route leads anywhere: a take-off does. Raises MissionError."""
+    first = first_in_air(package.route.items)
+    if (first is None or first.command not in TAKEOFFS) and not package.legs():
+        raise where.error(
+            "nothing is flown: the aircraft stays at home (allowed: at least one item that leads away, or up)"
+        )
 
 
 def _route(

@@ -7,6 +7,9 @@
 use the ground speed in each direction, at the most, so the aircraft has at least the time stated here. The turns are as
 wide as the highest ground speed makes them, in any direction.
 
+Where a leg is shorter than its turns need (`Tight`), the way is not known: `check.py` looks for room around it, and the
+time of a turn all around is added.
+
 While hovering there are no turns: a quadplane that rises, descends or was told by DO_VTOL_TRANSITION to hover turns on
 the spot. The path to a hovering landing is assumed to be straight, without braking.
 """
@@ -135,6 +138,8 @@ class _Tracer:
                 self._corner(line, item, following)
             else:
                 self._to_the_end(line)
+        for tight in self._tight:
+            self._circle_more(tight.seq)
         return Path(tuple(self._legs), tuple(self._turns), tuple(self._tight), tuple(self._unflown))
 
     # --- what is flown at an item ---
@@ -261,6 +266,15 @@ class _Tracer:
         """Add the time of circling after the first round."""
         if seconds > 0.0:
             self._legs[-1] = replace(self._legs[-1], hold_s=seconds)
+
+    def _circle_more(self, seq: int) -> None:
+        """Add the time of a turn all around to the way to an item, whose way is not known."""
+        number = max((number for number, leg in enumerate(self._legs) if leg.seq == seq), default=None)
+        if number is None:
+            return
+        leg = self._legs[number]
+        radius = self._route.wings.turn_radius_m(self._air_of(leg).fastest_mps)
+        self._legs[number] = replace(leg, hold_s=leg.hold_s + math.tau * radius / leg.speed_mps)
 
     def _longer_s(self, item: MissionItem, round_s: float) -> float:
         if item.command == LOITER_TURNS:

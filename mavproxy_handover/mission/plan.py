@@ -49,6 +49,7 @@ from mavproxy_handover.mission.items import (
 )
 from mavproxy_handover.mission.jumps import as_flown, check_jumps, endless_jumps, jumps
 from mavproxy_handover.mission.refused_items import command_name, safeguard_taken_away, why_not_flown
+from mavproxy_handover.mission.waypoint_numbers import odd_numbers
 from mavproxy_handover.mission.wings import AS_IT_COMES, Wings
 from mavproxy_handover.vehicle.profiles import ASSUMED, Profile
 
@@ -61,6 +62,7 @@ __all__ = [
     "MADE_FOR",
     "Route",
     "first_in_air",
+    "next_place",
     "on_ground",
     "read_fence",
     "read_route",
@@ -367,7 +369,9 @@ def _read_waypoints(where: Where, text: str, profile: Profile, endless: bool) ->
     if not numbered:
         raise where.error("no items (allowed: item 0 is home, item 1 the first one flown)")
     faults = Faults()
-    home = Home(0.0, 0.0, 0.0)
+    home, warnings = Home(0.0, 0.0, 0.0), tuple[str, ...]()
+    with faults.noted():
+        warnings = odd_numbers(numbered)
     with faults.noted():
         home = _home_line(*numbered[0])
     items: list[MissionItem] = []
@@ -375,11 +379,11 @@ def _read_waypoints(where: Where, text: str, profile: Profile, endless: bool) ->
         with faults.noted():
             items.append(_item_line(inside, seq, fields, profile))
     faults.raise_all()
-    return _finish(where, home, tuple(items), profile=profile, endless=endless)
+    return _finish(where, home, tuple(items), warnings=warnings, profile=profile, endless=endless)
 
 
 def _home_line(where: Where, fields: Sequence[str]) -> Home:
-    values = _values(where, 0, fields)
+    values = _values(where, fields)
     return Home(
         where.number(values[6], "latitude", -90.0, 90.0),
         where.number(values[7], "longitude", -180.0, 180.0),
@@ -388,18 +392,16 @@ def _home_line(where: Where, fields: Sequence[str]) -> Home:
 
 
 def _item_line(where: Where, seq: int, fields: Sequence[str], profile: Profile) -> MissionItem:
-    values, goes_on = _values(where, seq, fields), fields[-1] != "0"
+    values, goes_on = _values(where, fields), fields[-1] != "0"
     inside = where.at(f"item {seq}")
     command = inside.whole(values[1], "command", 0, 65535)
     return _item(inside, seq, command, frame=values[0], numbers=values[2:9], auto_continue=goes_on, profile=profile)
 
 
-def _values(where: Where, seq: int, fields: Sequence[str]) -> list[float | None]:
+def _values(where: Where, fields: Sequence[str]) -> list[float | None]:
     """The numbers of a line, from its frame to its height. Raises MissionError."""
     if len(fields) != 12:
         raise where.error(f"{len(fields)} fields (allowed: 12)")
-    if fields[0] != str(seq):
-        raise where.error(f"item number is '{fields[0][:20]}' (allowed here: {seq}, items count up from 0)")
     return [_field(where, field, n) for n, field in enumerate(fields[2:11], 3)]
 
 
@@ -611,6 +613,12 @@ def first_in_air(items: Sequence[MissionItem]) -> MissionItem | None:
     return next((item for item in items if COMMANDS[item.command].flown and item.command != DELAY), None)
 
 
+def next_place(items: Sequence[MissionItem], item: MissionItem) -> tuple[float, float] | None:
+    """The place of the first item after that one that is flown to a place; None: there is none."""
+    places = (each for each in items if each.seq > item.seq and COMMANDS[each.command].flown and each.has_place)
+    return next(((each.lat_deg, each.lon_deg) for each in places), None)
+
+
 def ways_from_land_starts(items: Sequence[MissionItem]) -> tuple[tuple[MissionItem, ...], ...]:
     """The items that ArduPlane flies from each DO_LAND_START to the landing, or to an earlier end."""
     found: list[tuple[MissionItem, ...]] = []
@@ -648,7 +656,7 @@ def _finish(
     with faults.noted():
         _check_transitions(where, items)
     with faults.noted():
-        _check_takeoff(where, home, first_in_air(flown), profile)
+        _check_takeoff(where, home, flown, profile)
     if profile.flies_past:
         with faults.noted():
             _check_landings(where, items, profile)
@@ -666,6 +674,12 @@ def _odd(items: Sequence[MissionItem], flown: Sequence[MissionItem], profile: Pr
         yield (
             f"the mission begins with {COMMANDS[first.command].name}, not with {profile.begins[0]}: START is refused. "
             "Take off with the remote control, then change to AUTO"
+        )
+    if first is not None and first.command in TAKEOFFS and profile.takeoff_needs_place and not first.has_place:
+        yield (
+            f"item {first.seq} ({COMMANDS[first.command].name}) has no place: the aircraft climbs ahead in the "
+            "direction in which it stands. The check takes that of the next place. Give the item a place ahead on the "
+            "runway"
         )
     name, ends = profile.ends
     if flown[-1].command not in (*ends, RETURN_TO_LAUNCH):
@@ -716,7 +730,8 @@ def _check_transitions(where: Where, items: Sequence[MissionItem]) -> None:
             )
 
 
-def _check_takeoff(where: Where, home: Home, item: MissionItem | None, profile: Profile) -> None:
+def _check_takeoff(where: Where, home: Home, flown: Sequence[MissionItem], profile: Profile) -> None:
+    item = first_in_air(flown)
     if item is None or item.command not in TAKEOFFS:
         return
     inside = where.at(f"item {item.seq}")
@@ -730,8 +745,11 @@ def _check_takeoff(where: Where, home: Home, item: MissionItem | None, profile: 
         raise inside.error(
             "take-off to a height above the sea, which ArduPlane adds to where it stands (allowed: above home)"
         )
-    if profile.takeoff_needs_place and not item.has_place:
-        raise inside.error("take-off without a place (allowed: one ahead on the runway, to where it climbs)")
+    if profile.takeoff_needs_place and not item.has_place and next_place(flown, item) is None:
+        raise inside.error(
+            "take-off without a place, and no item after it has one (allowed: one ahead on the runway, to where it "
+            "climbs)"
+        )
 
 
 def _check_landings(where: Where, items: Sequence[MissionItem], profile: Profile) -> None:

@@ -52,6 +52,7 @@ from mavproxy_handover.mission.leg import (
     return_place,
     round_by_round,
 )
+from mavproxy_handover.mission.open_takeoff import climb_end, climb_m, is_open
 from mavproxy_handover.mission.plan import Route, first_in_air, ways_from_land_starts
 from mavproxy_handover.mission.waypoint_ownership import Belonging
 from mavproxy_handover.mission.wings import HOVER_MPS
@@ -83,8 +84,6 @@ MOST_STEPS = 20000
 #: a border between two steps is found to this part of a metre
 BORDER_M = 0.05
 
-#: how slowly wings may climb or sink while they go straight on to another height
-_WING_CLIMB_MPS = 2.0
 #: MAV_VTOL_STATE: hovering
 _HOVERING = 3.0
 
@@ -277,6 +276,8 @@ def _wing_legs(
         made_mps = min(speed_mps, HOVER_MPS) if hovers_at(route, item.seq) else speed_mps
         end = _wing_end(route, item, before, here, made_mps)
         hold_s = _circling_s(route, item, made_mps)
+        if is_open(route, item):  # the way back, if the aircraft stands the other way round
+            hold_s += 2.0 * distance_m(*here[:2], *end[:2]) / made_mps
         if here != end or hold_s > 0.0:
             length = distance_m(*here[:2], *end[:2])
             time_s = length / made_mps if length > 0.0 else duration_s(here, end, made_mps)
@@ -314,10 +315,12 @@ def _wing_end(
     to_alt = above_home_m(route, item, place)
     if item.command in TAKEOFFS and route.profile.vertical:
         return lat, lon, to_alt
+    if is_open(route, item):
+        return (*climb_end(route, item, (lat, lon), climb_m(to_alt - alt, speed_mps)), to_alt)
     if item.command == CHANGE_ALTITUDE:  # straight on until it is there
         east, north = east_north_m(*before[:2], lat, lon)
         length = math.hypot(east, north)
-        on_m = speed_mps * abs(to_alt - alt) / _WING_CLIMB_MPS
+        on_m = climb_m(to_alt - alt, speed_mps)
         return (
             *(offset(lat, lon, on_m * east / length, on_m * north / length) if length > 0.0 else (lat, lon)),
             to_alt,

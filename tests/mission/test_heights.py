@@ -57,6 +57,14 @@ def test_a_way_near_the_height_of_home_is_told(small, height_m, severity, words)
     assert words in findings(small, severity)
 
 
+def test_a_wait_on_the_ground_is_no_way_into_it(small):
+    """Before the take-off, and between a landing and the next take-off."""
+    wait = {"type": "SimpleItem", "command": 93, "frame": 2, "params": [5, -1, -1, -1, 0, 0, 0], "doJumpId": 9}
+    small.items.insert(0, wait)
+    small.items[4:] = [wait, small.item(6, 22, 0.0, 10.005, 30), small.item(7, 21, 0.0, 10.005, 0)]
+    assert [text for text in findings(small, Severity.ERROR) if "height of home" in text] == []
+
+
 def test_a_plan_with_home_at_sea_level_and_items_above_the_sea_is_told(small):
     """The field was at 600 m: the aircraft was flown into the ground."""
     small.plan["mission"]["plannedHomePosition"][2] = 0

@@ -188,10 +188,19 @@ def test_hovering_up_to_a_height_above_the_sea_is_refused(small):
     )
 
 
-def test_a_plane_takes_off_towards_a_place(small):
-    small.items[0]["params"][4:6] = [0, 0]
+def test_a_plane_takes_off_towards_some_place(small):
+    small.items[:] = [small.item(1, 22, 0.0, 0.0, 30), small.item(2, 30, 0.0, 0.0, 60)]
     assert refusal(small.plan, PLANE) == (
-        "small.plan: item 1: take-off without a place (allowed: one ahead on the runway, to where it climbs)"
+        "small.plan: item 1: take-off without a place, and no item after it has one "
+        "(allowed: one ahead on the runway, to where it climbs)"
+    )
+
+
+def test_a_take_off_without_a_place_is_towards_the_next_one(small):
+    small.items[0]["params"][4:6] = [0, 0]
+    assert read(small.plan, PLANE).warnings[0] == (
+        "item 1 (NAV_TAKEOFF) has no place: the aircraft climbs ahead in the direction in which it stands. The check "
+        "takes that of the next place. Give the item a place ahead on the runway"
     )
 
 

@@ -569,3 +569,15 @@ def test_one_flipped_byte_of_a_package_is_refused(data):
         assert from_bytes(bytes(whole)).digest == load(MISSIONS / "linear").digest
     except MissionError:
         pass
+
+
+@pytest.mark.parametrize(("aircraft", "vehicle", "command"), [("copter", 2, 20), ("plane", 1, 17)])
+def test_refuses_a_mission_that_stays_at_home(small, aircraft, vehicle, command):
+    small.toml = f'aircraft = "{aircraft}"\n{small.toml}'
+    small.plan["mission"]["vehicleType"] = vehicle
+    small.items[:] = [small.item(1, command, 0.0, 0.0, 0)]
+    with pytest.raises(MissionError) as caught:
+        load(small.write())
+    assert str(caught.value) == (
+        "small.plan: nothing is flown: the aircraft stays at home (allowed: at least one item that leads away, or up)"
+    )

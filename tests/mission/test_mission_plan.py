@@ -571,9 +571,43 @@ def test_refuses_a_waypoint_line_with_a_field_missing():
     )
 
 
-def test_refuses_waypoints_out_of_order():
-    assert waypoint_refusal("QGC WPL 110\n" + HOME_LINE + "2 0 3 22 0 0 0 0 0 10 30 1\n") == (
-        "a.waypoints: line 3: item number is '2' (allowed here: 1, items count up from 0)"
+def numbered(*numbers, command=16):
+    """A waypoint file with home and items of these numbers, the last of that command."""
+    lines = [f"{number} 0 3 {22 if n == 0 else 16} 0 0 0 0 0 10.002 30 1" for n, number in enumerate(numbers[:-1])]
+    return f"QGC WPL 110\n{HOME_LINE}" + "\n".join([*lines, f"{numbers[-1]} 0 3 {command} 1 1 0 0 0 10.003 30 1"])
+
+
+def test_waypoints_count_by_their_order_as_in_ground_station_programs():
+    """MAVProxy, Mission Planner and QGroundControl number them anew."""
+    route = read_route("a.waypoints", numbered(1, 2, 2, 12))
+    assert [item.seq for item in route.items] == [1, 2, 3, 4]
+    assert route.warnings[0] == (
+        "line 5 has item number 2 (expected: 3): items count by their order, as in ground station programs. See that "
+        "no line is missing, and number them from 0"
+    )
+
+
+def test_waypoints_that_count_well_are_not_told_about():
+    assert "item number" not in " ".join(read_route("a.waypoints", numbered(1, 2, 3)).warnings)
+
+
+def test_refuses_waypoints_out_of_order_if_a_jump_counts_by_their_numbers():
+    assert waypoint_refusal(numbered(1, 2, 4, 5, command=177)) == (
+        "a.waypoints: line 5: item number is '4', and DO_JUMP counts by it (allowed here: 3, items count up from 0)"
+    )
+
+
+def test_refuses_waypoints_without_home_by_one_fault():
+    lines = numbered(1, 2, 3).replace(HOME_LINE, "")
+    assert waypoint_refusal(lines) == (
+        "a.waypoints: line 2: item number is '1', so home is missing (allowed: a first line with item 0, the place of "
+        "the take-off)"
+    )
+
+
+def test_refuses_an_item_number_that_is_no_number():
+    assert waypoint_refusal(numbered(1, "x", 3)) == (
+        "a.waypoints: line 4: item number is 'x' (allowed here: 2, items count up from 0)"
     )
 
 

@@ -343,12 +343,44 @@ def test_a_turn_whose_outside_leaves_coverage_is_found(winged):
     assert [each for each in errors(winged) if "no coverage" in each] == []
 
 
-def test_a_leg_shorter_than_its_turns_need_is_found(winged):
+TIGHT = "the leg to item 3 is 111 m, the turns at its ends need 122 m: where it is flown is not known"
+
+
+@pytest.fixture
+def tight(winged):
     """61 m before each of two right angles are more than the 110.6 m between them."""
     winged.items[2:2] = [winged.item(3, 16, 0.001, 10.03, 30), winged.item(4, 16, 0.001, 10.01, 30)]
-    assert "the leg to item 3 is 111 m, the turns at its ends need 122 m: where it is flown is not known" in errors(
-        winged
-    )
+    winged.toml = winged.toml.replace("expected_handovers = 1", "expected_handovers = 3")
+    return winged
+
+
+def warnings(small):
+    return [finding.text for finding in check(load(small.write())).findings if finding.severity is Severity.WARNING]
+
+
+def test_a_leg_shorter_than_its_turns_need_is_told_where_all_around_it_is_covered(tight):
+    """It is flown within 81.17 m and three radii of 40.79 m: 203.5 m."""
+    assert errors(tight) == []
+    assert f"{TIGHT}. All within 204 m of it is covered alike" in warnings(tight)
+
+
+def test_a_leg_shorter_than_its_turns_need_has_the_time_of_a_circle_more(tight):
+    """40.79 m at 15 m/s."""
+    legs = load(tight.write()).path().legs
+    assert [leg.seq for leg in legs if leg.hold_s > 0.0] == [3]
+    assert max(leg.hold_s for leg in legs) == near(math.tau * 40.789 / 15.0)
+
+
+def test_a_leg_shorter_than_its_turns_need_near_a_border_is_an_error(tight):
+    """The border is 167 m to the east of it."""
+    tight.zones["features"][1]["geometry"]["coordinates"] = [tight.box(10.01, 10.0315, -0.02, 0.02)]
+    assert errors(tight) == [TIGHT]
+
+
+def test_a_leg_shorter_than_its_turns_need_near_the_geofence_is_an_error(tight):
+    corners = [[-0.02, 9.98], [-0.02, 10.0315], [0.02, 10.0315], [0.02, 9.98]]
+    tight.plan["geoFence"]["polygons"] = [{"inclusion": True, "polygon": corners, "version": 1}]
+    assert TIGHT in errors(tight)
 
 
 def test_a_circle_that_leaves_the_zone_is_found(winged):
@@ -398,6 +430,27 @@ def plane(winged):
 def for_ever(place):
     sequence = "no landing sequence (DO_LAND_START to NAV_LAND) begins within 2000 m of it"
     return f"a return to {place} would circle for ever: {sequence}"
+
+
+OPEN = (
+    "item 1 (NAV_TAKEOFF) has no place: it climbs 300 m ahead, wherever the aircraft points, and turns there. Not all "
+    "of that is covered alike, and inside the geofence. Give the item a place ahead on the runway"
+)
+
+
+def test_a_take_off_without_a_place_is_walked_towards_the_next_one_with_the_time_of_the_way_back(plane):
+    """30 m at 2 m/s are 15 s: 225 m at 15 m/s, and twice that back if the aircraft stands the other way round."""
+    plane.items[0]["params"][4:6] = [0, 0]
+    first = load(plane.write()).path(Wind(0.0, 0.0)).legs[0]
+    assert east_north_m(0.0, 10.001, *first.end[:2]) == (near(225.0), near(0.0))
+    assert (first.end[2], first.hold_s) == (30.0, near(30.0))
+
+
+def test_a_take_off_without_a_place_needs_room_in_every_direction(plane):
+    plane.items[0]["params"][4:6] = [0, 0]
+    assert OPEN not in errors(plane)
+    plane.zones["features"][0]["geometry"]["coordinates"] = [plane.box(9.998, 10.02, -0.02, 0.02)]
+    assert OPEN in errors(plane)
 
 
 def test_a_return_that_would_circle_for_ever_is_an_error(plane):
