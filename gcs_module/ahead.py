@@ -50,6 +50,11 @@ class Ahead:
         """Whether it waits for this station's operator."""
         return self.consent is Consent.WAITING
 
+    @property
+    def question(self) -> tuple[int, ...]:
+        """Identifies the question about this border, also after it is answered."""
+        return self.key.from_station, self.key.to_station, self.key.epoch, self.key.crossing, -1
+
 
 class EarlyConsent:
     """One station's knowledge of the border ahead. Times are monotonic seconds; not safe for threads."""

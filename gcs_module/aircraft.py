@@ -35,6 +35,7 @@ from gcs_module.core import (
 )
 from gcs_module.decisions import Decisions
 from gcs_module.event_log import FlightEventLog
+from gcs_module.flight_values import FlightValues
 from gcs_module.links import Links
 from gcs_module.map_layer import Now, now_of
 from gcs_module.map_view import MapView, loaded_maps
@@ -144,7 +145,8 @@ class Aircraft:
         companion_texts = Texts(self._was_shown_by_mavproxy)
         self.decisions = Decisions(companion_texts.pop)
         self.briefing = Briefing()
-        self.view = View(self.situation, config.station.name, host.console, host.speak, host.ring, row)
+        self.values = FlightValues()
+        self.view = View(self.situation, config.station.name, host.console, host.speak, host.ring, row, host.now)
         self.event_log = FlightEventLog(host.journal, self.core, self.view, self.of or None)
         self.texts = VehicleTexts(companion_texts, self.decisions, self.event_log, partial(host.chosen, self.sysid))
         self.missions = MissionSession(
@@ -189,6 +191,7 @@ class Aircraft:
         if frame.compid == AUTOPILOT_COMPID:
             self._guarded("route check", lambda: self._notice(self.route.on_autopilot(m, self._now())))
             self._guarded("values", lambda: self.view.values.update(m, self._now()))
+            self._guarded("values", lambda: self.values.on_autopilot(m, self._now()))
         if frame.msgid in OUR_MESSAGES:
             if frame.compid in _SPEAKERS and self._is_proven(frame):
                 self._on_ours(frame)
@@ -227,7 +230,7 @@ class Aircraft:
             if not other and message.target_system in (0, self.config.station.sysid):
                 self.on_package(frame, message)
         elif kind == "AUTHORITY_STATUS":
-            self.handle(self.state.on_authority(message))
+            self.handle(self.state.on_authority(message, self._now()))
             self._on_route_changed(bool(message.route_changed))
             self._on_rehearsal(bool(message.rehearsal))
         elif kind == "HANDOVER_TELEMETRY":
@@ -271,6 +274,7 @@ class Aircraft:
     def _on_telemetry(self, message: Any) -> None:
         now = self._now()
         self.view.telemetry(message, now)
+        self._guarded("values", lambda: self.values.on_telemetry(message, now))
         zone = self.core.zone_name(message.zone, message.other_zone)
         self.event_log.telemetry(message.lat / 1e7, message.lon / 1e7, zone)
         every_s = self.commands.settings.telemetry

@@ -121,12 +121,16 @@ DECISIONS: Final[Mapping[FlightAction, Level]] = {
 @dataclass(slots=True)
 class Alarm:
     """A standing alarm. `again_at`: time of the next repetition (monotonic s); inf after it is acknowledged, or for a
-    level that is told only once."""
+    level that is told only once. `row`: of `notices.NOTICES`, "" if its line is not from there; `since`: when its text
+    was first told."""
 
     level: Level
     text: str
     again_at: float
     acknowledged: bool
+    name: str = ""
+    row: str = ""
+    since: float = 0.0
 
 
 class Alarms:
@@ -140,17 +144,19 @@ class Alarms:
         """All of them, the most serious first."""
         return tuple(sorted(self._standing.values(), key=lambda alarm: -alarm.level))
 
-    def begin(self, name: str, level: Level, text: str, now: float) -> None:
+    def begin(self, name: str, level: Level, text: str, now: float, row: str = "") -> None:
         """Raise an alarm. If it was acknowledged at this level or a higher one, it stays silent."""
         known = self._standing.get(name)
         quiet = known is not None and known.acknowledged and level <= known.level
-        self._standing[name] = Alarm(level, text, inf if quiet else now + LOOKS[level].again_s, quiet)
+        since = known.since if known is not None and known.text == text else now
+        again_at = inf if quiet else now + LOOKS[level].again_s
+        self._standing[name] = Alarm(level, text, again_at, quiet, name, row, since)
 
-    def on_line(self, event: str, level: Level, text: str, now: float) -> None:
+    def on_line(self, event: str, level: Level, text: str, now: float, row: str = "") -> None:
         """A line of this kind was told: raise or end the alarm that belongs to it."""
         self.end(ENDS.get(event, ""))
         if event in STANDS:
-            self.begin(STANDS[event], level, text, now)
+            self.begin(STANDS[event], level, text, now, row)
 
     def end(self, name: str) -> None:
         """End an alarm."""

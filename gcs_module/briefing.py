@@ -25,6 +25,8 @@ class Briefing:
         self._parts: dict[int, str] = {}
         #: the lines of the last complete briefing, and when it was complete
         self.lines: tuple[str, ...] = ()
+        #: label and text of each line
+        self.pairs: tuple[tuple[str, str], ...] = ()
         self.at = -inf
         #: the question with which it was last shown
         self._shown_for: object = None
@@ -37,7 +39,8 @@ class Briefing:
             self._parts[line] = text
         if len(self._parts) == lines:
             texts = [self._parts[each] for each in range(1, lines + 1)]
-            self.lines = tuple(f"{_name(at):9} {words}" for at, words in enumerate(texts))
+            self.pairs = tuple((_name(at), words) for at, words in enumerate(texts))
+            self.lines = tuple(f"{name:9} {words}" for name, words in self.pairs)
             self.at, self._parts = now, {}
 
     def due(self, question: object, asked_at: float) -> tuple[str, ...]:

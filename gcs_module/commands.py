@@ -40,7 +40,7 @@ from mavproxy_handover.wire.ids import (
 __all__ = ["StationCommands"]
 
 #: Commands that replace each other: after a new one the earlier ones of its group are not repeated any more.
-_MATTERS: Final = (("START", "STOP", "CONTINUE", "RESUME"), ("REQUEST", "RELEASE", "GIVE"))
+_MATTERS: Final = (("START", "STOP", "CONTINUE", "RESUME", "RETURN"), ("REQUEST", "RELEASE", "GIVE"))
 #: answers that may belong to earlier commands, at most: the last of three copies must be answerable
 _MOST_OWED: Final = 2
 #: arguments of `handover rehearse`
@@ -56,7 +56,7 @@ _WHY_S = 0.4
 
 
 #: the companion's names for a refused command, if they differ from the operator's
-_SAID: Final = {"RESUME": ("AUTO", "mode AUTO")}
+_SAID: Final = {"RESUME": ("AUTO", "mode AUTO"), "RETURN": ("RTL",)}
 
 
 class Host(Protocol):
@@ -121,6 +121,10 @@ class StationCommands:
             "resume": (
                 "AUTO again after a return or a landing: on with the mission where it was left",
                 self._resume,
+            ),
+            "return": (
+                "to the return site now, and land there",
+                lambda: self._command("RETURN", mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH),
             ),
             "ack": ("silence the alarms that stand", module.event_log.acknowledged),
             "telemetry": ("all that the vehicle says of the aircraft", self._telemetry),

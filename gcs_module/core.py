@@ -237,10 +237,11 @@ class StationCore:
     @property
     def asked_to_take(self) -> tuple[int, ...] | None:
         """Identifies the open question to this operator whether the station takes the aircraft; None: there is none."""
-        matter = self._open_question()
+        matter = self.open_question
         return matter if matter is not None and matter[1] == self._station.sysid else None
 
-    def _open_question(self) -> tuple[int, ...] | None:
+    @property
+    def open_question(self) -> tuple[int, ...] | None:
         """Identifies the question to the operator, asked early or at the border; None: there is none."""
         part, ahead = self._part, self._early_consent.ahead
         if part is not None and part.consent is Consent.WAITING:
@@ -248,7 +249,7 @@ class StationCore:
             return key.from_station, key.to_station, key.epoch, *number
         if ahead is None or not ahead.waits:
             return None
-        return ahead.key.from_station, ahead.key.to_station, ahead.key.epoch, ahead.key.crossing, -1
+        return ahead.question
 
     def answer_left_s(self, now: float) -> float:
         """The time left (s) for an operator who is asked, here or at the other station.
@@ -274,6 +275,10 @@ class StationCore:
         """Whether the ground link to another station works."""
         return now - self._peers_heard.get(peer, -inf) < self.PEER_LOST_S
 
+    def peer_heard_at(self, peer: int) -> float:
+        """When another station was last heard over the ground link; -inf if it never was."""
+        return self._peers_heard.get(peer, -inf)
+
     def vehicle_silent_s(self, now: float) -> float:
         """The time (s) since the vehicle's companion was last heard; inf if it never was."""
         return now - self._vehicle_heard
@@ -287,18 +292,18 @@ class StationCore:
     def handle(self, event: Event, now: float) -> list[Action]:
         """Handle one event at monotonic time `now` (s); returns the actions, in order."""
         actions: list[Action] = []
-        before = self._open_question()
+        before = self.open_question
         if now >= self._too_soon_until:
             self._too_soon = None
         self._dispatch(event, now, actions)
-        if self._open_question() != before:
+        if self.open_question != before:
             self._question_changed(before, isinstance(event, (Answer, Wish)), now)
         return actions
 
     def _question_changed(self, before: tuple[int, ...] | None, answered: bool, now: float) -> None:
         if before is not None and not answered:
             self._unanswered_at = now
-        if self._open_question() is not None:
+        if self.open_question is not None:
             self.asked_at = now
             self._read_until = now + READ_S if now - self._unanswered_at < READ_S else -inf
 

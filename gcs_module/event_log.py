@@ -68,6 +68,10 @@ class StationEventLog:
         self._journal.write("link", text)
         self._tell(text, Level.WARNING)
 
+    def panel(self, order: str, argument: str) -> None:
+        """The operator has given an order by the panel."""
+        self._journal.write("panel", f"{order} {argument}".rstrip(), order=order)
+
     def notice(self, notice: Notice) -> None:
         """A notice about another station, from the rules of the vehicles."""
         self._journal.write(notice.event, notice.text)
@@ -94,7 +98,7 @@ class FlightEventLog:
     def notice(self, notice: Notice, now: float) -> None:
         """A notice of the station's rules."""
         self._write(notice.event, notice.text, role=self._core.role.value, epoch=self._core.epoch)
-        self.alarms.on_line(notice.event, notice.gravity, notice.text, now)
+        self.alarms.on_line(notice.event, notice.gravity, notice.text, now, notice.row)
         self._view.line(notice.text, notice.gravity)
 
     def briefing(self, vehicle: str, lines: Sequence[str]) -> None:

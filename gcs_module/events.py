@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import inf
 
 from gcs_module.alarms import EVENTS, Level
@@ -137,11 +137,12 @@ class ToPeer:
 @dataclass(frozen=True, slots=True)
 class Notice:
     """A line for the operator and the journal. `event`: a key of `alarms.EVENTS`, which gives its level; `level`
-    overrides that."""
+    overrides that. `row`: its row of `notices.NOTICES`, "" if the line is not from that table."""
 
     event: str
     text: str
     level: Level | None = None
+    row: str = field(default="", compare=False)
 
     @property
     def gravity(self) -> Level:

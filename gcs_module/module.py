@@ -34,6 +34,10 @@ from gcs_module.links import Links
 from gcs_module.menu import Menu
 from gcs_module.served_program import ServedProgram
 from gcs_module.serving import Serving
+from gcs_module.panel.collect import Collector
+from gcs_module.panel.endpoint import EndpointError, open_endpoint
+from gcs_module.panel.orders import Order, Reply, carry_out
+from gcs_module.panel.publisher import Publisher
 from gcs_module.station_resources import StationResources
 from gcs_module.vehicle_selection import VehicleSelection
 from gcs_module.view import alert, plain_line
@@ -139,6 +143,7 @@ class HandoverGcsModule(mp_module.MPModule):
             raise
         if self._served is not None:
             self._served.begin(self.now())
+        self._panel = self._open_panel()
         self._interrupts = Interrupts(mpstate, self._flown_from_here, self.now)
         self._interrupts.install()
 
@@ -156,6 +161,23 @@ class HandoverGcsModule(mp_module.MPModule):
             return None
         program = ServedProgram(opened, self.config.station.sysid, tuple(self._by_sysid), self._on_link_fault)
         return Serving(self.mpstate, self.config.serve, program, self.aircraft)
+
+    def _open_panel(self) -> Publisher | None:
+        """Let `handover panel` connect. Without its socket the station works as well."""
+        try:
+            endpoint = open_endpoint(self.config.station.name)
+        except EndpointError as error:
+            self._show(f"No panel can connect: {error}")
+            return None
+        collector = Collector(self)
+        return Publisher(
+            endpoint,
+            collector.snapshot,
+            collector.missions,
+            self._on_order,
+            mp_util.child_fd_list_add,
+            mp_util.child_fd_list_remove,
+        )
 
     def _restore_links(self) -> None:
         for aircraft in self.aircraft:
@@ -182,9 +204,23 @@ class HandoverGcsModule(mp_module.MPModule):
             return
         self._guarded("command", lambda: self.commands.run(args), "handover: internal fault, see the journal")
 
+    def _on_order(self, order: Order) -> Reply:
+        """An order of the panel."""
+        found = Reply(order.number, False, "Not used: internal fault, see the station's journal.")
+
+        def run() -> None:
+            nonlocal found
+            self.event_log.panel(order.do, order.argument)
+            found = carry_out(order, self.aircraft, [peer.station.name for peer in self.config.peers])
+
+        self._guarded("panel", run)
+        return found
+
     def unload(self) -> None:
         """Restore everything: sockets, commands, settings, signing."""
         self._interrupts.restore()
+        if self._panel is not None:
+            self._guarded("panel", self._panel.close)
         self._guarded("menu", self.menu.remove)
         self._guarded("console rows", self._rows.release)
         self._guarded("answers", self._answers.release)
@@ -348,6 +384,8 @@ class HandoverGcsModule(mp_module.MPModule):
         if self.links.several:
             self._guarded("choice of vehicle", self.selection.poll)
             self._guarded("choice of link", self.links.align)
+        if self._panel is not None:
+            self._guarded("panel", partial(self._panel.tick, now))
         if now >= self._turn_at:
             self._turn_at = now + _TURN_S
             self._guarded("links", partial(self._turns, now))

@@ -208,4 +208,4 @@ NOTICES: Final[Mapping[str, Row]] = {
 def notice(name: str, *, waits: bool = False, **values: object) -> Notice:
     """A line for the operator and the journal. `name`: its row; `waits`: the operator has to answer."""
     row = NOTICES[name]
-    return Notice(row.event, row.template.format(**values) + (QUESTION if waits else ""), row.level)
+    return Notice(row.event, row.template.format(**values) + (QUESTION if waits else ""), row.level, name)

@@ -83,6 +83,19 @@ class VehicleConnection:
         if link is not None:
             link.mav.send(message)
 
+    def links(self) -> list[tuple[str, bool, bool, int]]:
+        """The vehicle's links: address, whether it works by MAVProxy's judgement, whether it is used, frames so far."""
+        used = self._links.carrier(self._sysid)
+        return [
+            (
+                str(master.address),
+                not getattr(master, "linkerror", False),
+                master is used,
+                self._senders.received(master),
+            )
+            for master in self._links.of(self._sysid)
+        ]
+
     def summary(self) -> str:
         """How many of the vehicle's links work by MAVProxy's judgement, "1 of 2"."""
         masters = self._links.of(self._sysid)

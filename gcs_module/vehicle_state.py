@@ -36,19 +36,27 @@ class VehicleState:
         self.zone: int | None = None
         #: name, latitude and longitude (degrees) of the return site, by the vehicle's last status
         self.return_site: tuple[str, float, float] | None = None
+        #: when the vehicle last said who commands it, and when its commander's zone ends; inf: no end is in sight
+        self.authority_at, self.zone_ends_at = -inf, inf
         #: the vehicle flies another mission than that of its package
         self.rerouted = False
         #: a rehearsal on the ground is under way: the aircraft is carried
         self.rehearsal = False
+
+    @property
+    def mode(self) -> tuple[str, float]:
+        """The mode in the autopilot's last heartbeat, and when that heartbeat arrived; -inf: never."""
+        return self._mode, self._mode_at
 
     def on_heartbeat(self, m: Any, now: float) -> None:
         """A heartbeat of the autopilot."""
         self.disarmed = not m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED
         self._mode, self._mode_at = mavutil.mode_string_v10(m), now
 
-    def on_authority(self, m: Any) -> AuthorityHeard:
+    def on_authority(self, m: Any, now: float) -> AuthorityHeard:
         """An AUTHORITY_STATUS: keeps its zone and its return site, and returns the event for the rules."""
-        self.zone = m.zone or None
+        self.zone, self.authority_at = m.zone or None, now
+        self.zone_ends_at = now + m.zone_ends - 1.0 if m.zone_ends else inf
         self.return_site = place_of(m)
         return AuthorityHeard(
             phase=Phase(m.phase) if m.phase in list(Phase) else Phase.EMERGENCY,

@@ -9,6 +9,7 @@ sounds (`alarms.py`).
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Callable
 from math import hypot, inf, isfinite
 from typing import Any, Final
@@ -22,6 +23,8 @@ __all__ = ["View", "alert", "plain_line", "telemetry_line", "telemetry_table"]
 #: words before a line of this level, for a terminal without colours
 _WORDS: Final = {Level.WARNING: "WARNING: ", Level.EMERGENCY: "EMERGENCY: "}
 _BELL: Final = "\a"
+#: the last lines that are kept
+_RECENT: Final = 30
 
 
 def telemetry_line(m: Any, zone_name: str) -> str:
@@ -123,8 +126,10 @@ class View:
         speak: Callable[[str], None],
         ring: Callable[[str], None],
         row: int = 6,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._situation = situation
+        self._clock = clock
         self._name = name
         self._console = console
         self._speak = speak
@@ -135,6 +140,9 @@ class View:
         self.telemetry_at = -inf
         #: values that every station gets
         self.values = Values()
+        #: the last lines: number, time (monotonic s), text, level; and how many there were
+        self.recent: deque[tuple[int, float, str, Level]] = deque(maxlen=_RECENT)
+        self.told = 0
         #: whether the status row has values
         self._has_values = False
 
@@ -146,6 +154,8 @@ class View:
 
     def alert(self, text: str, level: Level) -> None:
         """Sound a line that is already shown, if its level says so."""
+        self.told += 1
+        self.recent.append((self.told, self._clock(), text, level))
         alert(named(self._situation().of, text), level, self._speak, self._ring)
 
     def show(self, text: str, *, whose: bool = False) -> None:

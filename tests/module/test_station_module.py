@@ -389,11 +389,11 @@ def test_a_package_of_another_vehicle_is_refused(station: StationBench, delivery
 def test_no_word_shows_the_usage(station: StationBench, typed: str) -> None:
     station.load()
     lines = station.mpstate.type(f"handover{typed}")
-    words = "status|share|rehearse|start|stop|continue|request|release|resume|ack|telemetry|briefing|accept|deny"
-    words += "|connect|disconnect|give|override|take|set"
+    words = "status|share|rehearse|start|stop|continue|request|release|resume|return|ack|telemetry|briefing|accept"
+    words += "|deny|connect|disconnect|give|override|take|set"
     assert lines[0] == f"usage: handover <{words}>"
     assert lines[-1] == "  set       NAME VALUE: telemetry = 10.0, request_timeout = 30.0"
-    assert len(lines) == 23
+    assert len(lines) == 24
 
 
 @pytest.mark.parametrize("words", ["foo", "start now", "share all", "Status", "accept maybe", "\x07", "x " * 200])
@@ -408,7 +408,7 @@ def test_unknown_words_are_named_and_the_usage_shown(station: StationBench, word
 def test_completion_offers_words_and_settings(station: StationBench) -> None:
     station.load()
     assert station.mpstate.completions["handover"] == [
-        "<status|share|rehearse|start|stop|continue|request|release|resume|ack|telemetry|briefing|accept|deny|"
+        "<status|share|rehearse|start|stop|continue|request|release|resume|return|ack|telemetry|briefing|accept|deny|"
         "connect|disconnect>",
         "give <GCSB>",
         "override <energy|fence|coverage>",

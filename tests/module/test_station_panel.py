@@ -1,0 +1,258 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The station's module and its panel: what the panel is told, and what an order does. The socket is a real one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import handover as mavlink
+
+from gcs_module import commands as station_commands
+from gcs_module import module as gcs_module
+from gcs_module.panel.endpoint import find, running
+from gcs_module.panel.orders import Order
+from gcs_module.panel.reader import Reader
+from gcs_module.panel.snapshot import AircraftSeen
+from mavproxy_handover.core.common.model import Reason
+from mavproxy_handover.mission.package import from_bytes
+from tests.module.conftest import Clock
+from tests.module.test_station_module import StationBench, authority, connect_message, key
+
+
+@pytest.fixture
+def station(monkeypatch: pytest.MonkeyPatch, clock: Clock, tmp_path: Path) -> Iterator[StationBench]:
+    monkeypatch.setattr(gcs_module, "time", clock)
+    monkeypatch.setattr(station_commands, "time", clock)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    bench = StationBench(tmp_path, clock)
+    bench.configure(consent="operator")
+    yield bench
+    bench.close()
+    assert bench.mpstate.escaped == []
+
+
+@pytest.fixture
+def panel() -> Iterator[Reader]:
+    made = Reader(lambda: find("GCSA"))
+    yield made
+    made.close()
+
+
+def run(station: StationBench, panel: Reader, seconds: float = 0.6) -> AircraftSeen:
+    for _ in range(round(seconds / 0.05)):
+        station.run(0.05)
+        panel.tick(station.clock.now)
+    assert panel.seen is not None
+    return panel.seen.aircraft[0]
+
+
+def order(station: StationBench, panel: Reader, do: str, argument: str = "", vehicle: int = 1) -> tuple[bool, str]:
+    number = panel.next_number()
+    assert panel.send(Order(number, do, vehicle, argument))
+    run(station, panel)
+    ((used, text),) = [(used, text) for which, used, text in panel.replies if which == number]
+    return used, text
+
+
+def ask(station: StationBench, handover_id: int, reason: Reason = Reason.ZONE) -> None:
+    station.hear(mavlink.MAVLink_on_handover_message(*key(handover_id), 0, reason, 0))
+
+
+def ahead(crossing: int, in_s: int = 20) -> Any:
+    return mavlink.MAVLink_handover_ahead_message(251, 190, 1, 251, 252, crossing, 1, in_s, 0, 0)
+
+
+def answers(station: StationBench, kind: str) -> list[int]:
+    return [m.consent for m in station.sent() if m.get_type() == kind]
+
+
+def test_the_panel_is_told_what_the_station_knows(station: StationBench, panel: Reader) -> None:
+    module = station.load()
+    digest = module.aircraft[0].mission_transfer.held.digest
+    station.hear(connect_message(digest=digest))
+    station.hear(authority(zone_ends=31))
+    station.hear(mavlink.MAVLink_heartbeat_message(2, 3, 0x81, 3, 4, 3), autopilot=True)
+    place = (0, 526790000, 59240000, 40000, 30000, 300, 400, 0, 9000)
+    station.hear(mavlink.MAVLink_global_position_int_message(*place), autopilot=True)
+    began = station.clock.now
+    seen = run(station, panel)
+    assert panel.seen is not None
+    assert (panel.seen.station, [(peer.name, peer.up) for peer in panel.seen.peers]) == ("GCSA", [("GCSB", False)])
+    assert (seen.name, seen.commander, seen.own, seen.phase, seen.epoch) == ("drone-1", "GCSA", True, "on_mission", 1)
+    assert (seen.height_m.value, seen.speed_mps.value, seen.height_m.at) == (30.0, 5.0, began)
+    assert seen.mode is not None
+    assert (seen.mode.value, seen.zone) == ("AUTO", "GCSA")
+    assert seen.zone_ends_at == began + 30.0
+    assert from_bytes(panel.missions[seen.mission]).digest == digest
+
+
+def test_an_accept_answers_the_question_that_it_names(station: StationBench, panel: Reader) -> None:
+    station.load()
+    station.hear(connect_message())
+    ask(station, 3)
+    question = run(station, panel).question
+    assert question is not None
+    assert (question.take, question.from_station, question.to_station) == (False, "GCSA", "GCSB")
+    station.sent()
+    assert order(station, panel, "accept", question.number) == (True, "Accepted.")
+    assert answers(station, "OK_HANDOVER") == [0]
+    assert run(station, panel).question is None
+    assert [entry["order"] for entry in station.journal("panel")] == ["accept"]
+
+
+def test_an_accept_for_a_question_that_was_replaced_does_nothing(station: StationBench, panel: Reader) -> None:
+    station.load()
+    station.hear(connect_message())
+    ask(station, 3)
+    first = run(station, panel).question
+    ask(station, 4)
+    second = run(station, panel, 4.0).question
+    assert first is not None
+    assert second is not None
+    assert first.number != second.number
+    station.sent()
+    for do in ("accept", "deny"):
+        used, text = order(station, panel, do, first.number)
+        assert (used, text) == (False, "Not used: another question has taken its place. Read it, then answer.")
+    assert answers(station, "OK_HANDOVER") == []
+    assert order(station, panel, "deny", second.number) == (True, "Denied.")
+    assert answers(station, "OK_HANDOVER") == [1]
+    assert order(station, panel, "accept", second.number) == (False, "Not used: that question is over.")
+    assert answers(station, "OK_HANDOVER") == []
+
+
+def test_an_answer_just_after_another_question_is_not_used(station: StationBench, panel: Reader) -> None:
+    """The number is right, but nobody can have read the question in that time."""
+    station.load()
+    station.hear(connect_message())
+    ask(station, 3)
+    run(station, panel)
+    ask(station, 4)
+    second = run(station, panel, 0.3).question
+    assert second is not None
+    station.sent()
+    assert order(station, panel, "accept", second.number) == (
+        False,
+        "Not used: the question is new. Read it, then answer again.",
+    )
+    assert answers(station, "OK_HANDOVER") == []
+
+
+def test_an_early_answer_can_be_changed(station: StationBench, panel: Reader) -> None:
+    station.load()
+    station.hear(connect_message())
+    station.hear(ahead(1))
+    seen = run(station, panel)
+    assert seen.question is not None
+    assert seen.border is not None
+    assert (seen.question.early, seen.border.answer, seen.border.number) == (True, "waiting", seen.question.number)
+    assert order(station, panel, "accept", seen.question.number) == (True, "Accepted.")
+    border = run(station, panel, 1.0).border
+    assert border is not None
+    assert border.answer == "granted"
+    assert order(station, panel, "accept", border.number) == (True, "Accepted.")
+    assert order(station, panel, "deny", border.number) == (True, "Denied.")
+    assert run(station, panel).border.answer == "denied"  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize(
+    ("do", "argument", "command", "first"),
+    [
+        ("request", "", 32100, 1.0),
+        ("release", "", 32100, 0.0),
+        ("give", "GCSB", 32100, 1.0),
+        ("stop", "", mavlink.MAV_CMD_DO_PAUSE_CONTINUE, 0.0),
+        ("continue", "", mavlink.MAV_CMD_DO_PAUSE_CONTINUE, 1.0),
+        ("resume", "", mavlink.MAV_CMD_DO_SET_MODE, 1.0),
+        ("return", "", mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH, 0.0),
+    ],
+)
+def test_an_order_sends_what_the_typed_command_sends(
+    station: StationBench, panel: Reader, do: str, argument: str, command: int, first: float
+) -> None:
+    station.load()
+    station.hear(connect_message())
+    run(station, panel)
+    station.sent()
+    assert order(station, panel, do, argument)[0]
+    assert (command, first) in station.commands()
+    station.sent()
+    station.mpstate.type(f"handover {do} {argument}".rstrip())
+    assert (command, first) in station.commands()
+
+
+def test_an_override_is_asked_for_and_alarms_are_acknowledged(station: StationBench, panel: Reader) -> None:
+    station.load()
+    station.hear(connect_message())
+    station.hear(authority())
+    station.hear(authority(commander=0, epoch=2))
+    alarm = run(station, panel).alarms[0]
+    assert (alarm.name, alarm.level, alarm.acknowledged) == ("commander", 3, False)
+    assert alarm.cause.startswith("The commander is lost")
+    assert order(station, panel, "acknowledge") == (True, "Acknowledge.")
+    assert run(station, panel).alarms[0].acknowledged
+    station.sent()
+    assert order(station, panel, "override", "energy") == (True, "Override energy.")
+    assert [m.limit for m in station.sent() if m.get_type() == "HANDOVER_OVERRIDE"] != []
+
+
+@pytest.mark.parametrize(
+    ("do", "argument", "vehicle", "says"),
+    [
+        ("give", "GCSX", 1, "Not used: no station 'GCSX'; there are GCSB."),
+        ("stop", "", 9, "Not used: this station has no vehicle 9."),
+        ("accept", "1.2.3", 1, "Not used: that question is over."),
+    ],
+)
+def test_an_order_that_makes_no_sense_says_why(
+    station: StationBench, panel: Reader, do: str, argument: str, vehicle: int, says: str
+) -> None:
+    station.load()
+    station.hear(connect_message())
+    run(station, panel)
+    station.sent()
+    assert order(station, panel, do, argument, vehicle) == (False, says)
+    assert station.commands() == []
+
+
+def test_a_fault_while_an_order_is_carried_out_ends_nothing(
+    station: StationBench, panel: Reader, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    module = station.load()
+    station.hear(connect_message())
+    run(station, panel)
+
+    def fails(_args: list[str]) -> None:
+        raise RuntimeError("planted")
+
+    monkeypatch.setattr(module.aircraft[0].commands, "run", fails)
+    assert order(station, panel, "stop") == (False, "Not used: internal fault, see the station's journal.")
+    assert module.faults["panel"] == 1
+    run(station, panel)
+    assert panel.connected
+
+
+def test_unload_closes_the_socket_and_the_panel_notices(station: StationBench, panel: Reader) -> None:
+    station.load()
+    station.hear(connect_message())
+    run(station, panel)
+    assert running() == ["GCSA"]
+    station.mpstate.unload("handover_gcs")
+    panel.tick(station.clock.now)
+    assert not panel.connected
+    assert running() == []
+
+
+def test_without_a_place_for_the_socket_the_station_works(
+    station: StationBench, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr("gcs_module.panel.endpoint.tempfile.gettempdir", lambda: str(tmp_path / "missing"))
+    (tmp_path / "handover").write_text("")
+    assert station.load() is not None
+    assert station.mpstate.console.said("No panel can connect: ")
+    station.hear(connect_message())
+    assert station.mpstate.console.said("GCSA is the commander now")
