@@ -3,8 +3,9 @@
 """The items of a QGroundControl plan, with survey, corridor and structure scans as the waypoints that they store.
 
 A complex item is a pattern with its settings. QGroundControl writes the waypoints that it made of a pattern beside it
-(`TransectStyleComplexItem.Items`), and these are what it uploads. A complex item without stored waypoints would have to
-be unfolded the way QGroundControl does it, and is refused.
+(`TransectStyleComplexItem.Items`), and these are what it uploads. A landing pattern stores only its places
+(`landing_pattern.py`). Any other complex item without stored waypoints would have to be unfolded the way QGroundControl
+does it, and is refused.
 
 Source: QGroundControl developer guide, "Plan File Format".
 """
@@ -14,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 
 from mavproxy_handover.mission.errors import Faults, Where
+from mavproxy_handover.mission.landing_pattern import LANDING_PATTERNS, landing_items
 
 __all__ = ["simple_items"]
 
@@ -45,6 +47,9 @@ def _unfolded(where: Where, entry: object) -> list[tuple[Where, Mapping[str, obj
         raise where.error("type is not 'SimpleItem' or 'ComplexItem'")
     name = item.get("complexItemType")
     shown = f" '{where.text(name, 'complexItemType', 60)}'" if name is not None else ""
+    if name in LANDING_PATTERNS:
+        inside = where.at(str(name))
+        return [(inside, each) for each in landing_items(inside, item)]
     pattern = item.get(_PATTERN, item)
     stored = where.table(pattern, _PATTERN).get(_ITEMS)
     if not stored:

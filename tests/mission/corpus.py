@@ -57,7 +57,7 @@ REASONS: Final[Mapping[str, tuple[str, str]]] = {
     "endless": ("repeats without end", "the battery ends before the mission does"),
     "nowhere": (r"DO_JUMP to item \d+ \(allowed", "there is no such item"),
     "no tag": (r"DO_JUMP_TAG to tag \d+", "there is no such tag"),
-    "too often": ("items of it", "no battery lasts so long"),
+    "too often": ("items of it", "no battery lasts for that"),
     "hovers?": ("whether the aircraft hovers after a jump", "how it would fly after the jump is not known"),
     "no home": ("it was never set", "all heights count from home"),
     "nothing": ("nothing is flown", "it is no flight"),
@@ -75,6 +75,7 @@ REASONS: Final[Mapping[str, tuple[str, str]]] = {
     "form": ("not a waypoint file|not a QGroundControl plan|not JSON|no items", "it is another file"),
     "old form": ("save the plan again", "what an old form means is not known"),
     "many": (r"\d+ items \(allowed: at most", "the autopilot has no room for it"),
+    "key": (r"key '\w+' is missing", "the file is damaged"),
     "corners": ("corners", "it is no area"),
 }
 
@@ -124,7 +125,7 @@ class Row:
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One file, for one kind of aircraft, and what becomes of it. `verdict`: `OK`, or a word of `REASONS`.
+    """One file, for one kind of aircraft, and its verdict. `verdict`: `OK`, or a word of `REASONS`.
 
     `extra`: lines of mission.toml. `terrain`: text of a terrain file, if it brings one.
     """
@@ -400,6 +401,32 @@ def _scan(name: str, *items: Item, stored: bool = True) -> Callable[[str, str], 
     return make
 
 
+def _pattern(kind: str, **changes: Any) -> str:
+    """A plan of wings that ends with a landing pattern, which stores no items."""
+    lat, lon = offset(*HOME[:2], 0.0, -1200.0)
+    pattern: dict[str, Any] = {
+        "type": "ComplexItem",
+        "complexItemType": "fwLandingPattern" if kind == "plane" else "vtolLandingPattern",
+        "version": 2,
+        "altitudesAreRelative": True,
+        "landCoordinate": [*HOME[:2], 0.0],
+        "landingApproachCoordinate": [lat, lon, 40.0],
+        "loiterClockwise": True,
+        "loiterRadius": 120.0,
+        "stopTakingPhotos": True,
+        "stopVideoPhotos": True,
+        "useLoiterToAlt": True,
+        "valueSetIsDistance": True,
+        **changes,
+    }
+    kept = {key: value for key, value in pattern.items() if value is not None}
+    return _plan([*flight(kind, [waypoint(*_FAR)])[:4], kept], kind)
+
+
+def _lands(**changes: Any) -> Callable[[str, str], str]:
+    return lambda kind, _form: _pattern(kind, **changes)
+
+
 def _lawn(step: float, rows: int, *between: Item) -> tuple[Item, ...]:
     """Rows of a survey."""
     found: list[Item] = []
@@ -418,6 +445,7 @@ _RING: Final = [
     list(offset(*HOME[:2], east, north)) for east, north in ((-2e3, -2e3), (2e3, -2e3), (2e3, 2e3), (-2e3, 2e3))
 ]
 _FLAT: Final = "ncols 5\nnrows 5\nxllcorner 8.08\nyllcorner 47.28\ncellsize 0.02\n" + "410 410 410 410 410\n" * 5
+_WINGS: Final = ("plane", "quadplane")
 _JUMPS: Final = ("copter", "plane", "quadplane")
 _BOTH: Final = ("plan", "waypoints")
 
@@ -509,6 +537,17 @@ SITUATIONS: Final = (
         "word", _lines(lambda rows: [*rows[:3], rows[3].replace("16", "x", 1)]), "no number", forms=("waypoints",)
     ),
     # ---- wings ----
+    Situation("landing-pattern", _lands(), OK, _WINGS),
+    Situation("landing-pattern-straight", _lands(useLoiterToAlt=False), OK, _WINGS),
+    Situation("landing-pattern-left", _lands(loiterClockwise=False, stopTakingPhotos=False), OK, _WINGS),
+    Situation(
+        "landing-pattern-of-version-1",
+        _lands(version=1, altitudesAreRelative=None, loiterAltitudeRelative=True, landingAltitudeRelative=False),
+        OK,
+        _WINGS,
+    ),
+    Situation("landing-pattern-cut", _lands(landCoordinate=None), "key", _WINGS),
+    Situation("landing-pattern-flat", _lands(landCoordinate=list(HOME[:2])), "parts", _WINGS),
     Situation(
         "sequence-without-landing",
         _items(*flight("plane", [])[:-1], Item(20)),
@@ -568,7 +607,7 @@ def _flight_of(kind: str, row: Row) -> list[Item]:
         return flight(kind, [], begin=item)
     if row.where == "end":
         return flight(kind, [], end=item)
-    if row.where == "return":  # a landing sequence behind it is for the return
+    if row.where == "return":  # a landing sequence after it is for the return
         whole = flight(kind, [])
         return [*whole[:-1], item] if kind != "plane" else [*whole[:3], item, *whole[3:]]
     behind = [waypoint(200.0, 60.0)] if kind == "copter" else [waypoint(1900.0, 300.0, 60.0)]

@@ -124,6 +124,55 @@ def test_a_scan_counts_by_the_waypoints_that_it_stores(small, name):
     assert (items[3].lon_deg, items[3].alt_m) == (10.004, 40.0)
 
 
+def landing_pattern(**changes):
+    return {
+        "type": "ComplexItem",
+        "complexItemType": "fwLandingPattern",
+        "version": 2,
+        "altitudesAreRelative": True,
+        "landCoordinate": [0.0, 10.001, 0],
+        "landingApproachCoordinate": [0.0, 10.006, 45],
+        "loiterRadius": 80,
+        "loiterClockwise": False,
+        "stopTakingPhotos": True,
+        "stopVideoPhotos": True,
+        "useLoiterToAlt": True,
+        **changes,
+    }
+
+
+def test_a_landing_pattern_is_the_items_that_qgroundcontrol_uploads_for_it(small):
+    small.items[0]["params"][4:6] = [0.0, 10.004]
+    small.items[2] = landing_pattern()
+    items = read_route("small.plan", json.dumps(small.plan), PLANE).items
+    assert [(item.seq, item.command) for item in items[2:]] == [
+        (3, 189),
+        (4, 206),
+        (5, 2001),
+        (6, 2501),
+        (7, 31),
+        (8, 21),
+    ]
+    assert items[6] == MissionItem(7, 31, 3, 1.0, -80.0, 0.0, 1.0, 0.0, 10.006, 45.0, True)
+    assert items[7] == MissionItem(8, 21, 3, 0.0, 0.0, 0.0, 0.0, 0.0, 10.001, 0.0, True)
+    assert not items[2].has_place
+
+
+def test_a_landing_pattern_may_begin_with_a_waypoint_and_count_from_the_sea(small):
+    small.items[0]["params"][4:6] = [0.0, 10.004]
+    changes = {"useLoiterToAlt": False, "stopTakingPhotos": False, "altitudesAreRelative": False}
+    small.items[2] = landing_pattern(**changes)
+    items = read_route("small.plan", json.dumps(small.plan), PLANE).items
+    assert [(item.command, item.frame) for item in items[2:]] == [(189, 0), (2501, 2), (16, 0), (21, 0)]
+
+
+def test_a_fault_in_a_landing_pattern_names_its_key(small):
+    small.items[2] = landing_pattern(loiterRadius="wide")
+    assert refusal(small.plan) == (
+        "small.plan: item 3, fwLandingPattern: loiterRadius is 'wide' (allowed: a number from 0 to 10000)"
+    )
+
+
 def test_a_fault_in_a_scan_is_told_by_its_waypoint(small):
     small.items[1] = scan("survey", small.item(2, 16, 0.0, 10.002, 30), small.item(3, 16, 95.0, 10.002, 30))
     assert refusal(small.plan) == (
