@@ -17,6 +17,7 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Protocol, TypeAlias
 
+from mavproxy_handover.core.safety.energy import CLIMB_MPS, DESCENT_MPS
 from mavproxy_handover.mission.complex_items import simple_items
 from mavproxy_handover.mission.errors import Faults, Where, parse_json
 from mavproxy_handover.mission.items import (
@@ -102,6 +103,8 @@ MADE_FOR: Mapping[int, str] = {
     11: "a boat",
     12: "a submarine",
 }
+#: SPEED_TYPE -> what it is the speed of, and what the walk counts for it (m/s)
+_VERTICAL_SPEEDS: Mapping[float, tuple[str, float]] = {2.0: ("climbs", CLIMB_MPS), 3.0: ("descents", DESCENT_MPS)}
 #: after these the aircraft flies nothing by itself
 _LAST = LANDINGS | {RETURN_TO_LAUNCH, LOITER_UNLIMITED}
 
@@ -695,6 +698,13 @@ def _odd(items: Sequence[MissionItem], flown: Sequence[MissionItem], profile: Pr
             yield (
                 f"item {item.seq} is NAV_LOITER_UNLIM: the aircraft {waits} there until told to go on. No time is "
                 "counted for that. The flight ends when no return site would be in reach any more"
+            )
+    for item in items:
+        if not profile.flies_past and item.command == CHANGE_SPEED and item.param1 in _VERTICAL_SPEEDS:
+            way, counted_mps = _VERTICAL_SPEEDS[item.param1]
+            yield (
+                f"item {item.seq} ({COMMANDS[item.command].name}) sets the speed of {way}: time and energy are counted "
+                f"at {counted_mps:g} m/s"
             )
     condition: MissionItem | None = None
     for item in items:

@@ -76,6 +76,7 @@ REASONS: Final[Mapping[str, tuple[str, str]]] = {
     "old form": ("save the plan again", "what an old form means is not known"),
     "many": (r"\d+ items \(allowed: at most", "the autopilot has no room for it"),
     "key": (r"key '\w+' is missing", "the file is damaged"),
+    "another kind": (r"the plan was made for a .*, the mission is for a", "its items mean other things there"),
     "corners": ("corners", "it is no area"),
 }
 
@@ -523,6 +524,11 @@ SITUATIONS: Final = (
         _changed(geoFence={**_takes("circles"), "polygons": [{"inclusion": True, "polygon": _RING[:2]}]}),
         "corners",
     ),
+    *(
+        Situation(f"made-for-{made_for}", _changed(vehicleType=made_for), "another kind", (kind,))
+        for made_for, kind in ((1, "copter"), (20, "copter"), (10, "copter"), (2, "plane"), (2, "quadplane"))
+    ),
+    Situation("made-for-hexacopter", _changed(vehicleType=13)),
     Situation("another-file", _changed(fileType="Params"), "form"),
     Situation("cut-short", lambda kind, form: text_of(form, flight(kind, []))[:300], "form"),
     Situation("line-ends", _lines(lambda rows: [row + "\r" for row in rows]), forms=("waypoints",)),

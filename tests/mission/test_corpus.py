@@ -12,48 +12,12 @@ import pytest
 from mavproxy_handover.mission import MissionError
 from mavproxy_handover.mission.check import Severity, check
 from mavproxy_handover.mission.items import COMMANDS, difference
-from mavproxy_handover.mission.package import MissionPackage, from_texts
 from mavproxy_handover.mission.protocol_items import item_message, item_of
 from mavproxy_handover.mission.refused_items import NOT_JUDGED, SAFEGUARDS
-from tests.mission.corpus import HOME, ITEMS, KINDS, OK, REASONS, STORED, Case, cases
+from tests.mission.corpus import ITEMS, KINDS, OK, REASONS, STORED, Case, cases
+from tests.mission.corpus_package import package_of
 
 ALL = tuple(cases())
-TOML = """\
-name = "corpus"
-aircraft = "{kind}"
-detector = "circles"
-route = "{file}"
-zones = "zones.geojson"
-expected_handovers = 0
-cruise_speed_mps = {speed}
-{extra}
-
-[[stations]]
-name = "A"
-sysid = 251
-
-[energy]
-battery_wh = 5000.0
-hover_w = 354.0
-cruise_w = 385.0
-"""
-ZONES = """\
-{{"type": "FeatureCollection", "features": [{{"type": "Feature", "properties": {{"station": "A", "radius_m": 9000}},
-"geometry": {{"type": "Point", "coordinates": [{lon}, {lat}]}}}}]}}
-"""
-
-
-def load(case: Case) -> MissionPackage:
-    """The package of a case. Raises MissionError."""
-    speed = 10.0 if case.kind == "copter" else 22.0
-    texts = {
-        "mission.toml": TOML.format(kind=case.kind, file=case.file, speed=speed, extra=case.extra),
-        "zones.geojson": ZONES.format(lat=HOME[0], lon=HOME[1]),
-        case.file: case.text,
-    }
-    if case.terrain:
-        texts["ground.asc"] = case.terrain
-    return from_texts(texts, case.name)
 
 
 def test_there_are_as_many_as_promised_and_no_two_have_one_name() -> None:
@@ -80,7 +44,7 @@ def test_every_reason_is_used() -> None:
 
 @pytest.mark.parametrize("case", [case for case in ALL if case.verdict == OK], ids=lambda case: case.name)
 def test_a_plan_that_ardupilot_flies_is_taken(case: Case) -> None:
-    package = load(case)
+    package = package_of(case)
     report = check(package)
     assert [finding.text for finding in report.findings if finding.severity is Severity.ERROR] == []
     assert report.energy is not None
@@ -93,7 +57,7 @@ def test_a_plan_that_ardupilot_flies_is_taken(case: Case) -> None:
 @pytest.mark.parametrize("case", [case for case in ALL if case.verdict != OK], ids=lambda case: case.name)
 def test_a_plan_that_is_refused_says_why(case: Case) -> None:
     with pytest.raises(MissionError) as caught:
-        load(case)
+        package_of(case)
     words, _planner = REASONS[case.verdict]
     assert [fault for fault in caught.value.faults if not re.search(words, fault)] == []
     assert "\n" not in str(caught.value)

@@ -578,6 +578,13 @@ def test_what_waits_for_a_condition_is_said(small, command, name):
     assert read(small.plan).warnings == ()
 
 
+@pytest.mark.parametrize(("kind", "words"), [(2, "climbs: time and energy are counted at 2.5 m/s"), (3, "descents")])
+def test_a_vertical_speed_that_is_not_counted_is_said(small, kind, words):
+    small.items.insert(1, do_item(178, kind, 1.5))
+    (warning,) = read(small.plan).warnings
+    assert warning.startswith(f"item 2 (DO_CHANGE_SPEED) sets the speed of {words}")
+
+
 def test_takeoff_may_follow_items_that_are_not_flown(small):
     small.items.insert(0, {"type": "SimpleItem", "command": 178, "frame": 2, "params": [1, 8, -1, 0, 0, 0, 0]})
     assert read(small.plan).items[1].command == 22

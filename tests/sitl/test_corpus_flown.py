@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Forty files of the corpus, flown on ArduCopter and ArduPlane, against their walk: path, length, time, energy.
+
+`pytest tests/sitl/test_corpus_flown.py -s --long` prints a line for each flight. It has the distance of the flown path
+from the walk, level and in height. Length, time and energy follow, as flown, as walked, and the difference.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+import pytest
+
+from sitl.vehicles import find_arducopter, find_arduplane
+from tests.mission.corpus import OK, Case, cases
+from tests.sitl.corpus_flight import fly, judged
+
+#: of the corpus: every item that changes the path
+FLOWN: Final = (
+    # ---- copter ----
+    "waypoint-copter",
+    "waypoint-waits-copter",
+    "spline-copter",
+    "splines-copter-plan",
+    "loiter-turns-copter",
+    "loiter-turns-left-copter",
+    "loiter-turns-half-copter",
+    "loiter-turns-wide-copter",
+    "loiter-time-copter",
+    "loiter-to-altitude-copter",
+    "payload-place-copter",
+    "delay-copter",
+    "condition-delay-copter",
+    "condition-distance-copter",
+    "condition-yaw-copter",
+    "return-copter",
+    "takeoff-copter",
+    "speed-ground-copter",
+    "speed-climb-copter",
+    "land-start-copter",
+    "survey-copter-plan",
+    "corridor-copter-plan",
+    "structure-copter-plan",
+    "jump-back-twice-copter-waypoints",
+    "jumps-nested-copter-plan",
+    "jump-to-tag-copter-plan",
+    "two-landings-copter-waypoints",
+    "height-0-copter-plan",
+    "frame-0-copter-plan",
+    # ---- wings ----
+    "waypoint-plane",
+    "waypoint-near-plane",
+    "waypoint-past-plane",
+    "loiter-turns-plane",
+    "loiter-turns-left-plane",
+    "loiter-time-plane",
+    "loiter-to-altitude-plane",
+    "change-altitude-plane",
+    "landing-pattern-plane-plan",
+    "turn-by-turn-plane-plan",
+    "jump-back-twice-plane-plan",
+    "waypoint-quadplane",
+    "loiter-turns-half-quadplane",
+    "vtol-land-spiral-quadplane",
+    "transition-hover-quadplane",
+    "speed-air-quadplane",
+)
+#: how far flown and walked may be apart: metres, and parts of length, time and energy
+PATH_M, LENGTH, TIME, ENERGY = 5.0, 0.02, 0.12, 0.10
+_BY_NAME: Final = {case.name: case for case in cases()}
+
+pytestmark = [pytest.mark.sitl, pytest.mark.long]
+
+
+def test_what_is_flown_is_in_the_corpus() -> None:
+    assert len(FLOWN) >= 40
+    assert [name for name in FLOWN if _BY_NAME[name].verdict != OK] == []
+
+
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("case", [_BY_NAME[name] for name in FLOWN], ids=lambda case: case.name)
+def test_the_flight_is_the_walk(case: Case, tmp_path: Path) -> None:
+    if (find_arducopter() if case.kind == "copter" else find_arduplane()) is None:
+        firmware = "ArduCopter" if case.kind == "copter" else "ArduPlane"
+        pytest.skip(f"no {firmware} SITL program: set ${firmware.upper()} or build one in ~/ardupilot")
+    outcome = judged(case.name, *fly(case, tmp_path))
+    print(f"\n{outcome.row()}")
+    assert outcome.beside_m < PATH_M
+    for (flown, walked), part in (
+        (outcome.length_m, LENGTH),
+        (outcome.time_s, TIME),
+        (outcome.energy_wh, ENERGY),
+    ):
+        assert walked == pytest.approx(flown, rel=part)
