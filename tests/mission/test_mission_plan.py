@@ -142,6 +142,7 @@ def landing_pattern(**changes):
 
 
 def test_a_landing_pattern_is_the_items_that_qgroundcontrol_uploads_for_it(small):
+    small.plan["mission"]["vehicleType"] = 1
     small.items[0]["params"][4:6] = [0.0, 10.004]
     small.items[2] = landing_pattern()
     items = read_route("small.plan", json.dumps(small.plan), PLANE).items
@@ -159,6 +160,7 @@ def test_a_landing_pattern_is_the_items_that_qgroundcontrol_uploads_for_it(small
 
 
 def test_a_landing_pattern_may_begin_with_a_waypoint_and_count_from_the_sea(small):
+    small.plan["mission"]["vehicleType"] = 1
     small.items[0]["params"][4:6] = [0.0, 10.004]
     changes = {"useLoiterToAlt": False, "stopTakingPhotos": False, "altitudesAreRelative": False}
     small.items[2] = landing_pattern(**changes)
