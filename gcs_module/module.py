@@ -32,12 +32,12 @@ from gcs_module.fleet import FleetCommands, our_settings
 from gcs_module.interrupts import Interrupts
 from gcs_module.links import Links
 from gcs_module.menu import Menu
-from gcs_module.served_program import ServedProgram
-from gcs_module.serving import Serving
 from gcs_module.panel.collect import Collector
 from gcs_module.panel.endpoint import EndpointError, open_endpoint
 from gcs_module.panel.orders import Order, Reply, carry_out
 from gcs_module.panel.publisher import Publisher
+from gcs_module.served_program import ServedProgram
+from gcs_module.serving import Serving
 from gcs_module.station_resources import StationResources
 from gcs_module.vehicle_selection import VehicleSelection
 from gcs_module.view import alert, plain_line
