@@ -34,6 +34,7 @@ from gcs_module.core import (
     VehicleHeard,
 )
 from gcs_module.decisions import Decisions
+from gcs_module.duty import Duty
 from gcs_module.event_log import FlightEventLog
 from gcs_module.flight_values import FlightValues
 from gcs_module.links import Links
@@ -86,6 +87,7 @@ class Host(Protocol):
     journal: Journal
     console: Any
     mpstate: Any
+    duty: Duty
     #: numbers of questions about addresses: no two vehicles use the same one
     address_questions: Iterator[int]
 
@@ -147,7 +149,9 @@ class Aircraft:
         self.briefing = Briefing()
         self.values = FlightValues()
         self.view = View(self.situation, config.station.name, host.console, host.speak, host.ring, row, host.now)
-        self.event_log = FlightEventLog(host.journal, self.core, self.view, self.of or None)
+        duty = host.duty
+        self.core.manned = duty.manned
+        self.event_log = FlightEventLog(host.journal, self.core, self.view, self.of or None, lambda: duty.name)
         self.texts = VehicleTexts(companion_texts, self.decisions, self.event_log, partial(host.chosen, self.sysid))
         self.missions = MissionSession(
             self.sysid, self.mission_transfer, self.core, self.state, self.route, self.event_log

@@ -162,6 +162,8 @@ class StationCore:
     ) -> None:
         """`automatic`: the reasons that need no operator's consent here, in the words of `model.QUESTIONS`."""
         self._station = station
+        #: an operator is on duty, or none is required
+        self.manned = True
         #: the name that the vehicle uses for itself; before it has said one, the configured name
         self.vehicle_name = vehicle_name
         self._automatic = frozenset(automatic)
@@ -403,7 +405,14 @@ class StationCore:
 
     def _connect_ack(self, nonce: int) -> ConnectAck:
         return ConnectAck(
-            self._station.sysid, PROTOCOL_VERSION, nonce, self.epoch, self.commander, self._station.name, self.digest
+            self._station.sysid,
+            PROTOCOL_VERSION,
+            nonce,
+            self.epoch,
+            self.commander,
+            self._station.name,
+            self.digest,
+            manned=self.manned,
         )
 
     def _update_authority(self, commander: int | None, epoch: int, actions: list[Action], *, over: bool) -> None:

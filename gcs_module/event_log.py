@@ -13,6 +13,7 @@ from typing import Any
 
 from gcs_module.alarms import EVENTS, Alarms, Level
 from gcs_module.core import Notice, StationCore
+from gcs_module.duty import Outcome
 from gcs_module.texts import Text
 from gcs_module.view import View
 from mavproxy_handover.core.common.messages import Message, TransferMessage
@@ -25,6 +26,10 @@ __all__ = ["FlightEventLog", "StationEventLog"]
 
 #: a limit far above the messages of the worst handovers: at once, and from then on one per interval (s)
 _SAID = (5000, 0.1)
+
+
+#: entries that say which operator was on duty
+_OF_OPERATORS = ("consent", "command", "acknowledged")
 
 
 class StationEventLog:
@@ -63,6 +68,17 @@ class StationEventLog:
         """An internal fault."""
         self._journal.write("fault", f"{where}: {text}")
 
+    def duty(self, outcome: Outcome, name: str) -> None:
+        """An operator signed on or off, or the shift changed."""
+        self._journal.write("operator", outcome.text, operator=name or None, before=outcome.before or None)
+        self._tell(outcome.text, Level.ADVISORY)
+
+    def unmanned(self) -> None:
+        """The station requires an operator, and none is on duty."""
+        text = "No operator is on duty: this station takes no aircraft. 'handover operator NAME' signs on."
+        self._journal.write("operator", text)
+        self._tell(text, Level.WARNING)
+
     def link(self, text: str) -> None:
         """A fault of a link, or of a sender on it."""
         self._journal.write("link", text)
@@ -80,10 +96,18 @@ class StationEventLog:
 
 class FlightEventLog:
     """Journal and lines about one vehicle's flight. `vehicle`: its name in the journal; None: the station has no other
-    one."""
+    one. `on_duty`: the operator on duty, "" without one."""
 
-    def __init__(self, journal: Journal, core: StationCore, view: View, vehicle: str | None = None) -> None:
+    def __init__(
+        self,
+        journal: Journal,
+        core: StationCore,
+        view: View,
+        vehicle: str | None = None,
+        on_duty: Callable[[], str] = str,
+    ) -> None:
         self._journal = journal
+        self._on_duty = on_duty
         self._core = core
         self._view = view
         self._vehicle = vehicle
@@ -93,6 +117,9 @@ class FlightEventLog:
         self._samplers: dict[tuple[str, str | None], Sampler] = {}
 
     def _write(self, event: str, text: str = "", **values: Any) -> None:
+        operator = self._on_duty() if event in _OF_OPERATORS else ""
+        if operator:
+            text, values["operator"] = f"{text.rstrip('.')}. On duty: {operator}.", operator
         self._journal.write(event, text, vehicle=self._vehicle, **values)
 
     def notice(self, notice: Notice, now: float) -> None:

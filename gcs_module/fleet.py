@@ -19,6 +19,7 @@ from MAVProxy.modules.lib import mp_settings
 
 from gcs_module.aircraft import Aircraft
 from gcs_module.banner import age
+from gcs_module.duty_commands import OPERATOR_HELP, DutyCommands
 from gcs_module.vehicle_selection import VehicleSelection, known, vehicle_of
 
 __all__ = ["FleetCommands", "our_settings"]
@@ -52,8 +53,10 @@ class FleetCommands:
         settings: Any,
         show: Callable[[str], None],
         faults: Counter[str],
+        duty: DutyCommands,
     ) -> None:
         self._aircraft = aircraft
+        self._duty = duty
         self._selection = selection
         self.settings = settings
         self._show = show
@@ -65,11 +68,18 @@ class FleetCommands:
         """For MAVProxy's tab completion."""
         words = self._aircraft[0].commands.completions()
         names = "|".join(vehicle.name for vehicle in self._vehicles)
+        words = [*words, "operator"]
         return [*words, f"-v <{names}>"] if self._several else words
 
     def run(self, args: list[str]) -> None:
         """Run one command line."""
         first = self._aircraft[0].commands
+        if args[:1] == ["operator"]:
+            self._duty.run(args[1:])
+            return
+        word = args[2:3] if args[:1] == ["-v"] else args[:1]
+        if word and self._duty.refuses(word[0]):
+            return
         if args[:1] == ["-v"] and self._vehicles[0].name:
             self._of_named(args[1:])
         elif not self._several:
@@ -83,6 +93,8 @@ class FleetCommands:
             self._of_chosen(args)
         else:
             first.run(args)  # settings, and the usage
+            if args[:1] != ["set"]:
+                self._show(OPERATOR_HELP)
             if args[:1] != ["set"]:
                 self._show(f"  -v NAME   before the others: for this vehicle; there are {known(self._vehicles)}")
 

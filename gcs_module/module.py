@@ -27,6 +27,8 @@ from gcs_module.alarms import Level
 from gcs_module.answer_lines import AnswerLines
 from gcs_module.console_rows import ConsoleRows
 from gcs_module.core import Notice, PeerHeard
+from gcs_module.duty import Duty
+from gcs_module.duty_commands import DutyCommands
 from gcs_module.event_log import StationEventLog
 from gcs_module.fleet import FleetCommands, our_settings
 from gcs_module.interrupts import Interrupts
@@ -89,6 +91,7 @@ class HandoverGcsModule(mp_module.MPModule):
         self.faults: Counter[str] = Counter()
         self.journal = resources.journal
         self.settings_of_ours = our_settings()
+        self.duty = Duty(config.require_operator)
         self.event_log = StationEventLog(resources.journal, self._tell)
         self.address_questions = itertools.count(1)
         self.links = Links(mpstate, config.vehicles, self._on_link_fault, self.faults)
@@ -111,7 +114,10 @@ class HandoverGcsModule(mp_module.MPModule):
         #: menus
         self._thread = threading.get_ident()
         self._typed: deque[list[str]] = deque()
-        self.commands = FleetCommands(self.aircraft, self.selection, self.settings_of_ours, self._show, self.faults)
+        duty = DutyCommands(self.duty, self.aircraft, self.event_log, self._show, self._flown_from_here)
+        self.commands = FleetCommands(
+            self.aircraft, self.selection, self.settings_of_ours, self._show, self.faults, duty
+        )
         self.add_command(
             "handover", self._command, "authority handover, this station ('handover help')", self.commands.completions()
         )
@@ -127,6 +133,8 @@ class HandoverGcsModule(mp_module.MPModule):
             self.event_log.ground_open()
         elif ground.note:
             self.event_log.replay_state(ground.note)
+        if not self.duty.manned:
+            self.event_log.unmanned()
         self._kept_source_system = self.settings.source_system
         self._kept_name = getattr(self.settings, "vehicle_name", None)
         if self.settings.source_system != config.station.sysid:

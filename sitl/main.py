@@ -321,7 +321,7 @@ def _check_names(scenario: Scenario, package: packages.MissionPackage) -> None:
     """Stations that the scenario names must be in the mission."""
     names = [station.name for station in package.stations]
     used = {*scenario.consent, *scenario.standard, *scenario.not_in_control, *scenario.links, *scenario.rogue}
-    used |= set(scenario.served)
+    used |= {*scenario.served, *scenario.require_operator}
     used |= {name for lines in scenario.serial for name in lines.lines if name != AUTOPILOT}
     for step in scenario.steps:
         used.update(step.deed.processes())

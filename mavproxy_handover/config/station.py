@@ -80,6 +80,8 @@ class StationConfig:
     route: RouteLimits = field(default_factory=RouteLimits)
     #: the operator is asked about an address of the vehicle that another station sends; False: it is refused
     offered_addresses: bool = True
+    #: the station takes an aircraft only while an operator is on duty
+    require_operator: bool = False
     #: link to a program on this computer that flies through this station; None: MAVProxy itself is the program
     serve: str | None = None
     #: such an address may be one of this computer: for tests and simulations
@@ -112,6 +114,7 @@ def load_station(path: Path) -> StationConfig:
         ground_key=ground_key,
         peers=peers,
         route=route_limits(data, path),
+        require_operator=table["require_operator"],
         serve=_serve(table),
         offered_addresses=table["offered_addresses"] == ASK,
         offered_addresses_local=table["offered_addresses_local"],

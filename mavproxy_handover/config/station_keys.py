@@ -45,6 +45,11 @@ STATION: Final = KeyTable(
             "asked; the aircraft returns meanwhile, and after an accept as well)",
             "automatic",
         ),
+        flag(
+            "require_operator",
+            "true: the station takes an aircraft only while an operator is on duty ('handover operator NAME')",
+            default=False,
+        ),
         text(
             "serve",
             "a program on this computer that flies through this station, QGroundControl for one: udp:127.0.0.1:14550 "

@@ -38,6 +38,7 @@ _RELAY = mavlink.HANDOVER_FLAGS_RELAY
 _RELAYED = mavlink.HANDOVER_FLAGS_RELAYED
 _ACCEPTED = mavlink.HANDOVER_CONNECT_RESULT_ACCEPTED
 _VERSION_DIFFERS = mavlink.HANDOVER_CONNECT_RESULT_VERSION_DIFFERS
+_UNMANNED = mavlink.HANDOVER_CONNECT_RESULT_UNMANNED
 _NO_DIGEST = bytes(32)
 _MOST_S = 0xFFFF
 
@@ -95,7 +96,8 @@ def encode(
         case Connect():
             return mavlink.MAVLink_connect_message(*target, vehicle, *_state(message))
         case ConnectAck():
-            result = _ACCEPTED if message.accepted else _VERSION_DIFFERS
+            manned = _ACCEPTED if message.manned else _UNMANNED
+            result = manned if message.accepted else _VERSION_DIFFERS
             return mavlink.MAVLink_connect_ack_message(*target, vehicle, *_state(message), result)
         case HandoverAhead():
             said = (0 if each is None else 1 + each for each in (message.commander, message.partner))
@@ -186,7 +188,7 @@ def _decode(m: Any) -> Message | None:
         )
         if kind == mavlink.MAVLINK_MSG_ID_CONNECT:
             return Connect(*common)
-        return ConnectAck(*common, accepted=m.result == _ACCEPTED)
+        return ConnectAck(*common, accepted=m.result in (_ACCEPTED, _UNMANNED), manned=m.result != _UNMANNED)
     if kind in (mavlink.MAVLINK_MSG_ID_HANDOVER_AHEAD, mavlink.MAVLINK_MSG_ID_OK_AHEAD):
         border = CrossingKey(m.from_station, m.to_station, m.crossing, m.epoch)
         if kind == mavlink.MAVLINK_MSG_ID_OK_AHEAD:

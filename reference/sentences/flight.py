@@ -370,6 +370,7 @@ _ADVICE: Final[Mapping[Reason, tuple[str, str]]] = {
     Reason.VERSION_DIFFERS: ("The station's module is of another version.", "Install the vehicle's version there."),
     Reason.MISSION_DIFFERS: ("The station has another mission package.", "'handover share' at the commander."),
     Reason.MISSION_MISSING: ("The station has no mission package.", "'handover share' at the commander, or wait."),
+    Reason.UNMANNED: ("The station requires an operator, and none has signed on.", "'handover operator NAME' there."),
     Reason.CONSENT_REFUSED: (
         "The vehicle's file refuses handovers for this station.",
         "Fly another route, or change the file.",

@@ -465,6 +465,8 @@ def _station(
         own["key"] = str(keys[station.name])
     if station.name in scenario.address:
         own["offered_addresses_local"] = True
+    if station.name in scenario.require_operator:
+        own["require_operator"] = True
     if station.name in between.served:
         own["serve"] = f"udp:{LOOPBACK}:{between.served[station.name]}"
     peers = []

@@ -17,6 +17,7 @@ Before the steps stands what the flight is made of, where that differs from the 
     forced = {GCSB = "ask"}        its operator is asked as well when the commander is lost
     standard = ["GCSA"]            speaks the MAVLink standard only
     served = ["GCSB"]              another program flies through it; the process is called GCSB-program
+    require_operator = ["GCSB"]    it takes an aircraft only while an operator is on duty
     not_in_control = {GCSA = "never"}  the vehicle's setting for a station
     on_board = true                the mission package is there before the flight
     signed = true                  a key for each station
@@ -102,6 +103,7 @@ _KEYS = (
     "forced",
     "standard",
     "served",
+    "require_operator",
     "not_in_control",
     "on_board",
     "signed",
@@ -224,6 +226,8 @@ class Scenario:
     begin: str = ""
     #: stations that speak the MAVLink standard only
     standard: tuple[str, ...] = ()
+    #: stations that take an aircraft only while an operator is on duty
+    require_operator: tuple[str, ...] = ()
     #: stations through which another program flies
     served: tuple[str, ...] = ()
     #: station -> who gets that result there (`POLICIES` of `gate/client_capabilities.py`); those
@@ -317,6 +321,7 @@ def parse_scenario(text: str, file: str) -> Scenario:
         speedup=speedup,
         begin=_word(reader, data, "begin", BEGINNINGS),
         standard=reader.value(data, "standard", tuple[str, ...], ()),
+        require_operator=reader.value(data, "require_operator", tuple[str, ...], ()),
         served=reader.value(data, "served", tuple[str, ...], ()),
         not_in_control=_words(reader, data, "not_in_control", POLICIES),
         on_board=reader.value(data, "on_board", bool, False),

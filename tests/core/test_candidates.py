@@ -58,6 +58,7 @@ def test_the_owner_is_no_candidate_and_nobody_outside_its_zone_is_one() -> None:
         (Reason.VERSION_DIFFERS, "GCSB has another version of the handover module. Install the vehicle's version."),
         (Reason.MISSION_DIFFERS, "GCSB has another mission. Send it with 'handover share'."),
         (Reason.MISSION_MISSING, "GCSB has no mission. The vehicle sends it in flight; 'handover share' does as well."),
+        (Reason.UNMANNED, "No operator is on duty at GCSB. Its operator signs on with 'handover operator NAME'."),
         (Reason.CONSENT_REFUSED, 'GCSB takes no handover: the vehicle\'s file says consent = "refuse".'),
         (Reason.LEFT_REGION, "GCSB cannot be partner: left region."),
     ],

@@ -78,6 +78,9 @@ def test_an_answer_does_not_outlive_the_heartbeat() -> None:
         (replace(ANSWER, mission_digest=b""), Reason.MISSION_MISSING),
         (replace(ANSWER, mission_digest=bytes(32)), Reason.MISSION_MISSING),
         (replace(ANSWER, protocol_version=2, mission_digest=b""), Reason.VERSION_DIFFERS),
+        (replace(ANSWER, manned=False), Reason.UNMANNED),
+        (replace(ANSWER, manned=False, mission_digest=b""), Reason.MISSION_MISSING),
+        (replace(ANSWER, manned=False, accepted=False), Reason.VERSION_DIFFERS),
         # what it believes of authority is no matter: the vehicle decides
         (replace(ANSWER, epoch=0xFFFFFFFF, commander=252, station=9, name=""), None),
     ],

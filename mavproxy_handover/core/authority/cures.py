@@ -17,6 +17,7 @@ _CURES: Final[Mapping[Reason, str]] = {
     Reason.VERSION_DIFFERS: "{name} has another version of the handover module. Install the vehicle's version.",
     Reason.MISSION_DIFFERS: "{name} has another mission. Send it with 'handover share'.",
     Reason.MISSION_MISSING: "{name} has no mission. The vehicle sends it in flight; 'handover share' does as well.",
+    Reason.UNMANNED: "No operator is on duty at {name}. Its operator signs on with 'handover operator NAME'.",
     Reason.CONSENT_REFUSED: '{name} takes no handover: the vehicle\'s file says consent = "refuse".',
 }
 

@@ -169,4 +169,4 @@ class Presence:
             return Reason.VERSION_DIFFERS
         if self.answer.mission_digest != mission_digest:
             return Reason.MISSION_DIFFERS if any(self.answer.mission_digest) else Reason.MISSION_MISSING
-        return None
+        return None if self.answer.manned else Reason.UNMANNED

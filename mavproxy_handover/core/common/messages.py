@@ -61,6 +61,8 @@ class ConnectAck:
     name: str
     mission_digest: bytes
     accepted: bool = True
+    #: an operator has signed on, or the station needs none
+    manned: bool = True
 
 
 @dataclass(frozen=True, slots=True)

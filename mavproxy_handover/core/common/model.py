@@ -169,6 +169,7 @@ class Reason(IntEnum):
     CANNOT_BE_ASKED = 37  #: the commander's program did not show that it can ask its operator
     CONSENT_REFUSED = 38  #: the vehicle's configuration refuses handovers of this station
     MISSION_MISSING = 39  #: the partner holds no mission package
+    UNMANNED = 40  #: no operator has signed on at the partner
 
 
 #: Why a transfer is begun, the least grave reason first, each with its rank: a graver one takes the place of a lesser
@@ -208,7 +209,12 @@ UNASKED: Final = ("forced",)
 
 #: Reasons against a partner in flight that do not prevent command on the ground: the station may bring another mission
 #: later, and nothing is handed over.
-NO_MATTER_ON_GROUND: Final = (Reason.MISSION_DIFFERS, Reason.MISSION_MISSING, Reason.CONSENT_REFUSED)
+NO_MATTER_ON_GROUND: Final = (
+    Reason.MISSION_DIFFERS,
+    Reason.MISSION_MISSING,
+    Reason.CONSENT_REFUSED,
+    Reason.UNMANNED,
+)
 
 #: Reasons whose name does not say to people what it means.
 _WORDS: Final = {

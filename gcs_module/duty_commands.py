@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""`handover operator ...`: connects the rules of `duty.py` with the console, the journal and the vehicles."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from typing import Final
+
+from gcs_module.aircraft import Aircraft
+from gcs_module.duty import NEEDS_OPERATOR, Change, Duty
+from gcs_module.event_log import StationEventLog
+
+__all__ = ["OPERATOR_HELP", "DutyCommands"]
+
+OPERATOR_HELP: Final = "  operator NAME   signs on; 'operator off' signs off; alone: which operator is on duty"
+
+
+class DutyCommands:
+    """`flown`: names of the aircraft in flight that are commanded from here, "" without one."""
+
+    def __init__(
+        self,
+        duty: Duty,
+        aircraft: Sequence[Aircraft],
+        event_log: StationEventLog,
+        show: Callable[[str], None],
+        flown: Callable[[], str],
+    ) -> None:
+        self._duty = duty
+        self._aircraft = aircraft
+        self._event_log = event_log
+        self._show = show
+        self._flown = flown
+
+    def run(self, args: Sequence[str]) -> None:
+        """The command. `args`: what follows `operator`."""
+        outcome = self._duty.command(" ".join(args), time.monotonic(), self._flown())
+        for aircraft in self._aircraft:
+            aircraft.core.manned = self._duty.manned
+        if outcome.change is Change.BRIEFED:
+            for aircraft in self._aircraft:
+                aircraft.commands.run(["status"])
+        if outcome.change in (Change.TOLD, Change.BRIEFED):
+            self._show(outcome.text)
+            return
+        self._event_log.duty(outcome, self._duty.name)
+        if not self._duty.manned:
+            self._event_log.unmanned()
+
+    def refuses(self, word: str) -> bool:
+        """Whether the operator's command is refused, because no operator is on duty. Then it is told."""
+        if self._duty.manned or word not in NEEDS_OPERATOR:
+            return False
+        self._show(f"handover {word}: no operator is on duty. Sign on first: 'handover operator NAME'")
+        return True

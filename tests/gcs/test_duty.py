@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Operators sign on and off, and take over from each other."""
+
+from __future__ import annotations
+
+import pytest
+
+from gcs_module.duty import CONFIRM_S, Change, Duty
+
+NOW = 100.0
+
+
+def on_duty(name: str = "Jansen", *, required: bool = True) -> Duty:
+    duty = Duty(required)
+    assert duty.command(name, NOW, "").change is Change.ON
+    return duty
+
+
+def test_a_station_that_requires_an_operator_is_manned_after_sign_on() -> None:
+    duty = Duty(required=True)
+    assert not duty.manned
+    assert "takes no aircraft" in duty.command("", NOW, "").text
+    assert duty.command("Jansen", NOW, "").text == "Jansen is on duty."
+    assert (duty.manned, duty.name) == (True, "Jansen")
+
+
+def test_a_station_that_requires_none_is_manned_anyway() -> None:
+    duty = Duty(required=False)
+    assert duty.manned
+    assert duty.command("", NOW, "").text == "No operator has signed on. 'handover operator NAME' signs on."
+
+
+def test_the_next_operator_is_briefed_and_confirms() -> None:
+    duty = on_duty()
+    first = duty.command("de Vries", NOW, "drone-1")
+    assert (first.change, first.before, duty.name) == (Change.BRIEFED, "Jansen", "Jansen")
+    second = duty.command("de  Vries", NOW + CONFIRM_S - 1.0, "drone-1")
+    assert (second.change, second.before, duty.name) == (Change.SHIFT, "Jansen", "de Vries")
+    assert second.text == "de Vries is on duty, after Jansen."
+
+
+def test_a_late_confirmation_and_another_name_are_briefed_anew() -> None:
+    duty = on_duty()
+    duty.command("Bakker", NOW, "")
+    assert duty.command("Bakker", NOW + CONFIRM_S, "").change is Change.BRIEFED
+    assert duty.command("Visser", NOW + CONFIRM_S + 1.0, "").change is Change.BRIEFED
+    assert duty.command("Bakker", NOW + CONFIRM_S + 2.0, "").change is Change.BRIEFED
+    assert duty.name == "Jansen"
+
+
+def test_nobody_signs_off_while_an_aircraft_flies_under_command() -> None:
+    duty = on_duty()
+    refused = duty.command("off", NOW, "drone-1")
+    assert refused.change is Change.TOLD
+    assert refused.text.startswith("Jansen stays on duty: drone-1 flies under this station's command.")
+    assert duty.manned
+    done = duty.command("off", NOW, "")
+    assert (done.change, done.before, duty.manned) == (Change.OFF, "Jansen", False)
+    assert duty.command("off", NOW, "").change is Change.TOLD
+
+
+@pytest.mark.parametrize("name", ["-", "x" * 31, "a\x1b[2J", "_a", "semi;colon", "off!"])
+def test_what_is_no_name_changes_nothing(name: str) -> None:
+    duty = Duty(required=True)
+    assert duty.command(name, NOW, "").change is Change.TOLD
+    assert duty.name == ""
+
+
+@pytest.mark.parametrize("name", ["Jansen", "J. de Vries", "O'Neill", "Zoë-Marie", "7"])
+def test_names_of_people_are_names(name: str) -> None:
+    assert on_duty(name).name == name
