@@ -70,6 +70,13 @@ class _Pace:
             await asyncio.sleep(self._due - now)
 
 
+class _Datagrams(asyncio.DatagramProtocol):
+    receive: Callable[[bytes], None]
+
+    def datagram_received(self, data: bytes, addr: object) -> None:
+        self.receive(data)
+
+
 class _Server:
     def __init__(self, log: bytes) -> None:
         self._log = log
@@ -101,12 +108,10 @@ class _Server:
 
     async def by_udp(self, port: int) -> None:
         """Send to a port, and take what comes back."""
-        client = asyncio.DatagramProtocol()
-        transport, _ = await asyncio.get_running_loop().create_datagram_endpoint(
-            lambda: client, remote_addr=(LOOPBACK, port)
-        )
+        loop, client = asyncio.get_running_loop(), _Datagrams()
+        transport, _ = await loop.create_datagram_endpoint(lambda: client, remote_addr=(LOOPBACK, port))
         link = _Link(transport.sendto, _Pace(_UDP_HZ))
-        client.datagram_received = lambda data, addr: self._take(link, data)  # type: ignore[method-assign]
+        client.receive = lambda data: self._take(link, data)
         self._links.append(link)
 
     def _take(self, link: _Link, data: bytes) -> None:

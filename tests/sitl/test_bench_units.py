@@ -7,6 +7,7 @@ from __future__ import annotations
 import json
 import os
 import socket
+import sys
 import time
 from collections import Counter
 from dataclasses import replace
@@ -17,6 +18,7 @@ from typing import Any
 
 import pytest
 import shapely
+from pymavlink import mavutil
 from pymavlink.dialects.v20 import handover as mavlink
 
 from gcs_module.core import FromPeer
@@ -48,6 +50,8 @@ from sitl.bench.results import transfers as committed_of
 from sitl.bench.rig import BenchError, Loop, cpu_s, frame_key, split
 from sitl.bench.stations import UPLINK_MIX, FakeStation, TalkingStation, uplink_message
 from sitl.run.log_server import log_bytes
+from sitl.run.processes import Processes
+from sitl.vehicles.ports import PortPicker
 
 PLACE = Place(52.68, 5.92)
 KEY = bytes(range(32))
@@ -649,6 +653,32 @@ def test_rate_and_retries_of_a_download_are_what_mavproxy_tells_last() -> None:
 def test_a_python_without_mavsdk_is_no_station() -> None:
     assert mavsdk("/bin/false") is None
     assert mavsdk("/nowhere/python") is None
+
+
+@pytest.mark.process
+@pytest.mark.parametrize("way", ["tcp", "udp"])
+def test_the_log_server_serves_one_log_by_each_link(way: str, tmp_path: Path) -> None:
+    size, ports = 1000, PortPicker()
+    port = ports.tcp() if way == "tcp" else ports.udp()
+    with Processes() as processes:
+        words = ["-m", "sitl.run.log_server", "--size", str(size), f"--{way}", str(port)]
+        station = mavutil.mavlink_connection(f"udpin:127.0.0.1:{port}") if way == "udp" else None
+        server = processes.start("server", [sys.executable, *words], tmp_path)
+        until = time.monotonic() + 30.0
+        while "ready" not in server.console():
+            assert server.alive(), server.console()
+            assert time.monotonic() < until
+            time.sleep(0.05)
+        link = station or mavutil.mavlink_connection(f"tcp:127.0.0.1:{port}")
+        assert link.recv_match(type="HEARTBEAT", blocking=True, timeout=10.0) is not None
+        link.mav.log_request_data_send(1, 1, 1, 90, 0xFFFFFFFF)
+        pieces = {}
+        while not pieces or max(pieces) + 90 < size:
+            piece = link.recv_match(type="LOG_DATA", blocking=True, timeout=10.0)
+            assert piece is not None, pieces.keys()
+            pieces[piece.ofs] = bytes(piece.data[: piece.count])
+        link.close()
+    assert b"".join(pieces[place] for place in sorted(pieces)) == log_bytes(size)[90:]
 
 
 def test_the_log_server_serves_the_same_log_each_time() -> None:
