@@ -24,17 +24,16 @@ from itertools import pairwise
 from pathlib import Path
 from statistics import linear_regression
 from time import monotonic
-from typing import Any, Final
+from typing import Final
 
 from mavproxy_handover.cli.launch import station_argv
-from mavproxy_handover.config.station import PeerConfig, StationConfig
+from mavproxy_handover.config.files import load_station
 from mavproxy_handover.core.common.model import Phase, Station
 from mavproxy_handover.mission.package import MissionPackage, StationEntry
 from mavproxy_handover.tools.resources import shipped
 from sitl.bench.autopilot import STREAM, HostedVehicle, Place, Stops
 from sitl.bench.results import Entry, Measurement, Say, read_journal, transfers
 from sitl.bench.rig import (
-    GROUND_KEY,
     BenchError,
     Loop,
     Rig,
@@ -43,11 +42,11 @@ from sitl.bench.rig import (
     key_file,
     key_for,
     shipped_mission,
+    station_config,
     station_entry,
 )
 from sitl.bench.stations import GroundEnd, TalkingStation
 from sitl.run.processes import Child
-from sitl.run.wiring import write_toml
 from sitl.vehicles.ports import PortPicker
 
 __all__ = [
@@ -269,21 +268,19 @@ class Vehicle(HostedVehicle):
             for each in package.stations
             if each is not real
         ]
-        #: the key that the real station signs with only for this vehicle
-        self.key = key_file(keys, f"{real.name}-{self.name}")
+        #: the real station signs with a key only for this vehicle
+        key = key_file(keys, f"{real.name}-{self.name}")
+        #: [[vehicle]] of the real station
+        self.entry = {"name": self.name, "sysid": sysid, "links": [f"udpin:127.0.0.1:{port}"], "key": str(key)}
+        self.entry["mission"] = str(shipped("missions") / "corridor")
         entries = [station.entry(keys) for station in self.stations]
-        entries.insert(1, station_entry(real.name, real.sysid, port, self.key))
+        entries.insert(1, station_entry(real.name, real.sysid, port, key))
         self.load(companion_config(folder / self.name, entries, dwell_s=0.0, name=self.name, sysid=sysid))
 
     def fly(self) -> None:
         """Begin to move from zone to zone."""
         self.tour.begin(monotonic())
         self.moves = True
-
-    @property
-    def view(self) -> Any:
-        """Authority over it, as its own companion has it."""
-        return self.companion.view
 
     def close(self) -> None:
         for station in self.stations:
@@ -315,6 +312,7 @@ class Bench(Rig):
         super().__init__(folder, many=True)
         self.package = shipped_mission("corridor")
         self.real = self.package.stations[1]
+        self.home = folder / self.real.name
         self.vehicles: list[Vehicle] = []
         #: of the stations that are not the real one
         self.ground: list[GroundEnd] = []
@@ -329,23 +327,22 @@ class Bench(Rig):
 
     def set_up(self) -> None:
         picker = PortPicker()
-        ports = {sysid: picker.udp() for sysid in range(1, self._count + 1)}
-        for sysid, port in ports.items():
-            self.vehicles.append(Vehicle(self.loop, self.folder, self.package, sysid, port, self._pause_s))
+        for sysid in range(1, self._count + 1):
+            self.vehicles.append(Vehicle(self.loop, self.folder, self.package, sysid, picker.udp(), self._pause_s))
         ground = {station.name: picker.udp() for station in self.package.stations}
         for number, entry in enumerate(each for each in self.package.stations if each is not self.real):
-            self.ground.append(self._ground_end(entry, ground))
+            self.ground.append(GroundEnd(self.loop, load_station(self._configure(entry, ground))))
             for vehicle in self.vehicles:
                 self.ground[-1].join(vehicle.stations[number])
-        config = self._configure(ports, ground)
-        self.run("station", station_argv(config, None, self.folder / "station" / "mav.tlog"))
+        config = self._configure(self.real, ground, self.vehicles)
+        self.run("station", station_argv(config, None, self.home / "mav.tlog"))
         self._take_off()
 
     def _take_off(self) -> None:
         vehicles, parent = self.vehicles, self.package.parent.sysid
         for vehicle in vehicles:
             vehicle.autopilot.stream(STREAM)
-        self.wait(lambda: all(each.view.commander == parent for each in vehicles), "the parent commands all")
+        self.wait(lambda: all(each.companion.view.commander == parent for each in vehicles), "the parent commands all")
         for vehicle in vehicles:
             vehicle.stations[0].share(self.package)
         self.wait(lambda: all(each.stations[0].shared for each in vehicles), "the mission package is loaded")
@@ -354,7 +351,9 @@ class Bench(Rig):
         self.wait(lambda: all(self._ready(each) for each in vehicles), "the station has everything")
         for vehicle in vehicles:
             vehicle.autopilot.take_off()
-        self.wait(lambda: all(each.view.phase is not Phase.ON_LOAD for each in vehicles), "all are on missions")
+        self.wait(
+            lambda: all(each.companion.view.phase is not Phase.ON_LOAD for each in vehicles), "all are on missions"
+        )
         self.loop.run(_SETTLE_S)
         for vehicle in vehicles:
             vehicle.fly()
@@ -364,47 +363,18 @@ class Bench(Rig):
         arbiter, real = vehicle.companion.arbiter, self.real.sysid
         return arbiter.unfit(real, monotonic()) is None and all(each.reaches(real) for each in vehicle.stations)
 
-    def _ground_end(self, station: StationEntry, ports: dict[str, int]) -> GroundEnd:
-        folder = self.folder / station.name
-        folder.mkdir(parents=True, exist_ok=True)
-        config = StationConfig(
-            path=folder,
-            station=Station(station.sysid, station.name),
-            vehicles=(),
-            automatic=frozenset(),
-            journal=folder / f"{station.name}.jsonl",
-            ground=f"udpin:127.0.0.1:{ports[station.name]}",
-            ground_key=key_file(self.folder / "keys", GROUND_KEY),
-            peers=tuple(
-                PeerConfig(each, f"udpout:127.0.0.1:{ports[each.name]}") for each in _peers(self.package, station.sysid)
-            ),
+    def _configure(self, station: StationEntry, ground: dict[str, int], vehicles: Sequence[Vehicle] = ()) -> Path:
+        """The file of a station; `ground`: ports of the ground links by station."""
+        own = {"name": station.name, "sysid": station.sysid}
+        peers = {each.name: (each.sysid, ground[each.name]) for each in _peers(self.package, station.sysid)}
+        return station_config(
+            self.folder / station.name,
+            own,
+            ground[station.name],
+            peers,
+            keys=self.folder / "keys",
+            vehicles=[vehicle.entry for vehicle in vehicles],
         )
-        return GroundEnd(self.loop, config)
-
-    def _configure(self, ports: dict[int, int], ground: dict[str, int]) -> Path:
-        entry = self.real
-        tables: dict[str, Any] = {
-            "station": {"name": entry.name, "sysid": entry.sysid, "journal": f"{entry.name}.jsonl"},
-            "vehicle": [
-                {
-                    "name": vehicle.name,
-                    "sysid": sysid,
-                    "links": [f"udpin:127.0.0.1:{port}"],
-                    "key": str(vehicle.key),
-                    "mission": str(shipped("missions") / "corridor"),
-                }
-                for vehicle, (sysid, port) in zip(self.vehicles, ports.items(), strict=True)
-            ],
-            "ground": {
-                "listen": f"udpin:127.0.0.1:{ground[entry.name]}",
-                "key": str(key_file(self.folder / "keys", GROUND_KEY)),
-            },
-            "peer": [
-                {"name": each.name, "sysid": each.sysid, "link": f"udpout:127.0.0.1:{ground[each.name]}"}
-                for each in _peers(self.package, entry.sysid)
-            ],
-        }
-        return write_toml(self.folder / "station" / "station.toml", tables)
 
     def check(self) -> None:
         """Raises BenchError if the bench is broken.
@@ -421,7 +391,7 @@ class Bench(Rig):
 
     def outcome(self) -> Handovers:
         """The results of all handovers; to be called when the station has ended."""
-        own = read_journal(self.folder / "station" / f"{self.real.name}.jsonl")
+        own = read_journal(self.home / f"{self.real.name}.jsonl")
         flown = [(vehicle.tour.asked, read_journal(vehicle.journal)) for vehicle in self.vehicles]
         return handovers_of(self.real.sysid, own, flown)
 

@@ -157,17 +157,15 @@ def _flying(folder: Path, under: Sequence[str] = ()) -> Iterator[Leases]:
         yield bench
 
 
-def _nothing(folder: Path, seconds: float) -> Measured:
-    with _flying(folder) as bench:
-        return bench.gaps(seconds), bench
-
-
 def _slow_disk(folder: Path, seconds: float) -> Measured:
     with _flying(folder, on_slow_disk(folder, FSYNC_S)) as bench:
         return bench.gaps(seconds), bench
 
 
-def _bad_disk(folder: Path, seconds: float, parts: Sequence[str], spoil: Callable[[SmallDisk], None]) -> Measured:
+def _small_disks(
+    folder: Path, seconds: float, parts: Sequence[str] = (), spoil: Callable[[SmallDisk], None] = SmallDisk.fill
+) -> Measured:
+    """With small disks for these parts of the folder, which are spoilt in flight."""
     with ExitStack() as stack:
         disks = [stack.enter_context(small_disk(folder / part)) for part in parts]
         bench = stack.enter_context(_flying(folder))
@@ -274,10 +272,10 @@ def _packages_on_the_ground(folder: Path, seconds: float) -> Measured:
 
 #: name -> how it is measured; the others are compared to the first one
 LOADS: dict[str, Callable[[Path, float], Measured]] = {
-    "none": _nothing,
+    "none": _small_disks,
     f"fsync {FSYNC_S:g} s": _slow_disk,
-    "full disk": partial(_bad_disk, parts=("disk", "log"), spoil=SmallDisk.fill),
-    "read-only disk": partial(_bad_disk, parts=("disk",), spoil=SmallDisk.turn_read_only),
+    "full disk": partial(_small_disks, parts=("disk", "log")),
+    "read-only disk": partial(_small_disks, parts=("disk",), spoil=SmallDisk.turn_read_only),
     "hostile packages, in flight": _packages_in_flight,
     "hostile packages, on the ground": _packages_on_the_ground,
     "journal flood": _journal_flood,

@@ -23,6 +23,7 @@ import select
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any, Final, TypeVar
@@ -38,7 +39,6 @@ from sitl.run.wiring import write_toml
 
 __all__ = [
     "AUTOPILOT",
-    "GROUND_KEY",
     "IDLE_S",
     "VEHICLE",
     "BenchError",
@@ -54,6 +54,7 @@ __all__ = [
     "last_words",
     "shipped_mission",
     "split",
+    "station_config",
     "station_entry",
 ]
 
@@ -85,16 +86,14 @@ def cpu_s(pid: int) -> float:
         raise BenchError(f"processor time of process {pid}: {error.strerror}") from None
 
 
+@dataclass(slots=True)
 class Timer:
     """Something that happens again and again until it is cancelled."""
 
-    __slots__ = ("cancelled", "due", "interval_s", "job")
-
-    def __init__(self, interval_s: float, job: Callable[[], None], due: float) -> None:
-        self.interval_s = interval_s
-        self.job = job
-        self.due = due
-        self.cancelled = False
+    interval_s: float
+    job: Callable[[], None]
+    due: float
+    cancelled: bool = False
 
     def cancel(self) -> None:
         """No more."""
@@ -263,6 +262,30 @@ def companion_config(
     return write_toml(
         folder / "handover.toml", tables if dwell_s is None else {**tables, "limits": {"dwell_s": dwell_s}}
     )
+
+
+def station_config(
+    folder: Path,
+    station: dict[str, Any],
+    listen: int,
+    peers: dict[str, tuple[int, int]],
+    *,
+    keys: Path | None,
+    vehicles: Sequence[dict[str, Any]] = (),
+) -> Path:
+    """Write a station's configuration file. Raises OSError, KeysError.
+
+    `listen`: port of its ground link; `peers`: name -> system id and port of another one's. `keys`: the folder of the
+    ground link's key, if it is signed. `vehicles`: what [[vehicle]] has, if there are several.
+    """
+    own = {"journal": f"{station['name']}.jsonl", **station}
+    ground: dict[str, Any] = {"listen": f"udpin:127.0.0.1:{listen}"}
+    ground |= {"allow_unsigned": True} if keys is None else {"key": str(key_file(keys, GROUND_KEY))}
+    others = [
+        {"name": name, "sysid": sysid, "link": f"udpout:127.0.0.1:{port}"} for name, (sysid, port) in peers.items()
+    ]
+    tables = {"station": own, "ground": ground, "peer": others, "vehicle": list(vehicles)}
+    return write_toml(folder / "station.toml", tables)
 
 
 # ---- processes ------------------------------------------------------------------------------------------------------

@@ -31,7 +31,6 @@ from mavproxy_handover.tools.resources import shipped
 from sitl.bench.autopilot import SHUTTLE, STREAM, A, B, HostedVehicle, SerialAutopilot, Tour
 from sitl.bench.results import Committed, Entry, Measurement, Say, quantile, read_journal, transfers
 from sitl.bench.rig import (
-    GROUND_KEY,
     IDLE_S,
     VEHICLE,
     BenchError,
@@ -42,6 +41,7 @@ from sitl.bench.rig import (
     companion_config,
     key_file,
     last_words,
+    station_config,
     station_entry,
 )
 from sitl.run.bad_links import BadLinks, LinkPlan
@@ -95,18 +95,13 @@ class Wires:
         return {sysid: plan.listen for sysid, plan in zip(targets, plans, strict=True)}
 
     def _station(self, folder: Path, sysid: int, name: str) -> Path:
-        other = B if sysid == A else A
-        own: Entry = {"name": name, "sysid": sysid, "vehicle": VEHICLE, "journal": f"{name}.jsonl"}
+        own: Entry = {"name": name, "sysid": sysid, "vehicle": VEHICLE}
         if sysid == A:
             own["mission"] = str(shipped("missions") / "delivery")
-        ground: Entry = {"listen": f"udpin:127.0.0.1:{self._ground[sysid]}"}
-        if self._keys is None:
-            ground["allow_unsigned"] = True
-        else:
+        if self._keys is not None:
             own["key"] = str(key_file(self._keys, name))
-            ground["key"] = str(key_file(self._keys, GROUND_KEY))
-        peer = {"name": _NAMES[other], "sysid": other, "link": f"udpout:127.0.0.1:{self._ground_to[other]}"}
-        return write_toml(folder / name / "station.toml", {"station": own, "ground": ground, "peer": [peer]})
+        peers = {_NAMES[each]: (each, self._ground_to[each]) for each in _NAMES if each != sysid}
+        return station_config(folder / name, own, self._ground[sysid], peers, keys=self._keys)
 
     @property
     def journals(self) -> list[Path]:

@@ -201,6 +201,11 @@ class Bench:
         entries = sorted((json.loads(line) for line in lines), key=lambda entry: entry["t"])
         return [entry for entry in entries if event in (None, entry["event"])]
 
+    def needs(self) -> tuple[str, ...]:
+        """What START of the parent still needs."""
+        needs: tuple[str, ...] = self.companion.arbiter.start_needs(251, self.clock.now)
+        return needs
+
     def faults(self) -> list[str]:
         """What broke inside, each by the last line of its traceback."""
         path = self.folder / "companion.jsonl"

@@ -33,11 +33,6 @@ def configured(name: str, more: str = SOURCE) -> str:
     return f"# layout\n{more}" if name == "thesis" else f'layout = "{name}"\n{more}'
 
 
-def needs(bench: Bench) -> tuple[str, ...]:
-    found: tuple[str, ...] = bench.companion.arbiter.start_needs(251, bench.clock.now)
-    return found
-
-
 def moving(bench: Bench, box: Box, north_mps: float, east_mps: float) -> None:
     """The aircraft moves by both words."""
     bench.autopilot.velocity = (north_mps, east_mps)
@@ -98,7 +93,7 @@ def test_the_wrong_layout_refuses_start_in_words(
     bench.share(delivery)
     real_rounds(bench, lambda: standing(bench) == "other_layout")
     bench.run(6.0)
-    assert words(name) in needs(bench)
+    assert words(name) in bench.needs()
     bench.a.command(mavlink.MAV_CMD_MISSION_START)
     bench.run(1.0)
     assert bench.companion.view.phase is Phase.ON_LOAD
@@ -108,7 +103,7 @@ def test_the_wrong_layout_refuses_start_in_words(
     if source == "box":
         assert told(bench) == [f"{words(name)}: no position is used"]
         assert where(bench) is None
-        assert "no position" in needs(bench)
+        assert "no position" in bench.needs()
     else:
         assert told(bench) == [words(name)]
         assert where(bench) == pytest.approx(HOME, abs=1e-6), "a box that only checks takes nothing away"
@@ -122,7 +117,7 @@ def test_records_that_break_the_stream_are_recognised_as_well(bench: Bench, box:
     moving(bench, box, 6.0, 8.0)
     bench.connect()
     real_rounds(bench, lambda: standing(bench) == "other_layout")
-    assert words("full") in needs(bench)
+    assert words("full") in bench.needs()
 
 
 def test_when_the_box_is_mended_on_the_ground_start_goes(bench: Bench, box: Box, delivery: MissionPackage) -> None:
@@ -134,7 +129,7 @@ def test_when_the_box_is_mended_on_the_ground_start_goes(bench: Bench, box: Box,
     box.sends = THESIS
     real_rounds(bench, lambda: standing(bench) == "sound")
     bench.run(2.0)
-    assert needs(bench) == ()
+    assert bench.needs() == ()
 
 
 # ---- undecided ------------------------------------------------------------------------------------------------------
@@ -159,13 +154,13 @@ def test_while_it_is_undecided_start_is_refused_where_the_box_is_the_source(
     bench: Bench, box: Box, delivery: MissionPackage
 ) -> None:
     pointing_north(bench, box, delivery, "box")
-    assert UNDECIDED in needs(bench)
+    assert UNDECIDED in bench.needs()
     assert where(bench) is None
     assert told(bench) == [f"{UNDECIDED}: no position is used"]
     bench.autopilot.position = HOME
     real_rounds(bench, lambda: standing(bench) == "sound")
     bench.run(2.0)
-    assert needs(bench) == ()
+    assert bench.needs() == ()
     bench.autopilot.position = None
     bench.run(3.0)
     assert standing(bench) == "sound", "once recognised it stays so"
@@ -175,7 +170,7 @@ def test_while_it_is_undecided_a_box_that_only_checks_refuses_nothing(
     bench: Bench, box: Box, delivery: MissionPackage
 ) -> None:
     pointing_north(bench, box, delivery, "autopilot")
-    assert needs(bench) == ("no position",), "the autopilot's own"
+    assert bench.needs() == ("no position",), "the autopilot's own"
     assert told(bench) == [UNDECIDED]
 
 

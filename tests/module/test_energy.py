@@ -54,11 +54,6 @@ def get_ready(bench: Bench, package: MissionPackage, left: float | None = 1.0) -
     bench.wait(1.5)
 
 
-def needs(bench: Bench) -> tuple[str, ...]:
-    found: tuple[str, ...] = bench.companion.arbiter.start_needs(251, bench.clock.now)
-    return found
-
-
 def refused(bench: Bench) -> str:
     """What the parent is told when it starts."""
     bench.a.command(START)
@@ -77,7 +72,7 @@ def test_start_is_refused_when_the_budget_does_not_close(bench: Bench, delivery:
 
 def test_with_enough_left_it_is_not(bench: Bench, delivery: MissionPackage) -> None:
     get_ready(bench, delivery, 0.64)
-    assert needs(bench) == ()
+    assert bench.needs() == ()
 
 
 def test_what_arms_by_hand_needs_the_energy_as_well(bench: Bench, delivery: MissionPackage) -> None:
@@ -90,10 +85,10 @@ def test_what_arms_by_hand_needs_the_energy_as_well(bench: Bench, delivery: Miss
 
 def test_the_answer_changes_with_the_battery(bench: Bench, delivery: MissionPackage) -> None:
     get_ready(bench, delivery, 0.6)
-    assert needs(bench) == (TOO_LITTLE,)
+    assert bench.needs() == (TOO_LITTLE,)
     bench.autopilot.battery = 1.0
     bench.run(2.5)
-    assert needs(bench) == ()
+    assert bench.needs() == ()
 
 
 def test_a_battery_that_says_nothing_is_not_flown_with(bench: Bench, delivery: MissionPackage) -> None:
@@ -111,7 +106,7 @@ def test_a_pack_that_counts_as_full_and_is_not_is_found_before_start(bench: Benc
     for _ in range(5):
         bench.mpstate.deliver(said(mavlink_battery(voltages=[11_520, *[65535] * 9])))
         bench.run(0.5)
-    assert needs(bench) == (TOO_LITTLE,)
+    assert bench.needs() == (TOO_LITTLE,)
     entry = bench.journal("energy")[-1]
     assert entry["trouble"] == ["battery 0 counts 126.0 Wh, its rest voltage 11.52 V says 75.6 Wh at most"]
 
@@ -120,12 +115,12 @@ def test_a_mission_is_judged_the_moment_it_is_loaded(bench: Bench, delivery: Mis
     bench.autopilot.battery = 0.6
     bench.connect()
     bench.share(delivery)
-    assert TOO_LITTLE in needs(bench)
+    assert TOO_LITTLE in bench.needs()
 
 
 def test_without_numbers_nothing_is_refused_and_the_budget_is_unknown(bench: Bench, bare: MissionPackage) -> None:
     get_ready(bench, bare, 0.01)
-    assert needs(bench) == ()
+    assert bench.needs() == ()
     assert "energy    unknown: no [energy] numbers" in bench.mpstate.type("handover status")
     (entry,) = bench.journal("energy")
     assert entry["text"] == "unknown: no [energy] numbers"
@@ -138,7 +133,7 @@ def energy_table(bench: Bench, more: str) -> None:
 def test_the_vehicles_numbers_count_where_the_mission_has_none(bench: Bench, bare: MissionPackage) -> None:
     energy_table(bench, "battery_wh = 126\nhover_w = 354")
     get_ready(bench, bare, 0.5)
-    (need,) = needs(bench)
+    (need,) = bench.needs()
     assert need.startswith("energy: ")
     assert need.endswith("63.0 Wh are left")
 
@@ -146,13 +141,13 @@ def test_the_vehicles_numbers_count_where_the_mission_has_none(bench: Bench, bar
 def test_the_missions_numbers_go_before_the_vehicles(bench: Bench, delivery: MissionPackage) -> None:
     energy_table(bench, "battery_wh = 9000\nhover_w = 20")
     get_ready(bench, delivery, 0.6)
-    assert needs(bench) == (TOO_LITTLE,)
+    assert bench.needs() == (TOO_LITTLE,)
 
 
 def test_start_may_be_told_to_warn_only(bench: Bench, delivery: MissionPackage) -> None:
     energy_table(bench, 'start = "warn"')
     get_ready(bench, delivery, 0.6)
-    assert needs(bench) == ()
+    assert bench.needs() == ()
     (entry,) = bench.journal("energy_budget")
     assert (entry["text"], entry["closes"]) == (TOO_LITTLE, False)
     bench.autopilot.battery = 1.0
@@ -190,14 +185,14 @@ def test_what_a_mission_is_refused_for_is_over_with_one_that_only_warns(
     bench: Bench, delivery: MissionPackage, tmp_path: Path
 ) -> None:
     get_ready(bench, delivery, 0.6)
-    assert needs(bench) == (TOO_LITTLE,)
+    assert bench.needs() == (TOO_LITTLE,)
     folder = tmp_path / "warns"
     shutil.copytree(ROUND, folder)
     text = (folder / "mission.toml").read_text(encoding="utf-8").replace("[energy]", '[energy]\nstart = "warn"')
     (folder / "mission.toml").write_text(text, encoding="utf-8")
     bench.share(mission_package.load(folder))
     bench.run(1.5)
-    assert needs(bench) == ()
+    assert bench.needs() == ()
 
 
 @pytest.mark.parametrize("policy", ["refuse", "warn", "off"])
@@ -215,7 +210,7 @@ def test_how_a_refusal_is_lifted_is_said_and_does_not_hang_on_commands_in_flight
 def test_start_may_be_told_not_to_look(bench: Bench, delivery: MissionPackage) -> None:
     energy_table(bench, 'start = "off"')
     get_ready(bench, delivery, 0.6)
-    assert needs(bench) == ()
+    assert bench.needs() == ()
     assert bench.journal("energy_budget") == []
 
 
@@ -553,14 +548,14 @@ def test_what_breaks_in_here_keeps_start_and_is_over_with_the_fault(
     with monkeypatch.context() as patch:
         patch.setattr(Learner, "model", broken)
         bench.run(1.5)
-        assert needs(bench) == ("energy: internal fault",)
+        assert bench.needs() == ("energy: internal fault",)
         (line,) = [line for line in bench.mpstate.type("handover status") if line.startswith("energy")]
         assert line.startswith("energy    126.0 Wh of 126.0 Wh left")
         assert line.endswith(", internal fault"), "what was known goes on"
         assert bench.companion.faults["energy"] >= 1
         assert not bench.companion.failed, "it costs no authority"
     bench.run(1.5)
-    assert needs(bench) == ()
+    assert bench.needs() == ()
 
 
 @pytest.mark.parametrize("policy", ["warn", "refuse"])
@@ -633,7 +628,7 @@ def test_what_was_known_by_other_numbers_does_not_go_on(
         bench.share(delivery)
         bench.run(1.5)
         assert bench.companion.autopilot.energy.fact.words() == "unknown: internal fault"
-        assert needs(bench) == ("energy: internal fault",)
+        assert bench.needs() == ("energy: internal fault",)
 
 
 def test_a_fault_costs_nothing_where_nobody_asks_for_the_energy(
@@ -644,7 +639,7 @@ def test_a_fault_costs_nothing_where_nobody_asks_for_the_energy(
     monkeypatch.setattr("mavproxy_handover.monitors.energy.EnergyFact", broken)
     monkeypatch.setattr("mavproxy_handover.monitors.energy.pack_report", broken)
     bench.run(0.5)
-    assert needs(bench) == ()
+    assert bench.needs() == ()
 
 
 def test_a_message_that_breaks_something_costs_that_message(flying: Bench, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -36,7 +36,7 @@ def loaded(bench: Bench, ridge: MissionPackage) -> Bench:
     bench.autopilot.parameters.update({"HNDO_ALONE_MAX": 60.0, "HNDO_SYSID_SW": 1.0})
     bench.connect()
     bench.share(ridge, at_once=True)
-    bench.until(lambda: needs(bench) == (), 30.0)
+    bench.until(lambda: bench.needs() == (), 30.0)
     return bench
 
 
@@ -48,11 +48,6 @@ def flying(loaded: Bench) -> Bench:
     loaded.autopilot.waypoint = 2
     loaded.wait(1.5)
     return loaded
-
-
-def needs(bench: Bench) -> tuple[str, ...]:
-    found: tuple[str, ...] = bench.companion.arbiter.start_needs(251, bench.clock.now)
-    return found
 
 
 def last_lease(bench: Bench) -> tuple[int, int, int]:
@@ -70,7 +65,7 @@ def into_the_gap(bench: Bench) -> None:
 def test_start_is_refused_while_the_guard_allows_less_than_a_gap_may_take(loaded: Bench) -> None:
     text = "gaps: HNDO_ALONE_MAX is 0 s, GCSA -> GCSB may take 60 s"
     loaded.a.send(mavlink.MAVLink_param_set_message(1, 1, b"HNDO_ALONE_MAX", 0.0, 9))
-    loaded.until(lambda: needs(loaded) == (text,), 3.0)
+    loaded.until(lambda: loaded.needs() == (text,), 3.0)
     loaded.a.command(START)
     loaded.run(0.5)
     assert loaded.a.acks(START) == [REJECTED]
@@ -87,7 +82,7 @@ def test_what_is_set_while_the_parameters_are_read_counts(loaded: Bench) -> None
 
     loaded.wait(6.0)
     loaded.a.send(mavlink.MAVLink_param_set_message(1, 1, b"HNDO_ALONE_MAX", 0.0, 9))
-    loaded.until(lambda: needs(loaded) != (), 3.0)
+    loaded.until(lambda: loaded.needs() != (), 3.0)
     before = read()
     preflight = loaded.companion.autopilot.preflight
     preflight.planned(preflight._plan, 60.0)  # it is looked at again
@@ -95,15 +90,15 @@ def test_what_is_set_while_the_parameters_are_read_counts(loaded: Bench) -> None
     loaded.run(1.0)
     loaded.a.send(mavlink.MAVLink_param_set_message(1, 1, b"HNDO_ALONE_MAX", 60.0, 9))
     loaded.wait(8.0)
-    assert needs(loaded) == ()
+    assert loaded.needs() == ()
 
 
 def test_a_guard_of_before_knows_no_gaps(bench: Bench, ridge: MissionPackage) -> None:
     bench.autopilot.position = HOME
     bench.connect()
     bench.share(ridge)
-    assert "gaps: the guard's parameters are not read yet" in needs(bench)
-    bench.until(lambda: needs(bench) == ("gaps: the guard has no HNDO_ALONE_MAX: it knows no gaps",), 30.0)
+    assert "gaps: the guard's parameters are not read yet" in bench.needs()
+    bench.until(lambda: bench.needs() == ("gaps: the guard has no HNDO_ALONE_MAX: it knows no gaps",), 30.0)
 
 
 def test_another_mission_needs_none(loaded: Bench, delivery: MissionPackage) -> None:
@@ -111,7 +106,7 @@ def test_another_mission_needs_none(loaded: Bench, delivery: MissionPackage) -> 
     loaded.autopilot.position = (52.679, 5.924)
     loaded.share(delivery)
     loaded.run(2.0)
-    assert needs(loaded) == ()
+    assert loaded.needs() == ()
 
 
 def test_in_the_gap_the_lease_says_alone_and_how_long(flying: Bench) -> None:

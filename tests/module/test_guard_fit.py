@@ -93,7 +93,7 @@ def test_with_a_key_a_guard_without_one_counts_as_silent_and_is_named(bench: Ben
     bench.share(delivery)
     bench.wait(4.0)
     assert refusal(bench) == f"START refused: {NO_KEY}"
-    assert {struct.unpack_from("<I", raw, 20)[0] for raw in payloads(bench)} == {0}
+    assert {struct.unpack_from("<I", raw, 20)[0] for raw in bench.autopilot.lease_payloads()} == {0}
 
     def tagged(state: int) -> None:
         body = struct.pack("<BBBBIIIHBBI", 2, state, 0, 32, *bench.autopilot._lease, 0, 4, 6, 77)
@@ -103,15 +103,9 @@ def test_with_a_key_a_guard_without_one_counts_as_silent_and_is_named(bench: Ben
     bench.autopilot.say_guard = tagged  # type: ignore[method-assign]
     bench.autopilot.guard_nonce = 77
     bench.wait(4.0)
-    assert struct.unpack_from("<I", payloads(bench)[-1], 20) == (77,)
+    assert struct.unpack_from("<I", bench.autopilot.lease_payloads()[-1], 20) == (77,)
     bench.a.command(START)
     bench.until(lambda: bench.autopilot.airborne)
-
-
-def payloads(bench: Bench) -> list[bytes]:
-    """The leases, whole."""
-    found = [m for m in bench.autopilot.got("TUNNEL", 1) if m.payload_type == 47116]
-    return [bytes(m.payload)[: m.payload_length] for m in found]
 
 
 class TestRebootInFlight:

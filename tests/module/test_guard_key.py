@@ -11,17 +11,12 @@ from tests.module.conftest import Bench
 KEY = key_of("correct-horse-battery-staple")
 
 
-def payloads(bench: Bench) -> list[bytes]:
-    found = [m for m in bench.autopilot.got("TUNNEL", 1) if m.payload_type == 47116]
-    return [bytes(m.payload)[: m.payload_length] for m in found]
-
-
 def test_every_lease_has_the_tag_of_the_key(bench: Bench) -> None:
     write_key(bench.folder / "guard.key", KEY)
     bench.configure(more='guard_key = "guard.key"')
     assert bench.load() is not None
     bench.wait(3.0)
-    leases = payloads(bench)
+    leases = bench.autopilot.lease_payloads()
     assert len(leases) >= 14
     for lease in leases:
         assert len(lease) == 32
@@ -32,7 +27,7 @@ def test_every_lease_has_the_tag_of_the_key(bench: Bench) -> None:
 def test_without_a_key_leases_are_as_ever(bench: Bench) -> None:
     assert bench.load() is not None
     bench.run(1.0)
-    assert {len(lease) for lease in payloads(bench)} == {24}
+    assert {len(lease) for lease in bench.autopilot.lease_payloads()} == {24}
 
 
 def test_a_key_that_cannot_be_used_is_said_in_one_line_and_nothing_is_loaded(bench: Bench) -> None:

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,7 @@ from mavproxy_handover.wire.frames import Frame, parse_one
 from mavproxy_handover.wire.signing import SignatureVerdict
 from tests.depth import first
 from tests.module.conftest import Bench, Clock
-from tests.module.test_signed import SignedBench
+from tests.module.test_signed import SignedBench, signed  # noqa: F401 (a fixture)
 from tests.module.test_station_module import StationBench, connect_message, key
 
 HOUR_S = 3600
@@ -40,14 +39,6 @@ def one_of_each(sysid: int) -> list[Frame]:
     return found
 
 
-@pytest.fixture
-def signed(clock: Clock, tmp_path: Path) -> Iterator[SignedBench]:
-    bench = SignedBench(tmp_path, clock)
-    yield bench
-    bench.close()
-    assert bench.mpstate.escaped == []
-
-
 def whole(bench: Bench) -> list[dict[str, Any]]:
     """All entries there are, in both files."""
     old = bench.folder / "companion.jsonl.1"
@@ -59,7 +50,7 @@ def events(entries: list[dict[str, Any]]) -> Counter[str]:
     return Counter(entry["event"] for entry in entries)
 
 
-def test_an_hour_of_unsigned_frames_takes_little_room_and_the_evidence_stays(signed: SignedBench) -> None:
+def test_an_hour_of_unsigned_frames_takes_little_room_and_the_evidence_stays(signed: SignedBench) -> None:  # noqa: F811
     signed.connect()
     companion = signed.companion
     port, frames = companion.ports[251], one_of_each(251)
@@ -88,7 +79,7 @@ def test_an_hour_of_unsigned_frames_takes_little_room_and_the_evidence_stays(sig
     assert left_out + len(refused) + sum(entry.get("also", 0) for entry in refused) == sent
 
 
-def test_what_strangers_make_us_write_is_apart_and_bounded(signed: SignedBench) -> None:
+def test_what_strangers_make_us_write_is_apart_and_bounded(signed: SignedBench) -> None:  # noqa: F811
     signed.connect()
     companion = signed.companion
     port, frames = companion.ports[251], one_of_each(251)
@@ -107,7 +98,7 @@ def test_what_strangers_make_us_write_is_apart_and_bounded(signed: SignedBench) 
     assert 0 < strangers.stat().st_size <= 20_000
 
 
-def test_a_program_that_uploads_without_end_is_told_each_second(signed: SignedBench) -> None:
+def test_a_program_that_uploads_without_end_is_told_each_second(signed: SignedBench) -> None:  # noqa: F811
     signed.connect()
     narrator, now = signed.companion.event_log, signed.clock.now
     told = [narrator.upload_refused("GCSA", "mission", "too long", now + tenth / 10) for tenth in range(300)]
@@ -118,7 +109,7 @@ def test_a_program_that_uploads_without_end_is_told_each_second(signed: SignedBe
     assert narrator.upload_refused("GCSA", "geofence", "too long", now + 30.0), "another list is another matter"
 
 
-def test_frames_in_anothers_name_are_a_strangers(signed: SignedBench) -> None:
+def test_frames_in_anothers_name_are_a_strangers(signed: SignedBench) -> None:  # noqa: F811
     """They come past the check of signatures, for the gate to drop them."""
     signed.connect()
     companion = signed.companion
@@ -129,7 +120,7 @@ def test_frames_in_anothers_name_are_a_strangers(signed: SignedBench) -> None:
     assert 60 <= len(signed.journal("refused")) - before <= 70
 
 
-def test_what_a_station_itself_sends_is_refused_in_more_entries_but_not_in_any_number(signed: SignedBench) -> None:
+def test_what_a_station_itself_sends_is_refused_in_more_entries_but_not_in_any_number(signed: SignedBench) -> None:  # noqa: F811
     signed.connect()
     companion, now = signed.companion, signed.clock.now
     port, frames = companion.ports[252], one_of_each(252)

@@ -210,6 +210,11 @@ class Autopilot:
         """The commands that have arrived, in order, without requests for message rates."""
         return [m.command for m in self.got("COMMAND_LONG") if m.command != 511]
 
+    def lease_payloads(self) -> list[bytes]:
+        """The leases, whole."""
+        found = [m for m in self.got("TUNNEL", 1) if m.payload_type == 47116]
+        return [bytes(m.payload)[: m.payload_length] for m in found]
+
     def leases(self) -> list[tuple[int, ...]]:
         """The leases that have arrived: version, state, commander, flags, nonce, sequence, epoch, ttl, seconds left,
         nonce of the guard."""
