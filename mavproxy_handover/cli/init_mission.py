@@ -90,6 +90,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         choices=POLICY["on_out_of_coverage"].words,
         help="what the aircraft does outside every zone (default: return)",
     )
+    told.add_argument(
+        "--terrain", type=Path, metavar="FILE", help="heights of the ground: an Esri ASCII grid in degrees"
+    )
+    told.add_argument(
+        "--endless-jump", action="store_true", help="a DO_JUMP of the plan may repeat without end: the mission says so"
+    )
     rest = parser.add_argument_group("vehicle and stations")
     rest.add_argument("--vehicle-name", metavar="NAME", help="what stations call the vehicle (default: drone-1)")
     rest.add_argument("--vehicle-sysid", type=int, metavar="ID", help="its MAVLink system id (default: 1)")

@@ -22,11 +22,11 @@ from mavproxy_handover.mission.drawn.fence import without_parts
 from mavproxy_handover.mission.drawn.files import ENDINGS, read_text, read_zone_file
 from mavproxy_handover.mission.errors import Faults, MissionError
 from mavproxy_handover.mission.keys import ENERGY, MISSION
-from mavproxy_handover.mission.package import MissionPackage
+from mavproxy_handover.mission.package import MAX_PLAIN_BYTES, MissionPackage
 from mavproxy_handover.mission.plan import Route, read_route
 from mavproxy_handover.mission.plan_facts import PlanFacts, plan_facts, proposed_speed
 from mavproxy_handover.tools.key_table import Key
-from mavproxy_handover.vehicle.profiles import PROFILES, named
+from mavproxy_handover.vehicle.profiles import PROFILES, Profile, named
 
 __all__ = ["AIRCRAFT", "MISSION_FOLDER", "Job", "Missing", "job_of"]
 
@@ -37,6 +37,8 @@ AIRCRAFT: Final = tuple(profile.name for profile in PROFILES)
 #: system ids of stations, in this order; 255 is that of many ground station programs
 _SYSIDS: Final = (*range(251, 255), *range(250, 0, -1))
 _HOST: Final = re.compile(r"(?=.{1,253}$)[A-Za-z0-9]([A-Za-z0-9.-]*[A-Za-z0-9])?|\[[0-9A-Fa-f:.]+(%\w+)?\]")
+#: how a plan's fault names the key that the option writes
+_IN_MISSION: Final = "'endless_jump = true' in the mission"
 _HANDOVERS: Final = MISSION["expected_handovers"]
 
 
@@ -71,18 +73,60 @@ class _Sources:
     zones: tuple[DrawnZone, ...]
 
 
+@dataclass(frozen=True, slots=True)
+class _Answers:
+    """What plan, zones, options and questions say together, without faults."""
+
+    profile: Profile
+    stations: tuple[DraftStation, ...]
+    #: cruise speed (m/s), and what names it
+    speed: tuple[float, str]
+    terrain: str
+
+
 def job_of(arguments: argparse.Namespace, questions: Questions) -> Job:
     """Raises MissionError with all faults, Missing with all missing options."""
     sources = _sources(arguments, questions)
     out = arguments.out or Path(file_name(sources.path.stem, ""))
     if not is_free(out) and not arguments.force:
         raise MissionError(f"{out} exists already: nothing written. Give another --out, or --force, which keeps it")
+    answers = _answers(arguments, sources, questions)
+    stations, moved = with_few(answers.stations)
+    sites = _sites(arguments, stations, questions)
+    route_text, notes = _copied_plan(sources, stations)
+    draft = Draft(
+        sources.path.stem[:40],
+        answers.profile,
+        stations,
+        file_name(sources.path.stem, sources.path.suffix),
+        route_text,
+        *answers.speed,
+        arguments.out_of_coverage or "return",
+        _energy(arguments, questions),
+        answers.terrain,
+        endless_jump=arguments.endless_jump,
+    )
+    package, texts = written(draft, arguments.handovers)
+    vehicle = FirstVehicle(arguments.vehicle_name or "drone-1", arguments.vehicle_sysid or 1)
+    files = {f"{MISSION_FOLDER}/{name}": text for name, text in texts.items()}
+    files |= configurations(vehicle, sites, MISSION_FOLDER)
+    speed_mps, source = answers.speed
+    simpler = (f"{name}: the zone had too many corners: its border moved by up to {m:.1f} m" for name, m in moved)
+    return Job(out, files, package, sites, stations, f"{speed_mps:g} m/s, {source}", (*simpler, *notes))
+
+
+def _answers(arguments: argparse.Namespace, sources: _Sources, questions: Questions) -> _Answers:
+    """Raises MissionError with all faults, Missing with all missing options."""
     faults = Faults()
-    aircraft, route = None, None
+    aircraft, route, terrain = None, None, ""
     stations: tuple[DraftStation, ...] = ()
     with faults.noted():
+        terrain = "" if arguments.terrain is None else read_text(arguments.terrain, MAX_PLAIN_BYTES)
+    with faults.noted():
         aircraft = arguments.aircraft or sources.facts.aircraft or _asked_aircraft(sources, questions)
-        route = None if aircraft is None else read_route(sources.path.name, sources.text, named(aircraft))
+        route = None if aircraft is None else _route(sources, aircraft, endless=arguments.endless_jump)
+    if questions.ask is not None:  # no question to a person for a plan that cannot be used
+        faults.raise_all()
     with faults.noted():
         stations = _stations(arguments, sources, questions)
     speed = _speed(arguments, sources, route, questions, faults)
@@ -91,33 +135,9 @@ def job_of(arguments: argparse.Namespace, questions: Questions) -> Job:
     faults.raise_all()
     if questions.missing:
         raise Missing(questions.missing)
-    assert route is not None
     assert aircraft is not None
     assert speed is not None
-    few, moved = with_few(stations)
-    sites = _sites(arguments, few, questions)
-    energy = _energy(arguments, questions)
-    route_text, notes = _copied_plan(sources, few)
-    draft = Draft(
-        sources.path.stem[:40],
-        named(aircraft),
-        few,
-        file_name(sources.path.stem, sources.path.suffix),
-        route_text,
-        speed[0],
-        speed[1],
-        arguments.out_of_coverage or "return",
-        energy,
-    )
-    package, texts = written(draft, arguments.handovers)
-    vehicle = FirstVehicle(arguments.vehicle_name or "drone-1", arguments.vehicle_sysid or 1)
-    files = {f"{MISSION_FOLDER}/{name}": text for name, text in texts.items()}
-    files |= configurations(vehicle, sites, MISSION_FOLDER)
-    notes = (
-        *(f"{name}: the zone had too many corners: its border moved by up to {m:.1f} m" for name, m in moved),
-        *notes,
-    )
-    return Job(out, files, package, sites, few, f"{speed[0]:g} m/s, {speed[1]}", notes)
+    return _Answers(named(aircraft), stations, speed, terrain)
 
 
 def _sources(arguments: argparse.Namespace, questions: Questions) -> _Sources:
@@ -145,6 +165,14 @@ def _sources(arguments: argparse.Namespace, questions: Questions) -> _Sources:
             zones += read if own else [replace(zone, fence_part=None) for zone in read]
     faults.raise_all()
     return _Sources(path, text, facts, tuple(zones))
+
+
+def _route(sources: _Sources, aircraft: str, *, endless: bool) -> Route:
+    try:
+        return read_route(sources.path.name, sources.text, named(aircraft), endless=endless)
+    except MissionError as error:
+        faults = [each.replace(_IN_MISSION, "--endless-jump") for each in error.faults]
+        raise MissionError(faults[0], grave=error.grave, faults=tuple(faults)) from None
 
 
 def _file(answer: str) -> Path:

@@ -23,6 +23,7 @@ from mavproxy_handover.vehicle.profiles import PROFILES, Profile
 __all__ = ["Draft", "DraftStation", "file_name", "holders_of_home", "with_few", "written"]
 
 ZONES_FILE: Final = "zones.geojson"
+TERRAIN_FILE: Final = "terrain.asc"
 #: corners of all zones together: a package has to fit into one transfer
 _ALL_CORNERS: Final = 5000
 #: column of the comments in mission.toml
@@ -55,6 +56,9 @@ class Draft:
     on_out_of_coverage: str
     #: keys of [energy]
     energy: Mapping[str, float]
+    #: text of an Esri ASCII grid with heights of the ground; "": none
+    terrain_text: str = ""
+    endless_jump: bool = False
 
 
 def with_few(stations: Sequence[DraftStation]) -> tuple[tuple[DraftStation, ...], tuple[tuple[str, float], ...]]:
@@ -96,6 +100,8 @@ def written(draft: Draft, handovers: int | None = None) -> tuple[MissionPackage,
         ZONES_FILE: zones_text(draft.stations),
         MISSION_FILE: mission_text(draft, 0, ()),
     }
+    if draft.terrain_text:
+        texts[TERRAIN_FILE] = draft.terrain_text
     simulation = _package(draft, texts).simulate()
     names = {station.sysid: station.name for station in draft.stations}
     commanders = [names[sysid] for sysid in simulation.commanders]
@@ -167,6 +173,10 @@ def _mission_lines(draft: Draft, handovers: int, commanders: Sequence[str]) -> I
     yield _line(f'detector = "{detector_of(draft.stations)}"', f"each zone is a feature of {ZONES_FILE}")
     yield f'route = "{draft.route_file}"'
     yield f'zones = "{ZONES_FILE}"'
+    if draft.terrain_text:
+        yield _line(f'terrain = "{TERRAIN_FILE}"', "heights of the ground")
+    if draft.endless_jump:
+        yield _line("endless_jump = true", "a DO_JUMP of the route may repeat without end")
     yield _line(f"expected_handovers = {handovers}", f"commanders along the route: {' '.join(commanders)}")
     yield _line(f"cruise_speed_mps = {draft.speed_mps:g}", draft.speed_source)
     yield _line("# delivery_waypoint = 8", "item of the route where a delivery happens")

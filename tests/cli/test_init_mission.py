@@ -7,7 +7,11 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import pty
+import re
 import shutil
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -271,6 +275,32 @@ def test_a_mission_for_wings_names_their_settings_and_their_vehicle(typed: Calla
     assert "# waypoint_m = 90               # WP_RADIUS\n" in text
 
 
+def test_heights_of_the_ground_come_with_the_mission(typed: Callable[[str], Typed]) -> None:
+    grid = "ncols 2\nnrows 2\nxllcorner 5.94\nyllcorner 52.20\ncellsize 0.02\n40 41\n42 43\n"
+    Path("heights.txt").write_text(grid, encoding="utf-8")
+    assert typed("--plan survey.plan --zones stations.kml --terrain heights.txt").code == 0
+    package = packages.load("survey/mission")
+    assert package.terrain is not None
+    assert package.files["terrain.asc"].decode() == grid
+    assert typed("--plan survey.plan --zones stations.kml --terrain no.asc --out other").faults == [
+        "no.asc: No such file or directory"
+    ]
+
+
+def test_a_jump_without_end_is_told_with_the_option_that_allows_it(typed: Callable[[str], Typed]) -> None:
+    data = plan()
+    jump = {"autoContinue": True, "command": 177, "doJumpId": 9, "frame": 2, "params": [2, -1, 0, 0, 0, 0, 0],
+            "type": "SimpleItem"}  # fmt: skip
+    data["mission"]["items"].insert(4, jump)
+    Path("survey.plan").write_text(json.dumps(data), encoding="utf-8")
+    assert typed("--plan survey.plan --zones stations.kml").faults == [
+        "survey.plan: item 5: DO_JUMP repeats without end: its energy cannot be judged (allowed: a number of times, or "
+        "--endless-jump)"
+    ]
+    typed("--plan survey.plan --zones stations.kml --endless-jump")
+    assert packages.load("survey/mission").route.endless
+
+
 # --- zones of a geofence ---
 
 
@@ -431,6 +461,43 @@ def test_enter_takes_every_proposal_and_an_end_of_input_writes_nothing(capsys: p
     assert not Path("survey").exists()
     assert asked(line, "", "", "")[0] == 0
     assert "[energy]" not in Path("survey/mission/mission.toml").read_text(encoding="utf-8").replace("# [energy]", "")
+
+
+def test_no_question_is_asked_about_a_plan_that_cannot_be_used(capsys: pytest.CaptureFixture[str]) -> None:
+    with_fence(polygons=[fence_polygon(FARM)])
+    plan("other.plan", vehicleType=12)
+    assert asked("--plan other.plan --zones survey.plan") == (2, [])
+    assert "the plan was made for a submarine" in capsys.readouterr().err
+
+
+def test_a_terminal_is_asked_and_a_pipe_is_not(here: Path) -> None:
+    """The program itself, at a terminal of its own and with its input from nowhere."""
+    command = [sys.executable, "-m", "mavproxy_handover.cli", "init", "mission", "--plan", "survey.plan"]
+    told = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=60, check=False)
+    assert (told.returncode, told.stdout) == (2, "")
+    child, terminal = pty.fork()
+    if child == 0:
+        os.execv(sys.executable, command)
+    shown, answers = "", ["stations.kml", "", "", ""]
+    try:
+        while (part := _read(terminal)) is not None:
+            shown += part
+            if answers and re.search(r": $", part):
+                os.write(terminal, f"{answers.pop(0)}\n".encode())
+    finally:
+        os.close(terminal)
+        _pid, status = os.waitpid(child, 0)
+    assert os.waitstatus_to_exitcode(status) == 0, shown
+    assert answers == []
+    assert "check passed" in shown
+    assert (here / "survey" / "mission").is_dir()
+
+
+def _read(terminal: int) -> str | None:
+    try:
+        return os.read(terminal, 65536).decode()
+    except OSError:  # its program has ended
+        return None
 
 
 # --- faults ---

@@ -98,6 +98,14 @@ def test_a_name_is_a_property_in_any_case_or_the_id_of_the_feature(tmp_path: Pat
     assert names(read_zone_file(path)) == ["GCSA", "South", "East", "7", ""]
 
 
+def test_a_name_is_one_printable_line_of_at_most_60_characters(tmp_path: Path) -> None:
+    path = geojson(tmp_path, feature([SQUARE], name="\n North\t\x07 field "), feature([SQUARE], name="x" * 100))
+    assert names(read_zone_file(path)) == ["North field", "x" * 60]
+    assert names(read_zone_file(kml(tmp_path, placemark("y " * 100, f"<Polygon>{ring(SQUARE)}</Polygon>")))) == [
+        ("y " * 30).strip()
+    ]
+
+
 def test_a_file_with_one_zone_without_a_name_gives_its_own(tmp_path: Path) -> None:
     (zone,) = read_zone_file(geojson(tmp_path, feature([SQUARE]), name="Hilltop.geojson"))
     assert zone.name == "Hilltop"

@@ -28,6 +28,7 @@ __all__ = [
     "corners_of",
     "cut_at_meridian",
     "drawn_zone",
+    "name_of",
     "next_step",
     "polygon_of",
     "simplified",
@@ -42,6 +43,8 @@ Home: TypeAlias = tuple[float, float] | None
 ALLOWED: Final = "Polygon, MultiPolygon, Point with radius_m"
 #: next step after a fault that names none
 _NEXT: Final = "Put it right, or name the zones that count with --station NAME=ZONE"
+#: what a label in the zones of a package may have
+_LONGEST_NAME: Final = 60
 #: properties that limit a zone
 _LIMITS: Final = ("min_alt_m", "max_alt_m", "radius_m")
 #: the accuracy (m) to which the least simplification is searched
@@ -63,6 +66,12 @@ class DrawnZone:
     fault: MissionError | None = field(default=None, compare=False)
     #: number of the polygon or circle in the geofence of a plan, from 0; None: from no geofence
     fence_part: int | None = None
+
+
+def name_of(text: str) -> str:
+    """A name as one printable line of at most 60 characters; "" if nothing is left of it."""
+    plain = "".join(each if each.isprintable() else " " for each in text)
+    return " ".join(plain.split())[:_LONGEST_NAME].strip()
 
 
 def drawn_zone(

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Final
 
-from mavproxy_handover.mission.drawn.areas import ALLOWED, Area, DrawnZone, Home, drawn_zone, polygon_of
+from mavproxy_handover.mission.drawn.areas import ALLOWED, Area, DrawnZone, Home, drawn_zone, name_of, polygon_of
 from mavproxy_handover.mission.errors import MissionError, Where, parse_json
 from mavproxy_handover.mission.geojson import LARGEST_RADIUS_M, SMALLEST_RADIUS_M, position_of
 from mavproxy_handover.mission.zones import Circle
@@ -68,7 +68,7 @@ def _zone(where: Where, place: str, entry: object, home: Home) -> DrawnZone:
     try:
         feature = inside.table(entry, "the feature")
         properties = inside.table(feature.get("properties") or {}, "properties")
-        name = _name(inside, properties, feature)
+        name = _name(properties, feature)
         inside = where.at(f"{place} ({name})") if name else inside
         geometry = inside.table(inside.need(feature, "geometry"), "geometry")
     except MissionError as error:
@@ -76,13 +76,11 @@ def _zone(where: Where, place: str, entry: object, home: Home) -> DrawnZone:
     return drawn_zone(inside, name, properties, _areas(inside, properties, geometry, home))
 
 
-def _name(where: Where, properties: Mapping[str, object], feature: Mapping[str, object]) -> str:
-    """The name of a feature; "" if it has none. Raises MissionError."""
+def _name(properties: Mapping[str, object], feature: Mapping[str, object]) -> str:
+    """The name of a feature; "" if it has none."""
     lower = {key.lower(): value for key, value in reversed(list(properties.items()))}
     found = next((lower[key] for key in _NAMES if lower.get(key) not in (None, "")), feature.get("id"))
-    if found is None or found == "":
-        return ""
-    return where.text(str(found) if isinstance(found, int | float) else found, "name", 60).strip()
+    return "" if found is None else name_of(str(found))
 
 
 def _areas(

@@ -20,7 +20,7 @@ from typing import Final
 from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
 
-from mavproxy_handover.mission.drawn.areas import Area, DrawnZone, Home, drawn_zone, polygon_of
+from mavproxy_handover.mission.drawn.areas import Area, DrawnZone, Home, drawn_zone, name_of, polygon_of
 from mavproxy_handover.mission.drawn.geojson import circle_at
 from mavproxy_handover.mission.errors import MissionError, Where
 
@@ -118,8 +118,7 @@ def _zone(where: Where, place: str, placemark: Element, home: Home) -> DrawnZone
     inside = where.at(place)
     try:
         properties = _properties(inside, placemark)
-        found = properties.get("station") or _text(placemark.find("name"))
-        name = inside.text(found, "name", 60) if found else ""
+        name = name_of(str(properties.get("station") or _text(placemark.find("name"))))
     except MissionError as error:
         return drawn_zone(inside, "", {}, (), fault=error)
     inside = where.at(f"{place} ({name})") if name else inside
