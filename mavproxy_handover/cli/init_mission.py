@@ -64,6 +64,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help=f"the zones of the stations: {', '.join(ENDINGS)} (a plan: the inclusion areas of its geofence); several "
         "files may be given",
     )
+    files.add_argument("--name", metavar="NAME", help="of the mission, up to 40 characters (default: the plan's name)")
     files.add_argument("--out", type=Path, metavar="DIR", help="folder to write (default: the plan's name)")
     files.add_argument(
         "--force", action="store_true", help="also if DIR is there: it is kept as DIR.old-1, its keys are copied"

@@ -75,7 +75,7 @@ class _Sources:
 
 @dataclass(frozen=True, slots=True)
 class _Answers:
-    """What plan, zones, options and questions say together, without faults."""
+    """Values from plan, zones, options and questions, without faults."""
 
     profile: Profile
     stations: tuple[DraftStation, ...]
@@ -95,7 +95,7 @@ def job_of(arguments: argparse.Namespace, questions: Questions) -> Job:
     sites = _sites(arguments, stations, questions)
     route_text, notes = _copied_plan(sources, stations)
     draft = Draft(
-        sources.path.stem[:40],
+        arguments.name or sources.path.stem[:40],
         answers.profile,
         stations,
         file_name(sources.path.stem, sources.path.suffix),
@@ -111,8 +111,10 @@ def job_of(arguments: argparse.Namespace, questions: Questions) -> Job:
     files = {f"{MISSION_FOLDER}/{name}": text for name, text in texts.items()}
     files |= configurations(vehicle, sites, MISSION_FOLDER)
     speed_mps, source = answers.speed
+    used = {station.zone.place for station in stations}
+    left = tuple(f"no station has {zone.place}" for zone in sources.zones if zone.place not in used)
     simpler = (f"{name}: the zone had too many corners: its border moved by up to {m:.1f} m" for name, m in moved)
-    return Job(out, files, package, sites, stations, f"{speed_mps:g} m/s, {source}", (*simpler, *notes))
+    return Job(out, files, package, sites, stations, f"{speed_mps:g} m/s, {source}", (*simpler, *notes, *left))
 
 
 def _answers(arguments: argparse.Namespace, sources: _Sources, questions: Questions) -> _Answers:

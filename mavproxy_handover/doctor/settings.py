@@ -10,9 +10,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
+from mavproxy_handover.config.for_mission import is_placeholder
 from mavproxy_handover.doctor.accounts import READ, may, reaches
 from mavproxy_handover.doctor.check_context import CheckContext
 from mavproxy_handover.doctor.finding import Finding, error, ok, unseen, warning
+from mavproxy_handover.link.forms import parse_device
 from mavproxy_handover.store.keys import KeysError, StationKeys, check_distinct, load_station_keys
 from mavproxy_handover.wire.signing import fingerprint
 
@@ -32,6 +34,7 @@ def configuration(context: CheckContext) -> Iterator[Finding]:
     else:
         name = context.vehicle.name if context.vehicle else context.station.station.name if context.station else ""
         yield ok(str(path), f"{name}, loads")
+    yield from _placeholders(context)
     status = path.stat()
     hindered = reaches(path, context.account, context.root)
     if hindered is not None or not may(status, context.account, READ):
@@ -40,6 +43,19 @@ def configuration(context: CheckContext) -> Iterator[Finding]:
     elif context.installed and status.st_mode & _OTHERS:
         mode = stat.S_IMODE(status.st_mode)
         yield warning(str(path), f"mode {mode:04o}: every user may read it", f"Run: chmod 0640 {path}.")
+
+
+def _placeholders(context: CheckContext) -> Iterator[Finding]:
+    """Links to an address for documentation, as `handover init mission` writes it where the real one is not known."""
+    links: list[tuple[str, str]] = []
+    if context.vehicle is not None:
+        links = [(entry.station.name, link) for entry in context.vehicle.stations for link in entry.links]
+    elif context.station is not None:
+        links = [(peer.station.name, peer.link) for peer in context.station.peers]
+    for name, link in links:
+        if is_placeholder(parse_device(link).host):
+            do = f"Put the real address in its place in {context.path}."
+            yield error(f"link of {name}", f"{link} has an address that no computer has", do)
 
 
 def keys(context: CheckContext) -> Iterator[Finding]:

@@ -230,6 +230,17 @@ def test_the_order_of_the_zones_does_not_matter_where_home_is_in_one(typed: Call
     ]
 
 
+def test_one_zone_is_a_mission_of_one_station(typed: Callable[[str], Typed]) -> None:
+    zones(Farm=(52.2087, 5.9486, 52.2120, 5.9585))
+    done = typed("--plan survey.plan --zones zones.geojson --name Orchard")
+    assert done.code == 0
+    package = packages.load("survey/mission")
+    assert (package.name, package.expected_handovers, len(package.stations)) == ("Orchard", 0, 1)
+    station = load_station(Path("survey/Farm.toml"))
+    assert (station.ground, station.peers) == (None, ())
+    assert "  Farm.toml, keys/Farm.key, mission/  to Farm\n" in done.out
+
+
 def test_a_file_for_each_station_names_it(typed: Callable[[str], Typed]) -> None:
     for name, bounds in (("Farm", FARM), ("Südhaus", DIKE)):
         text = json.dumps({"type": "Polygon", "coordinates": [box(bounds)]})
@@ -531,7 +542,9 @@ def test_what_is_no_zone_can_be_left_out_by_naming_the_stations(typed: Callable[
         "stations.kml: placemark 3 (Route): a LineString is no zone (allowed: Polygon, MultiGeometry of polygons, "
         "Point with radius_m). Draw it as a polygon, or name the zones that count with --station NAME=ZONE"
     ]
-    assert typed(f"{told} --station Farm --station Dike-house").code == 0
+    done = typed(f"{told} --station Farm --station Dike-house")
+    assert done.code == 0
+    assert "note        no station has stations.kml: placemark 3 (Route)\n" in done.out
 
 
 @pytest.mark.parametrize(
@@ -542,7 +555,7 @@ def test_what_is_no_zone_can_be_left_out_by_naming_the_stations(typed: Callable[
         ("--station A=Farm --station B=1",
          "--station B: stations.kml: placemark 1 (Farm) is the zone of A (allowed: one for each)"),
         ("--station guard=Farm",
-         "--station 'guard' is the name of another file (allowed: not ground, guard, handover)"),
+         "--station 'guard' is the name of another file (allowed: not ground, guard, handover, mission)"),
         ("--station ä=Farm", "--station 'ä' is not a station's name (allowed: 1 to 16 letters, digits, - and _)"),
         ("--address Barn=10.0.0.2", "--address 'Barn' is no station (allowed: Farm, Dike-house)"),
         ("--address Farm=10.0.0.2:14", "--address Farm: '10.0.0.2:14' is no address (allowed: a name, an IPv4 address, "

@@ -144,6 +144,12 @@ PLANTED: list[tuple[str, Plant, str, str]] = [
         "configuration: ",
         "[vehicle] parnet: unknown key; did you mean 'parent'?",
     ),
+    (
+        "an address that stands in for another",
+        lambda m: replaced(m, "udpout:127.0.0.1:9", "udpout:192.0.2.11:9"),
+        "configuration: link of GCSA: ",
+        "udpout:192.0.2.11:9 has an address that no computer has -> Put the real address in its place in ",
+    ),
     ("no TOML", lambda m: m.config.write_text("[vehicle"), "configuration: ", "not valid TOML"),
     (
         "MAVProxy too old",

@@ -9,6 +9,7 @@ import json
 import math
 import zipfile
 from pathlib import Path
+from random import Random
 from typing import Any
 
 import pytest
@@ -454,3 +455,48 @@ def test_parts_that_cannot_have_fewer_corners_are_told() -> None:
     squares = [Polygon([(x, 0), (x + 0.4, 0), (x + 0.4, 0.4)]) for x in range(20)]
     with pytest.raises(ValueError, match="80 corners are left"):
         simplified(MultiPolygon(squares), 50)
+
+
+# --- damaged files ---
+
+
+def _damaged(data: bytes, random: Random) -> bytes:
+    """The data with a few bytes changed, removed, or written twice."""
+    found = bytearray(data)
+    for _ in range(random.randint(1, 8)):
+        at, length = random.randrange(len(found)), random.randint(1, 12)
+        change = random.randrange(3)
+        if change == 0:
+            found[at] = random.choice(b'0"<>{}[],:-&e/ \xff')
+        elif change == 1:
+            del found[at : at + length]
+        else:
+            found[at:at] = found[at : at + length]
+    return bytes(found) or b"x"
+
+
+@pytest.mark.parametrize("kind", ["kml", "kmz", "geojson", "plan"])
+def test_a_damaged_file_is_read_or_refused_in_one_line(kind: str, tmp_path: Path) -> None:
+    hole = [[10.001, -0.0005], [10.002, -0.0005], [10.002, 0.0005], [10.001, -0.0005]]
+    text = kml_text(placemark("A", f"<Polygon>{ring(SQUARE)}{ring(hole, 'innerBoundaryIs')}</Polygon>"))
+    circle = {"circle": {"center": [0.5, 10.0], "radius": 400}, "inclusion": True, "version": 1}
+    path = {
+        "kml": lambda: kml(tmp_path, placemark("A", f"<Polygon>{ring(SQUARE)}</Polygon>")),
+        "kmz": lambda: kmz(tmp_path, text),
+        "geojson": lambda: geojson(
+            tmp_path, feature([SQUARE, hole], name="A"), feature([1.0, 2.0], "Point", radius_m=9)
+        ),
+        "plan": lambda: fence_plan(tmp_path, polygons=[corners()], circles=[circle]),
+    }[kind]()
+    data, random, read = path.read_bytes(), Random(48), 0
+    for _ in range(1500):
+        path.write_bytes(_damaged(data, random))
+        try:
+            zones = read_zone_file(path, (0.0, 10.0))
+        except MissionError as error:
+            assert str(error).isprintable()  # noqa: PT017
+            continue
+        read += 1
+        for zone in zones:
+            assert (zone.area is None) is (zone.fault is not None)
+    assert read > 10

@@ -17,7 +17,7 @@ from mavproxy_handover.mission.package import STATION_NAME
 __all__ = ["RESERVED", "Choice", "Wanted", "choose", "name_fault", "station_name"]
 
 #: names of files beside those of the stations, in small letters
-RESERVED: Final = ("ground", "guard", "handover")
+RESERVED: Final = ("ground", "guard", "handover", "mission")
 _LONGEST: Final = 16
 
 
