@@ -183,11 +183,12 @@ def test_nothing_is_allowed_that_no_page_shows() -> None:
 def test_what_ends_by_itself_does_what_it_is_shown_for(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """In the order of each page, in a folder with the missions: the tutorial copies, checks and looks at its own."""
+    """In the order of each page, in a folder with the missions and a plan: the tutorial copies, checks and looks at its own."""
     ran = []
     for path in PAGES:
         home = tmp_path / path.relative_to(ROOT).with_suffix("")
         shutil.copytree(ROOT / "missions", home / "missions")
+        shutil.copytree(ROOT / "tests" / "data" / "init", home, dirs_exist_ok=True)
         monkeypatch.chdir(home)
         monkeypatch.setenv("HOME", str(home))
         for kind, contents in blocks(path):
@@ -197,12 +198,14 @@ def test_what_ends_by_itself_does_what_it_is_shown_for(
                 for words in words_of(line):
                     if words[0] == "cp":
                         shutil.copytree(words[2], words[3])
+                    if words[0] == "cd" and (folder := Path(words[1].replace("~", str(home)))).is_dir():
+                        monkeypatch.chdir(folder)
                     if words[0] != "handover" or words[1] not in RUN:
                         continue
                     here = [word.replace("~", str(home)) for word in words[1:]]
                     assert cli.main(here) == 0, (path.name, line, capsys.readouterr().err)
                     ran.append(words[1])
-    assert sorted(ran) == ["check", "check", "init", "init", "init"]
+    assert sorted(ran) == ["check", "check", "check", "init", "init", "init", "init"]
 
 
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: path.name)
