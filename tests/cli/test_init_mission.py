@@ -527,9 +527,11 @@ def test_faults_of_plan_and_zones_are_told_together_and_nothing_is_written(typed
     assert faults[1].startswith("survey.plan: item 3: altitude is 99999 (allowed: ")
     assert faults[2] == (
         "stations.kml: placemark 2 (Farm): a second zone with the name 'Farm', the first is stations.kml: placemark 1 "
-        "(Farm) (allowed: one for each station). Rename one, or join them into one zone of several polygons"
+        "(Farm) (allowed: one for each station). Rename one, or give --station NAME=NUMBER for each zone"
     )
     assert not Path("survey").exists()
+    shutil.copy(DATA / "survey.plan", "survey.plan")
+    assert typed("--plan survey.plan --zones stations.kml --station GCSA=1 --station GCSB=2").code == 0
 
 
 def test_what_is_no_zone_can_be_left_out_by_naming_the_stations(typed: Callable[[str], Typed]) -> None:

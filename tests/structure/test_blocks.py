@@ -183,7 +183,7 @@ def test_nothing_is_allowed_that_no_page_shows() -> None:
 def test_what_ends_by_itself_does_what_it_is_shown_for(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """In the order of each page, in a folder with the missions and a plan: the tutorial copies, checks and looks at its own."""
+    """In the order of each page, in a folder with missions and a plan: the tutorial copies and checks its own."""
     ran = []
     for path in PAGES:
         home = tmp_path / path.relative_to(ROOT).with_suffix("")

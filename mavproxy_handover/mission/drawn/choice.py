@@ -125,7 +125,7 @@ def _check_names(faults: Faults, found: Sequence[tuple[str, DrawnZone]]) -> None
             if before[1] is not zone or before[0] != name:
                 raise MissionError(
                     f"{zone.place}: a second zone with the name '{name}', the first is {before[1].place} (allowed: one "
-                    "for each station). Rename one, or join them into one zone of several polygons"
+                    "for each station). Rename one, or give --station NAME=NUMBER for each zone"
                 )
 
 
