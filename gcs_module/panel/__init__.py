@@ -9,7 +9,8 @@ JSON lines over a local socket (`endpoint.py`), some times a second, and reads o
 (`orders.py`). An order runs the same function as the operator's typed command.
 
 The panel's process reads the lines (`reader.py`). `band.py` decides what the band says: which station commands, what
-comes next, what the operator has to do.
+comes next, what the operator has to do. `panel_values.py` makes the other parts of the page, `page.py` serves it, and
+`panel_auth.py` checks who may use it.
 
 Rules that live here
 --------------------

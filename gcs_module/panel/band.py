@@ -37,7 +37,7 @@ GONE_S: Final = 10.0
 #: modes in which the mission is flown
 _MISSION: Final = ("AUTO", "")
 _RETURNS: Final = ("RTL", "SMART_RTL", "QRTL", "LAND")
-_NOTHING: Final = "Nothing to do."
+_NOTHING: Final = "Nothing to do"
 
 
 class Who:
@@ -123,11 +123,16 @@ class _Case:
         next_at: float | None = None,
         who: str = "",
         who_words: str = "",
+        extra: Sequence[Button] = (),
     ) -> Band:
         known, words = _who(self.craft)
         first = tuple(main)
         quiet = who == Who.UNKNOWN
-        more = () if quiet else tuple(each for each in self._more() if each.do not in {button.do for button in first})
+        more = (
+            ()
+            if quiet
+            else tuple(each for each in (*self._more(), *extra) if each.do not in {button.do for button in first})
+        )
         return Band(
             vehicle=self.craft.sysid,
             name=self.craft.name,
@@ -155,7 +160,7 @@ class _Case:
             found.append(Button("give", LABELS["give"], choices=tuple(peer.name for peer in self.station.peers)))
             found.append(_button("release"))
             found.append(Button("override", f"{LABELS['override']} 60 s", choices=self.station.limits))
-        else:
+        elif craft.question is None or not craft.question.take:
             found.append(_button("request"))
         return found
 
@@ -281,7 +286,7 @@ def _paused(case: _Case) -> Band | None:
     place = f" to {craft.return_site.name}" if craft.return_site is not None and returns else ""
     words = f"The aircraft is in {case.mode}: it {'returns' + place if returns else 'does not fly its mission'}."
     if not craft.own:
-        return case.band(Level.ADVISORY, words, _NOTHING)
+        return case.band(Level.ADVISORY, words, f"{_NOTHING}.")
     return case.band(Level.ADVISORY, words, "Resume continues the mission.", [_button("resume")])
 
 
@@ -290,30 +295,29 @@ def _border(case: _Case) -> Band | None:
     if border is None:
         return None
     words = f"Handover {border.from_station} to {border.to_station} {{s}}."
-    mine = {"granted": "You have agreed.", "denied": "You have denied it."}.get(border.answer, "")
     other = border.to_station if border.from_station == case.station.station else border.from_station
-    theirs = {"denied": f"{other} has denied it.", "waiting": f"{other} has not answered yet."}.get(border.other, "")
-    level, main = Level.INFO, []
-    if border.other == "denied" or border.answer == "denied":
-        level, theirs = Level.ADVISORY, f"{theirs} Stop the aircraft, or talk to {other}.".strip()
-    if border.answer in ("granted", "denied"):
-        change = "deny" if border.answer == "granted" else "accept"
-        main = [_button(change, border.number, f"{LABELS[change]} instead")]
-    do = f"{mine} {theirs}".strip() or _NOTHING
-    return case.band(level, words, do, main, next_at=border.at)
+    mine = {"granted": "you have agreed", "denied": "you have denied it"}.get(border.answer, "")
+    theirs = {"denied": f"{other} has denied it", "waiting": f"{other} has not answered yet"}.get(border.other, "")
+    known = ", ".join(filter(None, (mine, theirs)))
+    denied = "denied" in (border.answer, border.other)
+    do = f"Stop the aircraft, or talk to {other}" if denied else _NOTHING
+    change = {"granted": "deny", "denied": "accept"}.get(border.answer)
+    extra = () if change is None else (_button(change, border.number, f"{LABELS[change]} instead"),)
+    level = Level.ADVISORY if denied else Level.INFO
+    return case.band(level, words, f"{do}: {known}." if known else f"{do}.", next_at=border.at, extra=extra)
 
 
 def _zone_ends(case: _Case) -> Band | None:
     ends = case.craft.zone_ends_at
     if ends is None or not case.flying:
         return None
-    return case.band(Level.INFO, f"The zone of {case.craft.commander} ends {{s}}.", _NOTHING, next_at=ends)
+    return case.band(Level.INFO, f"The zone of {case.craft.commander} ends {{s}}.", f"{_NOTHING}.", next_at=ends)
 
 
 def _normal(case: _Case) -> Band | None:
     if case.flying:
-        return case.band(Level.INFO, "No handover is expected.", _NOTHING)
-    do = "Start the flight when you are ready." if case.craft.own else _NOTHING
+        return case.band(Level.INFO, "No handover is expected.", f"{_NOTHING}.")
+    do = "Start the flight when you are ready." if case.craft.own else f"{_NOTHING}."
     return case.band(Level.INFO, "The aircraft is on the ground.", do)
 
 

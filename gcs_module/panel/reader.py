@@ -56,7 +56,7 @@ class Reader:
         #: number of the order, whether it was used, text
         self.replies: deque[tuple[int, bool, str]] = deque(maxlen=_REPLIES)
         #: why there is no connection, "" if there is one
-        self.fault = "not connected yet"
+        self.fault = "it does not run here"
 
     @property
     def connected(self) -> bool:
@@ -100,10 +100,13 @@ class Reader:
     def _open(self) -> None:
         path = self._where()
         if path is None:
-            self.fault = "its program does not run here"
+            self.fault = "it does not run here"
             return
         try:
             self._socket, token = connect(path)
+        except (ConnectionError, FileNotFoundError):
+            self.fault = "it has ended"
+            return
         except OSError as error:
             self.fault = f"{path}: {error.strerror or error}"
             return
@@ -139,14 +142,14 @@ class Reader:
             except OSError:
                 data = b""
             if not data:
-                self._lose("its program has ended")
+                self._lose("it has ended")
                 break
             taken += len(data)
             self._received += data
         *lines, rest = bytes(self._received).split(b"\n")
         self._received = bytearray(rest)
         if len(rest) > _LINE:
-            self._lose("its program sends what is no snapshot")
+            self._lose("it sends what is no snapshot")
             return
         for line in lines:
             self._on_line(line, now)
@@ -159,7 +162,7 @@ class Reader:
         except SnapshotError as error:
             self._lose(str(error))
         except (ValueError, RecursionError):
-            self._lose("its program sends what is no snapshot")
+            self._lose("it sends what is no snapshot")
 
     def _on_values(self, values: Mapping[str, Any], now: float) -> None:
         kind = values.get("kind")

@@ -245,7 +245,7 @@ def _plain(part: Any) -> dict[str, Any]:
 def from_values(values: Mapping[str, Any]) -> StationSeen:
     """The snapshot in the values of a line. Raises SnapshotError."""
     if values.get("version") != VERSION:
-        raise SnapshotError(f"the station's program speaks version {values.get('version')!r}, this panel {VERSION}")
+        raise SnapshotError(f"it speaks version {values.get('version')!r} to panels, and this panel {VERSION}")
     return _made(StationSeen, values.get("station"))
 
 

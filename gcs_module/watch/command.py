@@ -103,10 +103,9 @@ def _serve(arguments: argparse.Namespace) -> int:
     token, tiles = _token(arguments), _tiles(arguments)
 
     # optional packages are imported here, after all checks
-    import uvicorn
-
     from gcs_module.watch.follow import Follower
     from gcs_module.watch.page import build
+    from gcs_module.watch.serving import Served
 
     for path in arguments.path:
         if not journals_in(path):
@@ -117,30 +116,12 @@ def _serve(arguments: argparse.Namespace) -> int:
         raise _Wrong(str(error)) from None
     application = build(follower, tiles, follower.begin, follower.end)
     origin = "" if tiles is None else "{0.scheme}://{0.netloc}".format(urlsplit(tiles["url"].replace("{s}", "*")))
-    config = uvicorn.Config(
-        WebAuth(application, token, origin),
-        host=arguments.bind,
-        port=arguments.port,
-        log_level="warning",
-        access_log=False,  # an address may hold the token
-        server_header=False,
-        ws_max_size=64 * 1024,
-        ws_max_queue=8,
-        limit_concurrency=200,
-        timeout_keep_alive=10,
-        timeout_graceful_shutdown=3,
-    )
     try:
-        opened = config.bind_socket()
+        served = Served(arguments.bind, arguments.port)
     except SystemExit:  # uvicorn has said why
         return 2
-    address, port = opened.getsockname()[:2]
-    shown = f"[{address}]" if ":" in address else address
-    print(f"http://{shown}:{port}/" + (f"?token={token}" if token else ""), flush=True)
-    try:
-        uvicorn.Server(config).run(sockets=[opened])
-    except KeyboardInterrupt:
-        pass
+    print(served.address + (f"?token={token}" if token else ""), flush=True)
+    served.run(WebAuth(application, token, origin))
     return 0
 
 

@@ -21,7 +21,7 @@ from mavproxy_handover.mission.geodesy import distance_m
 from mavproxy_handover.mission.package import MissionPackage, load
 from mavproxy_handover.mission.route_simulation import Sample
 
-__all__ = ["MOST_MISSIONS", "Coming", "Mission", "beside", "coming", "read"]
+__all__ = ["MOST_MISSIONS", "Coming", "Mission", "beside", "coming", "mission_of", "read"]
 
 MOST_MISSIONS: Final = 32
 #: the border may be this far behind (m): positions are up to a second old
@@ -71,11 +71,12 @@ def beside(journal: Path) -> Path | None:
 
 def read(folder: Path) -> Mission:
     """Read a mission and make its map. Raises MissionError."""
-    package = load(folder)
-    return _mission(package, mission_map(package))
+    return mission_of(load(folder))
 
 
-def _mission(package: MissionPackage, ground: MissionMap) -> Mission:
+def mission_of(package: MissionPackage) -> Mission:
+    """Make the map of a package."""
+    ground = mission_map(package)
     key = ground.digest.hex()[:16]
     by_seq: dict[int, list[Sample]] = {}
     for sample in package.simulate().samples:

@@ -27,7 +27,7 @@ from gcs_module.watch.missions import Mission
 from gcs_module.watch.page_values import Shown
 from gcs_module.watch.scene import Scene
 
-__all__ = ["MOST_VIEWERS", "MOST_WAITING", "Watched", "build"]
+__all__ = ["MOST_VIEWERS", "MOST_WAITING", "Watched", "build", "forget_unopened"]
 
 MOST_VIEWERS: Final = 24
 MOST_WAITING: Final = 8
@@ -169,7 +169,7 @@ class _Page:
         return {"name": name, "points": points} if points else None
 
 
-def _forget_unopened(new: Client) -> None:
+def forget_unopened(new: Client) -> None:
     """Delete the oldest pages that no browser has opened, beyond MOST_WAITING. `new`: the page that is being made."""
     waiting = [each for each in Client.instances.values() if not each.has_socket_connection and each is not new]
     waiting.sort(key=lambda client: client.created)
@@ -189,11 +189,12 @@ def build(
 
     @ui.page("/", title="handover watch")
     def page() -> None:
-        _forget_unopened(ui.context.client)
+        forget_unopened(ui.context.client)
         if sum(client.has_socket_connection for client in Client.instances.values()) >= MOST_VIEWERS:
             ui.label(f"{MOST_VIEWERS} windows show this page already. Close one of them and load this page again.")
             return
-        ui.add_head_html('<link rel="stylesheet" href="/watch/watch.css"><script src="/watch/watch.js"></script>')
+        ui.add_head_html("".join(f'<link rel="stylesheet" href="/watch/{name}.css">' for name in ("map", "watch")))
+        ui.add_head_html('<script src="/watch/watch.js"></script>')
         _Page(watched, tiles)
 
     ui.run_with(

@@ -41,12 +41,17 @@ def is_loopback(host: str) -> bool:
 class WebAuth:
     """An ASGI application around another. `token` None: no token is needed, and the address must be loopback.
 
-    `tiles`: origin of the map's tiles, "": none.
+    `tiles`: origin of the map's tiles, "": none; `program`: the command that serves the page; `cookie`: name of the
+    token's cookie.
     """
 
-    def __init__(self, app: _App, token: str | None, tiles: str = "") -> None:
+    def __init__(
+        self, app: _App, token: str | None, tiles: str = "", *, program: str = "handover watch", cookie: str = COOKIE
+    ) -> None:
         self._app = app
         self._token = token
+        self._program = program
+        self._cookie = cookie
         policy = (
             "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; style-src 'self' 'unsafe-inline'; "
             f"font-src 'self' data:; img-src 'self' data: {tiles}; connect-src 'self'; object-src 'none'; "
@@ -67,7 +72,7 @@ class WebAuth:
         origin = headers.get(b"origin")
         if not self._ours(host) or (origin is not None and urlsplit(origin).netloc != host):
             await self._refuse(scope, send, 421, "this page is not known by that name")
-        elif self._token is None or self._fits(_cookie(headers.get(b"cookie", ""))):
+        elif self._token is None or self._fits(_cookie(headers.get(b"cookie", ""), self._cookie)):
             if scope["type"] == "http" and scope["path"] == "/" and b"text/html" not in _accepted(scope):
                 await self._answer(send, 200, "open this address in a browser")
             else:
@@ -84,6 +89,10 @@ class WebAuth:
     def _fits(self, given: str) -> bool:
         return self._token is not None and hmac.compare_digest(given.encode(), self._token.encode())
 
+    def _exchange(self, given: str) -> str:
+        """The token for the cookie, if the token in the address is right; else ""."""
+        return given if self._fits(given) else ""
+
     async def _ask(self, scope: Any, send: _Send) -> None:
         """A request without the cookie: with the token in the address it gets the cookie."""
         try:
@@ -91,13 +100,15 @@ class WebAuth:
         except ValueError:
             query = {}
         given = query.pop("token", [""])[0]
-        if scope["type"] != "http" or not self._fits(given):
-            await self._refuse(scope, send, 401, "a token is needed: open the address that handover watch has printed")
+        token = self._exchange(given) if scope["type"] == "http" else ""
+        if not token:
+            text = f"a token is needed: open the address that {self._program} has printed"
+            await self._refuse(scope, send, 401, text)
             return
         rest = urlencode(query, doseq=True)
         # one slash: two would name another host
         place = "/" + quote(scope["path"].lstrip("/\\")) + (f"?{rest}" if rest else "")
-        cookie = f"{COOKIE}={given}; HttpOnly; SameSite=Strict; Path=/"
+        cookie = f"{self._cookie}={token}; HttpOnly; SameSite=Strict; Path=/"
         headers = [(b"location", place.encode()), (b"set-cookie", cookie.encode()), *self._headers]
         await send({"type": "http.response.start", "status": 303, "headers": headers})
         await send({"type": "http.response.body", "body": b""})
@@ -111,7 +122,7 @@ class WebAuth:
     async def _answer(self, send: _Send, status: int, text: str) -> None:
         headers = [(b"content-type", b"text/plain; charset=utf-8"), *self._headers]
         await send({"type": "http.response.start", "status": status, "headers": headers})
-        await send({"type": "http.response.body", "body": f"handover watch: {text}\n".encode()})
+        await send({"type": "http.response.body", "body": f"{self._program}: {text}\n".encode()})
 
     def _marked(self, send: _Send) -> _Send:
         async def marked(message: _Message) -> None:
@@ -127,9 +138,9 @@ def _accepted(scope: Any) -> bytes:
     return b",".join(value for name, value in scope["headers"] if name.lower() == b"accept").lower()
 
 
-def _cookie(header: str) -> str:
+def _cookie(header: str, name: str) -> str:
     try:
-        found = SimpleCookie(header).get(COOKIE)
+        found = SimpleCookie(header).get(name)
     except CookieError:
         return ""
     return "" if found is None else found.value

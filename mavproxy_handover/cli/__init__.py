@@ -47,6 +47,7 @@ COMMANDS: Final = {
     "replay": ("sitl.replay.main", "main", "let a recorded flight pass through today's rules, with other limits, too"),
     "campaign": ("sitl.campaign.main", "main", "fly random missions with random faults over the rules, and judge them"),
     "watch": ("gcs_module.watch.command", "main", "serve a page for those who watch: aircraft, stations, alarms, live"),
+    "panel": ("gcs_module.panel.command", "main", "serve the operator's page beside a station: what is next, buttons"),
     "policy": ("mavproxy_handover.cli.policy", "main", "print what the gate lets through, and why"),
     "explain": ("mavproxy_handover.cli.explain", "main", "print what is done about what is wrong, and why"),
     "keys": ("mavproxy_handover.cli.keys", "main", "make, list and rotate the keys that stations sign with"),
@@ -72,7 +73,7 @@ DESCRIPTION: Final = "Authority handover of an ArduPilot vehicle between ground 
 #: the commands in groups, as `handover --help` lists them
 GROUPS: Final = {
     "before a flight": ("check", "sim", "campaign", "bench", "policy", "explain"),
-    "in flight": ("companion", "station", "watch"),
+    "in flight": ("companion", "station", "panel", "watch"),
     "after a flight": ("report", "replay", "logs"),
     "setting up": ("init", "keys", "guard", "install", "uninstall", "doctor", "completion"),
 }

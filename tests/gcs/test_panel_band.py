@@ -39,34 +39,40 @@ STATES = {
         craft(commander="GCSB", own=False), "INFO", "GCSB", "No handover is expected.", "Nothing to do.", "", "request"
     ),
     "border ahead": State(
-        craft(border=BORDER), "INFO", "YOU", "Handover GCSA to GCSB in 43 s.", "You have agreed.", "deny", FLY
+        craft(border=BORDER),
+        "INFO",
+        "YOU",
+        "Handover GCSA to GCSB in 43 s.",
+        "Nothing to do: you have agreed.",
+        "",
+        f"{FLY} deny",
     ),
     "border ahead, other operator asked": State(
         craft(border=replace(BORDER, other="waiting")),
         "INFO",
         "YOU",
         "Handover GCSA to GCSB in 43 s.",
-        "You have agreed. GCSB has not answered yet.",
-        "deny",
-        FLY,
+        "Nothing to do: you have agreed, GCSB has not answered yet.",
+        "",
+        f"{FLY} deny",
     ),
     "border ahead, denied by the other": State(
         craft(border=replace(BORDER, other="denied")),
         "ADVISORY",
         "YOU",
         "Handover GCSA to GCSB in 43 s.",
-        "You have agreed. GCSB has denied it. Stop the aircraft, or talk to GCSB.",
-        "deny",
-        FLY,
+        "Stop the aircraft, or talk to GCSB: you have agreed, GCSB has denied it.",
+        "",
+        f"{FLY} deny",
     ),
     "border ahead, denied here": State(
         craft(border=replace(BORDER, answer="denied")),
         "ADVISORY",
         "YOU",
         "Handover GCSA to GCSB in 43 s.",
-        "You have denied it. Stop the aircraft, or talk to GCSB.",
-        "accept",
-        FLY,
+        "Stop the aircraft, or talk to GCSB: you have denied it.",
+        "",
+        f"{FLY} accept",
     ),
     "question to take": State(
         craft(commander="GCSB", own=False, question=TAKE),
@@ -75,7 +81,6 @@ STATES = {
         "Handover GCSB to GCSA in 19 s.",
         "Take drone-1 from GCSB?",
         "accept deny",
-        "request",
     ),
     "question to give": State(
         craft(question=GIVE),
@@ -120,7 +125,6 @@ STATES = {
         "The time to answer ends in 19 s.",
         "Take drone-1? No station commands it.",
         "accept deny",
-        "request",
     ),
     "handover under way": State(
         craft(partner="GCSB", phase="on_handover"),
@@ -328,13 +332,13 @@ def test_the_most_urgent_aircraft_comes_first() -> None:
 
 
 def test_a_dead_station_says_so_and_offers_no_button() -> None:
-    band = dead_band("GCSA", "/etc/handover/station.toml", "its program has ended", 4.2)
+    band = dead_band("GCSA", "/etc/handover/station.toml", "it has ended", 4.2)
     assert (band.level, band.who_words, band.main, band.more) == (Level.EMERGENCY, "NOT KNOWN", (), ())
     assert band.next_text(NOW) == (
-        "The program of station GCSA does not answer: its program has ended. What this page knew is 4 s old."
+        "The program of station GCSA does not answer: it has ended. What this page knew is 4 s old."
     )
     assert band.do.startswith("Start it again: handover station --config /etc/handover/station.toml.")
-    assert dead_band("GCSA", "", "not connected yet", inf).do.startswith("Start it again: handover station.")
+    assert dead_band("GCSA", "", "it does not run here", inf).do.startswith("Start it again: handover station.")
     assert DEAD_S < 3.0
 
 

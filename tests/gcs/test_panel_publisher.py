@@ -229,7 +229,7 @@ def test_a_station_that_ends_is_noticed_and_a_new_one_is_found(bench: Bench) -> 
         bench.now += 0.1
         panel.tick(bench.now)
     assert not panel.connected
-    assert panel.fault == "its program does not run here"
+    assert panel.fault == "it does not run here"
     assert panel.age_s(bench.now) > 3.0
     assert not panel.send(Order(1, "stop", 1))
     again = Bench()

@@ -152,7 +152,7 @@ def test_without_the_extra_it_says_which() -> None:
         [sys.executable, "-c", program, "watch", "."], capture_output=True, text=True, timeout=60, check=False
     )
     assert ended.returncode == 2
-    assert ended.stderr == "handover watch: needs uvicorn: pip install 'mavproxy-handover[watch]'\n"
+    assert ended.stderr == "handover watch: needs fastapi: pip install 'mavproxy-handover[watch]'\n"
 
 
 def test_only_the_page_and_its_command_know_the_web_stack() -> None:
@@ -167,7 +167,11 @@ def test_only_the_page_and_its_command_know_the_web_stack() -> None:
                 names += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
                 for name in {name.split(".")[0] for name in names} & STACK:
                     found.setdefault(str(path.relative_to(root)), set()).add(name)
-    assert found == {"gcs_module/watch/command.py": {"uvicorn"}, "gcs_module/watch/page.py": {"fastapi", "nicegui"}}
+    assert found == {
+        "gcs_module/watch/serving.py": {"uvicorn"},
+        "gcs_module/watch/page.py": {"fastapi", "nicegui"},
+        "gcs_module/panel/page.py": {"fastapi", "nicegui"},
+    }
 
 
 def test_a_log_that_is_no_journal_is_refused_with_the_program_that_reads_it(

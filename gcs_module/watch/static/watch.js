@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
-// The map of `handover watch`: draws what page.py gives it each second. It asks for nothing and sends nothing; all that
-// came from outside is set as text, never as HTML.
+// The map of `handover watch` and `handover panel`: draws what page.py gives it each second. It asks for nothing and
+// sends nothing; all that came from outside is set as text, never as HTML.
 "use strict";
 window.handoverWatch = (() => {
   const STEPS = [1, 2, 5];
   const TRACK = 4000; // as scene.TRACK
-  const state = { map: null, waiting: [], missions: {}, craft: {}, fitted: false, moved: false };
+  const state = { map: null, waiting: [], missions: {}, craft: {}, returns: {}, fitted: false, moved: false };
 
   function text(words, name) {
     const made = document.createElement("div");
@@ -84,6 +84,7 @@ window.handoverWatch = (() => {
     map.on("dragstart", () => { state.moved = true; });
     map.getContainer().addEventListener("wheel", () => { state.moved = true; }, { passive: true });
     map.on("moveend resize", () => grid(map, state.grid));
+    new ResizeObserver(() => { map.invalidateSize({ animate: false }); if (!state.moved) fit(); }).observe(map.getContainer());
     grid(map, state.grid);
     state.waiting.splice(0).forEach(show);
   }
@@ -197,6 +198,28 @@ window.handoverWatch = (() => {
     known.label.textContent = given.old ? given.label + " · " + given.old : given.label;
   }
 
+  // a line from an aircraft to the place that a return goes to
+  function returns(given) {
+    const there = new Set(given.map((each) => each.key));
+    Object.keys(state.returns).filter((key) => !there.has(key)).forEach((key) => {
+      state.returns[key].forEach((each) => each.remove());
+      delete state.returns[key];
+    });
+    given.forEach((each) => {
+      if (!state.returns[each.key]) {
+        const line = L.polyline(each.lines, { weight: 2, dashArray: "7 5", interactive: false }).addTo(state.map);
+        const made = icon(text(each.words, "hw-return"), "hw-label", [0, 0]);
+        const sign = L.marker(each.lines[1], { icon: made, interactive: false }).addTo(state.map);
+        state.returns[each.key] = [line, sign];
+      }
+      const [line, sign] = state.returns[each.key];
+      line.setLatLngs(each.lines);
+      line.setStyle({ color: each.strong ? "#c80000" : "#0a7a34", weight: each.strong ? 4 : 2 });
+      sign.setLatLng(each.lines[1]);
+      sign.getElement().firstChild.textContent = "⌂ " + each.words;
+    });
+  }
+
   function fit() {
     const bounds = L.latLngBounds([]);
     Object.values(state.missions).forEach((each) => each.zones.forEach((zone) => bounds.extend(zone.area.getBounds())));
@@ -214,6 +237,7 @@ window.handoverWatch = (() => {
     given.missions.forEach(mission);
     given.tracks.forEach(track);
     given.marks.forEach(mark);
+    returns(given.returns || []);
     const there = new Set(given.marks.map((each) => each.name));
     Object.keys(state.craft).filter((name) => !there.has(name)).forEach((name) => {
       const gone = state.craft[name];

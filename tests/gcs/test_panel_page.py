@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""`handover panel` as a program: the link that it prints, to whom it answers, and what it says when it cannot."""
+
+from __future__ import annotations
+
+import http.client
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from gcs_module.panel.endpoint import open_endpoint
+from mavproxy_handover.cli import main
+
+PROGRAM = "import sys; from mavproxy_handover.cli import main; sys.exit(main())"
+
+
+@pytest.fixture(autouse=True)
+def place(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    return tmp_path
+
+
+@contextmanager
+def serving(*words: str) -> Iterator[tuple[str, int, str, subprocess.Popen[str]]]:
+    """The program; host, port and token of the link that it prints."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", PROGRAM, "panel", "--port", "0", *words],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=dict(os.environ),
+    )
+    try:
+        assert process.stdout is not None
+        line = process.stdout.readline().strip()
+        found = re.fullmatch(r"http://([\d.]+):(\d+)/\?token=([\w-]{32})", line)
+        assert found is not None, line
+        yield found[1], int(found[2]), found[3], process
+    finally:
+        process.kill()
+        process.communicate(timeout=10)
+
+
+def get(port: int, path: str, **headers: str) -> tuple[int, dict[str, str], str]:
+    for _ in range(100):  # the link is printed a moment before it is answered
+        try:
+            asked = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
+            asked.request("GET", path, headers={"Accept": "text/html", **headers})
+            answer = asked.getresponse()
+            found = dict(answer.getheaders())
+            text = answer.read().decode("utf-8", "replace")
+            asked.close()
+            return answer.status, {name.lower(): value for name, value in found.items()}, text
+        except ConnectionRefusedError:
+            time.sleep(0.1)
+    raise AssertionError(f"{path} is not answered")
+
+
+@pytest.mark.process
+def test_a_link_opens_the_page_once_and_all_comes_from_here() -> None:
+    with serving("--station", "GCSA") as (host, port, token, process):
+        assert host == "127.0.0.1"
+        assert get(port, "/")[0] == 401
+        status, headers, _text = get(port, f"/?token={token}")
+        assert (status, headers["location"]) == (303, "/")
+        cookie = headers["set-cookie"].partition(";")[0]
+        assert get(port, f"/?token={token}")[0] == 401, "the link works once"
+        status, _headers, page = get(port, "/", Cookie=cookie)
+        assert status == 200
+        named = set(re.findall(r"""(?:src|href)=["']([^"']+)["']""", page))
+        assert {"/panel/panel.css", "/panel/panel.js", "/watch/map.css", "/watch/watch.js"} <= named
+        assert [name for name in named if not name.startswith(("/", "data:"))] == []
+        for name in sorted(named):
+            if not name.startswith("data:"):
+                assert get(port, name, Cookie=cookie)[0] == 200, name
+                assert get(port, name)[0] == 401, name
+        assert get(port, "/", Cookie=cookie, Host="evil.example")[0] == 421
+        assert get(port, "/", Cookie=cookie, Origin="http://evil.example")[0] == 421
+        assert get(port, "/_nicegui_ws/socket.io/?EIO=4&transport=polling")[0] == 401
+        process.send_signal(signal.SIGINT)
+        assert process.wait(timeout=20) == 0
+        assert process.stderr is not None
+        assert process.stderr.read() == "handover panel: GCSA does not run here yet. The page waits for it.\n"
+
+
+@pytest.mark.process
+def test_an_address_that_others_reach_is_said() -> None:
+    with serving("--host", "0.0.0.0") as (host, port, token, process):
+        assert host == "0.0.0.0"
+        assert get(port, "/")[0] == 401
+        assert get(port, f"/?token={token}")[0] == 303
+        process.send_signal(signal.SIGINT)
+        assert process.wait(timeout=20) == 0
+        assert process.stderr is not None
+        assert "other computers can reach this page" in process.stderr.read()
+
+
+def test_which_of_several_stations_has_to_be_named(capsys: pytest.CaptureFixture[str]) -> None:
+    opened = [open_endpoint(name) for name in ("GCSA", "GCSB")]
+    assert main(["panel"]) == 2
+    said = capsys.readouterr().err
+    assert said == "handover panel: several stations run here: GCSA, GCSB. Name one: --station GCSA\n"
+    for each in opened:
+        each.close()
+
+
+@pytest.mark.parametrize("words", [["--port", "x"], ["--port", "70000"], ["more"]])
+def test_wrong_usage_ends_with_two(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["panel", *words]) == 2
+    assert "handover panel" in capsys.readouterr().err
+
+
+def test_without_the_extra_it_says_which() -> None:
+    stack = ("fastapi", "nicegui", "socketio", "starlette", "uvicorn")
+    program = f"import sys; sys.modules.update(dict.fromkeys({stack!r})); {PROGRAM}"
+    ended = subprocess.run(
+        [sys.executable, "-c", program, "panel"], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert ended.returncode == 2
+    assert ended.stderr == "handover panel: needs fastapi: pip install 'mavproxy-handover[watch]'\n"
