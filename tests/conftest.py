@@ -119,3 +119,13 @@ def runtime_directory() -> Iterator[Path | None]:
         patch.setenv("RUNTIME_DIRECTORY", folder)
         yield Path(folder)
         patch.undo()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def panels_directory() -> Iterator[Path]:
+    """Where stations have the sockets of their panels: those of other tests, and of this user, are not found."""
+    with tempfile.TemporaryDirectory(prefix="handover-panels-") as folder:
+        patch = pytest.MonkeyPatch()
+        patch.setenv("HANDOVER_PANELS", folder)
+        yield Path(folder)
+        patch.undo()

@@ -17,7 +17,6 @@ Rules that live here
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import inf
@@ -25,7 +24,7 @@ from typing import Final
 
 from gcs_module.alarms import Level
 from gcs_module.panel.snapshot import AircraftSeen, AlarmSeen, Question, StationSeen
-from gcs_module.panel.words import LABELS, age, for_buttons, remedy_of
+from gcs_module.panel.words import LABELS, age, for_buttons, remedy_of, seconds_to
 
 __all__ = ["DEAD_S", "GONE_S", "OLD_S", "Band", "Button", "Who", "band_of", "bands", "dead_band"]
 
@@ -82,8 +81,7 @@ class Band:
 
     def next_text(self, now: float) -> str:
         """The next event with its seconds. `now`: the station's time."""
-        left = math.ceil(max(0.0, (self.next_at or 0.0) - now))
-        return self.next_words.replace("{s}", "now" if left == 0 else f"in {left} s")
+        return self.next_words.replace("{s}", seconds_to(self.next_at or 0.0, now))
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,6 +8,7 @@ Rules that live here
   a TCP port of this computer, and a file in that folder holds the port and a token.
 * If another running station of this user has the same name, the number of the process is added to the name.
 * What a station that was killed has left is removed by the next one.
+* $HANDOVER_PANELS names another folder.
 """
 
 from __future__ import annotations
@@ -25,8 +26,10 @@ from pathlib import Path
 from typing import Final
 from urllib.parse import quote, unquote
 
-__all__ = ["Endpoint", "EndpointError", "connect", "find", "open_endpoint", "running"]
+__all__ = ["FOLDER_VARIABLE", "Endpoint", "EndpointError", "connect", "find", "open_endpoint", "running"]
 
+#: names the folder of the sockets, in place of the usual ones
+FOLDER_VARIABLE: Final = "HANDOVER_PANELS"
 _UNIX_END, _TCP_END = ".socket", ".tcp"
 #: longest path of a Unix socket on every system, in bytes
 _LONGEST: Final = 100
@@ -57,6 +60,9 @@ class Endpoint:
 
 def _folders() -> list[Path]:
     """Where sockets may be, the usual place first."""
+    named = os.environ.get(FOLDER_VARIABLE, "")
+    if named:
+        return [Path(named)]
     owner = str(os.getuid()) if hasattr(os, "getuid") else getpass.getuser()
     found = [Path(tempfile.gettempdir()) / f"handover-{quote(owner, safe='')}"]
     runtime = os.environ.get("XDG_RUNTIME_DIR", "")
@@ -145,12 +151,12 @@ def _write(path: Path, text: str) -> None:
 
 
 def running() -> list[str]:
-    """The names of the stations that have a socket, of this user."""
+    """The names of the stations that run and have a socket, of this user."""
     names = set()
     for folder in _folders():
         if folder.is_dir():
             for path in folder.iterdir():
-                if path.suffix in (_UNIX_END, _TCP_END):
+                if path.suffix in (_UNIX_END, _TCP_END) and _answers(path):
                     names.add(unquote(path.stem))
     return sorted(names)
 

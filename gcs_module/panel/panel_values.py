@@ -19,8 +19,8 @@ from typing import Any, Final
 
 from gcs_module.alarms import Level
 from gcs_module.panel.band import DEAD_S, GONE_S, OLD_S, Band, Button, Who, bands, dead_band
-from gcs_module.panel.snapshot import AircraftSeen, LinkSeen, Stamped, StationSeen
-from gcs_module.panel.words import age, for_buttons, remedy_of
+from gcs_module.panel.snapshot import AircraftSeen, AlarmSeen, LinkSeen, Stamped, StationSeen
+from gcs_module.panel.words import age, for_buttons, remedy_of, seconds_to
 from mavproxy_handover.mission.colours import station_colour
 from mavproxy_handover.mission.geodesy import distance_m
 
@@ -136,13 +136,23 @@ def _alarms(seen: StationSeen | None, chosen: Band | None, known: Known) -> Iter
             "vehicle": craft.sysid,
             "aircraft": craft.name if len(seen.aircraft) > 1 else "",
             "level": Level(min(max(alarm.level, 0), int(Level.EMERGENCY))).name.lower(),
-            "text": for_buttons(alarm.text),
+            "text": _alarm_text(craft, alarm, known),
             "cause": alarm.cause,
             "remedy": remedy,
             "since": f"for {age(max(0.0, known.now - alarm.since))}",
             "acknowledged": alarm.acknowledged,
             "state": _state(known.age_s),
         }
+
+
+def _alarm_text(craft: AircraftSeen, alarm: AlarmSeen, known: Known) -> str:
+    """The alarm's sentence. The seconds in that of a question are those of the moment when it was told."""
+    asked = craft.question
+    if alarm.name != "question" or asked is None:
+        return for_buttons(alarm.text)
+    at = asked.until if asked.border_at is None else asked.border_at
+    left = "" if at is None or known.dead else f" {seconds_to(at, known.now)}"
+    return f"Handover {asked.from_station} to {asked.to_station}{left}: {craft.name} waits for your answer."
 
 
 def _briefing(craft: AircraftSeen | None, known: Known) -> dict[str, Any]:

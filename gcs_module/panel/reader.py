@@ -2,8 +2,9 @@
 
 """The panel's side of the socket: the last snapshot with its age, the mission packages, and the replies to orders.
 
-It connects again by itself, also to a station that has started again. The station's clock is related to this one by the
-fastest line of the connection: a line that was delayed on its way counts as old, never as new.
+It connects again by itself, also to a station that has started again. It never changes to another station: the
+configuration file must be the same. The station's clock is related to this one by the fastest of the last lines: a line
+that was delayed on its way counts as old, never as new. In a simulation the station's clock runs at another rate.
 """
 
 from __future__ import annotations
@@ -31,6 +32,8 @@ _LINE: Final = 1 << 20
 #: most bytes that are read in a turn
 _TURN: Final = 1 << 22
 _REPLIES, _MISSIONS = 32, 16
+#: lines by which the two clocks are compared: some seconds
+_OFFSETS: Final = 20
 
 
 class Reader:
@@ -45,8 +48,8 @@ class Reader:
         self._received = bytearray()
         self._waiting = bytearray()
         self._again_at = -inf
-        #: this clock less the station's, at the fastest line of this connection
-        self._offset_s = inf
+        #: this clock less the station's, at the last lines of this connection
+        self._offsets: deque[float] = deque(maxlen=_OFFSETS)
         self._number = 0
         #: the last snapshot, and when its line arrived
         self.seen: StationSeen | None = None
@@ -65,7 +68,7 @@ class Reader:
 
     def station_now(self, now: float) -> float:
         """The time by the clock of the station; of a station that has ended, as if it ran on."""
-        return now - self._offset_s if self._offset_s < inf else now
+        return now - min(self._offsets) if self._offsets else now
 
     def age_s(self, now: float) -> float:
         """The age of the snapshot (s); inf: there is none."""
@@ -113,7 +116,8 @@ class Reader:
         except EndpointError as error:
             self.fault = str(error)
             return
-        self.fault, self._offset_s = "", inf
+        self.fault = ""
+        self._offsets.clear()
         self._received, self._waiting = bytearray(), bytearray(json.dumps({"token": token}).encode() + b"\n")
 
     def _lose(self, why: str) -> None:
@@ -167,9 +171,12 @@ class Reader:
     def _on_values(self, values: Mapping[str, Any], now: float) -> None:
         kind = values.get("kind")
         if kind == "snapshot":
-            self.seen = seen = from_values(values)
-            self.arrived_at = now
-            self._offset_s = min(self._offset_s, now - seen.at)
+            seen = from_values(values)
+            if self.seen is not None and self.seen.configuration != seen.configuration:
+                self._lose(f"another station of this name runs, with {seen.configuration}")
+                return
+            self.seen, self.arrived_at = seen, now
+            self._offsets.append(now - seen.at)
         elif kind == "mission" and isinstance(values.get("digest"), str):
             try:
                 package = base64.b64decode(values.get("package", ""), validate=True)

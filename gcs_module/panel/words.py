@@ -4,13 +4,14 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 from typing import Final
 
 from gcs_module.notices import QUESTION
 
-__all__ = ["LABELS", "age", "for_buttons", "remedy_of", "seconds"]
+__all__ = ["LABELS", "age", "for_buttons", "remedy_of", "seconds_to"]
 
 #: the panel's order -> the words on its button
 LABELS: Final[Mapping[str, str]] = {
@@ -68,8 +69,7 @@ def age(seconds_old: float) -> str:
     return f"{seconds_old / 60.0:.0f} min" if seconds_old < 6000.0 else f"{seconds_old / 3600.0:.0f} h"
 
 
-def seconds(left: float) -> str:
-    """A time to come."""
-    if left < 100.0:
-        return f"{max(0.0, left):.0f} s"
-    return f"{left / 60.0:.0f} min"
+def seconds_to(at: float, now: float) -> str:
+    """The time until `at`, "in 18 s" or "now"."""
+    left = math.ceil(max(0.0, at - now))
+    return f"in {left} s" if left else "now"

@@ -18,7 +18,7 @@ from typing import Any
 from gcs_module.panel.endpoint import open_endpoint
 from gcs_module.panel.orders import Order, Reply
 from gcs_module.panel.publisher import Publisher
-from gcs_module.panel.snapshot import AircraftSeen, LineSeen, LinkSeen, PeerSeen, Stamped, StationSeen
+from gcs_module.panel.snapshot import AircraftSeen, AlarmSeen, LineSeen, LinkSeen, PeerSeen, Stamped, StationSeen
 from mavproxy_handover.mission.package import MissionPackage, load
 from tests.gcs.panel_states import BORDER, LOST, NOW, RETURNS, TAKE, craft, station
 from tests.packages import ROUND
@@ -36,7 +36,23 @@ LINES = (
     LineSeen(2, NOW - 60.0, 0, "drone-1 is on mission."),
     LineSeen(3, NOW - 1.0, 2, "Handover GCSB -> GCSA of drone-1 in 20 s. Type 'handover accept' or 'handover deny'."),
 )
-ASKED = {"commander": "GCSB", "own": False, "question": TAKE, "briefing": BRIEFING, "briefing_at": NOW - 1.0}
+WAITS = AlarmSeen(
+    "question",
+    2,
+    "Handover GCSB -> GCSA of drone-1 in 20 s.",
+    "The aircraft is about to reach your zone. You are asked whether you take it.",
+    "Read the briefing. Accept or deny.",
+    False,
+    NOW - 1.0,
+)
+ASKED = {
+    "commander": "GCSB",
+    "own": False,
+    "question": TAKE,
+    "briefing": BRIEFING,
+    "briefing_at": NOW - 1.0,
+    "alarms": (WAITS,),
+}
 LOST_CRAFT = {
     "commander": "",
     "own": False,

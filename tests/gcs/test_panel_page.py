@@ -25,7 +25,7 @@ PROGRAM = "import sys; from mavproxy_handover.cli import main; sys.exit(main())"
 
 @pytest.fixture(autouse=True)
 def place(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    monkeypatch.setenv("HANDOVER_PANELS", str(tmp_path / "panels"))
     return tmp_path
 
 
@@ -103,6 +103,36 @@ def test_an_address_that_others_reach_is_said() -> None:
         assert process.wait(timeout=20) == 0
         assert process.stderr is not None
         assert "other computers can reach this page" in process.stderr.read()
+
+
+@pytest.mark.process
+@pytest.mark.skipif(sys.platform == "win32", reason="needs a pseudo-terminal")
+def test_enter_prints_a_new_link() -> None:
+    import pty
+
+    master, slave = pty.openpty()
+    process = subprocess.Popen(
+        [sys.executable, "-c", PROGRAM, "panel", "--port", "0", "--station", "GCSA"],
+        stdin=slave,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+        env=dict(os.environ),
+    )
+    try:
+        assert process.stdout is not None
+        first = process.stdout.readline()
+        assert process.stdout.readline() == "The link works once. Press Enter for another one, for another browser.\n"
+        os.write(master, b"\n")
+        second = process.stdout.readline()
+        assert second.startswith("http://127.0.0.1:")
+        assert first.partition("?")[0] == second.partition("?")[0]
+        assert first != second
+    finally:
+        process.kill()
+        process.communicate(timeout=10)
+        os.close(master)
+        os.close(slave)
 
 
 def test_which_of_several_stations_has_to_be_named(capsys: pytest.CaptureFixture[str]) -> None:

@@ -26,7 +26,9 @@ from tests.gcs.panel_states import NOW, craft, station
 
 @pytest.fixture(autouse=True)
 def place(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    monkeypatch.delenv("HANDOVER_PANELS")
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    monkeypatch.setattr(endpoints.tempfile, "gettempdir", lambda: str(tmp_path / "missing"))
     return tmp_path / "handover"
 
 
@@ -37,13 +39,14 @@ class Bench:
         self.now = NOW
         self.made = 0
         self.craft = 1
+        self.configuration = "/etc/handover/station.toml"
         self.orders: list[Order] = []
         self.packages = {"ab": "cGFja2FnZQ=="}
         self.publisher = Publisher(open_endpoint("GCSA"), self.snapshot, lambda: self.packages, self.carry_out)
 
     def snapshot(self, now: float) -> StationSeen:
         self.made += 1
-        return station(*[craft(sysid=number) for number in range(self.craft)], at=now)
+        return station(*[craft(sysid=number) for number in range(self.craft)], at=now, configuration=self.configuration)
 
     def carry_out(self, order: Order) -> Reply:
         self.orders.append(order)
@@ -241,6 +244,21 @@ def test_a_station_that_ends_is_noticed_and_a_new_one_is_found(bench: Bench) -> 
     panel.close()
 
 
+def test_another_station_of_the_same_name_does_not_take_the_place_of_one_that_ended(bench: Bench) -> None:
+    panel = reader()
+    bench.run(0.5, panel)
+    bench.publisher.close()
+    other = Bench()
+    other.now, other.configuration = bench.now, "/elsewhere/station.toml"
+    other.run(3.0, panel)
+    assert panel.seen is not None
+    assert panel.seen.configuration == "/etc/handover/station.toml"
+    assert panel.age_s(other.now) > 2.0
+    assert panel.fault == "another station of this name runs, with /elsewhere/station.toml"
+    other.publisher.close()
+    panel.close()
+
+
 def test_a_line_that_was_delayed_is_old(bench: Bench) -> None:
     panel = reader()
     bench.run(1.0, panel)
@@ -266,6 +284,16 @@ def test_two_stations_with_a_name_both_have_a_socket(bench: Bench) -> None:
     assert running() == ["GCSA", other.name]
     other.close()
     assert running() == ["GCSA"]
+
+
+def test_a_folder_can_be_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("HANDOVER_PANELS", str(tmp_path / "named"))
+    opened = open_endpoint("GCSA")
+    assert opened.path == tmp_path / "named" / "GCSA.socket"
+    assert running() == ["GCSA"]
+    opened.listener.close()
+    assert running() == [], "one that was killed does not run"
+    opened.close()
 
 
 def test_what_a_killed_station_left_is_removed(place: Path) -> None:
@@ -299,10 +327,7 @@ def test_without_unix_sockets_a_port_and_a_token_do(monkeypatch: pytest.MonkeyPa
     made.publisher.close()
 
 
-def test_a_folder_that_others_can_enter_is_refused(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, place: Path
-) -> None:
-    monkeypatch.setattr(endpoints.tempfile, "gettempdir", lambda: str(tmp_path / "missing"))
+def test_a_folder_that_others_can_enter_is_refused(place: Path) -> None:
     place.mkdir()
     place.chmod(0o777)
     with pytest.raises(EndpointError, match="other users can enter it"):

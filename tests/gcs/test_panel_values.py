@@ -113,6 +113,18 @@ def test_alarms_that_stand_come_first_with_cause_and_remedy() -> None:
     assert (first["since"], second["since"]) == ("for 2 s", "for 4 s")
 
 
+def test_the_alarm_of_a_question_has_the_seconds_of_now() -> None:
+    """The line was told once, with the seconds of that moment."""
+    told = replace(LOST, name="question", level=2, text="Handover GCSB -> GCSA of drone-1 in 20 s.")
+    asked = station(craft(question=TAKE, alarms=(told,)))
+    texts = [sections(asked, later)["alarms"][0]["text"] for later in (0.0, 1.5, 20.0)]
+    assert texts == [
+        "Handover GCSB to GCSA in 19 s: drone-1 waits for your answer.",
+        "Handover GCSB to GCSA in 17 s: drone-1 waits for your answer.",
+        "Handover GCSB to GCSA: drone-1 waits for your answer.",
+    ]
+
+
 @pytest.mark.parametrize(
     ("alarms", "sound"),
     [

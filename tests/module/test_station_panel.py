@@ -27,7 +27,7 @@ from tests.module.test_station_module import StationBench, authority, connect_me
 def station(monkeypatch: pytest.MonkeyPatch, clock: Clock, tmp_path: Path) -> Iterator[StationBench]:
     monkeypatch.setattr(gcs_module, "time", clock)
     monkeypatch.setattr(station_commands, "time", clock)
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    monkeypatch.setenv("HANDOVER_PANELS", str(tmp_path / "panels"))
     bench = StationBench(tmp_path, clock)
     bench.configure(consent="operator")
     yield bench
@@ -250,8 +250,7 @@ def test_unload_closes_the_socket_and_the_panel_notices(station: StationBench, p
 def test_without_a_place_for_the_socket_the_station_works(
     station: StationBench, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr("gcs_module.panel.endpoint.tempfile.gettempdir", lambda: str(tmp_path / "missing"))
-    (tmp_path / "handover").write_text("")
+    (tmp_path / "panels").write_text("")
     assert station.load() is not None
     assert station.mpstate.console.said("No panel can connect: ")
     station.hear(connect_message())
