@@ -14,13 +14,16 @@ Rules
   times of day are refused (`plan.py`).
 * A height of 0 is no height to ArduCopter: the one before is kept. So it is on the way to NAV_LAND and
   NAV_PAYLOAD_PLACE, from where it climbs back to that.
+* NAV_PAYLOAD_PLACE sinks at the speed of a landing to the ground, or by parameter 1 in metres if that is less.
+* NAV_LOITER_TO_ALT is over when the aircraft is within 5 cm of its height, and closes in on that slowly.
 * Heights above terrain: on a straight leg the height above the ground changes evenly, and the aircraft follows the
   ground. This needs the heights of a terrain file. Without one they count as heights above home, and the check says so.
   Where the frame changes, a spline begins or ends with a stop.
 * `MOST_PIECES` legs stand for all curves of a route and for all ways over the ground. If that is too few, each gets
   fewer, and `pieces_lacking` says by how much.
 
-Sources: ArduCopter's mode_auto.cpp (`do_circle`, `do_spline_wp`, `set_next_wp`, `loc_from_cmd`, `do_nav_delay`),
+Sources: ArduCopter's mode_auto.cpp (`do_circle`, `do_spline_wp`, `set_next_wp`, `loc_from_cmd`, `do_nav_delay`,
+`loiter_to_alt_run`),
 AC_WPNav (`set_spline_destination`), AP_RTC (`get_time_utc`).
 """
 
@@ -31,7 +34,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from mavproxy_handover.core.safety.energy import CLIMB_MPS
+from mavproxy_handover.core.safety.energy import CLIMB_MPS, LANDING_MPS
 from mavproxy_handover.mission.curves import Spline, Vector, circle_pieces, circle_speed_mps
 from mavproxy_handover.mission.geodesy import distance_m, east_north_m, offset
 from mavproxy_handover.mission.items import (
@@ -40,6 +43,7 @@ from mavproxy_handover.mission.items import (
     FRAME_ABOVE_TERRAIN,
     LAND,
     LOITER_TIME,
+    LOITER_TO_ALTITUDE,
     LOITER_TURNS,
     LOITER_UNLIMITED,
     PAYLOAD_PLACE,
@@ -67,6 +71,8 @@ _NO_HEIGHT_M: Final = 0.01
 #: where a height of 0 keeps the one before
 _KEEP_HEIGHT: Final = frozenset((WAYPOINT, LOITER_UNLIMITED, LOITER_TURNS, LOITER_TIME, SPLINE_WAYPOINT))
 _HOLDING: Final = frozenset((WAYPOINT, LOITER_TIME, SPLINE_WAYPOINT))
+#: time (s) of NAV_LOITER_TO_ALT for the last metre, from 1 m to 5 cm: its speed falls with the distance (PSC_POSZ_P 1)
+_SETTLES_S: Final = 3.0
 #: most time (s) until a given second of the minute
 _MINUTE_S: Final = 60.0
 
@@ -142,14 +148,13 @@ class _Flight:
         up = self._up(item, item.command in (LAND, PAYLOAD_PLACE))
         end = (*place, self._height(item, up, place))
         hold_s = max(0.0, item.param1) if item.command in _HOLDING else 0.0
+        if item.command == LOITER_TO_ALTITUDE:
+            hold_s = _SETTLES_S
         yield from self._straight(item, end, speed_mps, hold_s=hold_s)
         if item.command == LAND:
             yield from self._landing(item)
         elif item.command == PAYLOAD_PLACE:
-            yield from self._landing(item)
-            if end[2] > 0.0:
-                yield _one(Leg(item.seq, self._here, end, end[2] / CLIMB_MPS))
-                self._here = end
+            yield from self._placing(item, end)
         elif item.command == WAYPOINT and int(item.param1) == 0:
             self._leaves = self._way(start, end)
 
@@ -158,6 +163,14 @@ class _Flight:
             yield _one(leg)
         self._here = (*self._here[:2], min(self._here[2], 0.0))
         self._above_terrain = False
+
+    def _placing(self, item: MissionItem, top: Place) -> Iterator[_Part]:
+        """Down at the speed of a landing, as far as the item allows, and up again."""
+        deep_m = min(top[2], item.param1) if item.param1 > 0.0 else top[2]
+        if deep_m > 0.0:
+            low = (*top[:2], top[2] - deep_m)
+            yield _one(Leg(item.seq, top, low, deep_m / LANDING_MPS))
+            yield _one(Leg(item.seq, low, top, deep_m / CLIMB_MPS))
 
     # ---- where an item is -----------------------------------------------------------------------------------------
 

@@ -21,11 +21,12 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import accumulate
+from itertools import accumulate, pairwise
 from math import inf, isfinite
 
 from mavproxy_handover.core.safety.energy import (
     LANDING_BELOW_M,
+    LANDING_MPS,
     SINK_MPS,
     EnergyModel,
     MadeGood,
@@ -65,6 +66,8 @@ __all__ = [
 
 #: step (m) at which the margin along the route is checked, and most number of places
 _STEP_M, _MOST_STEPS = 25.0, 4000
+#: times nearer than this (s) to each other are one
+_SAME_S = 0.01
 #: places nearer than this to each other are one
 _SAME_PLACE_M = 5.0
 
@@ -251,9 +254,27 @@ def pieces_along(
     return (*pieces, *min(ways, key=model.need_wh, default=()))
 
 
-def _pieces(legs: Iterable[Leg], released: int | None) -> tuple[Piece, ...]:
+def _pieces(legs: Sequence[Leg], released: int | None) -> tuple[Piece, ...]:
     """Pieces of legs whose payload is dropped by that item."""
-    return tuple(_piece(leg)._replace(unloaded=released is not None and leg.seq > released) for leg in legs)
+    return tuple(
+        _piece(leg)._replace(unloaded=released is not None and leg.seq > released, stops=stops)
+        for leg, stops in zip(legs, _stops(legs), strict=True)
+    )
+
+
+def _stops(legs: Sequence[Leg]) -> list[float]:
+    """For each leg, the part of a start from rest and a stop that its two ends cost.
+
+    A copter flies on through a curve, and over the ground that it follows, whatever pieces stand for that.
+    """
+    through = [0.0 if _flies_on(before, after) else 0.5 for before, after in pairwise(legs)]
+    return [start + end for start, end in zip([0.5, *through], [*through, 0.5], strict=True)] if legs else []
+
+
+def _flies_on(before: Leg, after: Leg) -> bool:
+    if before.hold_s > 0.0:
+        return False
+    return (before.curved and after.curved) or (before.seq == after.seq and before.follows and after.follows)
 
 
 def _loaded_as(way: Iterable[Piece], *, unloaded: bool) -> tuple[Piece, ...]:
@@ -263,8 +284,10 @@ def _loaded_as(way: Iterable[Piece], *, unloaded: bool) -> tuple[Piece, ...]:
 def _piece(leg: Leg) -> Piece:
     length = leg.length_m
     rise = leg.end[2] - leg.start[2]
-    # the last metres straight down are a landing
+    # the last metres straight down are a landing, and so is a descent that is as slow
     landing = max(0.0, min(leg.start[2], LANDING_BELOW_M) - max(leg.end[2], 0.0)) if length == 0.0 else 0.0
+    if length == 0.0 and rise < 0.0 and leg.duration_s > -rise / LANDING_MPS - _SAME_S:
+        landing = -rise
     return Piece(
         length_m=leg.times * length,
         bearing_deg=bearing_deg(*leg.start[:2], *leg.end[:2]) if length > 0.0 else 0.0,

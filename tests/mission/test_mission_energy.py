@@ -9,6 +9,8 @@ point of 30 m lies 167.0 m before its end. Hover 360 W, cruise 440 W at 10 m/s a
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from mavproxy_handover.cli.check import main
@@ -19,6 +21,7 @@ from mavproxy_handover.mission.check import Severity, check
 from mavproxy_handover.mission.check_text import report_text
 from mavproxy_handover.mission.energy import budget_of, pieces_along, pieces_of, places_of, released_at
 from mavproxy_handover.mission.keys import ENERGY
+from mavproxy_handover.mission.leg import Leg
 from mavproxy_handover.mission.route_simulation import legs_of
 
 NUMBERS = """
@@ -417,3 +420,27 @@ def test_the_missions_that_ship_close_their_budget(missions, name, wind):
     report = check(load(missions / name), wind=wind)
     assert report.energy is not None
     assert report.exit_code == 0
+
+
+# --- curves ---
+
+
+def test_a_curve_costs_one_start_and_one_stop_whatever_pieces_stand_for_it():
+    """The fault: each piece of a circle was counted from rest to rest, 70 % too much."""
+    ring = [Leg(2, (0.0, n * 1e-4, 30.0), (0.0, (n + 1) * 1e-4, 30.0), 1.1, curved=True) for n in range(10)]
+    straight = [Leg(2, (0.0, 0.0, 30.0), (0.0, 1e-3, 30.0), 11.1)]
+    model = EnergySettings(battery_wh=100.0, hover_w=300.0).model()
+    curve_wh, line_wh = (model.need_wh(pieces_along(legs, (), model, None)) for legs in (ring, straight))
+    assert curve_wh == pytest.approx(line_wh, rel=0.05)
+    stops = [replace(leg, curved=False) for leg in ring]
+    assert model.need_wh(pieces_along(stops, (), model, None)) > 2.0 * line_wh
+
+
+def test_a_slow_descent_counts_as_a_landing_and_no_climb_does():
+    low, high = (0.0, 0.0, 10.0), (0.0, 0.0, 40.0)
+    model = EnergySettings(battery_wh=100.0, hover_w=300.0).model()
+    (slow,), (fast,), (up,) = (
+        pieces_along((Leg(2, *ends, time_s),), (), model, None)
+        for ends, time_s in (((high, low), 60.0), ((high, low), 20.0), ((low, high), 12.0))
+    )
+    assert (slow.landing_m, fast.landing_m, up.landing_m) == (30.0, 0.0, 0.0)

@@ -11,7 +11,8 @@ A way is a list of straight pieces (`Piece`). The energy of a piece is power tim
 * ArduCopter holds the ground speed that it was told as long as its lean limit allows. That limit is an airspeed, va.
   With wh ahead and wx across, the speed made good is min(told, sqrt(va^2 - wx^2) - wh); 0 or less: the piece is not to
   be flown at all, its need is infinite. A tail wind counts as calm: on the way back it is a head wind.
-* Each piece is flown from rest to rest: speeding up and braking cost speed / `ACCELERATION_MPSS` seconds.
+* Each piece is flown from rest to rest: speeding up and braking cost speed / `ACCELERATION_MPSS` seconds. A piece of a
+  curve, through which it flies on, costs a part of that (`stops`).
 * Climb, descent and waiting stand against the same wind.
 * An aircraft that `holds_airspeed` keeps the commanded airspeed, and the power for it. The wind adds to its ground
   speed, or takes from it, and it flies against a cross wind at an angle. It waits by circling. It goes straight up or
@@ -90,7 +91,8 @@ class Piece(NamedTuple):
 
     `length_m` is horizontal, `climb_m` and `descent_m` are what it gains and loses on it. `landing_m` of the descent is
     flown as slowly as ArduCopter lands. `hold_s` is waited at its end. `speed_mps` is the ground speed that the
-    autopilot was told, None: the cruise speed of the model. `unloaded`: the payload is dropped before it.
+    autopilot was told, None: the cruise speed of the model. `unloaded`: the payload is dropped before it. `stops`: the
+    part of a start from rest and of a stop that its ends cost. 1: both, 0: neither.
     """
 
     length_m: float = 0.0
@@ -101,6 +103,7 @@ class Piece(NamedTuple):
     hold_s: float = 0.0
     speed_mps: float | None = None
     unloaded: bool = False
+    stops: float = 1.0
 
     @property
     def vertical_s(self) -> float:
@@ -202,7 +205,7 @@ class EnergyModel:
             made = self.made_good(piece.bearing_deg, piece.speed_mps)
             if made.speed_mps <= 0.0:
                 return inf
-            level_w, level_s = max(made.power_w, still_w), _duration_s(piece.length_m, made.speed_mps)
+            level_w, level_s = max(made.power_w, still_w), _duration_s(piece.length_m, made.speed_mps, piece.stops)
         vertical_s = piece.vertical_s
         joules = level_w * max(level_s, vertical_s) + still_w * piece.hold_s
         if vertical_s > 0.0:
@@ -248,11 +251,12 @@ class EnergyModel:
         return left_wh - self.budget_wh(self.need_wh(way))
 
 
-def _duration_s(length_m: float, speed_mps: float) -> float:
-    """From rest to rest. A piece too short for the speed never gets to it."""
+def _duration_s(length_m: float, speed_mps: float, stops: float) -> float:
+    """Time of a piece with that part of a start and a stop. A piece too short for the speed never gets to it."""
+    going_s = length_m / speed_mps + stops * speed_mps / ACCELERATION_MPSS
     if length_m < speed_mps**2 / ACCELERATION_MPSS:
-        return 2.0 * sqrt(length_m / ACCELERATION_MPSS)
-    return length_m / speed_mps + speed_mps / ACCELERATION_MPSS
+        return min(going_s, 2.0 * sqrt(length_m / ACCELERATION_MPSS))
+    return going_s
 
 
 def landing(alt_m: float) -> Piece:
