@@ -284,7 +284,7 @@ def _loaded_as(way: Iterable[Piece], *, unloaded: bool) -> tuple[Piece, ...]:
 def _piece(leg: Leg) -> Piece:
     length = leg.length_m
     rise = leg.end[2] - leg.start[2]
-    # the last metres straight down are a landing, and so is a descent that is as slow
+    # the last metres straight down are a landing, like every descent that is as slow
     landing = max(0.0, min(leg.start[2], LANDING_BELOW_M) - max(leg.end[2], 0.0)) if length == 0.0 else 0.0
     if length == 0.0 and rise < 0.0 and leg.duration_s > -rise / LANDING_MPS - _SAME_S:
         landing = -rise
