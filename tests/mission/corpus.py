@@ -63,7 +63,6 @@ REASONS: Final[Mapping[str, tuple[str, str]]] = {
     "nothing": ("nothing is flown", "it is no flight"),
     "no climb": (r"take-off to .* \(allowed: above home\)", "it would not leave the ground"),
     "above the sea": ("height above the sea, which ArduPlane adds", "it would climb too high"),
-    "no direction": ("take-off without a place", "where the plane climbs to is not known"),
     "no landing": ("leads to .*, and to no landing before", "the return would never end"),
     "not down": ("a landing that is broken off would go on there", "it would climb away without a path down"),
     "latitude": ("latitude is", "there is no such place"),
@@ -71,7 +70,6 @@ REASONS: Final[Mapping[str, tuple[str, str]]] = {
     "height": ("altitude is", "the item has no height, or one that nothing flies at"),
     "parts": (r"\d+ (numbers|fields) \(allowed", "the file is damaged"),
     "no number": ("parameter|field", "the file is damaged"),
-    "order": ("item number is", "a line is missing"),
     "form": ("not a waypoint file|not a QGroundControl plan|not JSON|no items", "it is another file"),
     "old form": ("save the plan again", "what an old form means is not known"),
     "many": (r"\d+ items \(allowed: at most", "the autopilot has no room for it"),
@@ -226,7 +224,7 @@ ITEMS: Final = (
     Row("takeoff", Item(22, (15,), (0.0, 350.0, 45.0)), where="begin"),
     Row("takeoff-above-sea", Item(22, (15,), (0.0, 350.0, 455.0), 0), quadplane="above the sea", where="begin"),
     Row("takeoff-below", Item(22, (15,), (0.0, 350.0, 0.0)), **_all("no climb"), where="begin"),
-    Row("takeoff-no-place", Item(22, (15,), None, 3, (0, 0, 45)), plane="no direction", where="begin"),
+    Row("takeoff-no-place", Item(22, (15,), None, 3, (0, 0, 45)), where="begin"),
     Row("vtol-takeoff", Item(84, (), (0.0, 0.0, 45.0)), "other aircraft", "other aircraft", where="begin"),
     Row("vtol-land", Item(85, (), (0.0, 0.0, 0.0)), "other aircraft", "other aircraft", where="end"),
     Row("vtol-land-spiral", Item(85, (1,), (0.0, 0.0, 40.0)), "other aircraft", "other aircraft", where="end"),
@@ -547,7 +545,7 @@ SITUATIONS: Final = (
     ),
     Situation("first-line", _lines(lambda rows: rows[1:]), "form", forms=("waypoints",)),
     Situation("home-alone", _lines(lambda rows: rows[:2]), "nothing", forms=("waypoints",)),
-    Situation("line-missing", _lines(lambda rows: [*rows[:3], *rows[4:]]), "order", forms=("waypoints",)),
+    Situation("line-missing", _lines(lambda rows: [*rows[:3], *rows[4:]]), forms=("waypoints",)),
     Situation("line-cut", _lines(lambda rows: [*rows[:3], rows[3][:20], *rows[4:]]), "parts", forms=("waypoints",)),
     Situation(
         "word", _lines(lambda rows: [*rows[:3], rows[3].replace("16", "x", 1)]), "no number", forms=("waypoints",)
