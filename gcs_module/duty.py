@@ -32,7 +32,7 @@ _NAME: Final = re.compile(r"[^\W_][\w .'-]{0,29}")
 
 
 class Change(Enum):
-    """What a command of `handover operator` did."""
+    """Effect of a command `handover operator`."""
 
     TOLD = "nothing changed"
     BRIEFED = "the next operator is briefed"
@@ -43,7 +43,7 @@ class Change(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What happened, and the line for the operator. `before`: who was on duty."""
+    """Effect of a command, and the line for the operator. `before`: the operator who was on duty."""
 
     change: Change
     text: str
