@@ -7,11 +7,20 @@ from __future__ import annotations
 from typing import Final
 
 from mavproxy_handover.core.common.levels import Level
+from mavproxy_handover.link.quality import LinkEventKind, Measure
 from reference.sentences.row import NOTHING, Group, Sentence
 
 __all__ = ["GROUPS"]
 
-_DOCTOR: Final = "'handover doctor'."
+#: what each measure of a link is
+_MEASURES: Final = {
+    Measure.SILENCE: "Nothing came by it for this time.",
+    Measure.LOSS: "This share of the station's frames was lost.",
+    Measure.DOWNLINK_LOSS: "This share of the vehicle's frames was lost.",
+    Measure.ROUND_TRIP: "A question and its answer took this time.",
+    Measure.BAD_SIGNATURES: "So many frames had no valid signature.",
+    Measure.OVERFLOW: "So many frames came faster than the companion read them.",
+}
 
 
 def _info(template: str, meaning: str, action: str = NOTHING) -> Sentence:
@@ -304,6 +313,18 @@ _JOURNAL: Final = (
     _info("guided stream stopped", "After a handover: the earlier commander's setpoints were stopped."),
     _info("default message rates restored: {error}", "After a handover: rates are as before."),
     _info("log download ended", "After a handover: a download was closed.", "Ask for it again."),
+    *(
+        _info(
+            f"link {{file}} {kind.value}: {measure.value} {{figure}}, limit {{figure_limit}}",
+            f"{_MEASURES[measure]} The link is {state}.",
+            action,
+        )
+        for kind, state, action in (
+            (LinkEventKind.DEGRADED, "bad", "Look at the link, if it stays so."),
+            (LinkEventKind.RESTORED, "good again", NOTHING),
+        )
+        for measure in Measure
+    ),
     _info(
         "off route: {track} the leg to waypoint {waypoint}",
         "The aircraft is not where its route leads.",

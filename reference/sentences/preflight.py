@@ -11,7 +11,7 @@ from reference.sentences.row import NOTHING, Group, Sentence
 
 __all__ = ["GROUPS"]
 
-_SET: Final = "Set this parameter, then reboot the autopilot."
+_SET: Final = "Set this parameter: 'handover doctor' names the value. Then reboot the autopilot."
 _GUARD: Final = "The guard would not act as it should."
 _HOME: Final = "A return of the autopilot would not go to the return site."
 _ENERGY: Final = "The energy or the height of a return was counted for another value."

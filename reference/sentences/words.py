@@ -51,6 +51,8 @@ WORDS: Final[Mapping[str, str]] = {
     "work": r"[\w ,]+",
     "quality": "weak|good again",
     "link_news": r"link \S+ (?:degraded|restored): [a-z ]+ \S+(?: \w+)?, limit \S+(?: \w+)?",
+    "figure": r"\S+(?: (?:s|datagrams))?",
+    "figure_limit": r"\S+(?: (?:s|datagrams))?",
     "speaks": "speaks|no longer speaks",
     "asks": "requests|releases",
     "control_result": _one_of(result.name.lower() for result in ControlResult),

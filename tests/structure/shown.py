@@ -11,6 +11,7 @@ from gcs_module.notices import NOTICES
 from mavproxy_handover.core.common.causes import CAUSES
 from reference.parsers import commands
 from reference.sentences import GUARD, VEHICLE
+from reference.sentences.errors import FAMILIES, SHOWN
 from tests.structure.language import Text, blocks
 
 __all__ = ["help_texts", "message_texts"]
@@ -23,6 +24,9 @@ def message_texts() -> Iterator[tuple[str, Text]]:
     for where, row in rows:
         for text in (row.template, row.meaning, row.action):
             yield where, Text("message", 1, re.sub(r"\{[^}]*\}", "X", text))
+    for family in (*FAMILIES, *SHOWN):
+        yield f"reference/sentences/errors.py, {family.title}", Text("message", 1, family.meaning)
+        yield f"reference/sentences/errors.py, {family.title}", Text("message", 1, family.action)
     for cause in CAUSES.values():
         for text in (cause.words, cause.meaning):
             yield "core/common/causes.py", Text("message", 1, text)

@@ -93,5 +93,5 @@ def test_a_row_takes_its_values_and_asks_only_if_it_waits(name: str) -> None:
 
 
 def test_the_page_has_every_row() -> None:
-    rows = [line for line in messages().partition("## Of the vehicle")[0].splitlines() if line.startswith("| `")]
+    rows = [line for line in messages().partition("\n### ")[0].splitlines() if line.startswith("| `")]
     assert len(rows) == len(NOTICES)
