@@ -63,7 +63,9 @@ def telemetry_table(m: Any, zone_name: str, mode: str) -> list[str]:
 def plain_line(console: Any, who: str, text: str, level: Level) -> None:
     """One line in the form of the thesis. `who`: the text in its brackets, after the time."""
     look = LOOKS[level]
-    words = f"[{time.strftime('%H:%M:%S')}|{who}]: {_WORDS.get(level, '')}{text}"
+    prefix = _WORDS.get(level, "")
+    said = text if prefix and text.startswith(prefix.rstrip(": ")) else f"{prefix}{text}"
+    words = f"[{time.strftime('%H:%M:%S')}|{who}]: {said}"
     console.writeln(words, fg=look.colour, bg=look.ground)
 
 

@@ -286,7 +286,7 @@ _STREAMS: Final = (
         "Release the sticks, or stop the stream for 3 s.",
     ),
     _warn(
-        "Handover: {stream}: refused until it pauses",
+        "Handover: {stream}: refused. Stop it for 3 s",
         "They ran before this station had authority.",
         "Release the sticks, or stop the stream for 3 s.",
     ),
