@@ -44,4 +44,6 @@ def climb_end(route: Route, item: MissionItem, here: tuple[float, float], ahead_
     to = next_place(route.items, item)
     east, north = (0.0, 0.0) if to is None else east_north_m(*here, *to)
     length = math.hypot(east, north)
-    return offset(*here, ahead_m * east / length, ahead_m * north / length) if length > 0.0 else here
+    if length == 0.0:  # one direction is as good as another
+        return offset(*here, 0.0, ahead_m)
+    return offset(*here, ahead_m * east / length, ahead_m * north / length)

@@ -50,7 +50,7 @@ from mavproxy_handover.mission.items import (
 )
 from mavproxy_handover.mission.jumps import as_flown, check_jumps, endless_jumps, jumps
 from mavproxy_handover.mission.refused_items import command_name, safeguard_taken_away, why_not_flown
-from mavproxy_handover.mission.waypoint_numbers import odd_numbers
+from mavproxy_handover.mission.waypoint_numbers import has_home, odd_numbers
 from mavproxy_handover.mission.wings import AS_IT_COMES, Wings
 from mavproxy_handover.vehicle.profiles import ASSUMED, Profile
 
@@ -105,6 +105,7 @@ MADE_FOR: Mapping[int, str] = {
 }
 #: SPEED_TYPE -> what it is the speed of, and what the walk counts for it (m/s)
 _VERTICAL_SPEEDS: Mapping[float, tuple[str, float]] = {2.0: ("climbs", CLIMB_MPS), 3.0: ("descents", DESCENT_MPS)}
+_NO_HOME = "home is at latitude 0, longitude 0: it was never set (allowed: the place of the take-off)"
 #: after these the aircraft flies nothing by itself
 _LAST = LANDINGS | {RETURN_TO_LAUNCH, LOITER_UNLIMITED}
 
@@ -116,6 +117,11 @@ class Home:
     lat_deg: float
     lon_deg: float
     alt_m: float
+
+    @property
+    def is_set(self) -> bool:
+        """False at latitude 0, longitude 0, which programs write for no home."""
+        return not self.lat_deg == self.lon_deg == 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -375,10 +381,11 @@ def _read_waypoints(where: Where, text: str, profile: Profile, endless: bool) ->
     home, warnings = Home(0.0, 0.0, 0.0), tuple[str, ...]()
     with faults.noted():
         warnings = odd_numbers(numbered)
-    with faults.noted():
-        home = _home_line(*numbered[0])
+    if has_home(numbered):
+        with faults.noted():
+            home = _home_line(*numbered.pop(0))
     items: list[MissionItem] = []
-    for seq, (inside, fields) in enumerate(numbered[1:], 1):
+    for seq, (inside, fields) in enumerate(numbered, 1):
         with faults.noted():
             items.append(_item_line(inside, seq, fields, profile))
     faults.raise_all()
@@ -576,6 +583,8 @@ def on_ground(route: Route, items: Sequence[MissionItem], fence: tuple[FencePart
         begun = f"the first flown item is {COMMANDS[first.command].name}" if first is not None else "nothing is flown"
         raise where.error(f"{begun} (allowed: {name} first)")
     home = Home(items[0].lat_deg, items[0].lon_deg, items[0].alt_m)
+    if not home.is_set:
+        raise where.error(_NO_HOME)
     found = _finish(
         where,
         home,
@@ -651,7 +660,8 @@ def _finish(
     if not flown:
         raise where.error("nothing is flown (allowed: at least one item that is)")
     with faults.noted():
-        _check_home(where, home)
+        home, unset = _known_home(where, home, flown)
+        warnings = (*unset, *warnings)
     with faults.noted():
         check_jumps(where, items, endless=endless)
         if not profile.flies_past:
@@ -725,9 +735,22 @@ def _odd(items: Sequence[MissionItem], flown: Sequence[MissionItem], profile: Pr
         )
 
 
-def _check_home(where: Where, home: Home) -> None:
-    if home.lat_deg == home.lon_deg == 0.0:
-        raise where.error("home is at latitude 0, longitude 0: it was never set (allowed: the place of the take-off)")
+def _known_home(where: Where, home: Home, flown: Sequence[MissionItem]) -> tuple[Home, tuple[str, ...]]:
+    """Home, or the first place of a plan that has none, with a warning. Raises MissionError.
+
+    Ground station programs pass over the home of a file: the autopilot sets it where it arms.
+    """
+    if home.is_set:
+        return home, ()
+    first = next((item for item in flown if item.has_place), None)
+    if first is None:
+        raise where.error(_NO_HOME)
+    text = (
+        "home is not in the plan, or at latitude 0, longitude 0. It is taken to be at item "
+        f"{first.seq} ({COMMANDS[first.command].name}). Coverage, energy and returns count from there: set it to the "
+        "place of the take-off"
+    )
+    return Home(first.lat_deg, first.lon_deg, home.alt_m), (text,)
 
 
 def _check_transitions(where: Where, items: Sequence[MissionItem]) -> None:

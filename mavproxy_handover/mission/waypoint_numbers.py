@@ -3,8 +3,8 @@
 """The item numbers of a waypoint file (QGC WPL 110).
 
 MAVProxy, Mission Planner and QGroundControl count the items by their order and pass over the numbers in the file. So
-does this package, and says where a number is another one. Two things it does not take. A file whose first number is not
-0 has no home. A DO_JUMP in a file with other numbers counts by them.
+does this package, and says where a number is another one. A file whose first number is 1 has no home. It refuses a
+file that begins with another number. It also refuses a DO_JUMP in a file with other numbers, which counts by them.
 """
 
 from __future__ import annotations
@@ -14,21 +14,23 @@ from collections.abc import Iterator, Sequence
 from mavproxy_handover.mission.errors import Where
 from mavproxy_handover.mission.items import JUMP
 
-__all__ = ["odd_numbers"]
+__all__ = ["has_home", "odd_numbers"]
 
 #: a line of the file: where it is, and its fields
 _Line = tuple[Where, Sequence[str]]
 
 
+def has_home(lines: Sequence[_Line]) -> bool:
+    """True if the first line is home, item 0."""
+    return lines[0][1][0] != "1"
+
+
 def odd_numbers(lines: Sequence[_Line]) -> tuple[str, ...]:
-    """A warning if the items of a file are not numbered from 0. Raises MissionError if their order cannot be known."""
+    """A warning if the items of a file do not count up. Raises MissionError if their order cannot be known."""
     where, first = lines[0]
-    if first[0].isdecimal() and int(first[0]) != 0:
-        raise where.error(
-            f"item number is '{first[0][:20]}', so home is missing (allowed: a first line with item 0, the place of "
-            "the take-off)"
-        )
-    odd = next(_odd(lines), None)
+    if first[0] not in ("0", "1"):
+        raise where.error(f"item number is '{first[0][:20]}' (allowed here: 0, home, or 1, the first one flown)")
+    odd = next(_odd(lines, int(first[0])), None)
     if odd is None:
         return ()
     inside, found, seq = odd
@@ -42,7 +44,7 @@ def odd_numbers(lines: Sequence[_Line]) -> tuple[str, ...]:
     )
 
 
-def _odd(lines: Sequence[_Line]) -> Iterator[tuple[Where, str, int]]:
+def _odd(lines: Sequence[_Line], begin: int) -> Iterator[tuple[Where, str, int]]:
     """The lines with another number than their order says; first those whose number is none."""
-    odd = [(where, fields[0], seq) for seq, (where, fields) in enumerate(lines) if fields[0] != str(seq)]
+    odd = [(where, fields[0], seq) for seq, (where, fields) in enumerate(lines, begin) if fields[0] != str(seq)]
     yield from sorted(odd, key=lambda line: line[1].isdecimal())

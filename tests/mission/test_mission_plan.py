@@ -490,8 +490,30 @@ def test_refuses_rally_points_of_an_old_plan(small):
     )
 
 
-def test_refuses_a_home_that_was_never_set(small):
+NO_HOME = (
+    "home is not in the plan, or at latitude 0, longitude 0. It is taken to be at item {}. Coverage, energy and "
+    "returns count from there: set it to the place of the take-off"
+)
+
+
+def test_a_home_that_was_never_set_is_taken_to_be_at_the_take_off(small):
+    small.plan["mission"]["plannedHomePosition"] = [0, 0, 120]
+    route = read(small.plan)
+    assert route.home == Home(0.0, 10.001, 120.0)
+    assert route.warnings == (NO_HOME.format("1 (NAV_TAKEOFF)"),)
+
+
+def test_a_home_that_was_never_set_is_else_taken_to_be_at_the_first_place(small):
     small.plan["mission"]["plannedHomePosition"] = [0, 0, 0]
+    small.items[0]["params"][4:6] = [0, 0]
+    route = read(small.plan)
+    assert route.home == Home(0.0, 10.005, 0.0)
+    assert route.warnings == (NO_HOME.format("2 (NAV_WAYPOINT)"),)
+
+
+def test_refuses_a_home_that_was_never_set_if_no_item_has_a_place(small):
+    small.plan["mission"]["plannedHomePosition"] = [0, 0, 0]
+    small.items[:] = [small.item(1, 22, 0, 0, 30), small.item(2, 20, 0, 0, 0)]
     assert refusal(small.plan) == (
         "small.plan: home is at latitude 0, longitude 0: it was never set (allowed: the place of the take-off)"
     )
@@ -560,12 +582,11 @@ def test_a_takeoff_above_the_sea_says_where_home_is(small):
 
 
 def test_faults_of_the_whole_route_are_told_at_once(small):
-    small.plan["mission"]["plannedHomePosition"] = [0, 0, 0]
     small.items[0]["params"][6] = 0
     small.items.insert(2, {**do_item(177, 1, -1), "doJumpId": 9})
     with pytest.raises(MissionError) as caught:
         read(small.plan)
-    assert len(caught.value.faults) == 3
+    assert len(caught.value.faults) == 2
 
 
 @pytest.mark.parametrize(("command", "name"), [(178, "DO_CHANGE_SPEED"), (211, "DO_GRIPPER")])
@@ -655,11 +676,16 @@ def test_refuses_waypoints_out_of_order_if_a_jump_counts_by_their_numbers():
     )
 
 
-def test_refuses_waypoints_without_home_by_one_fault():
-    lines = numbered(1, 2, 3).replace(HOME_LINE, "")
-    assert waypoint_refusal(lines) == (
-        "a.waypoints: line 2: item number is '1', so home is missing (allowed: a first line with item 0, the place of "
-        "the take-off)"
+def test_waypoints_that_count_from_one_have_no_home():
+    route = read_route("a.waypoints", numbered(1, 2, 3).replace(HOME_LINE, ""))
+    assert [(item.seq, item.command) for item in route.items] == [(1, 22), (2, 16), (3, 16)]
+    assert route.home == Home(0.0, 10.002, 0.0)
+    assert route.warnings[0] == NO_HOME.format("1 (NAV_TAKEOFF)")
+
+
+def test_refuses_waypoints_that_begin_with_another_number():
+    assert waypoint_refusal(numbered(4, 5).replace(HOME_LINE, "")) == (
+        "a.waypoints: line 2: item number is '4' (allowed here: 0, home, or 1, the first one flown)"
     )
 
 
