@@ -70,6 +70,7 @@ REASONS: Final[Mapping[str, tuple[str, str]]] = {
     "height": ("altitude is", "the item has no height, or one that nothing flies at"),
     "parts": (r"\d+ (numbers|fields) \(allowed", "the file is damaged"),
     "no number": ("parameter|field", "the file is damaged"),
+    "order": ("item number is", "what a jump leads to, or where home is, is not known"),
     "form": ("not a waypoint file|not a QGroundControl plan|not JSON|no items", "it is another file"),
     "old form": ("save the plan again", "what an old form means is not known"),
     "many": (r"\d+ items \(allowed: at most", "the autopilot has no room for it"),
@@ -443,6 +444,8 @@ def _takes(*lists: str) -> dict[str, Any]:
 _RING: Final = [
     list(offset(*HOME[:2], east, north)) for east, north in ((-2e3, -2e3), (2e3, -2e3), (2e3, 2e3), (-2e3, 2e3))
 ]
+#: a take-off without a place
+_UP: Final = Item(22, (15,), None, 3, (0, 0, 45))
 _FLAT: Final = "ncols 5\nnrows 5\nxllcorner 8.08\nyllcorner 47.28\ncellsize 0.02\n" + "410 410 410 410 410\n" * 5
 _WINGS: Final = ("plane", "quadplane")
 _JUMPS: Final = ("copter", "plane", "quadplane")
@@ -516,7 +519,12 @@ SITUATIONS: Final = (
         extra='terrain = "ground.asc"',
         terrain=_FLAT,
     ),
-    Situation("home-0", _changed(plannedHomePosition=[0, 0, 0]), "no home"),
+    Situation("home-0", _changed(plannedHomePosition=[0, 0, 0])),
+    Situation(
+        "home-nowhere",
+        lambda kind, form: text_of(form, [_UP, Item(20)], kind=kind, plannedHomePosition=[0, 0, 0]),
+        "no home",
+    ),
     Situation("home-height-open", _changed(plannedHomePosition=[*HOME[:2], None])),
     Situation("home-short", _changed(plannedHomePosition=[47.31, 8.12]), "parts"),
     Situation("mission-version-1", _changed(version=1, mission={"version": 1, "items": []}), "old form"),
@@ -546,11 +554,20 @@ SITUATIONS: Final = (
     Situation("first-line", _lines(lambda rows: rows[1:]), "form", forms=("waypoints",)),
     Situation("home-alone", _lines(lambda rows: rows[:2]), "nothing", forms=("waypoints",)),
     Situation("line-missing", _lines(lambda rows: [*rows[:3], *rows[4:]]), forms=("waypoints",)),
+    Situation("lines-from-1", _lines(lambda rows: [rows[0], *rows[2:]]), forms=("waypoints",)),
+    Situation("lines-from-3", _lines(lambda rows: [rows[0], *rows[4:]]), "order", forms=("waypoints",)),
+    Situation(
+        "line-missing-before-jump",
+        _lines(lambda rows: [*rows[:3], *rows[4:], "9\t0\t2\t177\t2\t1\t0\t0\t0\t0\t0\t1"]),
+        "order",
+        forms=("waypoints",),
+    ),
     Situation("line-cut", _lines(lambda rows: [*rows[:3], rows[3][:20], *rows[4:]]), "parts", forms=("waypoints",)),
     Situation(
         "word", _lines(lambda rows: [*rows[:3], rows[3].replace("16", "x", 1)]), "no number", forms=("waypoints",)
     ),
     # ---- wings ----
+    Situation("take-off-nowhere", _items(_UP, Item(20)), "no direction", ("plane",), _BOTH),
     Situation("landing-pattern", _lands(), OK, _WINGS),
     Situation("landing-pattern-straight", _lands(useLoiterToAlt=False), OK, _WINGS),
     Situation("landing-pattern-left", _lands(loiterClockwise=False, stopTakingPhotos=False), OK, _WINGS),
