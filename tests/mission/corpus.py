@@ -63,6 +63,7 @@ REASONS: Final[Mapping[str, tuple[str, str]]] = {
     "nothing": ("nothing is flown", "it is no flight"),
     "no climb": (r"take-off to .* \(allowed: above home\)", "it would not leave the ground"),
     "above the sea": ("height above the sea, which ArduPlane adds", "it would climb too high"),
+    "no direction": ("take-off without a place", "where the plane climbs to is not known"),
     "no landing": ("leads to .*, and to no landing before", "the return would never end"),
     "not down": ("a landing that is broken off would go on there", "it would climb away without a path down"),
     "latitude": ("latitude is", "there is no such place"),
