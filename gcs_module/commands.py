@@ -37,7 +37,7 @@ from mavproxy_handover.wire.ids import (
     OPERATOR_CONTROL,
 )
 
-__all__ = ["StationCommands"]
+__all__ = ["OF_STATION", "StationCommands"]
 
 #: Commands that replace each other: after a new one the earlier ones of its group are not repeated any more.
 _MATTERS: Final = (("START", "STOP", "CONTINUE", "RESUME", "RETURN"), ("REQUEST", "RELEASE", "GIVE"))
@@ -57,6 +57,13 @@ _WHY_S = 0.4
 
 #: the companion's names for a refused command, if they differ from the operator's
 _SAID: Final = {"RESUME": ("AUTO", "mode AUTO"), "RETURN": ("RTL",)}
+
+
+#: a command of the station and not of one aircraft (`duty_commands.py`)
+OF_STATION: Final = (
+    "operator NAME",
+    "sign on as the operator on duty; 'operator off' signs off, 'operator' alone tells who is on duty",
+)
 
 
 class Host(Protocol):
@@ -173,7 +180,7 @@ class StationCommands:
         named = [
             (f"{name} {text.partition(': ')[0]}", text.partition(": ")[2]) for name, (text, _) in self._named.items()
         ]
-        return [*((name, text) for name, (text, _run) in self._table.items()), *named]
+        return [*((name, text) for name, (text, _run) in self._table.items()), *named, OF_STATION]
 
     def run(self, args: list[str]) -> None:
         """Run one command line; anything unknown shows the usage."""

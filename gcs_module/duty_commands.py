@@ -6,15 +6,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from typing import Final
 
 from gcs_module.aircraft import Aircraft
 from gcs_module.duty import NEEDS_OPERATOR, Change, Duty
 from gcs_module.event_log import StationEventLog
 
-__all__ = ["OPERATOR_HELP", "DutyCommands"]
-
-OPERATOR_HELP: Final = "  operator NAME   signs on; 'operator off' signs off; alone: which operator is on duty"
+__all__ = ["DutyCommands"]
 
 
 class DutyCommands:

@@ -19,7 +19,7 @@ from MAVProxy.modules.lib import mp_settings
 
 from gcs_module.aircraft import Aircraft
 from gcs_module.banner import age
-from gcs_module.duty_commands import OPERATOR_HELP, DutyCommands
+from gcs_module.duty_commands import DutyCommands
 from gcs_module.vehicle_selection import VehicleSelection, known, vehicle_of
 
 __all__ = ["FleetCommands", "our_settings"]
@@ -93,8 +93,6 @@ class FleetCommands:
             self._of_chosen(args)
         else:
             first.run(args)  # settings, and the usage
-            if args[:1] != ["set"]:
-                self._show(OPERATOR_HELP)
             if args[:1] != ["set"]:
                 self._show(f"  -v NAME   before the others: for this vehicle; there are {known(self._vehicles)}")
 

@@ -416,6 +416,7 @@ def test_completion_offers_words_and_settings(station: StationBench) -> None:
         "connect <no>",
         "take",
         "set (HANDOVERSETTING)",
+        "operator",
     ]
     assert station.mpstate.completion_functions["(HANDOVERSETTING)"]("") == ["telemetry", "request_timeout"]
 
