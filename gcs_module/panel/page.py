@@ -24,7 +24,8 @@ from fastapi import FastAPI
 from nicegui import Client, app, ui
 from nicegui.events import GenericEventArguments
 
-from gcs_module.panel.panel_values import marks_of, page_of
+from gcs_module.panel.band import OLD_S
+from gcs_module.panel.panel_values import Known, marks_of, page_of
 from gcs_module.panel.session import Session
 from gcs_module.watch.page import forget_unopened
 
@@ -106,12 +107,13 @@ class _Page:
         self._given[name] = track.count
         return {"name": name, "points": points} if points else None
 
-    def _commanding(self, known: Any) -> dict[str, list[str]]:
-        """By mission: the stations that command an aircraft."""
+    def _commanding(self, known: Known) -> dict[str, list[str]]:
+        """By mission: the stations that command an aircraft that is heard."""
         found: dict[str, set[str]] = {}
         for craft in () if known.seen is None or known.dead else known.seen.aircraft:
             mission = self._session.missions.get(craft.mission)
-            if mission is not None and craft.commander:
+            heard = craft.heard_at is not None and known.now - craft.heard_at <= OLD_S
+            if mission is not None and craft.commander and heard:
                 found.setdefault(mission.key, set()).add(craft.commander)
         return {key: sorted(names) for key, names in found.items()}
 

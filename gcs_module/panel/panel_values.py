@@ -87,7 +87,7 @@ def page_of(known: Known, pinned: int) -> Page:
             "pinned": bool(pinned) and several and chosen is not None and chosen.vehicle == pinned,
             "colour": known.colours.get(craft.commander, "") if craft is not None and band.who != Who.UNKNOWN else "",
         },
-        "rows": [{**_band(each, known.now), "dead": known.dead} for each in all_bands] if several else [],
+        "rows": [_row(each, known) for each in all_bands] if several else [],
         "alarms": list(_alarms(seen, chosen, known)),
         "briefing": _briefing(craft, known),
         "values": list(_values(craft, known)),
@@ -111,6 +111,12 @@ def _band(band: Band, now: float) -> dict[str, Any]:
         "main": [_button(button) for button in band.main],
         "more": [_button(button) for button in band.more],
     }
+
+
+def _row(band: Band, known: Known) -> dict[str, Any]:
+    """One aircraft among several, in few words."""
+    words = "NOT KNOWN" if band.who == Who.UNKNOWN or known.dead else band.who_words
+    return {**_band(band, known.now), "words": words, "dead": known.dead}
 
 
 def _button(button: Button) -> dict[str, Any]:

@@ -148,6 +148,14 @@ def test_a_press_on_accept_sends_the_number_of_its_question(bench: Bench) -> Non
     assert within(3.0, lambda: "Accept" in bench.text(".hp-reply"))
 
 
+def test_a_double_click_is_one_order(bench: Bench) -> None:
+    page = bench.open()
+    page.wait_for_timeout(1000)
+    page.dblclick(".hp-band button.accept", delay=20)
+    page.wait_for_timeout(1500)
+    assert bench.orders() == [("accept", "252.251.3.7.-1")]
+
+
 def test_a_button_that_has_just_appeared_takes_no_press(bench: Bench) -> None:
     page = bench.open()
     page.wait_for_timeout(1000)

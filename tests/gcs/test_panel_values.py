@@ -96,6 +96,8 @@ def test_several_aircraft_have_a_row_each_the_most_urgent_first() -> None:
     chosen = sections(fleet, pinned=1)
     assert (chosen["band"]["aircraft"], chosen["band"]["vehicle"], chosen["band"]["pinned"]) == ("drone-1", 1, True)
     assert sections(fleet, pinned=9)["band"]["vehicle"] == 2
+    later = sections(fleet, 5.0)["rows"]
+    assert [(row["words"], row["dead"]) for row in later] == [("NOT KNOWN", True)] * 2
     assert sections(station())["rows"] == []
 
 

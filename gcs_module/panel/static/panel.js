@@ -34,6 +34,10 @@ window.handoverPanel = (() => {
 
   function send(vehicle, button, argument) {
     state.open = "";
+    document.querySelectorAll(".hp-main button").forEach((each) => { // a double click is one order
+      state.born[each.dataset.key] = performance.now();
+      each.disabled = true;
+    });
     emitEvent("panel_order", { do: button.do, vehicle, argument: argument === undefined ? button.argument : argument });
     reply({ used: true, text: button.label + " sent." });
   }
