@@ -53,9 +53,6 @@ ORDERS: Final[Mapping[str, _Kind]] = {
     "acknowledge": _Kind("ack"),
 }
 _MOST_LETTERS: Final = 80
-_OVER: Final = "Not used: that question is over."
-_REPLACED: Final = "Not used: another question has taken its place. Read it, then answer."
-_TOO_SOON: Final = "Not used: the question is new. Read it, then answer again."
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,15 +132,17 @@ def carry_out(order: Order, aircraft: Sequence[Ordered], stations: Sequence[str]
 def _answer(order: Order, target: Ordered) -> Reply:
     """An answer to a question, or the change of an early answer."""
     yes, core = order.do == "accept", target.core
+    over = Reply(order.number, False, "Not used: that question is over.")
     asked = number_of(core.open_question)
     if asked and asked != order.argument:
-        return Reply(order.number, False, _REPLACED)
+        text = "Not used: another question has taken its place. Read it, then answer."
+        return Reply(order.number, False, text)
     if not asked and border_number(core.ahead) != order.argument:
-        return Reply(order.number, False, _OVER)
+        return over
     target.commands.run([ORDERS[order.do].words])
     if number_of(core.open_question) == order.argument:
-        return Reply(order.number, False, _TOO_SOON)
+        return Reply(order.number, False, "Not used: the question is new. Read it, then answer again.")
     wanted = Consent.GRANTED if yes else Consent.DENIED
     if not asked and (core.ahead is None or core.ahead.consent is not wanted):
-        return Reply(order.number, False, _OVER)
+        return over
     return Reply(order.number, True, "Accepted." if yes else "Denied.")

@@ -197,7 +197,10 @@ SHOWN: Final = (
         "The panel",
         "The panel shows one station, in a window of a browser. It takes orders only for that station's program.",
         "Do what the line says. The terminal of the station shows the same and takes every command.",
-        _in("gcs_module/panel", "band endpoint orders publisher reader snapshot"),
+        _in(
+            "gcs_module/panel",
+            "band command endpoint orders page panel_auth panel_values publisher reader session snapshot words",
+        ),
     ),
     Family(
         "The watch page",
@@ -244,7 +247,11 @@ def texts_of(family: Family) -> tuple[str, ...]:
 
 def _texts(file: str) -> list[str]:
     source = (ROOT / file).read_text(encoding="utf-8")
-    helped = _help() if file.startswith(("mavproxy_handover/cli/", "gcs_module/watch/", "sitl/")) else ""
+    helped = (
+        _help()
+        if file.startswith(("mavproxy_handover/cli/", "gcs_module/panel/", "gcs_module/watch/", "sitl/"))
+        else ""
+    )
     return [
         text
         for text in literals(source)
