@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Reads sentences from sources: the literals of functions, with each value by its name.
+"""Reads sentences from sources: literals of functions and constants, with each value by its name.
 
 An error is written where it is raised, with file, place, value and what is allowed. A second copy of it would say
 nothing more, so the page about messages reads it there.
@@ -25,9 +25,15 @@ _RAISES = ("error", "Flaw", "MissionError", "MissionCheckError")
 
 
 def literals(source: str) -> Iterator[str]:
-    """The literals of at least `WORDS` words in functions and methods, in their order; docstrings are left out."""
-    seen: set[str] = set()
-    for function in _functions(ast.parse(source)):
+    """The literals of at least `WORDS` words in functions, methods and constants of the module, without docstrings."""
+    tree, seen = ast.parse(source), set[str]()
+    for node in tree.body:  # a sentence that is a constant of its module
+        value = node.value if isinstance(node, (ast.Assign, ast.AnnAssign)) else None
+        text = None if value is None else template(value)
+        if text is not None and _is_sentence(text, WORDS) and text not in seen:
+            seen.add(text)
+            yield text
+    for function in _functions(tree):
         inner: set[int] = set()
         for node in ast.walk(function):
             if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)):

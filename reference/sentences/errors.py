@@ -178,6 +178,12 @@ SHOWN: Final = (
         ),
     ),
     Family(
+        "What a station adds to a decision",
+        "After the vehicle's sentence the station names the commands that its operator may type now.",
+        "Type the command, if you want what it does.",
+        _in("gcs_module", "decisions"),
+    ),
+    Family(
         "Missions at a station",
         "The station sends, receives or keeps a mission package.",
         "Type the command that the line names. Without one nothing is to be done.",
@@ -192,6 +198,12 @@ SHOWN: Final = (
             "commands fleet vehicle_selection view console_rows map_layer core aircraft event_log module "
             "window_watchdog",
         ),
+    ),
+    Family(
+        "Operators on duty",
+        "Operators sign on and off by name. A station can require one before it takes the aircraft.",
+        "Type the command that the line names.",
+        _in("gcs_module", "duty duty_commands"),
     ),
     Family(
         "The panel",
@@ -222,6 +234,7 @@ SHOWN: Final = (
 
 #: files of these folders whose literals are no errors -> why
 OTHER_FILES: Final = {
+    "mavproxy_handover/config/vehicle_keys.py": "the meaning of each key: the reference of the configuration",
     "mavproxy_handover/config/sample.py": "comments of the sample configuration",
     "mavproxy_handover/config/for_mission.py": "comments of the files that 'handover init mission' writes",
     "mavproxy_handover/wire/conversation.py": "in the table 'Why an order to the autopilot failed'",

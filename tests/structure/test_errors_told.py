@@ -61,7 +61,8 @@ def test_a_family_has_texts_meaning_and_action(family: Family) -> None:
 
 def test_an_error_is_read_with_its_values_by_name() -> None:
     source = '''"""A module that has a docstring of words."""
-X = "a constant of the module that nobody raises"
+X = {"a": "a value of a table of the module"}
+Y = "a constant of the module, raised elsewhere"
 
 def read(path, error):
     """A docstring of a function with words."""
@@ -72,8 +73,10 @@ class A:
         found = f"{self._where.name} is {len(self.items)} (allowed: {', '.join(words)})"
         return "short"
 '''
-    assert [*literals(source)] == ["{path}: not TOML: {strerror}"]
+    constant = "a constant of the module, raised elsewhere"
+    assert [*literals(source)] == [constant, "{path}: not TOML: {strerror}"]
     assert [*literals(source.replace("(allowed", "too long (allowed"))] == [
+        constant,
         "{path}: not TOML: {strerror}",
         "{name} is {items} too long (allowed: {words})",
     ]
