@@ -199,12 +199,13 @@ class StationCommands:
             return
         if args and args[0] != "help":
             show(f"handover: unknown command {' '.join(args)!r}")
-        words = [*self._table, *(name for name in self._named if name not in self._table), "set"]
+        words = [*self._table, *(name for name in self._named if name not in self._table), "operator", "set"]
         show("usage: handover <" + "|".join(words) + ">")
         for name, (text, _run) in self._table.items():
             show(f"  {name:9} {text}")
         for name, (text, _named) in self._named.items():
             show(f"  {name:9} {text}")
+        show("  {:9} {}: {}".format(*OF_STATION[0].split(), OF_STATION[1]))
         show(
             "  set       NAME VALUE: "
             + ", ".join(f"{name} = {self.settings.get(name)}" for name in self.settings.list())
