@@ -64,13 +64,11 @@ __all__ = [
     "OVERTAKEN_S",
     "SignatureVerdict",
     "SignedPeer",
-    "Signer",
     "SigningClock",
     "Verifier",
     "fingerprint",
     "resign",
     "sign",
-    "time_of",
     "timestamp_of",
     "unsign",
 ]
@@ -96,11 +94,6 @@ _DRIFT_PER_S: Final = 0.001 * UNITS_PER_S
 def timestamp_of(utc_s: float) -> int:
     """UTC seconds as a signature's stamp, limited to its 48 bits: a clock before 2015 gives 0."""
     return int(min(max(0.0, utc_s - _EPOCH_S) * UNITS_PER_S, MAX_TIMESTAMP))
-
-
-def time_of(timestamp: int) -> float:
-    """A signature's stamp as UTC seconds."""
-    return _EPOCH_S + timestamp / UNITS_PER_S
 
 
 def fingerprint(key: bytes) -> str:
@@ -195,20 +188,6 @@ class SigningClock:
             return self._anchor
         passed_s = now_s - self._anchor_at
         return self._anchor + int(passed_s * UNITS_PER_S) if passed_s > 0.0 else self._anchor
-
-
-class Signer:
-    """Signs the frames of one link. Signers of the same key share a clock. Raises ValueError for an invalid key."""
-
-    def __init__(self, key: bytes, link_id: int, clock: SigningClock | None = None) -> None:
-        self._key = _checked(key)
-        self._link_id = link_id
-        self.clock = clock or SigningClock()
-
-    def sign(self, raw: bytes, now_utc_s: float, now_s: float) -> bytes | None:
-        """Sign `raw` with only our signature. Returns None if it cannot be signed (see `sign`)."""
-        stamp = self.clock.next(now_utc_s, now_s)
-        return None if stamp is None else resign(raw, self._key, self._link_id, stamp)
 
 
 def _checked(key: bytes) -> bytes:
