@@ -42,6 +42,7 @@ def ferry(tmp_path: Path) -> MissionPackage:
     mission, plan = folder / "mission.toml", folder / "delivery.plan"
     mission.write_text(mission.read_text().replace("\ndetector =", '\naircraft = "quadplane"\ndetector =', 1))
     items = json.loads(plan.read_text())
+    items["mission"]["vehicleType"] = 20  # VTOL
     for item in items["mission"]["items"]:
         item["command"] = BY_ROTORS.get(item["command"], item["command"])
         item["params"][0] = 0  # wings wait nowhere
