@@ -5,7 +5,8 @@
 Rules
 -----
 * NAV_LOITER_TURNS is flown around its place: straight to the nearest point of the circle, then so many turns, to the
-  right or, with a radius below 0, to the left. It ends where it is then, and the next way begins there.
+  right or, with a radius below 0, to the left. The aircraft leaves the circle up to 20 m before its end, and the next
+  way begins there (`circle_left`).
 * NAV_SPLINE_WAYPOINT: the curve leaves in the direction of the leg before it. It arrives in the direction of the next
   one, if the aircraft does not stop there. The aircraft stops before a spline, unless a NAV_WAYPOINT without a time to
   wait or another spline precedes it. It stops after a spline that has a time to wait or is the last item. Between two
@@ -35,7 +36,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from mavproxy_handover.core.safety.energy import CLIMB_MPS, LANDING_MPS
-from mavproxy_handover.mission.curves import Spline, Vector, circle_pieces, circle_speed_mps
+from mavproxy_handover.mission.curves import Spline, Vector, circle_left, circle_pieces, circle_speed_mps
 from mavproxy_handover.mission.geodesy import distance_m, east_north_m, offset
 from mavproxy_handover.mission.items import (
     DELAY,
@@ -239,14 +240,14 @@ class _Flight:
         if straight_there or turns > 0.0:
             yield from self._straight(item, begins, speed_mps)
         made_mps = circle_speed_mps(radius_m, speed_mps)
+        turns = max(0.0, turns - circle_left(radius_m, made_mps) / math.tau)
         whole, part = math.floor(turns), turns - math.floor(turns)
         follows = self._above_terrain and self._route.ground is not None
 
         def arc(share: float, times: int, count: int) -> Iterator[Leg]:
             before = begins
-            for number in range(1, count + 1):
-                here = spot(bearing + side * math.tau * share * number / count)
-                here = begins if share == 1.0 and number == count else here
+            for turn in (*(number / count for number in range(1, count) if number / count < share), share):
+                here = begins if turn == 1.0 else spot(bearing + side * math.tau * turn)
                 time_s = duration_s(before, here, made_mps)
                 yield Leg(item.seq, before, here, time_s, 0.0, made_mps, times, follows, curved=True)
                 before = here
@@ -254,7 +255,7 @@ class _Flight:
         if whole:
             yield _Part(circle_pieces(radius_m), lambda count: arc(1.0, whole, count))
         if part > 0.0:
-            yield _Part(math.ceil(circle_pieces(radius_m) * part), lambda count: arc(part, 1, count))
+            yield _Part(circle_pieces(radius_m), lambda count: arc(part, 1, count))
             self._here = spot(bearing + side * math.tau * part)
         self._above_terrain = False
 

@@ -8,12 +8,15 @@ Rules
 -----
 * A circle (NAV_LOITER_TURNS) is flown at the lowest of three speeds: that of the mission, the one that takes half of
   WPNAV_ACCEL towards the middle, and CIRCLE_RATE. ArduCopter's defaults are assumed: 2.5 m/s^2 and 20 degrees/s.
+* The circle is left before its end (`circle_left`). ArduCopter counts the turns of a target that moves around without a
+  speed of its own. The aircraft flies after the target at a distance, inside the circle, and brakes at the end.
 * A spline (NAV_SPLINE_WAYPOINT) is a cubic curve from its beginning to its end, with a velocity at each. Velocities
   that are together longer than four times the straight way are shortened to that. Half of WPNAV_ACCEL limits the speed
   where the curve bends.
 * The straight pieces stay within WITHIN_M of the curve.
 
-Sources: AC_Circle (`calc_velocities`), SplineCurve (`update_solution`, `calc_dt_speed_max`).
+Sources: AC_Circle (`calc_velocities`, `update_cms`), AC_PosControl (`init_NE_controller_stopping_point`), AP_Math
+(`shape_pos_vel_accel_xy`), SplineCurve (`update_solution`, `calc_dt_speed_max`).
 """
 
 from __future__ import annotations
@@ -22,7 +25,7 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-__all__ = ["CIRCLE_RATE_DEG_S", "WITHIN_M", "Spline", "Vector", "circle_pieces", "circle_speed_mps"]
+__all__ = ["CIRCLE_RATE_DEG_S", "WITHIN_M", "Spline", "Vector", "circle_left", "circle_pieces", "circle_speed_mps"]
 
 #: how far a straight piece may be from the curve that it stands for (m)
 WITHIN_M: Final = 0.5
@@ -31,6 +34,10 @@ _ACCELERATION_MPSS: Final = 2.5
 CIRCLE_RATE_DEG_S: Final = 20.0
 #: part of the acceleration that a curve may take
 _ACROSS: Final = 0.5
+#: of the target's distance a speed (1/s), and of a difference of speeds an acceleration (1/s), with PSC_JERK_XY 5
+_TO_SPEED, _TO_ACCELERATION = 1.0, 2.0
+#: halvings of a radius until it is known to a millionth
+_HALVINGS: Final = 20
 #: SPLINE_FACTOR
 _STRETCH: Final = 4.0
 _FEWEST_ON_CIRCLE: Final = 12
@@ -46,6 +53,37 @@ def circle_speed_mps(radius_m: float, speed_mps: float) -> float:
     """Speed on a circle of a mission at that speed."""
     across = math.sqrt(_ACROSS * _ACCELERATION_MPSS * radius_m)
     return min(speed_mps, across, math.radians(CIRCLE_RATE_DEG_S) * radius_m)
+
+
+def circle_left(radius_m: float, made_mps: float) -> float:
+    """Angle (radians) before the end of a circle at which the next way begins; the target has that speed."""
+    rate = made_mps / radius_m
+    inward = math.atan(rate / _TO_ACCELERATION)
+    low_m, high_m = 0.0, radius_m
+    for _ in range(_HALVINGS):
+        flown_m = (low_m + high_m) / 2.0
+        ahead_m = _behind_m(rate * flown_m / math.cos(inward))
+        reaches_m = math.hypot(flown_m - ahead_m * math.sin(inward), ahead_m * math.cos(inward))
+        low_m, high_m = (low_m, flown_m) if reaches_m > radius_m else (flown_m, high_m)
+    lag = math.atan2(ahead_m * math.cos(inward), flown_m - ahead_m * math.sin(inward))
+    return max(0.0, lag - math.atan2(_braking_m(rate * flown_m), flown_m))
+
+
+def _behind_m(speed_mps: float) -> float:
+    """Distance from the target at which it is followed at that speed."""
+    most = _ACROSS * _ACCELERATION_MPSS
+    linear_mps = most / _TO_SPEED
+    if speed_mps < linear_mps:
+        return speed_mps / _TO_SPEED
+    return speed_mps**2 / (2.0 * most) + linear_mps / (2.0 * _TO_SPEED)
+
+
+def _braking_m(speed_mps: float) -> float:
+    """How far on a stop from that speed is."""
+    linear_mps = _ACCELERATION_MPSS / _TO_SPEED
+    if speed_mps < linear_mps:
+        return speed_mps / _TO_SPEED
+    return speed_mps**2 / (2.0 * _ACCELERATION_MPSS) + linear_mps / (2.0 * _TO_SPEED)
 
 
 def circle_pieces(radius_m: float) -> int:

@@ -265,7 +265,8 @@ def _pieces(legs: Sequence[Leg], released: int | None) -> tuple[Piece, ...]:
 def _stops(legs: Sequence[Leg]) -> list[float]:
     """For each leg, the part of a start from rest and a stop that its two ends cost.
 
-    A copter flies on through a curve, and over the ground that it follows, whatever pieces stand for that.
+    A copter flies on through a curve, and over the ground that it follows, whatever pieces stand for that. A landing
+    goes on down where it becomes slower.
     """
     through = [0.0 if _flies_on(before, after) else 0.5 for before, after in pairwise(legs)]
     return [start + end for start, end in zip([0.5, *through], [*through, 0.5], strict=True)] if legs else []
@@ -274,6 +275,8 @@ def _stops(legs: Sequence[Leg]) -> list[float]:
 def _flies_on(before: Leg, after: Leg) -> bool:
     if before.hold_s > 0.0:
         return False
+    if before.length_m == after.length_m == 0.0:
+        return before.seq == after.seq and before.start[2] > before.end[2] > after.end[2]
     return (before.curved and after.curved) or (before.seq == after.seq and before.follows and after.follows)
 
 
@@ -296,6 +299,7 @@ def _piece(leg: Leg) -> Piece:
         landing_m=min(landing, max(0.0, -rise)),
         hold_s=leg.hold_s,
         speed_mps=leg.speed_mps,
+        hovers=leg.hovers,
     )
 
 

@@ -702,6 +702,14 @@ def _odd(items: Sequence[MissionItem], flown: Sequence[MissionItem], profile: Pr
         if item.command == RETURN_TO_LAUNCH:
             yield f"item {item.seq} is NAV_RETURN_TO_LAUNCH: what follows it is never flown"
             break
+    if not profile.flies_past:
+        for item in flown[:-1]:
+            if item.command == LAND:
+                yield (
+                    f"item {item.seq} is NAV_LAND: ArduCopter disarms there. What follows it is flown only if "
+                    "MIS_OPTIONS has 4 and a take-off follows"
+                )
+                break
     for item in flown:
         if item.command == LOITER_UNLIMITED:
             waits = "circles" if profile.holds_by_circling else "waits"

@@ -273,7 +273,8 @@ def _wing_legs(
         speed_mps = _speed_to(item, speed_mps, cruise_mps)
         if not COMMANDS[item.command].flown:
             continue
-        made_mps = min(speed_mps, HOVER_MPS) if hovers_at(route, item.seq) else speed_mps
+        hovers = hovers_at(route, item.seq)
+        made_mps = min(speed_mps, HOVER_MPS) if hovers else speed_mps
         end = _wing_end(route, item, before, here, made_mps)
         hold_s = _circling_s(route, item, made_mps)
         if is_open(route, item):  # the way back, if the aircraft stands the other way round
@@ -281,7 +282,7 @@ def _wing_legs(
         if here != end or hold_s > 0.0:
             length = distance_m(*here[:2], *end[:2])
             time_s = length / made_mps if length > 0.0 else duration_s(here, end, made_mps)
-            yield Leg(item.seq, here, end, time_s, hold_s, made_mps)
+            yield Leg(item.seq, here, end, time_s, hold_s, made_mps, hovers=hovers)
         before, here = (here if here[:2] != end[:2] else before), end
         if item.command in (*LANDINGS, RETURN_TO_LAUNCH) and route.profile.vertical:
             yield from down(item.seq, here)

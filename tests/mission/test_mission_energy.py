@@ -15,7 +15,7 @@ import pytest
 
 from mavproxy_handover.cli.check import main
 from mavproxy_handover.core.safety.energy import Piece, Wind
-from mavproxy_handover.core.safety.energy_prior import EnergySettings
+from mavproxy_handover.core.safety.energy_prior import ON_WINGS, EnergySettings
 from mavproxy_handover.mission import MissionError, load
 from mavproxy_handover.mission.check import Severity, check
 from mavproxy_handover.mission.check_text import report_text
@@ -113,8 +113,8 @@ def test_the_route_as_pieces(small):
     climb, along, down, landing = pieces_of(package.route, package.cruise_speed_mps, 15.0)
     assert climb == Piece(climb_m=30.0, speed_mps=5.0)
     assert along == Piece(length_m=pytest.approx(445.28, abs=0.01), bearing_deg=pytest.approx(90.0), speed_mps=5.0)
-    assert down == Piece(descent_m=20.0, speed_mps=10.0)
-    assert landing == Piece(descent_m=10.0, landing_m=10.0, speed_mps=10.0)
+    assert down == Piece(descent_m=20.0, speed_mps=10.0, stops=0.5)
+    assert landing == Piece(descent_m=10.0, landing_m=10.0, speed_mps=10.0, stops=0.5)
 
 
 def test_a_change_of_speed_and_a_hold_are_in_the_pieces(small):
@@ -444,3 +444,20 @@ def test_a_slow_descent_counts_as_a_landing_and_no_climb_does():
         for ends, time_s in (((high, low), 60.0), ((high, low), 20.0), ((low, high), 12.0))
     )
     assert (slow.landing_m, fast.landing_m, up.landing_m) == (30.0, 0.0, 0.0)
+
+
+def test_a_way_that_wings_fly_hovering_takes_the_power_of_hovering():
+    """The fault: after a DO_VTOL_TRANSITION to hover the power of the wings was counted, 63 % too little."""
+    model = EnergySettings(battery_wh=100.0, hover_w=650.0, cruise_w=134.0, cruise_mps=22.0).model(None, ON_WINGS)
+    ends = (0.0, 0.0, 40.0), (0.0, 1e-2, 40.0)
+    winged, hovering = (Leg(2, *ends, 222.0, speed_mps=5.0, hovers=hovers) for hovers in (False, True))
+    winged_wh, hovering_wh = (model.need_wh(pieces_along((leg,), (), model, None)) for leg in (winged, hovering))
+    assert hovering_wh / winged_wh == pytest.approx(650.0 / 134.0)
+
+
+def test_a_landing_on_rotors_has_one_transition():
+    model = EnergySettings(battery_wh=100.0, hover_w=650.0, cruise_w=134.0, cruise_mps=22.0).model(None, ON_WINGS)
+    whole = Leg(2, (0.0, 0.0, 40.0), (0.0, 0.0, 0.0), 40.0)
+    parts = (Leg(2, (0.0, 0.0, 40.0), (0.0, 0.0, 10.0), 20.0), Leg(2, (0.0, 0.0, 10.0), (0.0, 0.0, 0.0), 20.0))
+    one_wh, two_wh = (model.need_wh(pieces_along(legs, (), model, None)) for legs in ((whole,), parts))
+    assert one_wh == pytest.approx(two_wh)

@@ -256,6 +256,14 @@ def test_items_behind_a_return_are_a_warning(small):
     assert read(small.plan).warnings == ("item 2 is NAV_RETURN_TO_LAUNCH: what follows it is never flown",)
 
 
+def test_items_behind_a_landing_of_a_copter_are_a_warning(small):
+    small.items.insert(1, small.item(2, 21, 0.0, 10.002, 0))
+    assert read(small.plan).warnings == (
+        "item 2 is NAV_LAND: ArduCopter disarms there. What follows it is flown only if MIS_OPTIONS has 4 and a "
+        "take-off follows",
+    )
+
+
 def test_endless_loiter_is_a_warning(small):
     small.items[1]["command"] = 17
     assert read(small.plan).warnings == (

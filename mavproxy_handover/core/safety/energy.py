@@ -92,7 +92,8 @@ class Piece(NamedTuple):
     `length_m` is horizontal, `climb_m` and `descent_m` are what it gains and loses on it. `landing_m` of the descent is
     flown as slowly as ArduCopter lands. `hold_s` is waited at its end. `speed_mps` is the ground speed that the
     autopilot was told, None: the cruise speed of the model. `unloaded`: the payload is dropped before it. `stops`: the
-    part of a start from rest and of a stop that its ends cost. 1: both, 0: neither.
+    part of a start from rest and of a stop that its ends cost. 1: both, 0: neither. `hovers`: an aircraft with wings
+    flies it on its rotors.
     """
 
     length_m: float = 0.0
@@ -104,6 +105,7 @@ class Piece(NamedTuple):
     speed_mps: float | None = None
     unloaded: bool = False
     stops: float = 1.0
+    hovers: bool = False
 
     @property
     def vertical_s(self) -> float:
@@ -221,9 +223,11 @@ class EnergyModel:
             made = self.made_good(piece.bearing_deg, piece.speed_mps)
             if made.speed_mps <= 0.0:
                 return inf
-            joules += made.power_w * (max(piece.length_m / made.speed_mps, climb_s) + piece.hold_s)
+            power_w = self.hover_w if piece.hovers else made.power_w
+            joules += power_w * (max(piece.length_m / made.speed_mps, climb_s) + piece.hold_s)
         elif vertical_s > 0.0:
-            joules += self.hover_w * (vertical_s + piece.hold_s) + (self.hover_w + self.cruise_w) * TRANSITION_S
+            transition_s = piece.stops * TRANSITION_S
+            joules += self.hover_w * (vertical_s + piece.hold_s) + (self.hover_w + self.cruise_w) * transition_s
             joules += (self.descent_w - self.hover_w) * (vertical_s - climb_s)
         else:
             joules += self.cruise_w * piece.hold_s
@@ -253,10 +257,9 @@ class EnergyModel:
 
 def _duration_s(length_m: float, speed_mps: float, stops: float) -> float:
     """Time of a piece with that part of a start and a stop. A piece too short for the speed never gets to it."""
-    going_s = length_m / speed_mps + stops * speed_mps / ACCELERATION_MPSS
-    if length_m < speed_mps**2 / ACCELERATION_MPSS:
-        return min(going_s, 2.0 * sqrt(length_m / ACCELERATION_MPSS))
-    return going_s
+    if length_m < stops * speed_mps**2 / ACCELERATION_MPSS:
+        return 2.0 * sqrt(stops * length_m / ACCELERATION_MPSS)
+    return length_m / speed_mps + stops * speed_mps / ACCELERATION_MPSS
 
 
 def landing(alt_m: float) -> Piece:

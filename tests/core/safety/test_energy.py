@@ -289,7 +289,17 @@ metres = st.floats(0.0, 20_000.0)
 angles = st.floats(0.0, 360.0)
 winds = st.floats(0.0, 30.0)
 speeds = st.one_of(st.none(), st.floats(0.5, 30.0))
-pieces = st.builds(Piece, metres, angles, metres, metres, st.just(0.0), st.floats(0.0, 600.0), speeds)
+pieces = st.builds(
+    Piece,
+    metres,
+    angles,
+    metres,
+    metres,
+    st.just(0.0),
+    st.floats(0.0, 600.0),
+    speeds,
+    stops=st.floats(0.0, 1.0),
+)
 models = st.builds(
     lambda hover, cruise, climb, descent, reference, most, ahead: replace(
         MODEL,
