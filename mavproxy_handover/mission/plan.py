@@ -562,6 +562,7 @@ def with_items(route: Route, items: Sequence[MissionItem]) -> Route:
             raise where.at(f"item {item.seq}").error(f"{name}: in flight it is not known how often it was flown")
     if not any(COMMANDS[item.command].flown for item in checked):
         raise where.error("nothing is flown (allowed: at least one item that is)")
+    _check_on_ground(where, checked, route.profile, grounded=False)
     if route.profile.flies_past:
         _check_landings(where, checked, route.profile)
     else:
@@ -666,6 +667,7 @@ def _finish(
         check_jumps(where, items, endless=endless)
         if not profile.flies_past:
             _check_splines(where, as_flown(items))
+        _check_on_ground(where, as_flown(items), profile, grounded=True)
     with faults.noted():
         _check_transitions(where, items)
     with faults.noted():
@@ -769,6 +771,19 @@ def _check_transitions(where: Where, items: Sequence[MissionItem]) -> None:
             raise where.at(f"item {item.seq}").error(
                 "DO_VTOL_TRANSITION in a mission with DO_JUMP: whether the aircraft hovers after a jump is not known"
             )
+
+
+def _check_on_ground(where: Where, items: Sequence[MissionItem], profile: Profile, *, grounded: bool) -> None:
+    """Refuse items in the air that the aircraft does on the ground only. Raises MissionError.
+
+    `items`: in the order of flight. `grounded`: the aircraft is on the ground before the first.
+    """
+    for item in items:
+        if item.command in profile.not_in_air and not grounded:
+            name, why = COMMANDS[item.command].name, profile.not_in_air[item.command]
+            raise where.at(f"item {item.seq}").error(f"{name} is not for a {profile.name}: {why}")
+        if COMMANDS[item.command].flown and item.command not in profile.not_in_air:
+            grounded = item.command in LANDINGS
 
 
 def _check_takeoff(where: Where, home: Home, flown: Sequence[MissionItem], profile: Profile) -> None:

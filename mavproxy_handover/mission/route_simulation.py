@@ -271,7 +271,7 @@ def _wing_legs(
     before = here
     for item in items:
         speed_mps = _speed_to(item, speed_mps, cruise_mps)
-        if not COMMANDS[item.command].flown:
+        if not COMMANDS[item.command].flown or item.command in route.profile.not_in_air:
             continue
         hovers = hovers_at(route, item.seq)
         made_mps = min(speed_mps, HOVER_MPS) if hovers else speed_mps

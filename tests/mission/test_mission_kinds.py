@@ -96,6 +96,32 @@ def test_wings_have_no_items_of_a_copter(small, kind, command, name, why):
     assert refusal(small.plan, kind) == f"small.plan: item 2: {name} is not for a {kind.name}: {why}"
 
 
+def wait(number):
+    return {"type": "SimpleItem", "command": 93, "frame": 2, "params": [60, -1, -1, -1, 0, 0, 0], "doJumpId": number}
+
+
+@pytest.mark.parametrize("kind", [PLANE, QUADPLANE])
+def test_wings_wait_on_the_ground(small, kind):
+    """ArduPlane waits while it is disarmed: before the take-off, and between a landing and the next take-off."""
+    small.items[0]["params"][4:6] = [0.0, 10.002]
+    again = [wait(5), small.item(6, 22, 0.0, 10.006, 30), small.item(7, 21, 0.0, 10.009, 0)]
+    small.items[:] = [wait(1), *small.items, *again]
+    route = read(small.plan, kind)
+    assert [item.command for item in route.items] == [93, 22, 16, 21, 93, 22, 21]
+    legs = legs_of(route)
+    assert {leg.seq for leg in legs} == {2, 3, 4, 6, 7}, "no time in the air"
+    assert legs[-1].end == (0.0, 10.009, 0.0)
+
+
+@pytest.mark.parametrize("kind", [PLANE, QUADPLANE])
+def test_wings_do_not_wait_after_a_take_off(small, kind):
+    small.items.insert(1, wait(2))
+    assert refusal(small.plan, kind) == (
+        f"small.plan: item 2: NAV_DELAY is not for a {kind.name}: ArduPlane does not wait in flight: take "
+        "NAV_LOITER_TIME"
+    )
+
+
 def test_a_plane_does_not_take_off_by_hovering(small):
     small.items[0]["command"] = 84
     assert refusal(small.plan, PLANE) == (
@@ -348,6 +374,11 @@ def test_each_command_compares_equal_to_itself_for_each_profile(command, profile
 
 @pytest.mark.parametrize("profile", PROFILES)
 def test_a_profile_names_commands_of_missions_alone(profile):
-    named = {*profile.not_flown, *profile.stores, *(command for command, _number in profile.item_ranges)}
+    named = {
+        *profile.not_flown,
+        *profile.not_in_air,
+        *profile.stores,
+        *(command for command, _number in profile.item_ranges),
+    }
     assert named <= COMMANDS.keys()
     assert all(profile.not_flown.values())

@@ -305,18 +305,20 @@ PLANE: Final = Profile(
         mavlink.MAV_CMD_NAV_SPLINE_WAYPOINT: "ArduPlane does not store it",
         mavlink.MAV_CMD_NAV_VTOL_TAKEOFF: _BOTH,
         mavlink.MAV_CMD_NAV_VTOL_LAND: _BOTH,
-        mavlink.MAV_CMD_NAV_DELAY: "ArduPlane does not wait in flight: take NAV_LOITER_TIME",
         mavlink.MAV_CMD_NAV_PAYLOAD_PLACE: "ArduPlane lands there, and need not go on after it",
         mavlink.MAV_CMD_CONDITION_YAW: "ArduPlane passes over it",
         mavlink.MAV_CMD_DO_WINCH: "ArduPlane passes over it",
         mavlink.MAV_CMD_DO_RETURN_PATH_START: "the return that joins its path is not walked",
         mavlink.MAV_CMD_DO_VTOL_TRANSITION: _BOTH,
     },
+    # it waits while it is disarmed, and passes over it otherwise
+    not_in_air={mavlink.MAV_CMD_NAV_DELAY: "ArduPlane does not wait in flight: take NAV_LOITER_TIME"},
     stores={mavlink.MAV_CMD_NAV_WAYPOINT: "-yy-"},
     item_ranges={
         (mavlink.MAV_CMD_NAV_WAYPOINT, 1): (0, 0, "0: wings do not wait at a place, NAV_LOITER_TIME circles there"),
         (mavlink.MAV_CMD_NAV_WAYPOINT, 2): (0, 255, "0 to 255 m"),
         (mavlink.MAV_CMD_NAV_WAYPOINT, 3): (0, 255, "0 to 255 m"),
+        (mavlink.MAV_CMD_NAV_DELAY, 1): (0, 65535, "0 to 65535 s"),
         (mavlink.MAV_CMD_NAV_LOITER_TURNS, 1): (1 / 256, 255, "more than 0, up to 255 turns"),
         (mavlink.MAV_CMD_NAV_LOITER_TURNS, 3): (-2550, 2550, "a radius up to 2550 m, below 0 to the left"),
         (mavlink.MAV_CMD_DO_CHANGE_SPEED, 1): (

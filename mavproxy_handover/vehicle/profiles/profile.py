@@ -204,6 +204,8 @@ class Profile:
     takeoff_needs_place: bool = False
     #: MAV_CMDs of `mission/items.py` that it does not fly, with the reason
     not_flown: Mapping[int, str] = field(default_factory=dict)
+    #: MAV_CMDs that it does on the ground only, with the reason
+    not_in_air: Mapping[int, str] = field(default_factory=dict)
     #: MAV_CMD -> what its autopilot stores of parameters 1 to 4, where that differs from `mission/items.py`
     stores: Mapping[int, str] = field(default_factory=dict)
     #: MAV_CMD and number of a parameter -> what its autopilot can store and fly
