@@ -62,17 +62,17 @@ NOTICES: Final[Mapping[str, Row]] = {
         "The other station has not been heard for 3 s. A handover still works by the vehicle.",
         "Check the network between the stations."),
     "program_awaited": Row(
-        "program", "This station serves a program at {link}. Start it: until then the vehicle does not count this "
-        "station as present.",
+        "program", "The served program is not heard yet ({link}). Start it: until then the vehicle does not count "
+        "this station as present.",
         "Another program flies through this station, and it has not been heard yet.",
         "Start QGroundControl, Mission Planner or the other program.", Level.ADVISORY),
     "program_heard": Row(
-        "program", "The program at {link} is heard. It flies through this station.",
+        "program", "The served program is heard ({link}). It flies through this station.",
         "The served program sends heartbeats, and they count as this station's.", _NOTHING, Level.ADVISORY),
     "program_silent": Row(
         "program_lost",
-        "The program at {link} is silent for {silent_s:g} s. After {lost_s:g} s the vehicle counts this station as "
-        "lost. Look at the program, or start it again.",
+        "The served program is silent for {silent_s:g} s ({link}). After {lost_s:g} s the vehicle counts this station "
+        "as lost. Look at the program, or start it again.",
         "The served program has sent no heartbeat. If this station commands, the vehicle acts by itself then.",
         "Start the program again, or hand the aircraft over."),
     "commands": Row(

@@ -18,6 +18,8 @@ _SENTENCE: Final = re.compile(r"(?<=[.!?]) (?=\S)")
 _CLAUSE: Final = re.compile(r"[,;:(] | \(")
 #: what is written short -> what is said
 _SAID: Final = (
+    (re.compile(r"^Handover \S+ -> (\S+) of \S+ in "), r"Handover to \1 in "),
+    (re.compile(r", epoch \d+"), ""),
     (re.compile(r" -> "), " to "),
     (re.compile(r"(?<=\d) s\b"), " seconds"),
     (re.compile(r"(?<=\d) km\b"), " kilometres"),

@@ -26,9 +26,10 @@ TAKE = "When it is in your zone, type 'handover request' to take over."
             "HOLD. The zone of GCSA ends in 5 seconds",
         ),
         ("No station commands drone-1. " + TAKE, "No station commands drone-1."),
+        ("GCSB has drone-1: GCSB commands now, epoch 4.", "GCSB has drone-1: GCSB commands now."),
         (
             "Handover GCSA -> GCSB of drone-1 in 29 s. Type 'handover accept' or 'handover deny'.",
-            "Handover GCSA to GCSB of drone-1 in 29 seconds.",
+            "Handover to GCSB in 29 seconds.",
         ),
         (
             "The commander has changed the mission in flight: no route check here until it has landed.",

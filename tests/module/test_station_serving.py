@@ -82,14 +82,14 @@ def test_the_program_s_heartbeat_is_the_station_s_and_there_is_no_other(bench: S
     bench.load(serve=bench.link)
     assert bench.mpstate.settings.heartbeat == 0
     assert bench.mpstate.settings.mavfwd is False, "what comes from --out is not passed on"
-    assert bench.mpstate.console.said(f"serves a program at {bench.link}. Start it")
+    assert bench.mpstate.console.said(f"The served program is not heard yet ({bench.link}). Start it")
     bench.connect()
     bench.run(5.0)
     assert beats(bench) == 0
     bench.beat()
     found = [m for m in bench.sent() if m.get_type() == HEARTBEAT]
     assert [(m.get_srcSystem(), m.type, m.autopilot) for m in found] == [(251, 6, 8)]
-    assert bench.mpstate.console.said("is heard. It flies through this station.")
+    assert bench.mpstate.console.said("is heard (")
 
 
 def test_a_silent_program_is_told_and_the_station_sends_no_heartbeat(bench: ServingBench) -> None:
@@ -99,7 +99,7 @@ def test_a_silent_program_is_told_and_the_station_sends_no_heartbeat(bench: Serv
     bench.sent()
     bench.run(4.0)
     assert beats(bench) == 0, "so the vehicle loses the station"
-    assert bench.mpstate.console.said("is silent for 3 s. After 6.5 s the vehicle counts this station as lost.")
+    assert bench.mpstate.console.said("The served program is silent for 3 s (")
     assert [entry["event"] for entry in bench.journal("program_lost")] == ["program_lost"]
 
 
@@ -175,7 +175,7 @@ def test_unload_restores_mavproxy_and_reload_serves_again(bench: ServingBench) -
 def test_the_configuration_can_name_it(bench: ServingBench) -> None:
     bench.config.write_text(bench.config.read_text().replace("vehicle = 1", f'vehicle = 1\nserve = "{bench.link}"'))
     bench.load()
-    assert bench.mpstate.console.said(f"serves a program at {bench.link}")
+    assert bench.mpstate.console.said(f"The served program is not heard yet ({bench.link})")
 
 
 @pytest.mark.parametrize("link", ["udpin:0.0.0.0:14551", "nonsense", 5])
