@@ -135,7 +135,7 @@ class News(NamedTuple):
 #: The notices: lines of at most 50 characters, and the same in full for a screen with more room.
 _LINES: Final = {
     State.REFUSED: ("Handover: {kind}: not in control", "Handover: {kind}: end it before handover"),
-    State.RAN_BEFORE: ("Handover: {kind}: refused. Stop it for 3 s", "Handover: it ran before you had control"),
+    State.RAN_BEFORE: ("Handover: {kind}: stop it for 3 s first", "Handover: it ran before you had control"),
     State.OBEYED: ("Handover: {kind}: obeyed from now on",),
     State.ENDED: ("Handover: {kind}: it has ended",),
 }

@@ -286,7 +286,7 @@ _STREAMS: Final = (
         "Release the sticks, or stop the stream for 3 s.",
     ),
     _warn(
-        "Handover: {stream}: refused. Stop it for 3 s",
+        "Handover: {stream}: stop it for 3 s first",
         "They ran before this station had authority.",
         "Release the sticks, or stop the stream for 3 s.",
     ),

@@ -15,7 +15,7 @@ from mavproxy_handover.core.common.limits import Limits
 
 #: class -> its truths and numbers that may be left out
 DEFAULTS: dict[type, dict[str, Any]] = {
-    messages.ConnectAck: {"accepted": True},
+    messages.ConnectAck: {"accepted": True, "manned": True},
     messages.HandoverRequest: {"crossing": 0},
     messages.OnHandover: {"relay": False, "relayed": False, "crossing": 0},
     messages.DroneConnected: {"relay": False, "relayed": False},

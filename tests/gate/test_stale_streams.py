@@ -435,7 +435,7 @@ def test_the_station_is_told_at_once_before_and_after_and_when_it_is_over(sky: S
     sky.door.change(OF_B)
     sky.sticks()
     assert sky.texts()[2:] == [
-        "Handover: RC override: refused. Stop it for 3 s",
+        "Handover: RC override: stop it for 3 s first",
         "Handover: it ran before you had control",
     ]
     sky.send(**LET_GO)
@@ -488,7 +488,7 @@ def test_every_line_fits_and_every_first_one_is_told_in_full() -> None:
             assert kind.lower() in full.lower()
             assert [stale_streams.full_form(line) for line in lines[1:]] == [None] * len(lines[1:])
     assert stale_streams.full_form("Handover: SET_MODE: not in control") is None
-    full = stale_streams.full_form("Handover: RC override: refused. Stop it for 3 s")
+    full = stale_streams.full_form("Handover: RC override: stop it for 3 s first")
     assert full == (
         "RC override has been running since before this station had control: still refused, until it is released "
         "(rc all 0) or has paused for 3 s."

@@ -803,6 +803,7 @@ class Packer:
             _station=plain,
             vehicle_name=plain,
             _automatic=plain,
+            manned=plain,
             _names=names_fixed,
             _peers_heard=_Times(StationCore.PEER_LOST_S, forget=False),
             _vehicle_heard=_Ago(StationCore.VEHICLE_LOST_S),

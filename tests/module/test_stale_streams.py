@@ -65,7 +65,7 @@ def test_a_lost_commander_that_returns_has_to_let_go_of_its_sticks_first(flight:
     assert told(flight) == [("GCSA", "RC override", "ran before"), ("GCSA", "RC override", "obeyed")]
     texts = [message.text for message in flight.a.got("STATUSTEXT")]
     assert texts[-3:] == [
-        "Handover: RC override: refused. Stop it for 3 s",
+        "Handover: RC override: stop it for 3 s first",
         "Handover: it ran before you had control",
         "Handover: RC override: obeyed from now on",
     ]

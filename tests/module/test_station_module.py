@@ -844,7 +844,7 @@ def test_rounds_of_the_main_loop_after_unload_do_no_harm(station: StationBench) 
 
 def test_what_the_gate_says_of_this_stations_sticks_is_told_in_full(station: StationBench) -> None:
     assert station.load() is not None
-    for text in ("refused. Stop it for 3 s", "not a word of the gate's"):
+    for text in ("stop it for 3 s first", "not a word of the gate's"):
         station.hear(mavlink.MAVLink_statustext_message(4, f"Handover: RC override: {text}".encode()), autopilot=True)
     station.hear(mavlink.MAVLink_statustext_message(4, b"Handover: SET_MODE: not in control"), autopilot=True)
     full = (

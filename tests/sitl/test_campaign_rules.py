@@ -102,5 +102,5 @@ def test_a_worker_with_other_rules_flies_nothing(monkeypatch: pytest.MonkeyPatch
     asked_with = rules()
     monkeypatch.setattr(work, "rules", lambda: "0123456789ab")
     with pytest.raises(CampaignError, match=f"its rules are 0123456789ab, not {asked_with}"):
-        work._fly_batch([1], False, asked_with)
+        work._fly_batch([1], asked_with)
     assert [each.seed for batch in fly_all(Campaign(1, 1), (), 1, None) for each in batch] == [1]
