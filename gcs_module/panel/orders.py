@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from typing import Any, Final, Protocol
 
 from gcs_module.core import StationCore
+from gcs_module.duty import NEEDS_OPERATOR
 from gcs_module.panel.question_number import border_number, number_of
 from mavproxy_handover.core.common.model import Consent
 from mavproxy_handover.wire.ids import LIMITS
@@ -120,6 +121,9 @@ def carry_out(order: Order, aircraft: Sequence[Ordered], stations: Sequence[str]
     kind = ORDERS[order.do]
     if target is None:
         return Reply(order.number, False, f"Not used: this station has no vehicle {order.vehicle}.")
+    if not target.core.manned and kind.words in NEEDS_OPERATOR:
+        text = "Not used: no operator is on duty. Type 'handover operator NAME' at the station's terminal."
+        return Reply(order.number, False, text)
     if kind.argument == "station" and order.argument not in stations:
         known = ", ".join(stations) or "none"
         return Reply(order.number, False, f"Not used: no station {order.argument!r}; there are {known}.")

@@ -236,6 +236,20 @@ def test_a_fault_while_an_order_is_carried_out_ends_nothing(
     assert panel.connected
 
 
+def test_without_an_operator_on_duty_the_panel_asks_for_nothing(station: StationBench, panel: Reader) -> None:
+    station.config.write_text(station.config.read_text().replace("vehicle = 1", "vehicle = 1\nrequire_operator = true"))
+    station.load()
+    station.hear(connect_message())
+    run(station, panel)
+    station.sent()
+    used, text = order(station, panel, "request")
+    assert not used
+    assert text == "Not used: no operator is on duty. Type 'handover operator NAME' at the station's terminal."
+    assert station.commands() == []
+    station.mpstate.type("handover operator Jansen")
+    assert order(station, panel, "request")[0]
+
+
 def test_unload_closes_the_socket_and_the_panel_notices(station: StationBench, panel: Reader) -> None:
     station.load()
     station.hear(connect_message())
