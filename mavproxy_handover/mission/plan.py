@@ -32,6 +32,7 @@ from mavproxy_handover.mission.items import (
     FRAME_NONE,
     GRIPPER,
     JUMP,
+    JUMP_TO_TAG,
     JUMPS,
     LAND,
     LAND_START,
@@ -738,6 +739,13 @@ def _odd(items: Sequence[MissionItem], flown: Sequence[MissionItem], profile: Pr
                 f"({COMMANDS[condition.command].name}): when that is, is not known. It is counted from the beginning "
                 "of the way"
             )
+    if not profile.flies_past:
+        for item in items:
+            if item.command == JUMP_TO_TAG:
+                yield (
+                    f"item {item.seq} is DO_JUMP_TAG: ArduCopter first flies some way towards the item after it, and "
+                    "the walk does not. Use DO_JUMP where that matters"
+                )
     for item in endless_jumps(items):
         yield (
             f"item {item.seq} ({COMMANDS[item.command].name}) repeats without end: one round is judged. The flight "

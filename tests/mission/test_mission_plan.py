@@ -713,3 +713,16 @@ def test_refuses_a_field_that_is_infinite():
     assert waypoint_refusal("QGC WPL 110\n" + HOME_LINE + "1 0 3 22 0 0 0 0 0 inf 30 1\n") == (
         "a.waypoints: line 3, item 1: longitude is inf (allowed: a number from -180 to 180)"
     )
+
+
+def test_a_jump_to_a_tag_is_a_warning_because_arducopter_flies_ahead_first(small):
+    small.items[1:1] = [small.item(2, 600, 0, 0, 0, 7), small.item(3, 601, 0, 0, 0, 7)]
+    small.items[2]["params"][:2] = [7, 1]
+    for number, entry in enumerate(small.items, 1):
+        entry["doJumpId"] = number
+    assert any(
+        text
+        == "item 3 is DO_JUMP_TAG: ArduCopter first flies some way towards the item after it, and the walk does not. "
+        "Use DO_JUMP where that matters"
+        for text in read(small.plan).warnings
+    )
