@@ -6,8 +6,8 @@ Rules that live here:
 
 1. `handover operator NAME` signs an operator on. If another operator is on duty, it shows how each aircraft is, and the
    next operator confirms that with the same command within CONFIRM_S. Then the shift has changed.
-2. `handover operator off` signs off. While an aircraft in flight is commanded from here it is refused: the aircraft is
-   handed over first, or the next operator signs on.
+2. `handover operator off` signs off. It is refused while an aircraft in flight is commanded from here, or is about to
+   be. Then the aircraft is handed over first, or the next operator signs on.
 3. A station with `require_operator` is manned only while an operator is on duty. An unmanned station is no partner for
    a handover, and START, REQUEST and ACCEPT are refused here.
 """
@@ -66,7 +66,8 @@ class Duty:
         return bool(self.name) or not self.required
 
     def command(self, words: str, now: float, flown: str) -> Outcome:
-        """`handover operator WORDS`. `flown`: names of the aircraft in flight that are commanded from here, or ""."""
+        """`handover operator WORDS`. `flown`: names of the aircraft in flight that are commanded from here, or
+        are about to be; "" without one."""
         name = " ".join(words.split())
         if not name:
             return Outcome(Change.TOLD, self._state())
@@ -105,8 +106,8 @@ class Duty:
             return Outcome(Change.TOLD, self._state())
         if flown:
             text = (
-                f"{self.name} stays on duty: {flown} flies under this station's command. Hand it over first "
-                "('handover give STATION'), or let the next operator sign on."
+                f"{self.name} stays on duty: {flown} flies under this station's command, or is about to. Hand it over "
+                "first ('handover give STATION'), or let the next operator sign on."
             )
             return Outcome(Change.TOLD, text)
         before, self.name = self.name, ""

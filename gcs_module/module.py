@@ -26,7 +26,7 @@ from gcs_module.aircraft import Aircraft
 from gcs_module.alarms import Level
 from gcs_module.answer_lines import AnswerLines
 from gcs_module.console_rows import ConsoleRows
-from gcs_module.core import Notice, PeerHeard
+from gcs_module.core import Notice, PeerHeard, Role
 from gcs_module.duty import Duty
 from gcs_module.duty_commands import DutyCommands
 from gcs_module.event_log import StationEventLog
@@ -114,7 +114,7 @@ class HandoverGcsModule(mp_module.MPModule):
         #: menus
         self._thread = threading.get_ident()
         self._typed: deque[list[str]] = deque()
-        duty = DutyCommands(self.duty, self.aircraft, self.event_log, self._show, self._flown_from_here)
+        duty = DutyCommands(self.duty, self.aircraft, self.event_log, self._show, self._on_hand)
         self.commands = FleetCommands(
             self.aircraft, self.selection, self.settings_of_ours, self._show, self.faults, duty
         )
@@ -251,6 +251,14 @@ class HandoverGcsModule(mp_module.MPModule):
     def _flown_from_here(self) -> str:
         """Names of the aircraft in flight that this station commands; "" if there is none."""
         return " and ".join(aircraft.core.vehicle_name for aircraft in self.aircraft if aircraft.state.flown_from_here)
+
+    def _on_hand(self) -> str:
+        """Names of the aircraft in flight that this station commands, or is about to command; "" if there is none."""
+        return " and ".join(
+            aircraft.core.vehicle_name
+            for aircraft in self.aircraft
+            if aircraft.state.flown_from_here or aircraft.core.role is Role.PARTNER
+        )
 
     def _links(self) -> list[Device]:
         return self._ground.devices

@@ -53,7 +53,7 @@ def test_nobody_signs_off_while_an_aircraft_flies_under_command() -> None:
     duty = on_duty()
     refused = duty.command("off", NOW, "drone-1")
     assert refused.change is Change.TOLD
-    assert refused.text.startswith("Jansen stays on duty: drone-1 flies under this station's command.")
+    assert refused.text.startswith("Jansen stays on duty: drone-1 flies under this station's command, or is about to.")
     assert duty.manned
     done = duty.command("off", NOW, "")
     assert (done.change, done.before, duty.manned) == (Change.OFF, "Jansen", False)

@@ -73,3 +73,15 @@ def test_the_next_operator_sees_the_state_before_the_shift_changes(bench: Statio
     assert any(line.startswith("commander") for line in lines)
     assert lines[-1] == "Read how it is, then type 'handover operator Bakker' once more. Jansen is on duty until then."
     assert bench.mpstate.type("handover operator Bakker")[-1].endswith("Bakker is on duty, after Jansen.")
+
+
+def test_no_operator_leaves_while_the_aircraft_comes_to_this_station(bench: StationBench) -> None:
+    bench.load()
+    answer(bench)
+    bench.mpstate.type("handover operator Jansen")
+    bench.module.aircraft[0].core.partner = 251
+    line = bench.mpstate.type("handover operator off")[0]
+    assert line.startswith("Jansen stays on duty: drone-1 flies under this station's command, or is about to.")
+    bench.module.aircraft[0].core.partner = None
+    bench.mpstate.type("handover operator off")
+    assert bench.mpstate.console.said("Jansen has signed off.")
