@@ -79,9 +79,10 @@ def test_no_operator_leaves_while_the_aircraft_comes_to_this_station(bench: Stat
     bench.load()
     answer(bench)
     bench.mpstate.type("handover operator Jansen")
-    bench.module.aircraft[0].core.partner = 251
+    core = bench.module.aircraft[0].core
+    core.commander, core.partner = 252, 251
     line = bench.mpstate.type("handover operator off")[0]
     assert line.startswith("Jansen stays on duty: drone-1 flies under this station's command, or is about to.")
-    bench.module.aircraft[0].core.partner = None
+    core.partner = None
     bench.mpstate.type("handover operator off")
     assert bench.mpstate.console.said("Jansen has signed off.")
