@@ -10,7 +10,8 @@ program flies. `served_ids.py` has the rules about system ids. Rules that live h
    life at the vehicle. So a station whose program is silent is lost for the vehicle, however alive this module is.
 2. Programs on this computer are trusted: what reaches the port commands with the station's key. So the port is one of
    this computer only.
-3. One program commands by the port. With `udpin` and `tcpin` the answers go to the program that sent a heartbeat last.
+3. One program commands by the port, after its first heartbeat. Frames of a second one are dropped and counted, until
+   the first one is silent.
 4. Frames beyond MOST_FRAMES a second are dropped and counted.
 """
 
@@ -75,12 +76,15 @@ class ServedProgram:
             self._second, self._left = int(now), MOST_FRAMES
         for frame in self.device.read():
             kind = kind_of(frame, self._vehicles)
-            if kind is Kind.HEARTBEAT:
-                self.device.accept_sender(frame)
+            if kind not in (Kind.HEARTBEAT, Kind.PASSED):
+                self._drop(kind)
+            elif kind is Kind.PASSED and self._program is None:
+                self.dropped["before a heartbeat"] += 1
+            elif not self.device.accept_sender(frame):
+                self.dropped["of a second program"] += 1
+            elif kind is Kind.HEARTBEAT:
                 self._program, self._heard_at = Program(frame.sysid, frame.compid), now
                 yield kind, frame
-            elif kind is not Kind.PASSED:
-                self._drop(kind)
             elif self._left <= 0:
                 self.dropped["too many"] += 1
             else:

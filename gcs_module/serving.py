@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
@@ -37,19 +38,19 @@ class Serving:
             setattr(mpstate.settings, name, _SETTINGS[name])
 
     def begin(self, now: float) -> None:
-        """Tell the operator what is waited for."""
+        """Tell the operator what is waited for. Nothing is answered before the program is heard."""
+        self._update_mute(now)
         self._tell(notice("program_awaited", link=self._link), now)
 
     def tick(self, now: float) -> None:
         """Pass on what the program sent; to be called often."""
+        self._update_mute(now)  # first: a fault below must not let the module answer for a dead program
         for kind, frame in self._program.read(now):
             if kind is Kind.HEARTBEAT:
                 self._beat()
             else:
                 self._pass_on(frame)
-        mute = not self._program.is_there(now)
-        for aircraft in self._aircraft:
-            aircraft.mute = mute
+        self._update_mute(now)
         change = self._program.change(now)
         if change is not Change.NONE:
             row = "program_heard" if change is Change.HEARD else "program_silent"
@@ -67,10 +68,16 @@ class Serving:
             setattr(self._mpstate.settings, name, value)
         self._program.close()
 
+    def _update_mute(self, now: float) -> None:
+        mute = not self._program.is_there(now)
+        for aircraft in self._aircraft:
+            aircraft.mute = mute
+
     def _beat(self) -> None:
         """The station's heartbeat on every link, as MAVProxy sends it."""
         for master in self._mpstate.mav_master:
-            master.mav.heartbeat_send(mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 0)
+            with suppress(OSError):  # one link is gone: MAVProxy notices that, and the others get the heartbeat
+                master.mav.heartbeat_send(mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 0)
 
     def _pass_on(self, frame: Frame) -> None:
         """Send a frame to the vehicle that it is for; one without a target, to each."""

@@ -380,7 +380,7 @@ class Tour:
     def __init__(self, autopilot: FakeAutopilot, stops: Stops, pause_s: float, seed: int) -> None:
         """`pause_s`: between a commit and the next entry, about; a fifth more or less."""
         self.commits = 0
-        #: the regions that were entered: from whom, to whom
+        #: the regions that were entered, as commander and partner
         self.asked: list[tuple[int | None, int | None]] = []
         #: regions in which authority went nowhere
         self.given_up = 0

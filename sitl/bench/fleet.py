@@ -81,7 +81,7 @@ _TOLD_S: Final = 30.0
 # ---- what was measured ----------------------------------------------------------------------------------------------
 
 
-#: a region that was entered: from whom, to whom
+#: a region that was entered, as commander and partner
 Crossing = tuple[int | None, int | None]
 
 

@@ -15,7 +15,7 @@ PORT = 8091
 
 
 class Bench:
-    """A panel's door, and an application behind it that says when it is asked."""
+    """The access check of a panel, and an application that records each request."""
 
     def __init__(self, host: str = "127.0.0.1") -> None:
         self.inside = 0

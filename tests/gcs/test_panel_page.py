@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""`handover panel` as a program: the link that it prints, to whom it answers, and what it says when it cannot."""
+"""`handover panel` as a program: its link, the browsers that it answers, and its errors."""
 
 from __future__ import annotations
 

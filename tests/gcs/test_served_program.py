@@ -158,6 +158,7 @@ class Port:
         self.written: list[bytes] = []
         self.accepted = 0
         self.closed = False
+        self.peer = True
 
     def read(self) -> list[Frame]:
         frames, self.waiting = self.waiting, []
@@ -169,7 +170,7 @@ class Port:
 
     def accept_sender(self, _frame: Frame) -> bool:
         self.accepted += 1
-        return True
+        return self.peer
 
     def close(self) -> None:
         self.closed = True
@@ -189,10 +190,25 @@ class Bench:
 def test_heartbeats_and_commands_come_through_and_the_sender_gets_the_answers() -> None:
     bench = Bench()
     assert bench.send(beat(), command()) == [Kind.HEARTBEAT, Kind.PASSED]
-    assert bench.port.accepted == 1
     assert bench.program.program == PROGRAM
     bench.program.to_program(framed(mavlink.MAVLink_command_ack_message(176, 0, 0, 0, STATION, 230), VEHICLE, 1))
     assert read(bench.port.written[0]).target_system == 255
+
+
+def test_before_its_heartbeat_a_program_commands_nothing() -> None:
+    bench = Bench()
+    assert bench.send(command()) == []
+    assert bench.program.dropped == {"before a heartbeat": 1}
+    assert bench.send(beat(), command()) == [Kind.HEARTBEAT, Kind.PASSED]
+
+
+def test_a_second_program_neither_commands_nor_lives_for_the_first() -> None:
+    bench = Bench()
+    bench.send(beat(), now=10.0)
+    bench.port.peer = False
+    assert bench.send(beat(), command(), now=12.0) == []
+    assert bench.program.dropped == {"of a second program": 2}
+    assert not bench.program.is_there(12.0)
 
 
 def test_what_is_not_passed_on_is_counted_and_told_once() -> None:
@@ -229,6 +245,7 @@ def test_without_a_heartbeat_nothing_is_answered_in_the_program_s_name() -> None
 
 def test_of_a_flood_a_second_s_worth_is_passed_on_and_every_heartbeat() -> None:
     bench = Bench()
+    bench.send(beat(), now=9.0)
     flood = [command()] * (MOST_FRAMES + 50)
     assert len(bench.send(*flood, now=10.2)) == MOST_FRAMES
     assert bench.program.dropped["too many"] == 50

@@ -192,3 +192,19 @@ def test_a_port_in_use_is_told_and_nothing_stays_open(bench: ServingBench) -> No
         assert bench.load(serve=f"udpin:127.0.0.1:{port}") is None
     assert bench.mpstate.console.said("Address already in use")
     assert bench.load(serve=f"udpin:127.0.0.1:{port}") is not None
+
+
+def test_a_fault_while_frames_are_passed_on_does_not_answer_for_a_dead_program(
+    bench: ServingBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench.load(serve=bench.link)
+    bench.hear(question())
+    assert bench.sent() == [], "not before the program is heard"
+    bench.connect()
+    bench.beat()
+    monkeypatch.setattr(bench.module._served._program, "read", lambda _now: 1 / 0)
+    bench.run(2.0)
+    bench.sent()
+    bench.hear(question())
+    assert bench.sent() == []
+    assert bench.module.faults["served program"] > 0
