@@ -39,8 +39,8 @@ def test_a_document_that_leads_to_the_reference_says_how_it_is_made(document: Pa
     assert "](reference/" not in text or re.search(r"`make\sreference`\swrites", text)
 
 
-def test_the_folders_that_the_readme_names_are_there() -> None:
-    text = (ROOT / "README.md").read_text(encoding="utf-8").partition("## Where things are")[2]
+def test_the_folders_that_the_architecture_names_are_there() -> None:
+    text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8").partition("## Where things are")[2]
     folders = re.findall(r"(\S+)/(?=\s)", text.partition("```text")[2].partition("```")[0])
     assert len(folders) > 10
     assert [name for name in folders if not (ROOT / name).is_dir()] == []
