@@ -205,7 +205,7 @@ def test_what_ends_by_itself_does_what_it_is_shown_for(
                     here = [word.replace("~", str(home)) for word in words[1:]]
                     assert cli.main(here) == 0, (path.name, line, capsys.readouterr().err)
                     ran.append(words[1])
-    assert sorted(ran) == ["check", "check", "check", "init", "init", "init", "init"]
+    assert sorted(ran) == ["check", "check", "check", "check", "init", "init", "init", "init"]
 
 
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: path.name)

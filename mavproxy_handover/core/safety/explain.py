@@ -66,7 +66,7 @@ def table(limits: Limits) -> list[Row]:
         if row.ends is Ends.WITH_ITS_SIGN and clear_s > 0.0:
             ends = f"gone for {clear_s:g} s"
         others = [word for word in row.policies if word != policy]
-        done = "nothing" if policy == "off" else ", else ".join(_rung(rung) for rung in ladder(cause, policy))
+        done = "nothing" if policy == "off" else "; else ".join(_rung(rung) for rung in ladder(cause, policy))
         after = _seconds(limits.hold_off_s.get(cause, row.hold_off_s))
         rows.append((cause.value, row.words, after, ends, f"{policy} ({', '.join(others)})", done))
     return rows
