@@ -20,7 +20,7 @@ from enum import Enum
 from math import inf
 from typing import Final
 
-__all__ = ["CONFIRM_S", "NEEDS_OPERATOR", "Change", "Duty", "Outcome"]
+__all__ = ["CONFIRM_S", "NEEDS_OPERATOR", "Change", "Duty", "Outcome", "is_name"]
 
 #: time (s) in which the next operator confirms the briefing
 CONFIRM_S: Final = 120.0
@@ -29,6 +29,11 @@ NEEDS_OPERATOR: Final = ("start", "request", "accept")
 OFF: Final = "off"
 #: letters of any language, digits, and what names are joined with
 _NAME: Final = re.compile(r"[^\W_][\w .'-]{0,29}")
+
+
+def is_name(text: str) -> bool:
+    """Whether an operator may be called so."""
+    return text != OFF and _NAME.fullmatch(text) is not None
 
 
 class Change(Enum):
@@ -73,7 +78,7 @@ class Duty:
             return Outcome(Change.TOLD, self._state())
         if name == OFF:
             return self._off(flown)
-        if not _NAME.fullmatch(name):
+        if not is_name(name):
             return Outcome(Change.TOLD, f"{name!r} is no name (allowed: 1 to 30 letters, digits, blanks, . ' -)")
         if name == self.name:
             return Outcome(Change.TOLD, f"{name} is on duty already.")

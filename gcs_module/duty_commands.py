@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 
 from gcs_module.aircraft import Aircraft
 from gcs_module.duty import NEEDS_OPERATOR, Change, Duty
+from gcs_module.duty_file import DutyFile
 from gcs_module.event_log import StationEventLog
 
 __all__ = ["DutyCommands"]
@@ -24,7 +25,9 @@ class DutyCommands:
         event_log: StationEventLog,
         show: Callable[[str], None],
         flown: Callable[[], str],
+        file: DutyFile,
     ) -> None:
+        self._file = file
         self._duty = duty
         self._aircraft = aircraft
         self._event_log = event_log
@@ -42,6 +45,7 @@ class DutyCommands:
         if outcome.change in (Change.TOLD, Change.BRIEFED):
             self._show(outcome.text)
             return
+        self._file.keep(self._duty.name)
         self._event_log.duty(outcome, self._duty.name)
         if not self._duty.manned:
             self._event_log.unmanned()

@@ -73,6 +73,13 @@ class StationEventLog:
         self._journal.write("operator", outcome.text, operator=name or None, before=outcome.before or None)
         self._tell(outcome.text, Level.ADVISORY)
 
+    def signed_off(self, text: str, before: str, *, required: bool) -> None:
+        """The program was started again, and the operator who was on duty is signed off by that. `required`: the
+        station takes no aircraft until an operator signs on."""
+        consequence = " This station takes no aircraft until then." if required else ""
+        self._journal.write("operator", text + consequence, before=before)
+        self._tell(text + consequence, Level.WARNING if required else Level.ADVISORY)
+
     def unmanned(self) -> None:
         """The station requires an operator, and none is on duty."""
         text = "No operator is on duty: this station takes no aircraft. 'handover operator NAME' signs on."

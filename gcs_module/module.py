@@ -29,6 +29,7 @@ from gcs_module.console_rows import ConsoleRows
 from gcs_module.core import Notice, PeerHeard, Role
 from gcs_module.duty import Duty
 from gcs_module.duty_commands import DutyCommands
+from gcs_module.duty_file import DutyFile, signed_off
 from gcs_module.event_log import StationEventLog
 from gcs_module.fleet import FleetCommands, our_settings
 from gcs_module.interrupts import Interrupts
@@ -114,7 +115,8 @@ class HandoverGcsModule(mp_module.MPModule):
         #: menus
         self._thread = threading.get_ident()
         self._typed: deque[list[str]] = deque()
-        duty = DutyCommands(self.duty, self.aircraft, self.event_log, self._show, self._on_hand)
+        self._duty_file = DutyFile(config.path, config.station.name)
+        duty = DutyCommands(self.duty, self.aircraft, self.event_log, self._show, self._on_hand, self._duty_file)
         self.commands = FleetCommands(
             self.aircraft, self.selection, self.settings_of_ours, self._show, self.faults, duty
         )
@@ -133,8 +135,7 @@ class HandoverGcsModule(mp_module.MPModule):
             self.event_log.ground_open()
         elif ground.note:
             self.event_log.replay_state(ground.note)
-        if not self.duty.manned:
-            self.event_log.unmanned()
+        self._tell_duty()
         self._kept_source_system = self.settings.source_system
         self._kept_name = getattr(self.settings, "vehicle_name", None)
         if self.settings.source_system != config.station.sysid:
@@ -154,6 +155,14 @@ class HandoverGcsModule(mp_module.MPModule):
         self._panel = self._open_panel()
         self._interrupts = Interrupts(mpstate, self._flown_from_here, self.now)
         self._interrupts.install()
+
+    def _tell_duty(self) -> None:
+        """Say that a restart has signed the operator off, or that the station is unmanned."""
+        before = self._duty_file.before()
+        if before:
+            self.event_log.signed_off(signed_off(before), before, required=self.duty.required)
+        elif not self.duty.manned:
+            self.event_log.unmanned()
 
     def _set_up_links(self) -> None:
         if self.links.several:
@@ -418,6 +427,7 @@ class HandoverGcsModule(mp_module.MPModule):
             self._guarded("menu", self.menu.tick)
             self._guarded("console rows", partial(self._rows.tick, now))
             self._guarded("windows", self._windows.tick)
+            self._guarded("operator on duty", partial(self._duty_file.tick, now))
 
     def _turns(self, now: float) -> None:
         links = self.links.of_each()

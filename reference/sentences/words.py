@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping
 from typing import Final
 
 from mavproxy_handover.core.authority.control import ControlResult
-from mavproxy_handover.core.common.model import GuardState, Reason
+from mavproxy_handover.core.common.model import GuardState, Reason, in_words
 from mavproxy_handover.core.safety.commands import Limit, Outcome
 from mavproxy_handover.core.safety.mode_source import Change
 from mavproxy_handover.gate.judge import GateReason
@@ -41,7 +41,7 @@ WORDS: Final[Mapping[str, str]] = {
     "stream": r"[A-Za-z]+(?: [a-z]+)*",
     "ended": r"released \(rc all 0\) or has paused for 3 s|switched off for 3 s|stopped for 3 s",
     "gate_reason": _one_of(reason.value for reason in GateReason),
-    "reason_name": _one_of(reason.name.lower() for reason in Reason),
+    "reason_name": _one_of(in_words(reason) for reason in Reason),
     "chosen": "|".join((r"chosen by [\w.-]+", _one_of(change.value for change in Change))),
     "disobeyed": "the autopilot does not follow|the autopilot refuses it",
     "gap": rf"It crosses the mission's gap [\w.-]+ -> [\w.-]+, (?:{_NUMBER} s left|at most {_NUMBER} s)",

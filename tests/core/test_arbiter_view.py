@@ -413,7 +413,7 @@ class TestTime:
             presence.hearing.barred_at = bench.now
         actions = bench.arbiter.handle(Tick(), bench.now)
         aborted = [action.text for action in actions if isinstance(action, Record)]
-        assert ("handover 1 aborted (partner_silent): GCSA commands" in aborted) is (how != "there")
+        assert ("handover 1 aborted (partner silent): GCSA commands" in aborted) is (how != "there")
 
 
 class TestLoss:

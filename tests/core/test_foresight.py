@@ -118,7 +118,7 @@ class TestWhatWasSaid:
     def test_who_denies_beforehand_is_not_asked_at_the_border(self) -> None:
         flown = network(operators={A: YES, B: NO}, visits={A: [(0, 90)], B: [(60, 200)]}).run(64.0)
         assert len(flown.said("foreseen")) == 1, "the end of the zone is no other question"
-        assert flown.said("transfer_aborted") == ["handover 1 aborted (partner_refused): GCSA commands"]
+        assert flown.said("transfer_aborted") == ["handover 1 aborted (the partner's operator denied): GCSA commands"]
         assert "GCSB has denied the handover GCSA -> GCSB." in flown.notices[A]
 
     @pytest.mark.parametrize("who", [A, B])
@@ -136,7 +136,7 @@ class TestWhatWasSaid:
         flown = network().run(50.0)
         flown._station(who, gcs.Answer(False))
         flown.run(62.0)
-        reason = "commander_denied" if who == A else "partner_refused"
+        reason = "the commander's operator denied" if who == A else "the partner's operator denied"
         assert flown.said("transfer_aborted") == [f"handover 1 aborted ({reason}): GCSA commands"]
 
     def test_and_given_after_all(self) -> None:

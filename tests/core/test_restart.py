@@ -289,7 +289,7 @@ class TestWhoHadIt:
         assert bench.arbiter.view.commander is None
         # asked as a successor like any other, and it has not said a word
         assert {r.text for r in bench.records("transfer_aborted")} == {
-            f"handover {number} aborted (partner_silent): no station commands" for number in range(8, 8 + 14)
+            f"handover {number} aborted (partner silent): no station commands" for number in range(8, 8 + 14)
         }
 
     def test_takeover_that_was_allowed_is_still(self) -> None:

@@ -574,7 +574,7 @@ class TestConsent:
         transfer = bench.authority.transfer
         assert (None if transfer is None else transfer.step) is step
         if transfer is None:
-            assert bench.records()[-1].text == "handover 1 aborted (consent_refused): GCSA commands"
+            assert bench.records()[-1].text == "handover 1 aborted (consent refused): GCSA commands"
         else:
             assert transfer.operator_asked is (step is Step.CONSENT)
 
@@ -600,19 +600,22 @@ class TestMove:
         bench.says(B, OnHandover(KEY), NOW + 1.6)
         assert bench.actions == []
 
-    @pytest.mark.parametrize(("shows", "reason"), [(True, "commander_unanswered"), (False, "cannot_be_asked")])
+    @pytest.mark.parametrize(
+        ("shows", "reason"),
+        [(True, "commander's operator did not answer"), (False, "commander's program cannot ask its operator")],
+    )
     def test_a_standard_commander_that_never_showed_a_question_cannot_be_asked(self, shows: bool, reason: str) -> None:
         bench = at_consent(A=None)
         if shows:
             bench.presence[A].control_shown()
         bench.move(Cause.TIMEOUT)
-        assert bench.records()[-1].text == f"handover 1 aborted ({reason}): GCSA commands"
+        assert bench.records()[-1].text == f"handover 1 aborted (the {reason}): GCSA commands"
 
     def test_that_is_said_of_the_step_of_consent_and_of_its_time_alone(self) -> None:
         bench = Bench(A=None)
         bench.begin()
         bench.move(Cause.TIMEOUT)
-        assert bench.records()[-1].text == "handover 1 aborted (partner_silent): GCSA commands"
+        assert bench.records()[-1].text == "handover 1 aborted (partner silent): GCSA commands"
         bench = at_consent(A=None)
         bench.move(Cause.CANCELLED)
         assert bench.records()[-1].text == "handover 1 aborted (cancelled): GCSA commands"
@@ -643,7 +646,7 @@ class TestMove:
         bench.zones(outside=outside)
         bench.fly(flying=flying)
         bench.commit()
-        end = "committed: GCSB commands, epoch 5" if committed else "aborted (left_region): GCSA commands"
+        end = "committed: GCSB commands, epoch 5" if committed else "aborted (left region): GCSA commands"
         assert bench.records()[-1].text == f"handover 1 {end}"
 
 
@@ -657,7 +660,7 @@ class TestTakeOff:
         bench.zones(outside=(B,))
         bench.manager.take_off(NOW, bench.actions)
         assert bench.authority.transfer is None
-        assert bench.records()[-1].text == "handover 1 aborted (left_region): GCSA commands"
+        assert bench.records()[-1].text == "handover 1 aborted (left region): GCSA commands"
 
 
 class TestEnd:
@@ -699,7 +702,7 @@ class TestEnd:
         bench.actions.clear()
         bench.move(Cause.DENIED, NOW + 1.5)
         view = bench.authority.view
-        text = "handover 1 aborted (commander_denied): GCSA commands"
+        text = "handover 1 aborted (the commander's operator denied): GCSA commands"
         result = HandoverResult(KEY, A, Outcome.ABORTED, Reason.COMMANDER_DENIED)
         assert bench.actions == [
             ViewChanged(view, Reason.COMMANDER_DENIED),

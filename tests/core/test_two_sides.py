@@ -113,7 +113,9 @@ class TestOperators:
         assert durations_in(network, 3.0 * len(asked), 3.0 * len(asked) + 0.5)
         assert network.agreed()
 
-    @pytest.mark.parametrize(("asked", "reason"), [(A, "commander_denied"), (B, "partner_refused")])
+    @pytest.mark.parametrize(
+        ("asked", "reason"), [(A, "the commander's operator denied"), (B, "the partner's operator denied")]
+    )
     def test_who_says_no_is_asked_again_after_a_pause(self, asked: int, reason: str) -> None:
         network = Network({A: [(0, 200)], B: [(20, 200)]}, (A, B), operators={asked: (False, 1.0)}).run(60.0)
         assert network.commits() == []
@@ -124,7 +126,9 @@ class TestOperators:
 
     def test_who_never_answers(self) -> None:
         network = Network({A: [(0, 200)], B: [(20, 200)]}, (A, B), operators={A: None}).run(51.0)
-        assert network.said("transfer_aborted") == ["handover 1 aborted (commander_unanswered): GCSA commands"]
+        assert network.said("transfer_aborted") == [
+            "handover 1 aborted (the commander's operator did not answer): GCSA commands"
+        ]
         assert network.cores[A].question is None
 
     def test_nobody_hands_over_before_the_aircraft_is_out_it_turns_home(self) -> None:
@@ -151,7 +155,7 @@ class TestDeaths:
         # it is asked at 20.05 s and would be told to set itself up at 20.151 s
         network = Network({A: [(0, 60)], B: [(20, 80)]}, (A, B), air=perfect(0.05), dies={B: 20.1}).run(50.0)
         assert network.commits() == []
-        assert network.said("transfer_aborted") == ["handover 1 aborted (partner_silent): GCSA commands"]
+        assert network.said("transfer_aborted") == ["handover 1 aborted (partner silent): GCSA commands"]
         assert network.arbiter.view.commander == A
 
     def test_a_commander_that_dies_where_no_other_zone_is(self) -> None:

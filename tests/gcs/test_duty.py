@@ -4,9 +4,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from gcs_module.duty import CONFIRM_S, Change, Duty
+from gcs_module.duty_file import DutyFile
+from mavproxy_handover.tools.worker import Worker
 
 NOW = 100.0
 
@@ -70,3 +74,40 @@ def test_what_is_no_name_changes_nothing(name: str) -> None:
 @pytest.mark.parametrize("name", ["Jansen", "J. de Vries", "O'Neill", "Zoë-Marie", "7"])
 def test_names_of_people_are_names(name: str) -> None:
     assert on_duty(name).name == name
+
+
+class TestFile:
+    """The file beside the configuration: only for the line after a restart."""
+
+    def file(self, folder: Path) -> DutyFile:
+        return DutyFile(folder / "station.toml", "GCSB", Worker(start=lambda run: run()))
+
+    def kept(self, folder: Path, *names: str) -> DutyFile:
+        file = self.file(folder)
+        for number, name in enumerate(names):
+            file.keep(name)
+            file.tick(NOW + number)
+        return file
+
+    def test_after_a_restart_the_operator_on_duty_before_is_known(self, tmp_path: Path) -> None:
+        assert self.file(tmp_path).before() == ""
+        self.kept(tmp_path, "de Vries")
+        assert self.file(tmp_path).before() == "de Vries"
+
+    def test_who_signed_off_is_not_named(self, tmp_path: Path) -> None:
+        self.kept(tmp_path, "Jansen", "")
+        assert list(tmp_path.iterdir()) == []
+
+    def test_it_is_named_until_somebody_signs_on(self, tmp_path: Path) -> None:
+        self.kept(tmp_path, "Jansen")
+        assert [self.file(tmp_path).before() for _restart in range(2)] == ["Jansen", "Jansen"]
+
+    @pytest.mark.parametrize("data", [b"", b"off", b"\xff\xfe", b"Jansen\x1b[31m", b"J" * 300, b"../x"])
+    def test_a_damaged_file_counts_as_none(self, tmp_path: Path, data: bytes) -> None:
+        (tmp_path / "GCSB.operator").write_bytes(data)
+        assert self.file(tmp_path).before() == ""
+
+    def test_a_disk_that_refuses_is_a_fault_and_no_exception(self, tmp_path: Path) -> None:
+        file = self.kept(tmp_path / "missing", "Jansen")
+        file.tick(NOW + 1.0)
+        assert "missing" in file.fault

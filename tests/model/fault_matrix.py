@@ -241,7 +241,7 @@ class _Flight:
             elif isinstance(action, Fly):
                 self.outcome.returned = True
             elif isinstance(action, Record) and action.event in ("transfer_committed", "transfer_aborted"):
-                # "handover 1 committed: ...", "handover 2 aborted (partner_silent): ..."
+                # "handover 1 committed: ...", "handover 2 aborted (partner silent): ..."
                 number, how = action.text.removeprefix("handover ").split(":")[0].split(" ", 1)
                 cause = "" if action.event.endswith("aborted") else f" ({action.reason.name.lower()})"
                 self.outcome.transfers.append(f"#{number} {how}{cause}")

@@ -28,103 +28,103 @@ from tests.model.fault_matrix import FAULTS, KILLS, NAMES, Fault, run
 EXPECTED = """\
 1 lost      | nobody          | B e2 ON_MISSION; B after 0.26 s; #1 committed (zone)
 1 lost      | partner 0.5 s   | B e2 ON_MISSION; B after 0.58 s; #1 committed (zone)
-1 lost      | partner 8 s     | B e2 ON_MISSION; B after 8.16 s; #1 aborted (partner_silent), #2 committed (zone)
+1 lost      | partner 8 s     | B e2 ON_MISSION; B after 8.16 s; #1 aborted (partner silent), #2 committed (zone)
 1 lost      | commander 0.5 s | B e2 ON_MISSION; B after 0.88 s; #1 committed (zone)
-1 lost      | commander 8 s   | B e2 ON_MISSION; B after 5.05 s; #1 aborted (commander_silent), #2 committed (commander_lost); nobody 5.0-5.1 s
+1 lost      | commander 8 s   | B e2 ON_MISSION; B after 5.05 s; #1 aborted (commander silent), #2 committed (commander_lost); nobody 5.0-5.1 s
 1 lost      | vehicle 1 s     | B e3 ON_MISSION; B after 1.26 s; #2 committed (zone); nobody 0.0-1.0 s
 1 doubled   | nobody          | B e2 ON_MISSION; B after 0.06 s; #1 committed (zone)
 1 doubled   | partner 0.5 s   | B e2 ON_MISSION; B after 0.58 s; #1 committed (zone)
-1 doubled   | partner 8 s     | B e2 ON_MISSION; B after 8.16 s; #1 aborted (partner_silent), #2 committed (zone)
+1 doubled   | partner 8 s     | B e2 ON_MISSION; B after 8.16 s; #1 aborted (partner silent), #2 committed (zone)
 1 doubled   | commander 0.5 s | B e2 ON_MISSION; B after 0.77 s; #1 committed (zone)
-1 doubled   | commander 8 s   | B e2 ON_MISSION; B after 5.05 s; #1 aborted (commander_silent), #2 committed (commander_lost); nobody 5.0-5.1 s
+1 doubled   | commander 8 s   | B e2 ON_MISSION; B after 5.05 s; #1 aborted (commander silent), #2 committed (commander_lost); nobody 5.0-5.1 s
 1 doubled   | vehicle 1 s     | B e3 ON_MISSION; B after 1.26 s; #2 committed (zone); nobody 0.0-1.0 s
-1 late      | nobody          | B e2 ON_MISSION; B after 6.06 s; #1 aborted (partner_silent), #2 committed (zone)
-1 late      | partner 0.5 s   | B e2 ON_MISSION; B after 6.06 s; #1 aborted (partner_silent), #2 committed (zone)
-1 late      | partner 8 s     | B e2 ON_MISSION; B after 8.16 s; #1 aborted (partner_silent), #2 committed (zone)
-1 late      | commander 0.5 s | B e2 ON_MISSION; B after 6.06 s; #1 aborted (partner_silent), #2 committed (zone)
-1 late      | commander 8 s   | B e2 ON_MISSION; B after 5.05 s; #1 aborted (partner_silent), #2 committed (commander_lost); nobody 5.0-5.1 s
+1 late      | nobody          | B e2 ON_MISSION; B after 6.06 s; #1 aborted (partner silent), #2 committed (zone)
+1 late      | partner 0.5 s   | B e2 ON_MISSION; B after 6.06 s; #1 aborted (partner silent), #2 committed (zone)
+1 late      | partner 8 s     | B e2 ON_MISSION; B after 8.16 s; #1 aborted (partner silent), #2 committed (zone)
+1 late      | commander 0.5 s | B e2 ON_MISSION; B after 6.06 s; #1 aborted (partner silent), #2 committed (zone)
+1 late      | commander 8 s   | B e2 ON_MISSION; B after 5.05 s; #1 aborted (partner silent), #2 committed (commander_lost); nobody 5.0-5.1 s
 1 late      | vehicle 1 s     | B e3 ON_MISSION; B after 1.26 s; #2 committed (zone); nobody 0.0-1.0 s
 1 reordered | nobody          | B e2 ON_MISSION; B after 0.26 s; #1 committed (zone)
 1 reordered | partner 0.5 s   | B e2 ON_MISSION; B after 0.58 s; #1 committed (zone)
-1 reordered | partner 8 s     | B e2 ON_MISSION; B after 8.16 s; #1 aborted (partner_silent), #2 committed (zone)
+1 reordered | partner 8 s     | B e2 ON_MISSION; B after 8.16 s; #1 aborted (partner silent), #2 committed (zone)
 1 reordered | commander 0.5 s | B e2 ON_MISSION; B after 0.88 s; #1 committed (zone)
-1 reordered | commander 8 s   | B e2 ON_MISSION; B after 5.05 s; #1 aborted (commander_silent), #2 committed (commander_lost); nobody 5.0-5.1 s
+1 reordered | commander 8 s   | B e2 ON_MISSION; B after 5.05 s; #1 aborted (commander silent), #2 committed (commander_lost); nobody 5.0-5.1 s
 1 reordered | vehicle 1 s     | B e3 ON_MISSION; B after 1.26 s; #2 committed (zone); nobody 0.0-1.0 s
 2 lost      | nobody          | B e2 ON_MISSION; B after 0.26 s; #1 committed (zone)
 2 lost      | partner 0.5 s   | B e2 ON_MISSION; B after 0.78 s; #1 committed (zone)
-2 lost      | partner 8 s     | B e2 ON_MISSION; B after 8.36 s; #1 aborted (partner_silent), #2 committed (zone)
+2 lost      | partner 8 s     | B e2 ON_MISSION; B after 8.36 s; #1 aborted (partner silent), #2 committed (zone)
 2 lost      | commander 0.5 s | B e2 ON_MISSION; B after 0.88 s; #1 committed (zone)
-2 lost      | commander 8 s   | B e2 ON_MISSION; B after 5.05 s; #1 aborted (commander_silent), #2 committed (commander_lost); nobody 5.0-5.1 s
+2 lost      | commander 8 s   | B e2 ON_MISSION; B after 5.05 s; #1 aborted (commander silent), #2 committed (commander_lost); nobody 5.0-5.1 s
 2 lost      | vehicle 1 s     | B e3 ON_MISSION; B after 1.26 s; #2 committed (zone); nobody 0.0-1.0 s
 2 doubled   | nobody          | B e2 ON_MISSION; B after 0.06 s; #1 committed (zone)
 2 doubled   | partner 0.5 s   | B e2 ON_MISSION; B after 1.02 s; #1 committed (zone)
-2 doubled   | partner 8 s     | B e2 ON_MISSION; B after 8.36 s; #1 aborted (partner_silent), #2 committed (zone)
+2 doubled   | partner 8 s     | B e2 ON_MISSION; B after 8.36 s; #1 aborted (partner silent), #2 committed (zone)
 2 doubled   | commander 0.5 s | B e2 ON_MISSION; B after 0.77 s; #1 committed (zone)
-2 doubled   | commander 8 s   | B e2 ON_MISSION; B after 5.05 s; #1 aborted (commander_silent), #2 committed (commander_lost); nobody 5.0-5.1 s
+2 doubled   | commander 8 s   | B e2 ON_MISSION; B after 5.05 s; #1 aborted (commander silent), #2 committed (commander_lost); nobody 5.0-5.1 s
 2 doubled   | vehicle 1 s     | B e3 ON_MISSION; B after 1.26 s; #2 committed (zone); nobody 0.0-1.0 s
-2 late      | nobody          | B e2 ON_MISSION; B after 6.06 s; #1 aborted (partner_silent), #2 committed (zone)
-2 late      | partner 0.5 s   | B e2 ON_MISSION; B after 6.06 s; #1 aborted (partner_silent), #2 committed (zone)
-2 late      | partner 8 s     | B e2 ON_MISSION; B after 9.36 s; #1 aborted (partner_silent), #2 committed (zone)
-2 late      | commander 0.5 s | B e2 ON_MISSION; B after 6.06 s; #1 aborted (partner_silent), #2 committed (zone)
-2 late      | commander 8 s   | B e2 ON_MISSION; B after 5.05 s; #1 aborted (partner_silent), #2 committed (commander_lost); nobody 5.0-5.1 s
+2 late      | nobody          | B e2 ON_MISSION; B after 6.06 s; #1 aborted (partner silent), #2 committed (zone)
+2 late      | partner 0.5 s   | B e2 ON_MISSION; B after 6.06 s; #1 aborted (partner silent), #2 committed (zone)
+2 late      | partner 8 s     | B e2 ON_MISSION; B after 9.36 s; #1 aborted (partner silent), #2 committed (zone)
+2 late      | commander 0.5 s | B e2 ON_MISSION; B after 6.06 s; #1 aborted (partner silent), #2 committed (zone)
+2 late      | commander 8 s   | B e2 ON_MISSION; B after 5.05 s; #1 aborted (partner silent), #2 committed (commander_lost); nobody 5.0-5.1 s
 2 late      | vehicle 1 s     | B e3 ON_MISSION; B after 1.26 s; #2 committed (zone); nobody 0.0-1.0 s
 2 reordered | nobody          | B e2 ON_MISSION; B after 0.26 s; #1 committed (zone)
 2 reordered | partner 0.5 s   | B e2 ON_MISSION; B after 0.78 s; #1 committed (zone)
-2 reordered | partner 8 s     | B e2 ON_MISSION; B after 8.36 s; #1 aborted (partner_silent), #2 committed (zone)
+2 reordered | partner 8 s     | B e2 ON_MISSION; B after 8.36 s; #1 aborted (partner silent), #2 committed (zone)
 2 reordered | commander 0.5 s | B e2 ON_MISSION; B after 0.88 s; #1 committed (zone)
-2 reordered | commander 8 s   | B e2 ON_MISSION; B after 5.05 s; #1 aborted (commander_silent), #2 committed (commander_lost); nobody 5.0-5.1 s
+2 reordered | commander 8 s   | B e2 ON_MISSION; B after 5.05 s; #1 aborted (commander silent), #2 committed (commander_lost); nobody 5.0-5.1 s
 2 reordered | vehicle 1 s     | B e3 ON_MISSION; B after 1.26 s; #2 committed (zone); nobody 0.0-1.0 s
 3 lost      | nobody          | B e2 ON_MISSION; B after 0.27 s; #1 committed (zone)
 3 lost      | partner 0.5 s   | B e2 ON_MISSION; B after 1.22 s; #1 committed (zone)
-3 lost      | partner 8 s     | B e2 ON_MISSION; B after 8.38 s; #1 aborted (partner_silent), #2 committed (zone)
+3 lost      | partner 8 s     | B e2 ON_MISSION; B after 8.38 s; #1 aborted (partner silent), #2 committed (zone)
 3 lost      | commander 0.5 s | B e2 ON_MISSION; B after 0.77 s; #1 committed (zone)
-3 lost      | commander 8 s   | B e2 ON_MISSION; B after 5.05 s; #1 aborted (commander_silent), #2 committed (commander_lost); nobody 5.0-5.1 s
+3 lost      | commander 8 s   | B e2 ON_MISSION; B after 5.05 s; #1 aborted (commander silent), #2 committed (commander_lost); nobody 5.0-5.1 s
 3 lost      | vehicle 1 s     | B e3 ON_MISSION; B after 1.26 s; #2 committed (zone); nobody 0.0-1.0 s
 3 doubled   | nobody          | B e2 ON_MISSION; B after 0.06 s; #1 committed (zone)
 3 doubled   | partner 0.5 s   | B e2 ON_MISSION; B after 1.02 s; #1 committed (zone)
-3 doubled   | partner 8 s     | B e2 ON_MISSION; B after 8.38 s; #1 aborted (partner_silent), #2 committed (zone)
+3 doubled   | partner 8 s     | B e2 ON_MISSION; B after 8.38 s; #1 aborted (partner silent), #2 committed (zone)
 3 doubled   | commander 0.5 s | B e2 ON_MISSION; B after 2.05 s; #1 committed (release_timeout)
 3 doubled   | commander 8 s   | B e2 ON_MISSION; B after 2.05 s; #1 committed (release_timeout)
 3 doubled   | vehicle 1 s     | B e3 ON_MISSION; B after 1.26 s; #2 committed (zone); nobody 0.0-1.0 s
-3 late      | nobody          | B e2 ON_MISSION; B after 6.16 s; #1 aborted (commander_silent), #2 committed (zone)
-3 late      | partner 0.5 s   | B e2 ON_MISSION; B after 6.16 s; #1 aborted (commander_silent), #2 committed (zone)
-3 late      | partner 8 s     | B e2 ON_MISSION; B after 8.38 s; #1 aborted (commander_silent), #2 committed (zone)
-3 late      | commander 0.5 s | B e2 ON_MISSION; B after 6.16 s; #1 aborted (commander_silent), #2 committed (zone)
-3 late      | commander 8 s   | B e2 ON_MISSION; B after 5.05 s; #1 aborted (commander_silent), #2 committed (commander_lost); nobody 5.0-5.1 s
+3 late      | nobody          | B e2 ON_MISSION; B after 6.16 s; #1 aborted (commander silent), #2 committed (zone)
+3 late      | partner 0.5 s   | B e2 ON_MISSION; B after 6.16 s; #1 aborted (commander silent), #2 committed (zone)
+3 late      | partner 8 s     | B e2 ON_MISSION; B after 8.38 s; #1 aborted (commander silent), #2 committed (zone)
+3 late      | commander 0.5 s | B e2 ON_MISSION; B after 6.16 s; #1 aborted (commander silent), #2 committed (zone)
+3 late      | commander 8 s   | B e2 ON_MISSION; B after 5.05 s; #1 aborted (commander silent), #2 committed (commander_lost); nobody 5.0-5.1 s
 3 late      | vehicle 1 s     | B e3 ON_MISSION; B after 1.26 s; #2 committed (zone); nobody 0.0-1.0 s
 3 reordered | nobody          | B e2 ON_MISSION; B after 0.27 s; #1 committed (zone)
 3 reordered | partner 0.5 s   | B e2 ON_MISSION; B after 1.22 s; #1 committed (zone)
-3 reordered | partner 8 s     | B e2 ON_MISSION; B after 8.38 s; #1 aborted (partner_silent), #2 committed (zone)
+3 reordered | partner 8 s     | B e2 ON_MISSION; B after 8.38 s; #1 aborted (partner silent), #2 committed (zone)
 3 reordered | commander 0.5 s | B e2 ON_MISSION; B after 0.77 s; #1 committed (zone)
 3 reordered | commander 8 s   | B e2 ON_MISSION; B after 3.05 s; #1 committed (release_timeout)
 3 reordered | vehicle 1 s     | B e3 ON_MISSION; B after 1.26 s; #2 committed (zone); nobody 0.0-1.0 s
 4 lost      | nobody          | B e2 ON_MISSION; B after 0.26 s; #1 committed (zone)
 4 lost      | partner 0.5 s   | B e2 ON_MISSION; B after 1.02 s; #1 committed (zone)
-4 lost      | partner 8 s     | B e2 ON_MISSION; B after 8.38 s; #1 aborted (partner_silent), #2 committed (zone)
+4 lost      | partner 8 s     | B e2 ON_MISSION; B after 8.38 s; #1 aborted (partner silent), #2 committed (zone)
 4 lost      | commander 0.5 s | B e2 ON_MISSION; B after 2.25 s; #1 committed (release_timeout)
 4 lost      | commander 8 s   | B e2 ON_MISSION; B after 2.25 s; #1 committed (release_timeout)
 4 lost      | vehicle 1 s     | B e3 ON_MISSION; B after 1.26 s; #2 committed (zone); nobody 0.0-1.1 s
 4 doubled   | nobody          | B e2 ON_MISSION; B after 0.06 s; #1 committed (zone)
 4 doubled   | partner 0.5 s   | B e2 ON_MISSION; B after 1.02 s; #1 committed (zone)
-4 doubled   | partner 8 s     | B e2 ON_MISSION; B after 8.38 s; #1 aborted (partner_silent), #2 committed (zone)
+4 doubled   | partner 8 s     | B e2 ON_MISSION; B after 8.38 s; #1 aborted (partner silent), #2 committed (zone)
 4 doubled   | commander 0.5 s | B e2 ON_MISSION; B after 2.05 s; #1 committed (release_timeout)
 4 doubled   | commander 8 s   | B e2 ON_MISSION; B after 2.05 s; #1 committed (release_timeout)
 4 doubled   | vehicle 1 s     | B e3 ON_MISSION; B after 1.26 s; #2 committed (zone); nobody 0.0-1.1 s
-4 late      | nobody          | B e2 ON_MISSION; B after 6.16 s; #1 aborted (partner_silent), #2 committed (zone)
-4 late      | partner 0.5 s   | B e2 ON_MISSION; B after 6.16 s; #1 aborted (partner_silent), #2 committed (zone)
-4 late      | partner 8 s     | B e2 ON_MISSION; B after 8.38 s; #1 aborted (partner_silent), #2 committed (zone)
-4 late      | commander 0.5 s | B e2 ON_MISSION; B after 6.16 s; #1 aborted (partner_silent), #2 committed (zone)
-4 late      | commander 8 s   | B e2 ON_MISSION; B after 5.07 s; #1 aborted (partner_silent), #2 committed (commander_lost); nobody 5.0-5.1 s
+4 late      | nobody          | B e2 ON_MISSION; B after 6.16 s; #1 aborted (partner silent), #2 committed (zone)
+4 late      | partner 0.5 s   | B e2 ON_MISSION; B after 6.16 s; #1 aborted (partner silent), #2 committed (zone)
+4 late      | partner 8 s     | B e2 ON_MISSION; B after 8.38 s; #1 aborted (partner silent), #2 committed (zone)
+4 late      | commander 0.5 s | B e2 ON_MISSION; B after 6.16 s; #1 aborted (partner silent), #2 committed (zone)
+4 late      | commander 8 s   | B e2 ON_MISSION; B after 5.07 s; #1 aborted (partner silent), #2 committed (commander_lost); nobody 5.0-5.1 s
 4 late      | vehicle 1 s     | B e3 ON_MISSION; B after 1.26 s; #2 committed (zone); nobody 0.0-1.1 s
 4 reordered | nobody          | B e2 ON_MISSION; B after 0.26 s; #1 committed (zone)
 4 reordered | partner 0.5 s   | B e2 ON_MISSION; B after 1.02 s; #1 committed (zone)
-4 reordered | partner 8 s     | B e2 ON_MISSION; B after 8.38 s; #1 aborted (partner_silent), #2 committed (zone)
+4 reordered | partner 8 s     | B e2 ON_MISSION; B after 8.38 s; #1 aborted (partner silent), #2 committed (zone)
 4 reordered | commander 0.5 s | B e2 ON_MISSION; B after 2.25 s; #1 committed (release_timeout)
 4 reordered | commander 8 s   | B e2 ON_MISSION; B after 2.25 s; #1 committed (release_timeout)
 4 reordered | vehicle 1 s     | B e3 ON_MISSION; B after 1.26 s; #2 committed (zone); nobody 0.0-1.1 s
 5 lost      | nobody          | B e2 ON_MISSION; B after 0.26 s; #1 committed (zone)
 5 lost      | partner 0.5 s   | B e2 ON_MISSION; B after 1.22 s; #1 committed (zone)
-5 lost      | partner 8 s     | B e2 ON_MISSION; B after 8.38 s; #1 aborted (partner_silent), #2 committed (zone)
+5 lost      | partner 8 s     | B e2 ON_MISSION; B after 8.38 s; #1 aborted (partner silent), #2 committed (zone)
 5 lost      | commander 0.5 s | B e2 ON_MISSION; B after 2.25 s; #1 committed (release_timeout)
 5 lost      | commander 8 s   | B e2 ON_MISSION; B after 2.25 s; #1 committed (release_timeout)
 5 lost      | vehicle 1 s     | B e3 ON_MISSION; B after 1.26 s; #2 committed (zone); nobody 0.0-1.1 s
@@ -134,11 +134,11 @@ EXPECTED = """\
 5 doubled   | commander 0.5 s | B e2 ON_MISSION; B after 2.05 s; #1 committed (release_timeout)
 5 doubled   | commander 8 s   | B e2 ON_MISSION; B after 2.05 s; #1 committed (release_timeout)
 5 doubled   | vehicle 1 s     | B e3 ON_MISSION; B after 1.26 s; #2 committed (zone); nobody 0.0-1.1 s
-5 late      | nobody          | B e2 ON_MISSION; B after 6.16 s; #1 aborted (partner_silent), #2 committed (zone)
-5 late      | partner 0.5 s   | B e2 ON_MISSION; B after 6.16 s; #1 aborted (partner_silent), #2 committed (zone)
-5 late      | partner 8 s     | B e2 ON_MISSION; B after 9.36 s; #1 aborted (partner_silent), #2 committed (zone)
-5 late      | commander 0.5 s | B e2 ON_MISSION; B after 6.16 s; #1 aborted (partner_silent), #2 committed (zone)
-5 late      | commander 8 s   | B e2 ON_MISSION; B after 5.07 s; #1 aborted (partner_silent), #2 committed (commander_lost); nobody 5.0-5.1 s
+5 late      | nobody          | B e2 ON_MISSION; B after 6.16 s; #1 aborted (partner silent), #2 committed (zone)
+5 late      | partner 0.5 s   | B e2 ON_MISSION; B after 6.16 s; #1 aborted (partner silent), #2 committed (zone)
+5 late      | partner 8 s     | B e2 ON_MISSION; B after 9.36 s; #1 aborted (partner silent), #2 committed (zone)
+5 late      | commander 0.5 s | B e2 ON_MISSION; B after 6.16 s; #1 aborted (partner silent), #2 committed (zone)
+5 late      | commander 8 s   | B e2 ON_MISSION; B after 5.07 s; #1 aborted (partner silent), #2 committed (commander_lost); nobody 5.0-5.1 s
 5 late      | vehicle 1 s     | B e3 ON_MISSION; B after 1.26 s; #2 committed (zone); nobody 0.0-1.1 s
 5 reordered | nobody          | B e2 ON_MISSION; B after 0.26 s; #1 committed (zone)
 5 reordered | partner 0.5 s   | B e2 ON_MISSION; B after 1.06 s; #1 committed (zone)

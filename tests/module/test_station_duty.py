@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -86,3 +87,22 @@ def test_no_operator_leaves_while_the_aircraft_comes_to_this_station(bench: Stat
     core.partner = None
     bench.mpstate.type("handover operator off")
     assert bench.mpstate.console.said("Jansen has signed off.")
+
+
+def test_a_restart_says_at_once_that_it_signed_the_operator_off(bench: StationBench) -> None:
+    bench.load()
+    bench.mpstate.type("handover operator Jansen")
+    kept = bench.config.with_name("GCSA.operator")
+    until = time.monotonic() + 10.0
+    while not kept.is_file() and time.monotonic() < until:
+        bench.run(1.0)
+    bench.mpstate.unload("handover_gcs")
+    bench.load()
+    line = (
+        "WARNING: Jansen is signed off: this station's program was started again. To sign on again, type 'handover "
+        "operator Jansen'. This station takes no aircraft until then."
+    )
+    assert bench.mpstate.console.said(line)
+    assert answer(bench) == UNMANNED, "the file signs nobody on"
+    bench.mpstate.type("handover operator Jansen")
+    assert answer(bench) == ACCEPTED

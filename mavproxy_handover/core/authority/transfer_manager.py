@@ -326,7 +326,7 @@ class TransferManager:
         text = (
             f"handover {key.handover_id} committed: {authority.name(key.to_station)} commands, epoch {authority.epoch}"
             if committed
-            else f"handover {key.handover_id} aborted ({end.reason.name.lower()}): {authority.name(commander)} commands"
+            else f"handover {key.handover_id} aborted ({in_words(end.reason)}): {authority.name(commander)} commands"
         )
         event = "transfer_committed" if committed else "transfer_aborted"
         actions.append(Record(event, text, reason, key.to_station, now - transfer.started_at))
