@@ -41,7 +41,7 @@ class DutyFile:
         return self._written
 
     def keep(self, name: str) -> None:
-        """This operator is on duty from now on; "": none is."""
+        """Note the operator on duty from now on; "": none is."""
         self._wanted = name
 
     def tick(self, now: float) -> None:

@@ -203,7 +203,7 @@ SHOWN: Final = (
         "Operators on duty",
         "Operators sign on and off by name. A station can require one before it takes the aircraft.",
         "Type the command that the line names.",
-        _in("gcs_module", "duty duty_commands"),
+        _in("gcs_module", "duty duty_commands duty_file"),
     ),
     Family(
         "The panel",
