@@ -134,7 +134,9 @@ picture: $(VENV)/installed
 	$(BIN)/python -m tests.structure.picture
 
 docs: $(VENV)/installed
-	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+	$(BIN)/python docs/site/stage.py build/pages
+	cd build/pages && $(CURDIR)/$(BIN)/zensical build --strict
+	rm -rf site && mv build/pages/site site
 
 format: $(VENV)/installed
 	$(BIN)/ruff format .

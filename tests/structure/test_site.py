@@ -6,9 +6,11 @@ from __future__ import annotations
 
 import os
 import re
+import runpy
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -26,13 +28,54 @@ BROUGHT = re.compile(r"""<(?:script|link|img|iframe)[^>]+(?:src|href)=["'](https
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("site")
-    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(folder)]
-    environment = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}
-    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False, timeout=200)
-    assert done.returncode == 0, done.stderr
-    assert "WARNING" not in done.stderr, done.stderr
-    return folder
+    done = build(folder := tmp_path_factory.mktemp("site") / "pages")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "No issues found" in done.stdout + done.stderr
+    return folder / "site"
+
+
+def build(folder: Path, broken: str = "") -> subprocess.CompletedProcess[str]:
+    """As `make docs`. `broken` is added to a page first."""
+    subprocess.run([sys.executable, str(ROOT / "docs/site/stage.py"), str(folder)], check=True, timeout=200)
+    if broken:
+        page = folder / "docs/tutorial.md"
+        page.write_text(page.read_text(encoding="utf-8") + broken, encoding="utf-8")
+    command = [str(Path(sys.executable).with_name("zensical")), "build", "--strict"]
+    environment = {**os.environ, "NO_COLOR": "1"}
+    return subprocess.run(
+        command, cwd=folder, env=environment, capture_output=True, text=True, check=False, timeout=200
+    )
+
+
+def test_a_link_that_leads_nowhere_is_an_error(tmp_path: Path) -> None:
+    done = build(tmp_path / "pages", "\n[a page](nowhere.md), [a heading](safety.md#nowhere)\n")
+    assert done.returncode != 0
+    assert "page does not exist" in done.stdout + done.stderr
+    assert "anchor does not exist" in done.stdout + done.stderr
+
+
+def test_no_link_text_is_a_file_name() -> None:
+    pages = [*(ROOT / "docs").glob("*.md"), *(ROOT / path for path in stage_of()["ELSEWHERE"].values())]
+    found = [
+        f"{page.name}: {text}"
+        for page in pages
+        if page.name != "CHANGELOG.md"
+        for text in re.findall(r"(?<!!)\[([^\]]*)\]\(", page.read_text(encoding="utf-8"))
+        if re.fullmatch(r"[\w/-]+\.md", text)
+    ]
+    assert found == []
+
+
+def stage_of() -> dict[str, Any]:
+    """What `docs/site/stage.py` defines; it is in no package."""
+    return runpy.run_path(str(ROOT / "docs/site/stage.py"))
+
+
+def test_every_page_is_in_the_navigation() -> None:
+    nav = (ROOT / "mkdocs.yml").read_text(encoding="utf-8").partition("\nnav:\n")[2]
+    pages = {path.relative_to(ROOT / "docs").as_posix() for path in (ROOT / "docs").glob("*.md")}
+    pages |= {f"reference/{name}" for name in PAGES}
+    assert [page for page in sorted(pages) if f": {page}\n" not in nav] == []
 
 
 def test_every_page_is_there(site: Path) -> None:
