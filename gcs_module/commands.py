@@ -111,6 +111,8 @@ class StationCommands:
         self._nonce = 0
         #: when the operator last answered a question
         self._answered_at = -inf
+        #: lifted limits by name, and until when the vehicle lets commands leave them (monotonic s)
+        self.overrides: dict[str, float] = {}
         #: refused commands, and until when a text with the reason may still arrive
         self._refused: dict[str, tuple[str, float]] = {}
         self._table: dict[str, tuple[str, Callable[[], None]]] = {
@@ -331,6 +333,8 @@ class StationCommands:
 
     def on_message(self, message: Any, now: float) -> None:
         """A COMMAND_ACK or heartbeat of the autopilot, or the vehicle's HANDOVER_OVERRIDE or HANDOVER_REHEARSAL."""
+        if message.get_type() == "HANDOVER_OVERRIDE" and message.limit in LIMITS:
+            self.overrides[LIMITS[message.limit]] = now + message.seconds
         for talk in list(self._talks.values()):
             talk.on_message(message, now)
 

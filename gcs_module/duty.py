@@ -8,7 +8,8 @@ Rules that live here:
    next operator confirms that with the same command within CONFIRM_S. Then the shift has changed.
 2. `handover operator off` signs off. It is refused while an aircraft in flight is commanded from here, or is about to
    be. Then the aircraft is handed over first, or the next operator signs on.
-3. A station with `require_operator` is manned only while an operator is on duty. An unmanned station is no partner for
+3. If the operator on duty signs on again, the change of shift is cancelled.
+4. A station with `require_operator` is manned only while an operator is on duty. An unmanned station is no partner for
    a handover, and START, REQUEST and ACCEPT are refused here.
 """
 
@@ -20,12 +21,13 @@ from enum import Enum
 from math import inf
 from typing import Final
 
-__all__ = ["CONFIRM_S", "NEEDS_OPERATOR", "Change", "Duty", "Outcome", "is_name"]
+__all__ = ["CONFIRM_S", "NEEDS_OPERATOR", "OFF", "Change", "Duty", "Outcome", "is_name"]
 
 #: time (s) in which the next operator confirms the briefing
 CONFIRM_S: Final = 120.0
 #: commands that an unmanned station refuses
 NEEDS_OPERATOR: Final = ("start", "request", "accept")
+#: the word that signs off, in place of a name
 OFF: Final = "off"
 #: letters of any language, digits, and what names are joined with
 _NAME: Final = re.compile(r"[^\W_][\w .'-]{0,29}")
@@ -65,6 +67,10 @@ class Duty:
         self._next = ""
         self._next_until = -inf
 
+    def next_one(self, now: float) -> tuple[str, float]:
+        """The next operator, who has to confirm the briefing, and the end of the time for that; "": there is none."""
+        return (self._next, self._next_until) if now < self._next_until else ("", -inf)
+
     @property
     def manned(self) -> bool:
         """Whether the station may take an aircraft."""
@@ -81,6 +87,9 @@ class Duty:
         if not is_name(name):
             return Outcome(Change.TOLD, f"{name!r} is no name (allowed: 1 to 30 letters, digits, blanks, . ' -)")
         if name == self.name:
+            if self._next:
+                self._next, self._next_until = "", -inf
+                return Outcome(Change.TOLD, f"{name} stays on duty.")
             return Outcome(Change.TOLD, f"{name} is on duty already.")
         if not self.name:
             return self._on(name, Change.ON, f"{name} is on duty.")

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Sequence
 
 from gcs_module.aircraft import Aircraft
-from gcs_module.duty import NEEDS_OPERATOR, Change, Duty
+from gcs_module.duty import NEEDS_OPERATOR, Change, Duty, Outcome
 from gcs_module.duty_file import DutyFile
 from gcs_module.event_log import StationEventLog
 
@@ -34,7 +34,16 @@ class DutyCommands:
         self._show = show
         self._flown = flown
 
-    def run(self, args: Sequence[str]) -> None:
+    @property
+    def name(self) -> str:
+        """The operator on duty; "" if none is."""
+        return self._duty.name
+
+    def next_name(self) -> str:
+        """The next operator, who has to confirm the briefing; "" if there is none."""
+        return self._duty.next_one(time.monotonic())[0]
+
+    def run(self, args: Sequence[str]) -> Outcome:
         """The command. `args`: what follows `operator`."""
         outcome = self._duty.command(" ".join(args), time.monotonic(), self._flown())
         for aircraft in self._aircraft:
@@ -44,11 +53,12 @@ class DutyCommands:
                 aircraft.commands.run(["status"])
         if outcome.change in (Change.TOLD, Change.BRIEFED):
             self._show(outcome.text)
-            return
+            return outcome
         self._file.keep(self._duty.name)
         self._event_log.duty(outcome, self._duty.name)
         if not self._duty.manned:
             self._event_log.unmanned()
+        return outcome
 
     def refuses(self, word: str) -> bool:
         """Whether the operator's command is refused, because no operator is on duty. Then it is told."""

@@ -39,6 +39,7 @@ from gcs_module.panel.collect import Collector
 from gcs_module.panel.endpoint import EndpointError, open_endpoint
 from gcs_module.panel.orders import Order, Reply, carry_out
 from gcs_module.panel.publisher import Publisher
+from gcs_module.peer_operators import PeerOperators, operator_message
 from gcs_module.served_program import ServedProgram
 from gcs_module.serving import Serving
 from gcs_module.station_resources import StationResources
@@ -91,6 +92,7 @@ class HandoverGcsModule(mp_module.MPModule):
         self.config = config
         self.faults: Counter[str] = Counter()
         self.journal = resources.journal
+        self.peer_operators = PeerOperators(tuple(peer.station.sysid for peer in config.peers))
         self.settings_of_ours = our_settings()
         self.duty = Duty(config.require_operator)
         self.event_log = StationEventLog(resources.journal, self._tell)
@@ -116,7 +118,9 @@ class HandoverGcsModule(mp_module.MPModule):
         self._thread = threading.get_ident()
         self._typed: deque[list[str]] = deque()
         self._duty_file = DutyFile(config.path, config.station.name)
-        duty = DutyCommands(self.duty, self.aircraft, self.event_log, self._show, self._on_hand, self._duty_file)
+        self._duty_commands = duty = DutyCommands(
+            self.duty, self.aircraft, self.event_log, self._show, self._on_hand, self._duty_file
+        )
         self.commands = FleetCommands(
             self.aircraft, self.selection, self.settings_of_ours, self._show, self.faults, duty
         )
@@ -228,7 +232,9 @@ class HandoverGcsModule(mp_module.MPModule):
         def run() -> None:
             nonlocal found
             self.event_log.panel(order.do, order.argument)
-            found = carry_out(order, self.aircraft, [peer.station.name for peer in self.config.peers])
+            found = carry_out(
+                order, self.aircraft, [peer.station.name for peer in self.config.peers], self._duty_commands
+            )
 
         self._guarded("panel", run)
         return found
@@ -371,6 +377,9 @@ class HandoverGcsModule(mp_module.MPModule):
         message = codec.decode_bytes(frame.raw)
         if message is None or getattr(message, "target_system", 0) not in (0, self.config.station.sysid):
             return
+        if message.get_type() == "STATION_OPERATOR":
+            self.peer_operators.on_message(frame.sysid, message, self.now())
+            return
         if message.get_type().startswith("MISSION_"):
             self._on_package(frame, message)
             return
@@ -440,6 +449,7 @@ class HandoverGcsModule(mp_module.MPModule):
         )
         for peer in self._ground.peers:
             self._ground.write(peer, codec.pack(beat, self._own))
+            self._ground.write(peer, codec.pack(operator_message(peer, self.duty), self._own))
 
     # ---- which vehicle is chosen ----------------------------------------------------------------------------------
 

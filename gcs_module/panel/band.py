@@ -23,6 +23,7 @@ from math import inf
 from typing import Final
 
 from gcs_module.alarms import Level
+from gcs_module.duty import NEEDS_OPERATOR
 from gcs_module.panel.snapshot import AircraftSeen, AlarmSeen, Question, StationSeen
 from gcs_module.panel.words import LABELS, age, for_buttons, remedy_of, seconds_to
 
@@ -37,6 +38,8 @@ GONE_S: Final = 10.0
 _MISSION: Final = ("AUTO", "")
 _RETURNS: Final = ("RTL", "SMART_RTL", "QRTL", "LAND")
 _NOTHING: Final = "Nothing to do"
+#: lines, the last ones, that may say what to do now
+_TOLD: Final = 4
 
 
 class Who:
@@ -107,6 +110,22 @@ class _Case:
         return str(mode.value) if mode is not None and self.now - mode.at <= OLD_S else ""
 
     @property
+    def manned(self) -> bool:
+        """Whether the station may take an aircraft."""
+        return bool(self.station.operator) or not self.station.required
+
+    @property
+    def share(self) -> bool:
+        """Whether the mission may have to be sent again: on the ground, or if a sentence of now says so."""
+        craft = self.craft
+        told = (
+            craft.decision,
+            *(alarm.remedy for alarm in craft.alarms),
+            *(line.text for line in craft.lines[-_TOLD:]),
+        )
+        return not self.flying or any("'handover share'" in text for text in told)
+
+    @property
     def loud(self) -> AlarmSeen | None:
         """The gravest alarm that is not acknowledged."""
         return next((alarm for alarm in self.craft.alarms if not alarm.acknowledged), None)
@@ -126,6 +145,14 @@ class _Case:
         known, words = _who(self.craft)
         first = tuple(main)
         quiet = who == Who.UNKNOWN
+        if not self.manned and any(button.do in NEEDS_OPERATOR for button in first):
+            do = f"Sign on first: no operator is on duty. {do}"
+            first = (_button("sign_on"), *(button for button in first if button.do not in NEEDS_OPERATOR))
+        lifted = [(limit, until) for limit, until in self.craft.overrides if until > self.now]
+        if lifted and not quiet:
+            level = max(level, Level.ADVISORY)
+            told = " and ".join(f"{limit} (ends {seconds_to(until, self.now)})" for limit, until in lifted)
+            do = f"{do} Limit lifted by override: {told}."
         more = (
             ()
             if quiet
@@ -155,12 +182,16 @@ class _Case:
                 paused = self.mode not in _MISSION
                 found += [_button(do) for do in (("resume",) if paused else ("stop",))]
                 found += [_button("continue"), _button("return")]
+            else:
+                found.append(_button("start"))
             found.append(Button("give", LABELS["give"], choices=tuple(peer.name for peer in self.station.peers)))
             found.append(_button("release"))
             found.append(Button("override", f"{LABELS['override']} 60 s", choices=self.station.limits))
         elif craft.question is None or not craft.question.take:
             found.append(_button("request"))
-        return found
+        if self.share:
+            found.append(_button("share"))
+        return found if self.manned else [button for button in found if button.do not in NEEDS_OPERATOR]
 
 
 def _button(do: str, argument: str = "", label: str = "") -> Button:
@@ -241,7 +272,8 @@ def _no_commander(case: _Case) -> Band | None:
 def _no_commander_on_ground(case: _Case) -> Band | None:
     if case.craft.commander:
         return None
-    return case.band(Level.INFO, "The aircraft is on the ground.", "Request control to fly it.", [_button("request")])
+    words = "The aircraft waits on the ground."
+    return case.band(Level.INFO, words, "Request control if you start the flight.", [_button("request")])
 
 
 def _under_way(case: _Case) -> Band | None:
@@ -273,6 +305,13 @@ def _alarm(case: _Case) -> Band | None:
         return None
     do = for_buttons(alarm.remedy) or "Read it, then acknowledge it."
     return case.band(Level(alarm.level), for_buttons(alarm.text), do, [_button("acknowledge")])
+
+
+def _unmanned(case: _Case) -> Band | None:
+    if case.manned:
+        return None
+    words = "No operator is on duty: this station takes no aircraft."
+    return case.band(Level.WARNING, words, "Sign on with your name.", [_button("sign_on")])
 
 
 def _paused(case: _Case) -> Band | None:
@@ -315,8 +354,10 @@ def _zone_ends(case: _Case) -> Band | None:
 def _normal(case: _Case) -> Band | None:
     if case.flying:
         return case.band(Level.INFO, "No handover is expected.", f"{_NOTHING}.")
-    do = "Start the flight when you are ready." if case.craft.own else f"{_NOTHING}."
-    return case.band(Level.INFO, "The aircraft is on the ground.", do)
+    words = "The aircraft waits on the ground for Start."
+    if not case.craft.own:
+        return case.band(Level.INFO, words, f"{_NOTHING}: {case.craft.commander} starts the flight.")
+    return case.band(Level.INFO, words, "Press Start when you are ready to fly.", [_button("start")])
 
 
 RULES: Final[tuple[Callable[[_Case], Band | None], ...]] = (
@@ -329,6 +370,7 @@ RULES: Final[tuple[Callable[[_Case], Band | None], ...]] = (
     _decided,
     _under_way,
     _alarm,
+    _unmanned,
     _paused,
     _border,
     _zone_ends,

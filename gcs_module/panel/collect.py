@@ -11,6 +11,7 @@ from typing import Any, Final, Protocol
 
 from gcs_module.aircraft import Aircraft
 from gcs_module.alarms import Alarm
+from gcs_module.duty import Duty
 from gcs_module.notices import NOTICES
 from gcs_module.panel.question_number import border_number, number_of
 from gcs_module.panel.snapshot import (
@@ -25,6 +26,7 @@ from gcs_module.panel.snapshot import (
     Stamped,
     StationSeen,
 )
+from gcs_module.peer_operators import PeerOperators
 from mavproxy_handover.config.files import StationConfig
 from mavproxy_handover.core.common.model import Consent
 from mavproxy_handover.tools.version import VERSION
@@ -42,6 +44,8 @@ class Station(Protocol):
 
     config: StationConfig
     aircraft: tuple[Aircraft, ...]
+    duty: Duty
+    peer_operators: PeerOperators
 
 
 class _LinkAges:
@@ -70,13 +74,18 @@ class Collector:
 
     def snapshot(self, now: float) -> StationSeen:
         """What the station knows now."""
-        config = self._station.config
+        config, duty = self._station.config, self._station.duty
+        next_operator, next_until = duty.next_one(now)
         return StationSeen(
             station=config.station.name,
             at=now,
             program=f"handover_gcs {VERSION}",
             configuration=str(config.path),
             limits=tuple(LIMITS.values()),
+            operator=duty.name,
+            required=duty.required,
+            next_operator=next_operator,
+            next_until=_time(next_until),
             aircraft=tuple(self._aircraft(each, now) for each in self._station.aircraft),
             peers=tuple(self._peers(now)),
         )
@@ -98,7 +107,12 @@ class Collector:
         core = self._station.aircraft[0].core
         for peer in self._station.config.peers:
             sysid = peer.station.sysid
-            yield PeerSeen(peer.station.name, core.peer_alive(sysid, now), _time(core.peer_heard_at(sysid)))
+            yield PeerSeen(
+                peer.station.name,
+                core.peer_alive(sysid, now),
+                _time(core.peer_heard_at(sysid)),
+                self._station.peer_operators.of(sysid),
+            )
 
     def _aircraft(self, craft: Aircraft, now: float) -> AircraftSeen:
         core, state, values = craft.core, craft.state, craft.values
@@ -137,6 +151,7 @@ class Collector:
             return_site=None if state.return_site is None else ReturnSite(*state.return_site),
             rerouted=state.rerouted,
             mission="" if flown is None else flown.digest.hex(),
+            overrides=tuple((limit, until) for limit, until in craft.commands.overrides.items() if until > now),
             briefing_at=_time(craft.briefing.at),
             briefing=tuple(craft.briefing.pairs),
             alarms=tuple(_alarm(alarm) for alarm in craft.event_log.alarms.standing),

@@ -8,11 +8,14 @@ import argparse
 import sys
 import threading
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Final
 
 from gcs_module.panel.endpoint import running
 from gcs_module.panel.panel_auth import PanelAuth
 from gcs_module.panel.session import Session
+from gcs_module.watch.page_arguments import add_address
+from gcs_module.watch.tiles import TilesError, TileSource, open_tiles
 from gcs_module.watch.web_auth import is_loopback
 from mavproxy_handover.tools.command_line import CommandParser
 
@@ -28,6 +31,7 @@ def main(argv: Sequence[str]) -> int:
         examples=(
             ("handover panel", "beside the station that runs here"),
             ("handover panel --station GCSA --port 8092", "of several stations on one computer"),
+            ("handover panel --tiles area.mbtiles", "with a map behind the zones, without a network"),
         ),
         codes={0: "ended by Ctrl-C", 2: "wrong usage, or the page cannot be served"},
         description="Serve the operator's page of a station that runs on this computer: which station commands, what "
@@ -36,10 +40,14 @@ def main(argv: Sequence[str]) -> int:
     parser.add_argument(
         "--station", default="", metavar="NAME", help="the station, or the file of its socket (the one that runs)"
     )
-    parser.add_argument("--host", default="127.0.0.1", metavar="ADDRESS", help="where the page is (127.0.0.1)")
+    add_address(parser, "--host", _PORT)
     parser.add_argument(
-        "--port", type=_port, default=_PORT, metavar="N", help=f"and at which port ({_PORT}); 0: a free one"
+        "--tiles",
+        type=Path,
+        metavar="PATH",
+        help="tiles of the map: an MBTiles file, or a folder with z/x/y.png (none)",
     )
+    parser.add_argument("--tiles-credit", default="", metavar="TEXT", help="whose they are")
     try:
         arguments = parser.parse_args(argv)
     except SystemExit as stop:
@@ -49,18 +57,15 @@ def main(argv: Sequence[str]) -> int:
         known = ", ".join(names)
         print(f"handover panel: several stations run here: {known}. Name one: --station {names[0]}", file=sys.stderr)
         return 2
-    return _serve(arguments, arguments.station or (names[0] if names else ""))
+    try:
+        tiles = None if arguments.tiles is None else open_tiles(arguments.tiles, arguments.tiles_credit)
+    except TilesError as error:
+        print(f"handover panel: --tiles {error}", file=sys.stderr)
+        return 2
+    return _serve(arguments, arguments.station or (names[0] if names else ""), tiles)
 
 
-def _port(text: str) -> int:
-    """Raises ValueError, as argparse wants it."""
-    value = int(text)
-    if not 0 <= value <= 65535:
-        raise ValueError(text)
-    return value
-
-
-def _serve(arguments: argparse.Namespace, station: str) -> int:
+def _serve(arguments: argparse.Namespace, station: str, tiles: TileSource | None) -> int:
     # optional packages are imported here, after all checks
     from gcs_module.panel.page import build
     from gcs_module.watch.serving import Served
@@ -83,7 +88,7 @@ def _serve(arguments: argparse.Namespace, station: str) -> int:
         served = Served(arguments.host, arguments.port)
     except SystemExit:  # uvicorn has said why
         return 2
-    auth = PanelAuth(build(session, session.begin, session.end), served.host, served.port)
+    auth = PanelAuth(build(session, session.begin, session.end, tiles), served.host, served.port)
 
     def print_link() -> None:
         print(f"{served.address}?token={auth.new_link()}", flush=True)

@@ -7,6 +7,7 @@ Rules that live here
 * An answer names its question. If that question is over, or another one has taken its place, nothing is done and the
   panel gets that as its answer. So a press that was meant for one question never answers the next.
 * All other orders are sent to the vehicle, which judges them. The outcome is a line, as for a typed command.
+* Sign-on and the confirmation of a shift change are two orders: a second press on the first does not confirm.
 * An order that cannot be read is answered with one line, and does nothing.
 
 Pure, but for the commands themselves.
@@ -19,7 +20,7 @@ from dataclasses import dataclass
 from typing import Any, Final, Protocol
 
 from gcs_module.core import StationCore
-from gcs_module.duty import NEEDS_OPERATOR
+from gcs_module.duty import NEEDS_OPERATOR, OFF, Change, Outcome
 from gcs_module.panel.question_number import border_number, number_of
 from mavproxy_handover.core.common.model import Consent
 from mavproxy_handover.wire.ids import LIMITS
@@ -33,10 +34,14 @@ class OrderError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class _Kind:
-    """An order: its typed command, and what its argument is: "", "question", "station" or "limit"."""
+    """An order: its typed command, and what its argument is: "", "question", "station", "limit" or "name".
+
+    `whole`: it is about the station, and not about one aircraft.
+    """
 
     words: str
     argument: str = ""
+    whole: bool = False
 
 
 #: the panel's word -> the typed command
@@ -52,13 +57,18 @@ ORDERS: Final[Mapping[str, _Kind]] = {
     "return": _Kind("return"),
     "override": _Kind("override", "limit"),
     "acknowledge": _Kind("ack"),
+    "start": _Kind("start"),
+    "share": _Kind("share"),
+    "sign_on": _Kind("operator", "name", whole=True),
+    "confirm": _Kind("operator", "name", whole=True),
+    "sign_off": _Kind("operator", whole=True),
 }
 _MOST_LETTERS: Final = 80
 
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """One order. `number`: the panel's, which its reply repeats; `vehicle`: system id."""
+    """One order. `number`: the panel's, which its reply repeats; `vehicle`: system id, 0 for the station itself."""
 
     number: int
     do: str
@@ -84,6 +94,20 @@ class Commands(Protocol):
 
     def run(self, args: list[str]) -> None:
         """Run one command line."""
+
+
+class OnDuty(Protocol):
+    """The operators of the station."""
+
+    @property
+    def name(self) -> str:
+        """The operator on duty; "" if none is."""
+
+    def next_name(self) -> str:
+        """The next operator, who has to confirm the briefing; "" if there is none."""
+
+    def run(self, args: Sequence[str]) -> Outcome:
+        """The command `handover operator ...`."""
 
 
 class Ordered(Protocol):
@@ -115,14 +139,16 @@ def read_order(values: Mapping[str, Any]) -> Order:
     return Order(number, do, vehicle, argument)
 
 
-def carry_out(order: Order, aircraft: Sequence[Ordered], stations: Sequence[str]) -> Reply:
+def carry_out(order: Order, aircraft: Sequence[Ordered], stations: Sequence[str], duty: OnDuty) -> Reply:
     """Carry out an order. `stations`: names of the stations that can get an aircraft."""
     target = next((each for each in aircraft if each.sysid == order.vehicle), None)
     kind = ORDERS[order.do]
+    if kind.whole:
+        return _of_duty(order, duty)
     if target is None:
         return Reply(order.number, False, f"Not used: this station has no vehicle {order.vehicle}.")
     if not target.core.manned and kind.words in NEEDS_OPERATOR:
-        text = "Not used: no operator is on duty. Type 'handover operator NAME' at the station's terminal."
+        text = "Not used: no operator is on duty. Sign on first."
         return Reply(order.number, False, text)
     if kind.argument == "station" and order.argument not in stations:
         known = ", ".join(stations) or "none"
@@ -131,6 +157,31 @@ def carry_out(order: Order, aircraft: Sequence[Ordered], stations: Sequence[str]
         return _answer(order, target)
     target.commands.run([kind.words, *([order.argument] if kind.argument else [])])
     return Reply(order.number, True, f"{order.do.capitalize()} {order.argument}".rstrip() + ".")
+
+
+def _of_duty(order: Order, duty: OnDuty) -> Reply:
+    """Sign-on, sign-off, and the change of shift. Only `confirm` confirms: a second press on `sign_on` does not."""
+    name = " ".join(order.argument.split())
+    if order.do == "sign_off":
+        return _told(order, duty.run([OFF]))
+    if order.do == "confirm":
+        if not name or duty.next_name() != name:
+            return Reply(order.number, False, "Not used: the time to confirm is over. Sign on again.")
+        return _told(order, duty.run([name]))
+    if name == OFF:
+        return Reply(order.number, False, f"Not used: {OFF!r} is no name.")
+    if name == duty.name and duty.next_name():  # the change of shift is cancelled
+        return Reply(order.number, True, duty.run([name]).text)
+    if name and duty.next_name() == name:
+        return Reply(order.number, True, "Read the briefing, then confirm it.")
+    return _told(order, duty.run([name]))
+
+
+def _told(order: Order, outcome: Outcome) -> Reply:
+    if outcome.change is Change.BRIEFED:
+        text = f"Read the briefing, then confirm it. {outcome.before} is on duty until then."
+        return Reply(order.number, True, text)
+    return Reply(order.number, outcome.change is not Change.TOLD, outcome.text)
 
 
 def _answer(order: Order, target: Ordered) -> Reply:

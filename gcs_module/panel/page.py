@@ -15,19 +15,22 @@ Import this only for `handover panel`: NiceGUI is an extra.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, Final
 
 from fastapi import FastAPI
-from nicegui import Client, app, ui
+from nicegui import ui
 from nicegui.events import GenericEventArguments
 
 from gcs_module.panel.band import OLD_S
 from gcs_module.panel.panel_values import Known, marks_of, page_of
 from gcs_module.panel.session import Session
-from gcs_module.watch.page import forget_unopened
+from gcs_module.panel.words import for_buttons, seconds_to
+from gcs_module.watch.page_server import PageKind, page_server
+from gcs_module.watch.tiles import TileSource
+from mavproxy_handover.mission.geodesy import distance_m
 
 __all__ = ["MOST_VIEWERS", "build"]
 
@@ -39,8 +42,8 @@ _EVERY_S: Final = 0.4
 _WAITING: Final = 16
 #: parts of the page that `panel.js` fills; "": above the columns
 _PARTS: Final = {
-    "": ("head", "band", "rows"),
-    "left": ("alarms", "briefing", "lines"),
+    "": ("head", "duty", "band", "rows"),
+    "left": ("shift", "alarms", "briefing", "lines"),
     "right": ("values", "links", "peers"),
 }
 
@@ -48,7 +51,7 @@ _PARTS: Final = {
 class _Page:
     """The page in one browser."""
 
-    def __init__(self, session: Session) -> None:
+    def __init__(self, session: Session, tiles: Mapping[str, Any] | None) -> None:
         self._session = session
         self._pinned = 0
         #: section -> its values as they were sent
@@ -62,13 +65,13 @@ class _Page:
             with ui.element("div").classes(f"hp-{column}") if column else nullcontext():
                 for part in parts:
                     ui.element("div").classes(f"hp-{part}")
-        options = {"preferCanvas": True, "attributionControl": False, "maxZoom": 20, "zoomSnap": 0.25}
+        options = {"preferCanvas": True, "attributionControl": tiles is not None, "maxZoom": 20, "zoomSnap": 0.25}
         with ui.element("div").classes("hp-map"):
             self._map = ui.leaflet(center=(0.0, 0.0), zoom=2, options=options).classes("hw-map")
             self._map.clear_layers()  # its own tiles come from a network
         ui.on("panel_order", self._on_order)
         ui.on("panel_pin", self._on_pin)
-        ui.run_javascript(f"handoverWatch.attach({self._map.id}, null); handoverPanel.attach()")
+        ui.run_javascript(f"handoverWatch.attach({self._map.id}, {json.dumps(tiles)}); handoverPanel.attach()")
         self.update()
         ui.timer(_EVERY_S, self.update)
 
@@ -92,6 +95,7 @@ class _Page:
             "tracks": [track for name in self._session.tracks if (track := self._track(name, known.colours))],
             "commanding": self._commanding(known),
             **marks_of(known),
+            "borders": list(self._borders(known)),
         }
         text = json.dumps(given)
         if self._sent.get("map") != text:
@@ -117,13 +121,30 @@ class _Page:
                 found.setdefault(mission.key, set()).add(craft.commander)
         return {key: sorted(names) for key, names in found.items()}
 
+    def _borders(self, known: Known) -> Iterator[dict[str, Any]]:
+        """The next border of each aircraft that is heard: the nearest of those between its two stations."""
+        for craft in () if known.seen is None or known.dead else known.seen.aircraft:
+            mission, border, place = self._session.missions.get(craft.mission), craft.border, craft.position
+            if mission is None or border is None or place is None or known.now - place.at > OLD_S:
+                continue
+            pair = border.from_station, border.to_station
+            found = [
+                each.place
+                for each in mission.crossings
+                if (mission.names.get(each.from_station), mission.names.get(each.to_station)) == pair
+            ]
+            if found:
+                at = min(found, key=lambda there: distance_m(*place.value, *there))
+                left = seconds_to(border.at, known.now)
+                yield {"key": craft.name, "at": list(at), "words": f"{pair[0]} to {pair[1]} {left}"}
+
     def _replies(self) -> list[dict[str, Any]]:
         done = []
         for number, order in list(self._waiting.items()):
             reply = self._session.reply(number)
             if reply is not None:
                 del self._waiting[number]
-                done.append({"used": reply[0], "text": reply[1], **order})
+                done.append({"used": reply[0], "text": for_buttons(reply[1]), **order})
         return done
 
     # ---- in -------------------------------------------------------------------------------------------------------
@@ -146,32 +167,17 @@ class _Page:
             self.update()
 
 
-def build(session: Session, begin: Callable[[], None], end: Callable[[], None]) -> FastAPI:
-    """The application. `begin` and `end` are called within its event loop."""
-    server = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
-    app.add_static_files("/panel", _HERE / "static")
-    app.add_static_files("/watch", _MAP)
-    app.on_startup(begin)
-    app.on_shutdown(end)
-
-    @ui.page("/", title="handover panel")
-    def page() -> None:
-        forget_unopened(ui.context.client)
-        if sum(client.has_socket_connection for client in Client.instances.values()) >= MOST_VIEWERS:
-            ui.label(f"{MOST_VIEWERS} windows show this page already. Close one of them and load this page again.")
-            return
-        ui.add_head_html('<link rel="stylesheet" href="/watch/map.css"><link rel="stylesheet" href="/panel/panel.css">')
-        ui.add_head_html('<script src="/watch/watch.js"></script><script src="/panel/panel.js"></script>')
-        _Page(session)
-
-    ui.run_with(
-        server,
-        title="handover panel",
-        dark=None,
-        reconnect_timeout=5.0,
-        message_history_length=0,
-        binding_refresh_interval=None,
-        tailwind=False,
-        show_welcome_message=False,
+def build(
+    session: Session, begin: Callable[[], None], end: Callable[[], None], tiles: TileSource | None = None
+) -> FastAPI:
+    """The application. `begin` and `end` are called within its event loop; `tiles`: of the map, None: it has
+    none."""
+    kind = PageKind(
+        "handover panel",
+        {"/panel": _HERE / "static", "/watch": _MAP},
+        ("/watch/map.css", "/panel/panel.css"),
+        ("/watch/watch.js", "/panel/panel.js"),
+        MOST_VIEWERS,
     )
-    return server
+    drawn = None if tiles is None else tiles.drawn()
+    return page_server(kind, lambda: _Page(session, drawn), begin, end, tiles)

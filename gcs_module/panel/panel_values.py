@@ -81,9 +81,13 @@ def page_of(known: Known, pinned: int) -> Page:
             "program": "" if seen is None else seen.program,
             "dead": known.dead,
         },
+        "duty": _duty(seen, known),
+        "shift": _shift(seen, all_bands, known),
         "band": {
             **_band(band, known.now),
             "aircraft": band.name if several and not known.dead else "",
+            "operator": _operator_of(craft, seen, known),
+            "note": _NOTES.get("dead" if known.dead else band.who, "").format(station=known.name),
             "pinned": bool(pinned) and several and chosen is not None and chosen.vehicle == pinned,
             "colour": known.colours.get(craft.commander, "") if craft is not None and band.who != Who.UNKNOWN else "",
         },
@@ -97,6 +101,62 @@ def page_of(known: Known, pinned: int) -> Page:
         "sound": _sound(seen, known),
     }
     return Page(0 if chosen is None else chosen.vehicle, sections)
+
+
+def _duty(seen: StationSeen | None, known: Known) -> dict[str, Any]:
+    """The operator on duty here. `can`: the station takes orders."""
+    if seen is None or known.dead:
+        return {"operator": "", "required": False, "next": "", "can": False}
+    return {"operator": seen.operator, "required": seen.required, "next": seen.next_operator, "can": True}
+
+
+def _shift(seen: StationSeen | None, all_bands: Sequence[Band], known: Known) -> dict[str, Any]:
+    """The briefing of the next operator, who confirms it; without rows while no shift changes."""
+    if seen is None or known.dead or not seen.next_operator:
+        return {"operator": "", "next": "", "left": "", "rows": []}
+    by_sysid = {each.sysid: each for each in seen.aircraft}
+    left_s = max(0.0, (seen.next_until or known.now) - known.now)
+    return {
+        "operator": seen.operator,
+        "next": seen.next_operator,
+        "left": f"{left_s:.0f} s left",
+        "rows": [[band.name, _handed_on(by_sysid[band.vehicle], band, known)] for band in all_bands],
+    }
+
+
+def _handed_on(craft: AircraftSeen, band: Band, known: Known) -> str:
+    """One aircraft in the briefing of the next operator."""
+    values = (
+        f"{each['label']} {each['text']}"
+        for each in _values(craft, known)
+        if each["label"] in _BRIEFED and each["state"] == "fresh"
+    )
+    who = "this station commands" if band.who == Who.YOU else f"in command: {band.who_words}"
+    loud = [for_buttons(alarm.text) for alarm in craft.alarms]
+    alarms = f" Alarms: {' '.join(loud)}" if loud else " No alarm."
+    return f"{who}; {', '.join(values)}. {band.next_text(known.now)} {band.do}{alarms}"
+
+
+#: what `Band.who` means for this operator
+_NOTES: Final = {
+    Who.YOU: "this station, {station}, commands",
+    Who.OTHER: "you are {station}: you do not command",
+    Who.NOBODY: "you are {station}: you do not command",
+}
+_BRIEFED: Final = ("mode", "height", "battery", "zone")
+
+
+def _operator_of(craft: AircraftSeen | None, seen: StationSeen | None, known: Known) -> str:
+    """The name of the operator at the station that commands; "" if it is not known, or old."""
+    if craft is None or seen is None or known.dead:
+        return ""
+    if craft.own:
+        return seen.operator
+    return next((_operator(peer.operator, known.now) for peer in seen.peers if peer.name == craft.commander), "")
+
+
+def _operator(given: Stamped | None, now: float) -> str:
+    return "" if given is None or now - given.at > GONE_S else str(given.value)
 
 
 def _band(band: Band, now: float) -> dict[str, Any]:
@@ -183,7 +243,7 @@ def _values(craft: AircraftSeen | None, known: Known) -> Iterator[dict[str, Any]
         ("speed", craft.speed_mps, "{:.1f} m/s"),
         ("battery", craft.battery_percent, "{:.0f} %"),
         ("voltage", craft.battery_v, "{:.1f} V"),
-        ("flight time left", _minutes(craft.battery_left_s), "{:.0f} min"),
+        ("battery lasts", _minutes(craft.battery_left_s), "{:.0f} min"),
         ("zone", _said(craft.zone or "no zone", heard), "{}"),
         ("a return goes to", _said(None if site is None else f"{site.name}{far}", _older(heard, place, far)), "{}"),
         ("phase", _said(_PHASES.get(craft.phase, craft.phase), heard), "{}"),
@@ -243,6 +303,7 @@ def _peers(seen: StationSeen | None, known: Known) -> Iterator[dict[str, Any]]:
             "colour": known.colours.get(peer.name, NOBODY_COLOUR),
             "up": peer.up and old_s <= OLD_S,
             "commands": ", ".join(commands),
+            "operator": _operator(peer.operator, known.now),
             "age": age(old_s) if isfinite(old_s) else "not heard",
         }
 

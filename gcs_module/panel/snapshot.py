@@ -34,7 +34,7 @@ __all__ = [
 ]
 
 #: of the form of a line; a panel of another version refuses it
-VERSION: Final = 1
+VERSION: Final = 2
 T = TypeVar("T")
 
 
@@ -126,7 +126,8 @@ class AircraftSeen:
     `phase`: as `model.Phase` in small letters. `mode`: a Stamped text; `armed`: a Stamped bool. `action` and
     `decision`: what the vehicle does about what is wrong, and its sentence. `answer_until`: the end of the time to
     answer, here or at the other station. `zone`: the station whose zone holds the aircraft. `briefing`: pairs of label
-    and text. `mission`: digest of the package that is flown. `lines`: the last lines, the newest last.
+    and text. `overrides`: pairs of a lifted limit and the end of that. `mission`: digest of the package that is flown.
+    `lines`: the last lines, the newest last.
     """
 
     sysid: int
@@ -159,6 +160,7 @@ class AircraftSeen:
     return_site: ReturnSite | None
     rerouted: bool
     mission: str
+    overrides: tuple[tuple[str, float], ...]
     briefing_at: float | None
     briefing: tuple[tuple[str, str], ...]
     alarms: tuple[AlarmSeen, ...]
@@ -168,28 +170,38 @@ class AircraftSeen:
 
 @dataclass(frozen=True, slots=True)
 class PeerSeen:
-    """Another station. `up`: the ground link to it works."""
+    """Another station. `up`: the ground link to it works; `operator`: on duty there, as a Stamped text."""
 
     name: str
     up: bool
     heard_at: float | None
+    operator: Stamped | None
 
 
 @dataclass(frozen=True, slots=True)
 class StationSeen:
-    """The knowledge of a station. `at`: the time of the snapshot; `limits`: those that an override can lift."""
+    """The knowledge of a station. `at`: the time of the snapshot; `limits`: those that an override can lift.
+
+    `operator`: on duty, "" none; `required`: the station takes no aircraft without one; `next_operator`: has to confirm
+    the briefing until `next_until`, "": there is none.
+    """
 
     station: str
     at: float
     program: str
     configuration: str
     limits: tuple[str, ...]
+    operator: str
+    required: bool
+    next_operator: str
+    next_until: float | None
     aircraft: tuple[AircraftSeen, ...]
     peers: tuple[PeerSeen, ...]
 
 
 #: class -> its fields that are classes of this module too; a tuple: any number of them
 _PARTS: Final[Mapping[type, Mapping[str, Any]]] = {
+    PeerSeen: {"operator": Stamped},
     StationSeen: {"aircraft": (AircraftSeen,), "peers": (PeerSeen,), "limits": (str,)},
     AircraftSeen: {
         "question": Question,
@@ -199,6 +211,7 @@ _PARTS: Final[Mapping[type, Mapping[str, Any]]] = {
         "links": (LinkSeen,),
         "lines": (LineSeen,),
         "briefing": (tuple,),
+        "overrides": (tuple,),
         **dict.fromkeys(
             (
                 "mode",

@@ -26,10 +26,15 @@ LABELS: Final[Mapping[str, str]] = {
     "return": "Return",
     "override": "Override",
     "acknowledge": "Acknowledge",
+    "start": "Start",
+    "share": "Share",
+    "sign_on": "Sign on",
+    "confirm": "Take over",
+    "sign_off": "Sign off",
 }
 #: typed command -> button, where the two words differ
-_TYPED: Final = {"ack": "Acknowledge"}
-_COMMAND: Final = re.compile(r"(?P<verb>\b[Tt]ype )?'handover (?:-v \S+ )?(?P<word>\w+)(?: STATION)?'")
+_TYPED: Final = {"ack": "Acknowledge", "operator": "Sign on"}
+_COMMAND: Final = re.compile(r"(?P<verb>\b[Tt]ype )?'handover (?:-v \S+ )?(?P<word>\w+)(?: STATION| NAME)?'")
 #: the vehicle's action -> what this operator can do about it
 _REMEDIES: Final[Mapping[tuple[str, bool], str]] = {
     ("hold", True): "Give the aircraft to a station that can take it, or wait.",

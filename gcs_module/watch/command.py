@@ -9,12 +9,14 @@ import secrets
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 from urllib.parse import urlsplit
 
 from gcs_module.watch.follow import journals_in
 from gcs_module.watch.missions import read
+from gcs_module.watch.page_arguments import add_address
 from gcs_module.watch.passive_link import parse_passive_link
+from gcs_module.watch.tiles import TilesError, TileSource, open_tiles
 from gcs_module.watch.web_auth import WebAuth, is_loopback
 from mavproxy_handover.link.forms import LinkError
 from mavproxy_handover.mission.errors import MissionError
@@ -61,12 +63,14 @@ def main(argv: Sequence[str]) -> int:
         metavar="DIR",
         help="zones and route, where no journal has them",
     )
-    parser.add_argument("--bind", default="127.0.0.1", metavar="ADDRESS", help="where the page is (127.0.0.1)")
-    parser.add_argument(
-        "--port", type=_port, default=_PORT, metavar="N", help=f"and at which port ({_PORT}); 0: a free one"
-    )
+    add_address(parser, "--bind", _PORT)
     parser.add_argument("--token-file", type=Path, metavar="FILE", help="the token that viewers need; else one is made")
-    parser.add_argument("--tiles", default="", metavar="URL", help="map tiles, as https://HOST/{z}/{x}/{y}.png (none)")
+    parser.add_argument(
+        "--tiles",
+        default="",
+        metavar="TILES",
+        help="map tiles: an MBTiles file, a folder with z/x/y.png, or https://HOST/{z}/{x}/{y}.png (none)",
+    )
     parser.add_argument("--tiles-credit", default="", metavar="TEXT", help="whose they are")
     try:
         arguments = parser.parse_args(argv)
@@ -77,14 +81,6 @@ def main(argv: Sequence[str]) -> int:
     except _Wrong as error:
         print(f"handover watch: {error}", file=sys.stderr)
         return 2
-
-
-def _port(text: str) -> int:
-    """Raises ValueError, as argparse wants it."""
-    value = int(text)
-    if not 0 <= value <= 65535:
-        raise ValueError(text)
-    return value
 
 
 def _serve(arguments: argparse.Namespace) -> int:
@@ -100,7 +96,7 @@ def _serve(arguments: argparse.Namespace) -> int:
         missions = [read(folder) for folder in arguments.mission]
     except (LinkError, MissionError) as error:
         raise _Wrong(str(error)) from None
-    token, tiles = _token(arguments), _tiles(arguments)
+    token, (tiles, source) = _token(arguments), _tiles(arguments)
 
     # optional packages are imported here, after all checks
     from gcs_module.watch.follow import Follower
@@ -114,8 +110,12 @@ def _serve(arguments: argparse.Namespace) -> int:
         follower = Follower(arguments.path, devices, missions)
     except LinkError as error:
         raise _Wrong(str(error)) from None
-    application = build(follower, tiles, follower.begin, follower.end)
-    origin = "" if tiles is None else "{0.scheme}://{0.netloc}".format(urlsplit(tiles["url"].replace("{s}", "*")))
+    application = build(follower, tiles, follower.begin, follower.end, source)
+    origin = (
+        ""
+        if tiles is None or source is not None
+        else "{0.scheme}://{0.netloc}".format(urlsplit(tiles["url"].replace("{s}", "*")))
+    )
     try:
         served = Served(arguments.bind, arguments.port)
     except SystemExit:  # uvicorn has said why
@@ -141,11 +141,17 @@ def _token(arguments: argparse.Namespace) -> str | None:
     return str(text)
 
 
-def _tiles(arguments: argparse.Namespace) -> Mapping[str, str] | None:
-    """Raises _Wrong."""
+def _tiles(arguments: argparse.Namespace) -> tuple[Mapping[str, Any] | None, TileSource | None]:
+    """The values for the browser, and the tiles if they are on the disk. Raises _Wrong."""
     url = arguments.tiles
     if not url:
-        return None
+        return None, None
+    if "://" not in url:
+        try:
+            source = open_tiles(Path(url), arguments.tiles_credit)
+        except TilesError as error:
+            raise _Wrong(f"--tiles {error}; or an address as https://HOST/{{z}}/{{x}}/{{y}}.png") from None
+        return source.drawn(), source
     parts = urlsplit(url)
     if (
         parts.scheme not in ("http", "https")
@@ -153,4 +159,4 @@ def _tiles(arguments: argparse.Namespace) -> Mapping[str, str] | None:
         or not all(each in url for each in ("{z}", "{x}", "{y}"))
     ):
         raise _Wrong(f"--tiles {url}: must be an address as https://HOST/{{z}}/{{x}}/{{y}}.png")
-    return {"url": url, "credit": arguments.tiles_credit}
+    return {"url": url, "credit": arguments.tiles_credit}, None

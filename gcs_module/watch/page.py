@@ -6,8 +6,7 @@ Rules that live here
 --------------------
 * The values are computed once a second for all browsers; each browser gets what has changed for it. A browser that does
   not listen any more is forgotten after a few seconds, so nothing is kept for it.
-* At most MOST_VIEWERS browsers have opened their socket. Of pages that were requested and not opened, MOST_WAITING are
-  kept: a program that requests again and again locks no viewer out and takes little memory.
+* At most MOST_VIEWERS browsers have opened their socket.
 * The page commands nothing: a browser sends only where it looks.
 
 Import this only for `handover watch`: NiceGUI is an extra.
@@ -21,16 +20,17 @@ from pathlib import Path
 from typing import Any, Final, Protocol
 
 from fastapi import FastAPI
-from nicegui import Client, app, ui
+from nicegui import ui
 
 from gcs_module.watch.missions import Mission
+from gcs_module.watch.page_server import PageKind, page_server
 from gcs_module.watch.page_values import Shown
 from gcs_module.watch.scene import Scene
+from gcs_module.watch.tiles import TileSource
 
-__all__ = ["MOST_VIEWERS", "MOST_WAITING", "Watched", "build", "forget_unopened"]
+__all__ = ["MOST_VIEWERS", "Watched", "build"]
 
 MOST_VIEWERS: Final = 24
-MOST_WAITING: Final = 8
 _HERE: Final = Path(__file__).resolve().parent
 _EVERY_S: Final = 1.0
 
@@ -81,7 +81,7 @@ class Watched(Protocol):
 class _Page:
     """The page in one browser."""
 
-    def __init__(self, watched: Watched, tiles: Mapping[str, str] | None) -> None:
+    def __init__(self, watched: Watched, tiles: Mapping[str, Any] | None) -> None:
         self._watched = watched
         self._missions: set[str] = set()
         #: places of each track that were sent, by aircraft; and how the colours were then
@@ -169,42 +169,20 @@ class _Page:
         return {"name": name, "points": points} if points else None
 
 
-def forget_unopened(new: Client) -> None:
-    """Delete the oldest pages that no browser has opened, beyond MOST_WAITING. `new`: the page that is being made."""
-    waiting = [each for each in Client.instances.values() if not each.has_socket_connection and each is not new]
-    waiting.sort(key=lambda client: client.created)
-    for client in waiting[:-MOST_WAITING]:
-        client.delete()
-
-
 def build(
-    watched: Watched, tiles: Mapping[str, str] | None, begin: Callable[[], None], end: Callable[[], None]
+    watched: Watched,
+    tiles: Mapping[str, Any] | None,
+    begin: Callable[[], None],
+    end: Callable[[], None],
+    source: TileSource | None = None,
 ) -> FastAPI:
-    """The application. `tiles`: address and credit of the map's tiles, None: there are none; `begin` and `end` are
-    called within its event loop."""
-    server = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
-    app.add_static_files("/watch", _HERE / "static")
-    app.on_startup(begin)
-    app.on_shutdown(end)
-
-    @ui.page("/", title="handover watch")
-    def page() -> None:
-        forget_unopened(ui.context.client)
-        if sum(client.has_socket_connection for client in Client.instances.values()) >= MOST_VIEWERS:
-            ui.label(f"{MOST_VIEWERS} windows show this page already. Close one of them and load this page again.")
-            return
-        ui.add_head_html("".join(f'<link rel="stylesheet" href="/watch/{name}.css">' for name in ("map", "watch")))
-        ui.add_head_html('<script src="/watch/watch.js"></script>')
-        _Page(watched, tiles)
-
-    ui.run_with(
-        server,
-        title="handover watch",
-        dark=None,
-        reconnect_timeout=5.0,
-        message_history_length=0,
-        binding_refresh_interval=None,
-        tailwind=False,
-        show_welcome_message=False,
+    """The application. `tiles`: values of the map's tiles for the browser, None: there are none; `source`: tiles from
+    the disk; `begin` and `end` are called within its event loop."""
+    kind = PageKind(
+        "handover watch",
+        {"/watch": _HERE / "static"},
+        ("/watch/map.css", "/watch/watch.css"),
+        ("/watch/watch.js",),
+        MOST_VIEWERS,
     )
-    return server
+    return page_server(kind, lambda: _Page(watched, tiles), begin, end, source)

@@ -52,6 +52,7 @@ CRAFT = AircraftSeen(
     return_site=ReturnSite("home", 52.679, 5.924),
     rerouted=False,
     mission="",
+    overrides=(),
     briefing_at=None,
     briefing=(),
     alarms=(),
@@ -64,8 +65,12 @@ STATION = StationSeen(
     program="handover_gcs 0.1.0",
     configuration="/etc/handover/station.toml",
     limits=("energy", "fence", "coverage"),
+    operator="Jansen",
+    required=False,
+    next_operator="",
+    next_until=None,
     aircraft=(CRAFT,),
-    peers=(PeerSeen("GCSB", True, NOW - 0.5),),
+    peers=(PeerSeen("GCSB", True, NOW - 0.5, Stamped("Bakker", NOW - 0.5)),),
 )
 TAKE = Question("252.251.3.7.-1", True, "GCSB", "GCSA", True, NOW + 18.4, NOW + 18.4, NOW - 1.0)
 GIVE = Question("251.252.3.7.-1", False, "GCSA", "GCSB", True, NOW + 18.4, NOW + 18.4, NOW - 1.0)
@@ -79,7 +84,7 @@ LOST = AlarmSeen(
     False,
     NOW - 4.0,
 )
-RETURNS = AlarmSeen("decision", 3, "RETURN to rally 2: GCSA silent 5 s.", "", "", False, NOW - 2.0)
+RETURNS = AlarmSeen("decision", 3, "RETURN to rally 2: GCSB silent 5 s.", "", "", False, NOW - 2.0)
 
 
 def craft(**changes: Any) -> AircraftSeen:

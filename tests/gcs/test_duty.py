@@ -76,6 +76,16 @@ def test_names_of_people_are_names(name: str) -> None:
     assert on_duty(name).name == name
 
 
+def test_the_operator_on_duty_cancels_the_change_of_shift() -> None:
+    duty = on_duty()
+    duty.command("Bakker", NOW, "drone-1")
+    assert duty.next_one(NOW + 1.0) == ("Bakker", NOW + CONFIRM_S)
+    assert duty.command("Jansen", NOW + 2.0, "drone-1").text == "Jansen stays on duty."
+    assert duty.next_one(NOW + 3.0)[0] == ""
+    assert duty.command("Bakker", NOW + 4.0, "drone-1").change is Change.BRIEFED
+    assert duty.next_one(NOW + 4.0 + CONFIRM_S)[0] == ""
+
+
 class TestFile:
     """The file beside the configuration: only for the line after a restart."""
 

@@ -11,7 +11,7 @@ import pytest
 
 from gcs_module.alarms import Level
 from gcs_module.panel.band import DEAD_S, GONE_S, OLD_S, Band, band_of, bands, dead_band
-from gcs_module.panel.snapshot import AircraftSeen, AlarmSeen, Stamped
+from gcs_module.panel.snapshot import AircraftSeen, AlarmSeen, LineSeen, Stamped
 from gcs_module.panel.words import for_buttons
 from tests.gcs.panel_states import BORDER, GIVE, LOST, NOW, RETURNS, TAKE, craft, station
 
@@ -175,18 +175,46 @@ STATES = {
         craft(commander="", own=False, phase="on_load"),
         "INFO",
         "NO STATION",
-        "The aircraft is on the ground.",
-        "Request control to fly it.",
+        "The aircraft waits on the ground.",
+        "Request control if you start the flight.",
         "request",
+        "share",
     ),
     "on the ground, mine": State(
         craft(phase="on_load"),
         "INFO",
         "YOU",
-        "The aircraft is on the ground.",
-        "Start the flight when you are ready.",
+        "The aircraft waits on the ground for Start.",
+        "Press Start when you are ready to fly.",
+        "start",
+        "give release override share",
+    ),
+    "on the ground, another's": State(
+        craft(phase="on_load", commander="GCSB", own=False),
+        "INFO",
+        "GCSB",
+        "The aircraft waits on the ground for Start.",
+        "Nothing to do: GCSB starts the flight.",
         "",
-        "give release override",
+        "request share",
+    ),
+    "a limit is lifted": State(
+        craft(border=BORDER, overrides=(("energy", NOW + 47.6), ("fence", NOW - 1.0))),
+        "ADVISORY",
+        "YOU",
+        "Handover GCSA to GCSB in 43 s.",
+        "Nothing to do: you have agreed. Limit lifted by override: energy (ends in 48 s).",
+        "",
+        f"{FLY} deny",
+    ),
+    "the partner has another mission": State(
+        craft(lines=(LineSeen(1, NOW - 2.0, 2, "GCSB has another mission. Send it with 'handover share'."),)),
+        "INFO",
+        "YOU",
+        "No handover is expected.",
+        "Nothing to do.",
+        "",
+        f"{FLY} share",
     ),
     "returns, mine": State(
         craft(action="return", decision=RETURN, alarms=(RETURNS,), mode=Stamped("RTL", NOW)),
@@ -292,6 +320,31 @@ def test_the_band_says_who_commands_what_is_next_and_what_to_do(name: str) -> No
     band = band_of(state.craft, station(state.craft), NOW)
     said = (band.level.name, band.who_words, band.next_text(NOW), band.do, dos(band.main), dos(band.more))
     assert said == (state.level, state.who, state.next, state.do, state.main, state.more)
+
+
+def test_a_station_that_needs_an_operator_asks_for_the_sign_on_first() -> None:
+    unmanned = {"operator": "", "required": True}
+    for given, level, do, main, more in (
+        (craft(), "WARNING", "Sign on with your name.", "sign_on", FLY),
+        (craft(phase="on_load"), "WARNING", "Sign on with your name.", "sign_on", "give release override share"),
+        (
+            craft(commander="", own=False, phase="emergency", decision=RETURN),
+            "EMERGENCY",
+            "Sign on first: no operator is on duty. Request control if the aircraft is in your zone. Else watch it.",
+            "sign_on",
+            "",
+        ),
+        (
+            craft(question=TAKE, commander="GCSB", own=False),
+            "WARNING",
+            "Sign on first: no operator is on duty. Take drone-1 from GCSB?",
+            "sign_on deny",
+            "",
+        ),
+    ):
+        band = band_of(given, station(given, **unmanned), NOW)
+        said = (band.level.name, band.do, dos(band.main), dos(band.more))
+        assert said == (level, do, main, more)
 
 
 def test_the_answer_buttons_carry_the_number_of_their_question() -> None:

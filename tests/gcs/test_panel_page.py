@@ -94,6 +94,38 @@ def test_a_link_opens_the_page_once_and_all_comes_from_here() -> None:
 
 
 @pytest.mark.process
+def test_tiles_come_from_the_disk_for_the_browser_with_the_cookie(tmp_path: Path) -> None:
+    (tmp_path / "map" / "3" / "1").mkdir(parents=True)
+    (tmp_path / "map" / "3" / "1" / "2.png").write_bytes(b"\x89PNG\r\n\x1a\npicture")
+    (tmp_path / "secret.png").write_bytes(b"\x89PNG\r\n\x1a\nsecret")
+    with serving("--station", "GCSA", "--tiles", str(tmp_path / "map")) as (_host, port, token, _process):
+        assert get(port, "/tiles/3/1/2")[0] == 401
+        cookie = get(port, f"/?token={token}")[1]["set-cookie"].partition(";")[0]
+        status, headers, text = get(port, "/tiles/3/1/2", Cookie=cookie)
+        assert (status, headers["content-type"], text[-7:]) == (200, "image/png", "picture")
+        assert headers["x-content-type-options"] == "nosniff"
+        assert get(port, "/tiles/3/1/2", Cookie=cookie, Origin="http://evil.example")[0] == 421
+        for path in (
+            "3/1/3",
+            "3/1/2.png",
+            "../secret",
+            "../secret.png",
+            "%2e%2e/secret.png",
+            "..%2fsecret.png",
+            "3/1/%00",
+        ):
+            assert get(port, f"/tiles/{path}", Cookie=cookie)[0] == 404, path
+
+
+def test_tiles_that_cannot_be_used_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["panel", "--tiles", str(tmp_path / "none")]) == 2
+    out, error = capsys.readouterr()
+    assert out == ""
+    assert error.startswith(f"handover panel: --tiles {tmp_path / 'none'}: no such file or folder; allowed are ")
+    assert error.count("\n") == 1
+
+
+@pytest.mark.process
 def test_an_address_that_others_reach_is_said() -> None:
     with serving("--host", "0.0.0.0") as (host, port, token, process):
         assert host == "0.0.0.0"

@@ -50,7 +50,7 @@ def test_values_have_units_and_the_way_home() -> None:
     given = sections(station(replace(full, position=Stamped([52.679, 5.9388], NOW))))
     assert value(given, "battery")[0] == "94 %"
     assert value(given, "voltage")[0] == "12.4 V"
-    assert value(given, "flight time left")[0] == "10 min"
+    assert value(given, "battery lasts")[0] == "10 min"
     assert value(given, "speed")[0] == "5.1 m/s"
     assert value(given, "a return goes to")[0] == "home, 1.0 km away"
     assert value(sections(station(full)), "a return goes to")[0] == "home, 0 m away"
@@ -148,7 +148,7 @@ def test_links_and_stations_have_ages_and_say_that_they_are_silent() -> None:
         LinkSeen("b", True, False, NOW - 4.0),
         LinkSeen("c", False, False, None),
     )
-    given = sections(station(craft(links=links), peers=(PeerSeen("GCSB", False, NOW - 90.0),)))
+    given = sections(station(craft(links=links), peers=(PeerSeen("GCSB", False, NOW - 90.0, None),)))
     assert [(link["name"], link["works"], link["age"]) for link in given["links"]] == [
         ("a", True, "0 s"),
         ("b", False, "4 s"),
@@ -158,7 +158,7 @@ def test_links_and_stations_have_ages_and_say_that_they_are_silent() -> None:
 
 
 def test_another_station_commands_only_what_is_heard() -> None:
-    peers = (PeerSeen("GCSB", True, NOW),)
+    peers = (PeerSeen("GCSB", True, NOW, None),)
     taken = craft(commander="GCSB", own=False)
     assert sections(station(taken, peers=peers))["peers"][0]["commands"] == "drone-1"
     assert sections(station(replace(taken, heard_at=NOW - 4.0), peers=peers))["peers"][0]["commands"] == ""

@@ -126,7 +126,7 @@ def test_who_lets_others_look_gets_a_token(tmp_path: Path) -> None:
         (["--link", "udpout:127.0.0.1:14550"], "only udpin:HOST:PORT and tcp:HOST:PORT"),
         ([".", "--mission", "no-such-mission"], "no-such-mission"),
         ([".", "--token-file", "no-such-file"], "no-such-file: No such file"),
-        ([".", "--tiles", "tiles"], "--tiles tiles: must be an address"),
+        ([".", "--tiles", "tiles"], "--tiles tiles: no such file or folder; allowed are an MBTiles file"),
     ],
 )
 def test_what_cannot_be_used_is_one_line(words: list[str], says: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -170,6 +170,7 @@ def test_only_the_page_and_its_command_know_the_web_stack() -> None:
     assert found == {
         "gcs_module/watch/serving.py": {"uvicorn"},
         "gcs_module/watch/page.py": {"fastapi", "nicegui"},
+        "gcs_module/watch/page_server.py": {"fastapi", "nicegui"},
         "gcs_module/panel/page.py": {"fastapi", "nicegui"},
     }
 

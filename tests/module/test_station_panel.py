@@ -12,13 +12,18 @@ import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
 from gcs_module import commands as station_commands
+from gcs_module import duty_commands
 from gcs_module import module as gcs_module
+from gcs_module.duty import Duty
 from gcs_module.panel.endpoint import find, running
 from gcs_module.panel.orders import Order
 from gcs_module.panel.reader import Reader
 from gcs_module.panel.snapshot import AircraftSeen
+from gcs_module.peer_operators import operator_message
 from mavproxy_handover.core.common.model import Reason
 from mavproxy_handover.mission.package import from_bytes
+from mavproxy_handover.wire import codec
+from mavproxy_handover.wire.frames import parse_one
 from tests.module.conftest import Clock
 from tests.module.test_station_module import StationBench, authority, connect_message, key
 
@@ -27,6 +32,7 @@ from tests.module.test_station_module import StationBench, authority, connect_me
 def station(monkeypatch: pytest.MonkeyPatch, clock: Clock, tmp_path: Path) -> Iterator[StationBench]:
     monkeypatch.setattr(gcs_module, "time", clock)
     monkeypatch.setattr(station_commands, "time", clock)
+    monkeypatch.setattr(duty_commands, "time", clock)
     monkeypatch.setenv("HANDOVER_PANELS", str(tmp_path / "panels"))
     bench = StationBench(tmp_path, clock)
     bench.configure(consent="operator")
@@ -244,10 +250,82 @@ def test_without_an_operator_on_duty_the_panel_asks_for_nothing(station: Station
     station.sent()
     used, text = order(station, panel, "request")
     assert not used
-    assert text == "Not used: no operator is on duty. Type 'handover operator NAME' at the station's terminal."
+    assert text == "Not used: no operator is on duty. Sign on first."
     assert station.commands() == []
     station.mpstate.type("handover operator Jansen")
     assert order(station, panel, "request")[0]
+
+
+def test_operators_sign_on_and_off_and_a_shift_changes_by_the_panel(station: StationBench, panel: Reader) -> None:
+    station.load()
+    station.hear(connect_message())
+    station.hear(authority())
+    run(station, panel)
+    assert order(station, panel, "sign_on", "Jansen", 0) == (True, "Jansen is on duty.")
+    assert panel.seen is not None
+    assert (panel.seen.operator, panel.seen.next_operator) == ("Jansen", "")
+    told = "Read the briefing, then confirm it. Jansen is on duty until then."
+    assert order(station, panel, "sign_on", "Bakker", 0) == (True, told)
+    assert panel.seen.next_operator == "Bakker"
+    assert panel.seen.next_until is not None
+    assert order(station, panel, "sign_on", "Bakker", 0) == (True, "Read the briefing, then confirm it.")
+    assert panel.seen.operator == "Jansen", "a second press does not confirm"
+    used, text = order(station, panel, "confirm", "Visser", 0)
+    assert (used, text) == (False, "Not used: the time to confirm is over. Sign on again.")
+    assert order(station, panel, "sign_on", "Jansen", 0) == (True, "Jansen stays on duty.")
+    assert order(station, panel, "confirm", "Bakker", 0)[0] is False
+    order(station, panel, "sign_on", "Bakker", 0)
+    assert order(station, panel, "confirm", "Bakker", 0) == (True, "Bakker is on duty, after Jansen.")
+    assert panel.seen.operator == "Bakker"
+    used, text = order(station, panel, "sign_off", "", 0)
+    assert not used
+    assert text.startswith("Bakker stays on duty: drone-1 flies under this station's command")
+    assert order(station, panel, "sign_on", "off", 0) == (False, "Not used: 'off' is no name.")
+    names = [(entry.get("operator"), entry.get("before")) for entry in station.journal("operator")]
+    assert names == [("Jansen", None), ("Bakker", "Jansen")]
+
+
+def test_start_and_share_are_the_typed_commands(station: StationBench, panel: Reader) -> None:
+    station.load()
+    station.hear(connect_message())
+    run(station, panel)
+    station.sent()
+    assert order(station, panel, "start") == (True, "Start.")
+    assert mavlink.MAV_CMD_MISSION_START in [command for command, _first in station.commands()]
+    station.sent()
+    assert order(station, panel, "share") == (True, "Share.")
+    assert "MISSION_PACKAGE" in {m.get_type() for m in station.sent()}
+
+
+def test_a_lifted_limit_is_told_with_its_end(station: StationBench, panel: Reader) -> None:
+    station.load()
+    station.hear(connect_message())
+    station.hear(authority())
+    run(station, panel)
+    order(station, panel, "override", "fence")
+    (asked,) = {m.nonce for m in station.sent() if m.get_type() == "HANDOVER_OVERRIDE"}
+    now = station.clock.now
+    station.hear(mavlink.MAVLink_handover_override_message(251, 190, 1, 2, asked, 60))
+    (limit,) = run(station, panel).overrides
+    assert limit[0] in ("energy", "fence", "coverage")
+    assert now + 59.0 < limit[1] < now + 62.0
+    assert run(station, panel, 62.0).overrides == ()
+
+
+def test_the_operator_of_another_station_is_told_by_the_ground_link(station: StationBench, panel: Reader) -> None:
+    module = station.load()
+    duty = Duty(required=False)
+    duty.command("Bakker", 0.0, "")
+    seen = run(station, panel)
+    assert seen is not None
+    assert panel.seen is not None
+    assert panel.seen.peers[0].operator is None
+    frame = parse_one(bytes(codec.pack(operator_message(251, duty), mavlink.MAVLink(None, srcSystem=252))))
+    assert frame is not None
+    module._on_peer(frame)
+    run(station, panel)
+    assert panel.seen.peers[0].operator is not None
+    assert panel.seen.peers[0].operator.value == "Bakker"
 
 
 def test_unload_closes_the_socket_and_the_panel_notices(station: StationBench, panel: Reader) -> None:

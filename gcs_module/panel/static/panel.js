@@ -7,11 +7,11 @@
 // the key held for HOLD ms. Give, Release, Return and Override need a second press.
 "use strict";
 window.handoverPanel = (() => {
-  const HOLD = 600, FRESH = 700, SURE = 4000, SILENT = 2500, REPLY = 8000;
+  const HOLD = 600, FRESH = 700, SURE = 4000, READ = 2000, SILENT = 2500, REPLY = 8000;
   const KEYS = { a: "accept", d: "deny" };
-  const TWICE = ["release", "return"];
+  const TWICE = ["release", "return", "start", "sign_off"];
   const state = { part: {}, at: performance.now(), cut: false, band: null, open: "", openAt: 0, born: {}, reply: null,
-    sound: "", muted: false, audio: null, rung: 0, hold: null, rows: {} };
+    asked: false, field: null, shift: "", shiftAt: 0, sound: "", muted: false, audio: null, rung: 0, hold: null, rows: {} };
 
   function made(tag, name, words) {
     const element = document.createElement(tag);
@@ -56,6 +56,7 @@ window.handoverPanel = (() => {
   }
 
   function press(vehicle, button) {
+    if (button.do === "sign_on") { askName(); return; }
     const name = key(vehicle, button);
     if (state.cut || fresh(name)) return;
     const twice = TWICE.includes(button.do), choices = button.choices.length > 0;
@@ -160,7 +161,7 @@ window.handoverPanel = (() => {
     const found = document.querySelector(".hp-band");
     if (found.childElementCount) return found;
     const who = made("div", "hp-who"), todo = made("div", "hp-do main"), more = made("div", "hp-more");
-    who.append(made("small"), made("strong"));
+    who.append(made("small"), made("strong"), made("em"));
     todo.append(made("span"), made("div", "hp-main"));
     const answer = made("span", "hp-reply");
     answer.hidden = true;
@@ -177,10 +178,11 @@ window.handoverPanel = (() => {
     const [who, next, todo, more] = skeleton().children;
     skeleton().className = "hp-band " + band.level;
     who.className = "hp-who" + (band.words.length > 14 ? " long" : "");
-    who.firstChild.textContent = band.aircraft ? band.aircraft + " · in command" : "in command";
+    who.firstChild.textContent = [band.aircraft, "in command", band.operator].filter(Boolean).join(" · ");
     const dot = band.colour ? made("i") : "";
     if (dot) dot.style.background = band.colour;
-    who.lastChild.replaceChildren(dot, band.words);
+    who.children[1].replaceChildren(dot, band.words);
+    who.lastChild.textContent = band.note || "";
     next.replaceChildren(...counted(band.next));
     todo.firstChild.textContent = band.do;
     buttons(todo.lastChild, band.vehicle, band.main, true);
@@ -213,6 +215,60 @@ window.handoverPanel = (() => {
     if (!same) place.replaceChildren(...wanted);
   }
 
+  // ---- the operator on duty ---------------------------------------------------------------------------------------
+
+  function plain(words, name, run) {
+    const element = made("button", name, words);
+    element.type = "button";
+    element.addEventListener("click", run);
+    return element;
+  }
+
+  function order(what, argument, label) {
+    if (!state.cut) send(0, { do: what, argument, label });
+  }
+
+  // The field is made once: what is typed in it must not go when the values change.
+  function nameField() {
+    if (!state.field) {
+      const field = (state.field = made("form", "hp-name")), input = made("input");
+      Object.assign(input, { type: "text", maxLength: 30, placeholder: "your name", autocomplete: "off", spellcheck: false });
+      input.setAttribute("aria-label", "your name");
+      const done = made("button", "", "Sign on");
+      done.type = "submit";
+      field.append(input, done, plain("Cancel", "cancel", () => { state.asked = false; drawDuty(); }));
+      field.addEventListener("submit", (event) => {
+        event.preventDefault();
+        const name = input.value.trim();
+        if (!name) { input.focus(); return; }
+        order("sign_on", name, "Sign-on");
+        state.asked = false;
+        input.value = "";
+        drawDuty();
+      });
+    }
+    return state.field;
+  }
+
+  function askName() {
+    state.asked = true;
+    drawDuty();
+    nameField().firstChild.focus();
+  }
+
+  function drawDuty() {
+    const duty = state.part.duty;
+    if (!duty) return;
+    const name = duty.operator ? [made("span", "", "operator "), made("b", "", duty.operator)]
+      : [made("span", duty.required ? "silent" : "", "no operator on duty")];
+    const able = duty.can && !state.cut;
+    const off = { do: "sign_off", label: "Sign off", argument: "", choices: [] };
+    const buttons = !able ? [] : state.asked ? [nameField()]
+      : duty.operator ? [plain("Change shift", "", askName), button(0, off, false)] : [plain("Sign on", "", askName)];
+    state.born[key(0, off)] ||= 1;
+    fill("duty", [...(able ? name : []), ...buttons]);
+  }
+
   // ---- the parts below --------------------------------------------------------------------------------------------
 
   function table(rows) {
@@ -226,8 +282,29 @@ window.handoverPanel = (() => {
       const sound = made("button", "", soundWords());
       sound.type = "button";
       sound.addEventListener("click", toggle);
-      fill("head", [made("b", "", given.station || "no station"), made("span", "", given.program), sound]);
+      const name = made("span", "", "this station: ");
+      name.append(made("b", "", given.station || "none"));
+      fill("head", [name, made("span", "program", given.program), sound]);
       document.title = (given.station || "handover") + " panel";
+    },
+    duty: () => drawDuty(),
+    shift: (given) => {
+      if (!given.next) { state.shift = ""; fill("shift", []); return; }
+      if (state.shift !== given.next) { // its buttons are made once: a press must find the button that it began on
+        state.shift = given.next;
+        state.shiftAt = performance.now();
+        const take = plain(`${given.next}: I take over`, "confirm", () => order("confirm", given.next, "Confirmation"));
+        take.disabled = true;
+        const cancel = plain("Cancel", "cancel", () => order("sign_on", given.operator, "Cancel"));
+        fill("shift", [made("div", "hp-title"), made("div"), take, cancel]);
+      }
+      const [title, rows] = document.querySelector(".hp-shift").children;
+      title.textContent = `shift change: ${given.operator} to ${given.next} · read, then confirm · ${given.left}`;
+      rows.replaceChildren(...given.rows.map(([name, words]) => {
+        const row = made("p");
+        row.append(made("b", "", name + ": "), words);
+        return row;
+      }));
     },
     alarms: (given) => fill("alarms", titled("alarms", given.map((alarm) => {
       const element = made("div", `hp-alarm ${alarm.level} ${alarm.state}${alarm.acknowledged ? " done" : ""}`);
@@ -254,7 +331,7 @@ window.handoverPanel = (() => {
     peers: (given) => fill("peers", titled("other stations", table(given.map((peer) => {
       const chip = made("span", "hp-chip", peer.name);
       chip.style.background = peer.colour;
-      const words = [peer.up ? "" : "not heard", peer.commands ? "commands " + peer.commands : ""].filter(Boolean);
+      const words = [peer.up ? "" : "not heard", peer.operator, peer.commands ? "commands " + peer.commands : ""].filter(Boolean);
       return [chip, made("span", peer.up ? "" : "silent", words.join(", ")), made("span", "hp-age", peer.age)];
     })), "none is configured")),
     lines: (given) => fill("lines", titled("events", given.map((line) => {
@@ -267,6 +344,7 @@ window.handoverPanel = (() => {
   function draw() {
     drawBand();
     drawRows();
+    if (state.dutySign !== (state.dutySign = [state.cut, state.open].join())) drawDuty();
   }
 
   function show(given) {
@@ -279,8 +357,8 @@ window.handoverPanel = (() => {
     if (given.band || given.rows) {
       seen = new Set();
       [state.part.band, ...(state.part.rows || [])].forEach((each) => note(each.vehicle, [...each.main, ...each.more]));
-      Object.keys(state.born).filter((name) => !seen.has(name)).forEach((name) => delete state.born[name]);
-      if (!seen.has(state.open)) state.open = "";
+      Object.keys(state.born).filter((name) => !seen.has(name) && !name.startsWith("0 ")).forEach((name) => delete state.born[name]);
+      if (!seen.has(state.open) && !state.open.startsWith("0 ")) state.open = "";
     }
     Object.keys(DRAW).filter((name) => name in given).forEach((name) => DRAW[name](given[name]));
     draw();
@@ -324,7 +402,9 @@ window.handoverPanel = (() => {
     if (!state.cut && now - state.at > SILENT) { state.cut = true; release(); draw(); }
     if (state.open && now - state.openAt > SURE) { state.open = ""; draw(); }
     if (state.reply && now - state.reply.at > REPLY) { state.reply = null; draw(); }
-    document.querySelectorAll(".hp-band button:disabled, .hp-rows button:disabled").forEach((each) => {
+    const take = document.querySelector(".hp-shift button.confirm");
+    if (take) take.disabled = state.cut || now - state.shiftAt < READ;
+    document.querySelectorAll(".hp-band button:disabled, .hp-rows button:disabled, .hp-duty button:disabled").forEach((each) => {
       if (!fresh(each.dataset.key)) each.disabled = false;
     });
     ring();

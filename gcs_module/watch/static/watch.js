@@ -6,7 +6,7 @@
 window.handoverWatch = (() => {
   const STEPS = [1, 2, 5];
   const TRACK = 4000; // as scene.TRACK
-  const state = { map: null, waiting: [], missions: {}, craft: {}, returns: {}, fitted: false, moved: false };
+  const state = { map: null, waiting: [], missions: {}, craft: {}, returns: {}, borders: {}, fitted: false, moved: false };
 
   function text(words, name) {
     const made = document.createElement("div");
@@ -70,7 +70,12 @@ window.handoverWatch = (() => {
     }
     const map = (state.map = found.map);
     map.createPane("zones").style.zIndex = 390;
-    if (tiles) L.tileLayer(tiles.url, { attribution: tiles.credit, maxZoom: 20 }).addTo(map);
+    if (tiles) {
+      const options = { attribution: tiles.credit, maxZoom: 20 };
+      if ("low" in tiles) Object.assign(options, { minNativeZoom: tiles.low, maxNativeZoom: tiles.high });
+      if (tiles.bounds) options.bounds = tiles.bounds;
+      L.tileLayer(tiles.url, options).addTo(map);
+    }
     state.grid = L.layerGroup().addTo(map);
     L.control.scale({ imperial: false }).addTo(map);
     corner("topright", () => text("▲\nN", "hw-north"));
@@ -220,6 +225,23 @@ window.handoverWatch = (() => {
     });
   }
 
+  // the border at which each aircraft changes its commander next
+  function borders(given) {
+    const there = new Set(given.map((each) => each.key));
+    Object.keys(state.borders).filter((key) => !there.has(key)).forEach((key) => {
+      state.borders[key].remove();
+      delete state.borders[key];
+    });
+    given.forEach((each) => {
+      if (!state.borders[each.key]) {
+        const made = icon(text(each.words, "hw-next"), "hw-label", [0, 0]);
+        state.borders[each.key] = L.marker(each.at, { icon: made, interactive: false, zIndexOffset: 900 }).addTo(state.map);
+      }
+      state.borders[each.key].setLatLng(each.at);
+      state.borders[each.key].getElement().firstChild.textContent = each.words;
+    });
+  }
+
   function fit() {
     const bounds = L.latLngBounds([]);
     Object.values(state.missions).forEach((each) => each.zones.forEach((zone) => bounds.extend(zone.area.getBounds())));
@@ -235,6 +257,7 @@ window.handoverWatch = (() => {
       return;
     }
     given.missions.forEach(mission);
+    borders(given.borders || []);
     given.tracks.forEach(track);
     given.marks.forEach(mark);
     returns(given.returns || []);

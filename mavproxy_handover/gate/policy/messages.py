@@ -236,6 +236,11 @@ MESSAGE_RULES: Final = (
     ),
     Rule(
         Access.NEVER,
+        "ours, between stations: the vehicle does not use it",
+        names("STATION_OPERATOR"),
+    ),
+    Rule(
+        Access.NEVER,
         "feeds position, attitude or range to the autopilot's estimator or to its avoidance",
         names("""
             GPS_INPUT GLOBAL_VISION_POSITION_ESTIMATE VISION_POSITION_ESTIMATE VISION_SPEED_ESTIMATE
