@@ -31,7 +31,7 @@ def main(argv: Sequence[str]) -> int:
         examples=(
             ("handover panel", "beside the station that runs here"),
             ("handover panel --station GCSA --port 8092", "of several stations on one computer"),
-            ("handover panel --tiles area.mbtiles", "with a map behind the zones, without a network"),
+            ("handover panel --tiles area.mbtiles", "with a map from the disk"),
         ),
         codes={0: "ended by Ctrl-C", 2: "wrong usage, or the page cannot be served"},
         description="Serve the operator's page of a station that runs on this computer: which station commands, what "

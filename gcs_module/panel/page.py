@@ -17,6 +17,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import nullcontext
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -134,7 +135,7 @@ class _Page:
                 if (mission.names.get(each.from_station), mission.names.get(each.to_station)) == pair
             ]
             if found:
-                at = min(found, key=lambda there: distance_m(*place.value, *there))
+                at = min(found, key=partial(_far_m, place.value))
                 left = seconds_to(border.at, known.now)
                 yield {"key": craft.name, "at": list(at), "words": f"{pair[0]} to {pair[1]} {left}"}
 
@@ -165,6 +166,10 @@ class _Page:
         if isinstance(given, int):
             self._pinned = 0 if given == self._pinned else given
             self.update()
+
+
+def _far_m(here: tuple[float, float], there: tuple[float, float]) -> float:
+    return distance_m(here[0], here[1], there[0], there[1])
 
 
 def build(

@@ -218,7 +218,16 @@ SHOWN: Final = (
         "The watch page",
         "The page shows aircraft and stations, and never commands. Alarms there have the levels of the station.",
         "Call the operator of the station. If the page itself has a fault, do what the line says.",
-        _in("gcs_module/watch", "follow journals link_reader page page_values passive_link web_auth command"),
+        _in(
+            "gcs_module/watch",
+            "follow journals link_reader page page_server page_values passive_link web_auth command",
+        ),
+    ),
+    Family(
+        "Map tiles from the disk",
+        "The map of the panel and of the watch page can show tiles from this computer's disk. They cannot be used.",
+        "Name an MBTiles file with pictures, or the folder that holds the folders of the zooms.",
+        _in("gcs_module/watch", "tiles"),
     ),
     Family(
         "The report",
@@ -249,6 +258,7 @@ OTHER_FILES: Final = {
     "mavproxy_handover/mission/items.py": "the difference between two lists: the table 'What the autopilot holds'",
     "mavproxy_handover/mission/draft.py": "comments of the mission.toml that 'handover init mission' writes",
     "mavproxy_handover/mission/drawing.py": "labels of a map",
+    "gcs_module/watch/page_arguments.py": "help of arguments",
 }
 
 
