@@ -36,6 +36,7 @@ from gcs_module.core import (
 from gcs_module.decisions import Decisions
 from gcs_module.duty import Duty
 from gcs_module.event_log import FlightEventLog
+from gcs_module.events import AcknowledgeManager, AskManager, AutopilotHeard
 from gcs_module.flight_values import FlightValues
 from gcs_module.links import Links
 from gcs_module.map_layer import Now, now_of
@@ -44,6 +45,7 @@ from gcs_module.mission_session import MissionSession
 from gcs_module.mission_transfer import MissionTransfer
 from gcs_module.notices import notice
 from gcs_module.route_watch import StationRouteWatch
+from gcs_module.standard_frames import acknowledgement, control_asked, control_status
 from gcs_module.station_resources import VehicleResources
 from gcs_module.texts import Texts
 from gcs_module.vehicle_addresses import VehicleAddresses
@@ -199,6 +201,11 @@ class Aircraft:
         if frame.msgid in OUR_MESSAGES:
             if frame.compid in _SPEAKERS and self._is_proven(frame):
                 self._on_ours(frame)
+        elif frame.msgid == mavlink.MAVLINK_MSG_ID_CONTROL_STATUS:
+            if self._is_proven(frame):
+                self._on_control(control_status(frame))
+        elif frame.msgid in (mavlink.MAVLINK_MSG_ID_COMMAND_LONG, mavlink.MAVLINK_MSG_ID_COMMAND_INT):
+            self._on_control(control_asked(frame, self.config.station.sysid))
         elif frame.compid == COMPANION_COMPID:
             if frame.msgid == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
                 self.handle(VehicleHeard())
@@ -214,7 +221,13 @@ class Aircraft:
         elif frame.msgid in (mavlink.MAVLINK_MSG_ID_COMMAND_ACK, mavlink.MAVLINK_MSG_ID_HEARTBEAT):
             if frame.compid == AUTOPILOT_COMPID and frame.msgid == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
                 self.state.on_heartbeat(m, self._now())
+                self.handle(AutopilotHeard(not self.state.disarmed))
             self.commands.on_message(m, self._now())
+
+    def _on_control(self, event: Event | None) -> None:
+        """A message of the operator-control standard; the rules use it only if no companion of ours is heard."""
+        if event is not None:
+            self.handle(event)
 
     def _is_proven(self, frame: Frame) -> bool:
         """Whether a message of ours is the vehicle's; a wrong signature is counted."""
@@ -378,6 +391,10 @@ class Aircraft:
                 self._send(self.sysid, action.message, "vehicle")
             case ToPeer():
                 self._send(action.peer, action.message, self.core.name(action.peer), via="ground")
+            case AskManager():
+                self.commands.ask_manager(action)
+            case AcknowledgeManager():
+                self.connection.send(acknowledgement(self.sysid, action.component))
             case Notice():
                 if self.of and action.event in _OF_STATION:
                     self._host.of_station(action, self.sysid)

@@ -57,6 +57,8 @@ EVENTS: Final[Mapping[str, Level]] = {
     "address": _ADVISORY,
     "lost": _WARNING,
     "authority": _INFO,
+    "manager": _ADVISORY,
+    "managers": _WARNING,
     "control_gained": _ADVISORY,
     "control_lost": _ADVISORY,
     "no_commander": _EMERGENCY,
@@ -97,6 +99,7 @@ STANDS: Final[Mapping[str, str]] = {
     "decision": "decision",
     "off_route": "route",
     "program_lost": "program",
+    "managers": "manager",
 }
 ENDS: Final[Mapping[str, str]] = {
     "connected": "link",
@@ -110,6 +113,7 @@ ENDS: Final[Mapping[str, str]] = {
     "on_route": "route",
     "rerouted": "route",
     "program": "program",
+    "manager": "manager",
 }
 
 #: the vehicle's action -> the level of its line: the one table of them

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from math import inf
 from typing import Any, Final, Protocol
 
@@ -18,6 +18,7 @@ from gcs_module.briefing import Briefing
 from gcs_module.core import Answer, Event, Notice, StationCore, Wish, WishAnswered
 from gcs_module.decisions import Decisions
 from gcs_module.event_log import FlightEventLog
+from gcs_module.events import AskManager
 from gcs_module.mission_transfer import MissionTransfer
 from gcs_module.route_watch import StationRouteWatch
 from gcs_module.vehicle_addresses import VehicleAddresses
@@ -37,10 +38,10 @@ from mavproxy_handover.wire.ids import (
     OPERATOR_CONTROL,
 )
 
-__all__ = ["OF_STATION", "StationCommands"]
+__all__ = ["NOT_IN_STANDARD", "OF_STATION", "StationCommands"]
 
 #: Commands that replace each other: after a new one the earlier ones of its group are not repeated any more.
-_MATTERS: Final = (("START", "STOP", "CONTINUE", "RESUME", "RETURN"), ("REQUEST", "RELEASE", "GIVE"))
+_MATTERS: Final = (("START", "STOP", "CONTINUE", "RESUME", "RETURN"), ("REQUEST", "RELEASE", "GIVE", "ALLOW", "KEEP"))
 #: answers that may belong to earlier commands, at most: the last of three copies must be answerable
 _MOST_OWED: Final = 2
 #: arguments of `handover rehearse`
@@ -57,6 +58,19 @@ _WHY_S = 0.4
 
 #: the companion's names for a refused command, if they differ from the operator's
 _SAID: Final = {"RESUME": ("AUTO", "mode AUTO"), "RETURN": ("RTL",)}
+
+
+#: commands without a counterpart in the operator-control standard, and what to do instead
+NOT_IN_STANDARD: Final[Mapping[str, str]] = {
+    "give": "'handover release' gives control up, or the other station requests it.",
+    "override": "The limits of energy, fence and coverage belong to our companion.",
+    "rehearse": "A rehearsal needs our companion.",
+    "share": "The vehicle takes no mission package.",
+    "telemetry": "MAVProxy's own displays show the vehicle's values.",
+    "briefing": "Ask the other station how the aircraft is.",
+}
+#: a release in flight is meant if it is typed twice within this time (s)
+_RELEASE_S: Final = 10.0
 
 
 #: a command of the station and not of one aircraft (`duty_commands.py`)
@@ -113,6 +127,8 @@ class StationCommands:
         self._answered_at = -inf
         #: lifted limits by name, and until when the vehicle lets commands leave them (monotonic s)
         self.overrides: dict[str, float] = {}
+        #: when a release in flight was last typed, under the operator-control standard
+        self._release_typed_at = -inf
         #: refused commands, and until when a text with the reason may still arrive
         self._refused: dict[str, tuple[str, float]] = {}
         self._table: dict[str, tuple[str, Callable[[], None]]] = {
@@ -189,6 +205,9 @@ class StationCommands:
         if args and args[0] == "set":
             self.settings.command(args[1:])
             return
+        if args and self._module.core.control.in_use and args[0] in NOT_IN_STANDARD:
+            self._not_in_standard(args[0])
+            return
         if len(args) == 1 and args[0] in self._table:
             self._table[args[0]][1]()
             return
@@ -211,6 +230,13 @@ class StationCommands:
         show(
             "  set       NAME VALUE: "
             + ", ".join(f"{name} = {self.settings.get(name)}" for name in self.settings.list())
+        )
+
+    def _not_in_standard(self, word: str) -> None:
+        component = self._module.core.control.manager
+        self._module.view.show(
+            f"handover {word}: the MAVLink standard has no such command, and component {component} of "
+            f"{self._module.core.vehicle_name} speaks only the standard. {NOT_IN_STANDARD[word]}"
         )
 
     # ---- commands to the aircraft ---------------------------------------------------------------------------------
@@ -240,10 +266,17 @@ class StationCommands:
         return min(owed, _MOST_OWED)
 
     def _asking(self, command: int, parameters: tuple[float, ...], owed: int) -> Asking:
-        component = COMPANION_COMPID if command == OPERATOR_CONTROL else AUTOPILOT_COMPID
+        control = self._module.core.control
+        standard = command == OPERATOR_CONTROL and control.in_use
+        manager = control.manager if standard and control.manager is not None else COMPANION_COMPID
+        component = manager if command == OPERATOR_CONTROL else AUTOPILOT_COMPID
         message = command_long((self._module.sysid, component), command, *parameters)
         own = self._module.config.station.sysid
-        result = yield Ask("the command", (message,), _ack(command, own, owed=owed), timeout_s=1.5, tries=3)
+        sender = component if standard else 0
+        answer = _ack(command, own, owed=owed, sender=sender)
+        result = yield Ask("the command", (message,), answer, timeout_s=1.5, tries=3)
+        if standard and result == mavlink.MAV_RESULT_IN_PROGRESS:
+            return mavlink.MAV_RESULT_FAILED  # the manager asks the owner; CONTROL_STATUS tells the end
         if result == mavlink.MAV_RESULT_IN_PROGRESS:
             result = yield Ask("the end of the command", (), _ack(command, own, final=True), timeout_s=60.0, tries=1)
         return result
@@ -251,7 +284,7 @@ class StationCommands:
     def _answer(self, yes: bool) -> None:
         """The operator's answer. A key pressed twice answers one question, not one that has just replaced it."""
         core, now = self._module.core, time.monotonic()
-        asked = core.question is not None or core.asked_ahead is not None
+        asked = core.open_question is not None
         if asked and now - self._answered_at < _PRESS_S:
             self._module.view.line("Answer not used: a new question came first. Read it, then answer.")
             return
@@ -270,11 +303,27 @@ class StationCommands:
     def _request(self) -> None:
         """The commander is asked. COMMAND_ACK tells that; AUTHORITY_STATUS tells which station commands."""
         own = self._module.config.station.sysid
-        self._module.handle(Wish(own))
+        self._module.handle(Wish(own, self.settings.request_timeout))
         self._command("REQUEST", OPERATOR_CONTROL, 1, 0, self.settings.request_timeout, own)
 
-    def _release(self) -> None:
+    def ask_manager(self, action: AskManager) -> None:
+        """Send the standard's command to the manager."""
         own = self._module.config.station.sysid
+        request, takeover = float(action.request), float(action.takeover)
+        self._command(action.word, OPERATOR_CONTROL, request, takeover, action.timeout_s, own)
+
+    def _release(self) -> None:
+        own, now = self._module.config.station.sysid, time.monotonic()
+        if self._module.core.control.in_use and self._module.state.flown_from_here:
+            if now - self._release_typed_at > _RELEASE_S:
+                self._release_typed_at = now
+                self._module.view.line(
+                    f"{self._module.core.vehicle_name} flies. After a release no station is in control, and its own "
+                    "failsafe decides. To release it, type 'handover release' again within 10 s.",
+                    Level.ADVISORY,
+                )
+                return
+            self._release_typed_at = -inf
         self._module.handle(WishAnswered(own, False))  # withdraws an earlier request
         self._command("RELEASE", OPERATOR_CONTROL, 0, 0, 0, own)
 
@@ -360,7 +409,8 @@ class StationCommands:
                 mavlink.MAV_RESULT_ACCEPTED,
                 mavlink.MAV_RESULT_FAILED,  # the vehicle asks the commander
             )
-            self._module.handle(WishAnswered(self._module.config.station.sysid, accepted))
+            pending = accepted and talk.result == mavlink.MAV_RESULT_FAILED
+            self._module.handle(WishAnswered(self._module.config.station.sysid, accepted, pending))
         if word == _REPORT:
             for line in talk.result or ("no report of the rehearsal: no answer of the vehicle",):
                 self._module.view.show(line)
@@ -452,8 +502,13 @@ class StationCommands:
             show(f"decision  {module.decisions.text}")
         for alarm in module.event_log.alarms.standing:
             show(f"alarm     {alarm.level.name}: {alarm.text}{' (acknowledged)' if alarm.acknowledged else ''}")
+        if core.control.in_use:
+            show(f"control   component {core.control.manager} manages it, by the MAVLink standard")
         if core.question is not None:
             show(f"question  handover {core.question.handover_id}: 'handover accept' or 'handover deny'")
+        elif core.control.question is not None:
+            asks = core.name(core.control.question.requester)
+            show(f"question  {asks} asks for control: 'handover accept' or 'handover deny'")
         ahead = core.ahead
         if ahead is not None:
             said = {Consent.GRANTED: "accepted", Consent.DENIED: "denied", Consent.WAITING: "to be answered"}
@@ -510,14 +565,16 @@ def _rehearsal_asking(vehicle: int, wish: int, nonce: int) -> Asking:
     return (yield Ask("the rehearsal", (message,), answer, timeout_s=1.0, tries=5))
 
 
-def _ack(command: int, own: int, *, final: bool = False, owed: int = 0) -> Callable[[Any], Any]:
+def _ack(command: int, own: int, *, final: bool = False, owed: int = 0, sender: int = 0) -> Callable[[Any], Any]:
     """A filter for the COMMAND_ACK of a command. `own`: this station; `owed`: this many answers may belong to earlier
-    commands."""
+    commands; `sender`: the component that answers, 0: any."""
     left = owed
 
     def answer(m: Any) -> Any:
         nonlocal left
         if m.get_type() != "COMMAND_ACK" or m.command != command or getattr(m, "target_system", 0) not in (0, own):
+            return None
+        if sender and m.get_srcComponent() != sender:
             return None
         if final and m.result == mavlink.MAV_RESULT_IN_PROGRESS:
             return None

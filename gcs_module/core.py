@@ -26,6 +26,8 @@ Rules that live here
 * Consent is automatic for the reasons that the configuration names (`automatic`). For all others the operator consents,
   and until then the answer is "waiting". The reason is what the vehicle has said; if it has said none, there is none.
   If the same question comes for a reason that needs no operator, it is answered by that.
+* If the vehicle sends no message of ours, but has a manager of the MAVLink operator-control standard, that manager
+  tells which station commands (`standard_control.py`).
 * After an operator has asked for control, a transfer to this station needs no further question: for one minute, and for
   one transfer. Before the vehicle has answered the request, it counts only if the vehicle gives it as the reason. A
   refused request is no consent.
@@ -44,9 +46,14 @@ from typing import Any
 
 from gcs_module.ahead import Ahead, EarlyConsent
 from gcs_module.events import (
+    AcknowledgeManager,
     Action,
     Answer,
+    AskManager,
     AuthorityHeard,
+    AutopilotHeard,
+    ControlAsked,
+    ControlStatusHeard,
     Event,
     FromPeer,
     FromVehicle,
@@ -60,6 +67,7 @@ from gcs_module.events import (
     WishAnswered,
 )
 from gcs_module.notices import notice
+from gcs_module.standard_control import StandardControl
 from mavproxy_handover.core.authority.cures import ended
 from mavproxy_handover.core.authority.transfer_manager import READ_S
 from mavproxy_handover.core.common.messages import (
@@ -83,9 +91,14 @@ from mavproxy_handover.core.common.model import PROTOCOL_VERSION, QUESTIONS, Con
 from mavproxy_handover.core.common.never import assert_never
 
 __all__ = [
+    "AcknowledgeManager",
     "Action",
     "Answer",
+    "AskManager",
     "AuthorityHeard",
+    "AutopilotHeard",
+    "ControlAsked",
+    "ControlStatusHeard",
     "Event",
     "FromPeer",
     "FromVehicle",
@@ -183,6 +196,11 @@ class StationCore:
         self._answer_until = inf
         self._part: _Part | None = None
         self._early_consent = EarlyConsent(station.sysid)
+        #: the autopilot's last heartbeat says that it is armed
+        self._armed = False
+        asks_nobody = QUESTIONS[Reason.REQUESTED] in self._automatic
+        #: control by the MAVLink standard, if the vehicle's manager is not our companion
+        self.control = StandardControl(station.sysid, self.name, lambda: self.vehicle_name, automatic=asks_nobody)
         #: when the operator's present question was first asked
         self.asked_at = -inf
         #: when a question last ended without an answer, and until when an answer may be meant for that question
@@ -249,6 +267,9 @@ class StationCore:
         if part is not None and part.consent is Consent.WAITING:
             key, number = part.key, (part.crossing, -1) if part.crossing else (0, part.key.handover_id)
             return key.from_station, key.to_station, key.epoch, *number
+        if self.control.question is not None:
+            asked = self.control.question
+            return self._station.sysid, asked.requester, 0, 0, asked.number
         if ahead is None or not ahead.waits:
             return None
         return ahead.question
@@ -315,7 +336,16 @@ class StationCore:
                 self._on_vehicle_heard(now, actions)
                 self._on_vehicle(event.message, now, actions)
             case VehicleHeard():
-                self._on_vehicle_heard(now, actions)
+                if not self.control.in_use:
+                    self._on_vehicle_heard(now, actions)
+            case ControlStatusHeard():
+                self._on_control_status(event, now, actions)
+            case ControlAsked():
+                actions += self.control.on_asked(event, now)
+                self._follow_control()
+            case AutopilotHeard():
+                self._armed = event.armed
+                self._follow_control()
             case FromPeer():
                 self._peers_heard[event.peer] = now
                 self._on_peer(event.peer, event.message, now, actions)
@@ -326,7 +356,7 @@ class StationCore:
             case MissionHeld():
                 self.digest = event.digest
             case Wish():
-                self._on_wish(event.station, now, actions)
+                self._on_wish(event, now, actions)
             case WishAnswered():
                 self._on_wish_answered(event, now)
             case Answer():
@@ -339,13 +369,16 @@ class StationCore:
         actions: list[Action] = []
         if not self._vehicle_lost and not self.vehicle_alive(now):
             self._vehicle_lost = True
-            actions.append(notice("vehicle_lost", vehicle=self.vehicle_name))
+            lost = "manager_silent" if self.control.in_use else "vehicle_lost"
+            actions.append(notice(lost, vehicle=self.vehicle_name))
         for peer in [peer for peer in self._peers_up if not self.peer_alive(peer, now)]:
             self._peers_up -= {peer}
             actions.append(notice("peer_down", station=self.name(peer)))
         if self._early_consent.expire(now):
             actions.append(notice("ahead_over"))
         self._count_down(now, actions)
+        actions += self.control.tick(now, self.LEFT_S)
+        self._follow_control()
         return actions
 
     def _asked(self) -> _Part | Ahead | None:
@@ -371,6 +404,26 @@ class StationCore:
             else:
                 actions.append(notice("time_left", waits=True, commander=self.name(self.commander), **values))
 
+    # ---- a manager of the standard --------------------------------------------------------------------------------
+
+    def _on_control_status(self, event: ControlStatusHeard, now: float, actions: list[Action]) -> None:
+        used = self.control.in_use
+        of_manager, found = self.control.on_status(event, self._armed, now)
+        if of_manager:
+            self._vehicle_heard = now
+            if self._vehicle_lost and used:
+                actions.append(notice("manager_heard", vehicle=self.vehicle_name))
+            self._vehicle_lost = False
+        actions += found
+        self._follow_control()
+
+    def _follow_control(self) -> None:
+        """While the standard is used, its manager names the commander. The standard knows no phases."""
+        if self.control.in_use:
+            self.phase = Phase.ON_MISSION if self._armed else Phase.ON_LOAD
+            self.commander, self.partner = self.control.in_control, self.control.partner
+            self._answer_until = self.control.answer_until
+
     # ---- the vehicle ----------------------------------------------------------------------------------------------
 
     def _on_vehicle_heard(self, now: float, actions: list[Action]) -> None:
@@ -382,6 +435,7 @@ class StationCore:
     def _on_vehicle(self, message: Message, now: float, actions: list[Action]) -> None:
         match message:
             case Connect():
+                self.control.ours()
                 if message.name.isprintable() and message.name.strip():
                     self.vehicle_name = message.name.strip()
                 self.vehicle_digest = message.mission_digest
@@ -452,6 +506,7 @@ class StationCore:
             self._part = self._latest = self._announced = self._over = None
 
     def _on_authority(self, event: AuthorityHeard, now: float, actions: list[Action]) -> None:
+        self.control.ours()
         self._drop_invalid_epoch(event.epoch)
         self._answer_until = now + event.answer_left_s
         self.alone = event.alone
@@ -693,8 +748,12 @@ class StationCore:
 
     # ---- the operator ---------------------------------------------------------------------------------------------
 
-    def _on_wish(self, station: int, now: float, actions: list[Action]) -> None:
-        part = self._part
+    def _on_wish(self, wish: Wish, now: float, actions: list[Action]) -> None:
+        part, station = self._part, wish.station
+        if self.control.in_use:
+            self.control.request(wish.timeout_s, now)
+            self._follow_control()
+            return
         if part is not None and part.consent is Consent.WAITING and part.key.to_station == station:
             self._answer_transfer(part, True, now, actions)
             return
@@ -706,6 +765,9 @@ class StationCore:
             self._wished_until, self._wish_accepted = now + self.WISH_S, False
 
     def _on_wish_answered(self, answer: WishAnswered, now: float) -> None:
+        if self.control.in_use:
+            self.control.answered(answer)
+            self._follow_control()
         if answer.station == self._station.sysid and now < self._wished_until:
             self._wish_accepted = answer.accepted
             if not answer.accepted:
@@ -716,6 +778,9 @@ class StationCore:
         return now < self._wished_until and (self._wish_accepted or requested)
 
     def _on_answer(self, yes: bool, now: float, actions: list[Action]) -> None:
+        if self.question is None and self.control.question is not None:
+            self._answer_control(self.control.question.requester, yes, now, actions)
+            return
         asked = self._asked()
         if asked is None and not self._change_early_answer(yes, actions):
             actions.append(notice("no_question"))
@@ -728,6 +793,15 @@ class StationCore:
             self._answer_ahead(asked, yes, actions)
         else:
             self._answer_transfer(asked, yes, now, actions)
+
+    def _answer_control(self, requester: int, yes: bool, now: float, actions: list[Action]) -> None:
+        """The operator's answer to another station's request by the standard."""
+        if now < self._read_until:
+            stations = f"{self._station.name} -> {self.name(requester)}"
+            actions.append(notice("other_question", stations=stations))
+            return
+        self.control.answer(yes, now, actions)
+        self._follow_control()
 
     def _change_early_answer(self, yes: bool, actions: list[Action]) -> bool:
         """Change the early answer for the border ahead; returns whether there was one to change."""

@@ -143,7 +143,7 @@ class FlightEventLog:
 
     def repeat_alarms(self, now: float) -> None:
         """Repeat the standing alarms that are due; to be called each second."""
-        if self._core.question is None and self._core.asked_ahead is None:
+        if self._core.open_question is None:
             self.alarms.end("question")
         if self._core.phase is Phase.ON_LOAD:
             self.alarms.end("commander")

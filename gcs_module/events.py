@@ -12,9 +12,14 @@ from mavproxy_handover.core.common.messages import Message
 from mavproxy_handover.core.common.model import Phase, Reason
 
 __all__ = [
+    "AcknowledgeManager",
     "Action",
     "Answer",
+    "AskManager",
     "AuthorityHeard",
+    "AutopilotHeard",
+    "ControlAsked",
+    "ControlStatusHeard",
     "Event",
     "FromPeer",
     "FromVehicle",
@@ -85,6 +90,32 @@ class AuthorityHeard:
 
 
 @dataclass(frozen=True, slots=True)
+class ControlStatusHeard:
+    """CONTROL_STATUS of a component of the vehicle. `main`: the station in control, None: no station is."""
+
+    component: int
+    manager: bool
+    takeover: bool
+    main: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class ControlAsked:
+    """A component of the vehicle passes on another station's request for control, by the standard's command."""
+
+    component: int
+    requester: int
+    timeout_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class AutopilotHeard:
+    """A heartbeat of the autopilot."""
+
+    armed: bool
+
+
+@dataclass(frozen=True, slots=True)
 class MissionHeld:
     """The station holds this mission package (SHA-256)."""
 
@@ -100,20 +131,37 @@ class Answer:
 
 @dataclass(frozen=True, slots=True)
 class Wish:
-    """The operator asks that `station` commands: a transfer to it needs no further question here."""
+    """The operator asks that `station` commands: a transfer to it needs no further question here. `timeout_s`: the time
+    that the present commander has to answer."""
 
     station: int
+    timeout_s: float = 30.0
 
 
 @dataclass(frozen=True, slots=True)
 class WishAnswered:
-    """The vehicle's answer to that request. Not `accepted`: it was refused, or there was no answer."""
+    """The vehicle's answer to that request. Not `accepted`: it was refused, or there was no answer. `pending`: the
+    present commander is asked."""
 
     station: int
     accepted: bool
+    pending: bool = False
 
 
-Event = FromVehicle | FromPeer | PeerHeard | VehicleHeard | AuthorityHeard | MissionHeld | Answer | Wish | WishAnswered
+Event = (
+    FromVehicle
+    | FromPeer
+    | PeerHeard
+    | VehicleHeard
+    | AuthorityHeard
+    | ControlStatusHeard
+    | ControlAsked
+    | AutopilotHeard
+    | MissionHeld
+    | Answer
+    | Wish
+    | WishAnswered
+)
 
 
 # ---- actions ------------------------------------------------------------------------------------------------------
@@ -135,6 +183,24 @@ class ToPeer:
 
 
 @dataclass(frozen=True, slots=True)
+class AskManager:
+    """Send MAV_CMD_REQUEST_OPERATOR_CONTROL to the manager of the standard, for this station. `word`: its name for the
+    operator; `request`: False releases control; `takeover`: later requests are granted without a question."""
+
+    word: str
+    request: bool
+    takeover: bool = False
+    timeout_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class AcknowledgeManager:
+    """Acknowledge a request that this component of the vehicle has passed on."""
+
+    component: int
+
+
+@dataclass(frozen=True, slots=True)
 class Notice:
     """A line for the operator and the journal. `event`: a key of `alarms.EVENTS`, which gives its level; `level`
     overrides that. `row`: its row of `notices.NOTICES`, "" if the line is not from that table."""
@@ -150,4 +216,4 @@ class Notice:
         return EVENTS[self.event] if self.level is None else self.level
 
 
-Action = ToVehicle | ToPeer | Notice
+Action = ToVehicle | ToPeer | AskManager | AcknowledgeManager | Notice

@@ -123,7 +123,7 @@ class FleetCommands:
 
     def _asked_elsewhere(self, sysid: int, answer: str) -> bool:
         """Whether only other vehicles than the chosen one ask: then the operator is told which."""
-        asking = [each for each in self._aircraft if each.core.question or each.core.asked_ahead]
+        asking = [each for each in self._aircraft if each.core.open_question is not None]
         if not asking or any(each.sysid == sysid for each in asking):
             return False
         words = " or ".join(f"'handover -v {each.of} {answer}'" for each in asking)

@@ -103,6 +103,81 @@ NOTICES: Final[Mapping[str, Row]] = {
         "authority", "No station commands {vehicle}: it crosses a gap that its mission declares.",
         "The mission declares a gap in coverage here. The aircraft flies on alone.",
         "Wait until it comes out of the gap."),
+    "manager_found": Row(
+        "connected",
+        "{vehicle} is connected. Component {component} manages control, by the MAVLink standard. "
+        "Zones and borders are not known here.",
+        "The vehicle has another manager of control than our companion. The station uses the standard's messages.",
+        "'handover request' asks for control. Ask the other stations where their coverage ends."),
+    "manager_silent": Row(
+        "lost", "The manager of control of {vehicle} is not heard any more. Which station commands is not known.",
+        "No CONTROL_STATUS of the manager has come for 5 s. What is shown of control is old.",
+        "Check the link. Talk to the other stations before you command."),
+    "manager_heard": Row(
+        "connected", "The manager of control of {vehicle} is heard again.",
+        "CONTROL_STATUS comes again.", _NOTHING),
+    "manager_moved": Row(
+        "manager", "Component {new} manages control of {vehicle} now, in place of {old}.",
+        "The former manager is not heard any more, and another component claims its role.",
+        "Check that this was intended."),
+    "managers": Row(
+        "managers",
+        "Components {one} and {other} of {vehicle} both claim to manage control. This station believes {one}.",
+        "Exactly one component may be the system manager. With two, stations may disagree about who commands.",
+        "Land, or switch one of them off. Talk to the other stations."),
+    "one_manager": Row(
+        "manager", "Only component {component} manages control of {vehicle} again.",
+        "The second component does not claim to be the manager any more.", _NOTHING),
+    "control_here": Row(
+        "control_gained", "I have {vehicle}: {station} is in control now.",
+        "The manager of control names this station.", "Fly the aircraft."),
+    "control_passed_on": Row(
+        "control_lost", "{station} has {vehicle}: {station} is in control now.",
+        "The manager of control names another station. Commands of this one are refused.", _NOTHING),
+    "control_there": Row(
+        "authority", "{station} is in control of {vehicle}.",
+        "The manager of control names another station.", _NOTHING),
+    "control_free": Row(
+        "authority", "No station is in control of {vehicle}.",
+        "The manager of control names no station.", "'handover request' asks for control."),
+    "control_free_in_flight": Row(
+        "no_commander", "No station is in control of {vehicle}. Type 'handover request' to take over.",
+        "The aircraft flies, and the manager of control names no station. Its own failsafe decides what it does.",
+        "'handover request', if you can fly it. Else watch it."),
+    "control_asked": Row(
+        "asked", "{station} asks for control of {vehicle}.",
+        "The manager passes on another station's request. Without an answer this station keeps the aircraft.",
+        "Accept or deny. An accept lets that station take the aircraft for 10 s."),
+    "control_asked_automatic": Row(
+        "told", "{station} asks for control of {vehicle}. This station agrees, as configured.",
+        "The manager passes on another station's request, and the configuration agrees to it.", _NOTHING),
+    "control_asked_too": Row(
+        "told", "{station} asks for control of {vehicle}, too. Answer {other} first.",
+        "A second request has come while a question is open. That station has to ask again.",
+        "Answer the open question."),
+    "control_allowed": Row(
+        "consent", "{station} may take {vehicle} for {window_s} s.",
+        "The manager is told that a request is granted without a question now.", _NOTHING),
+    "control_not_taken": Row(
+        "aborted", "{station} has not taken {vehicle} within {window_s} s. {own} keeps it.",
+        "The other station did not repeat its request in time. Takeover is forbidden again.",
+        "Talk to that operator. A new request is asked about again."),
+    "control_not_answered": Row(
+        "aborted", "No answer to the request of {station}. {own} keeps {vehicle}.",
+        "The time of the request is over.", _NOTHING),
+    "control_withdrawn": Row(
+        "aborted", "Question withdrawn: {own} is not in control of {vehicle} any more.",
+        "Another station has taken control, or no station has it.", _NOTHING),
+    "control_offered": Row(
+        "told", "{vehicle} can be taken now. The request is sent again.",
+        "The owner allows it or has released control, and your request still stands.", _NOTHING),
+    "control_not_given": Row(
+        "aborted", "The request was not granted within {timeout_s} s. In control of {vehicle}: {owner}.",
+        "The operator of the other station has denied the request, or has not answered.",
+        "Talk to that operator, then 'handover request' again."),
+    "time_left_control": Row(
+        "countdown", "{left_s} s left to answer {station}. Without an answer {own} keeps {vehicle}.",
+        "You have not answered the question.", "Accept or deny."),
     "phase": Row(
         "phase", "{vehicle} is {phase}.",
         "The phase of the flight has changed: on load, on mission or on handover.", _NOTHING),

@@ -124,7 +124,7 @@ class Collector:
             sysid=craft.sysid,
             name=craft.of or core.vehicle_name,
             heard_at=_time(now - seen.heard_s),
-            authority_at=_time(state.authority_at),
+            authority_at=_time(max(state.authority_at, core.control.heard_at)),
             phase=core.phase.name.lower(),
             commander=seen.commander,
             own=seen.own,
@@ -163,6 +163,10 @@ class Collector:
     def _question(craft: Aircraft, now: float) -> Question | None:
         core = craft.core
         number, key = number_of(core.open_question), core.question or core.asked_ahead
+        asked = core.control.question
+        if number and key is None and asked is not None:
+            own, requester = craft.config.station.name, core.name(asked.requester)
+            return Question(number, False, own, requester, False, None, asked.until, core.asked_at)
         if not number or key is None:
             return None
         ahead, until = core.ahead, now + core.answer_left_s(now)

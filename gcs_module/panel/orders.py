@@ -19,6 +19,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Protocol
 
+from gcs_module.commands import NOT_IN_STANDARD
 from gcs_module.core import StationCore
 from gcs_module.duty import NEEDS_OPERATOR, OFF, Change, Outcome
 from gcs_module.panel.question_number import border_number, number_of
@@ -149,6 +150,9 @@ def carry_out(order: Order, aircraft: Sequence[Ordered], stations: Sequence[str]
         return Reply(order.number, False, f"Not used: this station has no vehicle {order.vehicle}.")
     if not target.core.manned and kind.words in NEEDS_OPERATOR:
         text = "Not used: no operator is on duty. Sign on first."
+        return Reply(order.number, False, text)
+    if target.core.control.in_use and kind.words in NOT_IN_STANDARD:
+        text = f"Not used: the MAVLink standard has no such command. {NOT_IN_STANDARD[kind.words]}"
         return Reply(order.number, False, text)
     if kind.argument == "station" and order.argument not in stations:
         known = ", ".join(stations) or "none"

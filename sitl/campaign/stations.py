@@ -90,5 +90,7 @@ class Ground:
                 case gcs.Notice():
                     if action.gravity:
                         self._log.note(now, f"{self._station.name}: {action.text}")
+                case gcs.AskManager() | gcs.AcknowledgeManager():
+                    pass  # the campaign's vehicles have our companion: the standard is never used
                 case _:
                     assert_never(action)

@@ -46,7 +46,7 @@ def test_the_levels_as_they_are_written_on_the_card() -> None:
     grave = {event for event, level in EVENTS.items() if level is EMERGENCY}
     assert grave == {"no_commander", "decision", "program_lost"}
     waits = {event for event, level in EVENTS.items() if level is WARNING}
-    assert waits == {"lost", "requested", "asked", "countdown", "off_route", "stream"}
+    assert waits == {"lost", "requested", "asked", "countdown", "off_route", "stream", "managers"}
     assert [DECISIONS[action] for action in FlightAction] == [
         WARNING,
         WARNING,

@@ -29,7 +29,21 @@ def imported(path: Path) -> set[str]:
 
 def test_of_what_lies_beside_it_core_imports_what_is_as_pure_alone() -> None:
     beside = {name for name in imported(FOLDER / "core.py") if name.startswith((".", "gcs_module"))}
-    assert beside == {"gcs_module.ahead", "gcs_module.events", "gcs_module.notices"}
+    assert beside == {
+        "gcs_module.ahead",
+        "gcs_module.events",
+        "gcs_module.notices",
+        "gcs_module.standard_control",
+    }
+    assert imported(FOLDER / "standard_control.py") == {
+        "__future__",
+        "collections.abc",
+        "dataclasses",
+        "gcs_module.events",
+        "gcs_module.notices",
+        "math",
+        "typing",
+    }
     assert imported(FOLDER / "notices.py") == {
         "__future__",
         "collections.abc",
