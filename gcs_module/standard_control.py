@@ -255,7 +255,11 @@ class StandardControl:
         self._question_time(now, told_at, actions)
         if self._allowed is not None and now >= self._allowed[1]:
             requester, self._allowed = self._allowed[0], None
-            values: dict[str, Any] = {"station": self._name(requester), "vehicle": self._vehicle(), "own": self._name(self._own)}
+            values: dict[str, Any] = {
+                "station": self._name(requester),
+                "vehicle": self._vehicle(),
+                "own": self._name(self._own),
+            }
             actions.append(notice("control_not_taken", window_s=int(WINDOW_S), **values))
             actions.append(AskManager("KEEP", request=True, timeout_s=WINDOW_S))
         if -inf < self._request_until <= now:
@@ -269,7 +273,11 @@ class StandardControl:
         if question is None:
             return
         left_s = question.until - now
-        values: dict[str, Any] = {"station": self._name(question.requester), "vehicle": self._vehicle(), "own": self._name(self._own)}
+        values: dict[str, Any] = {
+            "station": self._name(question.requester),
+            "vehicle": self._vehicle(),
+            "own": self._name(self._own),
+        }
         if left_s <= 0.0:
             self.question, self._answered = None, (question.requester, now)
             actions.append(notice("control_not_answered", **values))
