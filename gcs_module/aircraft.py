@@ -339,6 +339,7 @@ class Aircraft:
         self.event_log.sum_up(now)
         self._check_name()
         self.view.status(now)
+        self.event_log.border_shown(self.situation())
         self._guarded("map", lambda: self._map_view.show(self.missions.flown(), self._map_contents, now))
 
     def _choose_link(self, links: Sequence[Any], now: float) -> None:

@@ -9,9 +9,10 @@ journal (`store/sampling.py`).
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, Final
 
 from gcs_module.alarms import EVENTS, Alarms, Level
+from gcs_module.banner import Situation
 from gcs_module.core import Notice, StationCore
 from gcs_module.duty import Outcome
 from gcs_module.texts import Text
@@ -28,6 +29,8 @@ __all__ = ["FlightEventLog", "StationEventLog"]
 _SAID = (5000, 0.1)
 
 
+#: the journal has the seconds to a border that are shown, from this many on (s)
+BORDER_S: Final = 20.0
 #: entries that say which operator was on duty
 _OF_OPERATORS = ("consent", "command", "acknowledged")
 
@@ -120,6 +123,8 @@ class FlightEventLog:
         self._vehicle = vehicle
         #: the standing alarms
         self.alarms = Alarms()
+        #: the seconds to the next border that the journal has last
+        self._border_shown: int | None = None
         #: samplers by sender or receiver, and link
         self._samplers: dict[tuple[str, str | None], Sampler] = {}
 
@@ -134,6 +139,13 @@ class FlightEventLog:
         self._write(notice.event, notice.text, role=self._core.role.value, epoch=self._core.epoch)
         self.alarms.on_line(notice.event, notice.gravity, notice.text, now, notice.row)
         self._view.line(notice.text, notice.gravity)
+
+    def border_shown(self, now: Situation) -> None:
+        """The seconds to the next border, as the status row shows them: the last BORDER_S, one entry a second."""
+        shown = round(now.ahead_s) if now.ahead and not now.old and 0.0 < now.ahead_s <= BORDER_S else None
+        if shown is not None and shown != self._border_shown:
+            self._write("border_shown", f"{now.ahead} in {shown} s", station=now.ahead, in_s=shown)
+        self._border_shown = shown
 
     def briefing(self, vehicle: str, lines: Sequence[str]) -> None:
         """The briefing that goes with the question whether the station takes the aircraft."""

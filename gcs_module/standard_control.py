@@ -264,8 +264,8 @@ class StandardControl:
             actions.append(AskManager("KEEP", request=True, timeout_s=WINDOW_S))
         if -inf < self._request_until <= now:
             self._request_until = -inf
-            values: dict[str, Any] = {"owner": self._name(self.in_control), "vehicle": self._vehicle()}
-            actions.append(notice("control_not_given", timeout_s=round(self._request_s), **values))
+            owner, timeout_s = self._name(self.in_control), round(self._request_s)
+            actions.append(notice("control_not_given", timeout_s=timeout_s, owner=owner, vehicle=self._vehicle()))
         return actions
 
     def _question_time(self, now: float, told_at: tuple[float, ...], actions: list[Action]) -> None:

@@ -10,7 +10,7 @@ change of commander has a higher one.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from math import inf
@@ -388,6 +388,45 @@ class Loss(Expectation):
 
 
 @dataclass(frozen=True, slots=True)
+class Countdown(Expectation):
+    """The seconds to each handover that both its stations showed were right within so much.
+
+    Judged are the last `last_s` seconds before the transfer was committed. In that time each of the two stations must
+    have shown at least half as many values.
+    """
+
+    last_s: float
+    within_s: float
+
+    def judge(self, evidence: Evidence) -> Verdict:
+        wanted = f"countdowns right within {self.within_s:g} s over the last {self.last_s:g} s"
+        done = evidence.of(event="transfer_committed")
+        worst, faults = 0.0, [] if done else ["no handover was made"]
+        for entry in done:
+            came, taker = evidence.sim_at(entry.t), str(entry.get("station"))
+            changes = [change.commander for change in evidence.commanders() if change.t < entry.t - _SAME_MOMENT_S]
+            for station in (changes[-1] if changes else NOBODY, taker):
+                errors = [
+                    shown + at - came
+                    for at, shown in self._shown(evidence, station, taker)
+                    if came - self.last_s <= at < came
+                ]
+                if len(errors) < self.last_s / 2:
+                    faults.append(f"{station} showed {len(errors)} values before {taker} got it")
+                worst = max([worst, *map(abs, errors)])
+        held = not faults and worst <= self.within_s
+        return Verdict(held, wanted, "; ".join([f"{worst:.1f} s wrong at most, {len(done)} handovers", *faults]))
+
+    @staticmethod
+    def _shown(evidence: Evidence, station: str, taker: str) -> Iterator[tuple[float, float]]:
+        """Simulated time and seconds of each value that a station showed."""
+        for entry in evidence.of(station, "border_shown"):
+            shown = entry.get("in_s")
+            if entry.get("station") == taker and isinstance(shown, (int, float)):
+                yield evidence.sim_at(entry.t), float(shown)
+
+
+@dataclass(frozen=True, slots=True)
 class OfVehicle(Expectation):
     """An expectation of a further vehicle, judged as if it were the only one."""
 
@@ -473,4 +512,5 @@ EXPECTATIONS: Mapping[str, type[Expectation]] = {
     "emergencies": Emergencies,
     "said": Said,
     "loss": Loss,
+    "countdown": Countdown,
 }

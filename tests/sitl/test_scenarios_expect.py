@@ -18,6 +18,7 @@ from sitl.script.expect import (
     Commanders,
     Commands,
     Count,
+    Countdown,
     Emergencies,
     Expectation,
     Follows,
@@ -36,7 +37,7 @@ from sitl.script.expect import (
     Quiet,
     Said,
 )
-from tests.sitl.synthetic import VEHICLE_NAME, evidence, nominal, wall
+from tests.sitl.synthetic import SPEEDUP, VEHICLE_NAME, evidence, nominal, wall
 
 FIVE = ("GCSA", "GCSB", "GCSA", "GCSB", "GCSA")
 
@@ -433,3 +434,38 @@ def test_one_entry_breaks_it(entry: Entry) -> None:
 def test_silence_until_a_moment_that_never_came_is_none() -> None:
     assert not QUIET.judge(marked([], apart=10.0)).held
     assert QUIET.labels() == ("apart", "truth")
+
+
+def counted(late_s: float = 0.0, stations: tuple[str, ...] = ("GCSA", "GCSB"), values: int = 15) -> list[Entry]:
+    """Both stations count down to each handover, `late_s` too much."""
+    shown = [
+        Entry(done.t - left / SPEEDUP, who, "border_shown", "", {"station": done.get("station"), "in_s": left + late_s})
+        for done in nominal()
+        if done.event == "transfer_committed"
+        for left in range(1, values + 1)
+        for who in stations
+    ]
+    return sorted([*nominal(), *shown], key=lambda entry: entry.t)
+
+
+class TestCountdown:
+    def test_right_seconds_at_both_stations_hold(self) -> None:
+        verdict = Countdown(15, 3).judge(evidence(counted()))
+        assert verdict.held, verdict
+        assert verdict.seen.endswith("s wrong at most, 4 handovers")
+
+    @pytest.mark.parametrize(("late_s", "held"), [(2.5, True), (-2.5, True), (3.5, False), (-3.5, False)])
+    def test_three_seconds_are_the_limit(self, late_s: float, held: bool) -> None:
+        assert Countdown(15, 3).judge(evidence(counted(late_s))).held is held
+
+    def test_one_station_that_shows_nothing_fails(self) -> None:
+        verdict = Countdown(15, 3).judge(evidence(counted(stations=("GCSA",))))
+        assert not verdict.held
+        assert "GCSB showed 0 values before GCSB got it" in verdict.seen
+
+    def test_too_few_values_fail(self) -> None:
+        assert not Countdown(15, 3).judge(evidence(counted(values=5))).held
+
+    def test_without_a_handover_it_fails(self) -> None:
+        entries = [entry for entry in counted() if entry.event != "transfer_committed"]
+        assert Countdown(15, 3).judge(evidence(entries)).seen.endswith("no handover was made")
