@@ -8,6 +8,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
+from pymavlink.dialects.v20 import handover as mavlink
+
 from mavproxy_handover.companion.actions import ActionParts, Actions
 from mavproxy_handover.companion.autopilot_parts import Autopilot, assemble
 from mavproxy_handover.companion.beacons import Beacons
@@ -22,6 +24,7 @@ from mavproxy_handover.companion.state_saver import PackageSaver, StateSaver
 from mavproxy_handover.config.running import Running
 from mavproxy_handover.core.arbiter import Arbiter, Identity
 from mavproxy_handover.core.common.events import Event
+from mavproxy_handover.gate.feeds import FeedNews
 from mavproxy_handover.gate.filters import CompanionMatters
 from mavproxy_handover.gate.gate import Gate
 from mavproxy_handover.gate.in_force import AuthorityInForce
@@ -107,7 +110,9 @@ def base_of(running: Running, ports: Mapping[int, StationPort], edge: Edge) -> B
     strangers = Journal(strangers_path(config.journal), config.name, _STRANGERS_BYTES, strict=strict)
     faults = FaultLog(journal)
     in_force = AuthorityInForce()
-    passed = PassedFrames(config.sysid, ports, config.observers, in_force, edge.write_autopilot, faults.report)
+    passed = PassedFrames(
+        config.sysid, ports, config.observers, in_force, edge.write_autopilot, faults.report, config.feeds
+    )
 
     def write_autopilot(data: bytes) -> None:
         edge.write_autopilot(data)
@@ -206,4 +211,11 @@ def _gate_reports(base: Base) -> GateReports:
         event_log.told(port.name, text, now)
         message_sender.say(port, text)
 
-    return GateReports(base.faults.report, stream, say)
+    def feed(news: FeedNews, _now: float) -> None:
+        event_log.feed(news)
+        if news.station is None:
+            message_sender.say_to_all(news.text, mavlink.MAV_SEVERITY_NOTICE)
+        else:
+            message_sender.say(message_sender.ports[news.station], news.text)
+
+    return GateReports(base.faults.report, stream, say, feed)

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from mavproxy_handover.config.feeds import feed_settings
 from mavproxy_handover.config.position import PositionSettings, position_settings
 from mavproxy_handover.config.route import route_limits
 from mavproxy_handover.config.toml import ConfigError, Table, check_tables, list_of_tables, one_table, read_toml
@@ -27,6 +28,7 @@ from mavproxy_handover.config.vehicle_keys import (
 from mavproxy_handover.core.common.causes import Cause
 from mavproxy_handover.core.common.limits import Limits
 from mavproxy_handover.core.common.model import StandingConsent, Station
+from mavproxy_handover.core.feeds import FeedSettings
 from mavproxy_handover.core.safety.commands import Limit
 from mavproxy_handover.core.safety.energy_prior import EnergySettings
 from mavproxy_handover.core.safety.route import RouteLimits
@@ -89,6 +91,8 @@ class VehicleConfig:
     commands: Mapping[Limit, str] = field(default_factory=dict)
     #: source of the position
     position: PositionSettings = field(default_factory=PositionSettings)
+    #: stations that may send feeds
+    feeds: FeedSettings = field(default_factory=FeedSettings)
 
 
 # ---- limits -------------------------------------------------------------------------------------------------------
@@ -169,6 +173,7 @@ def vehicle_of(data: Mapping[str, Any], path: Path, layout_text: bytes | None = 
         route=route_limits(data, path),
         commands={Limit(key): word for key, word in _other_than_default(data, COMMANDS, path).items()},
         position=position_settings(data, path, layout_text),
+        feeds=feed_settings(data, path, {entry.station.name: entry.station.sysid for entry in stations}),
     )
 
 

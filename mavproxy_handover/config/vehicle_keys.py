@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from mavproxy_handover.config.feeds import FEEDS
 from mavproxy_handover.config.position import POSITION
 from mavproxy_handover.config.route import ROUTE
 from mavproxy_handover.core.common.causes import CAUSES, Cause
@@ -275,4 +276,5 @@ VEHICLE_FILE: Final = (
     ROUTE,
     COMMANDS,
     POSITION,
+    FEEDS,
 )

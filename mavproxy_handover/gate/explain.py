@@ -25,6 +25,7 @@ CLASSES: Final = {
     Access.ANSWERED: "asks for rates on a channel that all share",
     Access.COMMAND: "changes the flight, the mission or a setting",
     Access.STREAM: "sticks, setpoints and other input that comes many times a second",
+    Access.FEED: "data that commands nothing: corrections, traffic, terrain, weather",
     Access.SAFEGUARD: "what guard, failsafes and authority rest on, and what shapes a return",
     Access.RALLY_READ: "asks for the rally points: the places that a return is chosen from",
     Access.RALLY_WRITE: "writes them; what the autopilot's own list holds is the place that is chosen",
@@ -55,6 +56,8 @@ def _words(access: Access, commands: bool, armed: bool) -> str:
     if fate is Fate.FORWARD:
         return "passes"
     if fate is Fate.CONSUME:
+        if access is Access.FEED:
+            return "passes if the station is the source ([feeds])"
         return "noticed by the companion" if access is Access.LIVENESS else "answered by the companion"
     word = "refused" if fate is Fate.REFUSE else "dropped"
     return word if access in (Access.MAINTENANCE, Access.NEVER) else f"{word}: {reason.value}"

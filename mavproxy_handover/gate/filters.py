@@ -45,6 +45,7 @@ _Class = Access | None
 _CLASSES: Final[tuple[_Class, ...]] = (*Access, None)
 _STREAMS: Final[frozenset[_Class]] = frozenset((Access.STREAM,))
 _COMMANDS: Final[frozenset[_Class]] = frozenset((Access.COMMAND,))
+_FEEDS: Final[frozenset[_Class]] = frozenset((Access.FEED,))
 _ALL: Final[frozenset[_Class]] = frozenset(_CLASSES)
 _FILES: Final = frozenset((mavlink.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL,))
 
@@ -105,6 +106,7 @@ class Filters:
                 "commands in flight that leave energy, fence or coverage", _COMMANDS, self._in_flight, commands=True
             ),
             Filter("commands that the companion carries out", _COMMANDS, self._taken_over),
+            Filter("feeds of stations that are not the source", _FEEDS, passed.feeds.limit),
             Filter("questions of observers while the commander's are open", ASKED, self._question, commands=False),
             Filter("other requests of observers for files", _ALL - ASKED, self._question, _FILES, commands=False),
         )

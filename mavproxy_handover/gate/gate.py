@@ -63,7 +63,7 @@ _PARAM_VALUE: Final[int] = mavlink.MAVLINK_MSG_ID_PARAM_VALUE
 #: components of the vehicle that only the companion speaks as (rule 8)
 _OURS: Final = frozenset((COMPANION_COMPID, LANGUAGE_COMPID, PROBE_COMPID))
 #: classes of the commander's frames that may come often (rule 2)
-_FREQUENT: Final = frozenset((Access.READ, Access.BULK, Access.STREAM))
+_FREQUENT: Final = frozenset((Access.READ, Access.BULK, Access.STREAM, Access.FEED))
 #: constants, because Python 3.11 takes 0.1 us to look up a member of an enumeration
 _FORWARD: Final = Fate.FORWARD
 _REFUSE: Final = Fate.REFUSE
@@ -175,7 +175,9 @@ class Gate:
         passed.note()
         passed.stale_streams.tick(self._in_force.view.commander, now)
         self.downloads.tick(now)
+        passed.feeds.tick(now)
         self._replies.tell_streams(passed.stale_streams, now)
+        self._replies.tell_feeds(passed.feeds, now)
 
     def unsaid(self, frame: Frame) -> str:
         """What the name of a refused frame leaves open, such as the mode; "" if the name says all."""

@@ -21,7 +21,8 @@ Rules, in this order; the first that applies decides:
 7. In flight, commands of the commander that could leave energy, fence or coverage (`intent`) do not pass by this
    verdict: a filter of the gate lets them pass, or refuses them. Every upload of a mission or a fence (`STAGED`) ends
    at the companion.
-8. In a rehearsal no START, arming, take-off or motor test passes. That is the reason of the refusal for every station:
+8. A feed is left to a filter of the gate, from every station (`feeds.py`).
+9. In a rehearsal no START, arming, take-off or motor test passes. That is the reason of the refusal for every station:
    with control such a command would not pass either.
 
 Frames of further system ids of a station (its `sysids`) are judged as the station's own, except heartbeats. Only the
@@ -72,6 +73,13 @@ class GateReason(Enum):
     ALLOWED = "allowed"
     COMPANION = "companion"  #: consumed: the companion itself handles it
     NOT_IN_CONTROL = "not in control"  #: only the commander may
+    FEED = "feed"  #: consumed: a filter passes it on if its station is the source (`gate/feeds.py`)
+    FEED_STANDBY = "another station is the source"
+    FEED_NOT_NAMED = "no source of this feed"  #: the configuration does not name the station
+    FEED_PLACE = "RTK base in another place"
+    FEED_TOO_MUCH = "too much of this feed"
+    FEED_SENSELESS = "a feed with values that cannot be"
+    FEED_FAULT = "fault of the feeds"
     OBSERVER_RATES = "observer rates"  #: consumed: the companion thins the streams that flow already
     COMMANDERS_IN_FLIGHT = "only the commander's in flight"  #: answers to it slow down the commander's telemetry
     LOCKED_WHILE_ARMED = "locked while armed"  #: safeguards rest on it; on the ground the commander may
@@ -145,6 +153,7 @@ _FOR_COMMANDER = {
     Access.COMMAND: (Fate.FORWARD, GateReason.ALLOWED),
     Access.SAFEGUARD: (Fate.FORWARD, GateReason.ALLOWED),
     Access.STREAM: (Fate.FORWARD, GateReason.ALLOWED),
+    Access.FEED: (Fate.CONSUME, GateReason.FEED),
     Access.ANSWERED: (Fate.FORWARD, GateReason.ALLOWED),
     Access.RALLY_READ: (Fate.CONSUME, GateReason.COMPANION),
     Access.RALLY_WRITE: (Fate.CONSUME, GateReason.COMPANION),
@@ -162,6 +171,7 @@ _FOR_OTHERS = {
     Access.COMMAND: (Fate.REFUSE, GateReason.NOT_IN_CONTROL),
     Access.SAFEGUARD: (Fate.REFUSE, GateReason.NOT_IN_CONTROL),
     Access.STREAM: (Fate.DROP, GateReason.NOT_IN_CONTROL),
+    Access.FEED: (Fate.CONSUME, GateReason.FEED),
     Access.ANSWERED: (Fate.CONSUME, GateReason.OBSERVER_RATES),
     Access.RALLY_READ: (Fate.CONSUME, GateReason.COMPANION),
     Access.RALLY_WRITE: (Fate.REFUSE, GateReason.NOT_IN_CONTROL),
@@ -233,6 +243,7 @@ _WRITERS: Final = message_ids("MISSION_ACK", *MISSION_TYPE_MESSAGES)
 #: constants, because Python 3.11 takes 0.1 us to look up a member of an enumeration
 _FORWARD: Final = Fate.FORWARD
 _NOT_IN_CONTROL: Final = GateReason.NOT_IN_CONTROL
+_FEED: Final = GateReason.FEED
 _LIVENESS: Final = Access.LIVENESS
 _COMMAND: Final = Access.COMMAND
 _ON_LOAD: Final = Phase.ON_LOAD
@@ -302,6 +313,8 @@ def _decide(
     fate, reason = outcome(row.access, commands, view.armed)
     if not speaks and (reason is _NOT_IN_CONTROL or row.access in _STATIONS_OWN):
         return (Fate.DROP if row.access in _UNANSWERED else Fate.REFUSE), GateReason.COMPONENT
+    if reason is _FEED and aim is not None and aim[1] == COMPANION_COMPID:
+        return Fate.DROP, GateReason.COMPANION_TARGET
     if fate is not _FORWARD:
         return fate, reason
     on_ground = row.access is _COMMAND and view.phase is _ON_LOAD

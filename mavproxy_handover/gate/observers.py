@@ -39,8 +39,11 @@ from mavproxy_handover.wire.message_ids import COMMAND_MESSAGES, MESSAGE_IDS, me
 
 __all__ = ["ALWAYS", "DEFAULTS", "STREAMS", "WISHES", "ObserverLimits", "ObserverRates"]
 
-#: Messages for every station, as often as they come: they are rare, or a station cannot work without them.
-ALWAYS: Final = names("HEARTBEAT AUTHORITY_STATUS CONTROL_STATUS STATUSTEXT")
+#: Messages for every station, as often as they come: they are rare, or a station cannot work without them. Traffic,
+#: threats of collision and the state of Remote ID are for every station, too: each may command next.
+ALWAYS: Final = names("""
+    HEARTBEAT AUTHORITY_STATUS CONTROL_STATUS STATUSTEXT ADSB_VEHICLE COLLISION OPEN_DRONE_ID_ARM_STATUS
+""")
 
 #: Messages for every station, and the seconds between two.
 DEFAULTS: Final = {"GLOBAL_POSITION_INT": 0.2, "SYS_STATUS": 1.0, "BATTERY_STATUS": 1.0}
@@ -52,7 +55,7 @@ WISHES: Final = names("""
     MISSION_CURRENT MISSION_ITEM_REACHED NAV_CONTROLLER_OUTPUT POSITION_TARGET_GLOBAL_INT POSITION_TARGET_LOCAL_NED
     FENCE_STATUS RC_CHANNELS RC_CHANNELS_RAW SERVO_OUTPUT_RAW RAW_IMU SCALED_IMU SCALED_IMU2 SCALED_IMU3
     SCALED_PRESSURE SCALED_PRESSURE2 SCALED_PRESSURE3 WIND VIBRATION EKF_STATUS_REPORT RANGEFINDER DISTANCE_SENSOR
-    TERRAIN_REPORT BATTERY2 RPM ESC_TELEMETRY_1_TO_4 ESC_TELEMETRY_5_TO_8 ADSB_VEHICLE
+    TERRAIN_REPORT BATTERY2 RPM ESC_TELEMETRY_1_TO_4 ESC_TELEMETRY_5_TO_8
 """)
 
 #: MAV_DATA_STREAM -> its messages that an observer may ask for. 0 is all of them.

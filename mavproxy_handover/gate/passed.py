@@ -14,7 +14,9 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from typing import Final
 
+from mavproxy_handover.core.feeds import FeedSettings
 from mavproxy_handover.gate.downlink import DownlinkPolicy
+from mavproxy_handover.gate.feeds import Feeds
 from mavproxy_handover.gate.flush import Closing, FlushTracker
 from mavproxy_handover.gate.in_force import AuthorityInForce
 from mavproxy_handover.gate.judge import GateReason, Verdict
@@ -44,6 +46,7 @@ class PassedFrames:
         in_force: AuthorityInForce,
         to_autopilot: Callable[[bytes], None],
         fault: Callable[[str, str], None],
+        feeds: FeedSettings,
     ) -> None:
         """`vehicle`: its system id. `ports`: every known station by system id. `to_autopilot` takes whole frames.
         `fault` is told what broke, and where."""
@@ -56,6 +59,7 @@ class PassedFrames:
         self.questions = Questions(self.flusher)
         self.stale_streams = StaleStreams(ports)
         self.own_reads = OwnReads()
+        self.feeds = Feeds(feeds, {station: port.name for station, port in ports.items()}, in_force, fault)
         self.rates = ObserverRates(limits)
         self.downlink = DownlinkPolicy((port.identity for port in ports.values()), self.rates)
         #: the frames that went to the autopilot and wait to be noted: port, frame, verdict, time

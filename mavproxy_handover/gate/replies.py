@@ -17,6 +17,7 @@ from typing import Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
+from mavproxy_handover.gate.feeds import FeedNews, Feeds
 from mavproxy_handover.gate.in_force import AuthorityInForce
 from mavproxy_handover.gate.judge import Verdict
 from mavproxy_handover.gate.observers import ObserverRates
@@ -53,6 +54,8 @@ class GateReports:
     stream: Callable[[News, float], None]
     #: tells a station (system id) in words why a frame is refused
     say: Callable[[int, str, float], None]
+    #: tells stations of their feeds
+    feed: Callable[[FeedNews, float], None]
 
 
 class Replies:
@@ -100,6 +103,15 @@ class Replies:
             for line in lines(news):
                 self.send(self._ports[news.station], line_of_text(line, severity, self._own))
             self._reports.stream(news, now)
+
+    def tell_feeds(self, feeds: Feeds, now: float) -> None:
+        """Tell stations the news of feeds. A fault costs this news only."""
+        untold, feeds.untold = feeds.untold, []
+        for news in untold:
+            try:
+                self._reports.feed(news, now)
+            except Exception:
+                self._reports.fault("news of feeds", traceback.format_exc(limit=-3))
 
     def send(self, port: Port, raw: bytes) -> None:
         """Send a whole frame to a station. A fault costs this frame only."""

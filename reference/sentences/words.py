@@ -10,8 +10,10 @@ from typing import Final
 
 from mavproxy_handover.core.authority.control import ControlResult
 from mavproxy_handover.core.common.model import GuardState, Reason, in_words
+from mavproxy_handover.core.feeds import FeedKind
 from mavproxy_handover.core.safety.commands import Limit, Outcome
 from mavproxy_handover.core.safety.mode_source import Change
+from mavproxy_handover.gate.feeds import NAMES
 from mavproxy_handover.gate.judge import GateReason
 
 __all__ = ["WORDS"]
@@ -24,6 +26,9 @@ def _one_of(words: Iterable[str]) -> str:
 _NUMBER: Final = r"-?\d+(?:\.\d+)?"
 
 WORDS: Final[Mapping[str, str]] = {
+    "feed": _one_of(NAMES.values()),
+    "feed_key": _one_of(kind.value for kind in FeedKind),
+    "apart": rf"{_NUMBER} k?m",
     "word": "START|STOP|CONTINUE",
     "cancels": r"another one was requested|the companion commands|the autopilot is in [\w ]+ now",
     "rehearse": "REHEARSE|REHEARSE END",

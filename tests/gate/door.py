@@ -12,7 +12,9 @@ from math import inf
 from typing import NamedTuple
 
 from mavproxy_handover.core.common.model import AuthorityView
+from mavproxy_handover.core.feeds import FeedSettings
 from mavproxy_handover.gate.client_capabilities import ClientCapabilities
+from mavproxy_handover.gate.feeds import FeedNews
 from mavproxy_handover.gate.filters import CompanionMatters
 from mavproxy_handover.gate.flush import Closing
 from mavproxy_handover.gate.gate import Gate
@@ -77,6 +79,7 @@ class Door:
         step_s: float = 0.05,
         stations: Sequence[StationIdentity] = (A, B, C),
         to_autopilot: Callable[[bytes], None] | None = None,
+        feeds: FeedSettings | None = None,
     ) -> None:
         """`to_autopilot` takes what passes instead of `passed`."""
         self.ports = {station.sysid: Port(station) for station in stations}
@@ -86,6 +89,8 @@ class Door:
         self.told: list[News] = []
         #: why something was refused: whom that was told, and what
         self.said: list[tuple[int, str]] = []
+        #: what stations were told of feeds
+        self.feed_news: list[FeedNews] = []
         self.now = 1000.0
         self._step_s = step_s
         pass_on = to_autopilot or self.passed.append
@@ -93,6 +98,7 @@ class Door:
             lambda where, text: self.faults.append(f"{where}: {text}"),
             lambda news, _now: self.told.append(news),
             lambda station, text, _now: self.said.append((station, text)),
+            lambda news, _now: self.feed_news.append(news),
         )
         #: what the companion says to the questions of the gate
         self.modes: Modes = COPTER.gate
@@ -103,7 +109,9 @@ class Door:
         self.takes_over: Callable[[Frame], bool] = lambda _frame: False
         matters = CompanionMatters(self._passes, self._allows, self._carries_out, lambda: self.modes)
         in_force = AuthorityInForce()
-        self.frames = PassedFrames(VEHICLE, self.ports, ObserverLimits(), in_force, pass_on, reports.fault)
+        self.frames = PassedFrames(
+            VEHICLE, self.ports, ObserverLimits(), in_force, pass_on, reports.fault, feeds or FeedSettings()
+        )
         self.gate = Gate(VEHICLE, self.ports, in_force, self.frames, pass_on, reports, matters)
 
     def _passes(self, aim: Aim, station: int, now: float) -> bool:

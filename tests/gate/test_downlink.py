@@ -60,6 +60,9 @@ def test_the_commander_hears_everything_and_an_observer_what_concerns_everybody(
     everybody = {
         "HEARTBEAT",
         "AUTHORITY_STATUS",
+        "ADSB_VEHICLE",
+        "COLLISION",
+        "OPEN_DRONE_ID_ARM_STATUS",
         "CONTROL_STATUS",
         "GLOBAL_POSITION_INT",
         "SYS_STATUS",

@@ -56,6 +56,8 @@ RALLY_POINTS = {
     "MISSION_REQUEST_INT/RALLY": 1,
     "MISSION_REQUEST_LIST/RALLY": 1,
 }
+#: What a filter judges after the policy: feeds.
+FEEDS = {"GPS_RTCM_DATA": 1}
 LOCKED_WHILE_ARMED = {
     "LOG_ERASE": 1,
     "COMMAND_LONG/MAV_CMD_DO_FENCE_ENABLE": 2,
@@ -137,7 +139,7 @@ def test_the_commander_itself_is_not_hindered(flight: list[Frame], armed: bool) 
     refused = {**counted(verdicts, Fate.REFUSE), **counted(verdicts, Fate.DROP)}
     assert refused == {**FORBIDDEN, **(LOCKED_WHILE_ARMED if armed else {})}
     consumed = counted(verdicts, Fate.CONSUME)
-    assert consumed == {**RALLY_POINTS, **JUDGED}, "the companion passes the latter on when it has looked"
+    assert consumed == {**RALLY_POINTS, **JUDGED, **FEEDS}, "the companion passes the latter on when it has looked"
     assert sum(counted(verdicts, Fate.FORWARD).values()) == FRAMES - sum(refused.values()) - sum(consumed.values())
 
 

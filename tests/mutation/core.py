@@ -99,6 +99,7 @@ FIRST = {
         "test_control.py",
         "test_link_quality.py",
     ),
+    "feeds": ("test_feeds.py",),
     "authority.contacts": ("test_contacts.py", "test_arbiter_authority.py", "test_presence.py"),
     "authority.requests": ("test_control.py", "test_standard_stations.py", "test_forced.py"),
     "authority.start": ("test_start.py", "test_arbiter_start.py", "test_control.py", "test_arbiter_safety.py"),

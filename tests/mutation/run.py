@@ -85,6 +85,7 @@ TESTED = {
     "observers": ("test_observers.py",),
     "questions": ("test_questions.py",),
     "stale_streams": ("test_stale_streams.py",),
+    "feeds": ("test_feeds.py",),
     "downlink": ("test_downlink.py",),
     "refusals": ("test_refusals.py",),
     "explain": ("test_explain.py",),

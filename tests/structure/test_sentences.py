@@ -77,6 +77,7 @@ EXEMPT = {
         "the way ahead",
         "time to pass",
         "frame that passed",
+        "news of feeds",
     ),
     "the name of a subject in 'N more entries of STATION left out: SUBJECT'": (
         "refused frames in its name without a valid signature",
@@ -99,6 +100,7 @@ EXEMPT = {
         "stands still, or circles where it is",
         "down to the ground",
         "no source in flight",
+        "the station with authority",
         "the mission, at its end",
         "an unknown source",
         "the autopilot follows",

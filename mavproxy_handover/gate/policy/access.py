@@ -27,6 +27,7 @@ class Access(Enum):
     #: sticks, setpoints and other frequent input (LOG_REQUEST_* too): the commander's is passed on, all others are
     #: dropped without an answer
     STREAM = "stream"
+    FEED = "feed"  #: data that commands nothing: passed on if its station is the source (`gate/feeds.py`), else dropped
     ANSWERED = "answered"  #: the commander's is passed on; all others are answered by the companion
     RALLY_READ = "rally points"  #: any station; the companion answers from its own list; never passed on
     RALLY_WRITE = "rally upload"  #: the commander's goes to that list; never passed on; all others are refused

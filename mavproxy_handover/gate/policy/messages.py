@@ -12,7 +12,15 @@ from typing import Final
 
 from mavproxy_handover.gate.policy.access import Access, Rule, names
 
-__all__ = ["MESSAGE_RULES"]
+__all__ = ["FEED_MESSAGES", "MESSAGE_RULES"]
+
+#: The messages of each kind of feed, by its key in `[feeds]`.
+FEED_MESSAGES: Final = {
+    "rtk": "GPS_RTCM_DATA GPS_INJECT_DATA",
+    "adsb": "ADSB_VEHICLE",
+    "terrain": "TERRAIN_DATA",
+    "weather": "WIND_COV HYGROMETER_SENSOR",
+}
 
 MESSAGE_RULES: Final = (
     Rule(
@@ -167,14 +175,24 @@ MESSAGE_RULES: Final = (
         stream="gimbal target",
     ),
     Rule(
-        Access.STREAM,
+        Access.FEED,
         "GPS corrections: they move the position, so one source",
-        names("GPS_RTCM_DATA GPS_INJECT_DATA"),
+        names(FEED_MESSAGES["rtk"]),
     ),
     Rule(
-        Access.STREAM,
+        Access.FEED,
         "heights the autopilot flies by, sent when it asks for them",
-        names("TERRAIN_DATA"),
+        names(FEED_MESSAGES["terrain"]),
+    ),
+    Rule(
+        Access.FEED,
+        "traffic that a receiver on the ground hears: the autopilot may fly away from it",
+        names(FEED_MESSAGES["adsb"]),
+    ),
+    Rule(
+        Access.FEED,
+        "weather that a station measures, for scripts of the vehicle",
+        names(FEED_MESSAGES["weather"]),
     ),
     Rule(
         Access.STREAM,
@@ -254,7 +272,7 @@ MESSAGE_RULES: Final = (
         Access.NEVER,
         "other traffic: the autopilot flies after it or away from it",
         names("""
-            GLOBAL_POSITION_INT ADSB_VEHICLE COLLISION AIS_VESSEL UTM_GLOBAL_POSITION ICAROUS_HEARTBEAT
+            GLOBAL_POSITION_INT COLLISION AIS_VESSEL UTM_GLOBAL_POSITION ICAROUS_HEARTBEAT
             ICAROUS_KINEMATIC_BANDS UAVIONIX_ADSB_TRANSCEIVER_HEALTH_REPORT UAVIONIX_ADSB_OUT_STATUS
         """),
     ),
@@ -263,7 +281,7 @@ MESSAGE_RULES: Final = (
         "feeds battery, engine, air data or the clock; a false one starts or hides a failsafe",
         names("""
             BATTERY_STATUS BATTERY_STATUS_V2 BATTERY_INFO SMART_BATTERY_INFO FUEL_STATUS EFI_STATUS
-            GENERATOR_STATUS LOWEHEISER_GOV_EFI SYSTEM_TIME AIRSPEED WIND_COV HYGROMETER_SENSOR
+            GENERATOR_STATUS LOWEHEISER_GOV_EFI SYSTEM_TIME AIRSPEED
         """),
     ),
     Rule(

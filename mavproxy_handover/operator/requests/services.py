@@ -16,7 +16,7 @@ from typing import Final
 
 from mavproxy_handover.core.common.never import assert_never
 from mavproxy_handover.gate.gate import Gate
-from mavproxy_handover.gate.judge import Fate, Verdict
+from mavproxy_handover.gate.judge import Fate, GateReason, Verdict
 from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.gate.refusal_text import thesis_command
 from mavproxy_handover.operator.rehearsal.rehearsal import RehearsalManager
@@ -83,7 +83,8 @@ class OperatorServices:
                 if service is not None and (frame.sysid == port.sysid or verdict.access in _OF_ANY_SYSTEM):
                     service(port, frame, verdict, now)
             case Fate.REFUSE | Fate.DROP:
-                self._refused(port, frame, verdict, now)
+                if verdict.reason is not GateReason.FEED_STANDBY:  # its place, and nothing is wrong
+                    self._refused(port, frame, verdict, now)
             case _:
                 assert_never(verdict.fate)
 

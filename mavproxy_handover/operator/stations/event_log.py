@@ -26,6 +26,7 @@ from mavproxy_handover.core.common.model import AuthorityView, FlightAction, Pha
 from mavproxy_handover.core.safety.commands import Ruling
 from mavproxy_handover.core.safety.energy import EnergyFact
 from mavproxy_handover.core.safety.route import RouteNews
+from mavproxy_handover.gate.feeds import FeedNews
 from mavproxy_handover.gate.flush import Closing
 from mavproxy_handover.gate.stale_streams import News, State
 from mavproxy_handover.link.quality import LinkEvent
@@ -358,6 +359,10 @@ class EventLog:
         if self._has_room(station, now):
             text = _STREAMS[news.state].format(kind=news.kind, station=station)
             self._journal.write("stream", text, station=station, stream=news.kind, state=news.state.value)
+
+    def feed(self, news: FeedNews) -> None:
+        """A feed has another source, or a station's does not pass."""
+        self._write_and_tell("feed", news.text, kind=news.kind.value, station=news.source)
 
     def command_refused(self, station: str, word: str, ruling: Ruling) -> None:
         """A command of the commander would leave energy, fence or coverage."""

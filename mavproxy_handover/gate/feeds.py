@@ -1,0 +1,243 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Feeds through the gate: a frame of RTK corrections, ADS-B, terrain or weather passes if its station is the source.
+
+The rule is in `core/feeds.py`. Here a frame becomes an offer: its kind by its message, the place of an RTK base by its
+contents, and a limit of bytes. The policy leaves every feed to this filter (`Access.FEED`). Rules:
+
+1. The limit counts for each station and kind, before anything else is looked at: a flood costs a comparison.
+2. A frame that no sender of its message makes is dropped: lengths and places out of range.
+3. A fault here drops the frame. It is reported, and only feeds depend on this module.
+4. People are told in words (`FeedNews`): all stations of another source; a station of its own frames that do not pass,
+   every `REMIND_S` for each reason. A station that waits as the next source is not told: that is its place.
+
+Memory is bounded by the stations and kinds. Time is an argument (monotonic seconds).
+"""
+
+from __future__ import annotations
+
+import math
+import traceback
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+from mavproxy_handover.core.feeds import BasePlaces, FeedKind, FeedSettings, Source, Unnamed
+from mavproxy_handover.gate.in_force import AuthorityInForce
+from mavproxy_handover.gate.judge import Fate, GateReason, Verdict
+from mavproxy_handover.gate.policy.messages import FEED_MESSAGES
+from mavproxy_handover.wire.frames import Frame, field_bytes, field_float, field_int
+from mavproxy_handover.wire.message_ids import MESSAGE_IDS
+from mavproxy_handover.wire.rtcm import INJECTED_BYTES, RTCM_BYTES, BaseReader
+
+__all__ = ["KINDS", "NAMES", "REMIND_S", "FeedNews", "Feeds"]
+
+#: message id -> kind of feed
+KINDS: Final[Mapping[int, FeedKind]] = {
+    MESSAGE_IDS[name]: FeedKind(kind)
+    for kind, names in FEED_MESSAGES.items()
+    for name in names.split()
+    if name in MESSAGE_IDS
+}
+#: what people call them
+NAMES: Final[Mapping[FeedKind, str]] = {
+    FeedKind.RTK: "RTK corrections",
+    FeedKind.ADSB: "ADS-B",
+    FeedKind.TERRAIN: "terrain",
+    FeedKind.WEATHER: "weather",
+}
+#: bytes in a second and reserve of one station, but RTK's (`[feeds] rtk_bytes_per_s`): eighty aircraft once a second,
+#: a hundred terrain blocks a second
+_BYTES_PER_S: Final[Mapping[FeedKind, float]] = {
+    FeedKind.ADSB: 4000.0,
+    FeedKind.TERRAIN: 6000.0,
+    FeedKind.WEATHER: 200.0,
+}
+_RESERVE_S: Final = 2.0
+#: a station whose frames do not pass is told again after this time (s)
+REMIND_S: Final = 60.0
+#: head, check sum and start of a frame
+_FRAME_BYTES: Final = 12
+_RTCM: Final = MESSAGE_IDS["GPS_RTCM_DATA"]
+_INJECT: Final = MESSAGE_IDS["GPS_INJECT_DATA"]
+_ADSB: Final = MESSAGE_IDS["ADSB_VEHICLE"]
+_TERRAIN: Final = MESSAGE_IDS["TERRAIN_DATA"]
+_WIND: Final = MESSAGE_IDS["WIND_COV"]
+#: 4 x 4 heights each, of a block of 8 x 7
+_BLOCKS: Final = 56
+#: the stations are looked at this often (s)
+_TICK_S: Final = 0.2
+
+_CONSUME: Final = Fate.CONSUME
+_FEED: Final = GateReason.FEED
+
+
+class FeedNews(NamedTuple):
+    """A text for people. `station`: the one that it is for; None: all. `source`: the station that is the source now."""
+
+    kind: FeedKind
+    text: str
+    station: int | None
+    source: str | None
+
+
+@dataclass(slots=True)
+class _Purse:
+    left: float
+    counted_at: float
+
+
+class Feeds:
+    """Of one vehicle. `names`: every known station, by system id; `fault` is told what broke, and where."""
+
+    def __init__(
+        self,
+        settings: FeedSettings,
+        names: Mapping[int, str],
+        in_force: AuthorityInForce,
+        fault: Callable[[str, str], None],
+    ) -> None:
+        self.untold: list[FeedNews] = []
+        self.sources = {kind: Source(rule) for kind, rule in settings.rules.items()}
+        self._settings = settings
+        self._names = names
+        self._in_force = in_force
+        self._fault = fault
+        self._places = BasePlaces(settings.rtk_apart_m)
+        self._readers = {station: BaseReader() for station in names}
+        self._purses: dict[tuple[int, FeedKind], _Purse] = {}
+        #: when a station was told of frames that do not pass
+        self._told_at: dict[tuple[int, FeedKind, GateReason], float] = {}
+        self._ticked_at = -math.inf
+
+    # ---- frames ---------------------------------------------------------------------------------------------------
+
+    def limit(self, frame: Frame, verdict: Verdict, station: int, now: float) -> Verdict:
+        """The final verdict on a feed of a station."""
+        if verdict.fate is not _CONSUME or verdict.reason is not _FEED:
+            return verdict
+        try:
+            reason = self._reason(frame, KINDS[frame.msgid], station, now)
+        except Exception:
+            self._fault("feeds", traceback.format_exc(limit=-3))
+            reason = GateReason.FEED_FAULT
+        passes = reason is GateReason.ALLOWED
+        return verdict._replace(fate=Fate.FORWARD if passes else Fate.DROP, reason=reason)
+
+    def _reason(self, frame: Frame, kind: FeedKind, station: int, now: float) -> GateReason:
+        rule = self.sources[kind].rule
+        if rule.named and station not in rule.order:
+            return self._tell(station, kind, GateReason.FEED_NOT_NAMED, now)
+        if not rule.named and rule.unnamed is Unnamed.NO_STATION:
+            return self._tell(station, kind, GateReason.FEED_NOT_NAMED, now)
+        if not rule.named and station != self._in_force.view.commander:
+            return GateReason.NOT_IN_CONTROL
+        if not self._affords(station, kind, _FRAME_BYTES + len(frame.payload), now):
+            return self._tell(station, kind, GateReason.FEED_TOO_MUCH, now)
+        if not _plausible(frame):
+            return self._tell(station, kind, GateReason.FEED_SENSELESS, now)
+        return self._offer(frame, kind, station, now) if rule.named else GateReason.ALLOWED
+
+    def _offer(self, frame: Frame, kind: FeedKind, station: int, now: float) -> GateReason:
+        source, armed = self.sources[kind], self._in_force.view.armed
+        before = source.station, source.silent
+        fits = kind is not FeedKind.RTK or self._fits(frame, station)
+        passes = source.offer(station, fits, armed, now)
+        self._news(kind, before)
+        if passes:
+            return GateReason.ALLOWED
+        return GateReason.FEED_STANDBY if fits else self._tell(station, kind, GateReason.FEED_PLACE, now)
+
+    def _fits(self, frame: Frame, station: int) -> bool:
+        """Note the place of a base, if the frame completes it; whether the base may be used."""
+        reader, data = self._readers[station], field_bytes(frame, "data")[: field_int(frame, "len")]
+        place = reader.fragment(field_int(frame, "flags"), data) if frame.msgid == _RTCM else reader.stream(data)
+        if place is not None:
+            self._places.note(station, place)
+        source = self.sources[FeedKind.RTK]
+        self._places.follow(source.station, source.silent, self._in_force.view.armed)
+        return self._places.fits(station, source.station)
+
+    def _affords(self, station: int, kind: FeedKind, size: int, now: float) -> bool:
+        """Whether the limit of a station has `size` bytes left. If so, they are deducted."""
+        rate = _BYTES_PER_S.get(kind, self._settings.rtk_bytes_per_s)
+        purse = self._purses.setdefault((station, kind), _Purse(rate * _RESERVE_S, now))
+        purse.left = min(rate * _RESERVE_S, purse.left + max(0.0, now - purse.counted_at) * rate)
+        purse.counted_at = now
+        if purse.left < size:
+            return False
+        purse.left -= size
+        return True
+
+    # ---- time -----------------------------------------------------------------------------------------------------
+
+    def tick(self, now: float) -> None:
+        """Time has passed: a source that is silent is replaced."""
+        if now - self._ticked_at < _TICK_S:
+            return
+        self._ticked_at = now
+        for kind, source in self.sources.items():
+            before = source.station, source.silent
+            if source.station is not None:
+                source.decide(self._in_force.view.armed, now)
+                self._news(kind, before)
+
+    # ---- people ---------------------------------------------------------------------------------------------------
+
+    def _news(self, kind: FeedKind, before: tuple[int | None, bool]) -> None:
+        """Tell all stations of another source, and of RTK corrections that fail.
+
+        Other kinds may be silent without a fault: a receiver without traffic sends nothing."""
+        source = self.sources[kind]
+        station, _silent = before
+        if source.station is None or (source.station, source.silent) == before:
+            return
+        name, what = self._names[source.station], NAMES[kind]
+        if source.station != station:
+            after = "" if station is None else f" after {self._names[station]}"
+            self.untold.append(FeedNews(kind, f"{what}: from {name}{after}.", None, name))
+        elif kind is FeedKind.RTK:
+            silence_s = source.rule.silence_s
+            text = f"none. {name} is silent for {silence_s:g} s" if source.silent else f"from {name} again"
+            self.untold.append(FeedNews(kind, f"{what}: {text}.", None, None if source.silent else name))
+
+    def _tell(self, station: int, kind: FeedKind, reason: GateReason, now: float) -> GateReason:
+        """Tell a station why its frames do not pass, now and then. Returns the reason."""
+        if now - self._told_at.get((station, kind, reason), -math.inf) >= REMIND_S:
+            self._told_at[station, kind, reason] = now
+            text = f"{NAMES[kind]} of {self._names[station]} are not used: {self._why(station, kind, reason)}."
+            # another base is of interest to the commander, too
+            whom = None if reason is GateReason.FEED_PLACE else station
+            self.untold.append(FeedNews(kind, text, whom, None))
+        return reason
+
+    def _why(self, station: int, kind: FeedKind, reason: GateReason) -> str:
+        if reason is GateReason.FEED_PLACE:
+            apart_m, first = self._places.apart_m(station), self._places.first
+            if not apart_m or first is None:
+                return "the place of its base is not known yet"
+            away = f"{apart_m:.1f} m" if apart_m < 1000.0 else f"{apart_m / 1000.0:.1f} km"
+            return f"its base is {away} from that of {self._names[first]} (rtk_apart_m {self._settings.rtk_apart_m:g})"
+        return {
+            GateReason.FEED_NOT_NAMED: f"'{kind.value}' in [feeds] does not name it",
+            GateReason.FEED_TOO_MUCH: "too many bytes in a second",
+        }.get(reason, str(reason.value))
+
+
+def _plausible(frame: Frame) -> bool:
+    """Whether lengths and places of a feed are possible."""
+    msgid = frame.msgid
+    if msgid == _RTCM:
+        return field_int(frame, "len") <= RTCM_BYTES
+    if msgid == _INJECT:
+        return field_int(frame, "len") <= INJECTED_BYTES
+    if msgid == _TERRAIN:
+        return field_int(frame, "gridbit") < _BLOCKS and _on_earth(frame)
+    if msgid == _WIND:
+        return all(math.isfinite(field_float(frame, name)) for name in ("wind_x", "wind_y", "wind_z"))
+    return _on_earth(frame) if msgid == _ADSB else True
+
+
+def _on_earth(frame: Frame) -> bool:
+    lat, lon = (int.from_bytes(field_bytes(frame, name), "little", signed=True) for name in ("lat", "lon"))
+    return abs(lat) <= 90 * 10**7 and abs(lon) <= 180 * 10**7
