@@ -12,17 +12,17 @@ from reference.sentences.row import NOTHING, Group, Sentence
 __all__ = ["GROUPS"]
 
 _SENTENCES: Final = (
-    Sentence("{feed}: from {station}.", Level.INFO, "This station is the source of the feed.", NOTHING),
+    Sentence("{feed}: from {station}.", Level.ADVISORY, "This station is the source of the feed.", NOTHING),
     Sentence(
         "{feed}: from {station} after {other}.",
-        Level.INFO,
+        Level.ADVISORY,
         "The source was silent, or an earlier station of the order sends again on the ground.",
         "If the change was not meant, look after the program that sends the feed at the other station.",
     ),
-    Sentence("{feed}: from {station} again.", Level.INFO, "The source sends again.", NOTHING),
+    Sentence("{feed}: from {station} again.", Level.ADVISORY, "The source sends again.", NOTHING),
     Sentence(
         "{feed}: none. {station} is silent for {seconds} s.",
-        Level.INFO,
+        Level.ADVISORY,
         "No station of the order sends corrections that may be used. The position grows less exact.",
         "Look after the base and its program at the station.",
     ),
