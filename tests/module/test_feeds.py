@@ -98,7 +98,9 @@ def test_a_flood_and_a_fault_of_feeds_leave_leases_and_commands_as_they_are(
     assert fed.companion.view.commander == 251
 
 
-@pytest.mark.parametrize("line", ['rtk = ["GCSX"]', 'rtk = ["GCSA", "GCSA"]', "rtk = 7", "rtk_apart_m = -1", "gps = []"])
+@pytest.mark.parametrize(
+    "line", ['rtk = ["GCSX"]', 'rtk = ["GCSA", "GCSA"]', "rtk = 7", "rtk_apart_m = -1", "gps = []"]
+)
 def test_a_wrong_line_is_named(bench: Bench, line: str) -> None:
     with bench.config.open("a") as file:
         file.write(f"\n[feeds]\n{line}\n")
