@@ -105,7 +105,7 @@ def test_alarms_that_stand_come_first_with_cause_and_remedy() -> None:
     fleet = station(craft(alarms=(replace(LOST, acknowledged=True), RETURNS), action="return"))
     first, second = sections(fleet)["alarms"]
     assert (first["text"], first["remedy"], first["acknowledged"]) == (
-        "RETURN to rally 2: GCSA silent 5 s.",
+        "RETURN to rally 2: GCSB silent 5 s.",
         "Let it return. When the cause is over, Resume continues the mission.",
         False,
     )

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import ast
 import asyncio
+import re
 import socket
 import time
 from collections.abc import Iterator
@@ -218,9 +219,11 @@ def test_no_line_of_it_sends_or_writes() -> None:
     assert found == {("web_auth.py", "send")}  # the answer to a browser
 
 
-def test_the_one_file_that_is_opened_is_opened_for_reading() -> None:
+def test_files_are_opened_only_for_reading() -> None:
     opened = {(name, word) for name, word in calls() if word in ("open", "O_RDONLY", "O_WRONLY", "O_RDWR", "O_CREAT")}
-    assert opened == {("tail.py", "open"), ("tail.py", "O_RDONLY")}
+    assert opened == {("tail.py", "open"), ("tail.py", "O_RDONLY"), ("tiles.py", "open")}
+    tiles = (FOLDER / "tiles.py").read_text(encoding="utf-8")
+    assert re.findall(r"open\((.*?)\)", tiles) == ['"rb"']
 
 
 #: what programs answer: a question to each system, and to all
