@@ -177,6 +177,8 @@ class StationCore:
         self._station = station
         #: an operator is on duty, or none is required
         self.manned = True
+        #: the operator on duty; "": none has signed on
+        self.operator = ""
         #: the name that the vehicle uses for itself; before it has said one, the configured name
         self.vehicle_name = vehicle_name
         self._automatic = frozenset(automatic)
@@ -467,6 +469,7 @@ class StationCore:
             self._station.name,
             self.digest,
             manned=self.manned,
+            operator=self.operator,
         )
 
     def _update_authority(self, commander: int | None, epoch: int, actions: list[Action], *, over: bool) -> None:

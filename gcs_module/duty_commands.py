@@ -47,7 +47,7 @@ class DutyCommands:
         """The command. `args`: what follows `operator`."""
         outcome = self._duty.command(" ".join(args), time.monotonic(), self._flown())
         for aircraft in self._aircraft:
-            aircraft.core.manned = self._duty.manned
+            aircraft.core.manned, aircraft.core.operator = self._duty.manned, self._duty.name
         if outcome.change is Change.BRIEFED:
             for aircraft in self._aircraft:
                 aircraft.commands.run(["status"])

@@ -191,6 +191,11 @@ class Arbiter:
         """A station's name, for people."""
         return self._authority.name(sysid)
 
+    def operator(self, sysid: int) -> str:
+        """The operator on duty at a station, as the station last said; "": it has named none."""
+        presence = self._presence.get(sysid)
+        return "" if presence is None or presence.answer is None else presence.answer.operator
+
     @property
     def causes(self) -> frozenset[Wrong]:
         """What is wrong now, by the table of causes, whatever is done about it."""

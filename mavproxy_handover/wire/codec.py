@@ -36,6 +36,8 @@ __all__ = ["AircraftState", "decode", "decode_bytes", "encode", "name_of", "pack
 
 _RELAY = mavlink.HANDOVER_FLAGS_RELAY
 _RELAYED = mavlink.HANDOVER_FLAGS_RELAYED
+#: the longest name of an operator in CONNECT_ACK
+_OPERATOR_BYTES = 30
 _ACCEPTED = mavlink.HANDOVER_CONNECT_RESULT_ACCEPTED
 _VERSION_DIFFERS = mavlink.HANDOVER_CONNECT_RESULT_VERSION_DIFFERS
 _UNMANNED = mavlink.HANDOVER_CONNECT_RESULT_UNMANNED
@@ -98,7 +100,8 @@ def encode(
         case ConnectAck():
             manned = _ACCEPTED if message.manned else _UNMANNED
             result = manned if message.accepted else _VERSION_DIFFERS
-            return mavlink.MAVLink_connect_ack_message(*target, vehicle, *_state(message), result)
+            operator = _cut(message.operator)
+            return mavlink.MAVLink_connect_ack_message(*target, vehicle, *_state(message), result, operator)
         case HandoverAhead():
             said = (0 if each is None else 1 + each for each in (message.commander, message.partner))
             in_s = min(_MOST_S, max(0, round(message.in_s)))
@@ -109,6 +112,17 @@ def encode(
             key = message.key
             head = (*target, vehicle, key.from_station, key.to_station, key.handover_id, key.epoch)
             return _encode_step(message, head, aircraft or AircraftState())
+
+
+def _cut(operator: str) -> bytes:
+    """An operator's name as it travels: whole letters only."""
+    return operator.encode("utf-8")[:_OPERATOR_BYTES].decode("utf-8", "ignore").encode("utf-8")
+
+
+def _plain(operator: bytes) -> str:
+    """An operator's name as it came, for journals: printable. pymavlink itself reads ASCII only."""
+    name = operator.partition(b"\0")[0].decode("utf-8", "replace")
+    return "".join(letter if letter.isprintable() else "?" for letter in name).strip()
 
 
 def _crossing(key: CrossingKey) -> tuple[int, ...]:
@@ -188,7 +202,8 @@ def _decode(m: Any) -> Message | None:
         )
         if kind == mavlink.MAVLINK_MSG_ID_CONNECT:
             return Connect(*common)
-        return ConnectAck(*common, accepted=m.result in (_ACCEPTED, _UNMANNED), manned=m.result != _UNMANNED)
+        accepted, manned = m.result in (_ACCEPTED, _UNMANNED), m.result != _UNMANNED
+        return ConnectAck(*common, accepted, manned, _plain(m._operator_raw))
     if kind in (mavlink.MAVLINK_MSG_ID_HANDOVER_AHEAD, mavlink.MAVLINK_MSG_ID_OK_AHEAD):
         border = CrossingKey(m.from_station, m.to_station, m.crossing, m.epoch)
         if kind == mavlink.MAVLINK_MSG_ID_OK_AHEAD:

@@ -61,6 +61,9 @@ _LINES: Final = (
     _info("{station} remembers epoch {epoch}: the state of an earlier run was lost", "The epoch is raised."),
     _info("{station} is heard", "The first heartbeat of the station has come."),
     _info("{station} is connected", "The station answers the vehicle's questions."),
+    _info("{operator} is on duty at {station}", "An operator has signed on at the station."),
+    _info("{operator} is on duty at {station}, after {before}", "The shift has changed at the station."),
+    _info("{before} has signed off at {station}", "No operator is on duty at the station."),
     _info("{station} hears the aircraft again", "The station answers enough of the vehicle's questions."),
     _info(
         "{station} cannot be partner: {unfit}",
@@ -206,6 +209,10 @@ _LINES: Final = (
         "Look who flies the aircraft.",
     ),
     _info("{station} lifts {limit_name} for {seconds} s", "An operator has typed 'handover override'."),
+    _info(
+        "{station} lifts {limit_name} for {seconds} s, on duty: {operator}",
+        "The operator named has typed 'handover override'.",
+    ),
     _info("The vehicle's console lifts {limit_name} for {seconds} s", "An operator has typed 'handover override'."),
     _info("{command} of {station} refused: {command_limit}", "A command of the commander is refused in flight."),
     _info("{command} of {station} refused: {limit}", "A command of the commander is refused in flight."),

@@ -38,6 +38,8 @@ WORDS: Final[Mapping[str, str]] = {
     "source": r"the vehicle's own package|[\w.-]+",
     "how": "armed and in AUTO|airborne|carried, in a rehearsal",
     "kind": r"[\w ]+",
+    "operator": r"[^\W_][\w .'-]{0,29}",
+    "before": r"[^\W_][\w .'-]{0,29}",
     "other_kind": r"[\w ]+",
     "left": r"-?\d+ ?%",
     "limit_name": _one_of(limit.value for limit in Limit),

@@ -28,6 +28,7 @@ from sitl.report.export import write_csv, write_kml
 from sitl.report.flight import Story
 from sitl.report.journal_reader import Entry
 from sitl.report.kinds import kinds
+from sitl.report.operators import agreed, operators
 from sitl.report.outcome import Gravity, level_of, outcome
 from sitl.report.record import RecordError, RunRecord, load
 from sitl.report.rehearsal import books, tables
@@ -185,6 +186,7 @@ def _vehicle(story: Story, number: str, record: RunRecord) -> list[str]:
         _outcome(story, transfers, times, record),
         _figures(story, transfers, times, number),
         _handovers(story, transfers, times),
+        _operators(story, times),
         _refusals(story, times),
         _decisions(story, times),
         _rehearsals(story),
@@ -259,10 +261,11 @@ def _handovers(story: Story, transfers: Sequence[Exchange], times: Times) -> str
                     str(sum(flight.lost for flight in transfer.flights)),
                     "" if transfer.epoch is None else str(transfer.epoch),
                     f"{tries} tries" if tries > 1 else "first try",
+                    agreed(story.evidence, transfer.handover_id),
                 ),
             )
         )
-    heads = ("", "authority", "outcome", "duration", "T+", "UTC", "messages", "lost", "epoch", "")
+    heads = ("", "authority", "outcome", "duration", "T+", "UTC", "messages", "lost", "epoch", "", "agreed by")
     none = "None is told of." if story.evidence.commanders()[1:] else "There was none."
     text = _table(heads, rows) if rows else f"<p>{none}</p>"
     return _section("Handovers", text + _sequences(story, transfers))
@@ -283,6 +286,14 @@ def _sequences(story: Story, transfers: Sequence[Exchange]) -> str:
         inner = f'<div class="pictures">{"".join(folded)}</div>'
         text += f"<details><summary>{len(folded)} more pictures</summary>{inner}</details>"
     return text
+
+
+def _operators(story: Story, times: Times) -> str:
+    rows = [
+        ("", (*_clock(times, done.t), done.station, done.operator, done.text)) for done in operators(story.evidence)
+    ]
+    heads = ("T+", "UTC", "station", "operator", "what")
+    return _section("Operators", _folded(heads, rows)) if rows else ""
 
 
 def _refusals(story: Story, times: Times) -> str:

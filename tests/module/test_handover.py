@@ -8,6 +8,7 @@ Zone A ends at longitude 5.9285 on latitude 52.679, zone B begins at 5.9262 and 
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
@@ -62,8 +63,11 @@ def give_rules(station: vehicle.Station, core: StationCore, bench: Bench) -> Non
     station.step = step  # type: ignore[method-assign]
 
 
-def begin_flight(bench: Bench, delivery: MissionPackage, *, refused: bool = False) -> Bench:
-    """On its way in zone A, GCSA in command, no ground link between the stations. `refused`: GCSB has tried START."""
+def begin_flight(
+    bench: Bench, delivery: MissionPackage, *, refused: bool = False, operators: Mapping[str, str] | None = None
+) -> Bench:
+    """On its way in zone A, GCSA in command, no ground link between the stations. `refused`: GCSB has tried START;
+    `operators`: who is on duty at a station."""
     bench.connect()
     bench.share(delivery, at_once=True)
     for station, other in ((bench.a, bench.b), (bench.b, bench.a)):
@@ -73,6 +77,7 @@ def begin_flight(bench: Bench, delivery: MissionPackage, *, refused: bool = Fals
             (Station(other.sysid, other.name),),
             automatic=AUTOMATIC,
         )
+        core.operator = (operators or {}).get(station.name, "")
         core.handle(MissionHeld(delivery.digest), bench.clock.now)
         give_rules(station, core, bench)
     bench.wait(1.5)

@@ -30,10 +30,14 @@ def bench(tmp_path: Path, clock: Clock, monkeypatch: pytest.MonkeyPatch) -> Iter
 
 
 def answer(bench: StationBench) -> Any:
+    return acknowledged(bench).result
+
+
+def acknowledged(bench: StationBench) -> Any:
     bench.sent()
     bench.hear(mavlink.MAVLink_connect_message(251, 190, 1, 1, 1, 7, 1, 251, b"drone-1", list(bytes(32))))
     (ack,) = [m for m in bench.sent() if m.get_type() == "CONNECT_ACK"]
-    return ack.result
+    return ack
 
 
 def test_the_vehicle_hears_whether_the_station_is_manned(bench: StationBench) -> None:
@@ -45,6 +49,15 @@ def test_the_vehicle_hears_whether_the_station_is_manned(bench: StationBench) ->
     assert answer(bench) == ACCEPTED
     bench.mpstate.type("handover operator off")
     assert answer(bench) == UNMANNED
+
+
+def test_the_vehicle_hears_the_operator_s_name(bench: StationBench) -> None:
+    bench.load()
+    assert acknowledged(bench).operator == ""
+    bench.mpstate.type("handover operator Jansen")
+    assert acknowledged(bench).operator == "Jansen"
+    bench.mpstate.type("handover operator off")
+    assert acknowledged(bench).operator == ""
 
 
 @pytest.mark.parametrize("word", ["start", "request", "accept"])

@@ -346,6 +346,7 @@ class Station:
         self.sysid = sysid
         self.alive = True
         self.digest = bytes(32)
+        self.operator = ""
         self.received = Inbox()
         self.own = mavlink.MAVLink(None, srcSystem=sysid, srcComponent=190)
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -373,7 +374,7 @@ class Station:
     def _answer(self, m: Any) -> None:
         name = self.name.encode()
         values = (m.get_srcSystem(), 191, 1, self.sysid, 1, m.nonce, m.epoch, m.commander, name, list(self.digest))
-        self.send(mavlink.MAVLink_connect_ack_message(*values, 0))
+        self.send(mavlink.MAVLink_connect_ack_message(*values, 0, self.operator.encode()))
 
     def send(self, message: Any, sysid: int | None = None) -> None:
         """Send a message; `sysid` pretends to be somebody else."""

@@ -155,10 +155,12 @@ def evidence(entries: list[Entry] | None = None, **values: Any) -> Evidence:
     return Evidence(nominal() if entries is None else entries, package, RunNotes(SPEEDUP, **values))
 
 
-def write_folder(folder: Path, *, verdicts: list[dict[str, Any]] | None = None) -> Path:
-    """The flight as the folder of a run."""
+def write_folder(
+    folder: Path, entries: list[Entry] | None = None, *, verdicts: list[dict[str, Any]] | None = None
+) -> Path:
+    """The flight as the folder of a run; `entries`: instead of the flight as planned."""
     shutil.copytree(ROUND, folder / "mission")
-    entries = nominal()
+    entries = entries or nominal()
     places = {"vehicle": "vehicle.jsonl", VEHICLE_NAME: "companion/companion.jsonl"}
     files: dict[str, list[str]] = {}
     for entry in entries:

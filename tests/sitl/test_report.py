@@ -122,7 +122,7 @@ def test_what_came_of_it_stands_first(page: Reader) -> None:
 
 
 def test_every_handover_has_its_row_with_its_duration(page: Reader) -> None:
-    rows = [row for row in page.rows if len(row) == 10 and row[0].isdigit()]
+    rows = [row for row in page.rows if len(row) == 11 and row[0].isdigit()]
     assert [row[1] for row in rows] == ["GCSA → GCSB", "GCSB → GCSA", "GCSA → GCSB", "GCSB → GCSA"]
     assert [row[3] for row in rows] == ["12.4 ms", "221.8 ms", "15.1 ms", "9.8 ms"]
     assert [row[7] for row in rows] == ["0", "1", "0", "0"]

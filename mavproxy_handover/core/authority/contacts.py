@@ -24,6 +24,13 @@ from mavproxy_handover.core.common.model import PROTOCOL_VERSION, Station
 __all__ = ["Contacts"]
 
 
+def _duty(operator: str, before: str, station: str) -> str:
+    """Which operator is on duty at a station now, for people."""
+    if not operator:
+        return f"{before} has signed off at {station}"
+    return f"{operator} is on duty at {station}" + (f", after {before}" if before else "")
+
+
 class Contacts:
     """Every station of the mission, and the questions that are out. Times are monotonic seconds."""
 
@@ -66,11 +73,15 @@ class Contacts:
             return "doubled answer to CONNECT" if doubled else "stale answer to CONNECT"
         was_connected = presence.connected(now)
         was_barred = presence.hearing.barred
+        before = "" if presence.answer is None else presence.answer.operator
         presence.answer_counts(answer, asked_at, now, at_once=grounded)
         if was_barred and not presence.hearing.barred:
             actions.append(Record("hears_again", f"{presence.station.name} hears the aircraft again", station=station))
         if not was_connected:
             actions.append(Record("connected", f"{presence.station.name} is connected", station=station))
+        if answer.operator != before:
+            text = _duty(answer.operator, before, presence.station.name)
+            actions.append(Record("operator", text, station=station))
         return None
 
     def ask(self, authority: Authority, digest: bytes, now: float, actions: list[Action]) -> None:

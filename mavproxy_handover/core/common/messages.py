@@ -63,6 +63,8 @@ class ConnectAck:
     accepted: bool = True
     #: an operator has signed on, or the station needs none
     manned: bool = True
+    #: the operator on duty, for journals; "": none has signed on
+    operator: str = ""
 
 
 @dataclass(frozen=True, slots=True)

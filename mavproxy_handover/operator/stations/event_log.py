@@ -56,7 +56,9 @@ _STREAMS = {
     State.ENDED: "{kind} of {station} has ended",
 }
 #: entries of the arbiter that a station can cause as often as it asks
-_ANSWERS = ("control", "start_refused", "rehearsal_refused")
+_ANSWERS = ("control", "start_refused", "rehearsal_refused", "operator")
+#: entries of the arbiter that name the operator on duty at their station
+_OF_OPERATORS = ("operator", "control", "foreseen_answer", "start", "rehearsal_refused", "start_refused")
 #: entries only for the journal: steps of a transfer, and entries that the sentence of a decision repeats
 _UNSPOKEN = ("step", "emergency", "would", "emergency_over", "warning", "warning_over", "order", "helm")
 
@@ -193,6 +195,7 @@ class EventLog:
             duration_s=None if action.duration_s is None else round(action.duration_s, 4),
             handover_id=self._arbiter.view.handover_id if action.event.startswith(("transfer", "step")) else None,
             epoch=self._arbiter.view.epoch if action.event in ("transfer_committed", "authority") else None,
+            operator=self._operator(action.station) if action.event in _OF_OPERATORS else None,
         )
         if action.event not in _UNSPOKEN:
             self._tell_sentence(action.text)
@@ -239,8 +242,10 @@ class EventLog:
         """A message of a transfer: "in", before it is handled, or "out"."""
         name = self._arbiter.name(station)
         if self._has_room(name, now):
+            values = codec.values_of(message)
+            operator = self._operator(station) if direction == "in" and values["consent"] is not None else None
             self._journal.write(
-                "message", direction=direction, station=name, attempt=attempt, **codec.values_of(message)
+                "message", direction=direction, station=name, attempt=attempt, operator=operator, **values
             )
         if direction == "out":
             line = self._steps.sent(station, message, awaits_commander=self._arbiter.awaits_commander)
@@ -380,8 +385,11 @@ class EventLog:
 
     def override(self, limit: str, by: str, for_s: float) -> None:
         """An operator lifts a limit."""
-        text = f"{by} lifts {limit} for {for_s:g} s"
-        self._write_and_tell("override", text, by=by, limit=limit, for_s=for_s)
+        station = self._arbiter.view.commander
+        operator = self._operator(station) if self._name(station) == by else None
+        on_duty = f", on duty: {operator}" if operator else ""
+        text = f"{by} lifts {limit} for {for_s:g} s{on_duty}"
+        self._write_and_tell("override", text, by=by, limit=limit, for_s=for_s, operator=operator)
 
     def upload_refused(self, station: str, what: str, why: str, now: float) -> bool:
         """An upload of a station in flight was rejected, or is incomplete. Returns whether people are told.
@@ -644,6 +652,10 @@ class EventLog:
         """The result of a safety order: the mode that the autopilot flies, or the reason why it does not."""
         text = failure or f"the autopilot flies {mode}"
         self._write_and_tell("fly", text, action=action.name.lower(), obeyed=failure is None)
+
+    def _operator(self, station: int | None) -> str | None:
+        """The operator on duty at a station, as it last said; None: it has named none."""
+        return (self._arbiter.operator(station) or None) if station else None
 
     def _name(self, station: int | None) -> str | None:
         return self._arbiter.name(station) if station else None
