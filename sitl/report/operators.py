@@ -2,8 +2,8 @@
 
 """The operators of a flight, from the journals: the operator on duty at each station, and what each one did.
 
-The vehicle's journal counts, because it has what arrived. A station's journal is used for the operator's own commands
-and acknowledged alarms, and for the rest only if the vehicle names no operator at all.
+The vehicle's journal counts, because it has what arrived. A station's journal adds its operator's commands and
+acknowledged alarms. If the vehicle names no operator at all, a station's journal counts for the rest as well.
 """
 
 from __future__ import annotations
