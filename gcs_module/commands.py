@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from math import inf
 from typing import Any, Final, Protocol
 
@@ -21,6 +21,7 @@ from gcs_module.event_log import FlightEventLog
 from gcs_module.events import AskManager
 from gcs_module.mission_transfer import MissionTransfer
 from gcs_module.route_watch import StationRouteWatch
+from gcs_module.standard_control import NOT_IN_STANDARD
 from gcs_module.vehicle_addresses import VehicleAddresses
 from gcs_module.vehicle_connection import VehicleConnection
 from gcs_module.vehicle_state import VehicleState
@@ -38,7 +39,7 @@ from mavproxy_handover.wire.ids import (
     OPERATOR_CONTROL,
 )
 
-__all__ = ["NOT_IN_STANDARD", "OF_STATION", "StationCommands"]
+__all__ = ["OF_STATION", "StationCommands"]
 
 #: Commands that replace each other: after a new one the earlier ones of its group are not repeated any more.
 _MATTERS: Final = (("START", "STOP", "CONTINUE", "RESUME", "RETURN"), ("REQUEST", "RELEASE", "GIVE", "ALLOW", "KEEP"))
@@ -60,15 +61,6 @@ _WHY_S = 0.4
 _SAID: Final = {"RESUME": ("AUTO", "mode AUTO"), "RETURN": ("RTL",)}
 
 
-#: commands without a counterpart in the operator-control standard, and what to do instead
-NOT_IN_STANDARD: Final[Mapping[str, str]] = {
-    "give": "'handover release' gives control up, or the other station requests it.",
-    "override": "The limits of energy, fence and coverage belong to our companion.",
-    "rehearse": "A rehearsal needs our companion.",
-    "share": "The vehicle takes no mission package.",
-    "telemetry": "MAVProxy's own displays show the vehicle's values.",
-    "briefing": "Ask the other station how the aircraft is.",
-}
 #: a release in flight is meant if it is typed twice within this time (s)
 _RELEASE_S: Final = 10.0
 

@@ -20,7 +20,7 @@ Layouts and results: `docs/operating.md`, and the messages in `wire/operator_con
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import ceil, inf
 from typing import Any, Final
@@ -28,7 +28,7 @@ from typing import Any, Final
 from gcs_module.events import AcknowledgeManager, Action, AskManager, ControlAsked, ControlStatusHeard, WishAnswered
 from gcs_module.notices import notice
 
-__all__ = ["GRACE_S", "LOST_S", "WINDOW_S", "ControlQuestion", "StandardControl"]
+__all__ = ["GRACE_S", "LOST_S", "NOT_IN_STANDARD", "WINDOW_S", "ControlQuestion", "StandardControl"]
 
 #: time (s) in which a companion of ours would have been heard
 GRACE_S: Final = 3.0
@@ -41,6 +41,16 @@ COPY_S: Final = 3.0
 #: the shortest and the longest time-out (s) of a request
 _SHORTEST_S: Final = 3.0
 _LONGEST_S: Final = 60.0
+
+#: commands without a counterpart in the operator-control standard, and what to do instead
+NOT_IN_STANDARD: Final[Mapping[str, str]] = {
+    "give": "'handover release' gives control up, or the other station requests it.",
+    "override": "The limits of energy, fence and coverage belong to our companion.",
+    "rehearse": "A rehearsal needs our companion.",
+    "share": "The vehicle takes no mission package.",
+    "telemetry": "MAVProxy's own displays show the vehicle's values.",
+    "briefing": "Ask the other station how the aircraft is.",
+}
 
 
 @dataclass(slots=True)

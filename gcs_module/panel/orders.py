@@ -19,10 +19,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Protocol
 
-from gcs_module.commands import NOT_IN_STANDARD
 from gcs_module.core import StationCore
 from gcs_module.duty import NEEDS_OPERATOR, OFF, Change, Outcome
 from gcs_module.panel.question_number import border_number, number_of
+from gcs_module.standard_control import NOT_IN_STANDARD
 from mavproxy_handover.core.common.model import Consent
 from mavproxy_handover.wire.ids import LIMITS
 
