@@ -24,14 +24,16 @@ from mavproxy_handover.companion.state_saver import PackageSaver, StateSaver
 from mavproxy_handover.config.running import Running
 from mavproxy_handover.core.arbiter import Arbiter, Identity
 from mavproxy_handover.core.common.events import Event
+from mavproxy_handover.core.remote_id import Operators
 from mavproxy_handover.gate.feeds import FeedNews
 from mavproxy_handover.gate.filters import CompanionMatters
 from mavproxy_handover.gate.gate import Gate
 from mavproxy_handover.gate.in_force import AuthorityInForce
-from mavproxy_handover.gate.passed import PassedFrames
+from mavproxy_handover.gate.passed import GateSettings, PassedFrames
 from mavproxy_handover.gate.replies import GateReports
 from mavproxy_handover.gate.stale_streams import News
 from mavproxy_handover.operator.base.context import Authority, Reports
+from mavproxy_handover.operator.remote_id import RemoteId, RemoteIdSources
 from mavproxy_handover.operator.stations.announcer import Announcer
 from mavproxy_handover.operator.stations.event_log import EventLog
 from mavproxy_handover.operator.stations.missing_heartbeats import MissingHeartbeats
@@ -63,6 +65,8 @@ class Base:
     arbiter: Arbiter
     event_log: EventLog
     packages: PackageSaver
+    #: what stations say of their operators
+    operators: Operators
 
     def close(self) -> None:
         """Close state and journals."""
@@ -98,6 +102,7 @@ class Parts:
     actions: Actions
     faults: FaultNews
     each_second: EachSecond
+    remote_id: RemoteId
 
 
 def base_of(running: Running, ports: Mapping[int, StationPort], edge: Edge) -> Base:
@@ -110,9 +115,9 @@ def base_of(running: Running, ports: Mapping[int, StationPort], edge: Edge) -> B
     strangers = Journal(strangers_path(config.journal), config.name, _STRANGERS_BYTES, strict=strict)
     faults = FaultLog(journal)
     in_force = AuthorityInForce()
-    passed = PassedFrames(
-        config.sysid, ports, config.observers, in_force, edge.write_autopilot, faults.report, config.feeds
-    )
+    operators = Operators({entry.station.sysid: entry.operator_id for entry in config.stations if entry.operator_id})
+    settings = GateSettings(config.observers, config.feeds, operators)
+    passed = PassedFrames(config.sysid, ports, settings, in_force, edge.write_autopilot, faults.report)
 
     def write_autopilot(data: bytes) -> None:
         edge.write_autopilot(data)
@@ -147,6 +152,7 @@ def base_of(running: Running, ports: Mapping[int, StationPort], edge: Edge) -> B
         arbiter,
         event_log,
         PackageSaver(restart, journal),
+        operators,
     )
 
 
@@ -197,7 +203,9 @@ def parts_of(running: Running, base: Base, edge: Edge, hub: Hub) -> Parts:
     actions = Actions(config.sysid, parts, hub.fail_closed, hub.send_lease, fault)
     heartbeats = MissingHeartbeats(message_sender)
     each_second = EachSecond(autopilot, beacons, news, saver, faults, heartbeats, hub.grounded)
-    return Parts(autopilot, gate, operator, news, beacons, closing, actions, faults, each_second)
+    sources = RemoteIdSources(base.in_force, base.operators, lambda: autopilot.mission.flown.package, edge.clocks.utc)
+    remote_id = RemoteId(config.sysid, config.remote_id, sources, autopilot.aircraft, reports)
+    return Parts(autopilot, gate, operator, news, beacons, closing, actions, faults, each_second, remote_id)
 
 
 def _gate_reports(base: Base) -> GateReports:

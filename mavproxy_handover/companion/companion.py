@@ -189,6 +189,7 @@ class Companion:
         self._attempt("autopilot", self.autopilot.rounds.tick, now)
         if self._is_due(now):
             self.handle(events.Tick(), now)
+        self._attempt("remote id", self._parts.remote_id.tick, now)
         self._attempt("briefing", self.operator.briefing.tick, now)
         self._attempt("rehearsal", self.rehearsal.tick, now)
         self._schedule.run(now)

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import Any
 
 from mavproxy_handover.config.feeds import feed_settings
 from mavproxy_handover.config.position import PositionSettings, position_settings
+from mavproxy_handover.config.remote_id import RemoteIdSettings, remote_id_settings
 from mavproxy_handover.config.route import route_limits
 from mavproxy_handover.config.toml import ConfigError, Table, check_tables, list_of_tables, one_table, read_toml
 from mavproxy_handover.config.vehicle_keys import (
@@ -59,6 +61,8 @@ class StationLinks:
     components: frozenset[int] = STATION_COMPIDS
     #: True if it gets the companion's heartbeat
     companion_heartbeat: bool = True
+    #: id of its operator for Remote ID; "": not configured
+    operator_id: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,6 +97,8 @@ class VehicleConfig:
     position: PositionSettings = field(default_factory=PositionSettings)
     #: stations that may send feeds
     feeds: FeedSettings = field(default_factory=FeedSettings)
+    #: which program sends Remote ID
+    remote_id: RemoteIdSettings = field(default_factory=RemoteIdSettings)
 
 
 # ---- limits -------------------------------------------------------------------------------------------------------
@@ -174,6 +180,7 @@ def vehicle_of(data: Mapping[str, Any], path: Path, layout_text: bytes | None = 
         commands={Limit(key): word for key, word in _other_than_default(data, COMMANDS, path).items()},
         position=position_settings(data, path, layout_text),
         feeds=feed_settings(data, path, {entry.station.name: entry.station.sysid for entry in stations}),
+        remote_id=remote_id_settings(data, path),
     )
 
 
@@ -193,8 +200,11 @@ def _station_links(table: Table, limits: LinkLimits, unsigned: bool) -> StationL
     beats = table["companion_heartbeat"]
     if not beats and not standard:
         raise table.error("companion_heartbeat", "= false goes with module = false: our module goes by that heartbeat")
+    operator_id = table["operator_id"] or ""
+    if not re.fullmatch(r"[ -~]{0,20}", operator_id):
+        raise table.error("operator_id", f"{operator_id!r} must be 1 to 20 printable ASCII characters")
     sysids = frozenset([station.sysid, *table["sysids"]])
-    return StationLinks(station, links, sysids, key, limits, table["not_in_control"], components, beats)
+    return StationLinks(station, links, sysids, key, limits, table["not_in_control"], components, beats, operator_id)
 
 
 def _consent(table: Table, standard: bool) -> StandingConsent | None:

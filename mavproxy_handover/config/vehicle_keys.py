@@ -12,6 +12,7 @@ from typing import Final
 
 from mavproxy_handover.config.feeds import FEEDS
 from mavproxy_handover.config.position import POSITION
+from mavproxy_handover.config.remote_id import REMOTE_ID
 from mavproxy_handover.config.route import ROUTE
 from mavproxy_handover.core.common.causes import CAUSES, Cause
 from mavproxy_handover.core.common.limits import Limits
@@ -123,6 +124,12 @@ STATION: Final = KeyTable(
             sorted(STATION_COMPIDS),
             limits=(0, 255),
             rule="a MAVLink component id, 0 to 255",
+        ),
+        text(
+            "operator_id",
+            "id of its operator, as Remote ID broadcasts it while the station has authority",
+            rule="1 to 20 printable ASCII characters",
+            example="FIN87astrdge12k8",
         ),
         flag(
             "companion_heartbeat",
@@ -277,4 +284,5 @@ VEHICLE_FILE: Final = (
     COMMANDS,
     POSITION,
     FEEDS,
+    REMOTE_ID,
 )

@@ -26,6 +26,7 @@ from mavproxy_handover.core.common.model import Phase
 from mavproxy_handover.gate.in_force import AuthorityInForce
 from mavproxy_handover.gate.intent import TARGET_MESSAGES, Aim, Intent, intent_of
 from mavproxy_handover.gate.judge import Fate, GateReason, Verdict, uploads
+from mavproxy_handover.gate.operators import REMOTE_ID_MESSAGES
 from mavproxy_handover.gate.passed import PassedFrames
 from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.gate.questions import ASKED
@@ -106,6 +107,7 @@ class Filters:
                 "commands in flight that leave energy, fence or coverage", _COMMANDS, self._in_flight, commands=True
             ),
             Filter("commands that the companion carries out", _COMMANDS, self._taken_over),
+            Filter("notes places of operators, keeps out none", _STREAMS, passed.operators.note, REMOTE_ID_MESSAGES),
             Filter("feeds of stations that are not the source", _FEEDS, passed.feeds.limit),
             Filter("questions of observers while the commander's are open", ASKED, self._question, commands=False),
             Filter("other requests of observers for files", _ALL - ASKED, self._question, _FILES, commands=False),

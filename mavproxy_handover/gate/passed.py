@@ -12,15 +12,18 @@ from __future__ import annotations
 import traceback
 from collections import Counter
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Final
 
 from mavproxy_handover.core.feeds import FeedSettings
+from mavproxy_handover.core.remote_id import Operators
 from mavproxy_handover.gate.downlink import DownlinkPolicy
 from mavproxy_handover.gate.feeds import Feeds
 from mavproxy_handover.gate.flush import Closing, FlushTracker
 from mavproxy_handover.gate.in_force import AuthorityInForce
 from mavproxy_handover.gate.judge import GateReason, Verdict
 from mavproxy_handover.gate.observers import ObserverLimits, ObserverRates
+from mavproxy_handover.gate.operators import OperatorNotes
 from mavproxy_handover.gate.own_reads import OwnReads
 from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.gate.port import Port
@@ -28,11 +31,20 @@ from mavproxy_handover.gate.questions import Questions
 from mavproxy_handover.gate.stale_streams import StaleStreams
 from mavproxy_handover.wire.frames import Frame, parse_one
 
-__all__ = ["PassedFrames"]
+__all__ = ["GateSettings", "PassedFrames"]
 
 #: constants, because Python 3.11 takes 0.1 us to look up a member of an enumeration
 _STREAM: Final = Access.STREAM
 _LIVENESS: Final = Access.LIVENESS
+
+
+@dataclass(frozen=True, slots=True)
+class GateSettings:
+    """What the configuration says of the gate, and what stations say of their operators."""
+
+    observers: ObserverLimits = field(default_factory=ObserverLimits)
+    feeds: FeedSettings = field(default_factory=FeedSettings)
+    operators: Operators = field(default_factory=lambda: Operators({}))
 
 
 class PassedFrames:
@@ -42,11 +54,10 @@ class PassedFrames:
         self,
         vehicle: int,
         ports: Mapping[int, Port],
-        limits: ObserverLimits,
+        settings: GateSettings,
         in_force: AuthorityInForce,
         to_autopilot: Callable[[bytes], None],
         fault: Callable[[str, str], None],
-        feeds: FeedSettings,
     ) -> None:
         """`vehicle`: its system id. `ports`: every known station by system id. `to_autopilot` takes whole frames.
         `fault` is told what broke, and where."""
@@ -59,8 +70,9 @@ class PassedFrames:
         self.questions = Questions(self.flusher)
         self.stale_streams = StaleStreams(ports)
         self.own_reads = OwnReads()
-        self.feeds = Feeds(feeds, {station: port.name for station, port in ports.items()}, in_force, fault)
-        self.rates = ObserverRates(limits)
+        self.feeds = Feeds(settings.feeds, {station: port.name for station, port in ports.items()}, in_force, fault)
+        self.operators = OperatorNotes(settings.operators, fault)
+        self.rates = ObserverRates(settings.observers)
         self.downlink = DownlinkPolicy((port.identity for port in ports.values()), self.rates)
         #: the frames that went to the autopilot and wait to be noted: port, frame, verdict, time
         self.unnoted: list[tuple[Port, Frame, Verdict, float]] = []

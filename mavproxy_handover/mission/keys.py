@@ -115,6 +115,13 @@ STATIONS: Final = KeyTable(
             "which need it",
             rule="items of the route",
         ),
+        items(
+            "place",
+            "where its operator is, for Remote ID, if the station's program does not send it: latitude, longitude and "
+            "height above the ellipsoid",
+            rule="[degrees, degrees, m]",
+            example=[52.37, 4.9, 45.0],
+        ),
     ),
     many=True,
     required=True,

@@ -103,6 +103,8 @@ class StationEntry:
     name: str
     sysid: int
     waypoints: tuple[int, ...] = ()
+    #: where its operator is: latitude and longitude (degrees), height above the ellipsoid (m); None: not named
+    place: tuple[float, float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -469,7 +471,7 @@ def _stations(where: Where, value: object, detector: str) -> tuple[StationEntry,
     for number, entry in enumerate(entries, 1):
         inside = where.at(f"station {number}")
         table = inside.table(entry, "the station")
-        inside.known_keys(table, STATIONS.names if detector in _LISTED else ("name", "sysid"))
+        inside.known_keys(table, STATIONS.names if detector in _LISTED else ("name", "sysid", "place"))
         name = inside.need(table, "name")
         if not isinstance(name, str) or not STATION_NAME.fullmatch(name):
             raise inside.error("name is not a station's name (allowed: 1 to 16 letters, digits, - and _)")
@@ -485,8 +487,24 @@ def _stations(where: Where, value: object, detector: str) -> tuple[StationEntry,
             if not listed:
                 raise inside.error("no waypoints (allowed: 1 or more items of the route)")
             waypoints = tuple(inside.whole(item, "a waypoint", 1, 65535) for item in listed)
-        found.append(StationEntry(name, sysid, waypoints))
+        place = None if "place" not in table else _operator_place(inside, table["place"])
+        found.append(StationEntry(name, sysid, waypoints, place))
     return tuple(found)
+
+
+def _operator_place(where: Where, value: object) -> tuple[float, float, float]:
+    """The place of a station's operator. Raises MissionError."""
+    numbers = where.array(value, "place")
+    if len(numbers) != 3:
+        raise where.error(
+            f"place has {len(numbers)} numbers (allowed: latitude, longitude, height above the ellipsoid)"
+        )
+    lat, lon, height = numbers
+    return (
+        where.number(lat, "latitude of place", -90.0, 90.0),
+        where.number(lon, "longitude of place", -180.0, 180.0),
+        where.number(height, "height of place", -500.0, 9000.0),
+    )
 
 
 def _zones(

@@ -32,6 +32,12 @@ _SENTENCES: Final = (
         "Frames of this feed do not go to the autopilot. The reason follows.",
         "Do what the row of the reason says.",
     ),
+    Sentence(
+        "Remote ID: the place of {station} is not known ('place' in [[stations]] of the mission).",
+        Level.WARNING,
+        "The vehicle has Remote ID (DID_ENABLE 1), and nothing says where the operator of the commander is.",
+        "Write 'place' in the mission's [[stations]], or have the station's program send OPEN_DRONE_ID_SYSTEM.",
+    ),
 )
 _WHY: Final = (
     Sentence(

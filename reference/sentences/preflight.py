@@ -254,6 +254,16 @@ _FINDINGS: Final = (
     _warn("{parameter} is {number}: without bit 2 the plan's geofence is stored, and not kept to", _FENCE),
     _warn("{parameter} is 0: leaving the geofence is reported, and nothing is done", _FENCE),
     _warn(
+        "{parameter} is 0, and DID_OPTIONS wants Remote ID for arming: arming is refused",
+        "The autopilot does not arm: Remote ID is off, and its options want it for arming.",
+        "Set DID_ENABLE to 1, or take bit 0 out of DID_OPTIONS.",
+    ),
+    _warn(
+        "{parameter} is -1, and DID_CANDRIVER is 0: Remote ID is enabled and has no transponder",
+        "The autopilot has Remote ID switched on, and knows no transponder.",
+        "Set DID_MAVPORT to the serial port of the transponder, or DID_CANDRIVER to its CAN driver.",
+    ),
+    _warn(
         "{parameter} is {number}: bit 1 makes one area of those to stay inside; the plan was checked against each",
         _FENCE,
     ),

@@ -678,7 +678,9 @@ def test_a_misspelt_key_is_named_and_not_only_missed(file: Path, misspelt: str) 
 def test_a_key_of_another_name_altogether_is_named_first_too(file: Path, foreign: str) -> None:
     text = with_change(VEHICLE, "allow_unsigned = true\n", "")
     text = with_change(text, 'name = "GCSA"\n', f'name = "GCSA"\n{foreign} = "x"\n')
-    allowed = "name, sysid, links, key, module, consent, sysids, not_in_control, components, companion_heartbeat"
+    allowed = (
+        "name, sysid, links, key, module, consent, sysids, not_in_control, components, operator_id, companion_heartbeat"
+    )
     assert the_line(file, text, load_vehicle) == f"[station 1] {foreign}: unknown key; allowed are: {allowed}"
 
 

@@ -21,8 +21,7 @@ from mavproxy_handover.gate.gate import Gate
 from mavproxy_handover.gate.in_force import AuthorityInForce
 from mavproxy_handover.gate.intent import Aim, Intent
 from mavproxy_handover.gate.judge import StationIdentity, Verdict
-from mavproxy_handover.gate.observers import ObserverLimits
-from mavproxy_handover.gate.passed import PassedFrames
+from mavproxy_handover.gate.passed import GateSettings, PassedFrames
 from mavproxy_handover.gate.replies import GateReports
 from mavproxy_handover.gate.stale_streams import News
 from mavproxy_handover.vehicle.profiles import COPTER, Modes
@@ -109,9 +108,8 @@ class Door:
         self.takes_over: Callable[[Frame], bool] = lambda _frame: False
         matters = CompanionMatters(self._passes, self._allows, self._carries_out, lambda: self.modes)
         in_force = AuthorityInForce()
-        self.frames = PassedFrames(
-            VEHICLE, self.ports, ObserverLimits(), in_force, pass_on, reports.fault, feeds or FeedSettings()
-        )
+        self.settings = GateSettings(feeds=feeds or FeedSettings())
+        self.frames = PassedFrames(VEHICLE, self.ports, self.settings, in_force, pass_on, reports.fault)
         self.gate = Gate(VEHICLE, self.ports, in_force, self.frames, pass_on, reports, matters)
 
     def _passes(self, aim: Aim, station: int, now: float) -> bool:

@@ -232,7 +232,7 @@ def test_refuses_a_system_id_out_of_range(small):
 def test_refuses_unknown_keys_of_a_station(small):
     small.toml = small.toml.replace("sysid = 252", "sys_id = 252")
     assert refusal(small) == (
-        "mission.toml: station 2: unknown key 'sys_id', did you mean 'sysid'? (allowed: name, sysid)"
+        "mission.toml: station 2: unknown key 'sys_id', did you mean 'sysid'? (allowed: name, sysid, place)"
     )
 
 
@@ -367,7 +367,7 @@ def test_refuses_a_corridor_with_polygons(small):
 
 def test_refuses_waypoints_of_a_station_with_polygons(small):
     small.toml = small.toml.replace("sysid = 252", "sysid = 252\nwaypoints = [1]")
-    assert refusal(small) == "mission.toml: station 2: unknown key 'waypoints' (allowed: name, sysid)"
+    assert refusal(small) == "mission.toml: station 2: unknown key 'waypoints' (allowed: name, sysid, place)"
 
 
 # --- bytes that are refused ---
@@ -581,3 +581,16 @@ def test_refuses_a_mission_that_stays_at_home(small, aircraft, vehicle, command)
     assert str(caught.value) == (
         "small.plan: nothing is flown: the aircraft stays at home (allowed: at least one item that leads away, or up)"
     )
+
+
+def test_a_station_may_have_a_place_for_remote_id(small):
+    small.toml = small.toml.replace("sysid = 252", "sysid = 252\nplace = [52, -4.25, 31.5]")
+    assert load(small.write()).station(252) == StationEntry("B", 252, (), (52.0, -4.25, 31.5))
+
+
+@pytest.mark.parametrize(
+    "place", ["[52.0, 4.0]", "[91.0, 4.0, 0.0]", "[52.0, 181.0, 0.0]", "[52.0, 4.0, nan]", "[true, 4, 0]", '"here"']
+)
+def test_refuses_a_place_that_is_none(small, place):
+    small.toml = small.toml.replace("sysid = 252", f"sysid = 252\nplace = {place}")
+    assert refusal(small).startswith("mission.toml: station 2: ")

@@ -685,6 +685,26 @@ def test_heights_above_terrain_need_terrain(changes: dict[str, float], texts: li
     assert [finding.text for finding in judge(found(plan=plan, **changes), Limits())] == texts
 
 
+@pytest.mark.parametrize(
+    ("changes", "texts"),
+    [
+        ({"DID_ENABLE": 1.0, "DID_MAVPORT": 2.0}, []),
+        ({"DID_ENABLE": 1.0, "DID_MAVPORT": -1.0, "DID_CANDRIVER": 1.0}, []),
+        ({"DID_ENABLE": 0.0, "DID_OPTIONS": 0.0}, []),
+        (
+            {"DID_ENABLE": 1.0, "DID_MAVPORT": -1.0, "DID_CANDRIVER": 0.0},
+            ["DID_MAVPORT is -1, and DID_CANDRIVER is 0: Remote ID is enabled and has no transponder"],
+        ),
+        (
+            {"DID_ENABLE": 0.0, "DID_OPTIONS": 1.0},
+            ["DID_ENABLE is 0, and DID_OPTIONS wants Remote ID for arming: arming is refused"],
+        ),
+    ],
+)
+def test_remote_id_needs_its_transponder(changes: dict[str, float], texts: list[str]) -> None:
+    assert [finding.text for finding in judge(found(**changes), Limits())] == texts
+
+
 def test_heights_above_terrain_without_heights_of_the_ground_are_told() -> None:
     plan = PlanFacts(True, 1, 200.0, 50.0, above_terrain=(ABOVE_TERRAIN,))
     assert [finding.text for finding in judge(found(plan=plan), Limits())] == [

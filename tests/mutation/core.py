@@ -100,6 +100,7 @@ FIRST = {
         "test_link_quality.py",
     ),
     "feeds": ("test_feeds.py",),
+    "remote_id": ("test_remote_id.py",),
     "authority.contacts": ("test_contacts.py", "test_arbiter_authority.py", "test_presence.py"),
     "authority.requests": ("test_control.py", "test_standard_stations.py", "test_forced.py"),
     "authority.start": ("test_start.py", "test_arbiter_start.py", "test_control.py", "test_arbiter_safety.py"),

@@ -86,6 +86,7 @@ TESTED = {
     "questions": ("test_questions.py",),
     "stale_streams": ("test_stale_streams.py",),
     "feeds": ("test_feeds.py",),
+    "operators": ("test_feeds.py",),
     "downlink": ("test_downlink.py",),
     "refusals": ("test_refusals.py",),
     "explain": ("test_explain.py",),

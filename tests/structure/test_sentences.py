@@ -78,6 +78,7 @@ EXEMPT = {
         "time to pass",
         "frame that passed",
         "news of feeds",
+        "Remote ID of a station",
     ),
     "the name of a subject in 'N more entries of STATION left out: SUBJECT'": (
         "refused frames in its name without a valid signature",

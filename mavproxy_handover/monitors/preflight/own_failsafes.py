@@ -577,6 +577,22 @@ def _ceiling(p: Parameters, plan: PlanFacts | None) -> str | None:
     return f"is {most_m:g} m, and the route climbs to {plan.highest_m:.0f} m"
 
 
+#: bit of DID_OPTIONS: arming needs Remote ID (`AP_OpenDroneID::pre_arm_check`)
+_ENFORCES: Final = 1
+
+
+def _remote_id_off(p: Parameters, _plan: PlanFacts | None) -> str | None:
+    if p.get("DID_ENABLE", 1.0) >= 1.0 or not int(p.get("DID_OPTIONS", 0)) & _ENFORCES:
+        return None
+    return "is 0, and DID_OPTIONS wants Remote ID for arming: arming is refused"
+
+
+def _transponder(p: Parameters, _plan: PlanFacts | None) -> str | None:
+    if p.get("DID_ENABLE", 0.0) < 1.0 or p.get("DID_MAVPORT", 0.0) >= 0.0 or p.get("DID_CANDRIVER", 0.0) >= 1.0:
+        return None
+    return "is -1, and DID_CANDRIVER is 0: Remote ID is enabled and has no transponder"
+
+
 _CRUISES: Final = (
     ("WPNAV_SPEED", RuleGroup.ARDUCOPTER),
     ("WP_SPD", RuleGroup.ARDUCOPTER),
@@ -638,6 +654,8 @@ CHECKS: Final[tuple[CheckRow, ...]] = (
     *((name, _switched(name), RuleGroup.EVERY) for name in SWITCHED),
     ("RALLY_INCL_HOME", _home, RuleGroup.EVERY),
     ("TERRAIN_ENABLE", _terrain, RuleGroup.EVERY),
+    ("DID_ENABLE", _remote_id_off, RuleGroup.EVERY),
+    ("DID_MAVPORT", _transponder, RuleGroup.EVERY),
     ("CIRCLE_RATE", _circle_rate, RuleGroup.ARDUCOPTER),
     ("", _low_way, RuleGroup.EVERY),  # about the plan: no parameter would change it
 )

@@ -369,6 +369,16 @@ class EventLog:
         """A feed has another source, or a station's does not pass."""
         self._write_and_tell("feed", news.text, kind=news.kind.value, station=news.source)
 
+    def remote_id(self, station: str, lat_deg: float, lon_deg: float, operator_id: str) -> None:
+        """Remote ID has another operator."""
+        self._journal.write(
+            "remote_id", station=station, lat=round(lat_deg, 6), lon=round(lon_deg, 6), operator_id=operator_id or None
+        )
+
+    def remote_id_missing(self, station: str, text: str) -> None:
+        """The place of the commander's operator is not known."""
+        self._journal.write("remote_id", text, station=station)
+
     def command_refused(self, station: str, word: str, ruling: Ruling) -> None:
         """A command of the commander would leave energy, fence or coverage."""
         limits = [limit.value for limit in ruling.limits]
