@@ -2,53 +2,85 @@
 
 """The path that wings fly along a route: past its waypoints in turns, around its circles, in the wind.
 
-`legs_of` (route_simulation.py) has the lines between the places of a route. Here each corner becomes a bend of
-`wings.py`. Each NAV_LOITER_* becomes a path to the circle, once around it, and on to the point where it is left. Times
-use the ground speed in each direction, at the most, so the aircraft has at least the time stated here. The turns are as
-wide as the highest ground speed makes them, in any direction.
+`legs_of` (route_simulation.py) has the lines between the places of a route. Here they are flown in small steps by the
+guidance of ArduPlane (`l1_guidance.py`), with its rules for going on to the next item:
 
-Where a leg is shorter than its turns need (`Tight`), the way is not known: `check.py` looks for room around it, and the
-time of a turn all around is added.
+* A waypoint is done when it is nearer than the turn distance (`wings.py`), or when its plane across the line is passed.
+* A line leads from the last item's place. After a take-off and a return it leads from the aircraft's place. The same
+  holds if the aircraft is past the end of the line already.
+* A circle is flown until its turns, its time or its height are done. It is left where the course leads to the next
+  place, within 10 degrees, and 10 degrees more after each further round. The next line leads from its middle, or with
+  parameter 4 from where it is left.
+* NAV_CONTINUE_AND_CHANGE_ALT goes on along the last line, whose end is moved on by 300 m again and again.
+
+With a known wind the aircraft is moved by it. If the wind is not known, a tail wind is assumed in every direction: then
+there is least time, and the turns are widest. Airspeeds are those at sea level; at the height of the route the aircraft
+is faster (`true_airspeed_factor`).
+
+Where a leg is shorter than its turns need (`Tight`), small differences decide on the way: `check.py` looks for room
+around it, and the time of a turn all around is added.
 
 While hovering there are no turns: a quadplane that rises, descends or was told by DO_VTOL_TRANSITION to hover turns on
 the spot. The path to a hovering landing is assumed to be straight, without braking.
+
+Sources: ArduPlane's `set_next_WP`, `verify_nav_wp`, `update_loiter`, `verify_loiter_turns`, `isHeadingLinedUp`,
+`verify_continue_and_change_alt`.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Final
 
-from mavproxy_handover.mission.geodesy import east_north_m, offset
+from mavproxy_handover.mission.flown_line import (
+    SAME_M,
+    Slope,
+    bearing_of_deg,
+    beside_m,
+    beyond,
+    difference_deg,
+    direction_deg,
+    part_behind,
+)
+from mavproxy_handover.mission.geodesy import distance_m, east_north_m
 from mavproxy_handover.mission.items import (
+    CHANGE_ALTITUDE,
     LOITER_TIME,
     LOITER_TO_ALTITUDE,
     LOITER_TURNS,
     LOITERS,
     RETURN_TO_LAUNCH,
+    TAKEOFFS,
     VTOL_LAND,
     WAYPOINT,
     MissionItem,
 )
+from mavproxy_handover.mission.l1_guidance import STEP_S, Flyer, Point, along_line, around_circle
+from mavproxy_handover.mission.open_takeoff import WING_CLIMB_MPS
 from mavproxy_handover.mission.plan import Route
 from mavproxy_handover.mission.route_simulation import Leg, hovers_at, legs_of
-from mavproxy_handover.mission.wings import ROLL_IN_S, Air, Bend, bend
+from mavproxy_handover.mission.wing_circle import CircleFlight, CircleGoal
+from mavproxy_handover.mission.wing_trail import Trail
+from mavproxy_handover.mission.wings import ROLL_IN_S, Air, true_airspeed_factor, turn_end_m
 
 __all__ = ["Path", "Tight", "Turn", "path_of"]
 
 #: less than that is no turn
 _LEAST_TURN_DEG: Final = 2.0
-#: a circle is a row of straight pieces
-_PIECES: Final = 24
-#: distance after the middle of a circle, in radii, at which ArduPlane is on its next line (SITL)
-_CONVERGED: Final = 2.3
-#: two places nearer than that (m) are one
-_SAME_M: Final = 0.5
-
-#: latitude, longitude, metres above home
-_Spot = tuple[float, float, float]
+#: beyond that an aircraft may turn to either side
+_ABOUT_DEG: Final = 170.0
+#: a line is flown steadily below that distance (m) from it, demand (m/s^2) and bank (radians)
+_STEADY_M, _STEADY_MPSS, _STEADY_BANK = 0.5, 0.05, 0.01
+#: most steps on the way to an item, and steps that are left to fly before a line is done
+_MOST_STEPS, _STEPS_LEFT = 3000, 2.5
+#: a turn is over when the aircraft is so near the next line (m), with so little demand (m/s^2)
+_TURNED_M, _TURNED_MPSS = 5.0, 1.0
+#: NAV_CONTINUE_AND_CHANGE_ALT moves the end of the line by the second distance when it is nearer than the first (m)
+_NEAR_END_M, _FURTHER_M = 200.0, 300.0
+#: a circle is flown to along a line while it is farther away than so many radii
+_FAR_RADII: Final = 3.0
+_MIDDLE: Final[Point] = (0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,54 +130,75 @@ class Path:
         return next((turn for turn in self.turns if turn.begins_m <= along_m <= turn.ends_m), None)
 
 
-def path_of(route: Route, air: Air) -> Path:
-    """The path of a route of an aircraft with wings. `air`: the airspeed until an item changes it, and the wind."""
-    return _Tracer(route, air).path()
+def path_of(route: Route, air: Air, *, slips: bool = True, about: float = 1.0) -> Path:
+    """The path of a route of an aircraft with wings. `air`: the airspeed until an item changes it, and the wind.
+
+    `slips`: its turns have the slip of [wings]; else none, so they are as narrow as the bank allows. `about`: to which
+    side it turns about, 1.0 to the right, -1.0 to the left.
+    """
+    return _Tracer(route, air, route.wings.turn_part if slips else 1.0, about).path()
 
 
 class _Tracer:
     """Flies along the lines of a route."""
 
-    def __init__(self, route: Route, air: Air) -> None:
+    def __init__(self, route: Route, air: Air, turn_part: float, about: float) -> None:
         self._route = route
+        self._turn_part, self._about = turn_part, about
         self._air = air
         self._lines = legs_of(route, air.airspeed_mps)
         self._hovering = {line.seq for line in self._lines if hovers_at(route, line.seq)}
-        self._here: _Spot = self._lines[0].start if self._lines else (0.0, 0.0, 0.0)
-        self._along_m = self._time_s = 0.0
-        self._legs: list[Leg] = []
+        self._trail = Trail(self._lines[0].start if self._lines else (0.0, 0.0, 0.0))
+        #: the aircraft, while it is on its wings
+        self._flyer: Flyer | None = None
+        #: where the last line begins and ends; the next one begins at its end, or where the aircraft is if it is None
+        self._last: tuple[tuple[float, float], tuple[float, float]] | None = None
         self._turns: list[Turn] = []
         self._tight: list[Tight] = []
         self._unflown: list[int] = []
-        #: length of the line from here that the last turn has used
+        #: length of the line from here that the last turn needs
         self._used_m = 0.0
+        #: the turn that is flown: its item, its angle, where it began, and how far outside of the line it came
+        self._turning: tuple[int, float, float] | None = None
+        self._outside_m = 0.0
 
     def path(self) -> Path:
         """All of it."""
         for number, line in enumerate(self._lines):
             following = self._lines[number + 1] if number + 1 < len(self._lines) else None
-            if line.length_m < _SAME_M:
-                self._straight(line, line.end, line.hold_s, at_least_s=line.duration_s)
-                continue
-            flies = line.seq in self._hovering or self._air_of(line).flies(_bearing_deg(line.start, line.end))
-            if not flies and line.seq not in self._unflown:
-                self._unflown.append(line.seq)
-            item = self._route.items[line.seq - 1]
-            if self._circles(item):
-                self._circle(line, item, following)
-            elif self._corners(item, following):
-                assert following is not None
-                self._corner(line, item, following)
-            else:
-                self._to_the_end(line)
+            self._trail.seq, self._trail.speed_mps = line.seq, line.speed_mps
+            self._fly(line, self._route.items[line.seq - 1], following)
         for tight in self._tight:
             self._circle_more(tight.seq)
-        return Path(tuple(self._legs), tuple(self._turns), tuple(self._tight), tuple(self._unflown))
+        return Path(tuple(self._trail.legs), tuple(self._turns), tuple(self._tight), tuple(self._unflown))
+
+    def _fly(self, line: Leg, item: MissionItem, following: Leg | None) -> None:
+        circles = self._circles(item) and (line.length_m >= SAME_M or item.command in LOITERS)
+        if line.seq in self._hovering or (line.length_m < SAME_M and not circles):
+            self._straight(line)
+            return
+        air = self._air_of(line)
+        if not air.flies(bearing_of_deg(line.start, line.end)) and line.seq not in self._unflown:
+            self._unflown.append(line.seq)
+        if item.command in TAKEOFFS or line.seq in self._unflown:
+            self._straight(line)
+            return
+        flyer = self._on_wings(line, item, air)
+        self._note_tight(flyer, line, item, following)
+        if circles:
+            self._circle(flyer, line, item, following)
+        elif item.command == CHANGE_ALTITUDE:
+            self._go_on(flyer, line, item)
+        else:
+            self._past(flyer, line, item, following)
 
     # --- what is flown at an item ---
 
     def _air_of(self, line: Leg) -> Air:
-        return Air(line.speed_mps, self._air.wind, self._air.unknown_mps)
+        return Air(line.speed_mps * self._factor(line), self._air.wind, self._air.unknown_mps)
+
+    def _factor(self, line: Leg) -> float:
+        return true_airspeed_factor(self._route.home.alt_m + line.end[2])
 
     def _circles(self, item: MissionItem) -> bool:
         if item.command in LOITERS:
@@ -154,166 +207,223 @@ class _Tracer:
             return item.param1 == 1.0
         return item.command == RETURN_TO_LAUNCH and not self._route.profile.vertical
 
-    def _corners(self, item: MissionItem, following: Leg | None) -> bool:
-        """Whether the aircraft is on its wings there, and goes on to another place."""
-        if item.command == RETURN_TO_LAUNCH or following is None or following.length_m < _SAME_M:
-            return False
-        return self._hovering.isdisjoint((item.seq, following.seq))
+    # --- straight ---
 
-    # --- pieces of the path ---
+    def _straight(self, line: Leg) -> None:
+        """A line as it is: straight up or down, in hover, in a take-off, or what is left of it."""
+        here = self._trail.here
+        length = distance_m(*here[:2], *line.end[:2])
+        made_mps = line.speed_mps
+        if line.seq not in self._hovering:
+            made_mps = self._air_of(line).ground_mps(bearing_of_deg(here, line.end))
+        duration_s = length / made_mps if line.length_m >= SAME_M else line.duration_s
+        self._trail.straight(line.end, duration_s, line.hold_s, hovers=line.hovers)
+        self._flyer, self._last, self._used_m, self._turning = None, None, 0.0, None
 
-    def _to_the_end(self, line: Leg) -> None:
-        """Fly a line to its end, without a turn."""
-        if self._used_m > line.length_m:
-            self._tight.append(Tight(line.seq, line.length_m, self._used_m))
-        self._straight(line, line.end, line.hold_s)
-        self._used_m = 0.0
+    def _on_wings(self, line: Leg, item: MissionItem, air: Air) -> Flyer:
+        """The aircraft on its wings, with metres counted from the end of the line."""
+        if self._flyer is None:
+            heading = math.radians(bearing_of_deg(self._trail.here, line.end))
+            self._flyer = Flyer(*self._trail.metres(self._trail.here[:2]), heading, 1.0, 1.0)
+        flyer = self._flyer
+        flyer.speed_mps = air.fastest_mps if air.wind is None else air.airspeed_mps
+        flyer.limit = math.radians(self._route.wings.bank_deg)
+        flyer.turn_part, flyer.about = self._turn_part, self._about
+        flyer.wind = air.blows
+        self._trail.count_from(line.end[:2] if item.has_place else self._trail.here[:2], flyer)
+        return flyer
 
-    def _straight(self, line: Leg, end: _Spot, hold_s: float = 0.0, at_least_s: float = 0.0, seq: int = 0) -> None:
-        """One piece of the path; `seq`: of the item flown to, where that is not the line's."""
-        start = self._here
-        made = Leg(seq or line.seq, start, end, at_least_s, hold_s, line.speed_mps)
-        length = made.length_m
-        if length > 0.0:
-            hovers = line.seq in self._hovering
-            made_mps = line.speed_mps if hovers else self._air_of(line).ground_mps(_bearing_deg(start, end))
-            made = replace(made, duration_s=max(at_least_s, length / made_mps))
-        if start != end or hold_s > 0.0:
-            self._legs.append(made)
-            self._time_s += made.duration_s
-        self._along_m += length
-        self._here = end
+    def _start(self, flyer: Flyer) -> tuple[Point, bool]:
+        """Where the line to the point (0, 0) begins, and whether it is kept to."""
+        here = (flyer.east, flyer.north)
+        if self._last is None:
+            return here, False
+        start = self._trail.metres(self._last[1])
+        return (here if part_behind(start, _MIDDLE, here) >= 1.0 else start), True
 
-    def _corner(self, line: Leg, item: MissionItem, following: Leg) -> None:
-        """The way to a waypoint and around it on to the next line."""
-        corner = line.end
-        came, goes = east_north_m(*line.start[:2], *corner[:2]), east_north_m(*corner[:2], *following.end[:2])
-        turn_deg = _difference(_direction_deg(goes), _direction_deg(came))
-        length = line.length_m
-        if abs(turn_deg) < _LEAST_TURN_DEG:
-            self._to_the_end(line)
+    def _past(self, flyer: Flyer, line: Leg, item: MissionItem, following: Leg | None) -> None:
+        """Along a line to its end, until the next item begins."""
+        start, keeps = self._start(flyer)
+        angle = self._next_angle_deg(line, following, start)
+        end = beyond(start, _MIDDLE, math.floor(item.param3)) if item.command == WAYPOINT else _MIDDLE
+        near_m = self._near_m(item, flyer, angle, self._factor(line))
+        slope = Slope(self._trail.here[2], line.end[2], math.dist((flyer.east, flyer.north), end))
+        steps = 0
+        while steps < _MOST_STEPS:
+            here = (flyer.east, flyer.north)
+            distance = math.dist(here, end)
+            if distance <= near_m or part_behind(start, end, here) >= 1.0:
+                break
+            demand = along_line(flyer, start if keeps else end, end)
+            beside = beside_m(start, end, here) if keeps else 0.0
+            self._watch_turn(flyer, beside, demand)
+            if _is_steady(flyer, beside, demand):
+                self._skip(flyer, end, distance - near_m, slope)
+            flyer.step(demand)
+            self._trail.follow(flyer, slope.at(math.dist((flyer.east, flyer.north), end)))
+            steps += 1
+        self._end_turn(flyer)
+        self._trail.note(flyer, slope.at(math.dist((flyer.east, flyer.north), end)))
+        if item.command != WAYPOINT or following is None or following.length_m < SAME_M or steps == _MOST_STEPS:
+            self._straight(line)
             return
+        self._last = (self._trail.place(start), line.end[:2])
+        if abs(angle) >= _LEAST_TURN_DEG:
+            side = self._about if abs(angle) > _ABOUT_DEG else math.copysign(1.0, angle)
+            self._turning, self._outside_m = (line.seq, side * abs(angle), self._trail.along_m), 0.0
+
+    def _skip(self, flyer: Flyer, end: Point, distance_m: float, slope: Slope) -> None:
+        """Fly straight on at once, up to some steps before the end."""
+        east, north = flyer.velocity
+        speed = math.hypot(east, north)
+        seconds = distance_m / speed - _STEPS_LEFT * STEP_S
+        if seconds < _STEPS_LEFT * STEP_S or (end[0] - flyer.east) * east + (end[1] - flyer.north) * north <= 0.0:
+            return
+        self._trail.note(flyer, slope.at(math.dist((flyer.east, flyer.north), end)))
+        flyer.east += east * seconds
+        flyer.north += north * seconds
+        flyer.time_s += seconds
+        self._trail.note(flyer, slope.at(math.dist((flyer.east, flyer.north), end)))
+
+    def _near_m(self, item: MissionItem, flyer: Flyer, angle_deg: float, factor: float = 1.0) -> float:
+        """Distance from its end at which a line is done."""
+        if item.command != WAYPOINT:
+            return flyer.ground_mps * STEP_S
+        if item.param2 >= 1.0:
+            return math.floor(item.param2)
+        if item.param3 >= 1.0:
+            return 0.0
+        return self._route.wings.turn_distance_m(flyer.ground_mps, angle_deg, factor)
+
+    def _next_angle_deg(self, line: Leg, following: Leg | None, start: Point) -> float:
+        """How much the next line turns away, as ArduPlane has it: an item without a place is at 0, 0."""
+        if following is None:
+            return 90.0
+        item = self._route.items[following.seq - 1]
+        goes = east_north_m(*line.end[:2], item.lat_deg, item.lon_deg)
+        return difference_deg(direction_deg(goes), direction_deg((-start[0], -start[1])))
+
+    # --- turns ---
+
+    def _watch_turn(self, flyer: Flyer, beside: float, demand: float) -> None:
+        """Note how far the aircraft is outside of the line that it turns to (right of it above 0)."""
+        if self._turning is None:
+            return
+        self._outside_m = max(self._outside_m, -math.copysign(1.0, self._turning[1]) * beside)
+        if abs(beside) < _TURNED_M and abs(demand) < _TURNED_MPSS:
+            self._end_turn(flyer)
+
+    def _end_turn(self, flyer: Flyer) -> None:
+        if self._turning is None:
+            return
+        seq, angle, begins_m = self._turning
+        radius = self._route.wings.turn_radius_m(flyer.ground_mps)
+        ends_m = self._trail.along_m + self._trail.since_m(flyer)
+        self._turns.append(Turn(seq, abs(angle), radius, self._outside_m, begins_m, ends_m))
+        self._turning = None
+
+    def _note_tight(self, flyer: Flyer, line: Leg, item: MissionItem, following: Leg | None) -> None:
+        """Note a leg that is shorter than its turns need, and what the turn at its end needs of the next one."""
         speed_mps = self._air_of(line).fastest_mps
-        wings = self._route.wings
-        before = self._begins_before_m(item, speed_mps, turn_deg) - ROLL_IN_S * speed_mps
-        radius = wings.turn_radius_m(speed_mps)
-        needed = self._used_m + max(0.0, before)
-        if needed > length:
-            self._tight.append(Tight(line.seq, length, needed))
-            before = max(0.0, length - self._used_m)
-        made = bend(abs(turn_deg), before, radius)
-        spots = list(_spots(made, corner, came, math.copysign(1.0, turn_deg)))
-        self._straight(line, (*line.at(1.0 - before / length)[:2], corner[2]))
-        begins = self._along_m
-        for spot in spots:
-            self._straight(line, spot, seq=following.seq)
-        self._turns.append(Turn(line.seq, abs(turn_deg), made.radius_m, made.outside_m, begins, self._along_m))
-        self._used_m = max(0.0, made.after_m)
-
-    def _begins_before_m(self, item: MissionItem, speed_mps: float, turn_deg: float) -> float:
-        if item.command == WAYPOINT:
-            if item.param3 > 0.0:
-                return -math.floor(item.param3)
-            if item.param2 >= 1.0:
-                return math.floor(item.param2)
-            return self._route.wings.turn_distance_m(speed_mps, turn_deg)
-        return 0.0  # a climb straight on, a take-off: what comes next is flown to from where it is
-
-    def _circle(self, line: Leg, item: MissionItem, following: Leg | None) -> None:
-        """The way to a circle, once around it, and on to where it is left."""
-        air = self._air_of(line)
-        radius, side = self._radius_and_side(item, air.fastest_mps)
-        lat, lon, alt = line.end
-        if self._used_m + radius > line.length_m:
-            self._tight.append(Tight(line.seq, line.length_m, self._used_m + radius))
-        from_here = east_north_m(lat, lon, *self._here[:2])
-        east, north = from_here if math.hypot(*from_here) > _SAME_M else east_north_m(lat, lon, *line.start[:2])
-        angle = math.atan2(north, east)
-        last = angle - side * math.tau
-
-        def spot(at: float) -> _Spot:
-            return (*offset(lat, lon, radius * math.cos(at), radius * math.sin(at)), alt)
-
-        self._straight(line, spot(angle))
-        begins, started_s = self._along_m, self._time_s
-        for number in range(1, _PIECES + 1):
-            self._straight(line, spot(angle - side * math.tau * number / _PIECES))
-        round_s = self._time_s - started_s
-        left = None if following is None else _leaves(east_north_m(lat, lon, *following.end[:2]), radius, side)
-        if left is not None:
-            more = (last - left) * side % math.tau
-            count = max(1, math.ceil(more / math.tau * _PIECES))
-            for number in range(1, count + 1):
-                self._straight(line, spot(last - side * more * number / count))
-        self._hold(self._longer_s(item, round_s))
-        self._turns.append(Turn(line.seq, 360.0, radius, 0.0, begins, self._along_m))
-        self._used_m = 0.0
-        if left is not None and following is not None and item.param4 <= 0.0:
-            self._onto(line, following, _CONVERGED * radius)
-        if item.command == VTOL_LAND:
-            self._straight(line, line.end)
-
-    def _onto(self, line: Leg, following: Leg, along_m: float) -> None:
-        """From a circle onto the line from its middle, which is where it is flown unless parameter 4 says otherwise."""
-        east, north = east_north_m(*following.start[:2], *following.end[:2])
-        length = math.hypot(east, north)
-        if length > 2.0 * along_m:
-            part = along_m / length
-            lat, lon = offset(*following.start[:2], part * east, part * north)
-            self._straight(line, (lat, lon, line.end[2]), seq=following.seq)
-
-    def _hold(self, seconds: float) -> None:
-        """Add the time of circling after the first round."""
-        if seconds > 0.0:
-            self._legs[-1] = replace(self._legs[-1], hold_s=seconds)
+        needed, used = self._used_m, 0.0
+        if self._circles(item):
+            needed += self._radius_and_side(item, line)[0]
+        elif following is not None and item.command == WAYPOINT:
+            came, goes = (east_north_m(*each.start[:2], *each.end[:2]) for each in (line, following))
+            turn_deg = abs(difference_deg(direction_deg(goes), direction_deg(came)))
+            if turn_deg >= _LEAST_TURN_DEG:
+                before = self._near_m(item, flyer, turn_deg) - ROLL_IN_S * speed_mps
+                needed += max(0.0, before)
+                used = max(0.0, turn_end_m(turn_deg, before, self._route.wings.turn_radius_m(speed_mps)))
+        if needed > line.length_m >= SAME_M:
+            self._tight.append(Tight(line.seq, line.length_m, needed))
+        self._used_m = used
 
     def _circle_more(self, seq: int) -> None:
         """Add the time of a turn all around to the way to an item, whose way is not known."""
-        number = max((number for number, leg in enumerate(self._legs) if leg.seq == seq), default=None)
+        legs = self._trail.legs
+        number = max((number for number, leg in enumerate(legs) if leg.seq == seq), default=None)
         if number is None:
             return
-        leg = self._legs[number]
+        leg = legs[number]
         radius = self._route.wings.turn_radius_m(self._air_of(leg).fastest_mps)
-        self._legs[number] = replace(leg, hold_s=leg.hold_s + math.tau * radius / leg.speed_mps)
+        legs[number] = replace(leg, hold_s=leg.hold_s + math.tau * radius / leg.speed_mps)
 
-    def _longer_s(self, item: MissionItem, round_s: float) -> float:
-        if item.command == LOITER_TURNS:
-            return max(0.0, item.param1 - 1.0) * round_s
-        if item.command == LOITER_TIME:
-            return max(0.0, item.param1 - round_s)
-        return 0.0
+    # --- on to another height ---
 
-    def _radius_and_side(self, item: MissionItem, speed_mps: float) -> tuple[float, float]:
+    def _go_on(self, flyer: Flyer, line: Leg, item: MissionItem) -> None:
+        """Straight on along the last line while the height changes."""
+        last = self._last or (line.start[:2], line.end[:2])
+        start, end = self._trail.metres(last[0]), self._trail.metres(last[1])
+        alt_m, began_s = self._trail.here[2], flyer.time_s
+        rise = line.end[2] - alt_m
+        takes_s = abs(rise) / WING_CLIMB_MPS
+        while flyer.time_s - began_s < takes_s:
+            if math.dist((flyer.east, flyer.north), end) < _NEAR_END_M:
+                end = beyond(start, end, _FURTHER_M)
+            flyer.step(along_line(flyer, start, end))
+            self._trail.follow(flyer, alt_m + rise * min(1.0, (flyer.time_s - began_s) / takes_s))
+        self._trail.note(flyer, line.end[2])
+        self._last = (last[0], self._trail.place(end))
+
+    # --- circles ---
+
+    def _circle(self, flyer: Flyer, line: Leg, item: MissionItem, following: Leg | None) -> None:
+        """To a circle around the point (0, 0), around it, and on to where it is left."""
+        trail, (radius, side) = self._trail, self._radius_and_side(item, line)
+        start, keeps = self._start(flyer)
+        if item.command == RETURN_TO_LAUNCH:
+            keeps = False
+        rise_s = abs(line.end[2] - trail.here[2]) / WING_CLIMB_MPS
+        began_s = flyer.time_s
+        self._to_circle(flyer, start if keeps else None, (radius, side), line.end[2])
+        self._end_turn(flyer)
+        trail.note(flyer, line.end[2])
+        begins_m = trail.along_m
+        goal = CircleGoal.of(item, rise_s - (flyer.time_s - began_s))
+        to = None if following is None else self._trail.metres(self._route_place(following))
+        CircleFlight(flyer, trail, radius, side, line.end[2]).fly(goal, to)
+        self._turns.append(Turn(line.seq, 360.0, radius, 0.0, begins_m, trail.along_m))
+        if item.command == VTOL_LAND or following is None or following.length_m < SAME_M:
+            self._straight(replace(line, hold_s=0.0))
+            return
+        leaves = trail.here[:2]
+        middle = line.end[:2] if item.has_place else leaves
+        self._last = None if item.command == RETURN_TO_LAUNCH else (leaves, leaves if item.param4 > 0.0 else middle)
+
+    def _to_circle(self, flyer: Flyer, start: Point | None, circle: tuple[float, float], alt_m: float) -> None:
+        """To a circle (radius and side) around the point (0, 0), until the aircraft is on it."""
+        radius, side = circle
+        slope = Slope(self._trail.here[2], alt_m, math.hypot(flyer.east, flyer.north) - radius)
+        for _ in range(_MOST_STEPS):
+            here = (flyer.east, flyer.north)
+            distance = math.hypot(*here)
+            if start is not None and distance > _FAR_RADII * radius:
+                demand = along_line(flyer, start, _MIDDLE)
+                beside = beside_m(start, _MIDDLE, here)
+                self._watch_turn(flyer, beside, demand)
+                if _is_steady(flyer, beside, demand):
+                    self._skip(flyer, _MIDDLE, distance - _FAR_RADII * radius, slope)
+            else:
+                demand, on_it = around_circle(flyer, _MIDDLE, radius, side)
+                if on_it:
+                    return
+            flyer.step(demand)
+            self._trail.follow(flyer, slope.at(math.hypot(flyer.east, flyer.north) - radius))
+
+    def _route_place(self, following: Leg) -> tuple[float, float]:
+        """Where the next item is."""
+        item = self._route.items[following.seq - 1]
+        return (item.lat_deg, item.lon_deg) if item.has_place else following.end[:2]
+
+    def _radius_and_side(self, item: MissionItem, line: Leg) -> tuple[float, float]:
         """Of the circle of an item: its radius, and 1.0 to the right, -1.0 to the left."""
         told = {LOITER_TURNS: item.param3, LOITER_TO_ALTITUDE: item.param2}.get(item.command, 0.0)
         turning = item.param3 if item.command == LOITER_TIME else told
-        return self._route.wings.circle_radius_m(told, speed_mps), -1.0 if turning < 0.0 else 1.0
+        wings = self._route.wings
+        radius = (abs(told) or wings.circle_m) * self._factor(line) ** 2
+        return radius, -1.0 if turning < 0.0 else 1.0
 
 
-def _spots(made: Bend, corner: _Spot, came: tuple[float, float], side: float) -> Iterator[_Spot]:
-    """The places of a bend on earth. `side`: 1.0 for a turn to the right."""
-    length = math.hypot(*came)
-    east, north = came[0] / length, came[1] / length
-    for along, beside in made.places:
-        right = side * beside
-        yield (*offset(*corner[:2], along * east + right * north, along * north - right * east), corner[2])
-
-
-def _leaves(to: tuple[float, float], radius_m: float, side: float) -> float | None:
-    """Where a circle is left for a place, as an angle counted from east; None: the place is inside it."""
-    distance = math.hypot(*to)
-    if distance <= radius_m:
-        return None
-    return math.atan2(to[1], to[0]) + side * math.acos(radius_m / distance)
-
-
-def _direction_deg(way: tuple[float, float]) -> float:
-    return math.degrees(math.atan2(*way))
-
-
-def _bearing_deg(start: _Spot, end: _Spot) -> float:
-    return _direction_deg(east_north_m(*start[:2], *end[:2]))
-
-
-def _difference(deg: float, from_deg: float) -> float:
-    return (deg - from_deg + 180.0) % 360.0 - 180.0
+def _is_steady(flyer: Flyer, beside: float, demand: float) -> bool:
+    return abs(beside) < _STEADY_M and abs(demand) < _STEADY_MPSS and abs(flyer.bank) < _STEADY_BANK

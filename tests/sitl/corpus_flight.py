@@ -23,6 +23,7 @@ from mavproxy_handover.mission.items import COMMANDS, LANDINGS, RETURN_TO_LAUNCH
 from mavproxy_handover.mission.leg import Leg, round_by_round
 from mavproxy_handover.mission.pace import Pace
 from mavproxy_handover.mission.package import MissionPackage
+from mavproxy_handover.mission.path import path_of
 from mavproxy_handover.mission.protocol_items import item_message
 from sitl.vehicles import VehicleSpec, launch
 from tests.mission.corpus import HOME, Case
@@ -166,7 +167,8 @@ def judged(name: str, package: MissionPackage, places: Sequence[Place]) -> Outco
     model = package.energy.model(CALM, package.profile.energy)
     assert model is not None
     budget = budget_of(package.route, package.cruise_speed_mps, model)
-    beside = max((_beside(legs, place), place.seq) for place in flown)
+    turned = [legs, *_about(package)]
+    beside = max((min(_beside(each, place) for each in turned), place.seq) for place in flown)
     above = max((_above(legs, place), place.seq) for place in flown)
     return Outcome(
         name,
@@ -176,6 +178,13 @@ def judged(name: str, package: MissionPackage, places: Sequence[Place]) -> Outco
         (flown[-1].time_s - flown[0].time_s, _walked_s(package)),
         (flown[-1].used_wh - flown[0].used_wh, budget.need_wh),
     )
+
+
+def _about(package: MissionPackage) -> list[tuple[Leg, ...]]:
+    """Where wings fly that turn about to the other side: to which they do is not known before."""
+    if not package.profile.flies_past:
+        return []
+    return [round_by_round(path_of(package.route, package.air(CALM), about=-1.0).legs)]
 
 
 def _walked_s(package: MissionPackage) -> float:
