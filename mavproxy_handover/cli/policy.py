@@ -10,16 +10,20 @@ import sys
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
 
+from mavproxy_handover.gate.examples import Example, examples
 from mavproxy_handover.gate.explain import columns, for_commander, for_others, summary
 from mavproxy_handover.gate.policy.access import ANY, Access
 from mavproxy_handover.gate.policy.parameters import OTHER_PARAMETERS, parameter_rule
 from mavproxy_handover.gate.policy.tables import MESSAGES_BY_PART, POLICY, PolicyRow
+from mavproxy_handover.gate.trial import SITUATIONS, answer
 from mavproxy_handover.tools.command_line import CommandParser
 from mavproxy_handover.wire.message_ids import MESSAGE_IDS
 
 __all__ = ["main"]
 
 _NAMES = frozenset(row.name.upper() for row in POLICY).union(MESSAGE_IDS)
+#: of so many rows the answer says what the gate does in each situation
+_IN_FULL = 8
 #: as ArduPilot names parameters
 _PARAMETER = re.compile(r"[A-Z][A-Z0-9_]{1,15}")
 
@@ -29,13 +33,14 @@ def main(argv: Sequence[str]) -> int:
     parser = CommandParser(
         prog="handover policy",
         examples=(
-            ("handover policy DO_SET_MODE", "which station may set the mode, and why"),
+            ("handover policy DO_SET_MODE", "which station may set the mode, when, and why"),
             ('handover policy "FS_*" --json', "the failsafe parameters, for programs"),
             ("handover policy --summary", "how many messages each class has"),
         ),
         codes={0: "printed", 1: "no row fits: such a message is refused", 2: "wrong usage"},
         description="What a station may send to the vehicle: every message, command, file opcode, mission type, "
-        "parameter and file with a rule of its own, its class, and why. What is not in the table is refused.",
+        "parameter and file with a rule of its own, its class, and why. Of a few names it also says what the gate "
+        "does in each situation: it asks the gate itself. What is not in the table is refused.",
     )
     parser.add_argument(
         "name", nargs="*", help="only names that contain this, or fit it as a pattern (FS_GCS*), or that it fits"
@@ -59,9 +64,12 @@ def main(argv: Sequence[str]) -> int:
         print(f"handover policy: {asked}no row fits. What has no row is refused.", file=sys.stderr)
         return 1
     if arguments.json:
-        print(json.dumps([_as_json(row) for row in rows], indent=1))
+        print(json.dumps([_as_json(row, arguments.name) for row in rows], indent=1))
         return 0
     print(columns([("class", "what", "name", "why"), *((r.access.value, r.kind, r.name, r.why) for r in rows)]))
+    if len(rows) <= _IN_FULL:
+        for row in rows:
+            _print_verdicts(row, arguments.name)
     _explain(rows, arguments.name)
     return 0
 
@@ -84,7 +92,29 @@ def _fits(row: PolicyRow, word: str) -> bool:
     return fnmatchcase(word, row.name)
 
 
-def _as_json(row: PolicyRow) -> dict[str, str]:
+def _verdicts(row: PolicyRow, names: Sequence[str]) -> dict[str, dict[str, str]]:
+    """What the gate does, by example and situation. A row that is a pattern is asked by the name that was given."""
+    asked = (word.upper() for word in names if row.kind == "parameter" and _PARAMETER.fullmatch(word.upper()))
+    own = next((word for word in asked if row.name in parameter_rule(word).names), row.name)
+    found = examples(row.kind, own)
+    frames: list[tuple[str, Example | None]] = [(example.label, example) for example in found] or [("", None)]
+    return {
+        label: {situation.who: str(answer(row.kind, example, situation)) for situation in SITUATIONS}
+        for label, example in frames
+    }
+
+
+def _print_verdicts(row: PolicyRow, names: Sequence[str]) -> None:
+    """One line for each verdict of a row, with the situations that have it."""
+    for label, verdicts in _verdicts(row, names).items():
+        print(f"\n{' with '.join(filter(None, (row.name, label)))} ({row.kind})")
+        for verdict in dict.fromkeys(verdicts.values()):
+            print(f"  {verdict}")
+            for who in (who for who, each in verdicts.items() if each == verdict):
+                print(f"    {who}")
+
+
+def _as_json(row: PolicyRow, names: Sequence[str]) -> dict[str, object]:
     return {
         "kind": row.kind,
         "name": row.name,
@@ -92,6 +122,7 @@ def _as_json(row: PolicyRow) -> dict[str, str]:
         "commander": for_commander(row.access),
         "others": for_others(row.access),
         "why": row.why,
+        **({"verdicts": _verdicts(row, names)} if names else {}),
     }
 
 

@@ -2,7 +2,7 @@
 
 """Frames of downloads: they go to stations after all others, several in a datagram.
 
-A datagram leaves at the end of a round of the main loop at the latest (`send`). LOG_DATA of the commander is paced
+A datagram leaves at the end of a round of the main loop at the latest (`send`). LOG_DATA is paced
 (`log_download.py`).
 """
 
@@ -18,13 +18,15 @@ from mavproxy_handover.gate.log_download import LogDownload
 from mavproxy_handover.gate.port import Port
 from mavproxy_handover.wire.frames import Frame
 
-__all__ = ["DOWNLOADS", "LOG_REQUESTS", "Downloads"]
+__all__ = ["DOWNLOADS", "LOG_ANSWERS", "LOG_REQUESTS", "Downloads"]
 
 _LOG_DATA: Final[int] = mavlink.MAVLINK_MSG_ID_LOG_DATA
 #: messages of the vehicle that come in long rows
 DOWNLOADS: Final = frozenset(
     (_LOG_DATA, mavlink.MAVLINK_MSG_ID_PARAM_VALUE, mavlink.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL)
 )
+#: messages of the vehicle that answer them: they go to the station that has asked
+LOG_ANSWERS: Final = frozenset((_LOG_DATA, mavlink.MAVLINK_MSG_ID_LOG_ENTRY))
 #: messages of a station that begin, end or change a download of logs
 LOG_REQUESTS: Final = frozenset(
     (
@@ -49,7 +51,7 @@ class Downloads:
         self.wait = False
 
     def asked(self, port: Port, frame: Frame, now: float) -> None:
-        """A message of LOG_REQUESTS of the commander, to be passed on."""
+        """A message of LOG_REQUESTS, to be passed on."""
         self._log.asked(port, frame, now)
 
     def forward(self, port: Port, frame: Frame, raw: bytes, now: float) -> None:
@@ -81,5 +83,5 @@ class Downloads:
         self._log.tick(now)
 
     def forget(self) -> None:
-        """Another station has authority, or no station: the download of logs ends."""
+        """The download of logs ends: its station has lost authority, or the vehicle is armed."""
         self._log.forget()

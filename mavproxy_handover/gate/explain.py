@@ -24,6 +24,7 @@ CLASSES: Final = {
     Access.LIVENESS: "tells the autopilot that its ground station is there",
     Access.ANSWERED: "asks for rates on a channel that all share",
     Access.COMMAND: "changes the flight, the mission or a setting",
+    Access.LOG: "reads flight logs, one station at a time",
     Access.STREAM: "sticks, setpoints and other input that comes many times a second",
     Access.FEED: "data that commands nothing: corrections, traffic, terrain, weather",
     Access.SAFEGUARD: "what guard, failsafes and authority rest on, and what shapes a return",

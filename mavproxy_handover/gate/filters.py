@@ -11,7 +11,8 @@ the ones before it. The verdict of the last one is final. The order of the table
 2. Sticks come before targets, and targets that a filter has dropped cost no check of the situation.
 3. The check of commands in flight comes before the commands that the companion carries out: a command that leaves
    energy, fence or coverage is refused, even if the companion would carry it out.
-4. The limits of questions come last: what is refused anyway costs nothing of a station's share.
+4. A log request that another station's download refuses costs nothing of a station's share.
+5. The limits of questions come last: what is refused anyway costs nothing of a station's share.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from typing import Final, NamedTuple
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.common.model import Phase
+from mavproxy_handover.gate.downloads import LOG_REQUESTS
 from mavproxy_handover.gate.in_force import AuthorityInForce
 from mavproxy_handover.gate.intent import TARGET_MESSAGES, Aim, Intent, intent_of
 from mavproxy_handover.gate.judge import Fate, GateReason, Verdict, uploads
@@ -47,6 +49,7 @@ _CLASSES: Final[tuple[_Class, ...]] = (*Access, None)
 _STREAMS: Final[frozenset[_Class]] = frozenset((Access.STREAM,))
 _COMMANDS: Final[frozenset[_Class]] = frozenset((Access.COMMAND,))
 _FEEDS: Final[frozenset[_Class]] = frozenset((Access.FEED,))
+_LOGS: Final[frozenset[_Class]] = frozenset((Access.LOG, Access.BULK))
 _ALL: Final[frozenset[_Class]] = frozenset(_CLASSES)
 _FILES: Final = frozenset((mavlink.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL,))
 
@@ -109,6 +112,7 @@ class Filters:
             Filter("commands that the companion carries out", _COMMANDS, self._taken_over),
             Filter("notes places of operators, keeps out none", _STREAMS, passed.operators.note, REMOTE_ID_MESSAGES),
             Filter("feeds of stations that are not the source", _FEEDS, passed.feeds.limit),
+            Filter("log requests while another station reads one", _LOGS, self._log_turn, LOG_REQUESTS | _FILES),
             Filter("questions of observers while the commander's are open", ASKED, self._question, commands=False),
             Filter("other requests of observers for files", _ALL - ASKED, self._question, _FILES, commands=False),
         )
@@ -164,6 +168,17 @@ class Filters:
         in_flight = view.phase is not _ON_LOAD and not view.rehearsal
         if verdict.fate is _FORWARD and in_flight and self._matters.takes_over(frame):
             return verdict._replace(fate=Fate.CONSUME, reason=GateReason.COMPANION)
+        return verdict
+
+    def _log_turn(self, frame: Frame, verdict: Verdict, station: int, now: float) -> Verdict:
+        turn = self._passed.log_turn
+        if verdict.fate is not _FORWARD:
+            return verdict
+        if verdict.access is not Access.LOG:  # a file that is being read
+            turn.goes_on(station, now)
+            return verdict
+        if not turn.takes(station, frame.msgid, now):
+            return verdict._replace(fate=Fate.REFUSE, reason=GateReason.LOG_BUSY)
         return verdict
 
     def _question(self, frame: Frame, verdict: Verdict, station: int, now: float) -> Verdict:

@@ -232,6 +232,14 @@ class FlushTracker:
         """Discard mission, fence and rally files that are being written."""
         return self._throw_away(is_mission_file)
 
+    def end_logs(self) -> list[tuple[int, Closing]]:
+        """End the log downloads of all stations. Returns whose they were, and what closes them."""
+        closings = []
+        for station, opened in self._open.items():
+            closings += [(station, self._close_log(sender, at)) for sender, at in opened.logs.items()]
+            opened.logs.clear()
+        return closings
+
     def _throw_away(self, concerned: Callable[[bytes], bool]) -> list[Closing]:
         closings = []
         for opened in self._open.values():

@@ -10,7 +10,8 @@ Rules
 -----
 1. There is one view (`in_force.py`). Only `change` replaces it, as a whole.
 2. Nothing delays a frame that may pass (`passed.py`).
-3. Every refusal is answered in its protocol, and a text says why (`replies.py`).
+3. Every refusal is answered in its protocol, and a text says why (`replies.py`). What is dropped and may be meant by a
+   person gets such a text, too.
 4. What a former commander left open at the autopilot is closed in its name (`flush.py`), before anything else is sent
    for the new commander. Then the last heartbeat of the new commander is passed on if it is fresh, because the
    autopilot watches that station from now on. At arming, open parameter and mission files are discarded: no station may
@@ -25,7 +26,8 @@ Rules
    would be signed with the stations' keys, and they would believe it.
 9. In flight, the companion carries out commands that this autopilot does not know (`CompanionMatters.takes_over`: STOP
    of a plane). Only the commander's pass, as with any command.
-10. Frames of downloads go after all others (`downloads.py`).
+10. Frames of downloads go after all others (`downloads.py`). One station at a time reads flight logs, and none while
+    the vehicle is armed (`log_turn.py`).
 11. Answers of the autopilot to the companion's own reads of parameters are not passed on (`own_reads.py`).
 
 A fault while a frame is noted costs that note; a fault while a station is written to costs that frame. Both are
@@ -41,7 +43,7 @@ from typing import Final
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.common.model import AuthorityView
-from mavproxy_handover.gate.downloads import DOWNLOADS, LOG_REQUESTS, Downloads
+from mavproxy_handover.gate.downloads import DOWNLOADS, LOG_ANSWERS, LOG_REQUESTS, Downloads
 from mavproxy_handover.gate.filters import CompanionMatters, Filters
 from mavproxy_handover.gate.flush import Closing
 from mavproxy_handover.gate.in_force import AuthorityInForce
@@ -67,6 +69,7 @@ _FREQUENT: Final = frozenset((Access.READ, Access.BULK, Access.STREAM, Access.FE
 #: constants, because Python 3.11 takes 0.1 us to look up a member of an enumeration
 _FORWARD: Final = Fate.FORWARD
 _REFUSE: Final = Fate.REFUSE
+_DROP: Final = Fate.DROP
 _LIVENESS: Final = Access.LIVENESS
 #: the most frames that wait to be noted
 UNNOTED: Final = 512
@@ -98,7 +101,7 @@ class Gate:
         self._to_autopilot = to_autopilot
         self._matters = matters
         self._filters = Filters(in_force, passed, matters)
-        self._replies = Replies(vehicle, ports, in_force, reports)
+        self._replies = Replies(vehicle, ports, in_force, passed.log_turn, reports)
         self._names = {station: port.name for station, port in ports.items()}
 
     @property
@@ -141,7 +144,7 @@ class Gate:
         if not commands:
             passed.rates.note_heard(port.sysid, now)
         if verdict.fate is _FORWARD:
-            if frame.msgid in LOG_REQUESTS and commands:
+            if frame.msgid in LOG_REQUESTS:
                 self.downloads.asked(port, frame, now)
             else:
                 self._to_autopilot(frame.raw)
@@ -155,6 +158,8 @@ class Gate:
             passed.stale_streams.beat(port.sysid)
         if verdict.fate is _REFUSE:
             self._replies.refuse(port, frame, verdict, self._matters.modes(), now)
+        elif verdict.fate is _DROP:
+            self._replies.drop(port, frame, verdict, self._matters.modes(), now)
         elif verdict.reason is GateReason.OBSERVER_RATES:
             self._replies.answer_rates(port, frame, passed.rates, now)
         return verdict
@@ -202,7 +207,12 @@ class Gate:
                 if frame.msgid == _PARAM_VALUE and passed.own_reads.keeps(frame, now):
                     return True
         raw = named(frame, self._names)
-        for station in passed.downlink.receivers(frame, self._ports, self._in_force.view, now):
+        receivers = passed.downlink.receivers(frame, self._ports, self._in_force.view, now)
+        if frame.msgid in LOG_ANSWERS:
+            reader = passed.log_turn.reader(now)
+            receivers = receivers if reader is None else [reader]
+            passed.log_turn.answered(now)
+        for station in receivers:
             if frame.msgid in DOWNLOADS:
                 self.downloads.forward(self._ports[station], frame, raw, now)
             else:
@@ -222,7 +232,8 @@ class Gate:
             passed.note_for(before.commander)
         closed: list[tuple[int, Closing]] = []
         if view.commander != before.commander:
-            self.downloads.forget()
+            if passed.log_turn.station(now) in (None, before.commander):
+                self._end_logs()
             passed.stale_streams.authority_ends(before.commander, now)
             if before.commander is not None:
                 left_open = passed.flusher.flush(before.commander, ends_streams=self._matters.modes().takes_velocities)
@@ -230,8 +241,25 @@ class Gate:
             successor = None if view.commander is None else self._ports.get(view.commander)
             if successor is not None and now - successor.heartbeat_at < _HEARTBEAT_FRESH_S:
                 self._to_autopilot(successor.heartbeat)
-        if view.armed and not before.armed and view.commander is not None:
-            closed += passed.close(view.commander, passed.flusher.arming())
+        if view.armed and not before.armed:
+            closed += self._no_logs_while_armed(now)
+            if view.commander is not None:
+                closed += passed.close(view.commander, passed.flusher.arming())
+        return closed
+
+    def _end_logs(self) -> None:
+        self.downloads.forget()
+        self._passed.log_turn.ends()
+
+    def _no_logs_while_armed(self, now: float) -> list[tuple[int, Closing]]:
+        """The vehicle is armed: end the download of logs, and say so to its station."""
+        reader = self._passed.log_turn.station(now)
+        if reader is not None:
+            self._replies.log_ended(reader, now)
+        self._end_logs()
+        closed: list[tuple[int, Closing]] = []
+        for station, closing in self._passed.flusher.end_logs():
+            closed += self._passed.close(station, [closing])
         return closed
 
     def distrust(self) -> None:

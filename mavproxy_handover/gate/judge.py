@@ -81,6 +81,8 @@ class GateReason(Enum):
     FEED_SENSELESS = "a feed with values that cannot be"
     FEED_FAULT = "fault of the feeds"
     OBSERVER_RATES = "observer rates"  #: consumed: the companion thins the streams that flow already
+    ON_GROUND = "on the ground only"  #: while the vehicle is disarmed
+    LOG_BUSY = "another station reads a log"  #: one download at a time (`log_turn`)
     COMMANDERS_IN_FLIGHT = "only the commander's in flight"  #: answers to it slow down the commander's telemetry
     LOCKED_WHILE_ARMED = "locked while armed"  #: safeguards rest on it; on the ground the commander may
     LIVENESS_NOT_COMMANDER = "liveness, not commander"  #: a heartbeat that the autopilot must not count
@@ -152,6 +154,7 @@ _FOR_COMMANDER = {
     Access.LIVENESS: (Fate.FORWARD, GateReason.ALLOWED),
     Access.COMMAND: (Fate.FORWARD, GateReason.ALLOWED),
     Access.SAFEGUARD: (Fate.FORWARD, GateReason.ALLOWED),
+    Access.LOG: (Fate.FORWARD, GateReason.ALLOWED),
     Access.STREAM: (Fate.FORWARD, GateReason.ALLOWED),
     Access.FEED: (Fate.CONSUME, GateReason.FEED),
     Access.ANSWERED: (Fate.FORWARD, GateReason.ALLOWED),
@@ -163,13 +166,19 @@ _FOR_COMMANDER = {
     Access.MAINTENANCE: (Fate.REFUSE, GateReason.MAINTENANCE_ONLY),
     Access.NEVER: (Fate.DROP, GateReason.NEVER),
 }
-_FOR_COMMANDER_ARMED = {**_FOR_COMMANDER, Access.SAFEGUARD: (Fate.REFUSE, GateReason.LOCKED_WHILE_ARMED)}
+_LOG_ARMED = {Access.LOG: (Fate.REFUSE, GateReason.ON_GROUND)}
+_FOR_COMMANDER_ARMED = {
+    **_FOR_COMMANDER,
+    **_LOG_ARMED,
+    Access.SAFEGUARD: (Fate.REFUSE, GateReason.LOCKED_WHILE_ARMED),
+}
 _FOR_OTHERS = {
     Access.READ: (Fate.FORWARD, GateReason.ALLOWED),
     Access.BULK: (Fate.FORWARD, GateReason.ALLOWED),
     Access.LIVENESS: (Fate.CONSUME, GateReason.LIVENESS_NOT_COMMANDER),
     Access.COMMAND: (Fate.REFUSE, GateReason.NOT_IN_CONTROL),
     Access.SAFEGUARD: (Fate.REFUSE, GateReason.NOT_IN_CONTROL),
+    Access.LOG: (Fate.FORWARD, GateReason.ALLOWED),
     Access.STREAM: (Fate.DROP, GateReason.NOT_IN_CONTROL),
     Access.FEED: (Fate.CONSUME, GateReason.FEED),
     Access.ANSWERED: (Fate.CONSUME, GateReason.OBSERVER_RATES),
@@ -181,7 +190,7 @@ _FOR_OTHERS = {
     Access.MAINTENANCE: (Fate.REFUSE, GateReason.MAINTENANCE_ONLY),
     Access.NEVER: (Fate.DROP, GateReason.NEVER),
 }
-_FOR_OTHERS_ARMED = {**_FOR_OTHERS, Access.BULK: (Fate.REFUSE, GateReason.COMMANDERS_IN_FLIGHT)}
+_FOR_OTHERS_ARMED = {**_FOR_OTHERS, **_LOG_ARMED, Access.BULK: (Fate.REFUSE, GateReason.COMMANDERS_IN_FLIGHT)}
 
 
 #: classes that only the station itself may send, no other component of its id; and classes without an answer

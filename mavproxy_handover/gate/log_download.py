@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Paces the log download of the commander: no faster than the station and its link can take it.
+"""Paces a log download: no faster than the station and its link can take it.
 
 LOG_DATA is a stream without acknowledgement. A USB or network autopilot sends it many times faster than a UDP program
 reads it. What the program's socket cannot hold is lost, and the program notices only after its own time-out. Stock

@@ -22,6 +22,7 @@ from mavproxy_handover.gate.feeds import Feeds
 from mavproxy_handover.gate.flush import Closing, FlushTracker
 from mavproxy_handover.gate.in_force import AuthorityInForce
 from mavproxy_handover.gate.judge import GateReason, Verdict
+from mavproxy_handover.gate.log_turn import LogTurn
 from mavproxy_handover.gate.observers import ObserverLimits, ObserverRates
 from mavproxy_handover.gate.operators import OperatorNotes
 from mavproxy_handover.gate.own_reads import OwnReads
@@ -69,6 +70,7 @@ class PassedFrames:
         self.flusher = FlushTracker(vehicle)
         self.questions = Questions(self.flusher)
         self.stale_streams = StaleStreams(ports)
+        self.log_turn = LogTurn()
         self.own_reads = OwnReads()
         self.feeds = Feeds(settings.feeds, {station: port.name for station, port in ports.items()}, in_force, fault)
         self.operators = OperatorNotes(settings.operators, fault)

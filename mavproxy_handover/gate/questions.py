@@ -7,9 +7,9 @@ open file, and the companion has one journal. So (`BUDGETS`):
 
 1. Questions to the autopilot are limited for each station that does not command, and for all of them together: by their
    number, and bulk reads also by the seconds for which they slow down the commander's telemetry (`SLOW_S`; two at the
-   same time count once). Questions to the companion are limited for each station separately: a station that asks the
-   autopilot too much can still take part in a transfer, and no station keeps another one from it. Frames over a limit
-   are dropped.
+   same time count once; a flight log counts none, because it is read on the ground). Questions to the companion are
+   limited for each station separately: a station that asks the autopilot too much can still take part in a transfer,
+   and no station keeps another one from it. Frames over a limit are dropped.
 2. The commander has priority for file transfer: while it has a file open for writing, and for `PRIORITY_S` after its
    last request. In that time no other station may use file transfer of the autopilot. If a session pauses for 3
    seconds, the autopilot closes its file on the next request of another sender. Closing applies what is half-written.
@@ -94,6 +94,7 @@ _LISTS: Final = (mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_LIST, mavlink.MAVLINK_MSG_
 _COUNTED: Final[Mapping[tuple[Fate, Access | None], Sort]] = {
     (Fate.FORWARD, Access.READ): Sort.QUESTION,
     (Fate.FORWARD, Access.BULK): Sort.QUESTION,
+    (Fate.FORWARD, Access.LOG): Sort.QUESTION,
     (Fate.CONSUME, Access.RALLY_READ): Sort.COMPANION,
     (Fate.CONSUME, Access.TRANSFER): Sort.COMPANION,
     (Fate.CONSUME, Access.CONTROL): Sort.COMPANION,
@@ -127,6 +128,8 @@ class Questions:
         self._commander_at = -math.inf  #: its last request of file transfer
         #: system, component and session of the observer that opened a file for reading last
         self._reader: tuple[int, int, int] | None = None
+        #: that file is a flight log
+        self._log_open = False
         #: by station: its senders that have asked the autopilot
         self._senders: dict[int, set[tuple[int, int]]] = {}
 
@@ -146,7 +149,7 @@ class Questions:
         known = sort is _COMPANION or self._knows(station_sysid, (frame.sysid, frame.compid))
         costs = {sort: 1.0}
         slow_until = self._slow_until
-        if verdict.access is _BULK:
+        if verdict.access is _BULK and not self._reads_log(frame):
             slow_until = max(slow_until, now + (SLOW_LIST_S if frame.msgid in _LISTS else SLOW_S))
             costs[Sort.SLOWNESS] = slow_until - max(self._slow_until, now)
         if not known or not self._affords(station_sysid, costs, now):
@@ -156,17 +159,24 @@ class Questions:
             return verdict._replace(fate=Fate.REFUSE, reason=GateReason.FILE_BUSY)
         self._slow_until = slow_until
         if autopilots:
-            self._note_reader(frame)
+            self._note_reader(frame, verdict)
         return verdict
 
     def _ends_own(self, frame: Frame) -> bool:
         head = head_of(field_bytes(frame, "payload"))
         return head.opcode == FTP_TERMINATE and self._reader == (frame.sysid, frame.compid, head.session)
 
-    def _note_reader(self, frame: Frame) -> None:
+    def _reads_log(self, frame: Frame) -> bool:
+        """Whether a frame goes on to read the flight log that its sender has opened."""
+        if frame.msgid != _FTP or self._reader is None or not self._log_open:
+            return False
+        return self._reader[:2] == (frame.sysid, frame.compid)
+
+    def _note_reader(self, frame: Frame, verdict: Verdict) -> None:
         head = head_of(field_bytes(frame, "payload"))
         if head.opcode == FTP_OPEN_READ:
             self._reader = frame.sysid, frame.compid, head.session
+            self._log_open = verdict.access is Access.LOG
         elif head.opcode == FTP_TERMINATE:
             self._reader = None
 

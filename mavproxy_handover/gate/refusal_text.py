@@ -23,7 +23,9 @@ from mavproxy_handover.core.safety.commands import Limit
 from mavproxy_handover.gate.client_capabilities import Dialect
 from mavproxy_handover.gate.intent import GUIDED_ITEM
 from mavproxy_handover.gate.judge import GateReason
+from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.gate.policy.commands import MODE_BITS
+from mavproxy_handover.gate.policy.files import file_rule
 from mavproxy_handover.gate.policy.parts import MISSION_TYPE_MESSAGES
 from mavproxy_handover.gate.policy.rows import special_value
 from mavproxy_handover.gate.policy.switches import switch_name
@@ -34,12 +36,14 @@ from mavproxy_handover.wire.message_ids import COMMAND_MESSAGES, MESSAGE_NAMES, 
 
 __all__ = [
     "COMMANDS",
+    "LOG_ENDED",
     "MESSAGES",
     "SWITCHES",
     "Subject",
     "by_itself",
     "called",
     "how_to_lift",
+    "reason_in_words",
     "sentence",
     "subject_of",
     "thesis_command",
@@ -123,12 +127,25 @@ MESSAGES: Final = {
     "RALLY_POINT": "rally point upload",
     "RALLY_FETCH_POINT": "rally point list",
     "LOG_ERASE": "erasing the logs",
+    "LOG_REQUEST_LIST": "list of logs",
+    "LOG_REQUEST_DATA": "log download",
+    "LOG_REQUEST_END": "ending a log download",
+    "RC_CHANNELS_OVERRIDE": "RC override",
+    "RC_CHANNELS_OVERRIDE_V2": "RC override",
+    "SERIAL_CONTROL": "serial passthrough",
+    "CAN_FRAME": "CAN passthrough",
+    "CANFD_FRAME": "CAN passthrough",
+    "TUNNEL": "tunnel data",
+    "V2_EXTENSION": "extension data",
     "SETUP_SIGNING": "signing key",
     "CHANGE_OPERATOR_CONTROL": "the old request of control",
 }
 #: MAV_MISSION_TYPE -> name of writing this list, and of clearing it
 _UPLOADS: Final = {0: "mission upload", 1: "fence upload", 2: "rally point upload", 255: "upload of everything"}
 _REMOVALS: Final = {0: "mission removal", 1: "fence removal", 2: "rally point removal", 255: "removal of everything"}
+#: told to the station whose download ends at arming
+LOG_ENDED: Final = "log download ended: the vehicle is armed"
+_LOG_FILES: Final = "reading logs"
 #: file-transfer opcode -> name; all others read
 _FILES: Final = {
     **dict.fromkeys((FTP_CREATE, FTP_WRITE, FTP_OPEN_WRITE, 12), "file upload"),
@@ -193,12 +210,22 @@ def subject_of(frame: Frame) -> Subject:
     if msgid in _PARAMETER_IDS:
         return field_bytes(frame, "param_id")
     if msgid == _FTP:
-        return _FILES.get(field_bytes(frame, "payload")[_OPCODE], "reading files")
+        return _of_file(field_bytes(frame, "payload"))
     return _MESSAGE_WORDS[msgid]
 
 
-def by_itself(frame: Frame) -> bool:
-    """Whether programs send such a frame on their own: file transfer that changes nothing."""
+def _of_file(payload: bytes) -> str:
+    opcode = payload[_OPCODE]
+    if opcode in _FILES:
+        return _FILES[opcode]
+    rule = file_rule(opcode, payload)
+    return _LOG_FILES if rule is not None and rule.access is Access.LOG else "reading files"
+
+
+def by_itself(frame: Frame, access: Access | None = None) -> bool:
+    """Whether programs send such a frame on their own: file transfer that changes nothing, and reads no flight log."""
+    if access is Access.LOG:
+        return False
     return frame.msgid == _FTP and field_bytes(frame, "payload")[_OPCODE] not in _CHANGES_FILES
 
 
@@ -241,6 +268,11 @@ def _printable(raw: bytes) -> str:
 
 _REASONS: Final[Mapping[GateReason, str]] = {
     GateReason.LOCKED_WHILE_ARMED: "locked while armed",
+    GateReason.ON_GROUND: "only while the vehicle is disarmed",
+    GateReason.NOT_ARMED: "not before arming, sticks could arm the vehicle",
+    GateReason.NEVER: "the vehicle takes it from no station",
+    GateReason.NO_NUMBER: "a value in it is no number",
+    GateReason.TOO_MANY: "too many requests, wait some seconds",
     GateReason.MAINTENANCE_ONLY: "maintenance only, over no radio link",
     GateReason.ABSENT: "there is no such file, use the mission protocol",
     GateReason.UNKNOWN_COMMAND: "not known to this vehicle",
@@ -266,7 +298,8 @@ def thesis_command(frame: Frame) -> str:
 def sentence(
     subject: Subject, reason: GateReason, commander: str, dialect: Dialect, *, modes: Modes = ASSUMED.gate
 ) -> str:
-    """The text of a refusal. `commander`: its name, "" if no station commands; `dialect`: the sender's dialect."""
+    """The text of a refusal. `commander`: its name, "" if no station commands; for LOG_BUSY the station that reads.
+    `dialect`: the sender's dialect."""
     return f"{called(subject, modes=modes)} refused: {_why(reason, commander, dialect)}"
 
 
@@ -287,6 +320,13 @@ def _why(reason: GateReason, commander: str, dialect: Dialect) -> str:
         return f"{commander or 'no station'} commands{hint}"
     if reason is GateReason.COMMANDERS_IN_FLIGHT:
         return f"in flight {commander} alone may ask" if commander else "not in flight"
+    if reason is GateReason.LOG_BUSY:
+        return f"{commander or 'another station'} reads a log, try again later"
     if reason is GateReason.FILE_BUSY:
         return f"{commander or 'another station'} is using file transfer"
+    return reason_in_words(reason)
+
+
+def reason_in_words(reason: GateReason) -> str:
+    """A reason as people read it, without the names of stations."""
     return _REASONS.get(reason, "") or str(reason.value)

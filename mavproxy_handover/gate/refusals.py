@@ -9,11 +9,13 @@ answered in the form of its protocol. No protocol has room for the reason, so a 
 1. An answer goes to the sender: its system id, its component.
 2. An answer comes from the component that was addressed, because the sender waits for that; from the autopilot
    (component 1) if all components were addressed.
-3. No answer goes to an answer, nor to messages that programs repeat on their own: `SILENT`.
+3. No answer goes to an answer, nor to messages that programs send on their own: `SILENT`. Every other refusal has an
+   answer or a text. So has a frame that is dropped, if a person may have meant it (`drop_has_words`).
 4. A result that the sender does not know is replaced by another one (`client_capabilities`).
 5. The text comes from the companion, to the station that asked. For a frame that was addressed to the companion there
    is a text only if its protocol has no answer. For reads there is none: programs read from every component.
-6. `RefusalLimiter` limits the answers to a storm of refused frames, `OncePerCause` the texts.
+6. `RefusalLimiter` limits the answers to a storm of refused frames, `OncePerCause` the texts, `OncePerStream` the
+   texts for frames that are dropped.
 
 Sources: MAVLink command, mission, parameter, extended parameter and file-transfer protocols.
 """
@@ -22,12 +24,14 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Hashable
+from math import inf
 from typing import Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.gate.judge import Fate, GateReason, Verdict
 from mavproxy_handover.gate.policy.access import Access
+from mavproxy_handover.gate.policy.messages import MESSAGE_RULES
 from mavproxy_handover.gate.refusal_text import by_itself
 from mavproxy_handover.wire.file_transfer import answer as file_answer
 from mavproxy_handover.wire.file_transfer import head_of
@@ -38,9 +42,13 @@ from mavproxy_handover.wire.message_ids import MESSAGE_IDS, message_ids
 __all__ = [
     "CAUSE_S",
     "SILENT",
+    "STREAM_AGAIN_S",
+    "STREAM_PAUSE_S",
     "OncePerCause",
+    "OncePerStream",
     "RefusalLimiter",
     "asked_component",
+    "drop_has_words",
     "has_words",
     "line_of_text",
     "pack_as",
@@ -73,30 +81,40 @@ _FTP_ERRORS: Final = {
     GateReason.ABSENT: FTP_ERROR_FILE_NOT_FOUND,
 }
 
-#: Refused without a text: programs repeat these on their own, or they are answers themselves.
+#: a stream is told again after such a pause, and otherwise after this time (s)
+STREAM_PAUSE_S: Final = 30.0
+STREAM_AGAIN_S: Final = 300.0
+
+#: Refused or dropped without a text: programs send these on their own.
 SILENT: Final = frozenset(
     {
-        "COMMAND_ACK",
-        "MISSION_ACK",
-        "LOGGING_ACK",
-        "PING",
+        # answers
+        *("COMMAND_ACK", "MISSION_ACK", "LOGGING_ACK", "TERRAIN_DATA"),
+        # sent at intervals
+        *("PING", "TIMESYNC", "HEARTBEAT"),
+        # sent at each connection, and by some programs at intervals
         "REQUEST_DATA_STREAM",
-        "SERIAL_CONTROL",
-        "CAN_FRAME",
-        "CANFD_FRAME",
-        "TUNNEL",
-        "V2_EXTENSION",
-        "REMOTE_LOG_BLOCK_STATUS",
-        "HIL_STATE",
-        "HIL_CONTROLS",
-        "HIL_RC_INPUTS_RAW",
-        "HIL_ACTUATOR_CONTROLS",
-        "HIL_SENSOR",
-        "HIL_GPS",
-        "HIL_OPTICAL_FLOW",
-        "HIL_STATE_QUATERNION",
     }
 )
+
+#: reasons to drop a frame that have a text. The others are told elsewhere (a stream that ran before, a target that the
+#: situation forbids), or are no fault of a person (a frame in another's name, a frame for another vehicle)
+_DROPS_TOLD: Final = frozenset(
+    (
+        GateReason.NEVER,
+        GateReason.NOT_IN_CONTROL,
+        GateReason.NOT_ARMED,
+        GateReason.REHEARSAL,
+        GateReason.COMPONENT,
+        GateReason.COMPANION_TARGET,
+        GateReason.NO_NUMBER,
+        GateReason.TOO_MANY,
+    )
+)
+#: messages of the handover, which stations and companion send on their own
+_OURS: Final = frozenset((Access.TRANSFER, Access.LIVENESS))
+#: messages of `Access.NEVER` that a person may send on purpose
+_MEANT: Final = message_ids(*(name for rule in MESSAGE_RULES if rule.told for name in rule.names))
 
 _LIST: Final = mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_LIST
 _QUESTIONS: Final = (Access.READ, Access.BULK, Access.RALLY_READ)
@@ -174,6 +192,7 @@ def _builders() -> dict[int, _Builder]:
 
 _BUILDERS: Final = _builders()
 _SILENT_IDS: Final = message_ids(*SILENT)
+_TOLD_AS_STREAM: Final = message_ids(*(name for rule in MESSAGE_RULES if rule.stream for name in rule.names))
 
 
 def refusal(frame: Frame, verdict: Verdict, own: mavlink.MAVLink, known: Callable[[int], int]) -> list[bytes]:
@@ -207,7 +226,17 @@ def has_words(frame: Frame, verdict: Verdict) -> bool:
         return False
     if verdict.reason is GateReason.COMPANION_TARGET:
         return frame.msgid not in _BUILDERS and verdict.access not in _QUESTIONS
-    return not by_itself(frame)
+    return not by_itself(frame, verdict.access)
+
+
+def drop_has_words(frame: Frame, verdict: Verdict) -> bool:
+    """Whether the gate tells why a frame was dropped. `stale_streams` tells of sticks of a station without control."""
+    reason = verdict.reason
+    if reason not in _DROPS_TOLD or not frame.known or frame.msgid in _SILENT_IDS or verdict.access in _OURS:
+        return False
+    if reason is GateReason.NEVER:
+        return frame.msgid in _MEANT
+    return reason is not GateReason.NOT_IN_CONTROL or frame.msgid not in _TOLD_AS_STREAM
 
 
 def line_of_text(text: str, severity: int, own: mavlink.MAVLink) -> bytes:
@@ -280,4 +309,31 @@ class OncePerCause:
         if len(told) >= self._most:
             return False
         told[cause] = now
+        return True
+
+
+class OncePerStream:
+    """Tells a stream of frames once: again after a pause of `STREAM_PAUSE_S`, or after `STREAM_AGAIN_S`.
+
+    The caller defines the streams. Memory is bounded, as that of `OncePerCause`. A call costs two look-ups.
+    """
+
+    def __init__(self, most: int = 32) -> None:
+        self._most = most
+        #: by station: stream -> when it was told, and when its last frame came
+        self._streams: dict[int, dict[Hashable, tuple[float, float]]] = {}
+
+    def allow(self, station_sysid: int, stream: Hashable, now: float) -> bool:
+        """Whether the stream may be told now (monotonic seconds). If so, it counts as told."""
+        streams = self._streams.setdefault(station_sysid, {})
+        told_at, came_at = streams.get(stream, (-inf, -inf))
+        if now - came_at < STREAM_PAUSE_S and now - told_at < STREAM_AGAIN_S:
+            streams[stream] = told_at, now
+            return False
+        if stream not in streams and len(streams) >= self._most:
+            for other in [other for other, (_told, came) in streams.items() if now - came >= STREAM_PAUSE_S]:
+                del streams[other]
+            if len(streams) >= self._most:
+                return False
+        streams[stream] = now, now
         return True

@@ -3,14 +3,15 @@
 """Sends the answers of the gate: refusals, data rates of observers, and news of sticks and setpoints.
 
 Every refusal is answered in its protocol, and a text says why, but not more often than the limits of `refusals.py`
-allow: that is known before an answer is made. The companion itself answers an observer that asks for data rates
+allow: that is known before an answer is made. A frame that is dropped has no answer; if a person may have meant it, a
+text says why, once for a stream. The companion itself answers an observer that asks for data rates
 (`observers.py` grants or denies them): the autopilot is not asked.
 """
 
 from __future__ import annotations
 
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Final
@@ -19,14 +20,17 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.gate.feeds import FeedNews, Feeds
 from mavproxy_handover.gate.in_force import AuthorityInForce
-from mavproxy_handover.gate.judge import Verdict
+from mavproxy_handover.gate.judge import GateReason, Verdict
+from mavproxy_handover.gate.log_turn import LogTurn
 from mavproxy_handover.gate.observers import ObserverRates
 from mavproxy_handover.gate.port import Port
-from mavproxy_handover.gate.refusal_text import sentence, subject_of
+from mavproxy_handover.gate.refusal_text import LOG_ENDED, sentence, subject_of
 from mavproxy_handover.gate.refusals import (
     OncePerCause,
+    OncePerStream,
     RefusalLimiter,
     asked_component,
+    drop_has_words,
     has_words,
     line_of_text,
     pack_as,
@@ -62,14 +66,21 @@ class Replies:
     """Of one vehicle. Times are monotonic seconds."""
 
     def __init__(
-        self, vehicle: int, ports: Mapping[int, Port], in_force: AuthorityInForce, reports: GateReports
+        self,
+        vehicle: int,
+        ports: Mapping[int, Port],
+        in_force: AuthorityInForce,
+        log_turn: LogTurn,
+        reports: GateReports,
     ) -> None:
         self._ports = ports
         self._names = {station: port.name for station, port in ports.items()}
         self._in_force = in_force
+        self._log_turn = log_turn
         self._reports = reports
         self._refusals = RefusalLimiter()
         self._in_words = OncePerCause()
+        self._streams_in_words = OncePerStream()
         self._rate_answers = RefusalLimiter(_RATE_ANSWERS_PER_S)
         self._own = mavlink.MAVLink(None, srcSystem=vehicle, srcComponent=COMPANION_COMPID)
 
@@ -80,13 +91,33 @@ class Replies:
         capabilities, sender = port.capabilities, (frame.sysid, frame.compid)
         for answer in refusal(frame, verdict, self._own, partial(capabilities.result, sender)):
             self.send(port, answer)
-        if not has_words(frame, verdict):
+        if has_words(frame, verdict) and self._in_words.allow(port.sysid, self._cause(frame, verdict, now), now):
+            self._say(port, frame, verdict, modes, now)
+
+    def drop(self, port: Port, frame: Frame, verdict: Verdict, modes: Modes, now: float) -> None:
+        """Say why a frame was dropped, if a person may have meant it: once for a stream of such frames."""
+        if not drop_has_words(frame, verdict):
             return
-        subject, commander = subject_of(frame), self._in_force.view.commander
-        if self._in_words.allow(port.sysid, (subject, verdict.reason, commander), now):
-            name = "" if commander is None else self._names[commander]
-            words = sentence(subject, verdict.reason, name, capabilities.of(sender), modes=modes)
-            self._reports.say(port.sysid, words, now)
+        if self._streams_in_words.allow(port.sysid, (subject_of(frame), verdict.reason), now):
+            self._say(port, frame, verdict, modes, now)
+
+    def log_ended(self, station: int, now: float) -> None:
+        """Say that a download of logs was ended, because the vehicle is armed."""
+        self._reports.say(station, LOG_ENDED, now)
+
+    def _cause(self, frame: Frame, verdict: Verdict, now: float) -> tuple[Hashable, ...]:
+        return subject_of(frame), verdict.reason, self._in_the_way(verdict, now)
+
+    def _in_the_way(self, verdict: Verdict, now: float) -> int | None:
+        """The station that a refusal names: the commander, or the one that reads a log."""
+        busy = verdict.reason is GateReason.LOG_BUSY
+        return self._log_turn.station(now) if busy else self._in_force.view.commander
+
+    def _say(self, port: Port, frame: Frame, verdict: Verdict, modes: Modes, now: float) -> None:
+        station, dialect = self._in_the_way(verdict, now), port.capabilities.of((frame.sysid, frame.compid))
+        name = "" if station is None else self._names[station]
+        words = sentence(subject_of(frame), verdict.reason, name, dialect, modes=modes)
+        self._reports.say(port.sysid, words, now)
 
     def answer_rates(self, port: Port, frame: Frame, rates: ObserverRates, now: float) -> None:
         """Grant or deny the data rates that an observer asks for, in the name of the component that was asked."""

@@ -26,6 +26,11 @@ _SENTENCES: Final = (
         "Do what the row of the reason says.",
     ),
     _warn(
+        "log download ended: the vehicle is armed",
+        "This station was reading flight logs. No station may while the vehicle is armed.",
+        "Read the logs after the landing.",
+    ),
+    _warn(
         "{command} refused: {command_limit}",
         "The command would change how a return is flown, or too many came. It does not go to the autopilot.",
         "Do what the row of the reason says.",
@@ -126,6 +131,37 @@ _WHY: Final = (
     _warn(
         "another station is using file transfer", "The autopilot serves one program at a time.", "Wait, then ask again."
     ),
+    _warn(
+        "only while the vehicle is disarmed",
+        "A download of logs loads the link on which the aircraft learns who commands.",
+        "Read the logs after the landing.",
+    ),
+    _warn(
+        "{station} reads a log, try again later",
+        "The autopilot serves one download at a time.",
+        "Wait until that station has finished.",
+    ),
+    _warn(
+        "another station reads a log, try again later",
+        "The autopilot serves one download at a time.",
+        "Wait until that station has finished.",
+    ),
+    _warn(
+        "not before arming, sticks could arm the vehicle",
+        "Sticks of a program do not pass while the vehicle is disarmed.",
+        "Switch the joystick off, or release the RC override. Use it after the vehicle is armed.",
+    ),
+    _warn(
+        "the vehicle takes it from no station",
+        "Such a message moves the estimate, the battery's state or the traffic that the autopilot flies by.",
+        "Stop the module or program that sends it.",
+    ),
+    _warn("a value in it is no number", "A guided target has a NaN in it.", "Correct the program that sends it."),
+    _warn(
+        "too many requests, wait some seconds",
+        "A station without authority may ask so much a second, so that the commander's telemetry stays.",
+        "Wait, or ask after you have control.",
+    ),
     *(
         _warn(
             f"{reason.value}",
@@ -133,11 +169,7 @@ _WHY: Final = (
             "'handover policy' says what passes, and for which station.",
         )
         for reason in (
-            GateReason.TOO_MANY,
-            GateReason.NOT_ARMED,
             GateReason.RAN_BEFORE,
-            GateReason.NO_NUMBER,
-            GateReason.NEVER,
             GateReason.SPOOFED_VEHICLE,
             GateReason.SPOOFED_STATION,
             GateReason.UNKNOWN_MESSAGE,

@@ -140,6 +140,13 @@ TOLD_PARAMETERS = listed("""
 """)
 
 # --- files: opcode and path; what is behind the path's opcode in TOLD or BULK stays so
+#: reading flight logs
+LOG_FILES = [
+    (4, b"APM/LOGS/00000001.BIN"),
+    (3, b"APM/LOGS"),
+    (16, b"/apm/logs/"),
+    (14, b"logs/1.BIN"),
+]
 #: no radio link may
 MAINTENANCE_FILES = [
     *((opcode, b"APM/scripts/x.lua") for opcode in (6, 8, 9, 10, 11, 12, 13)),
@@ -187,10 +194,6 @@ MAINTENANCE_FILES = [
 ]
 #: the commander's alone, though it only reads
 TOLD_FILES = [
-    (4, b"APM/LOGS/00000001.BIN"),
-    (3, b"APM/LOGS"),
-    (16, b"/apm/logs/"),
-    (14, b"logs/1.BIN"),
     (8, b"APM/LOGS/1.BIN"),
 ]
 #: files that stations are told the vehicle does not have: the autopilot's own list of rally points
@@ -256,8 +259,11 @@ SILENT_MESSAGES = listed("""
     GIMBAL_DEVICE_SET_ATTITUDE GIMBAL_CONTROL MOUNT_CONTROL
     OPEN_DRONE_ID_BASIC_ID OPEN_DRONE_ID_LOCATION OPEN_DRONE_ID_AUTHENTICATION OPEN_DRONE_ID_SELF_ID
     OPEN_DRONE_ID_SYSTEM OPEN_DRONE_ID_OPERATOR_ID OPEN_DRONE_ID_MESSAGE_PACK OPEN_DRONE_ID_SYSTEM_UPDATE
-    UAVIONIX_ADSB_OUT_DYNAMIC LOG_REQUEST_LIST LOG_REQUEST_DATA LOG_REQUEST_END
+    UAVIONIX_ADSB_OUT_DYNAMIC
 """)
+
+# --- everybody's while the vehicle is disarmed, one after the other; then nobody's
+LOG_MESSAGES = listed("LOG_REQUEST_LIST LOG_REQUEST_DATA LOG_REQUEST_END")
 
 # --- of these, what flies the aircraft or points its gimbal: a station that sent it before it had control has to end it
 # once, and then begin anew
@@ -352,6 +358,7 @@ RALLY_READ, RALLY_WRITE = "rally read", "rally write"
 COMMANDERS_FEED, NO_STATIONS_FEED = "commander's feed", "no station's feed"
 #: what the policy alone says of both: a filter judges them
 LEFT_FEED = "feed"
+LOGS = "logs"
 
 _ALLOWED = (Fate.FORWARD, GateReason.ALLOWED)
 _NOT_IN_CONTROL = (Fate.REFUSE, GateReason.NOT_IN_CONTROL)
@@ -373,6 +380,7 @@ OUTCOMES = {
     TAKE_OFF: (_ALLOWED, _NOT_IN_CONTROL),
     TURNING: (_ALLOWED, _NOT_IN_CONTROL),
     SAFEGUARD: (_ALLOWED, _NOT_IN_CONTROL),
+    LOGS: (_ALLOWED, _ALLOWED),
     SILENT: (_ALLOWED, (Fate.DROP, GateReason.NOT_IN_CONTROL)),
     HELD: (_ALLOWED, (Fate.DROP, GateReason.NOT_IN_CONTROL)),
     COMMANDERS_FEED: (_ALLOWED, (Fate.DROP, GateReason.NOT_IN_CONTROL)),
@@ -390,10 +398,13 @@ OUTCOMES = {
     UNKNOWN: (_UNKNOWN, _UNKNOWN),
 }
 #: ... and the commander's of an armed vehicle, where that differs
-ARMED = {SAFEGUARD: (Fate.REFUSE, GateReason.LOCKED_WHILE_ARMED)}
+ARMED = {
+    SAFEGUARD: (Fate.REFUSE, GateReason.LOCKED_WHILE_ARMED),
+    LOGS: (Fate.REFUSE, GateReason.ON_GROUND),
+}
 
 #: ... and anyone else's
-ARMED_OTHERS = {BULK: (Fate.REFUSE, GateReason.COMMANDERS_IN_FLIGHT)}
+ARMED_OTHERS = {BULK: (Fate.REFUSE, GateReason.COMMANDERS_IN_FLIGHT), LOGS: (Fate.REFUSE, GateReason.ON_GROUND)}
 
 #: kind -> the class that the verdict names; the companion goes by it
 ACCESS = {
@@ -406,6 +417,7 @@ ACCESS = {
     TAKE_OFF: Access.COMMAND,
     TURNING: Access.COMMAND,
     SAFEGUARD: Access.SAFEGUARD,
+    LOGS: Access.LOG,
     SILENT: Access.STREAM,
     HELD: Access.STREAM,
     COMMANDERS_FEED: Access.FEED,
@@ -477,6 +489,7 @@ def kind_of_message(name: str) -> str:
         (SILENT, [name for name in SILENT_MESSAGES if name not in HELD_MESSAGES]),
         (COMMANDERS_FEED, COMMANDERS_FEEDS),
         (NO_STATIONS_FEED, NO_STATIONS_FEEDS),
+        (LOGS, LOG_MESSAGES),
         (RATE, RATE_MESSAGES),
         (HANDOVER, HANDOVER_MESSAGES),
         (MAINTENANCE, MAINTENANCE_MESSAGES),
@@ -594,6 +607,7 @@ def cases() -> Iterator[Case]:
     for files, kind in (
         (MAINTENANCE_FILES, MAINTENANCE),
         (TOLD_FILES, TOLD),
+        (LOG_FILES, LOGS),
         (ABSENT_FILES, ABSENT),
         (SAFEGUARD_FILES, SAFEGUARD),
         (PLAIN_FILES, None),

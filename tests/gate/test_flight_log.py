@@ -38,6 +38,8 @@ DEAR = {
     "FILE_TRANSFER_PROTOCOL/ListDirectory": 2,
     "FILE_TRANSFER_PROTOCOL/OpenFileRO": 2,
 }
+#: One station after the other reads logs, and on the ground only.
+LOGS = {"LOG_REQUEST_DATA": 1, "LOG_REQUEST_LIST": 1}
 #: What not even the commander's reaches the autopilot.
 FORBIDDEN = {
     "COMMAND_LONG/MAV_CMD_SCRIPTING": 1,
@@ -126,18 +128,18 @@ def test_a_commanders_whole_flight_replayed_as_an_observer_changes_nothing(
     flight: list[Frame], view: AuthorityView
 ) -> None:
     verdicts = replay(flight, view)
-    assert counted(verdicts, Fate.FORWARD) == (HARMLESS if view.armed else {**HARMLESS, **DEAR})
+    assert counted(verdicts, Fate.FORWARD) == (HARMLESS if view.armed else {**HARMLESS, **DEAR, **LOGS})
     tracker = FlushTracker(VEHICLE)
     for frame, verdict in zip(flight, verdicts, strict=True):
         tracker.saw(frame, verdict, STATION)
-    assert tracker.flush(STATION) == []
+    assert [closing.what for closing in tracker.flush(STATION)] == ([] if view.armed else ["log download ended"])
 
 
 @pytest.mark.parametrize("armed", [False, True])
 def test_the_commander_itself_is_not_hindered(flight: list[Frame], armed: bool) -> None:
     verdicts = replay(flight, view(STATION, None, Phase.ON_MISSION, armed))
     refused = {**counted(verdicts, Fate.REFUSE), **counted(verdicts, Fate.DROP)}
-    assert refused == {**FORBIDDEN, **(LOCKED_WHILE_ARMED if armed else {})}
+    assert refused == {**FORBIDDEN, **({**LOCKED_WHILE_ARMED, **LOGS} if armed else {})}
     consumed = counted(verdicts, Fate.CONSUME)
     assert consumed == {**RALLY_POINTS, **JUDGED, **FEEDS}, "the companion passes the latter on when it has looked"
     assert sum(counted(verdicts, Fate.FORWARD).values()) == FRAMES - sum(refused.values()) - sum(consumed.values())

@@ -47,7 +47,7 @@ def test_no_verdict_is_worked_out_beforehand_where_more_than_the_message_matters
     make: Callable[..., Frame], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     manual, beat, ping = make("MANUAL_CONTROL").msgid, make("HEARTBEAT").msgid, make("PING").msgid
-    dear = {msgid for msgid, row in MESSAGE_ROWS.items() if row.access in (Access.BULK, Access.SAFEGUARD)}
+    dear = {msgid for msgid, row in MESSAGE_ROWS.items() if row.access in (Access.BULK, Access.SAFEGUARD, Access.LOG)}
     assert make("PARAM_REQUEST_LIST").msgid in dear
     assert {manual, ping} <= set(gate_judge._usual_by_id())
     rows = {**MESSAGE_ROWS, manual: Row("MANUAL_CONTROL", Access.SAFEGUARD), ping: Row("PING", Access.BULK)}

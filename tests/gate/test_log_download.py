@@ -684,7 +684,7 @@ def test_what_else_stations_send_leaves_a_download_alone() -> None:
         mavlink.MAVLink_log_request_list_message(VEHICLE, 1, 0, 9),
         mavlink.MAVLink_log_request_end_message(VEHICLE, 1),
     ]
-    assert {door.up(B, packed(message, GCSB)).verdict.fate for message in logs} == {Fate.DROP}
+    assert {door.up(B, packed(message, GCSB)).verdict.fate for message in logs} == {Fate.REFUSE}
     assert door.gate.downloads._log.queued_bytes == FRAME
 
 

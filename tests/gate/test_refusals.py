@@ -247,16 +247,13 @@ def test_no_text_says_why_the_situation_forbids_a_command(make: Make) -> None:
 
 def test_what_programs_repeat_on_their_own_is_refused_in_silence(make: Make, own: mavlink.MAVLink) -> None:
     assert answer(make("REQUEST_DATA_STREAM", target_component=191), own, COMMANDER) is None
-    assert answer(make("TUNNEL", sysid=252, payload_type=1), own) is None
-    assert answer(make("HIL_SENSOR", sysid=252), own) is None
     assert answer(make("PARAM_REQUEST_LIST", sysid=252, target_component=191), own) is None
     assert not is_told(make("REQUEST_DATA_STREAM", target_component=191), COMMANDER)
-    assert not is_told(make("TUNNEL", sysid=252, payload_type=1))
-    assert not is_told(make("HIL_SENSOR", sysid=252))
+    assert not is_told(make("COMMAND_ACK", target_component=191), COMMANDER)
 
 
 def test_silent_names_are_names_of_the_dialect() -> None:
-    assert {cls.msgname for cls in mavlink.mavlink_map.values()} >= SILENT
+    assert {cls.msgname for cls in mavlink.mavlink_map.values()} >= set(SILENT)
 
 
 def test_every_refusal_of_the_dialect_has_an_answer_or_is_silent_on_purpose(make: Make, own: mavlink.MAVLink) -> None:

@@ -38,6 +38,8 @@ OTHER_TEXTS = {
     "core/safety/strategy.py": "facts of the decision table: docs/safety.md is made from it",
     "core/authority/transfer.py": "steps of a transfer: docs/authority.md has them",
     "gate/explain.py": "the answer of 'handover policy'",
+    "gate/examples.py": "the answer of 'handover policy'",
+    "gate/trial.py": "the answer of 'handover policy'",
     "gate/policy": "why a class is refused: the answer of 'handover policy', and docs/reference/locked.md",
     "gate/filters.py": "names of the gate's filters, for docs/architecture.md",
     "vehicle/profiles": "kinds of aircraft: docs/missions.md and docs/wings.md",

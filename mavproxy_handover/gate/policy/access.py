@@ -24,8 +24,8 @@ class Access(Enum):
     LIVENESS = "liveness"  #: the commander's is passed on; all others are only noticed
     COMMAND = "command"  #: the commander's is passed on; all others are refused and told so
     SAFEGUARD = "safeguard"  #: as COMMAND on the ground; while the vehicle is armed, from no station
-    #: sticks, setpoints and other frequent input (LOG_REQUEST_* too): the commander's is passed on, all others are
-    #: dropped without an answer
+    LOG = "flight log"  #: reads flight logs: any station, one at a time; while the vehicle is armed, no station
+    #: sticks, setpoints and other frequent input: the commander's is passed on, all others are dropped
     STREAM = "stream"
     FEED = "feed"  #: data that commands nothing: passed on if its station is the source (`gate/feeds.py`), else dropped
     ANSWERED = "answered"  #: the commander's is passed on; all others are answered by the companion
@@ -51,6 +51,8 @@ class Rule:
     #: name of sticks or setpoints for people: such a stream that began before its station had control stays refused
     #: (`stale_streams`). Other streams, such as corrections, may continue over a handover.
     stream: str = ""
+    #: for `Access.NEVER`: a person may mean it, so a text says that it is dropped
+    told: bool = False
 
 
 def names(text: str) -> tuple[str, ...]:

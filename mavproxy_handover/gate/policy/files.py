@@ -5,7 +5,8 @@
 Rules:
 
 1. A row applies to writes (create, open for writing, remove, make or remove a directory, truncate, rename). A row with
-   `reads` applies to every opcode that names a path. The first row that fits decides; without one, the opcode decides.
+   `reads` applies to every opcode that names a path, and without `writes` only to those that read. The first row that
+   fits decides; without one, the opcode decides.
 2. A path is compared as the most lenient of ArduPilot's file systems would read it. Case does not matter, `\\` also
    separates, and dots and spaces at the end of a name and repeated separators do not count. `..` is not resolved: a
    path that mentions a guarded folder counts as inside it.
@@ -45,6 +46,7 @@ class FileRule:
     why: str
     patterns: tuple[str, ...]
     reads: bool = False  #: the row also applies to reading
+    writes: bool = True
 
 
 FILE_RULES: Final = (
@@ -102,11 +104,12 @@ FILE_RULES: Final = (
         reads=True,
     ),
     FileRule(
-        Access.COMMAND,
+        Access.LOG,
         "flight logs",
         "a download fills the channel that the lease travels on, as by LOG_REQUEST_DATA",
         ("*/logs/*",),
         reads=True,
+        writes=False,
     ),
     FileRule(
         Access.SAFEGUARD,
@@ -147,7 +150,8 @@ def file_rule(opcode: int, payload: bytes) -> FileRule | None:
         return None
     paths = _paths(opcode, payload)
     for rule in FILE_RULES:
-        if (writes or rule.reads) and any(fnmatchcase(path, pattern) for path in paths for pattern in rule.patterns):
+        applies = rule.writes if writes else rule.reads
+        if applies and any(fnmatchcase(path, pattern) for path in paths for pattern in rule.patterns):
             return rule
     return None
 

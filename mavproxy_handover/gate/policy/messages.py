@@ -69,7 +69,7 @@ MESSAGE_RULES: Final = (
         names("REQUEST_DATA_STREAM"),
     ),
     Rule(
-        Access.STREAM,
+        Access.LOG,
         "one log download at a time, and it fills the channel that the lease travels on",
         names("LOG_REQUEST_LIST LOG_REQUEST_DATA LOG_REQUEST_END"),
     ),
@@ -267,6 +267,7 @@ MESSAGE_RULES: Final = (
             OBSTACLE_DISTANCE_3D TRAJECTORY_REPRESENTATION_WAYPOINTS TRAJECTORY_REPRESENTATION_BEZIER
             WHEEL_DISTANCE WATER_DEPTH RANGING_BEACON TARGET_ABSOLUTE TARGET_RELATIVE
         """),
+        told=True,
     ),
     Rule(
         Access.NEVER,
@@ -275,6 +276,7 @@ MESSAGE_RULES: Final = (
             GLOBAL_POSITION_INT COLLISION AIS_VESSEL UTM_GLOBAL_POSITION ICAROUS_HEARTBEAT
             ICAROUS_KINEMATIC_BANDS UAVIONIX_ADSB_TRANSCEIVER_HEALTH_REPORT UAVIONIX_ADSB_OUT_STATUS
         """),
+        told=True,
     ),
     Rule(
         Access.NEVER,
@@ -283,6 +285,7 @@ MESSAGE_RULES: Final = (
             BATTERY_STATUS BATTERY_STATUS_V2 BATTERY_INFO SMART_BATTERY_INFO FUEL_STATUS EFI_STATUS
             GENERATOR_STATUS LOWEHEISER_GOV_EFI SYSTEM_TIME AIRSPEED
         """),
+        told=True,
     ),
     Rule(
         Access.NEVER,
@@ -301,6 +304,7 @@ MESSAGE_RULES: Final = (
             NAMED_VALUE_FLOAT NAMED_VALUE_INT NAMED_VALUE_STRING STATUSTEXT DEBUG DEBUG_VECT DEBUG_FLOAT_ARRAY
             MEMORY_VECT
         """),
+        told=True,
     ),
     Rule(
         Access.NEVER,
