@@ -254,7 +254,7 @@ class Aircraft:
             self._on_telemetry(message)
         elif kind == "HANDOVER_DECISION":
             self._notice(self.decisions.on_message(message, self.state.commanded_by))
-        elif kind in ("HANDOVER_OVERRIDE", "HANDOVER_REHEARSAL"):
+        elif kind in ("HANDOVER_OVERRIDE", "HANDOVER_REHEARSAL", "HANDOVER_DELEGATE"):
             self.commands.on_message(message, self._now())
         elif kind == "HANDOVER_BRIEFING":
             if message.target_system == self.config.station.sysid:

@@ -47,6 +47,9 @@ _MATTERS: Final = (("START", "STOP", "CONTINUE", "RESUME", "RETURN"), ("REQUEST"
 _MOST_OWED: Final = 2
 #: arguments of `handover rehearse`
 _REHEARSAL: Final = ("end", "report")
+#: word that ends a delegation, and the longest name of a program
+_NO_PROGRAM: Final = "no"
+_PROGRAM_BYTES: Final = 20
 #: the request for a report, which is neither accepted nor refused
 _REPORT: Final = "REPORT"
 
@@ -159,6 +162,10 @@ class StationCommands:
         self._named: dict[str, tuple[str, Callable[[str], None]]] = {
             "give": ("STATION: hand the aircraft to it now", self._give),
             "override": ("energy|fence|coverage: let commands leave this limit for a minute", self._override),
+            "delegate": (
+                "PROGRAM|no: let an onboard program lead the aircraft in GUIDED, or take that back",
+                self._delegate,
+            ),
             "rehearse": ("end|report: of the rehearsal", self._of_rehearsal),
             "connect": (
                 "NUMBER|no: open a link to the vehicle's address of this question, or refuse all",
@@ -179,6 +186,7 @@ class StationCommands:
             "<" + "|".join(self._table) + ">",
             f"give <{peers}>",
             f"override <{limits}>",
+            "delegate <no>",
             f"rehearse <{'|'.join(_REHEARSAL)}>",
             "connect <no>",
             "take",
@@ -338,6 +346,20 @@ class StationCommands:
         now = time.monotonic()
         word = f"OVERRIDE {limit}"
         asking = _override_asking(self._module.sysid, number, self._next_nonce(now))
+        self._talks[word] = Conversation(asking, self._module.connection.send, now)
+        self._module.event_log.command_sent(word)
+
+    def _delegate(self, program: str) -> None:
+        """Only the commander may delegate guided targets; the vehicle answers whether it does."""
+        now, ends = time.monotonic(), program == _NO_PROGRAM
+        if len(program) > _PROGRAM_BYTES or not program.isascii():
+            self._module.view.show(
+                f"handover delegate: no program {program!r}; a name has 1 to {_PROGRAM_BYTES} letters"
+            )
+            return
+        word = "DELEGATE END" if ends else f"DELEGATE {program}"
+        wish = mavlink.HANDOVER_DELEGATION_WISH_END if ends else mavlink.HANDOVER_DELEGATION_WISH_BEGIN
+        asking = _delegate_asking(self._module.sysid, wish, "" if ends else program, self._next_nonce(now))
         self._talks[word] = Conversation(asking, self._module.connection.send, now)
         self._module.event_log.command_sent(word)
 
@@ -538,6 +560,18 @@ def _override_asking(vehicle: int, limit: int, nonce: int) -> Asking:
 
     seconds = yield Ask("the override", (message,), answer, timeout_s=1.0, tries=5)
     return mavlink.MAV_RESULT_ACCEPTED if seconds else mavlink.MAV_RESULT_DENIED
+
+
+def _delegate_asking(vehicle: int, wish: int, program: str, nonce: int) -> Asking:
+    message = mavlink.MAVLink_handover_delegate_message(
+        vehicle, COMPANION_COMPID, vehicle, wish, nonce, 0, program.encode("ascii")
+    )
+
+    def answer(m: Any) -> Any:
+        return m.accepted if m.get_type() == "HANDOVER_DELEGATE" and m.nonce == nonce else None
+
+    accepted = yield Ask("the delegation", (message,), answer, timeout_s=1.0, tries=5)
+    return mavlink.MAV_RESULT_ACCEPTED if accepted else mavlink.MAV_RESULT_DENIED
 
 
 def _rehearsal_asking(vehicle: int, wish: int, nonce: int) -> Asking:

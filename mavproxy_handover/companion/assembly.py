@@ -17,12 +17,14 @@ from mavproxy_handover.companion.decision_news import DecisionNews
 from mavproxy_handover.companion.edge import Edge
 from mavproxy_handover.companion.fail_closed import FailClosed
 from mavproxy_handover.companion.faults import FaultLog, FaultNews
+from mavproxy_handover.companion.onboard_parts import OnboardParts, assemble_onboard
 from mavproxy_handover.companion.operator_parts import OperatorParts, assemble_operator
 from mavproxy_handover.companion.periodic import EachSecond
 from mavproxy_handover.companion.restart import Restart
 from mavproxy_handover.companion.state_saver import PackageSaver, StateSaver
 from mavproxy_handover.config.running import Running
 from mavproxy_handover.core.arbiter import Arbiter, Identity
+from mavproxy_handover.core.authority.payload import PayloadAuthority, PayloadSettings
 from mavproxy_handover.core.common.events import Event
 from mavproxy_handover.core.remote_id import Operators
 from mavproxy_handover.gate.feeds import FeedNews
@@ -96,6 +98,7 @@ class Parts:
     autopilot: Autopilot
     gate: Gate
     operator: OperatorParts
+    onboard: OnboardParts
     news: DecisionNews
     beacons: Beacons
     closing: FailClosed
@@ -116,7 +119,8 @@ def base_of(running: Running, ports: Mapping[int, StationPort], edge: Edge) -> B
     faults = FaultLog(journal)
     in_force = AuthorityInForce()
     operators = Operators({entry.station.sysid: entry.operator_id for entry in config.stations if entry.operator_id})
-    settings = GateSettings(config.observers, config.feeds, operators)
+    onboard = tuple(program.rights.component for program in config.onboard)
+    settings = GateSettings(config.observers, config.feeds, operators, onboard)
     passed = PassedFrames(config.sysid, ports, settings, in_force, edge.write_autopilot, faults.report)
 
     def write_autopilot(data: bytes) -> None:
@@ -173,11 +177,24 @@ def parts_of(running: Running, base: Base, edge: Edge, hub: Hub) -> Parts:
     except Exception:
         base.close()
         raise
+    announcer = Announcer(message_sender)
+    payload = PayloadAuthority(PayloadSettings(), lambda _name: False)
+    onboard = assemble_onboard(
+        config.sysid,
+        edge.onboard,
+        autopilot,
+        base.in_force,
+        payload,
+        reports,
+        lambda: announcer.action,
+        edge.write_autopilot,
+    )
     matters = CompanionMatters(
         autopilot.command_check.target,
         lambda intent, station, now: autopilot.command_check.judge(message_sender.ports[station], intent, now).passes,
         autopilot.orders.takes_over,
         lambda: autopilot.aircraft.judged_by,
+        onboard.delegating.commander_sends,
     )
     gate = Gate(
         config.sysid,
@@ -190,8 +207,9 @@ def parts_of(running: Running, base: Base, edge: Edge, hub: Hub) -> Parts:
     )
     gate.distrust()
     gate.change(arbiter.view, now)
-    announcer = Announcer(message_sender)
-    operator = assemble_operator(config.sysid, authority, base.in_force, gate, autopilot, reports, announcer)
+    operator = assemble_operator(
+        config.sysid, authority, base.in_force, gate, autopilot, reports, announcer, onboard.delegating
+    )
     news = DecisionNews(event_log, announcer, operator.briefing, operator.rehearsal, fault)
     saver = StateSaver(base.restart, arbiter, autopilot, fault)
     beacons = Beacons(base.in_force, arbiter, autopilot, message_sender, now)
@@ -205,7 +223,7 @@ def parts_of(running: Running, base: Base, edge: Edge, hub: Hub) -> Parts:
     each_second = EachSecond(autopilot, beacons, news, saver, faults, heartbeats, hub.grounded)
     sources = RemoteIdSources(base.in_force, base.operators, lambda: autopilot.mission.flown.package, edge.clocks.utc)
     remote_id = RemoteId(config.sysid, config.remote_id, sources, autopilot.aircraft, reports)
-    return Parts(autopilot, gate, operator, news, beacons, closing, actions, faults, each_second, remote_id)
+    return Parts(autopilot, gate, operator, onboard, news, beacons, closing, actions, faults, each_second, remote_id)
 
 
 def _gate_reports(base: Base) -> GateReports:

@@ -74,6 +74,7 @@ class Companion:
         hub = Hub(self.handle, self.fail_closed, self._send_lease, self._grounded)
         self._parts = parts = parts_of(running, base, edge, hub)
         self.autopilot, self.gate, self.operator = parts.autopilot, parts.gate, parts.operator
+        self.onboard = parts.onboard.programs
         self.rehearsal = parts.operator.rehearsal
         jobs = [
             ("send_lease", self._send_lease, status.LEASE_INTERVAL_S),
@@ -157,6 +158,7 @@ class Companion:
                     self._send_lease(now)
             if frame.msgid == _CONTROL_STATUS:
                 self.autopilot.messages.second_manager(frame)
+        self.onboard.hear(frame, now)
         if not self.gate.down(frame, now):
             self.event_log.in_our_name((frame.sysid, frame.compid), classify(frame).what)
         elif (frame.msgid, frame.sysid, frame.compid) == (_HEARTBEAT, self.config.sysid, AUTOPILOT_COMPID):
@@ -190,6 +192,7 @@ class Companion:
         if self._is_due(now):
             self.handle(events.Tick(), now)
         self._attempt("remote id", self._parts.remote_id.tick, now)
+        self._attempt("delegation", self._parts.onboard.delegating.tick, now)
         self._attempt("briefing", self.operator.briefing.tick, now)
         self._attempt("rehearsal", self.rehearsal.tick, now)
         self._schedule.run(now)
@@ -277,6 +280,7 @@ class Companion:
         """Close links, state and journals."""
         for port in self.ports.values():
             self._attempt("closing links", port.close)
+        self._attempt("closing links", self.onboard.close)
         self._attempt("closing the state", self._base.restart.close)
         self.event_log.unloaded()
         self.journal.close()

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from mavproxy_handover.monitors.position.source import Box
+from mavproxy_handover.operator.onboard.port import OnboardPort
 from mavproxy_handover.tools.clocks import Clocks
 
 __all__ = ["Edge"]
@@ -26,3 +27,5 @@ class Edge:
     nonce: int
     #: the position box, if there is one
     box: Box | None = None
+    #: the onboard programs, each with its open link
+    onboard: tuple[OnboardPort, ...] = ()

@@ -44,6 +44,7 @@ from mavproxy_handover.link.autopilot_line import AutopilotLink
 from mavproxy_handover.link.box_line import BoxLine
 from mavproxy_handover.link.devices import Device, parse_device
 from mavproxy_handover.link.names import Names
+from mavproxy_handover.operator.onboard.port import OnboardPort, open_onboard
 from mavproxy_handover.operator.stations.port import StationPort, open_ports
 from mavproxy_handover.store.background_writer import BackgroundWriter
 from mavproxy_handover.store.lock import VehicleLock, lock_line
@@ -81,6 +82,7 @@ _TOO_OFTEN = (
 )
 #: the autopilot's name in the replay state, longer than a station's can be
 _AUTOPILOT = "autopilot of this vehicle"
+_Link = tuple[StationPort | OnboardPort, Device]
 #: arguments of the last load, for `module reload handover`
 _last: dict[str, str] = {}
 
@@ -97,9 +99,10 @@ class HandoverModule(mp_module.MPModule):
         clocks: Clocks,
         names: Names,
         box: BoxLine | None = None,
+        onboard: tuple[OnboardPort, ...] = (),
     ) -> None:
         """`lock`: lock of the vehicle. `names`: addresses of the hosts of links and box. `box`: the position box, if
-        there is one.
+        there is one. `onboard`: the onboard programs.
 
         Raises OSError if the journal cannot be written, except in a restart.
         """
@@ -116,11 +119,13 @@ class HandoverModule(mp_module.MPModule):
         autopilot = None if running.autopilot_key is None else SignedPeer(running.autopilot_key, keeps_sent=True)
         self._to_autopilot = AutopilotLink(mpstate, lambda: self.master, autopilot, clocks)
         nonce = secrets.randbelow(0xFFFFFFFF) + 1
-        self.companion = Companion(running, ports, Edge(self._to_autopilot.write, self._show, clocks, nonce, box))
+        edge = Edge(self._to_autopilot.write, self._show, clocks, nonce, box, onboard)
+        self.companion = Companion(running, ports, edge)
         self._box = box
         self._box_holds: list[int] = []
         self._commands = VehicleCommands(self.companion, self._show)
-        self._links = [(port, link) for port in ports.values() for link in port.links]
+        self._links: list[_Link] = [(port, link) for port in ports.values() for link in port.links]
+        self._links += [(port, port.link) for port in onboard]
         self._idle_at = 0.0
         jobs = [("measuring links", partial(self._measure, port), _measured_s(port)) for port in ports.values()]
         jobs += [("link", partial(self._read_link, port, link), _POLL_S) for port, link in self._links]
@@ -136,7 +141,7 @@ class HandoverModule(mp_module.MPModule):
         #: time at which MAVProxy gets its turn, however much our links have to read
         self._stay_until = 0.0
         self._watched: dict[Device, tuple[int, list[int]]] = {}
-        self._by_descriptor: dict[int, tuple[StationPort, Device]] = {}
+        self._by_descriptor: dict[int, _Link] = {}
         for port, link in self._links:
             self._watch(port, link)
         self.add_command(
@@ -219,7 +224,7 @@ class HandoverModule(mp_module.MPModule):
         except Exception:
             self.companion.fault("message of the autopilot", traceback.format_exc(limit=-3))
 
-    def _readable(self, where: tuple[StationPort, Device]) -> None:
+    def _readable(self, where: _Link) -> None:
         """Read a link that is readable."""
         self._guarded("link", partial(self._serve, *where, once=True))
         self._guarded("link", self._stay)
@@ -301,11 +306,12 @@ class HandoverModule(mp_module.MPModule):
         if gate.downloads.wait:  # checked in every round; nearly always false
             self._guarded("downloads", partial(gate.downloads.send, now))
 
-    def _serve(self, port: StationPort, link: Device, once: bool = False) -> None:
+    def _serve(self, port: StationPort | OnboardPort, link: Device, once: bool = False) -> None:
         try:
             now = time.monotonic()
-            frames = port.read(link, now, once)
-            if frames or port.rejected:
+            if isinstance(port, OnboardPort):
+                self.companion.onboard.serve(port, now, once)
+            elif (frames := port.read(link, now, once)) or port.rejected:
                 self._talking = now - self._heard_at < TALKING_S
                 self._heard_at = now
                 self.companion.on_station(port, frames, now)
@@ -343,7 +349,7 @@ class HandoverModule(mp_module.MPModule):
         for port, link in self._links:
             self._guarded("link", partial(self._read_link, port, link, now))
 
-    def _read_link(self, port: StationPort, link: Device, _now: float) -> None:
+    def _read_link(self, port: StationPort | OnboardPort, link: Device, _now: float) -> None:
         self._serve(port, link)
         self._watch(port, link)
 
@@ -357,7 +363,7 @@ class HandoverModule(mp_module.MPModule):
     def _measure(self, port: StationPort, now: float) -> None:
         self.companion.on_links(port, port.tick(now), now)
 
-    def _watch(self, port: StationPort, link: Device) -> None:
+    def _watch(self, port: StationPort | OnboardPort, link: Device) -> None:
         """Let MAVProxy wait for the link's current descriptor; a new connection has a new one."""
         before, held = self._watched.get(link, (-1, []))
         fileno, holds = link.fileno(), link.descriptors()
@@ -445,6 +451,7 @@ def init(mpstate: Any, config: Any = None, journal: Any = None, **unknown: Any) 
         refused(mpstate, "handover", "module handover_gcs is loaded here: vehicle and station need a MAVProxy each")
         return None
     ports: dict[int, StationPort] = {}
+    onboard: tuple[OnboardPort, ...] = ()
     lock: VehicleLock | None = None
     box: BoxLine | None = None
     try:
@@ -470,16 +477,20 @@ def init(mpstate: Any, config: Any = None, journal: Any = None, **unknown: Any) 
         clocks = Clocks(time.time, time.monotonic)
         names = Names(running.addresses)
         ports = open_ports(settings.stations, settings.sysid, clocks, running.keys, names, strict=strict)
+        onboard = open_onboard(settings.onboard, settings.sysid, names, strict=strict)
         if settings.position.box:
             if strict:
                 names.find(parse_device(settings.position.box))
             box = BoxLine(settings.position.box, clocks.monotonic, names, settings.position.layout)
-        module = HandoverModule(mpstate, running, ports, lock, clocks, names, box)
+        module = HandoverModule(mpstate, running, ports, lock, clocks, names, box, onboard)
     except Exception as error:  # any error: MAVProxy would end if a default module raised
         for port in ports.values():
             for link in port.links:
                 mpstate.select_extra.pop(link.fileno(), None)
             port.close()
+        for program in onboard:
+            mpstate.select_extra.pop(program.link.fileno(), None)
+            program.close()
         if box is not None:
             box.close()
         if lock is not None:

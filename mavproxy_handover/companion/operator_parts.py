@@ -12,9 +12,11 @@ from mavproxy_handover.gate.in_force import AuthorityInForce
 from mavproxy_handover.operator.base.context import Authority, Reports
 from mavproxy_handover.operator.briefing import Briefing, BriefingSources
 from mavproxy_handover.operator.checks.preflight_warnings import PreflightWarnings
+from mavproxy_handover.operator.onboard.delegating import Delegating
 from mavproxy_handover.operator.rehearsal.rehearsal import RehearsalManager, Surroundings
 from mavproxy_handover.operator.rehearsal.rehearsal_stats import Foreseen
 from mavproxy_handover.operator.requests.accepted import AcceptedCommands, CommandParts
+from mavproxy_handover.operator.requests.delegations import Delegations
 from mavproxy_handover.operator.requests.flight_commands import FlightCommands
 from mavproxy_handover.operator.requests.operator_control import OperatorControl
 from mavproxy_handover.operator.requests.overrides import Overrides
@@ -46,6 +48,7 @@ def assemble_operator(
     autopilot: Autopilot,
     reports: Reports,
     announcer: Announcer,
+    delegating: Delegating,
 ) -> OperatorParts:
     """Construct the parts for vehicle `vehicle` (system id)."""
     arbiter, handle = authority.arbiter, authority.handle
@@ -79,9 +82,9 @@ def assemble_operator(
     control = OperatorControl(message_sender, event_log, handle)
     package_return = PackageReturn(message_sender.ports, arbiter.unfit, event_log)
     overrides = Overrides(autopilot.command_check, lambda: in_force.view.commander, vehicle)
-    messages = TransferMessages(
-        vehicle, TransferServices(autopilot.mission, package_return, rehearsal, overrides, event_log), handle, fault
-    )
+    delegations = Delegations(vehicle, delegating, message_sender.say)
+    takers = TransferServices(autopilot.mission, package_return, rehearsal, overrides, delegations, event_log)
+    messages = TransferMessages(vehicle, takers, handle, fault)
     sources = BriefingSources(
         autopilot.aircraft, autopilot.route, autopilot.energy, autopilot.command_check, autopilot.return_site
     )

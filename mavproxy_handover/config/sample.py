@@ -113,7 +113,7 @@ def _sample(head: Sequence[str], tables: Sequence[KeyTable], values: Values) -> 
     lines = [f"# {line}" for line in head]
     lines.append("# Times are in seconds, distances in metres. A key in a comment shows the default, or an example.")
     for table in tables:
-        in_force = values.get(table.name, [{}])
+        in_force = values.get(table.name, [] if table.many else [{}])
         lines += ["", *(f"# {line}" for line in wrap(table.says, _WIDTH - 2))]
         if not in_force:
             lines += [f"# {table.header}", *_keys(table, {})]

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from mavproxy_handover.config.feeds import feed_settings
+from mavproxy_handover.config.onboard import OnboardProgram, onboard_programs
 from mavproxy_handover.config.position import PositionSettings, position_settings
 from mavproxy_handover.config.remote_id import RemoteIdSettings, remote_id_settings
 from mavproxy_handover.config.route import route_limits
@@ -99,6 +100,8 @@ class VehicleConfig:
     feeds: FeedSettings = field(default_factory=FeedSettings)
     #: which program sends Remote ID
     remote_id: RemoteIdSettings = field(default_factory=RemoteIdSettings)
+    #: software on the companion that has a link of its own
+    onboard: tuple[OnboardProgram, ...] = ()
 
 
 # ---- limits -------------------------------------------------------------------------------------------------------
@@ -181,6 +184,7 @@ def vehicle_of(data: Mapping[str, Any], path: Path, layout_text: bytes | None = 
         position=position_settings(data, path, layout_text),
         feeds=feed_settings(data, path, {entry.station.name: entry.station.sysid for entry in stations}),
         remote_id=remote_id_settings(data, path),
+        onboard=_onboard(data, path, stations),
     )
 
 
@@ -205,6 +209,19 @@ def _station_links(table: Table, limits: LinkLimits, unsigned: bool) -> StationL
         raise table.error("operator_id", f"{operator_id!r} must be 1 to 20 printable ASCII characters")
     sysids = frozenset([station.sysid, *table["sysids"]])
     return StationLinks(station, links, sysids, key, limits, table["not_in_control"], components, beats, operator_id)
+
+
+def _onboard(data: Mapping[str, Any], path: Path, stations: tuple[StationLinks, ...]) -> tuple[OnboardProgram, ...]:
+    """The onboard programs; none shares its name or its link with a station."""
+    programs = onboard_programs(data, path)
+    names = {entry.station.name for entry in stations}
+    links = {link for entry in stations for link in entry.links}
+    for program in programs:
+        if program.name in names:
+            raise ConfigError(f"{path}: [[onboard]] name {program.name!r} is also a station's; choose another")
+        if program.link in links:
+            raise ConfigError(f"{path}: [[onboard]] link {program.link} is also a station's; choose another port")
+    return programs
 
 
 def _consent(table: Table, standard: bool) -> StandingConsent | None:

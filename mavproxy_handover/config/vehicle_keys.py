@@ -11,6 +11,7 @@ from __future__ import annotations
 from typing import Final
 
 from mavproxy_handover.config.feeds import FEEDS
+from mavproxy_handover.config.onboard import ONBOARD
 from mavproxy_handover.config.position import POSITION
 from mavproxy_handover.config.remote_id import REMOTE_ID
 from mavproxy_handover.config.route import ROUTE
@@ -285,4 +286,5 @@ VEHICLE_FILE: Final = (
     POSITION,
     FEEDS,
     REMOTE_ID,
+    ONBOARD,
 )

@@ -6,8 +6,8 @@ The commander hears everything. During a transfer the partner does too, because 
 the aircraft. An observer hears general frames (heartbeat, authority, position, battery, status texts), frames that are
 addressed to it, answers to its questions, and the telemetry that it asked for at the rates of `observers`. Rules:
 
-1. Lease, guard status and frames addressed to the companion never leave the vehicle. The gate also keeps the answers to
-   the companion's own reads of parameters aboard (`own_reads`).
+1. Lease, guard status and frames addressed to the companion or to an onboard program never leave the vehicle. The gate
+   also keeps the answers to the companion's own reads of parameters aboard (`own_reads`).
 2. A frame addressed to a station goes to that station only, whatever the roles of the stations are.
 3. Answers without an address (a parameter, a version) are known only by the question. A question opens a window for the
    ids that answer it. If one question has many answers, each answer extends the window, but never past `LIMIT_S` after
@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from typing import Final
 
@@ -40,7 +40,16 @@ from mavproxy_handover.wire.ids import (
 )
 from mavproxy_handover.wire.message_ids import COMMAND_MESSAGES, MESSAGE_IDS
 
-__all__ = ["ANSWERS", "COMMAND_ANSWERS", "EACH", "FOR_EVERYBODY", "LIMIT_S", "WINDOW_S", "DownlinkPolicy"]
+__all__ = [
+    "ANSWERS",
+    "COMMAND_ANSWERS",
+    "EACH",
+    "FOR_EVERYBODY",
+    "LIMIT_S",
+    "WINDOW_S",
+    "DownlinkPolicy",
+    "stays_aboard",
+]
 
 #: An answer counts within this time after its question, or after an answer that extended the window.
 WINDOW_S: Final = 5.0
@@ -134,11 +143,11 @@ class _Window:
     left: int  #: messages that may still be an answer, if there are not many
 
 
-def _stays_aboard(frame: Frame, aim: tuple[int, int] | None) -> bool:
-    """Rule 1: lease, guard status, and frames of a component of the vehicle to the companion."""
+def stays_aboard(frame: Frame, aim: tuple[int, int] | None, aboard: Collection[int]) -> bool:
+    """Rule 1: lease, guard status, and frames of a component of the vehicle to one of the components `aboard`."""
     if frame.msgid == _TUNNEL and field_int(frame, "payload_type") in (LEASE_TUNNEL, GUARD_STATUS_TUNNEL):
         return True
-    return aim is not None and aim[0] == frame.sysid and aim[1] in _COMPANION
+    return aim is not None and aim[0] == frame.sysid and aim[1] in aboard
 
 
 def _answers_to(frame: Frame) -> list[tuple[tuple[int, ...], bool]]:
@@ -163,7 +172,14 @@ class DownlinkPolicy:
     of the vehicle. Time is an argument (monotonic seconds).
     """
 
-    def __init__(self, stations: Iterable[StationIdentity], rates: ObserverRates | None = None) -> None:
+    def __init__(
+        self,
+        stations: Iterable[StationIdentity],
+        rates: ObserverRates | None = None,
+        onboard: Collection[int] = (),
+    ) -> None:
+        """`onboard`: the components that onboard programs speak as."""
+        self._aboard = frozenset((*_COMPANION, *onboard))
         self.rates = rates or ObserverRates()
         self._owner = {sysid: station.sysid for station in stations for sysid in station.sysids}
         self._windows: dict[int, dict[int, _Window]] = {}
@@ -190,7 +206,7 @@ class DownlinkPolicy:
         """
         aim = target(frame)
         if aim is not None or frame.msgid == _TUNNEL:  # most frames have no address
-            if _stays_aboard(frame, aim):
+            if stays_aboard(frame, aim, self._aboard):
                 return []
             owner = None if aim is None else self._owner.get(aim[0])
             if owner is not None:

@@ -12,7 +12,8 @@ the ones before it. The verdict of the last one is final. The order of the table
 3. The check of commands in flight comes before the commands that the companion carries out: a command that leaves
    energy, fence or coverage is refused, even if the companion would carry it out.
 4. A log request that another station's download refuses costs nothing of a station's share.
-5. The limits of questions come last: what is refused anyway costs nothing of a station's share.
+5. What the commander sends ends a delegation of guided targets after it was judged: a refused command ends none.
+6. The limits of questions come last: what is refused anyway costs nothing of a station's share.
 """
 
 from __future__ import annotations
@@ -50,7 +51,10 @@ _STREAMS: Final[frozenset[_Class]] = frozenset((Access.STREAM,))
 _COMMANDS: Final[frozenset[_Class]] = frozenset((Access.COMMAND,))
 _FEEDS: Final[frozenset[_Class]] = frozenset((Access.FEED,))
 _LOGS: Final[frozenset[_Class]] = frozenset((Access.LOG, Access.BULK))
+_ORDERS: Final[frozenset[_Class]] = frozenset((Access.STREAM, Access.COMMAND, Access.SAFEGUARD))
 _ALL: Final[frozenset[_Class]] = frozenset(_CLASSES)
+#: streams that lead the aircraft
+_LEADS: Final = STICKS | TARGET_MESSAGES | {mavlink.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET}
 _FILES: Final = frozenset((mavlink.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL,))
 
 
@@ -66,6 +70,8 @@ class CompanionMatters:
     takes_over: Callable[[Frame], bool]
     #: the flight modes of the autopilot's firmware
     modes: Callable[[], Modes]
+    #: the commander sends a command, a target or sticks: that ends a delegation to an onboard program
+    commander_sends: Callable[[Frame, Verdict, float], None]
 
 
 #: frame, verdict so far, system id of the station, time -> the verdict
@@ -113,6 +119,7 @@ class Filters:
             Filter("notes places of operators, keeps out none", _STREAMS, passed.operators.note, REMOTE_ID_MESSAGES),
             Filter("feeds of stations that are not the source", _FEEDS, passed.feeds.limit),
             Filter("log requests while another station reads one", _LOGS, self._log_turn, LOG_REQUESTS | _FILES),
+            Filter("a delegation that the commander ends by what it sends", _ORDERS, self._ends, commands=True),
             Filter("questions of observers while the commander's are open", ASKED, self._question, commands=False),
             Filter("other requests of observers for files", _ALL - ASKED, self._question, _FILES, commands=False),
         )
@@ -179,6 +186,11 @@ class Filters:
             return verdict
         if not turn.takes(station, frame.msgid, now):
             return verdict._replace(fate=Fate.REFUSE, reason=GateReason.LOG_BUSY)
+        return verdict
+
+    def _ends(self, frame: Frame, verdict: Verdict, _station: int, now: float) -> Verdict:
+        if verdict.access is not Access.STREAM or frame.msgid in _LEADS:
+            self._matters.commander_sends(frame, verdict, now)
         return verdict
 
     def _question(self, frame: Frame, verdict: Verdict, station: int, now: float) -> Verdict:

@@ -105,6 +105,10 @@ class GateReason(Enum):
     REHEARSAL = "rehearsal: nothing arms"  #: people carry the aircraft (`core/authority/rehearsal.py`)
     NO_NUMBER = "a number in it is none"  #: a target with NaN or infinity
     SITUATION = "it would leave energy, fence or coverage"  #: in flight, or it cannot be judged now
+    NO_RIGHT = "not in the rights of this onboard program"  #: `[[onboard]]` (`onboard`)
+    NOT_DELEGATED = "no guided targets are delegated to this onboard program"
+    TOO_OFTEN = "more than its limit"  #: of an onboard program: messages or bytes a second
+    NOT_PAYLOADS = "another has payload authority"  #: `[payload]` (`core/authority/payload.py`)
 
     #: as in `Access`
     __hash__ = object.__hash__

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import traceback
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -46,6 +46,8 @@ class GateSettings:
     observers: ObserverLimits = field(default_factory=ObserverLimits)
     feeds: FeedSettings = field(default_factory=FeedSettings)
     operators: Operators = field(default_factory=lambda: Operators({}))
+    #: the components that onboard programs speak as
+    onboard: Collection[int] = ()
 
 
 class PassedFrames:
@@ -75,7 +77,7 @@ class PassedFrames:
         self.feeds = Feeds(settings.feeds, {station: port.name for station, port in ports.items()}, in_force, fault)
         self.operators = OperatorNotes(settings.operators, fault)
         self.rates = ObserverRates(settings.observers)
-        self.downlink = DownlinkPolicy((port.identity for port in ports.values()), self.rates)
+        self.downlink = DownlinkPolicy((port.identity for port in ports.values()), self.rates, settings.onboard)
         #: the frames that went to the autopilot and wait to be noted: port, frame, verdict, time
         self.unnoted: list[tuple[Port, Frame, Verdict, float]] = []
 

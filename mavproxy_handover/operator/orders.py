@@ -50,6 +50,7 @@ _CALLED_OFF: Final = "start called off"
 _HOME: Final = "home"
 _SPEED: Final = "speed"
 _PAUSE: Final = "pause"
+_STAND: Final = "stand"
 _DISARM: Final = "disarm"
 _PAUSE_CONTINUE: Final[int] = mavlink.MAV_CMD_DO_PAUSE_CONTINUE
 #: its first parameter
@@ -333,6 +334,28 @@ class Orders:
             word = "STOP" if pause else "CONTINUE"
             self._reply(asker, _PAUSE_CONTINUE, mavlink.MAV_RESULT_FAILED, f"{word} cancelled: {why}")
 
+    # ---- the end of guided targets of an onboard program ----------------------------------------------------------
+
+    def stand(self, told: Callable[[str], None], now: float) -> None:
+        """Stop the aircraft where it is: nothing leads it in GUIDED any more.
+
+        `told` gets why the stop was not confirmed, "" if it was.
+        """
+        if _HOME in self._conversations:
+            told("the companion brings it home")
+            return
+
+        def done(talk: Conversation, _now: float) -> None:
+            told(talk.failure or "")
+
+        procedures = self._procedures().flight
+        self._authority.handle(ModeSourceSeen(ModeSource.COMPANION, ModeClass.STOP), now)
+        self._conversations.begin(_STAND, procedures.stand(), done, now)
+
+    def give_stand_up(self) -> None:
+        """The commander, a pilot or the companion leads the aircraft elsewhere: the stop is not repeated."""
+        self._conversations.drop(_STAND)
+
     # ---- the mission's speed --------------------------------------------------------------------------------------
 
     def resume_speed(self, speed_mps: float | None, now: float) -> None:
@@ -359,6 +382,7 @@ class Orders:
         """
         pauses = action in (FlightAction.HOLD, FlightAction.CONTINUE)
         self._give_stop_up("the companion commands")
+        self.give_stand_up()
         if not pauses:
             self.give_start_up("the aircraft is brought home", now)
         if action is not FlightAction.RETURN:  # from here on, `tick` must not begin a return again
@@ -412,6 +436,7 @@ class Orders:
             why = f"the autopilot is in {self._procedures().profile.mode_name(self._state.custom_mode)} now"
             self._conversations.break_off(_HOME, f"not commanded again: {why}")
             self._give_stop_up(why)
+            self.give_stand_up()
         if _HOME not in self._conversations:
             self.returning = False
 

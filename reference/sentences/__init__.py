@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from reference.sentences import answers, console, feeds, flight, gate, guard, missions, preflight, start
+from reference.sentences import answers, console, feeds, flight, gate, guard, missions, onboard, preflight, start
 from reference.sentences.matching import Matcher
 from reference.sentences.row import NOTHING, Group, Sentence
 from reference.sentences.words import WORDS
@@ -23,6 +23,7 @@ VEHICLE: Final[tuple[Group, ...]] = (
     *start.GROUPS,
     *gate.GROUPS,
     *feeds.GROUPS,
+    *onboard.GROUPS,
     *missions.GROUPS,
     *preflight.GROUPS,
     *console.GROUPS,

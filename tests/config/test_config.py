@@ -273,7 +273,7 @@ def test_what_becomes_of_commands_is_read_and_may_be_left_out(file: Path) -> Non
 
 def uncommented(text: str) -> str:
     """Every key in force, without the second tables of a kind."""
-    lines = [line[2:] if re.match(r"# (\[\[vehicle|\w+ = )", line) else line for line in text.splitlines()]
+    lines = [line[2:] if re.match(r"# (\[\[(?:vehicle|onboard)|\w+ = )", line) else line for line in text.splitlines()]
     return "\n".join(lines) + "\n"
 
 
@@ -325,6 +325,41 @@ def test_a_sample_for_an_installation_has_its_files_in_that_folder(file: Path) -
 
 
 # ---- mistakes of the vehicle's file -------------------------------------------------------------------------------
+
+PROGRAM = '[[onboard]]\nname = "x"\nlink = "udpin:127.0.0.1:14600"\ncomponent = 25\n'
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        ("127.0.0.1", "0.0.0.0", "[onboard 1] link: 'udpin:0.0.0.0:14600' leaves this machine; use 127.0.0.1, or set"),
+        ("udpin:127.0.0.1:14600", "tcp:10.0.0.7:5760", "[onboard 1] link: 'tcp:10.0.0.7:5760' leaves this machine"),
+        ("25", "191", "[onboard 1] component: 191 is the companion's component; choose another, such as 25"),
+        ("25", "1", "[onboard 1] component: 1 must be 2 to 255"),
+        ("25", '25\nrights = ["fly"]', "[onboard 1] rights: 'fly' must be one of sensors, payload, guided"),
+        ("25", '25\nrights = ["sensors"]', "[onboard 1] sensors: is missing: rights has 'sensors'. Name the messages"),
+        ("25", '25\nsensors = ["ODOMETRY"]', "[onboard 1] sensors: names messages, but rights lacks 'sensors'"),
+        ("25", '25\nrights = ["sensors"]\nsensors = ["HEARTBEAT"]', "[onboard 1] sensors: 'HEARTBEAT' must be one of"),
+        ('"x"', '"no"', "[onboard 1] name: 'no' is a word of 'handover delegate'; choose another"),
+        ('"x"', '"a b"', "[onboard 1] name: 'a b' must be 1 to 20 printable ASCII characters without a space"),
+        ('"x"', '"GCSA"', "[[onboard]] name 'GCSA' is also a station's; choose another"),
+        (PROGRAM, PROGRAM * 2, "[onboard 2] name: 'x' is given twice; each program needs its own"),
+    ],
+)
+def test_a_mistake_in_an_onboard_program_is_one_line(file: Path, old: str, new: str, expected: str) -> None:
+    assert PROGRAM.count(old) == 1
+    head = VEHICLE[: VEHICLE.index("[limits]")]
+    assert the_line(file, head + PROGRAM.replace(old, new), load_vehicle).startswith(expected)
+
+
+def test_an_onboard_program_of_this_machine_or_by_an_explicit_word_is_loaded(file: Path) -> None:
+    head = VEHICLE[: VEHICLE.index("[limits]")]
+    file.write_text(head + PROGRAM)
+    (program,) = load_vehicle(file).onboard
+    assert (program.name, program.rights.component, program.rights.rights) == ("x", 25, frozenset())
+    file.write_text(head + PROGRAM.replace("127.0.0.1", "0.0.0.0") + "remote = true\n")
+    assert load_vehicle(file).onboard[0].remote
+
 
 VEHICLE_MISTAKES: dict[str, tuple[str, str, str]] = {
     "a source that nobody knows": (
@@ -612,7 +647,12 @@ def test_stations_that_are_no_tables(file: Path) -> None:
 
 
 #: what a number needs beside it at the end of its range
-BESIDE = {"connect_interval_s": "deaf_lost_s = 120\n", "payload_kg": "mass_kg = 1000\n"}
+BESIDE = {
+    "connect_interval_s": "deaf_lost_s = 120\n",
+    "payload_kg": "mass_kg = 1000\n",
+    "onboard.component": 'name = "x"\nlink = "/dev/ttyS9"\n',
+    "onboard.bytes_per_s": 'name = "x"\nlink = "/dev/ttyS9"\ncomponent = 25\n',
+}
 NUMBERS = [
     pytest.param(table, key, id=f"{table.name}.{key.name}")
     for table in VEHICLE_FILE
@@ -627,12 +667,14 @@ def test_every_number_has_a_range_that_is_kept_and_holds_its_default(file: Path,
     low, high = key.limits
     assert key.default is None or low <= key.default <= high
     head = VEHICLE[: VEHICLE.index("[limits]")]
+    beside = BESIDE.get(f"{table.name}.{key.name}" if table.many else key.name, "")
     for inside in (low, high):
-        file.write_text(f"{head}[{table.name}]\n{key.name} = {inside}\n{BESIDE.get(key.name, '')}")
+        file.write_text(f"{head}{table.header}\n{key.name} = {inside}\n{beside}")
         load_vehicle(file)  # what is in range is none that the limits' own checks refuse
     for outside in (low - 1, high + 1):
-        line = the_line(file, f"{head}[{table.name}]\n{key.name} = {outside}\n", load_vehicle)
-        assert line == f"[{table.name}] {key.name}: {outside:g} must be {low:.12g} to {high:.12g}"
+        line = the_line(file, f"{head}{table.header}\n{key.name} = {outside}\n{beside}", load_vehicle)
+        where = f"{table.name} 1" if table.many else table.name
+        assert line == f"[{where}] {key.name}: {outside:g} must be {low:.12g} to {high:.12g}"
 
 
 #: limits that no configuration changes

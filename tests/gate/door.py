@@ -20,7 +20,7 @@ from mavproxy_handover.gate.flush import Closing
 from mavproxy_handover.gate.gate import Gate
 from mavproxy_handover.gate.in_force import AuthorityInForce
 from mavproxy_handover.gate.intent import Aim, Intent
-from mavproxy_handover.gate.judge import StationIdentity, Verdict
+from mavproxy_handover.gate.judge import Fate, StationIdentity, Verdict
 from mavproxy_handover.gate.passed import GateSettings, PassedFrames
 from mavproxy_handover.gate.replies import GateReports
 from mavproxy_handover.gate.stale_streams import News
@@ -106,7 +106,11 @@ class Door:
         #: the commands in flight that the gate asked about, with their stations
         self.asked: list[tuple[Intent, int]] = []
         self.takes_over: Callable[[Frame], bool] = lambda _frame: False
-        matters = CompanionMatters(self._passes, self._allows, self._carries_out, lambda: self.modes)
+        #: what of the commander passed or was carried out, as an end of a delegation
+        self.commanded: list[Frame] = []
+        matters = CompanionMatters(
+            self._passes, self._allows, self._carries_out, lambda: self.modes, self._commander_sends
+        )
         in_force = AuthorityInForce()
         self.settings = GateSettings(feeds=feeds or FeedSettings())
         self.frames = PassedFrames(VEHICLE, self.ports, self.settings, in_force, pass_on, reports.fault)
@@ -118,6 +122,10 @@ class Door:
     def _allows(self, intent: Intent, station: int, _now: float) -> bool:
         self.asked.append((intent, station))
         return self.command_passes
+
+    def _commander_sends(self, frame: Frame, verdict: Verdict, _now: float) -> None:
+        if verdict.fate in (Fate.FORWARD, Fate.CONSUME):
+            self.commanded.append(frame)
 
     def _carries_out(self, frame: Frame) -> bool:
         return self.takes_over(frame)

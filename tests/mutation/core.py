@@ -214,6 +214,8 @@ FIRST = {
     "safety.learning": ("safety/test_learning_samples.py", "safety/test_learning.py"),
     "authority.steps": ("test_steps.py",),
     "authority.control": ("test_control.py",),
+    "authority.delegation": ("test_delegation.py",),
+    "authority.payload": ("test_payload.py",),
     "authority.consent_lines": (
         "test_consent_lines.py",
         "test_standing_consent.py",

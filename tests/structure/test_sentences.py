@@ -41,6 +41,7 @@ OTHER_TEXTS = {
     "gate/examples.py": "the answer of 'handover policy'",
     "gate/trial.py": "the answer of 'handover policy'",
     "gate/policy": "why a class is refused: the answer of 'handover policy', and docs/reference/locked.md",
+    "gate/onboard.py": "names of the filters of onboard programs, for docs/onboard-programs.md",
     "gate/filters.py": "names of the gate's filters, for docs/architecture.md",
     "vehicle/profiles": "kinds of aircraft: docs/missions.md and docs/wings.md",
 }

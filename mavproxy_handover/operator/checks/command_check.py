@@ -215,10 +215,11 @@ class CommandCheck:
         if self._aircraft.custom_mode != self._aircraft.profile.guided:
             self._kept_radius_m, self._kept_mps, self._kept_aim = 0.0, None, None
 
-    def target(self, aim: Aim, station: int, now: float) -> bool:
-        """Whether the commander's stream of targets may lead there."""
+    def target(self, aim: Aim, station: int, now: float, word: str = "target") -> bool:
+        """Whether a stream of targets of the commander, or of a program by its delegation, may lead there. `word`: its
+        name."""
         port = self._reports.message_sender.ports[station]
-        passes = self._rule(port, Kind.TARGET, "target", _Copy(aim), now, lambda: self._to(aim)).passes
+        passes = self._rule(port, Kind.TARGET, word, _Copy(aim), now, lambda: self._to(aim)).passes
         if passes:
             self._kept_aim = aim
         return passes

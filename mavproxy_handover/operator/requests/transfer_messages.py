@@ -13,6 +13,7 @@ from mavproxy_handover.core.common.messages import TransferMessage
 from mavproxy_handover.gate.client_capabilities import Dialect
 from mavproxy_handover.gate.judge import Verdict
 from mavproxy_handover.operator.rehearsal.rehearsal import RehearsalManager
+from mavproxy_handover.operator.requests.delegations import Delegations
 from mavproxy_handover.operator.requests.overrides import Overrides
 from mavproxy_handover.operator.stations.event_log import EventLog
 from mavproxy_handover.operator.stations.port import StationPort
@@ -33,6 +34,7 @@ class TransferServices:
     package_return: PackageReturn
     rehearsal: RehearsalManager
     overrides: Overrides
+    delegations: Delegations
     event_log: EventLog
 
 
@@ -58,6 +60,7 @@ class TransferMessages:
             "MISSION_PACKAGE_ACK": services.package_return.on_ack,
             "HANDOVER_REHEARSE": services.rehearsal.handle_request,
             "HANDOVER_OVERRIDE": self._override,
+            "HANDOVER_DELEGATE": self._delegate,
         }
 
     def handle_message(self, port: StationPort, frame: Frame, _verdict: Verdict, now: float) -> None:
@@ -72,6 +75,10 @@ class TransferMessages:
     def _override(self, port: StationPort, message: Any, now: float) -> None:
         if message.vehicle == self._vehicle:
             port.send(self._services.overrides.on_message(port, message, now))
+
+    def _delegate(self, port: StationPort, message: Any, now: float) -> None:
+        if message.vehicle == self._vehicle:
+            port.send(self._services.delegations.on_message(port, message, now))
 
     def _to_rules(self, port: StationPort, message: Any, now: float) -> None:
         event_log, decoded = self._services.event_log, codec.decode(message)

@@ -62,6 +62,11 @@ class Announcer:
         """The decision in force, in one sentence; "" if nothing is wrong."""
         return "" if self._told is None or self._told.action is None else self._told.text
 
+    @property
+    def action(self) -> FlightAction | None:
+        """The decision in force; None if nothing is wrong."""
+        return None if self._told is None else self._told.action
+
     def tell(self, told: Announce, now: float) -> None:
         """Tell every station."""
         self._number = self._number % 0xFFFF + 1

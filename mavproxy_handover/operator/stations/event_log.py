@@ -359,6 +359,10 @@ class EventLog:
         if self._has_room(station, now):
             self._journal.write("told", text, station=station)
 
+    def onboard(self, program: str, text: str, **values: Any) -> None:
+        """What concerns an onboard program: its link, and what is delegated to it."""
+        self._write_and_tell("onboard", text, program=program, **values)
+
     def stream(self, station: str, news: News, now: float) -> None:
         """A station was told about its sticks or setpoints."""
         if self._has_room(station, now):

@@ -38,7 +38,7 @@ from mavproxy_handover.wire.ids import MISSION_START
 __all__ = ["COPTER", "CopterProcedures"]
 
 #: the flight mode TURTLE arms with hardly a check, and switches the failsafes off
-_AUTO, _TURTLE, _FOLLOW = 3, 28, 23
+_AUTO, _BRAKE, _TURTLE, _FOLLOW = 3, 17, 28, 23
 _LONGEST_WAIT_S: Final = 65535
 _WAIT: Final = (0, _LONGEST_WAIT_S, f"0 to {_LONGEST_WAIT_S} s")
 #: why others do not fly these items
@@ -66,6 +66,11 @@ class CopterProcedures(FlightProcedures):
         what = "hold" if pause else "go on"
         yield from self._do(what, mavlink.MAV_CMD_DO_PAUSE_CONTINUE, 0 if pause else 1)
         return what
+
+    def stand(self) -> Asking:
+        """BRAKE: a paused GUIDED would ignore the commander's next targets. Returns what it does."""
+        yield from self._mode(_BRAKE)
+        return COPTER.mode_name(_BRAKE)
 
     def bring_home(self, action: FlightAction) -> Asking:
         """RTL, and LAND if that cannot be had. Returns the name of the mode that the autopilot took.
@@ -119,7 +124,7 @@ COPTER: Final = Profile(
             },
             ModeClass.MISSION: {_AUTO: "AUTO"},
             ModeClass.GUIDED: {4: "GUIDED", 20: "GUIDED_NOGPS"},
-            ModeClass.STOP: {17: "BRAKE"},
+            ModeClass.STOP: {_BRAKE: "BRAKE"},
             ModeClass.RETURN: {6: "RTL", 21: "SMART_RTL", 27: "AUTO_RTL"},
             ModeClass.LAND: {9: "LAND"},
             ModeClass.OTHER: {7: "CIRCLE"},

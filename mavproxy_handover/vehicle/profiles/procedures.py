@@ -135,6 +135,10 @@ class FlightProcedures(ABC):
     def hold(self, pause: bool) -> Asking:
         """Stop, or go on. Returns what it does."""
 
+    def stand(self) -> Asking:
+        """Leave GUIDED and stop where it is. Returns what it does."""
+        return (yield from self.hold(pause=True))
+
     def holds_by(self, pause: bool) -> ModeClass | None:
         """What is flown after `hold`; None: the mode stays."""
         return None

@@ -1,0 +1,169 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The onboard programs of one vehicle: what they send, what they hear, and what they are told.
+
+An internal fault in a link closes that link for the rest of the run, and is told. It costs nothing else.
+"""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+from functools import partial
+from typing import Final
+
+from mavproxy_handover.gate.downlink import stays_aboard
+from mavproxy_handover.gate.judge import Fate, GateReason, Verdict
+from mavproxy_handover.gate.onboard import OnboardFilters, OnboardMatters, judge_onboard
+from mavproxy_handover.gate.policy.onboard import GUIDED
+from mavproxy_handover.gate.refusal_text import called, subject_of, unsaid
+from mavproxy_handover.gate.refusals import OncePerCause, RefusalLimiter, refusal
+from mavproxy_handover.operator.base.context import Reports
+from mavproxy_handover.operator.onboard.port import OnboardPort
+from mavproxy_handover.wire.frames import Frame, target
+from mavproxy_handover.wire.ids import OUR_MESSAGES
+from mavproxy_handover.wire.message_ids import message_ids
+
+__all__ = ["OnboardPrograms", "OnboardSurroundings"]
+
+#: the same refusal is told once in this time (s)
+_TOLD_S: Final = 60.0
+_GUIDED: Final = message_ids(*GUIDED)
+_WHY: Final = {
+    GateReason.NO_RIGHT: "its rights in [[onboard]] do not have it",
+    GateReason.NOT_DELEGATED: "no targets are delegated. The commander types 'handover delegate {name}' in GUIDED",
+    GateReason.TOO_OFTEN: "it comes more often than its limit",
+    GateReason.NOT_PAYLOADS: "another has payload authority",
+    GateReason.SITUATION: "it would leave energy, fence or coverage",
+    GateReason.NO_NUMBER: "a number in it is none",
+    GateReason.COMPANION_TARGET: "the companion takes none, ask the autopilot",
+    GateReason.SPOOFED_STATION: "system id must be {vehicle}, the vehicle's",
+    GateReason.COMPONENT: "component must be {component}, as in [[onboard]]",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class OnboardSurroundings:
+    """Parts of the companion that the programs need."""
+
+    matters: OnboardMatters
+    #: writes a whole frame to the autopilot
+    to_autopilot: Callable[[bytes], None]
+    #: a guided target of the program of this name went to the autopilot
+    target_passed: Callable[[str, float], None]
+    #: the link of the program of this name was closed after a fault
+    link_closed: Callable[[str, float], None]
+
+
+class OnboardPrograms:
+    """Of vehicle `vehicle` (system id). Times are monotonic seconds."""
+
+    def __init__(
+        self, vehicle: int, ports: Collection[OnboardPort], around: OnboardSurroundings, reports: Reports
+    ) -> None:
+        self.ports = tuple(ports)
+        self._vehicle = vehicle
+        self._around = around
+        self._reports = reports
+        self._filters = {port.name: OnboardFilters(port.rights, around.matters) for port in self.ports}
+        self._answers = RefusalLimiter()
+        self._words = OncePerCause(_TOLD_S)
+
+    # ---- up -------------------------------------------------------------------------------------------------------
+
+    def serve(self, port: OnboardPort, now: float, once: bool = False) -> None:
+        """Read the link of a program, and judge what came."""
+        if port.dropped:
+            return
+        try:
+            for frame in port.read(now, once):
+                self._judge(port, frame, now)
+        except Exception:
+            self._drop(port, traceback.format_exc(limit=-3), now)
+
+    def _judge(self, port: OnboardPort, frame: Frame, now: float) -> None:
+        verdict = judge_onboard(frame, port.rights, self._vehicle)
+        verdict = self._filters[port.name].limit(frame, verdict, now)
+        port.counts[verdict.reason] += 1
+        if verdict.fate is Fate.FORWARD:
+            self._around.to_autopilot(frame.raw)
+            if frame.msgid in _GUIDED:
+                self._around.target_passed(port.name, now)
+        else:
+            self._refused(port, frame, verdict, now)
+
+    def _refused(self, port: OnboardPort, frame: Frame, verdict: Verdict, now: float) -> None:
+        component = port.rights.component
+        if verdict.fate is Fate.REFUSE and self._answers.allow(component, frame.msgid, now):
+            for answer in refusal(frame, verdict, port.own, _unchanged):
+                port.write(answer)
+        kind, named = (frame.msgid, verdict.reason), partial(self._named, frame)
+        answered = verdict.fate is Fate.REFUSE
+        self._reports.event_log.refused(port.name, kind, verdict.what, named, verdict.reason.value, answered, True, now)
+        why = _WHY.get(verdict.reason)
+        if why is None or not frame.known:
+            return
+        subject = subject_of(frame)
+        if self._words.allow(component, (subject, verdict.reason), now):
+            modes = self._around.matters.modes()
+            text = why.format(name=port.name, vehicle=self._vehicle, component=component)
+            text = f"{called(subject, modes=modes)} of {port.name} refused: {text}"
+            port.say(text)
+            self._reports.event_log.told(port.name, text, now)
+
+    def _named(self, frame: Frame) -> str:
+        return unsaid(frame, modes=self._around.matters.modes())
+
+    def _drop(self, port: OnboardPort, trouble: str, now: float) -> None:
+        """Close the link of a program after a fault. Each step for itself: another fault is likely."""
+        for step in (
+            partial(port.drop, trouble),
+            partial(self._around.link_closed, port.name, now),
+            partial(self._reports.fault, f"onboard program {port.name}", trouble),
+            partial(self._tell_drop, port.name),
+        ):
+            try:
+                step()
+            except Exception:
+                self._reports.fault(f"closing links: {port.name}", traceback.format_exc(limit=-3))
+
+    def _tell_drop(self, name: str) -> None:
+        text = f"Link of {name} closed after an internal fault. Restart the companion on the ground."
+        self._reports.event_log.onboard(name, text)
+        self._reports.message_sender.say_to_all(text)
+
+    # ---- down -----------------------------------------------------------------------------------------------------
+
+    def hear(self, frame: Frame, now: float) -> None:
+        """A frame of the vehicle's side: every program hears it, unless it is addressed to another.
+
+        A program hears telemetry, answers to it, and what is addressed to all.
+        """
+        if not self.ports or frame.msgid in OUR_MESSAGES:
+            return
+        aim = target(frame)
+        if stays_aboard(frame, None, ()):  # lease and guard status
+            return
+        for port in self.ports:
+            if not port.dropped and _hears(port, aim, self._vehicle):
+                try:
+                    port.write(frame.raw)
+                except Exception:
+                    self._drop(port, traceback.format_exc(limit=-3), now)
+
+    def close(self) -> None:
+        """Close every link."""
+        for port in self.ports:
+            port.close()
+
+
+def _hears(port: OnboardPort, aim: tuple[int, int] | None, vehicle: int) -> bool:
+    """Whether a frame with this address is for a program."""
+    if aim is None or aim == (0, 0):
+        return True
+    return aim[0] in (0, vehicle) and aim[1] in (0, port.rights.component)
+
+
+def _unchanged(result: int) -> int:
+    return result

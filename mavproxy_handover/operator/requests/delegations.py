@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""`handover delegate`: the commander lets an onboard program lead the aircraft in GUIDED, or takes that back.
+
+A station sends HANDOVER_DELEGATE, and repeats it until the companion answers with the same message. A copy (the same
+station and nonce) gets the answer of the first one: a late copy begins no delegation that has ended since.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.operator.onboard.delegating import Delegating
+from mavproxy_handover.operator.stations.port import StationPort
+
+__all__ = ["Delegations"]
+
+
+class Delegations:
+    """Of vehicle `vehicle` (system id). `say` tells a station a text."""
+
+    def __init__(self, vehicle: int, delegating: Delegating, say: Callable[[StationPort, str], None]) -> None:
+        self._vehicle = vehicle
+        self._delegating = delegating
+        self._say = say
+        #: station -> nonce of its last request, and the answer
+        self._last: dict[int, tuple[int, bool]] = {}
+
+    def on_message(self, port: StationPort, message: Any, now: float) -> Any:
+        """A HANDOVER_DELEGATE of any station; returns the answer."""
+        nonce, accepted = self._last.get(port.sysid, (None, False))
+        if nonce != message.nonce:
+            lacks = self._asked(port, message, now)
+            accepted = not lacks
+            self._last[port.sysid] = message.nonce, accepted
+            if lacks:
+                self._say(port, f"DELEGATE {_shown(message)} refused: {lacks}")
+        program = message.program.encode("ascii", "replace")
+        return mavlink.MAVLink_handover_delegate_message(
+            *port.target, self._vehicle, message.wish, message.nonce, int(accepted), program
+        )
+
+    def _asked(self, port: StationPort, message: Any, now: float) -> str:
+        if message.wish == mavlink.HANDOVER_DELEGATION_WISH_BEGIN:
+            return self._delegating.give(port.sysid, _shown(message), now)
+        return self._delegating.take_back(port.sysid, now)
+
+
+def _shown(message: Any) -> str:
+    """The name of the program, as it is told to people."""
+    if message.wish != mavlink.HANDOVER_DELEGATION_WISH_BEGIN:
+        return "END"
+    name: str = message.program
+    return name if name.isascii() and name.isprintable() and name else "?"

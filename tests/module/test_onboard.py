@@ -1,0 +1,275 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Onboard programs in the companion's module: what passes by their link, what they hear, and what is delegated."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.mission.package import MissionPackage
+from tests.module.conftest import Bench
+from tests.module.test_commands_in_flight import OUT_OF_FENCE, take_off
+from tests.module.vehicle import GUIDED, HOME, frames
+
+COMPONENT = 195
+BRAKE, RTL = 17, 6
+SET_MODE = mavlink.MAV_CMD_DO_SET_MODE
+POSITION_ONLY = 0xFF8
+
+
+class Program:
+    """Software on the companion, by UDP."""
+
+    def __init__(self) -> None:
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.bind(("127.0.0.1", 0))
+        self.socket.setblocking(False)
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+            free.bind(("127.0.0.1", 0))
+            self.port: int = free.getsockname()[1]
+        self.own = mavlink.MAVLink(None, srcSystem=1, srcComponent=COMPONENT)
+        self.heard: list[Any] = []
+
+    def send(self, message: Any) -> None:
+        data = message.pack(self.own)
+        self.own.seq = (self.own.seq + 1) & 0xFF
+        self.socket.sendto(data, ("127.0.0.1", self.port))
+
+    def listen(self) -> list[Any]:
+        """What it has heard so far."""
+        while True:
+            try:
+                self.heard += frames(self.socket.recv(65536))
+            except BlockingIOError:
+                return self.heard
+
+    def got(self, kind: str) -> list[Any]:
+        return [message for message in self.listen() if message.get_type() == kind]
+
+    def texts(self) -> str:
+        return "".join(f"{'' if message.chunk_seq else '|'}{message.text}" for message in self.got("STATUSTEXT"))
+
+    def command(self, number: int, *parameters: float) -> None:
+        values = [*parameters, *[0.0] * (7 - len(parameters))]
+        self.send(mavlink.MAVLink_command_long_message(1, 1, number, 0, *values))
+
+    def target(self, place: tuple[float, float], alt_m: float = 40.0) -> None:
+        body = (0, 1, 1, 6, POSITION_ONLY, round(place[0] * 1e7), round(place[1] * 1e7), alt_m, *[0.0] * 8)
+        self.send(mavlink.MAVLink_set_position_target_global_int_message(*body))
+
+
+@pytest.fixture
+def program() -> Iterator[Program]:
+    program = Program()
+    yield program
+    program.socket.close()
+
+
+def configure(bench: Bench, program: Program, rights: str, more: str = "") -> None:
+    bench.config.write_text(
+        bench.config.read_text()
+        + f"""
+            [[onboard]]
+            name = "precland"
+            link = "udpin:127.0.0.1:{program.port}"
+            component = {COMPONENT}
+            rights = {rights}
+            {more}
+            """
+    )
+
+
+def written(bench: Bench, kind: str) -> list[Any]:
+    """What the autopilot got from the program."""
+    return [m for m in bench.autopilot.received if m.get_type() == kind and m.get_srcComponent() == COMPONENT]
+
+
+def landing_target() -> Any:
+    return mavlink.MAVLink_landing_target_message(0, 0, 8, 0.1, 0.1, 5.0, 0.0, 0.0)
+
+
+def test_sensors_pass_by_name_and_all_else_is_refused_in_words(bench: Bench, program: Program) -> None:
+    configure(bench, program, '["sensors"]', 'sensors = ["LANDING_TARGET"]')
+    bench.connect()
+    program.send(landing_target())
+    program.send(mavlink.MAVLink_distance_sensor_message(0, 10, 100, 50, 0, 0, 25, 0))
+    program.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+    program.command(SET_MODE, 1, GUIDED)
+    bench.wait(1.0)
+    assert len(written(bench, "LANDING_TARGET")) == 1
+    assert written(bench, "DISTANCE_SENSOR") == []
+    assert written(bench, "COMMAND_LONG") == []
+    acks = [(ack.command, ack.result) for ack in program.got("COMMAND_ACK")]
+    assert acks == [(400, mavlink.MAV_RESULT_DENIED), (SET_MODE, mavlink.MAV_RESULT_DENIED)]
+    assert "distance sensor of precland refused: its rights in [[onboard]] do not have it" in program.texts()
+    assert "arm of precland refused: its rights in [[onboard]] do not have it" in program.texts()
+    entries = bench.journal("refused")
+    assert [(entry["station"], entry["what"]) for entry in entries] == [
+        ("precland", "DISTANCE_SENSOR"),
+        ("precland", "COMMAND_LONG/MAV_CMD_COMPONENT_ARM_DISARM"),
+    ], "the next of the same message within half a second is counted only"
+    program.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+    bench.wait(1.0)
+    assert program.texts().count("arm of precland refused") == 1, "once a minute"
+
+
+def test_it_hears_telemetry_and_its_own_answers_and_stations_hear_none_of_them(bench: Bench, program: Program) -> None:
+    configure(bench, program, "[]")
+    bench.connect()
+    program.send(mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3))
+    bench.wait(2.0)
+    assert len(written(bench, "HEARTBEAT")) == 1
+    assert program.got("HEARTBEAT")
+    assert program.got("GLOBAL_POSITION_INT")
+    assert program.got("TUNNEL") == [], "neither lease nor guard"
+    bench.a.received.clear()
+    program.heard.clear()
+    bench.autopilot.say(mavlink.MAVLink_command_ack_message(512, 0, 0, 0, 1, COMPONENT))
+    bench.autopilot.say(mavlink.MAVLink_command_ack_message(400, 0, 0, 0, 251, 190))
+    for message in list(bench.autopilot._out):
+        bench.mpstate.deliver(message)
+    bench.wait(0.5)
+    assert [ack.command for ack in program.got("COMMAND_ACK")] == [512]
+    assert [ack.command for ack in bench.a.received.got("COMMAND_ACK")] == [400]
+
+
+def test_a_fault_closes_that_link_and_nothing_else(
+    bench: Bench, program: Program, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    configure(bench, program, '["sensors"]', 'sensors = ["LANDING_TARGET"]')
+    bench.connect()
+    bench.breaks = True
+    (port,) = bench.companion.onboard.ports
+    monkeypatch.setattr(port, "read", lambda _now, _once: 1 / 0)
+    program.send(landing_target())
+    bench.wait(1.0)
+    assert port.dropped
+    assert "Link of precland closed after an internal fault" in bench.a.texts()
+    assert bench.companion.view.commander == 251
+    monkeypatch.undo()
+    program.send(landing_target())
+    leases = len(bench.autopilot.received)
+    bench.run(1.0)
+    assert written(bench, "LANDING_TARGET") == []
+    assert len([m for m in bench.autopilot.received[leases:] if m.get_type() == "TUNNEL"]) >= 4
+
+
+# ---- guided -------------------------------------------------------------------------------------------------------
+
+
+def delegate(bench: Bench, name: str = "precland", wish: int = 1, nonce: int = 7) -> Any:
+    """The commander's request; the answer."""
+    before = len(bench.a.received)
+    bench.a.send(mavlink.MAVLink_handover_delegate_message(1, 191, 1, wish, nonce, 0, name.encode()))
+    bench.wait(0.3)
+    return bench.a.received.got("HANDOVER_DELEGATE", before)[-1]
+
+
+@pytest.fixture
+def flown(bench: Bench, program: Program, delivery: MissionPackage) -> Bench:
+    configure(bench, program, '["guided"]')
+    return take_off(bench, delivery)
+
+
+def in_guided(bench: Bench) -> None:
+    bench.a.command(SET_MODE, 1, GUIDED)
+    bench.until(lambda: bench.companion.autopilot.aircraft.custom_mode == GUIDED)
+    bench.wait(1.0)
+    bench.autopilot.received.clear()
+
+
+NEAR = (HOME[0] + 0.0005, HOME[1])
+
+
+def test_targets_pass_only_while_the_commander_has_delegated_them(flown: Bench, program: Program) -> None:
+    program.target(NEAR)
+    flown.wait(0.3)
+    assert written(flown, "SET_POSITION_TARGET_GLOBAL_INT") == []
+    assert "'handover delegate precland' in GUIDED" in program.texts()
+    assert delegate(flown).accepted == 0
+    assert "DELEGATE precland refused: the aircraft does not fly GUIDED; order GUIDED first" in flown.a.texts()
+    in_guided(flown)
+    assert delegate(flown, nonce=8).accepted == 1
+    program.target(NEAR)
+    flown.wait(0.3)
+    assert len(written(flown, "SET_POSITION_TARGET_GLOBAL_INT")) == 1
+    program.target(OUT_OF_FENCE)
+    flown.wait(0.3)
+    assert len(written(flown, "SET_POSITION_TARGET_GLOBAL_INT")) == 1
+    assert "target of precland refused" in flown.a.texts()
+    assert delegate(flown, "other", nonce=9).accepted == 0
+
+
+def test_silence_ends_it_with_a_confirmed_hold(flown: Bench, program: Program) -> None:
+    in_guided(flown)
+    assert delegate(flown).accepted == 1
+    program.target(NEAR)
+    flown.wait(0.5)
+    flown.until(lambda: flown.companion.autopilot.aircraft.custom_mode == BRAKE, 5.0)
+    flown.wait(1.5)
+    text = flown.a.texts()
+    assert "precland no longer leads the aircraft: the program is silent. A hold is ordered." in text
+    assert "Hold confirmed: BRAKE. Order GUIDED to lead it again." in text
+    assert delegate(flown, nonce=7).accepted == 1, "a late copy gets the old answer"
+    program.target(NEAR)
+    flown.wait(0.3)
+    assert len(written(flown, "SET_POSITION_TARGET_GLOBAL_INT")) == 1, "and begins nothing"
+    ends = [entry for entry in flown.journal("onboard") if entry.get("end")]
+    assert [entry["end"] for entry in ends] == ["silence"]
+
+
+def stream(bench: Bench, program: Program, seconds: float) -> None:
+    for _ in range(round(seconds / 0.2)):
+        program.target(NEAR)
+        bench.wait(0.2)
+
+
+def test_another_mode_of_the_commander_ends_it_and_is_not_held(flown: Bench, program: Program) -> None:
+    in_guided(flown)
+    assert delegate(flown).accepted == 1
+    stream(flown, program, 1.0)
+    flown.autopilot.received.clear()
+    flown.a.command(SET_MODE, 1, RTL)
+    stream(flown, program, 3.0)
+    assert flown.autopilot.mode == RTL
+    assert written(flown, "SET_POSITION_TARGET_GLOBAL_INT") == []
+    sent = [
+        m.get_type()
+        for m in flown.autopilot.received
+        if m.get_type() in ("COMMAND_LONG", "SET_POSITION_TARGET_GLOBAL_INT")
+    ]
+    assert sent[:2] == ["SET_POSITION_TARGET_GLOBAL_INT", "COMMAND_LONG"], "the stop goes first"
+    assert "no longer leads the aircraft: the commander sent another command" in flown.a.texts()
+
+
+def test_any_other_command_of_the_commander_ends_it_with_a_hold(flown: Bench, program: Program) -> None:
+    in_guided(flown)
+    assert delegate(flown).accepted == 1
+    stream(flown, program, 1.0)
+    flown.a.command(mavlink.MAV_CMD_DO_CHANGE_SPEED, 1, 5, -1)
+    stream(flown, program, 2.0)
+    assert flown.autopilot.mode == BRAKE
+    assert "Hold confirmed: BRAKE" in flown.a.texts()
+
+
+def test_the_commander_takes_it_back(flown: Bench, program: Program) -> None:
+    in_guided(flown)
+    assert delegate(flown).accepted == 1
+    stream(flown, program, 1.0)
+    assert delegate(flown, wish=0, nonce=9).accepted == 1
+    flown.wait(2.0)
+    assert flown.autopilot.mode == BRAKE
+    assert "no longer leads the aircraft: the commander took it back" in flown.a.texts()
+
+
+def test_only_the_commander_delegates(flown: Bench) -> None:
+    in_guided(flown)
+    flown.b.send(mavlink.MAVLink_handover_delegate_message(1, 191, 1, 1, 5, 0, b"precland"))
+    flown.wait(0.3)
+    assert flown.b.received.got("HANDOVER_DELEGATE")[-1].accepted == 0
+    assert "DELEGATE precland refused: only the commander delegates" in flown.b.texts()
