@@ -145,13 +145,14 @@ def test_a_fault_closes_that_link_and_nothing_else(
     bench.connect()
     bench.breaks = True
     (port,) = bench.companion.onboard.ports
+    reads = port.read
     monkeypatch.setattr(port, "read", lambda _now, _once: 1 / 0)
     program.send(landing_target())
     bench.wait(1.0)
     assert port.dropped
     assert "Link of precland closed after an internal fault" in bench.a.texts()
     assert bench.companion.view.commander == 251
-    monkeypatch.undo()
+    monkeypatch.setattr(port, "read", reads)
     program.send(landing_target())
     leases = len(bench.autopilot.received)
     bench.run(1.0)
