@@ -37,6 +37,8 @@ AIRCRAFT: Final = tuple(profile.name for profile in PROFILES)
 #: system ids of stations, in this order; 255 is that of many ground station programs
 _SYSIDS: Final = (*range(251, 255), *range(250, 0, -1))
 _HOST: Final = re.compile(r"(?=.{1,253}$)[A-Za-z0-9]([A-Za-z0-9.-]*[A-Za-z0-9])?|\[[0-9A-Fa-f:.]+(%\w+)?\]")
+#: lines and points of a drawing that a note names
+_MOST_TOLD: Final = 10
 #: how a plan's fault names the key that the option writes
 _IN_MISSION: Final = "'endless_jump = true' in the mission"
 _HANDOVERS: Final = MISSION["expected_handovers"]
@@ -111,8 +113,7 @@ def job_of(arguments: argparse.Namespace, questions: Questions) -> Job:
     files = {f"{MISSION_FOLDER}/{name}": text for name, text in texts.items()}
     files |= configurations(vehicle, sites, MISSION_FOLDER)
     speed_mps, source = answers.speed
-    used = {station.zone.place for station in stations}
-    left = tuple(f"no station has {zone.place}" for zone in sources.zones if zone.place not in used)
+    left = _left_out(sources.zones, stations)
     simpler = (f"{name}: the zone had too many corners: its border moved by up to {m:.1f} m" for name, m in moved)
     return Job(out, files, package, sites, stations, f"{speed_mps:g} m/s, {source}", (*simpler, *notes, *left))
 
@@ -166,6 +167,7 @@ def _sources(arguments: argparse.Namespace, questions: Questions) -> _Sources:
             read = read_zone_file(each, facts.home)
             zones += read if own else [replace(zone, fence_part=None) for zone in read]
     faults.raise_all()
+    zones.sort(key=lambda zone: zone.aside)  # numbers count the areas
     return _Sources(path, text, facts, tuple(zones))
 
 
@@ -276,12 +278,12 @@ def _numbered(stations: Sequence[DraftStation]) -> tuple[DraftStation, ...]:
 def _asked_names(zones: Sequence[DrawnZone], questions: Questions) -> list[Wanted]:
     """A name for each zone. Empty: they are missing."""
     if questions.ask is None:
-        for number, zone in enumerate(zones, 1):
+        for number, zone in enumerate((zone for zone in zones if not zone.aside), 1):
             name = station_name(zone.name) or "NAME"
             questions.missing.append(f"--station {name}={number}: {zone.place}{'' if zone.name else ' has no name'}")
         return []
     found: list[Wanted] = []
-    for number, zone in enumerate(zones, 1):
+    for number, zone in enumerate((zone for zone in zones if not zone.aside), 1):
         proposal = station_name(zone.name) or f"GCS{chr(ord('A') + number - 1)}" if number <= 26 else f"GCS-{number}"
         name = questions.offer(f"name of the station of zone {number} ({zone.place})", _name, proposal)
         found.append(Wanted(name, str(number)))
@@ -292,6 +294,23 @@ def _name(answer: str) -> str:
     if fault := name_fault(answer):
         raise ValueError(fault)
     return answer
+
+
+def _left_out(zones: Sequence[DrawnZone], stations: Sequence[DraftStation]) -> tuple[str, ...]:
+    """What was drawn and no station has: a line for each zone, and one for all lines and points."""
+    used = {station.zone.place for station in stations}
+    left = [zone for zone in zones if zone.place not in used]
+    told = [f"no station has {zone.place}" for zone in left if not zone.aside]
+    aside = [zone.place for zone in left if zone.aside]
+    if aside:
+        more = f" and {len(aside) - _MOST_TOLD} more" if len(aside) > _MOST_TOLD else ""
+        told.append(
+            f"left out, because a line or a point is no zone: {', '.join(aside[:_MOST_TOLD])}{more}. Draw it as a "
+            "polygon if it is one"
+        )
+    if told:
+        told.append("other zones count if you name all that do: --station NAME=ZONE for each station, the parent first")
+    return tuple(told)
 
 
 def _parent(stations: Sequence[DraftStation], sources: _Sources, questions: Questions) -> str | None:

@@ -534,19 +534,59 @@ def test_faults_of_plan_and_zones_are_told_together_and_nothing_is_written(typed
     assert typed("--plan survey.plan --zones stations.kml --station GCSA=1 --station GCSB=2").code == 0
 
 
-def test_what_is_no_zone_can_be_left_out_by_naming_the_stations(typed: Callable[[str], Typed]) -> None:
-    coordinates = "<coordinates>5.95,52.21 5.957,52.211</coordinates>"
-    line = f"<Placemark><name>Route</name><LineString>{coordinates}</LineString></Placemark>"
-    text = Path("stations.kml").read_text(encoding="utf-8").replace("</Document>", f"{line}</Document>")
+def drawn_beside(*geometries: str) -> None:
+    """Add placemarks to stations.kml: Other 3, Other 4, and so on."""
+    marks = (f"<Placemark><name>Other {n}</name>{each}</Placemark>" for n, each in enumerate(geometries, 3))
+    text = Path("stations.kml").read_text(encoding="utf-8").replace("</Document>", f"{''.join(marks)}</Document>")
     Path("stations.kml").write_text(text, encoding="utf-8")
-    told = "--plan survey.plan --zones stations.kml"
-    assert typed(told).faults == [
-        "stations.kml: placemark 3 (Route): a LineString is no zone (allowed: Polygon, MultiGeometry of polygons, "
+
+
+LINE = "<LineString><coordinates>5.95,52.21 5.957,52.211</coordinates></LineString>"
+POINT = "<Point><coordinates>5.95,52.21</coordinates></Point>"
+
+
+def test_lines_and_points_beside_the_zones_are_left_out_and_told(typed: Callable[[str], Typed]) -> None:
+    drawn_beside(LINE, POINT, f"<MultiGeometry>{POINT}</MultiGeometry>", "")
+    done = typed("--plan survey.plan --zones stations.kml")
+    assert done.code == 0
+    assert [each.name for each in packages.load("survey/mission").stations] == ["Farm", "Dike-house"]
+    places = ", ".join(f"stations.kml: placemark {n} (Other {n})" for n in (3, 4, 5, 6))
+    assert (
+        f"note        left out, because a line or a point is no zone: {places}. Draw it as a polygon if it is one\n"
+        "note        other zones count if you name all that do: --station NAME=ZONE for each station, the parent "
+        "first\n"
+    ) in done.out
+
+
+def test_of_many_lines_ten_are_told(typed: Callable[[str], Typed]) -> None:
+    drawn_beside(*[LINE] * 14)
+    done = typed("--plan survey.plan --zones stations.kml")
+    assert "stations.kml: placemark 12 (Other 12) and 4 more. Draw it" in done.out
+    assert "placemark 13" not in done.out
+
+
+def test_a_line_that_is_named_as_a_zone_is_refused(typed: Callable[[str], Typed]) -> None:
+    drawn_beside(LINE)
+    assert typed("--plan survey.plan --zones stations.kml --station Farm --station A=3").faults == [
+        "stations.kml: placemark 3 (Other 3): a LineString is no zone (allowed: Polygon, MultiGeometry of polygons, "
         "Point with radius_m). Draw it as a polygon, or name the zones that count with --station NAME=ZONE"
     ]
-    done = typed(f"{told} --station Farm --station Dike-house")
+
+
+def test_a_file_of_lines_alone_has_no_zone(typed: Callable[[str], Typed]) -> None:
+    text = f"<kml><Placemark><name>Route</name>{LINE}</Placemark></kml>"
+    Path("lines.kml").write_text(text, encoding="utf-8")
+    (told,) = typed("--plan survey.plan --zones stations.kml lines.kml").faults
+    assert told.startswith("lines.kml: placemark 1 (Route): a LineString is no zone")
+
+
+def test_numbers_of_zones_count_the_areas(typed: Callable[[str], Typed]) -> None:
+    text = Path("stations.kml").read_text(encoding="utf-8")
+    mark = f"<Placemark><name>Road</name>{LINE}</Placemark>"
+    Path("stations.kml").write_text(text.replace("<Placemark>", f"{mark}<Placemark>", 1), encoding="utf-8")
+    done = typed("--plan survey.plan --zones stations.kml --station GCSA=1 --station GCSB=2")
     assert done.code == 0
-    assert "note        no station has stations.kml: placemark 3 (Route)\n" in done.out
+    assert "zone        GCSA: stations.kml: placemark 2 (Farm)\n" in done.out
 
 
 @pytest.mark.parametrize(

@@ -46,6 +46,9 @@ def placemark(name: str, geometry: str, more: str = "") -> str:
     return f"<Placemark><name>{name}</name>{more}{geometry}</Placemark>"
 
 
+LINE = "<LineString><coordinates>1,2 3,4</coordinates></LineString>"
+
+
 def kml_text(*placemarks: str, head: str = "") -> str:
     return (
         f'<?xml version="1.0" encoding="UTF-8"?>\n{head}<kml xmlns="http://www.opengis.net/kml/2.2"><Document>'
@@ -192,6 +195,31 @@ def test_a_circle_across_the_180th_meridian_is_cut_on_either_side(lon: float) ->
 )  # fmt: skip
 def test_a_feature_that_is_no_zone_is_told_with_file_and_name(entry: Any, said: str, tmp_path: Path) -> None:
     assert fault(geojson(tmp_path, entry)) == f"zones.geojson: feature 1 (A): {said}"
+
+
+def test_lines_and_points_beside_zones_are_aside(tmp_path: Path) -> None:
+    line = feature(SQUARE, "LineString", name="Road")
+    point = feature([10.0, 0.0], "Point")
+    collection = {"type": "GeometryCollection", "geometries": [line["geometry"], feature([SQUARE])["geometry"]]}
+    mixed = {"type": "Feature", "properties": {"name": "A"}, "geometry": collection}
+    found = read_zone_file(geojson(tmp_path, line, mixed, point))
+    assert [(zone.name, zone.aside, zone.area is None) for zone in found] == [
+        ("Road", True, True),
+        ("A", False, False),
+        ("", True, True),
+    ]
+
+
+def test_a_single_area_among_lines_has_the_name_of_its_file(tmp_path: Path) -> None:
+    path = kml(tmp_path, placemark("", LINE), placemark("", f"<Polygon>{ring(SQUARE)}</Polygon>"), name="Nord.kml")
+    assert [(zone.name, zone.aside) for zone in read_zone_file(path)] == [("", True), ("Nord", False)]
+
+
+def test_an_area_that_is_drawn_wrong_is_not_aside(tmp_path: Path) -> None:
+    path = kml(tmp_path, placemark("A", f"<Polygon>{ring(BOW_TIE)}</Polygon>"), placemark("B", LINE))
+    wrong, line = read_zone_file(path)
+    assert (wrong.aside, line.aside) == (False, True)
+    assert wrong.fault is not None
 
 
 def test_swapped_coordinates_are_noticed_from_home(tmp_path: Path) -> None:

@@ -24,6 +24,8 @@ __all__ = [
     "Area",
     "DrawnZone",
     "Home",
+    "NoArea",
+    "areas_among",
     "areas_joined",
     "corners_of",
     "cut_at_meridian",
@@ -51,11 +53,16 @@ _LIMITS: Final = ("min_alt_m", "max_alt_m", "radius_m")
 _SEARCH_M: Final = 0.01
 
 
+class NoArea(MissionError):
+    """A geometry is a line, a point or nothing: it can be no zone."""
+
+
 @dataclass(frozen=True, slots=True)
 class DrawnZone:
     """One zone of a file. `name`: as drawn, "" if it has none. `place`: the file and the feature, for messages.
 
-    `fault`: it cannot be used, for this reason; `area` is None then.
+    `fault`: it cannot be used, for this reason; `area` is None then. `aside`: it has no area, and stands in a file
+    beside zones: it counts only if a station names it.
     """
 
     name: str
@@ -66,6 +73,7 @@ class DrawnZone:
     fault: MissionError | None = field(default=None, compare=False)
     #: number of the polygon or circle in the geofence of a plan, from 0; None: from no geofence
     fence_part: int | None = None
+    aside: bool = False
 
 
 def name_of(text: str) -> str:
@@ -91,7 +99,7 @@ def drawn_zone(
         return DrawnZone(name, _place_of(where), areas_joined(where, list(areas)), low, high)
     except MissionError as error:
         text = str(error)
-        told = MissionError(f"{text}. {_NEXT}") if text.endswith(")") else error
+        told = type(error)(f"{text}. {_NEXT}") if text.endswith(")") else error
         return DrawnZone(name, _place_of(where), None, fault=told)
 
 
@@ -157,10 +165,25 @@ def cut_at_meridian(area: Polygon | MultiPolygon) -> Polygon | MultiPolygon:
     return polygons[0] if len(polygons) == 1 else MultiPolygon(polygons)
 
 
+def areas_among(geometries: Iterable[Iterator[Area]]) -> Iterator[Area]:
+    """The areas of several geometries. Lines and points among them are left out. Raises NoArea: there is no area."""
+    none: NoArea | None = None
+    found = False
+    for geometry in geometries:
+        try:
+            for area in geometry:
+                found = True
+                yield area
+        except NoArea as error:
+            none = none or error
+    if none is not None and not found:
+        raise none
+
+
 def areas_joined(where: Where, areas: Sequence[Area]) -> Area:
     """One area of several that do not overlap. Raises MissionError."""
     if not areas:
-        raise where.error(f"no area in it (allowed: {ALLOWED}). Draw the zone as a polygon")
+        raise NoArea(str(where.error(f"no area in it (allowed: {ALLOWED}). Draw the zone as a polygon")))
     if len(areas) == 1:
         return areas[0]
     outlines = [cut_at_meridian(area.outline()) if isinstance(area, Circle) else area for area in areas]

@@ -57,21 +57,22 @@ def name_fault(name: str) -> str:
 
 
 def choose(zones: Sequence[DrawnZone], wanted: Sequence[Wanted]) -> Choice:
-    """The zone of each wanted station; without any, every zone and its own name. Raises MissionError, all at once."""
+    """The zone of each wanted station; without any, every area and its own name. Raises MissionError, all at once."""
     if not wanted:
         return _every(zones)
     faults, found = Faults(), list[tuple[str, DrawnZone]]()
-    by_order = not any(each.zone for each in wanted) and not any(zone.name for zone in zones)
-    if by_order and len(wanted) != len(zones):
+    areas = [zone for zone in zones if not zone.aside]
+    by_order = not any(each.zone for each in wanted) and not any(zone.name for zone in areas)
+    if by_order and len(wanted) != len(areas):
         raise MissionError(
-            f"{len(zones)} zones without a name, and {len(wanted)} stations: name a station for each, in the order of "
+            f"{len(areas)} zones without a name, and {len(wanted)} stations: name a station for each, in the order of "
             "the files, or with --station NAME=NUMBER those that count"
         )
     for number, each in enumerate(wanted):
         with faults.noted():
             if fault := name_fault(each.name):
                 raise MissionError(f"--station {fault}")
-            zone = zones[number] if by_order else _zone_of(zones, each)
+            zone = areas[number] if by_order else _zone_of(zones, each)
             if zone.fault is not None:
                 raise zone.fault
             found.append((each.name, zone))
@@ -85,6 +86,8 @@ def choose(zones: Sequence[DrawnZone], wanted: Sequence[Wanted]) -> Choice:
 def _every(zones: Sequence[DrawnZone]) -> Choice:
     faults, found, unnamed = Faults(), list[tuple[str, DrawnZone]](), list[DrawnZone]()
     for zone in zones:
+        if zone.aside:
+            continue
         with faults.noted():
             if zone.fault is not None:
                 raise zone.fault
@@ -97,7 +100,7 @@ def _every(zones: Sequence[DrawnZone]) -> Choice:
                 found.append((name, zone))
     _check_names(faults, found)
     faults.raise_all()
-    return Choice(tuple(found), (), tuple(unnamed))
+    return Choice(tuple(found), tuple(zone for zone in zones if zone.aside), tuple(unnamed))
 
 
 def _zone_of(zones: Sequence[DrawnZone], wanted: Wanted) -> DrawnZone:

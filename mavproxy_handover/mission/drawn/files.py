@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
-from mavproxy_handover.mission.drawn.areas import DrawnZone, Home, corners_of
+from mavproxy_handover.mission.drawn.areas import DrawnZone, Home, NoArea, corners_of
 from mavproxy_handover.mission.drawn.fence import read_plan_fence
 from mavproxy_handover.mission.drawn.geojson import read_geojson
 from mavproxy_handover.mission.drawn.kml import kml_of_kmz, read_kml
@@ -26,7 +26,7 @@ ENDINGS: Final = (".geojson", ".json", ".kml", ".kmz", ".plan")
 def read_zone_file(path: Path, home: Home = None) -> tuple[DrawnZone, ...]:
     """The zones of a file. `home`: latitude and longitude, to notice swapped coordinates. Raises MissionError.
 
-    A file with one zone that has no name gives it the name of the file.
+    A file with one zone that has no name gives it the name of the file. Lines and points beside zones are `aside`.
     """
     where = Where(path.name)
     reader = _READERS.get(path.suffix.lower())
@@ -38,9 +38,14 @@ def read_zone_file(path: Path, home: Home = None) -> tuple[DrawnZone, ...]:
     corners = sum(corners_of(zone.area) for zone in zones if zone.area is not None)
     if corners > MAX_FILE_CORNERS:
         raise where.error(f"{corners} corners (allowed: at most {MAX_FILE_CORNERS}). Export it with less detail")
-    if len(zones) == 1 and not zones[0].name and path.suffix.lower() != ".plan":
-        return (replace(zones[0], name=path.stem),)
-    return zones
+    if path.suffix.lower() == ".plan":
+        return zones
+    areas = [zone for zone in zones if not isinstance(zone.fault, NoArea)] or zones
+    alone = len(areas) == 1 and not areas[0].name
+    return tuple(
+        replace(zone, name=path.stem if alone and zone is areas[0] else zone.name, aside=zone not in areas)
+        for zone in zones
+    )
 
 
 def read_text(path: Path, most: int = MAX_FILE_BYTES) -> str:

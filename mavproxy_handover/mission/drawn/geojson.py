@@ -10,7 +10,17 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Final
 
-from mavproxy_handover.mission.drawn.areas import ALLOWED, Area, DrawnZone, Home, drawn_zone, name_of, polygon_of
+from mavproxy_handover.mission.drawn.areas import (
+    ALLOWED,
+    Area,
+    DrawnZone,
+    Home,
+    NoArea,
+    areas_among,
+    drawn_zone,
+    name_of,
+    polygon_of,
+)
 from mavproxy_handover.mission.errors import MissionError, Where, parse_json
 from mavproxy_handover.mission.geojson import LARGEST_RADIUS_M, SMALLEST_RADIUS_M, position_of
 from mavproxy_handover.mission.zones import Circle
@@ -24,6 +34,8 @@ MAX_DEPTH: Final = 10
 _NAMES: Final = ("station", "name", "title")
 #: coordinate systems that are longitude and latitude in WGS 84
 _WGS84: Final = ("CRS84", "4326")
+#: geometries that have no area
+_NO_AREAS: Final = ("MultiPoint", "LineString", "MultiLineString")
 _FEATURES: Final = ("FeatureCollection", "Feature")
 _DRAW: Final = "Draw it as a polygon, or name the zones that count with --station NAME=ZONE"
 
@@ -47,7 +59,7 @@ def read_geojson(where: Where, text: str, home: Home) -> Iterator[DrawnZone]:
 def circle_at(where: Where, properties: Mapping[str, object], position: object, home: Home) -> Circle:
     """The circle of a Point and its property `radius_m`. Raises MissionError."""
     if "radius_m" not in properties:
-        raise where.error(f"a Point is no zone without radius_m (allowed: {ALLOWED}). {_DRAW}")
+        raise NoArea(str(where.error(f"a Point is no zone without radius_m (allowed: {ALLOWED}). {_DRAW}")))
     lon, lat = position_of(where, position, "the centre", home)
     return Circle(lat, lon, where.number(properties["radius_m"], "radius_m", SMALLEST_RADIUS_M, LARGEST_RADIUS_M))
 
@@ -91,13 +103,16 @@ def _areas(
     if kind == "GeometryCollection":
         if depth >= MAX_DEPTH:
             raise where.error(f"a GeometryCollection more than {MAX_DEPTH} deep. {_DRAW}")
-        for number, entry in enumerate(where.array(where.need(geometry, "geometries"), "geometries"), 1):
-            inside = where.at(f"geometry {number}")
-            yield from _areas(inside, properties, inside.table(entry, "the geometry"), home, depth + 1)
+        listed = where.array(where.need(geometry, "geometries"), "geometries")
+        parts = ((where.at(f"geometry {number}"), entry) for number, entry in enumerate(listed, 1))
+        yield from areas_among(
+            _areas(inside, properties, inside.table(entry, "the geometry"), home, depth + 1) for inside, entry in parts
+        )
         return
     if kind not in ("Polygon", "MultiPolygon", "Point"):
         shown = where.text(kind, "type", 40) if isinstance(kind, str) else "geometry without a type"
-        raise where.error(f"a {shown} is no zone (allowed: {ALLOWED}). {_DRAW}")
+        told = where.error(f"a {shown} is no zone (allowed: {ALLOWED}). {_DRAW}")
+        raise NoArea(str(told)) if kind in _NO_AREAS else told
     if kind != "Point" and "radius_m" in properties:
         raise where.error(f"radius_m on a {kind} (allowed: on a Point). Remove it")
     coordinates = where.need(geometry, "coordinates")

@@ -20,7 +20,16 @@ from typing import Final
 from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
 
-from mavproxy_handover.mission.drawn.areas import Area, DrawnZone, Home, drawn_zone, name_of, polygon_of
+from mavproxy_handover.mission.drawn.areas import (
+    Area,
+    DrawnZone,
+    Home,
+    NoArea,
+    areas_among,
+    drawn_zone,
+    name_of,
+    polygon_of,
+)
 from mavproxy_handover.mission.drawn.geojson import circle_at
 from mavproxy_handover.mission.errors import MissionError, Where
 
@@ -123,7 +132,7 @@ def _zone(where: Where, place: str, placemark: Element, home: Home) -> DrawnZone
         return drawn_zone(inside, "", {}, (), fault=error)
     inside = where.at(f"{place} ({name})") if name else inside
     geometries = [each for each in placemark if each.tag in _GEOMETRIES]
-    areas = (area for each in geometries for area in _areas(inside, each, properties, home))
+    areas = areas_among(_areas(inside, each, properties, home) for each in geometries)
     return drawn_zone(inside, name, properties, areas)
 
 
@@ -148,9 +157,7 @@ def _number(where: Where, name: str, text: str) -> float:
 def _areas(where: Where, geometry: Element, properties: dict[str, object], home: Home) -> Iterator[Area]:
     """The areas of a geometry and of those in it. Raises MissionError."""
     if geometry.tag in _GROUPS:
-        for each in geometry:
-            if each.tag in _GEOMETRIES:
-                yield from _areas(where, each, properties, home)
+        yield from areas_among(_areas(where, each, properties, home) for each in geometry if each.tag in _GEOMETRIES)
     elif geometry.tag == "Polygon":
         outer = geometry.find("outerBoundaryIs/LinearRing/coordinates")
         if outer is None:
@@ -161,7 +168,7 @@ def _areas(where: Where, geometry: Element, properties: dict[str, object], home:
         (position, *_more) = _positions(where, geometry.find("coordinates")) or [[]]
         yield circle_at(where, properties, position, home)
     else:
-        raise where.error(f"a {geometry.tag} is no zone (allowed: {_ALLOWED}). {_NEXT}")
+        raise NoArea(str(where.error(f"a {geometry.tag} is no zone (allowed: {_ALLOWED}). {_NEXT}")))
 
 
 def _positions(where: Where, coordinates: Element | None) -> list[object]:
