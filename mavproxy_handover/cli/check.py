@@ -14,7 +14,7 @@ from pathlib import Path
 from mavproxy_handover.config.toml import ConfigError
 from mavproxy_handover.core.common.model import Station
 from mavproxy_handover.core.safety.energy import Wind
-from mavproxy_handover.mission.check import OPERATOR_S, check
+from mavproxy_handover.mission.check import OPERATOR_S, CheckReport, check
 from mavproxy_handover.mission.check_json import report_json
 from mavproxy_handover.mission.check_text import report_text
 from mavproxy_handover.mission.errors import MissionError
@@ -22,7 +22,7 @@ from mavproxy_handover.mission.fix import fix
 from mavproxy_handover.mission.package import MISSION_FILE, MissionPackage, load
 from mavproxy_handover.tools.command_line import CommandParser
 
-__all__ = ["main"]
+__all__ = ["judged", "main"]
 
 
 def _wind(text: str) -> Wind:
@@ -63,6 +63,12 @@ def _vehicle(named: str | None, package: MissionPackage) -> _Vehicle:
     if named is None and not all((station.sysid, station.name) in known for station in package.stations):
         return _Vehicle()
     return _Vehicle(stations, config.limits.operator_timeout_s)
+
+
+def judged(package: MissionPackage, config: str | None, wind: Wind | None = None) -> CheckReport:
+    """The check of a mission with the vehicle's file of that name. Raises ConfigError, ImportError."""
+    vehicle = _vehicle(config, package)
+    return check(package, operator_s=vehicle.operator_s, wind=wind, stations=vehicle.stations)
 
 
 def _parser() -> CommandParser:
@@ -130,11 +136,10 @@ def _checked(folder: Path, options: argparse.Namespace) -> int:
     for fixed in fix(folder) if options.fix else ():
         print(f"fixed: {fixed}", file=sys.stderr)
     package = load(folder)
-    vehicle = _vehicle(options.config, package)
-    report = check(package, operator_s=vehicle.operator_s, wind=options.wind, stations=vehicle.stations)
+    report = judged(package, options.config, options.wind)
     print(json.dumps(report_json(report), indent=1) if options.json else report_text(report))
     if options.map:
         from mavproxy_handover.mission.picture import draw
 
-        draw(package, Path(options.map), report.simulation)
+        draw(package, Path(options.map), report.simulation, report.findings)
     return report.exit_code

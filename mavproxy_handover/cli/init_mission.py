@@ -9,12 +9,14 @@ Nothing is written until plan, zones and answers fit together. The mission is th
 from __future__ import annotations
 
 import argparse
+import json
 import shlex
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
+from mavproxy_handover.cli.check import judged
 from mavproxy_handover.cli.check import main as check_main
 from mavproxy_handover.cli.mission_job import AIRCRAFT, MISSION_FOLDER, Job, Missing, job_of
 from mavproxy_handover.cli.new_folder import write_folder
@@ -22,6 +24,7 @@ from mavproxy_handover.cli.questions import Questions, at_terminal
 from mavproxy_handover.config.files import load_station, load_vehicle
 from mavproxy_handover.config.for_mission import is_placeholder
 from mavproxy_handover.config.toml import ConfigError
+from mavproxy_handover.mission.check_json import report_json
 from mavproxy_handover.mission.drawn.files import ENDINGS
 from mavproxy_handover.mission.energy import places_of
 from mavproxy_handover.mission.errors import MissionError
@@ -43,6 +46,10 @@ EXAMPLES: Final = (
     (
         "handover init mission --plan survey.plan --zones survey.plan --station GCSA --station GCSB",
         "the inclusion areas of the plan's geofence are the zones, in this order",
+    ),
+    (
+        "handover init mission --plan survey.plan --zones stations.kml --json",
+        "the same for programs: one object, and nothing is asked",
     ),
     (
         "handover init mission --plan p.waypoints --zones a.geojson b.geojson --aircraft plane --speed 18 --force",
@@ -109,32 +116,42 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     rest.add_argument("--battery-wh", type=float, metavar="WH", help="energy of the full battery (default: unknown)")
     rest.add_argument("--hover-w", type=float, metavar="W", help="power in hover (default: unknown)")
+    parser.add_argument(
+        "--json",
+        action="store_true",
+        help="for programs: what was written, and the check's result, as one object; nothing is asked",
+    )
 
 
 def run(arguments: argparse.Namespace, ask: Callable[[str], str] | None = None) -> int:
     """Write a mission, and return the exit code. `ask`: reads an answer; None: `input` at a terminal, else nothing."""
-    questions = Questions(ask or (input if at_terminal() else None))
+    questions = Questions(ask or (input if at_terminal() and not arguments.json else None))
+    missing: Sequence[str] = ()
     try:
         job = job_of(arguments, questions)
         arguments.out = job.out
         kept = _write(job, arguments.force)
     except MissionError as error:
-        return _refused(error.faults)
+        faults: Sequence[str] = error.faults
     except ConfigError as error:
-        return _refused([str(error)])
+        faults = [str(error)]
     except OSError as error:
         where = arguments.out or error.filename
-        return _refused([f"{where}: {error.strerror or error}. Nothing was written: give another --out"])
+        faults = [f"{where}: {error.strerror or error}. Nothing was written: give another --out"]
     except (EOFError, KeyboardInterrupt):
-        return _refused(["no answer: nothing was written"])
-    except Missing as missing:
-        return _refused([f"{each}. Give this option" for each in missing.options])
-    print("\n".join(_told(job, kept)))
-    return _checked(job)
-
-
-def _refused(lines: Sequence[str]) -> int:
-    for line in lines:
+        faults = ["no answer: nothing was written"]
+    except Missing as error:
+        missing = error.options
+        faults = [f"{each}. Give this option" for each in missing]
+    else:
+        if arguments.json:
+            return _as_json(job, kept)
+        print("\n".join(_told(job, kept)))
+        return _checked(job)
+    if arguments.json:
+        options = [dict(zip(("option", "meaning"), each.split(": ", 1), strict=False)) for each in missing]
+        print(json.dumps({"written": False, "passed": False, "faults": list(faults), "missing": options}, indent=1))
+    for line in faults:
         print(f"handover init: {line}", file=sys.stderr)
     return 2
 
@@ -177,6 +194,36 @@ def _told(job: Job, kept: Path | None) -> Iterator[str]:
     yield ""
 
 
+def _as_json(job: Job, kept: Path | None) -> int:
+    """Check what was written, and print all that is told as one object. Returns the exit code."""
+    report = judged(load(job.out / MISSION_FOLDER), str(job.out / "handover.toml"))
+    told = {
+        "written": True,
+        "passed": report.exit_code == 0,
+        "folder": str(job.out),
+        "kept": None if kept is None else str(job.out.with_name(kept.name)),
+        "files": sorted(job.files),
+        "stations": [
+            {
+                "name": site.name,
+                "sysid": site.sysid,
+                "parent": number == 0,
+                "zone": station.zone.place,
+                "address": site.host,
+                "placeholder": is_placeholder(site.host),
+            }
+            for number, (site, station) in enumerate(zip(job.sites, job.stations, strict=True))
+        ],
+        "speed": {"mps": job.package.cruise_speed_mps, "text": job.speed},
+        "return_sites": [place.name for place in places_of(job.package.route)],
+        "notes": list(job.notes),
+        "next": list(_commands(job)) if report.exit_code == 0 else [],
+        "check": report_json(report),
+    }
+    print(json.dumps(told, indent=1))
+    return report.exit_code
+
+
 def _checked(job: Job) -> int:
     """Check what was written as `handover check` does, and say what comes next. Returns the exit code."""
     code = check_main([str(job.out / MISSION_FOLDER), "--config", str(job.out / "handover.toml")])
@@ -185,18 +232,21 @@ def _checked(job: Job) -> int:
     return code
 
 
+def _commands(job: Job) -> Iterator[str]:
+    """The commands that come next."""
+    profile = job.package.profile
+    vehicle = f" --vehicle {profile.name}" if profile.flies_past else ""  # the embedded vehicle has no wings
+    yield f"cd {shlex.quote(str(job.out))}"
+    yield f"handover keys make {' '.join(site.name for site in job.sites)}"
+    yield f"handover sim --mission {MISSION_FOLDER}{vehicle}"
+
+
 def _next_steps(job: Job, passed: bool) -> Iterator[str]:
-    folder = shlex.quote(str(job.out))
-    names = " ".join(site.name for site in job.sites)
     if not passed:
         yield "Put right what is an error in plan or zones, then type the same command again with --force."
         return
-    profile = job.package.profile
-    vehicle = f" --vehicle {profile.name}" if profile.flies_past else ""  # the embedded vehicle has no wings
     yield "next:"
-    yield f"  cd {folder}"
-    yield f"  handover keys make {names}"
-    yield f"  handover sim --mission {MISSION_FOLDER}{vehicle}"
+    yield from (f"  {command}" for command in _commands(job))
     yield "for a flight, copy:"
     yield f"  handover.toml, {', '.join(f'keys/{site.name}.key' for site in job.sites)}  to the companion computer"
     ground = ", keys/ground.key" if len(job.sites) > 1 else ""

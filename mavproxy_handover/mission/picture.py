@@ -13,10 +13,11 @@ import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import combinations
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import shapely
 
+from mavproxy_handover.mission.check import Finding
 from mavproxy_handover.mission.colours import (
     ALARM,
     DELIVERY,
@@ -34,9 +35,10 @@ from mavproxy_handover.mission.flat import parts, quiet_place
 from mavproxy_handover.mission.gaps import undeclared
 from mavproxy_handover.mission.geodesy import LocalPlane
 from mavproxy_handover.mission.items import COMMANDS, LANDINGS, RETURN_TO_LAUNCH, TAKEOFFS
+from mavproxy_handover.mission.map_findings import colours_of_items, list_findings
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.mission.plan import FenceCircle
-from mavproxy_handover.mission.route_simulation import Gap, RouteSimulation, Sample, by_commander
+from mavproxy_handover.mission.route_simulation import Gap, Handover, RouteSimulation, Sample, by_commander
 from mavproxy_handover.mission.zones import Circle, Zone, overlap
 
 if TYPE_CHECKING:
@@ -47,23 +49,35 @@ __all__ = ["MapSheet", "draw"]
 
 #: latitude, longitude
 Place = tuple[float, float]
+#: places nearer than that (m) are one on a map
+_SAME_M: Final = 3.0
+_LEGEND_COLUMNS: Final = 4
+#: height of the words of a zone
+_LABEL_POINTS: Final = 40.0
 
 
-def draw(package: MissionPackage, path: str | Path, simulation: RouteSimulation | None = None) -> None:
+def draw(
+    package: MissionPackage,
+    path: str | Path,
+    simulation: RouteSimulation | None = None,
+    findings: Sequence[Finding] = (),
+) -> None:
     """Draw the map of `package` into the file `path`, whose ending tells the format.
 
-    `simulation` saves another simulation of the route. Raises MissionError when matplotlib is missing or the file
-    cannot be written.
+    `simulation` saves another simulation of the route. `findings`: errors and warnings are listed below the map, and
+    the items that they name are marked. Raises MissionError when matplotlib is missing or the file cannot be written.
     """
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
     except ImportError:
         raise MissionError(f"{path}: a map needs matplotlib: pip install mavproxy-handover-sim") from None
-    sheet = MapSheet(package, simulation)
+    sheet = MapSheet(package, simulation, marked=colours_of_items(findings))
     figure = Figure(figsize=sheet.size_inches(), dpi=130)
     FigureCanvasAgg(figure)
-    sheet.paint(figure.add_axes((0.0, 0.0, 1.0, 1.0)))
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    sheet.paint(axes)
+    list_findings(axes, findings, _below_legend(axes))
     try:
         figure.savefig(path, facecolor=PAPER, bbox_inches="tight", pad_inches=0.15)
     except (OSError, ValueError) as error:
@@ -71,26 +85,46 @@ def draw(package: MissionPackage, path: str | Path, simulation: RouteSimulation 
         raise MissionError(f"{path}: cannot write the map: {reason}") from None
 
 
+def _below_legend(axes: Axes) -> float:
+    """How many points below the axes the legend ends."""
+    rows = math.ceil(len(axes.get_legend_handles_labels()[1]) / _LEGEND_COLUMNS)
+    return 36.0 + 15.0 * rows
+
+
+def _listed(numbers: Sequence[int]) -> str:
+    """Up to three numbers, or the first and the last."""
+    return ", ".join(map(str, numbers)) if len(numbers) <= 3 else f"{numbers[0]} ... {numbers[-1]}"
+
+
 class MapSheet:
     """One map for one pair of axes. `simulation` saves another one; `also`: places that must be on it.
+
+    `marked`: colours of the items that a finding names.
 
     A report draws a flight on it, by `place`: then the plan steps back.
     """
 
     def __init__(
-        self, package: MissionPackage, simulation: RouteSimulation | None = None, also: Iterable[Place] = ()
+        self,
+        package: MissionPackage,
+        simulation: RouteSimulation | None = None,
+        also: Iterable[Place] = (),
+        marked: Mapping[int, str] | None = None,
     ) -> None:
+        self._marked = marked or {}
         self._package, self._simulation = package, simulation or package.simulate()
         simulation = self._simulation
         home = package.route.home
         self._plane = LocalPlane(home.lat_deg, home.lon_deg)
+        self._home = self.place(home.lat_deg, home.lon_deg)
         self._colour = {station.sysid: station_colour(number) for number, station in enumerate(package.stations)}
         self._marks = list(
             {sample.seq: self.place(sample.lat_deg, sample.lon_deg) for sample in simulation.samples}.values()
         )
         self._marks += self._rally_points()
         self._marks += [self.place(handover.lat_deg, handover.lon_deg) for handover in simulation.handovers]
-        self._bounds = self._all_bounds([self.place(*place) for place in also])
+        flown = (self.place(sample.lat_deg, sample.lon_deg) for sample in simulation.samples)
+        self._bounds = self._all_bounds([*(self.place(*place) for place in also), *flown])
 
     def size_inches(self) -> tuple[float, float]:
         """Width and height of the axes, in the proportions of the map."""
@@ -126,8 +160,12 @@ class MapSheet:
     # --- the ground ---
 
     def _zones(self, axes: Axes) -> None:
-        zones = self._package.zones
+        zones, named = self._package.zones, list[tuple[float, float]]()
         for zone in zones:
+            place = self._quiet_place(zone)
+            # a zone that lies on another one has its words above those of the other
+            shift = _LABEL_POINTS * sum(math.dist(place, other) < self._label_m() for other in named)
+            named.append(place)
             colour = self._colour[zone.station]
             for part in self._parts(zone.outline()):
                 axes.add_patch(patch(part, facecolor=colour, alpha=0.13, linewidth=0.0, zorder=1))
@@ -141,8 +179,8 @@ class MapSheet:
             ]
             axes.annotate(
                 "\n".join([*textwrap.wrap(zone.name, 14), *limits]),
-                self._quiet_place(zone),
-                (0, -8),
+                place,
+                (0, shift - 8),
                 textcoords="offset points",
                 color=colour,
                 fontsize=9,
@@ -153,7 +191,9 @@ class MapSheet:
             )
             axes.annotate(
                 zone.station_name,
-                self._quiet_place(zone),
+                place,
+                (0, shift),
+                textcoords="offset points",
                 color=colour,
                 fontsize=14,
                 fontweight="bold",
@@ -162,6 +202,10 @@ class MapSheet:
                 zorder=9,
                 path_effects=halo(),
             )
+
+    def _label_m(self) -> float:
+        """Two places nearer than that have no room for the words of two zones."""
+        return 0.03 * (self._bounds[2] - self._bounds[0])
 
     def _quiet_place(self, zone: Zone) -> tuple[float, float]:
         """The middle of the largest circle in the zone that is free of other zones, route, marks and their notes."""
@@ -267,29 +311,53 @@ class MapSheet:
             yield x0, y0, x1 - x0, y1 - y0, way[here].commander
 
     def _rally(self, axes: Axes) -> None:
-        for number, (x, y) in enumerate(self._rally_points(), 1):
-            label = "rally point" if number == 1 else None
+        sites = [(f"R{number}", point) for number, point in enumerate(self._rally_points(), 1)]
+        if not self._home_is_marked():
+            sites.append(("home", self._home))
+        label: str | None = "return site"
+        for name, (x, y) in sites:
             axes.plot(x, y, "*", color=RALLY, markeredgecolor=INK, markersize=16, label=label, zorder=7, ls="none")
-            note(axes, f"R{number}", (x, y), (9, 7))
+            note(axes, name, (x, y), (9, 7))
+            label = None
+
+    def _home_is_marked(self) -> bool:
+        """An item is flown to home: its words name it."""
+        return any(math.dist(end, self._home) < _SAME_M for end in self._ends().values())
 
     def _handovers(self, axes: Axes) -> None:
         names = {station.sysid: station.name for station in self._package.stations}
-        for number, handover in enumerate(self._simulation.handovers, 1):
+        noted = list[tuple[tuple[float, float], bool]]()
+        label: str | None = "handover starts (time inside both zones)"
+        for numbers, handover in self._handovers_by_place():
             x, y = self.place(handover.lat_deg, handover.lon_deg)
-            label = "handover starts (time inside both zones)" if number == 1 else None
             colour = self._colour[handover.to_station]
             axes.plot(x, y, "D", color=colour, markeredgecolor=PAPER, markersize=9.5, label=label, zorder=8, ls="none")
             pair = f"{names[handover.from_station]} \N{RIGHTWARDS ARROW} {names[handover.to_station]}"
-            words = f"{number}: {pair}\n{handover.overlap_s:.1f} s"
+            words = f"{_listed(numbers)}: {pair}\n{handover.overlap_s:.1f} s"
+            label = None
             # below, unless another mark is nearer there than above
             step = 0.04 * (self._bounds[2] - self._bounds[0])
             above, below = (
                 min(math.dist((x, y + side), mark) for mark in self._marks if mark != (x, y)) for side in (step, -step)
             )
-            if below >= min(above, step):
+            is_below = below >= min(above, step)
+            if any(math.dist((x, y), place) < step and is_below is side for place, side in noted):
+                is_below = not is_below
+            noted.append(((x, y), is_below))
+            if is_below:
                 note(axes, words, (x, y), (0, -12), va="top", ha="center")
             else:
                 note(axes, words, (x, y), (0, 12), va="bottom", ha="center")
+
+    def _handovers_by_place(self) -> Iterator[tuple[list[int], Handover]]:
+        """The handovers of each place, one of them for all: that with the least time inside both zones."""
+        shared: dict[tuple[int, int, int], list[int]] = {}
+        for number, each in enumerate(self._simulation.handovers):
+            x, y = self.place(each.lat_deg, each.lon_deg)
+            shared.setdefault((round(x / _SAME_M), round(y / _SAME_M), each.to_station), []).append(number)
+        for numbers in shared.values():
+            least = min((self._simulation.handovers[number] for number in numbers), key=lambda each: each.overlap_s)
+            yield [number + 1 for number in numbers], least
 
     def _items(self, axes: Axes) -> None:
         package = self._package
@@ -308,6 +376,8 @@ class MapSheet:
                 if those & commands
             ]
             ground = bool(words)
+            if math.dist((x, y), self._home) < _SAME_M:
+                words.append("home")
             face = "#dddddd" if ground else PAPER
             if package.delivery_waypoint in seqs:
                 face = DELIVERY
@@ -322,7 +392,12 @@ class MapSheet:
                 fontweight="bold",
                 color=INK,
                 zorder=10,
-                bbox={"boxstyle": "round,pad=0.28", "facecolor": face, "edgecolor": INK, "linewidth": 1.1},
+                bbox={
+                    "boxstyle": "round,pad=0.28",
+                    "facecolor": face,
+                    "edgecolor": next((self._marked[seq] for seq in seqs if seq in self._marked), INK),
+                    "linewidth": 1.1 if self._marked.keys().isdisjoint(seqs) else 2.6,
+                },
             )
             if words and ground:
                 note(axes, ", ".join(words), (x, y), (0, -13), va="top", ha="center")
@@ -396,7 +471,7 @@ class MapSheet:
             loc="upper center",
             bbox_to_anchor=(0.5, 0.0),
             borderaxespad=2.8,
-            ncols=4,
+            ncols=_LEGEND_COLUMNS,
             fontsize=9,
             frameon=False,
             handlelength=2.4,

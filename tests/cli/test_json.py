@@ -68,6 +68,44 @@ def test_explain(capsys: pytest.CaptureFixture[str]) -> None:
     assert any("RETURN" in line for line in decided["decision"])
 
 
+def test_init_mission(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    for path in (Path(__file__).resolve().parents[1] / "data" / "init").iterdir():
+        shutil.copy(path, tmp_path)
+    monkeypatch.chdir(tmp_path)
+    told = ("init", "mission", "--plan", "survey.plan", "--zones", "stations.kml")
+    code, made = read(capsys, *told, "--address", "Farm=10.0.0.2")
+    assert (code, made["written"], made["passed"], made["folder"], made["kept"]) == (0, True, True, "survey", None)
+    assert made["files"] == [
+        "Dike-house.toml", "Farm.toml", "handover.toml", "mission/mission.toml", "mission/survey.plan",
+        "mission/zones.geojson",
+    ]  # fmt: skip
+    assert made["stations"] == [
+        {"name": "Farm", "sysid": 251, "parent": True, "zone": "stations.kml: placemark 1 (Farm)",
+         "address": "10.0.0.2", "placeholder": False},
+        {"name": "Dike-house", "sysid": 252, "parent": False, "zone": "stations.kml: placemark 2 (Dike house)",
+         "address": made["stations"][1]["address"], "placeholder": True},
+    ]  # fmt: skip
+    assert (made["speed"], made["return_sites"]) == (
+        {"mps": 8.0, "text": "8 m/s, speed of the plan"},
+        ["home", "rally 1"],
+    )
+    assert made["next"] == ["cd survey", "handover keys make Farm Dike-house", "handover sim --mission mission"]
+    assert (made["check"]["errors"], made["check"]["commanders"]) == (0, ["Farm", "Dike-house", "Farm"])
+    code, refused = read(capsys, *told)
+    assert (code, refused["written"], refused["passed"], refused["missing"]) == (2, False, False, [])
+    assert refused["faults"] == [
+        "survey exists already: nothing written. Give another --out, or --force, which keeps it"
+    ]
+    code, again = read(capsys, *told, "--force", "--handovers", "3")
+    assert (code, again["written"], again["passed"], again["kept"], again["next"]) == (
+        1, True, False, "survey.old-1", [],
+    )  # fmt: skip
+    assert again["check"]["findings"][0]["rule"] == "handovers"
+    code, asked = read(capsys, "init", "mission", "--plan", "survey.plan")
+    assert (code, asked["written"], [each["option"] for each in asked["missing"]]) == (2, False, ["--zones FILE"])
+    assert asked["faults"][0].startswith("--zones FILE: file of the zones")
+
+
 def test_check(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = Path(shutil.copytree(MISSIONS / "delivery", tmp_path / "delivery"))
     code, found = read(capsys, "check", str(folder))
