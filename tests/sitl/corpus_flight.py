@@ -94,26 +94,15 @@ def fly(case: Case, folder: Path, speedup: float = 15.0) -> tuple[MissionPackage
         for message, hertz in _RATES.items():
             flight.command(511, message, 1e6 / hertz)
         flight.until(lambda: flight.now > 15.0, 60, "room for a mission")
-        _upload(flight, package)
+        flight.upload([item_message(item, (1, 1), 0) for item in package.route.upload_items()])
         _start(flight, case.kind)
-        flight.until(lambda: _noted(flight, package, found), _LONGEST_S, "the end of the mission")
+        flight.on_position = lambda: _note(flight, found)
+        flight.until(lambda: _over(flight, package, found), _LONGEST_S, "the end of the mission")
     finally:
         if flight is not None:
             flight.wire.socket.close()
         vehicle.stop()
     return package, found
-
-
-def _upload(flight: Flight, package: MissionPackage) -> None:
-    """Write the mission. A request that is repeated on a busy computer breaks an upload off: it is tried again."""
-    items = [item_message(item, (1, 1), 0) for item in package.route.upload_items()]
-    for attempt in range(5):
-        try:
-            flight.upload(items)
-            return
-        except AssertionError:
-            if attempt == 4:
-                raise
 
 
 def _parameters(kind: str) -> dict[str, float]:
@@ -134,16 +123,19 @@ def _start(flight: Flight, kind: str) -> None:
         assert flight.command(_START)
 
 
-def _noted(flight: Flight, package: MissionPackage, found: list[Place]) -> bool:
-    """Note a place; whether the flight is over."""
+def _note(flight: Flight, found: list[Place]) -> None:
     aircraft = flight.aircraft
-    if aircraft.where is None:
-        return False
-    if not found or aircraft.position.at > found[-1].time_s:
+    if aircraft.where is not None and (not found or aircraft.position.at > found[-1].time_s):
         found.append(Place(aircraft.position.at, *aircraft.where, aircraft.waypoint, flight.used_wh))
+
+
+def _over(flight: Flight, package: MissionPackage, found: Sequence[Place]) -> bool:
+    """Whether the flight is over."""
+    if not found:
+        return False
     up, landed = any(place.alt_m > 5.0 * _UP_M for place in found[::10]), found[-1].alt_m < 0.5 * _UP_M
     last = max(item.seq for item in package.route.items if COMMANDS[item.command].flown)
-    return up and (not aircraft.armed or (landed and found[-1].seq >= last and _rests(found)))
+    return up and (not flight.aircraft.armed or (landed and found[-1].seq >= last and _rests(found)))
 
 
 def _rests(found: Sequence[Place]) -> bool:

@@ -65,14 +65,14 @@ def fly(folder: Path, route: Route, speedup: float = 10.0) -> list[Place]:
         arm(flight)
         assert flight.command(300)
         last = route.items[-1].seq
+        aircraft = flight.aircraft
 
-        def there() -> bool:
-            aircraft = flight.aircraft
+        def note() -> None:
             if aircraft.where is not None and (not found or aircraft.position.at > found[-1].time_s):
                 found.append(Place(aircraft.position.at, *aircraft.where, aircraft.waypoint))
-            return aircraft.waypoint >= last or not aircraft.armed
 
-        flight.until(there, 3000, "the mission")
+        flight.on_position = note
+        flight.until(lambda: aircraft.waypoint >= last or not aircraft.armed, 3000, "the mission")
         assert flight.aircraft.armed, flight.texts
     finally:
         if flight is not None:
@@ -82,15 +82,34 @@ def fly(folder: Path, route: Route, speedup: float = 10.0) -> list[Place]:
 
 
 def hold_against(legs: Sequence[Leg], places: Sequence[Place], seq: int) -> Flown:
-    """What was flown to an item against the legs to it; at its beginning the legs before count as well."""
+    """What was flown to an item against the legs to it; at its beginning the legs before count as well.
+
+    Positions can be lost on the way. Between two of them the aircraft is taken to fly straight on.
+    """
     ours = [leg for leg in legs if leg.seq == seq and leg.length_m > 0.0]
     theirs = [place for place in places if place.seq == seq]
+    spots = [(place.lat_deg, place.lon_deg) for place in _to_the_next(places, seq)]
     lines = [Line(leg.start[:2], leg.end[:2]) for leg in legs if leg.seq in (seq - 1, seq) and leg.length_m > 0.0]
     return Flown(
         beside_m=max(min(abs(line.measure((p.lat_deg, p.lon_deg))[1]) for line in lines) for p in theirs),
-        missed_m=max(min(distance_m(*leg.end[:2], p.lat_deg, p.lon_deg) for p in theirs) for leg in ours),
+        missed_m=max(_away_m(leg.end[:2], spots) for leg in ours),
         flown_m=sum(distance_m(a.lat_deg, a.lon_deg, b.lat_deg, b.lon_deg) for a, b in pairwise(theirs)),
         walked_m=sum(leg.times * leg.length_m for leg in ours),
         flown_s=theirs[-1].time_s - theirs[0].time_s,
         walked_s=sum(leg.times * leg.duration_s + leg.hold_s for leg in ours),
     )
+
+
+def _away_m(spot: tuple[float, float], path: Sequence[tuple[float, float]]) -> float:
+    """How far a spot is from a path of straight lines; a line below a metre counts as its ends."""
+    lines = (Line(a, b) for a, b in pairwise(path))
+    return min(
+        *(distance_m(*spot, *each) for each in path),
+        *(abs(line.measure(spot)[1]) for line in lines),
+    )
+
+
+def _to_the_next(places: Sequence[Place], seq: int) -> list[Place]:
+    """The places on the way to an item, and the first one after it: between the last two it was reached."""
+    numbers = [number for number, place in enumerate(places) if place.seq == seq]
+    return list(places[numbers[0] : numbers[-1] + 2])

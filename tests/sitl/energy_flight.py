@@ -29,6 +29,8 @@ __all__ = ["Flight", "Flown", "arm", "fly"]
 
 ALTITUDE_M = 20.0
 AUTO, GUIDED = 3, 4
+#: tries to write a mission
+UPLOADS = 5
 #: what is asked of the autopilot: message id -> times a second
 RATES = {33: 5, 30: 4, 147: 4, 168: 2, 245: 2, 42: 2}
 #: what EKF3 needs to tell the wind: the drag of SITL's quad (it prints these at its start)
@@ -64,6 +66,8 @@ class Flight:
         self.results: dict[int, int] = {}
         self.ready = False
         self.texts: list[str] = []
+        #: called after each position: a busy computer reads several at once
+        self.on_position: Callable[[], object] = lambda: None
         self._second = 0.0
         self._beat_at = 0.0
 
@@ -84,6 +88,8 @@ class Flight:
         kind = message.get_type()
         self.now = max(self.now, getattr(message, "time_boot_ms", 0) / 1000.0)
         self.aircraft.on_message(message, self.now)
+        if kind == "GLOBAL_POSITION_INT":
+            self.on_position()
         if kind in ("WIND", "BATTERY_STATUS"):
             self.monitor.on_message(message, self.now, not self.aircraft.armed)
         if kind == "BATTERY_STATUS":
@@ -121,15 +127,21 @@ class Flight:
         return self.results[command] == dialect.MAV_RESULT_ACCEPTED
 
     def upload(self, items: list[Any]) -> None:
-        """Write a mission."""
+        """Write a mission. A request that is repeated on a busy computer breaks an upload off: it is tried again."""
+        answers = [self._upload(items)]
+        while answers[-1].type != dialect.MAV_MISSION_ACCEPTED:
+            assert len(answers) < UPLOADS, answers
+            answers.append(self._upload(items))
+
+    def _upload(self, items: list[Any]) -> Any:
+        """One try; the autopilot's answer."""
         self.asked.clear()
         self.wire.send(dialect.MAVLink_mission_count_message(1, 1, len(items), 0))
         while True:
             self.until(lambda: self.asked, 20, "mission upload")
             message = self.asked.pop(0)
             if message.get_type() == "MISSION_ACK":
-                assert message.type == dialect.MAV_MISSION_ACCEPTED, message
-                return
+                return message
             self.wire.send(items[message.seq])
 
 
