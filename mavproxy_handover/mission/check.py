@@ -14,12 +14,12 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
-from math import cos, inf, isclose, isfinite, radians, sin
+from math import cos, inf, isclose, isfinite, radians, sin, tau
 
 from mavproxy_handover.core.authority.consent_lines import refused_on_route, without_consent
 from mavproxy_handover.core.common.limits import Limits
 from mavproxy_handover.core.common.model import Station
-from mavproxy_handover.core.safety.energy import Wind
+from mavproxy_handover.core.safety.energy import EnergyModel, Wind
 from mavproxy_handover.mission.addresses import ADDRESSES_FILE, without_addresses
 from mavproxy_handover.mission.check_words import (
     battery_words,
@@ -28,7 +28,7 @@ from mavproxy_handover.mission.check_words import (
     position_words,
     way_words,
 )
-from mavproxy_handover.mission.curves import WITHIN_M
+from mavproxy_handover.mission.curves import WITHIN_M, ring
 from mavproxy_handover.mission.energy import Budget, budget_of, places_inside, places_of, released_at
 from mavproxy_handover.mission.fence import Fence, outside_fence
 from mavproxy_handover.mission.gaps import Stretch, undeclared
@@ -42,7 +42,7 @@ from mavproxy_handover.mission.heights import (
     low_ways,
     named,
 )
-from mavproxy_handover.mission.items import MissionItem
+from mavproxy_handover.mission.items import LOITER_TURNS, MissionItem, stored_radius_m, stored_turns
 from mavproxy_handover.mission.leg import first_pass
 from mavproxy_handover.mission.open_takeoff import climb_m, open_takeoff
 from mavproxy_handover.mission.package import MISSION_FILE, MissionPackage
@@ -56,6 +56,7 @@ from mavproxy_handover.mission.route_simulation import (
     landing_sequences,
     legs_of,
     sequence_place,
+    speed_at,
 )
 from mavproxy_handover.mission.terrain import CLEAR_M
 from mavproxy_handover.mission.wings import Air
@@ -74,6 +75,8 @@ OPERATOR_S = Limits().operator_timeout_s
 EXIT_SOON_S = Limits().exit_soon_s
 #: a landing sequence that begins farther from a return site than this does not belong to it
 SEQUENCE_M = 2000.0
+#: a circle that is flown so much smaller than told (m) is worth a line
+_SMALLER_M = 1.0
 #: directions all around a place
 _ROUND = [radians(15.0 * number) for number in range(24)]
 
@@ -139,10 +142,13 @@ def check(
     and wings; None: that of [energy] for an unknown wind. `stations`: stations of the vehicle's file, if it is known.
     """
     simulation = package.simulate(wind)
+    # the fastest of the speeds that may be set leaves the least time for a handover
+    fast = replace(package, route=replace(package.route, fastest=True))
+    fastest = fast.simulate(wind) if fast.legs(wind) != package.legs(wind) else simulation
     path = package.path(wind)
     air = None if path is None else package.air(wind)
     model = package.energy.model(wind, package.profile.energy)
-    energy = None if model is None else budget_of(package.route, package.cruise_speed_mps, model)
+    energy = None if model is None else _most(package, fast, model)
     crossed = package.stretches(simulation, wind)
     return_alt_m = package.profile.energy.return_alt_m if model is None else model.return_alt_m
     by_rule: tuple[tuple[str, Iterable[Finding]], ...] = (
@@ -152,10 +158,10 @@ def check(
         ("take-off", _takeoff(package, air)),
         ("landing-sequence", _returns(package)),
         ("declared-gaps", _declared(package, crossed)),
-        ("overlap", _overlaps(package, simulation, crossed, transfer_s)),
+        ("overlap", _overlaps(package, fastest, crossed, transfer_s)),
         ("handovers", _handovers(package, simulation)),
-        ("waypoints", _waypoints(package, simulation)),
-        ("operators", _operators(package, simulation, stations, transfer_s=transfer_s, operator_s=operator_s)),
+        ("waypoints", _waypoints(package, fastest)),
+        ("operators", _operators(package, fastest, stations, transfer_s=transfer_s, operator_s=operator_s)),
         ("consent", _consent(simulation, stations)),
         ("zones", _lonely_zones(package, crossed)),
         ("rally", _rally(package, simulation, return_alt_m)),
@@ -173,6 +179,12 @@ def check(
     order = list(Severity)
     findings.sort(key=lambda finding: order.index(finding.severity))
     return CheckReport(package, simulation, tuple(findings), transfer_s, energy, crossed, path, air)
+
+
+def _most(package: MissionPackage, fast: MissionPackage, model: EnergyModel) -> Budget:
+    """The larger budget of the slowest and the fastest speeds that the route may have."""
+    budgets = (budget_of(each.route, package.cruise_speed_mps, model) for each in (package, fast))
+    return max(budgets, key=lambda budget: budget.need_wh)
 
 
 def _addresses(package: MissionPackage) -> Iterator[Finding]:
@@ -203,7 +215,7 @@ def _gaps(package: MissionPackage, simulation: RouteSimulation, path: Path | Non
         turn = None if path is None else path.turn_at(gap.distance_along_m)
         text = f"no coverage for {_gap_words(gap)}" + ("" if turn is None else f", in {_turn_words(turn)}")
         text += f", {same[_same(gap)]} times" if same[_same(gap)] > 1 else ""
-        yield Finding(Severity.WARNING if warns else Severity.ERROR, text)
+        yield Finding(Severity.WARNING if warns else Severity.ERROR, text, gap.seq)
 
 
 def _same(gap: Gap) -> tuple[int, float, float, float]:
@@ -221,7 +233,7 @@ def _turn_words(turn: Turn) -> str:
 def _turns(package: MissionPackage, path: Path, air: Air) -> Iterator[Finding]:
     """Findings about legs and directions that wings cannot fly."""
     for seq in path.unflown:
-        yield Finding(Severity.ERROR, f"the wind does not let the way to item {seq} be flown")
+        yield Finding(Severity.ERROR, f"the wind does not let the way to item {seq} be flown", seq)
     finder, fence = package.zone_finder(), Fence(package.route.fence)
     lines = first_pass(legs_of(package.route, package.cruise_speed_mps))
     for tight in path.tight:
@@ -232,9 +244,9 @@ def _turns(package: MissionPackage, path: Path, air: Air) -> Iterator[Finding]:
         leg = lines[tight.seq][0]
         reach_m = package.route.wings.reach_m(replace(air, airspeed_mps=leg.speed_mps).fastest_mps)
         if has_room(leg, reach_m, finder, fence):
-            yield Finding(Severity.WARNING, f"{text}. All within {reach_m:.0f} m of it is covered alike")
+            yield Finding(Severity.WARNING, f"{text}. All within {reach_m:.0f} m of it is covered alike", tight.seq)
         else:
-            yield Finding(Severity.ERROR, text)
+            yield Finding(Severity.ERROR, text, tight.seq)
 
 
 def _takeoff(package: MissionPackage, air: Air | None) -> Iterator[Finding]:
@@ -443,7 +455,7 @@ def _fence(package: MissionPackage, simulation: RouteSimulation) -> Iterator[Fin
     for sample in simulation.samples:
         if outside_fence(package.route.fence, sample.lat_deg, sample.lon_deg):
             place = f"{position_words(sample.lat_deg, sample.lon_deg)}, {way_words(sample.distance_along_m)}"
-            yield Finding(Severity.ERROR, f"the route leaves the geofence of the plan at {place}")
+            yield Finding(Severity.ERROR, f"the route leaves the geofence of the plan at {place}", sample.seq)
             return
 
 
@@ -473,7 +485,7 @@ def _ground(package: MissionPackage, return_alt_m: float) -> Iterator[Finding]:
         if way < CLEAR_M:
             word = f"{way:.0f} m above the ground" if way >= 0.0 else f"{-way:.0f} m below the ground"
             text = f"the way to {named(package.route.items[seq - 1])} is {word}"
-            yield Finding(Severity.WARNING if way >= 0.0 else Severity.ERROR, text)
+            yield Finding(Severity.WARNING if way >= 0.0 else Severity.ERROR, text, seq)
     ends = {leg.seq: leg.end for leg in legs if leg.length_m > 0.0}
     for seq, (lat, lon, end_m) in ends.items():
         # a level return leads down to its height, from wherever it is higher
@@ -485,7 +497,7 @@ def _ground(package: MissionPackage, return_alt_m: float) -> Iterator[Finding]:
         best, name = max(backs, default=(inf, ""))
         if best < CLEAR_M:
             text = f"no return from item {seq} is {CLEAR_M:g} m above the ground: to {name} it is {best:.0f} m"
-            yield Finding(Severity.WARNING, text)
+            yield Finding(Severity.WARNING, text, seq)
 
 
 def _heights(package: MissionPackage) -> Iterator[Finding]:
@@ -529,13 +541,33 @@ def _curves(package: MissionPackage) -> Iterator[Finding]:
             f"{WITHIN_M * lacking**2:.1f} m. Split the mission"
         )
         yield Finding(Severity.WARNING, text)
+    if not package.profile.flies_past:
+        for item in package.route.items:
+            if item.command == LOITER_TURNS:
+                yield from _ring(package, item)
+
+
+def _ring(package: MissionPackage, item: MissionItem) -> Iterator[Finding]:
+    """A finding about a circle that is flown smaller than it is told."""
+    told_m, turns = abs(stored_radius_m(item.param3)), stored_turns(item.param1)
+    speed_mps = speed_at(package.route, item.seq) or package.cruise_speed_mps
+    flown = ring(told_m, speed_mps)
+    if told_m - flown.radius_m < _SMALLER_M or turns == 0.0:
+        return
+    km = [turns * tau * radius_m / 1000.0 for radius_m in (flown.radius_m, told_m)]
+    text = (
+        f"{named(item)}: ArduCopter flies this circle of {told_m:g} m at {flown.radius_m:.0f} m, because it trails its "
+        f"target at {flown.speed_mps * told_m / flown.radius_m:.0f} m/s: its turns are {km[0]:.2f} km, not "
+        f"{km[1]:.2f} km. Plan {2.0 * told_m - flown.radius_m:.0f} m, or fly slower, if the distance matters"
+    )
+    yield Finding(Severity.INFO, text, item.seq)
 
 
 def _energy(budget: Budget) -> Iterator[Finding]:
     for item in budget.items:
         if not isfinite(item.need_wh):
             text = f"energy: the wind does not let the way to item {item.seq} be flown"
-            yield Finding(Severity.ERROR, text)
+            yield Finding(Severity.ERROR, text, item.seq)
             return
     if budget.budget_wh > budget.model.battery_wh:
         text = f"energy: the route needs {battery_words(budget)} with the reserve: it does not close"
@@ -543,7 +575,7 @@ def _energy(budget: Budget) -> Iterator[Finding]:
     for item in budget.items:
         if item.back is not None and item.back.margin_wh < 0.0:
             text = f"energy: from item {item.seq} no place is in reach with the reserve: the best is {item.back.place}"
-            yield Finding(Severity.ERROR, text)
+            yield Finding(Severity.ERROR, text, item.seq)
             return
     if budget.no_return_m is not None:
         text = f"energy: from {way_words(budget.no_return_m)} on no return site is in reach with the reserve"

@@ -5,8 +5,8 @@
 Rules
 -----
 * NAV_LOITER_TURNS is flown around its place: straight to the nearest point of the circle, then so many turns, to the
-  right or, with a radius below 0, to the left. The aircraft leaves the circle up to 20 m before its end, and the next
-  way begins there (`circle_left`).
+  right or, with a radius below 0, to the left. The turns are up to 8 % smaller than told. The aircraft leaves the
+  circle up to 20 m before its end, and the next way begins there (`curves.ring`).
 * NAV_SPLINE_WAYPOINT: the curve leaves in the direction of the leg before it. It arrives in the direction of the next
   one, if the aircraft does not stop there. The aircraft stops before a spline, unless a NAV_WAYPOINT without a time to
   wait or another spline precedes it. It stops after a spline that has a time to wait or is the last item. Between two
@@ -35,8 +35,8 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from mavproxy_handover.core.safety.energy import CLIMB_MPS, LANDING_MPS
-from mavproxy_handover.mission.curves import Spline, Vector, circle_left, circle_pieces, circle_speed_mps
+from mavproxy_handover.core.safety.energy import CLIMB_MPS, LANDING_MPS, LOITER_S
+from mavproxy_handover.mission.curves import Spline, Vector, circle_pieces, ring
 from mavproxy_handover.mission.geodesy import distance_m, east_north_m, offset
 from mavproxy_handover.mission.items import (
     DELAY,
@@ -72,8 +72,17 @@ _NO_HEIGHT_M: Final = 0.01
 #: where a height of 0 keeps the one before
 _KEEP_HEIGHT: Final = frozenset((WAYPOINT, LOITER_UNLIMITED, LOITER_TURNS, LOITER_TIME, SPLINE_WAYPOINT))
 _HOLDING: Final = frozenset((WAYPOINT, LOITER_TIME, SPLINE_WAYPOINT))
-#: time (s) of NAV_LOITER_TO_ALT for the last metre, from 1 m to 5 cm: its speed falls with the distance (PSC_POSZ_P 1)
-_SETTLES_S: Final = 3.0
+#: time (s) above the place of a landing until it begins: flown
+_LANDS_AFTER_S: Final = 2.0
+#: time (s) that these items rest at their place. NAV_LOITER_TO_ALT: for the last metre, from 1 m to 5 cm, where its
+#: speed falls with the distance (PSC_POSZ_P 1)
+_RESTS_S: Final = {
+    LAND: _LANDS_AFTER_S,
+    RETURN_TO_LAUNCH: LOITER_S + _LANDS_AFTER_S,
+    LOITER_TO_ALTITUDE: 3.0,
+}
+#: time (s) that the aircraft rests at the edge of a circle before the turns: flown
+_EDGE_S: Final = 2.0
 #: most time (s) until a given second of the minute
 _MINUTE_S: Final = 60.0
 
@@ -132,7 +141,9 @@ class _Flight:
         if item.command == DELAY:
             yield from self._straight(item, self._here, speed_mps, hold_s=_delay_s(item))
         elif item.command == RETURN_TO_LAUNCH:
-            yield from self._straight(item, (*return_place(self._route, lat, lon), alt), speed_mps)
+            yield from self._straight(
+                item, (*return_place(self._route, lat, lon), alt), speed_mps, hold_s=_RESTS_S[item.command]
+            )
             yield from self._landing(item)
         elif item.command in TAKEOFFS:  # straight up, even if the item has a place
             yield from self._straight(item, (lat, lon, above_home_m(self._route, item, (lat, lon))), speed_mps)
@@ -149,8 +160,8 @@ class _Flight:
         up = self._up(item, item.command in (LAND, PAYLOAD_PLACE))
         end = (*place, self._height(item, up, place))
         hold_s = max(0.0, item.param1) if item.command in _HOLDING else 0.0
-        if item.command == LOITER_TO_ALTITUDE:
-            hold_s = _SETTLES_S
+        if start[:2] != place or item.command != LAND:
+            hold_s = _RESTS_S.get(item.command, hold_s)
         yield from self._straight(item, end, speed_mps, hold_s=hold_s)
         if item.command == LAND:
             yield from self._landing(item)
@@ -232,31 +243,43 @@ class _Flight:
         climbs = abs(self._height(item, up, middle) - self._here[2])
         straight_there = math.hypot(east, north, climbs) > _IN_THE_MIDDLE_M
 
-        def spot(angle: float) -> Place:
-            place = offset(*middle, radius_m * math.sin(angle), radius_m * math.cos(angle))
+        made = ring(radius_m, speed_mps)
+
+        def spot(turned: float, away_m: float) -> Place:
+            angle = bearing + side * math.tau * turned
+            place = offset(*middle, away_m * math.sin(angle), away_m * math.cos(angle))
             return (*place, self._height(item, up, place))
 
-        begins = spot(bearing)
+        told = spot(0.0, radius_m)
         if straight_there or turns > 0.0:
-            yield from self._straight(item, begins, speed_mps)
-        made_mps = circle_speed_mps(radius_m, speed_mps)
-        turns = max(0.0, turns - circle_left(radius_m, made_mps) / math.tau)
+            yield from self._straight(item, told, speed_mps, hold_s=_EDGE_S if turns > 0.0 else 0.0)
+        turns = max(0.0, turns - made.left / math.tau)
         whole, part = math.floor(turns), turns - math.floor(turns)
         follows = self._above_terrain and self._route.ground is not None
 
-        def arc(share: float, times: int, count: int) -> Iterator[Leg]:
-            before = begins
+        def piece(before: Place, here: Place, times: int = 1, *, rests: bool = False) -> Leg:
+            time_s = duration_s(before, here, made.speed_mps)
+            return Leg(item.seq, before, here, time_s, 0.0, made.speed_mps, times, follows, curved=True, rests=rests)
+
+        def arc(share: float, count: int, times: int = 1, *, first: bool = False) -> Iterator[Leg]:
+            before = begins = told if first else spot(0.0, made.radius_m)
             for turn in (*(number / count for number in range(1, count) if number / count < share), share):
-                here = begins if turn == 1.0 else spot(bearing + side * math.tau * turn)
-                time_s = duration_s(before, here, made_mps)
-                yield Leg(item.seq, before, here, time_s, 0.0, made_mps, times, follows, curved=True)
+                away_m = made.after(math.tau * turn) if first and turn < 1.0 else made.radius_m
+                here = begins if turn == 1.0 and not first else spot(turn % 1.0, away_m)
+                yield piece(before, here, times)
                 before = here
 
-        if whole:
-            yield _Part(circle_pieces(radius_m), lambda count: arc(1.0, whole, count))
-        if part > 0.0:
-            yield _Part(circle_pieces(radius_m), lambda count: arc(part, 1, count))
-            self._here = spot(bearing + side * math.tau * part)
+        pieces = circle_pieces(made.radius_m)
+        if turns > 0.0:
+            yield _Part(pieces, lambda count: arc(min(1.0, turns), count, first=True))
+        if whole > 1:
+            yield _Part(pieces, lambda count: arc(1.0, count, whole - 1))
+        if whole and part > 0.0:
+            yield _Part(pieces, lambda count: arc(part, count))
+        if turns > 0.0:
+            last = spot(part, made.radius_m if whole else made.after(math.tau * part))
+            self._here = spot(part, made.ends_m)
+            yield _one(piece(last, self._here, rests=True))
         self._above_terrain = False
 
     def _spline(

@@ -41,6 +41,8 @@ _THERE_M: Final = 5.0
 #: distance (m) from its height at which a climb is done; horizontal metres below which a part of the path is on the
 #: spot
 _CLIMBED_M, _ON_THE_SPOT_M = 0.7, 0.05
+#: two places of the path that are nearer in time (s) are a border beside another place, and no stay
+_STAYS_S: Final = 0.1
 #: a speed is steady if it stayed within this share for this time (s)
 _STEADY, _STEADY_S = 0.05, 2.0
 #: below this (m/s) the aircraft stands; the largest factor by which times are stretched or shortened
@@ -110,7 +112,11 @@ class WayAhead:
             seq: tuple(sample for sample in samples if sample.seq == seq)
             for seq in {sample.seq for sample in samples if sample.curved}
         }
-        self._spots = _spots(samples)
+        # a circle passes again and again where it was begun
+        self._spots = {
+            seq: [spot for spot in spots if seq not in self._curves or samples[spot.first].curved]
+            for seq, spots in _spots(samples).items()
+        }
         #: the current curve, and the place of the aircraft on it
         self._curve: int | None = None
         self._curve_at = 0
@@ -179,7 +185,8 @@ class WayAhead:
         for number in range(spot.first, spot.last):
             begins_m, ends_m = self._samples[number].alt_m, self._samples[number + 1].alt_m
             if up * (ends_m - seen.alt_m) > 0.0:
-                part = max(0.0, (seen.alt_m - begins_m) / (ends_m - begins_m))
+                # a wait before a descent is not told from its end
+                part = 1.0 if begins_m == ends_m else max(0.0, (seen.alt_m - begins_m) / (ends_m - begins_m))
                 return self._times[number] + part * (self._times[number + 1] - self._times[number])
         return last_s
 
@@ -262,7 +269,7 @@ def _spots(samples: tuple[Sample, ...]) -> dict[int, list[_Spot]]:
         last = number
         while last + 1 < len(samples) and _stays(samples[last], samples[last + 1], samples[number + 1].seq):
             last += 1
-        if last > number:
+        if samples[last].time_s - samples[number].time_s > _STAYS_S:
             found.setdefault(samples[last].seq, []).append(_Spot(number, last))
         number = max(last, number + 1)
     return found

@@ -22,7 +22,8 @@ from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import accumulate, pairwise
-from math import inf, isfinite
+from math import inf, isfinite, radians
+from typing import Final
 
 from mavproxy_handover.core.safety.energy import (
     LANDING_BELOW_M,
@@ -34,9 +35,11 @@ from mavproxy_handover.core.safety.energy import (
     point_of_no_return,
     way_home,
 )
+from mavproxy_handover.mission.conditions import waiting
 from mavproxy_handover.mission.fence import Fence
 from mavproxy_handover.mission.geodesy import bearing_deg, distance_m
 from mavproxy_handover.mission.items import GRIPPER, LANDINGS, PAYLOAD_PLACE, RETURN_TO_LAUNCH
+from mavproxy_handover.mission.pace import corner_mps
 from mavproxy_handover.mission.plan import Route
 from mavproxy_handover.mission.route_simulation import (
     Leg,
@@ -72,6 +75,9 @@ _SAME_S = 0.01
 _SAME_PLACE_M = 5.0
 
 
+#: a corner that is slowed down for costs that power of the part of the speed that is lost. By acceleration alone it
+#: would be 2; flights on ArduCopter, whose jerk is limited too, took a little more
+_GENTLE: Final = 1.5
 #: name of the return site where a route lands
 LANDING = "landing"
 #: DO_GRIPPER's second parameter: let go
@@ -197,11 +203,16 @@ def _lands(route: Route, last: Leg) -> bool:
 
 
 def released_at(route: Route) -> int | None:
-    """Number of the first item that drops the payload: a gripper that opens, or NAV_PAYLOAD_PLACE; None: none does."""
+    """Number of the first item that drops the payload: a gripper that opens, or NAV_PAYLOAD_PLACE; None: none does.
+
+    A gripper that waits for a condition may never open (`conditions.py`).
+    """
+    waits = waiting(route.items)
     drops = (
         item.seq
         for item in route.items
-        if item.command == PAYLOAD_PLACE or (item.command == GRIPPER and item.param2 == _LET_GO)
+        if item.command == PAYLOAD_PLACE
+        or (item.command == GRIPPER and item.param2 == _LET_GO and item.seq not in waits)
     )
     return next(drops, None)
 
@@ -266,18 +277,41 @@ def _stops(legs: Sequence[Leg]) -> list[float]:
     """For each leg, the part of a start from rest and a stop that its two ends cost.
 
     A copter flies on through a curve, and over the ground that it follows, whatever pieces stand for that. A landing
-    goes on down where it becomes slower.
+    goes on down where it becomes slower. A corner costs more the sharper it is (`corner_mps`).
     """
-    through = [0.0 if _flies_on(before, after) else 0.5 for before, after in pairwise(legs)]
-    return [start + end for start, end in zip([0.5, *through], [*through, 0.5], strict=True)] if legs else []
+    through = [_slows_to_mps(before, after) for before, after in pairwise(legs)]
+    parts = [
+        0.5 * (_part_of_stop(begins, leg.speed_mps) + _part_of_stop(ends, leg.speed_mps))
+        for leg, begins, ends in zip(legs, [0.0, *through], [*through, 0.0], strict=False)
+    ]
+    return parts
 
 
-def _flies_on(before: Leg, after: Leg) -> bool:
-    if before.hold_s > 0.0:
-        return False
+def _part_of_stop(slows_to_mps: float, speed_mps: float) -> float:
+    """What a change from a speed to a lower one and back costs, as a part of a stop. Flown: see `_GENTLE`."""
+    lost = max(0.0, 1.0 - slows_to_mps / speed_mps)
+    return float(lost**_GENTLE)
+
+
+def _slows_to_mps(before: Leg, after: Leg) -> float:
+    """The speed between two legs: 0 for a stop, infinite on a landing that becomes slower."""
+    if before.hold_s > 0.0 or before.rests:
+        return 0.0
     if before.length_m == after.length_m == 0.0:
-        return before.seq == after.seq and before.start[2] > before.end[2] > after.end[2]
-    return (before.curved and after.curved) or (before.seq == after.seq and before.follows and after.follows)
+        goes_on = before.seq == after.seq and before.start[2] > before.end[2] > after.end[2]
+        return inf if goes_on else 0.0
+    slower_mps = min(before.speed_mps, after.speed_mps)
+    if (before.curved and after.curved) or (before.seq == after.seq and before.follows and after.follows):
+        return slower_mps
+    if before.length_m == 0.0 or after.length_m == 0.0:
+        return 0.0
+    return min(slower_mps, corner_mps(_turn_rad(before, after)))
+
+
+def _turn_rad(before: Leg, after: Leg) -> float:
+    """The angle between the directions of two level legs."""
+    came, goes = bearing_deg(*before.start[:2], *before.end[:2]), bearing_deg(*after.start[:2], *after.end[:2])
+    return radians(abs((goes - came + 180.0) % 360.0 - 180.0))
 
 
 def _loaded_as(way: Iterable[Piece], *, unloaded: bool) -> tuple[Piece, ...]:

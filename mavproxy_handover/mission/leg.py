@@ -42,8 +42,8 @@ class Leg:
 
     `speed_mps`: the ground speed that the autopilot was told; of wings, the airspeed. `times`: pieces of a circle are
     flown so many times, all of them in turn; length and duration are those of once. `follows`: its height was counted
-    from the ground below it. `curved`: it stands for a piece of a circle or of a spline. `hovers`: an aircraft with
-    wings flies it on its rotors.
+    from the ground below it. `curved`: it stands for a piece of a circle or of a spline. `rests`: the aircraft stops at
+    its end, without waiting. `hovers`: an aircraft with wings flies it on its rotors.
     """
 
     seq: int
@@ -55,6 +55,7 @@ class Leg:
     times: int = 1
     follows: bool = False
     curved: bool = False
+    rests: bool = False
     hovers: bool = False
 
     @property

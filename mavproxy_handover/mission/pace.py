@@ -6,8 +6,8 @@ A simulation (`route_simulation.py`) has the least possible time: each leg at it
 climbs before it goes, rounds corners slowly and stops where it waits. Each costs two to four seconds. So the speed is
 limited here at each place of the path, and from place to place by the copter's acceleration:
 
-* 0 at the start, the end, at waits, and at the beginning of a return or a landing; also between a climb or descent on
-  the spot and the next leg;
+* 0 at the start, the end, at waits, at the end of a circle, and at the beginning of a return or a landing; also between
+  a climb or descent on the spot and the next leg;
 * at a corner: the speed of an arc that cuts the corner by `_CORNER_CUT_M`;
 * otherwise the speed of the leg.
 
@@ -26,7 +26,7 @@ from typing import Final
 from mavproxy_handover.mission.geodesy import east_north_m
 from mavproxy_handover.mission.route_simulation import Sample
 
-__all__ = ["Pace", "speed_up_mps2"]
+__all__ = ["Pace", "corner_mps", "speed_up_mps2"]
 
 _ACCEL_MPS2, _CLIMB_ACCEL_MPS2, _CORNER_ACCEL_MPS2 = 2.5, 1.0, 5.0
 _SPEED_UP: Final = 0.65
@@ -73,7 +73,7 @@ class Pace:
         pieces = [_Piece(before, after) for before, after in pairwise(samples)]
         speeds = [0.0, *(_most(before, after) for before, after in pairwise(pieces)), 0.0][: len(samples)]
         for number, (before, after) in enumerate(pairwise(samples[1:]), 1):
-            if before.seq != after.seq and after.seq in rests:
+            if before.rests or (before.seq != after.seq and after.seq in rests):
                 speeds[number] = 0.0
         for number, piece in enumerate(pieces):
             faster = math.sqrt(speeds[number] ** 2 + 2.0 * _SPEED_UP * piece.accel * piece.length_m)
@@ -94,6 +94,16 @@ def speed_up_mps2() -> float:
     return _SPEED_UP * _ACCEL_MPS2
 
 
+def corner_mps(turn_rad: float) -> float:
+    """Highest speed at a corner of that angle; infinite if it is none."""
+    if turn_rad < _STRAIGHT:
+        return math.inf
+    if turn_rad > _BACK:
+        return 0.0
+    radius_m = _CORNER_CUT_M / (1.0 / math.cos(turn_rad / 2.0) - 1.0)
+    return math.sqrt(_CORNER_ACCEL_MPS2 * radius_m)
+
+
 def _most(before: _Piece, after: _Piece) -> float:
     """Highest speed between two pieces."""
     if before.waits or after.waits or before.spot is not after.spot:
@@ -103,12 +113,7 @@ def _most(before: _Piece, after: _Piece) -> float:
         return full
     dot = before.east * after.east + before.north * after.north + before.up * after.up
     turn = math.acos(max(-1.0, min(1.0, dot)))
-    if turn < _STRAIGHT:
-        return full
-    if turn > _BACK:
-        return 0.0
-    radius_m = _CORNER_CUT_M / (1.0 / math.cos(turn / 2.0) - 1.0)
-    return min(full, math.sqrt(_CORNER_ACCEL_MPS2 * radius_m))
+    return min(full, corner_mps(turn))
 
 
 def _time_s(piece: _Piece, from_mps: float, to_mps: float) -> float:

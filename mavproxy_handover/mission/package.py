@@ -442,7 +442,7 @@ def _build(texts: Mapping[str, str]) -> MissionPackage:
 def _check_leaves(where: Where, package: MissionPackage) -> None:
     """Check that the route leads anywhere: a take-off does. Raises MissionError."""
     first = first_in_air(package.route.items)
-    if (first is None or first.command not in TAKEOFFS) and not package.legs():
+    if (first is None or first.command not in TAKEOFFS) and not any(leg.size_m > 0.0 for leg in package.legs()):
         raise where.error(
             "nothing is flown: the aircraft stays at home (allowed: at least one item that leads away, or up)"
         )

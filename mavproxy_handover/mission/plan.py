@@ -19,12 +19,12 @@ from typing import Protocol, TypeAlias
 
 from mavproxy_handover.core.safety.energy import CLIMB_MPS, DESCENT_MPS
 from mavproxy_handover.mission.complex_items import simple_items
+from mavproxy_handover.mission.conditions import waiting
 from mavproxy_handover.mission.errors import Faults, Where, parse_json
 from mavproxy_handover.mission.items import (
     CHANGE_ALTITUDE,
     CHANGE_SPEED,
     COMMANDS,
-    CONDITIONS,
     DELAY,
     FRAME_ABOVE_HOME,
     FRAME_ABOVE_SEA,
@@ -106,6 +106,12 @@ MADE_FOR: Mapping[int, str] = {
 }
 #: SPEED_TYPE -> what it is the speed of, and what the walk counts for it (m/s)
 _VERTICAL_SPEEDS: Mapping[float, tuple[str, float]] = {2.0: ("climbs", CLIMB_MPS), 3.0: ("descents", DESCENT_MPS)}
+#: what may wait for a condition and never be done -> what counts then
+_WORST: Mapping[int, str] = {
+    CHANGE_SPEED: "the slower speed for time and energy, the faster one for handovers. A speed without a condition "
+    "ends that",
+    GRIPPER: "the payload stays on board",
+}
 _NO_HOME = "home is at latitude 0, longitude 0: it was never set (allowed: the place of the take-off)"
 #: after these the aircraft flies nothing by itself
 _LAST = LANDINGS | {RETURN_TO_LAUNCH, LOITER_UNLIMITED}
@@ -181,6 +187,8 @@ class Route:
     ground: Ground | None = field(default=None, repr=False, compare=False)
     #: it may have a jump without end
     endless: bool = False
+    #: speeds that wait for a condition count as the fastest possible; False: as the slowest (`conditions.py`)
+    fastest: bool = False
 
     def upload_items(self) -> tuple[MissionItem, ...]:
         """All items to write to the autopilot, in order, home as item 0 first."""
@@ -727,17 +735,21 @@ def _odd(items: Sequence[MissionItem], flown: Sequence[MissionItem], profile: Pr
                 f"item {item.seq} ({COMMANDS[item.command].name}) sets the speed of {way}: time and energy are counted "
                 f"at {counted_mps:g} m/s"
             )
-    condition: MissionItem | None = None
+    if profile.flies_past:
+        for item in items:
+            if item.command == WAYPOINT and item.param1 > 0.0:
+                yield (
+                    f"item {item.seq} (NAV_WAYPOINT) has {item.param1:g} s to wait: ArduPlane flies on at once, as "
+                    "the check counts it. NAV_LOITER_TIME circles there"
+                )
+    held_up = waiting(items)
     for item in items:
-        if item.command in CONDITIONS:
-            condition = item
-        elif COMMANDS[item.command].flown:
-            condition = None
-        elif item.command in (CHANGE_SPEED, GRIPPER) and condition is not None:
+        if item.command in _WORST and item.seq in held_up:
+            condition = held_up[item.seq]
             yield (
                 f"item {item.seq} ({COMMANDS[item.command].name}) waits for item {condition.seq} "
-                f"({COMMANDS[condition.command].name}): when that is, is not known. It is counted from the beginning "
-                "of the way"
+                f"({COMMANDS[condition.command].name}), and is left out if the next place is reached first. The worst "
+                f"case counts: {_WORST[item.command]}"
             )
     if not profile.flies_past:
         for item in items:

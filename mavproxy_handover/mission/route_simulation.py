@@ -28,11 +28,11 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
+from mavproxy_handover.mission.conditions import new_speed, speeds_of, waiting
 from mavproxy_handover.mission.copter_path import copter_legs, pieces_lacking
 from mavproxy_handover.mission.geodesy import distance_m, east_north_m, offset
 from mavproxy_handover.mission.items import (
     CHANGE_ALTITUDE,
-    CHANGE_SPEED,
     COMMANDS,
     LANDINGS,
     LOITER_TIME,
@@ -108,6 +108,8 @@ class Sample:
     open: frozenset[int]
     #: it is on a circle or a spline of a copter
     curved: bool = False
+    #: the aircraft stops here
+    rests: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,7 +197,7 @@ def curves_lacking(route: Route, cruise_speed_mps: float | None = None) -> float
         return 1.0
     cruise_mps = cruise_of(route, cruise_speed_mps)
     here = (route.home.lat_deg, route.home.lon_deg, 0.0)
-    return pieces_lacking(route, list(_copter_items(as_flown(route.items), cruise_mps, cruise_mps)), here)
+    return pieces_lacking(route, _copter_items(route, as_flown(route.items), cruise_mps, cruise_mps), here)
 
 
 def cruise_of(route: Route, cruise_speed_mps: float | None = None) -> float:
@@ -218,13 +220,8 @@ def legs_from(
 
 def speed_at(route: Route, seq: int) -> float | None:
     """Speed (m/s) that the route has set before item `seq`; None: it has set none."""
-    speeds = (_new_speed(item) for item in route.items if item.seq < seq)
+    speeds = (new_speed(item) for item in route.items if item.seq < seq)
     return next((speed for speed in reversed(list(speeds)) if speed is not None), None)
-
-
-def _new_speed(item: MissionItem) -> float | None:
-    changes = item.command == CHANGE_SPEED and item.param1 in (0.0, 1.0) and item.param2 > 0.0
-    return item.param2 if changes else None
 
 
 def hovers_at(route: Route, seq: int) -> bool:
@@ -259,18 +256,17 @@ def _legs(
     items = as_flown(route.items, first)
     if not route.profile.flies_past:
         risen = _risen(items) if start_at is None else items
-        yield from copter_legs(route, list(_copter_items(risen, speed_mps, cruise_mps)), here)
+        yield from copter_legs(route, _copter_items(route, risen, speed_mps, cruise_mps), here)
         return
     end = next((n for n, item in enumerate(items) if item.command == RETURN_TO_LAUNCH), len(items))
     yield from _wing_legs(route, items[: end + 1], speed_mps, cruise_mps, here)
 
 
 def _wing_legs(
-    route: Route, items: Sequence[MissionItem], speed_mps: float, cruise_mps: float, here: tuple[float, float, float]
+    route: Route, items: Sequence[MissionItem], first_mps: float, cruise_mps: float, here: tuple[float, float, float]
 ) -> Iterator[Leg]:
     before = here
-    for item in items:
-        speed_mps = _speed_to(item, speed_mps, cruise_mps)
+    for item, speed_mps in _with_speeds(route, items, first_mps, cruise_mps):
         if not COMMANDS[item.command].flown or item.command in route.profile.not_in_air:
             continue
         hovers = hovers_at(route, item.seq)
@@ -294,9 +290,10 @@ def _wing_legs(
                 yield from _wing_legs(route, sequence[1:], cruise_mps, cruise_mps, here)
 
 
-def _speed_to(item: MissionItem, speed_mps: float, cruise_mps: float) -> float:
-    """The speed from that item on. A return forgets what was set: ModeRTL::init, and Mode::enter of ArduPlane."""
-    return cruise_mps if item.command == RETURN_TO_LAUNCH else _new_speed(item) or speed_mps
+def _with_speeds(
+    route: Route, items: Sequence[MissionItem], speed_mps: float, cruise_mps: float
+) -> Iterator[tuple[MissionItem, float]]:
+    return speeds_of(items, waiting(route.items), speed_mps, cruise_mps, fastest=route.fastest)
 
 
 def _wing_end(
@@ -347,13 +344,11 @@ def _risen(items: Sequence[MissionItem]) -> Sequence[MissionItem]:
 
 
 def _copter_items(
-    items: Sequence[MissionItem], speed_mps: float, cruise_mps: float
-) -> Iterator[tuple[MissionItem, float]]:
+    route: Route, items: Sequence[MissionItem], speed_mps: float, cruise_mps: float
+) -> list[tuple[MissionItem, float]]:
     """The items that a copter flies, each with the speed that the route has set by then."""
-    for item in items:
-        speed_mps = _speed_to(item, speed_mps, cruise_mps)
-        if COMMANDS[item.command].flown:
-            yield item, speed_mps
+    flown = _with_speeds(route, items, speed_mps, cruise_mps)
+    return [(item, mps) for item, mps in flown if COMMANDS[item.command].flown]
 
 
 # --- from path to commanders ---
@@ -369,6 +364,7 @@ class _Place:
     #: the item is reached here, with everything that belongs to it
     reached: bool = False
     curved: bool = False
+    rests: bool = False
 
 
 def commanders_along(
@@ -431,6 +427,7 @@ def simulate_legs(
                 commander,
                 opened,
                 place.curved,
+                place.rests,
             )
         )
     return RouteSimulation(tuple(samples), tuple(handovers), tuple(_gaps(places)))
@@ -472,6 +469,7 @@ def _places(legs: tuple[Leg, ...], finder: ZoneFinder, step_m: float) -> Iterato
                     before,
                     reached=ends and step == steps and leg.hold_s == 0.0,
                     curved=leg.curved,
+                    rests=leg.rests and step == steps,
                 )
         along += leg.length_m
         time += leg.duration_s

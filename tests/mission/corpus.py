@@ -200,7 +200,7 @@ def _winged(reason: str) -> dict[str, str]:
 ITEMS: Final = (
     # ---- places ----
     _row("waypoint", 16),
-    _row("waypoint-waits", 16, (5,), **_winged("number")),
+    _row("waypoint-waits", 16, (5,)),
     _row("waypoint-near", 16, (0, 40)),
     _row("waypoint-past", 16, (0, 0, 30)),
     _row("waypoint-open", 16, (None, None, None, None)),

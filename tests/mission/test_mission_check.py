@@ -15,8 +15,9 @@ from matplotlib.figure import Figure
 from mavproxy_handover.cli.check import main
 from mavproxy_handover.core.common.model import StandingConsent, Station
 from mavproxy_handover.mission import load
-from mavproxy_handover.mission.check import Severity, check
+from mavproxy_handover.mission.check import Finding, Severity, check
 from mavproxy_handover.mission.check_text import report_text
+from mavproxy_handover.mission.map_findings import colours_of_items, list_findings
 from mavproxy_handover.mission.picture import MapSheet, draw
 from tests.depth import first
 
@@ -341,7 +342,19 @@ def test_map_names_stations_waypoints_handovers_and_delivery(missions):
     MapSheet(load(missions / "delivery")).paint(axes)
     written = [text.get_text() for text in axes.texts]
     handovers = ["1: GCSA → GCSB\n13.5 s", "2: GCSB → GCSA\n15.4 s", "3: GCSA → GCSB\n14.9 s", "4: GCSB → GCSA\n15.5 s"]
-    for words in ("GCSA", "GCSB", "1, 14", "8", "delivery, 15 m", "R1", "R2", "200 m", "N", *handovers):
+    for words in (
+        "GCSA",
+        "GCSB",
+        "1, 14",
+        "take-off, landing, home",
+        "8",
+        "delivery, 15 m",
+        "R1",
+        "R2",
+        "200 m",
+        "N",
+        *handovers,
+    ):
         assert words in written
     legend = [text.get_text() for text in axes.get_legend().get_texts()]
     assert legend == [
@@ -349,10 +362,56 @@ def test_map_names_stations_waypoints_handovers_and_delivery(missions):
         "geofence",
         "route, GCSA commands",
         "route, GCSB commands",
-        "rally point",
+        "return site",
         "handover starts (time inside both zones)",
     ]
     assert axes.get_aspect() == 1.0
+
+
+def test_map_has_the_whole_path_and_each_place_of_handovers_once():
+    """The splines leave their zone by 100 m. On the circle ten handovers are at two places."""
+    data = Path(__file__).resolve().parents[1] / "data" / "missions"
+    package, axes = load(data / "spline"), Figure().add_subplot()
+    sheet = MapSheet(package)
+    sheet.paint(axes)
+    for sample in package.simulate().samples:
+        x, y = sheet.place(sample.lat_deg, sample.lon_deg)
+        assert axes.get_xlim()[0] < x < axes.get_xlim()[1]
+        assert axes.get_ylim()[0] < y < axes.get_ylim()[1]
+    axes = Figure().add_subplot()
+    MapSheet(load(data / "loiter_turns")).paint(axes)
+    pairs = [text.get_text().partition("\n")[0] for text in axes.texts if "→" in text.get_text()]
+    assert pairs == ["1 ... 9: A → B", "2 ... 10: B → A"]
+
+
+def test_zones_that_lie_on_each_other_are_both_named():
+    axes = Figure().add_subplot()
+    MapSheet(load(Path(__file__).resolve().parents[1] / "data" / "missions" / "spline")).paint(axes)
+    places = {text.get_text(): (text.xy, text.xyann) for text in axes.texts if text.get_text() in ("A", "B")}
+    assert places["A"] != places["B"]
+
+
+def test_map_lists_errors_and_warnings_and_marks_their_items():
+    package = load(Path(__file__).resolve().parents[1] / "data" / "missions" / "spline")
+    findings = check(package).findings
+    colours = colours_of_items(findings)
+    assert {2, 3, 4, 5, 6} <= set(colours)
+    axes = Figure().add_subplot()
+    MapSheet(package, marked=colours).paint(axes)
+    list_findings(axes, findings, 60.0)
+    written = {text.get_text(): text for text in axes.texts}
+    assert "error: handover 2 B -> A: 5.9 s inside both zones. A transfer and a second try need 6 s" in written
+    assert "warning: no rally point: the aircraft can only return to home" in written
+    assert not any(words.startswith("info") for words in written)
+    assert [round(part, 2) for part in written["3"].get_bbox_patch().get_edgecolor()[:3]] == [0.82, 0.0, 0.0]
+    assert [round(part, 2) for part in written["1, 5, 7"].get_bbox_patch().get_edgecolor()[:3]] == [0.82, 0.0, 0.0]
+
+
+def test_a_list_of_many_findings_says_how_many_are_left():
+    axes = Figure().add_subplot()
+    list_findings(axes, [Finding(Severity.ERROR, f"fault {n}") for n in range(50)], 60.0)
+    written = [text.get_text() for text in axes.texts]
+    assert (written[0], written[-1], len(written)) == ("error: fault 0", "and 30 more, which the check prints", 21)
 
 
 def test_map_of_a_mission_with_gaps_holes_and_fences_is_drawn(small, tmp_path):

@@ -96,7 +96,8 @@ def test_of_an_item_that_the_way_does_not_have_nothing_is_known(walked):
 
 @pytest.mark.parametrize("name", ["loiter_turns", "spline"])
 def test_on_a_curve_each_border_is_as_far_ahead_as_the_walk_has_it(name):
-    """On ten turns the same border is crossed again and again, and on a spline the end of the leg tells nothing."""
+    """On ten turns the same border is crossed again and again, and on a spline the end of the leg tells nothing.
+    At the edge of a circle the aircraft rests for 2 s: no more can be said than when it goes on."""
     walk = load(DATA / name).simulate()
     way = WayAhead(walk, flies_past=True)
     curves = {sample.seq for sample in walk.samples if sample.curved}
@@ -108,7 +109,7 @@ def test_on_a_curve_each_border_is_as_far_ahead_as_the_walk_has_it(name):
         expected = [border.time_s - here.time_s for border in ahead]
         assert len(ahead) <= len(found) <= len(ahead) + 2
         assert [border.in_s for border in found][len(found) - len(ahead) :] == [
-            pytest.approx(each, abs=1.5) for each in expected
+            pytest.approx(each, abs=2.1) for each in expected
         ]
 
 

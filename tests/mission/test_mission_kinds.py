@@ -173,7 +173,6 @@ def test_an_upload_in_flight_is_read_for_the_same_kind(small):
 @pytest.mark.parametrize(
     ("command", "params", "words"),
     [
-        (16, [5, 0, 0], "parameter 1 of NAV_WAYPOINT is 5 (allowed: 0: wings do not wait at a place, NAV_LOITER_TIME"),
         (16, [0, 256, 0], "parameter 2 of NAV_WAYPOINT is 256 (allowed: 0 to 255 m)"),
         (16, [0, 0, -1], "parameter 3 of NAV_WAYPOINT is -1 (allowed: 0 to 255 m)"),
         (18, [0, 0, 80], "parameter 1 of NAV_LOITER_TURNS is 0 (allowed: more than 0, up to 255 turns)"),
@@ -185,7 +184,7 @@ def test_an_upload_in_flight_is_read_for_the_same_kind(small):
         (
             178,
             [1, 20, -1],
-            "parameter 1 of DO_CHANGE_SPEED is 1 (allowed: 0, airspeed: another one changes a parameter",
+            "parameter 1 of DO_CHANGE_SPEED is 1 (allowed: 0, airspeed. 1 would set MIN_GROUNDSPEED, also for later",
         ),
         (178, [0, -2, -1], "parameter 2 of DO_CHANGE_SPEED is -2 (allowed: 1 to 100 m/s)"),
         (3000, [2, 0, 0], "parameter 1 of DO_VTOL_TRANSITION is 2 (allowed: 3 to hover, 4 to fly on its wings)"),
@@ -196,6 +195,16 @@ def test_numbers_that_arduplane_takes_for_something_else_are_refused(small, comm
     hovering(small).items[1]["command"] = command
     small.items[1]["params"][:3] = params
     assert refusal(small.plan, QUADPLANE).startswith(f"small.plan: item 2: {words}")
+
+
+def test_a_time_to_wait_at_a_waypoint_of_wings_is_a_warning(small):
+    small.items[1]["params"][0] = 5
+    route = read(small.plan, PLANE)
+    assert route.warnings[-1] == (
+        "item 2 (NAV_WAYPOINT) has 5 s to wait: ArduPlane flies on at once, as the check counts it. NAV_LOITER_TIME "
+        "circles there"
+    )
+    assert all(leg.hold_s == 0.0 for leg in legs_of(route) if leg.seq == 2)
 
 
 def test_a_commander_may_send_an_endless_circle_in_flight(small):

@@ -597,13 +597,20 @@ def test_faults_of_the_whole_route_are_told_at_once(small):
     assert len(caught.value.faults) == 2
 
 
-@pytest.mark.parametrize(("command", "name"), [(178, "DO_CHANGE_SPEED"), (211, "DO_GRIPPER")])
-def test_what_waits_for_a_condition_is_said(small, command, name):
+@pytest.mark.parametrize(
+    ("command", "name", "counts"),
+    [
+        (178, "DO_CHANGE_SPEED", "the slower speed for time and energy, the faster one for handovers. A speed without "
+         "a condition ends that"),
+        (211, "DO_GRIPPER", "the payload stays on board"),
+    ],
+)  # fmt: skip
+def test_what_waits_for_a_condition_is_said(small, command, name, counts):
     small.items[1:1] = [do_item(112, 30), do_item(command, 1, 8)]
     (warning,) = read(small.plan).warnings
     assert warning == (
-        f"item 3 ({name}) waits for item 2 (CONDITION_DELAY): when that is, is not known. It is counted from the "
-        "beginning of the way"
+        f"item 3 ({name}) waits for item 2 (CONDITION_DELAY), and is left out if the next place is reached first. "
+        f"The worst case counts: {counts}"
     )
     small.items[1:3] = [do_item(112, 30), small.item(3, 16, 0.0, 10.002, 30), do_item(command, 1, 8)]
     assert read(small.plan).warnings == ()

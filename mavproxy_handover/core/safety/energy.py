@@ -12,7 +12,8 @@ A way is a list of straight pieces (`Piece`). The energy of a piece is power tim
   With wh ahead and wx across, the speed made good is min(told, sqrt(va^2 - wx^2) - wh); 0 or less: the piece is not to
   be flown at all, its need is infinite. A tail wind counts as calm: on the way back it is a head wind.
 * Each piece is flown from rest to rest: speeding up and braking cost speed / `ACCELERATION_MPSS` seconds. A piece of a
-  curve, through which it flies on, costs a part of that (`stops`).
+  curve, through which it flies on, costs nothing of that, and a corner a part (`stops`). Straight up or down it costs
+  speed / `CLIMB_ACCELERATION_MPSS`.
 * Climb, descent and waiting stand against the same wind.
 * An aircraft that `holds_airspeed` keeps the commanded airspeed, and the power for it. The wind adds to its ground
   speed, or takes from it, and it flies against a cross wind at an angle. It waits by circling. It goes straight up or
@@ -41,6 +42,7 @@ from typing import Final, NamedTuple
 __all__ = [
     "ACCELERATION_MPSS",
     "CIRCLE_S",
+    "CLIMB_ACCELERATION_MPSS",
     "CLIMB_MPS",
     "DESCENT_MPS",
     "LANDING_BELOW_M",
@@ -62,6 +64,8 @@ __all__ = [
 CLIMB_MPS, DESCENT_MPS, LANDING_MPS, LANDING_BELOW_M = 2.5, 1.5, 0.5, 10.0
 #: of a change from rest to 10 m/s with WPNAV_ACCEL 2.5 m/s^2 and WPNAV_JERK 1 m/s^3, as if it were even: it takes 6.5 s
 ACCELERATION_MPSS: Final = 1.5
+#: WPNAV_ACCEL_Z
+CLIMB_ACCELERATION_MPSS: Final = 1.0
 #: RTL_LOIT_TIME: how long a return waits above its place before it comes down
 LOITER_S: Final = 5.0
 #: and what has wings: one circle of 90 m, at 20 m/s
@@ -112,6 +116,13 @@ class Piece(NamedTuple):
         """How long climb, descent and landing take, at the least."""
         down_s = (self.descent_m - self.landing_m) / DESCENT_MPS + self.landing_m / LANDING_MPS
         return self.climb_m / CLIMB_MPS + down_s
+
+    @property
+    def vertical_stops_s(self) -> float:
+        """What speeding up and braking add to a way straight up or down."""
+        fastest = CLIMB_MPS if self.climb_m > 0.0 else DESCENT_MPS if self.descent_m > self.landing_m else LANDING_MPS
+        size_m = max(self.climb_m, self.descent_m)
+        return _duration_s(size_m, fastest, self.stops, CLIMB_ACCELERATION_MPSS) - size_m / fastest
 
 
 class MadeGood(NamedTuple):
@@ -208,10 +219,10 @@ class EnergyModel:
             if made.speed_mps <= 0.0:
                 return inf
             level_w, level_s = max(made.power_w, still_w), _duration_s(piece.length_m, made.speed_mps, piece.stops)
-        vertical_s = piece.vertical_s
+        vertical_s = piece.vertical_s + (piece.vertical_stops_s if piece.length_m == 0.0 else 0.0)
         joules = level_w * max(level_s, vertical_s) + still_w * piece.hold_s
         if vertical_s > 0.0:
-            climb_s = piece.climb_m / CLIMB_MPS
+            climb_s = vertical_s if piece.descent_m == 0.0 else piece.climb_m / CLIMB_MPS
             joules += (self.climb_w - self.hover_w) * climb_s + (self.descent_w - self.hover_w) * (vertical_s - climb_s)
         return max(0.0, joules) / _SECONDS_AN_HOUR
 
@@ -255,11 +266,11 @@ class EnergyModel:
         return left_wh - self.budget_wh(self.need_wh(way))
 
 
-def _duration_s(length_m: float, speed_mps: float, stops: float) -> float:
+def _duration_s(length_m: float, speed_mps: float, stops: float, acceleration: float = ACCELERATION_MPSS) -> float:
     """Time of a piece with that part of a start and a stop. A piece too short for the speed never gets to it."""
-    if length_m < stops * speed_mps**2 / ACCELERATION_MPSS:
-        return 2.0 * sqrt(stops * length_m / ACCELERATION_MPSS)
-    return length_m / speed_mps + stops * speed_mps / ACCELERATION_MPSS
+    if length_m < stops * speed_mps**2 / acceleration:
+        return 2.0 * sqrt(stops * length_m / acceleration)
+    return length_m / speed_mps + stops * speed_mps / acceleration
 
 
 def landing(alt_m: float) -> Piece:

@@ -315,14 +315,13 @@ PLANE: Final = Profile(
     not_in_air={mavlink.MAV_CMD_NAV_DELAY: "ArduPlane does not wait in flight: take NAV_LOITER_TIME"},
     stores={mavlink.MAV_CMD_NAV_WAYPOINT: "-yy-"},
     item_ranges={
-        (mavlink.MAV_CMD_NAV_WAYPOINT, 1): (0, 0, "0: wings do not wait at a place, NAV_LOITER_TIME circles there"),
         (mavlink.MAV_CMD_NAV_WAYPOINT, 2): (0, 255, "0 to 255 m"),
         (mavlink.MAV_CMD_NAV_WAYPOINT, 3): (0, 255, "0 to 255 m"),
         (mavlink.MAV_CMD_NAV_DELAY, 1): (0, 65535, "0 to 65535 s"),
         (mavlink.MAV_CMD_NAV_LOITER_TURNS, 1): (1 / 256, 255, "more than 0, up to 255 turns"),
         (mavlink.MAV_CMD_NAV_LOITER_TURNS, 3): (-2550, 2550, "a radius up to 2550 m, below 0 to the left"),
         (mavlink.MAV_CMD_DO_CHANGE_SPEED, 1): (
-            0, 0, "0, airspeed: another one changes a parameter of ArduPlane permanently"
+            0, 0, "0, airspeed. 1 would set MIN_GROUNDSPEED, also for later flights, until the autopilot restarts"
         ),
         (mavlink.MAV_CMD_DO_CHANGE_SPEED, 2): (1, 100, "1 to 100 m/s"),
         (mavlink.MAV_CMD_NAV_VTOL_LAND, 1): (0, 1, "0, or 1 for a circle down before it"),

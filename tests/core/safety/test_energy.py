@@ -114,11 +114,13 @@ def test_a_wind_that_nobody_knows_blows_from_ahead_wherever_it_flies() -> None:
         (Piece(hold_s=10.0), Wind(0.0, 0.0), 3_600.0),
         # held against the wind: 5 m/s of airspeed
         (Piece(hold_s=10.0), Wind(5.0, SOUTH), 3_700.0),
-        # 20 s of climb at 432 W; of descent at 324 W
-        (Piece(climb_m=50.0), Wind(0.0, 0.0), 8_640.0),
-        (Piece(descent_m=30.0), Wind(0.0, 0.0), 6_480.0),
-        # of 40 m the last 10 slowly: 20 s and 20 s
-        (landing(40.0), Wind(0.0, 0.0), 12_960.0),
+        # 20 s of climb at 432 W, and 2.5 s of speeding up and braking; of descent at 324 W, and 1.5 s
+        (Piece(climb_m=50.0), Wind(0.0, 0.0), 9_720.0),
+        (Piece(descent_m=30.0), Wind(0.0, 0.0), 6_966.0),
+        # on a way that goes on, half of that
+        (Piece(climb_m=50.0, stops=0.5), Wind(0.0, 0.0), 9_180.0),
+        # of 40 m the last 10 slowly: 20 s, 20 s and 1.5 s
+        (landing(40.0), Wind(0.0, 0.0), 13_446.0),
         (landing(-3.0), Wind(0.0, 0.0), 0.0),
         # the climb is on the way: 72 W more for 20 s
         (Piece(length_m=900.0, climb_m=50.0), Wind(0.0, 0.0), 43_973.3),
@@ -126,7 +128,7 @@ def test_a_wind_that_nobody_knows_blows_from_ahead_wherever_it_flies() -> None:
         (Piece(length_m=24.0, climb_m=50.0), Wind(0.0, 0.0), 10_240.0),
         (Piece(length_m=1.0), Wind(10.0, NORTH), inf),
         # straight down it comes in any wind
-        (Piece(descent_m=30.0), Wind(20.0, NORTH), 8_080.0),
+        (Piece(descent_m=30.0), Wind(20.0, NORTH), 8_686.0),
     ],
 )
 def test_the_need_of_a_piece(piece: Piece, wind: Wind, joules: float) -> None:
@@ -365,8 +367,9 @@ def test_a_margin_is_never_more_than_what_is_left(model: EnergyModel, way: list[
     assert model.margin_wh(left, way) <= left
 
 
-def test_half_a_second_of_climbing_costs_its_climb() -> None:
-    assert MODEL.piece_wh(Piece(climb_m=1.25)) == pytest.approx((360.0 * 0.5 + 72.0 * 0.5) / 3600.0)
+def test_a_climb_that_is_too_short_for_its_speed_costs_its_climb() -> None:
+    """2 sqrt(1.25 / 1.0) = 2.236 s at 432 W."""
+    assert MODEL.piece_wh(Piece(climb_m=1.25)) == pytest.approx(432.0 * 2.236 / 3600.0, rel=1e-3)
 
 
 def test_at_the_height_of_the_return_nothing_is_climbed() -> None:
