@@ -13,7 +13,6 @@ from math import inf
 from typing import Final, NamedTuple
 
 from mavproxy_handover.core.common.model import AuthorityView, LeaseState, Phase
-from mavproxy_handover.core.feeds import FeedSettings
 from mavproxy_handover.gate.client_capabilities import ClientCapabilities
 from mavproxy_handover.gate.examples import VEHICLE, Example, frame_of
 from mavproxy_handover.gate.filters import CompanionMatters
@@ -21,8 +20,7 @@ from mavproxy_handover.gate.gate import Gate
 from mavproxy_handover.gate.in_force import AuthorityInForce
 from mavproxy_handover.gate.intent import Aim, Intent
 from mavproxy_handover.gate.judge import Fate, GateReason, StationIdentity
-from mavproxy_handover.gate.observers import ObserverLimits
-from mavproxy_handover.gate.passed import PassedFrames
+from mavproxy_handover.gate.passed import GateSettings, PassedFrames
 from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.gate.refusal_text import reason_in_words
 from mavproxy_handover.gate.replies import GateReports
@@ -149,10 +147,10 @@ class _Trial:
         self._ports = {sysid: _Station(StationIdentity(sysid)) for sysid in (_ONE, _OTHER)}
         in_force = AuthorityInForce()
         reports = GateReports(self._fault, lambda *_: None, lambda *_: None, lambda *_: None)
-        passed = PassedFrames(
-            VEHICLE, self._ports, ObserverLimits(), in_force, self._to_autopilot, self._fault, FeedSettings()
+        passed = PassedFrames(VEHICLE, self._ports, GateSettings(), in_force, self._to_autopilot, self._fault)
+        matters = CompanionMatters(
+            self._target, self._command, lambda _frame: False, lambda: ASSUMED.gate, lambda *_: None
         )
-        matters = CompanionMatters(self._target, self._command, lambda _frame: False, lambda: ASSUMED.gate)
         self._gate = Gate(VEHICLE, self._ports, in_force, passed, self._to_autopilot, reports, matters)
 
     def ask(self, frame: Frame, situation: Situation) -> Answer:
