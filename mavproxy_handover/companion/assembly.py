@@ -41,6 +41,7 @@ from mavproxy_handover.operator.stations.event_log import EventLog
 from mavproxy_handover.operator.stations.missing_heartbeats import MissingHeartbeats
 from mavproxy_handover.operator.stations.port import StationPort
 from mavproxy_handover.operator.stations.sender import MessageSender
+from mavproxy_handover.operator.terrain_answers import TerrainAnswers
 from mavproxy_handover.operator.uploads.package_loading import MissionSurroundings
 from mavproxy_handover.store.journal import Journal, strangers_path
 from mavproxy_handover.store.state_store import StateStore
@@ -106,6 +107,7 @@ class Parts:
     faults: FaultNews
     each_second: EachSecond
     remote_id: RemoteId
+    terrain: TerrainAnswers
 
 
 def base_of(running: Running, ports: Mapping[int, StationPort], edge: Edge) -> Base:
@@ -222,8 +224,11 @@ def parts_of(running: Running, base: Base, edge: Edge, hub: Hub) -> Parts:
     heartbeats = MissingHeartbeats(message_sender)
     each_second = EachSecond(autopilot, beacons, news, saver, faults, heartbeats, hub.grounded)
     sources = RemoteIdSources(base.in_force, base.operators, lambda: autopilot.mission.flown.package, edge.clocks.utc)
+    terrain = TerrainAnswers(config.sysid, sources.package, autopilot.aircraft, reports)
     remote_id = RemoteId(config.sysid, config.remote_id, sources, autopilot.aircraft, reports)
-    return Parts(autopilot, gate, operator, onboard, news, beacons, closing, actions, faults, each_second, remote_id)
+    return Parts(
+        autopilot, gate, operator, onboard, news, beacons, closing, actions, faults, each_second, remote_id, terrain
+    )
 
 
 def _gate_reports(base: Base) -> GateReports:

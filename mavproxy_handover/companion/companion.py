@@ -159,6 +159,8 @@ class Companion:
             if frame.msgid == _CONTROL_STATUS:
                 self.autopilot.messages.second_manager(frame)
         self.onboard.hear(frame, now)
+        if self._parts.terrain.takes(frame, now):
+            return
         if not self.gate.down(frame, now):
             self.event_log.in_our_name((frame.sysid, frame.compid), classify(frame).what)
         elif (frame.msgid, frame.sysid, frame.compid) == (_HEARTBEAT, self.config.sysid, AUTOPILOT_COMPID):
@@ -193,6 +195,7 @@ class Companion:
             self.handle(events.Tick(), now)
         self._attempt("remote id", self._parts.remote_id.tick, now)
         self._attempt("delegation", self._parts.onboard.delegating.tick, now)
+        self._attempt("terrain", self._parts.terrain.tick, now)
         self._attempt("briefing", self.operator.briefing.tick, now)
         self._attempt("rehearsal", self.rehearsal.tick, now)
         self._schedule.run(now)

@@ -14,7 +14,10 @@ A feed does not follow authority: a station without authority may be the source,
    whose place is not known yet. While the vehicle is armed, that place stays the first one, even if the base of the
    source moves.
 
-Pure: time is an argument (monotonic seconds). Memory is bounded by the stations.
+5. Terrain is asked for. A request goes to the station with authority first, if it is named, then to the others in their
+   order: to the next one after `silence_s` without an answer. A station may answer what it was asked.
+
+Pure: time is an argument (monotonic seconds). Memory is bounded by the stations, and by `_MOST_REQUESTS`.
 """
 
 from __future__ import annotations
@@ -25,8 +28,14 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import Final
 
-__all__ = ["BasePlaces", "Ecef", "FeedKind", "FeedRule", "FeedSettings", "Source", "Unnamed"]
+__all__ = ["BasePlaces", "Ecef", "FeedKind", "FeedRule", "FeedSettings", "Source", "TerrainRequests", "Unnamed"]
 
+#: terrain requests that are open at once: ArduPilot keeps twelve blocks
+_MOST_REQUESTS: Final = 16
+#: a request that was not repeated for this long (s) is closed
+_FORGOTTEN_S: Final = 30.0
+#: latitude and longitude (degrees x 10^7) and spacing (m) of a block of terrain
+Block = tuple[int, int, int]
 #: a place, in metres from the centre of the Earth
 Ecef = tuple[float, float, float]
 
@@ -120,6 +129,50 @@ class Source:
         """Whether a station has sent something that may pass within the silence that counts."""
         run = self._runs.get(station)
         return run is not None and now - run[1] <= self.rule.silence_s
+
+
+@dataclass(frozen=True, slots=True)
+class _Asked:
+    """An open request: how many stations were asked, since when the last one, and when the request came last."""
+
+    count: int
+    since: float
+    at: float
+
+
+class TerrainRequests:
+    """The open requests of the autopilot for terrain (rule 5)."""
+
+    def __init__(self, rule: FeedRule) -> None:
+        self._rule = rule
+        self._open: dict[Block, _Asked] = {}
+        self._order: dict[Block, tuple[int, ...]] = {}
+
+    def ask(self, block: Block, commander: int | None, now: float) -> tuple[int, ...]:
+        """The autopilot asks for a block; the stations that are to get the request, the newest one last."""
+        asked = self._open.pop(block, None)
+        if asked is None or now - asked.at > _FORGOTTEN_S:
+            order = self._rule.order
+            self._order[block] = tuple(sorted(order, key=lambda station: (station != commander, order.index(station))))
+            asked = _Asked(1, now, now)
+        elif now - asked.since >= self._rule.silence_s:
+            asked = _Asked(asked.count + 1, now, now)
+        else:
+            asked = _Asked(asked.count, asked.since, now)
+        self._open[block] = asked
+        while len(self._open) > _MOST_REQUESTS:
+            oldest = next(iter(self._open))
+            del self._open[oldest]
+            del self._order[oldest]
+        return self._order[block][: asked.count]
+
+    def answers(self, station: int, block: Block, now: float) -> bool:
+        """A station answers; whether it was asked. The request then waits for the rest of its answer."""
+        asked = self._open.get(block)
+        if asked is None or now - asked.at > _FORGOTTEN_S or station not in self._order[block][: asked.count]:
+            return False
+        self._open[block] = _Asked(asked.count, now, asked.at)
+        return True
 
 
 class BasePlaces:

@@ -52,7 +52,7 @@ class Sending:
 
 
 class Operators:
-    """What stations have said about their operators."""
+    """The places and ids of operators, as stations and configuration say them."""
 
     def __init__(self, ids: Mapping[int, str]) -> None:
         """`ids`: the operator ids of the configuration, by system id; they go before what programs say."""

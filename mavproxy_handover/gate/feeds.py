@@ -22,7 +22,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
-from mavproxy_handover.core.feeds import BasePlaces, FeedKind, FeedSettings, Source, Unnamed
+from mavproxy_handover.core.feeds import BasePlaces, Block, FeedKind, FeedSettings, Source, TerrainRequests, Unnamed
 from mavproxy_handover.gate.in_force import AuthorityInForce
 from mavproxy_handover.gate.judge import Fate, GateReason, Verdict
 from mavproxy_handover.gate.policy.messages import FEED_MESSAGES
@@ -103,6 +103,7 @@ class Feeds:
         self._names = names
         self._in_force = in_force
         self._fault = fault
+        self._terrain = TerrainRequests(settings.rules[FeedKind.TERRAIN])
         self._places = BasePlaces(settings.rtk_apart_m)
         self._readers = {station: BaseReader() for station in names}
         self._purses: dict[tuple[int, FeedKind], _Purse] = {}
@@ -136,7 +137,12 @@ class Feeds:
             return self._tell(station, kind, GateReason.FEED_TOO_MUCH, now)
         if not _plausible(frame):
             return self._tell(station, kind, GateReason.FEED_SENSELESS, now)
-        return self._offer(frame, kind, station, now) if rule.named else GateReason.ALLOWED
+        if not rule.named:
+            return GateReason.ALLOWED
+        if kind is FeedKind.TERRAIN:
+            asked = self._terrain.answers(station, _block(frame), now)
+            return GateReason.ALLOWED if asked else GateReason.FEED_STANDBY
+        return self._offer(frame, kind, station, now)
 
     def _offer(self, frame: Frame, kind: FeedKind, station: int, now: float) -> GateReason:
         source, armed = self.sources[kind], self._in_force.view.armed
@@ -168,6 +174,17 @@ class Feeds:
             return False
         purse.left -= size
         return True
+
+    def terrain_asked(self, frame: Frame, receivers: list[int], now: float) -> list[int]:
+        """The stations that get a TERRAIN_REQUEST of the autopilot. `receivers`: those that hear everything now."""
+        if not self.sources[FeedKind.TERRAIN].rule.named:
+            return receivers
+        try:
+            asked = self._terrain.ask(_block(frame), self._in_force.view.commander, now)
+        except Exception:
+            self._fault("feeds", traceback.format_exc(limit=-3))
+            return receivers
+        return [*receivers, *(station for station in asked if station not in receivers and station in self._names)]
 
     # ---- time -----------------------------------------------------------------------------------------------------
 
@@ -222,6 +239,11 @@ class Feeds:
             GateReason.FEED_NOT_NAMED: f"'{kind.value}' in [feeds] does not name it",
             GateReason.FEED_TOO_MUCH: "too many bytes in a second",
         }.get(reason, str(reason.value))
+
+
+def _block(frame: Frame) -> Block:
+    lat, lon = (int.from_bytes(field_bytes(frame, name), "little", signed=True) for name in ("lat", "lon"))
+    return lat, lon, field_int(frame, "grid_spacing")
 
 
 def _plausible(frame: Frame) -> bool:

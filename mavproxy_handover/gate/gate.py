@@ -61,6 +61,7 @@ __all__ = ["UNNOTED", "Gate"]
 
 _HEARTBEAT: Final[int] = mavlink.MAVLINK_MSG_ID_HEARTBEAT
 _CONTROL_STATUS: Final[int] = mavlink.MAVLINK_MSG_ID_CONTROL_STATUS
+_TERRAIN_REQUEST: Final[int] = mavlink.MAVLINK_MSG_ID_TERRAIN_REQUEST
 _PARAM_VALUE: Final[int] = mavlink.MAVLINK_MSG_ID_PARAM_VALUE
 #: components of the vehicle that only the companion speaks as (rule 8)
 _OURS: Final = frozenset((COMPANION_COMPID, LANGUAGE_COMPID, PROBE_COMPID))
@@ -212,6 +213,8 @@ class Gate:
             reader = passed.log_turn.reader(now)
             receivers = receivers if reader is None else [reader]
             passed.log_turn.answered(now)
+        if frame.msgid == _TERRAIN_REQUEST and frame.known:
+            receivers = passed.feeds.terrain_asked(frame, receivers, now)
         for station in receivers:
             if frame.msgid in DOWNLOADS:
                 self.downloads.forward(self._ports[station], frame, raw, now)

@@ -41,7 +41,7 @@ _LIVENESS: Final = Access.LIVENESS
 
 @dataclass(frozen=True, slots=True)
 class GateSettings:
-    """What the configuration says of the gate, and what stations say of their operators."""
+    """Settings of the gate from the configuration, and the operators as stations say them."""
 
     observers: ObserverLimits = field(default_factory=ObserverLimits)
     feeds: FeedSettings = field(default_factory=FeedSettings)

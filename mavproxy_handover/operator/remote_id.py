@@ -36,7 +36,7 @@ _MISSING_S, _AGAIN_S = 5.0, 60.0
 
 @dataclass(frozen=True, slots=True)
 class RemoteIdSources:
-    """What is known of operators. `package`: the mission on board; `utc`: the time (s)."""
+    """Sources of the operator's place. `package`: the mission on board; `utc`: the time (s)."""
 
     in_force: AuthorityInForce
     operators: Operators

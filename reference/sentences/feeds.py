@@ -38,6 +38,13 @@ _SENTENCES: Final = (
         "The vehicle has Remote ID (DID_ENABLE 1), and nothing says where the operator of the commander is.",
         "Write 'place' in the mission's [[stations]], or have the station's program send OPEN_DRONE_ID_SYSTEM.",
     ),
+    Sentence(
+        "The mission's terrain is at {metres} m where the autopilot's home is at {value} m: it is not sent to the "
+        "autopilot. Use heights above the sea.",
+        Level.WARNING,
+        "The heights of the mission's terrain count from another level than the autopilot's.",
+        "Use a grid with heights above the sea, and set home where the plan has it.",
+    ),
 )
 _WHY: Final = (
     Sentence(

@@ -9,7 +9,7 @@ from collections import Counter
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mavproxy_handover.core.feeds import BasePlaces, FeedKind, FeedRule, FeedSettings, Source, Unnamed
+from mavproxy_handover.core.feeds import BasePlaces, FeedKind, FeedRule, FeedSettings, Source, TerrainRequests, Unnamed
 
 A, B, C = 251, 252, 253
 RULE = FeedRule(3.0, (A, B), named=True)
@@ -165,3 +165,38 @@ def test_without_a_configuration_all_is_as_before_there_were_feeds() -> None:
         FeedKind.RTK,
         FeedKind.TERRAIN,
     }
+
+
+class TestTerrain:
+    """Requests for terrain."""
+
+    BLOCK = (520_000_000, 40_000_000, 100)
+
+    def test_the_commander_is_asked_first_and_then_the_others_in_their_order(self) -> None:
+        requests = TerrainRequests(FeedRule(4.0, (A, B, C), named=True))
+        found = [requests.ask(self.BLOCK, B, now) for now in (0.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0, 14.0)]
+        assert found == [(B,), (B,), (B, A), (B, A), (B, A, C), (B, A, C), (B, A, C), (B, A, C)]
+
+    def test_a_commander_that_is_not_named_is_not_asked(self) -> None:
+        requests = TerrainRequests(FeedRule(4.0, (A,), named=True))
+        assert requests.ask(self.BLOCK, B, 0.0) == (A,)
+        assert requests.ask(self.BLOCK, B, 9.0) == (A,)
+
+    def test_a_station_answers_what_it_was_asked_and_nothing_else(self) -> None:
+        requests = TerrainRequests(FeedRule(4.0, (A, B), named=True))
+        assert not requests.answers(A, self.BLOCK, 0.0)
+        requests.ask(self.BLOCK, A, 0.0)
+        assert requests.answers(A, self.BLOCK, 1.0)
+        assert not requests.answers(B, self.BLOCK, 1.0)
+        assert not requests.answers(A, (1, 2, 3), 1.0)
+        assert requests.ask(self.BLOCK, A, 4.5) == (A,), "it is at it"
+        assert requests.ask(self.BLOCK, A, 5.5) == (A, B)
+        assert requests.answers(B, self.BLOCK, 6.0)
+        assert not requests.answers(B, self.BLOCK, 60.0), "long forgotten"
+
+    def test_the_open_requests_are_bounded(self) -> None:
+        requests = TerrainRequests(FeedRule(4.0, (A,), named=True))
+        for number in range(1000):
+            requests.ask((number, 0, 100), A, number / 1000)
+        assert not requests.answers(A, (900, 0, 100), 1.0)
+        assert requests.answers(A, (999, 0, 100), 1.0)

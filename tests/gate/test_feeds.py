@@ -21,7 +21,7 @@ from mavproxy_handover.gate.judge import Fate, GateReason, StationIdentity
 from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.wire.frames import Frame
 from tests.gate.door import Door
-from tests.gate.ledger import GCSA, GCSB, GCSC, SENDERS, VIEWS, A, B, C
+from tests.gate.ledger import GCSA, GCSB, GCSC, SENDERS, VEHICLE, VIEWS, A, B, C
 from tests.wire.rtcm_frames import base
 
 Make = Callable[..., Frame]
@@ -100,7 +100,7 @@ def test_every_feed_of_every_sender_in_every_view(
 
 
 @pytest.mark.parametrize("view", VIEWS)
-@pytest.mark.parametrize("name", list(MESSAGES))
+@pytest.mark.parametrize("name", [name for name in MESSAGES if name != "TERRAIN_DATA"])
 def test_of_several_that_are_named_one_passes(make: Make, name: str, view: AuthorityView) -> None:
     door = Door(feeds=settings(GCSA, GCSB, kinds=list(FeedKind)))
     door.change(view)
@@ -248,8 +248,36 @@ SENSELESS = [
 @pytest.mark.parametrize(("name", "fields"), SENSELESS)
 def test_values_that_cannot_be_do_not_pass(make: Make, name: str, fields: dict[str, Any]) -> None:
     door = door_with(settings(GCSA, kinds=list(FeedKind)))
+    if name == "TERRAIN_DATA":
+        door.down(make("TERRAIN_REQUEST", sysid=VEHICLE, compid=1))
     assert door.up(A, make(name, **fields)).verdict.reason is GateReason.FEED_SENSELESS
     assert door.up(A, make(name)).verdict.fate is Fate.FORWARD
+
+
+def test_terrain_is_asked_of_the_commander_and_then_of_the_next_one(make: Make) -> None:
+    door = door_with(settings(GCSB, GCSC, GCSA, kinds=[FeedKind.TERRAIN]), step_s=0.0)
+    request = make("TERRAIN_REQUEST", sysid=VEHICLE, compid=1, lat=520_000_000, lon=40_000_000, grid_spacing=100)
+    heard = []
+    for _time in range(7):
+        heard.append(door.down(request))
+        door.now += 2.0
+    assert heard == [{GCSA}, {GCSA}, {GCSA, GCSB}, {GCSA, GCSB}, *[{GCSA, GCSB, GCSC}] * 3]
+
+
+def test_terrain_that_no_request_asked_for_does_not_pass(make: Make) -> None:
+    door = door_with(settings(GCSB, GCSA, kinds=[FeedKind.TERRAIN]))
+    block = {"lat": 520_000_000, "lon": 40_000_000, "grid_spacing": 100}
+    data = {sysid: make("TERRAIN_DATA", sysid=sysid, **block) for sysid in (GCSA, GCSB, GCSC)}
+    assert door.up(A, data[GCSA]).verdict.fate is Fate.DROP
+    door.down(make("TERRAIN_REQUEST", sysid=VEHICLE, compid=1, **block))
+    assert door.up(A, data[GCSA]).verdict.fate is Fate.FORWARD
+    assert door.up(B, data[GCSB]).verdict.reason is GateReason.FEED_STANDBY
+    assert door.up(C, data[GCSC]).verdict.reason is GateReason.FEED_NOT_NAMED
+
+
+def test_without_a_configuration_the_commander_alone_hears_the_request(make: Make) -> None:
+    door = door_with(FeedSettings())
+    assert door.down(make("TERRAIN_REQUEST", sysid=VEHICLE, compid=1)) == {GCSA}
 
 
 def test_a_fault_of_the_feeds_drops_feeds_and_nothing_else(make: Make, monkeypatch: pytest.MonkeyPatch) -> None:

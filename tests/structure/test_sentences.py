@@ -82,6 +82,7 @@ EXEMPT = {
         "frame that passed",
         "news of feeds",
         "Remote ID of a station",
+        "answering a terrain request",
     ),
     "the name of a subject in 'N more entries of STATION left out: SUBJECT'": (
         "refused frames in its name without a valid signature",

@@ -383,6 +383,10 @@ class EventLog:
         """The place of the commander's operator is not known."""
         self._journal.write("remote_id", text, station=station)
 
+    def terrain_refused(self, text: str) -> None:
+        """The mission's heights of the ground are not sent to the autopilot."""
+        self._write_and_tell("terrain", text)
+
     def command_refused(self, station: str, word: str, ruling: Ruling) -> None:
         """A command of the commander would leave energy, fence or coverage."""
         limits = [limit.value for limit in ruling.limits]
