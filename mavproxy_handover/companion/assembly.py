@@ -35,14 +35,14 @@ from mavproxy_handover.gate.passed import GateSettings, PassedFrames
 from mavproxy_handover.gate.replies import GateReports
 from mavproxy_handover.gate.stale_streams import News
 from mavproxy_handover.operator.base.context import Authority, Reports
-from mavproxy_handover.operator.remote_id import RemoteId, RemoteIdSources
 from mavproxy_handover.operator.stations.announcer import Announcer
 from mavproxy_handover.operator.stations.event_log import EventLog
 from mavproxy_handover.operator.stations.missing_heartbeats import MissingHeartbeats
 from mavproxy_handover.operator.stations.port import StationPort
 from mavproxy_handover.operator.stations.sender import MessageSender
-from mavproxy_handover.operator.terrain_answers import TerrainAnswers
 from mavproxy_handover.operator.uploads.package_loading import MissionSurroundings
+from mavproxy_handover.operator.vehicle.remote_id import RemoteId, RemoteIdSources
+from mavproxy_handover.operator.vehicle.terrain_answers import TerrainAnswers
 from mavproxy_handover.store.journal import Journal, strangers_path
 from mavproxy_handover.store.state_store import StateStore
 from mavproxy_handover.tools.schedule import attempt
