@@ -26,6 +26,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path, PurePosixPath
 from typing import Final
 
+from mavproxy_handover.cli.keyfiles import keyfile
 from mavproxy_handover.cli.machine import CONFIGURATION, KEYS, STATE, Item, below, files, uplink
 from mavproxy_handover.config.files import ConfigError, StationConfig, VehicleConfig, load_station, load_vehicle
 from mavproxy_handover.config.sample import station_sample, vehicle_sample
@@ -51,6 +52,9 @@ _AFTER: Final = (
     # gives an existing line its name and its user now
     ("udevadm", "trigger", "--subsystem-match=tty", "--action=change"),
 )
+_CONNECTIONS: Final = (("nmcli", "connection", "reload"),)
+#: NetworkManager: while it runs; where an image has it
+_RUNS, _PROGRAM = PurePosixPath("/run/NetworkManager"), PurePosixPath("/usr/sbin/NetworkManager")
 _Config = VehicleConfig | StationConfig
 
 
@@ -72,6 +76,13 @@ def install(argv: Sequence[str]) -> int:
     parser.add_argument("--program", help="the command handover (default: of this installation)")
     parser.add_argument("--wifi", metavar="IF[=ADDR/BITS[,GW]]", help="interface with a routing table of its own")
     parser.add_argument("--lte", metavar="IF[=ADDR/BITS[,GW]]", help="the same for the modem")
+    parser.add_argument("--ssid", metavar="NAME", help="the Wi-Fi network, where NetworkManager runs")
+    parser.add_argument(
+        "--network",
+        choices=("auto", "networkd", "networkmanager"),
+        default="auto",
+        help="which program has the interfaces (auto: NetworkManager where it is, else networkd)",
+    )
     parser.add_argument("--print", action="store_true", help="print what would be written, and end")
     return _run(parser, argv, _install, changes=lambda arguments: not arguments.print)
 
@@ -150,7 +161,9 @@ def _install(arguments: argparse.Namespace, root: Path) -> None:
         uplink(role, text) for role, text in (("wifi", arguments.wifi), ("lte", arguments.lte)) if text is not None
     )
     configuration, lines = _configuration(kind, arguments.config, root, force=arguments.force)
-    found = [*files(kind, program, arguments.device, ways, lines), *configuration]
+    managed = bool(ways) and _has_network_manager(arguments.network, root)
+    networks = [keyfile(way, arguments.ssid) for way in ways] if managed else []
+    found = [*files(kind, program, arguments.device, () if managed else ways, lines), *networks, *configuration]
     if arguments.print:
         for item in found:
             print(f"# {item.path}  (mode {item.mode:04o}{', if there is none' if item.kept else ''})\n")
@@ -160,8 +173,16 @@ def _install(arguments: argparse.Namespace, root: Path) -> None:
         _can_be_run(program)
     anew = arguments.force and arguments.config is not None
     _write_all(root, kind, found, force=arguments.force, anew=anew)
-    _run_these(_AFTER if arguments.root is None else ())
+    after = (*_AFTER, *(_CONNECTIONS if managed else ()))
+    _run_these(after if arguments.root is None else ())
     print(f"\nedit {CONFIGURATION[kind]}, then: systemctl enable --now handover-{kind} handover-logs.timer")
+
+
+def _has_network_manager(asked: str, root: Path) -> bool:
+    """Whether NetworkManager has the interfaces: it runs here, or is in the image below `root`."""
+    if asked != "auto":
+        return asked == "networkmanager"
+    return below(root, _RUNS if root == _HERE else _PROGRAM).exists()
 
 
 def _can_be_run(program: str) -> None:

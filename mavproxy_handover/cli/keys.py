@@ -16,6 +16,8 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any, Final
 
+from mavproxy_handover.cli.key_bundle import make_bundle
+from mavproxy_handover.config.files import ConfigError
 from mavproxy_handover.store.keys import (
     KeysError,
     StationKeys,
@@ -55,12 +57,21 @@ No station is cut off: a running companion has its keys in memory, and a new one
 If another person may have the old key, do all three before the next flight. Until step 3 the gate accepts it."""
 
 
+_BUNDLED: Final = """\
+It has secret keys in it: bring it by a way that no other person can read, then delete the copies. At the station:
+  tar xzf {archive} && cd {name}
+  handover station --config {config}"""
+
 _CODES: Final = {0: "done", 1: "a key cannot be used", 2: "wrong usage: nothing was done"}
 _EXAMPLES: Final = {
     "make": (("handover keys make GCSA GCSB", "a key for each of two stations, shown once as a passphrase"),),
     "list": (("handover keys list", "the keys in ./keys, with their fingerprints"),),
     "rotate": (("handover keys rotate GCSB", "a new key; the old one is accepted until it is retired"),),
     "retire": (("handover keys retire GCSB", "the old key is not accepted any more"),),
+    "bundle": (
+        ("handover keys bundle GCSA", "GCSA-bundle.tar.gz, of ./GCSA.toml and the keys that it names"),
+        ("handover keys bundle GCSA --config stations/GCSA.toml --out GCSA.tar.gz", "of another folder"),
+    ),
     "check": (("handover keys check --dir /etc/handover/keys", "whether every key of this machine can be used"),),
 }
 
@@ -96,6 +107,10 @@ def main(argv: Sequence[str]) -> int:
     retire = command("retire", _retire, "end a rotation: remove the old key")
     retire.add_argument("name", metavar="NAME", help="the station whose key was rotated")
     check = command("check", _check, "check that every key can be used: mode, owner, content, no two alike")
+    bundle = command("bundle", _bundle, "one archive with what one station needs, and no other station's key")
+    bundle.add_argument("name", metavar="NAME", help="station, as in the configuration")
+    bundle.add_argument("--config", type=Path, help="the station's configuration (default: ./NAME.toml)")
+    bundle.add_argument("--out", type=Path, help="the archive (default: ./NAME-bundle.tar.gz)")
     for one in (make, rotate):
         one.add_argument("--passphrase-stdin", action="store_true", help="read the passphrase from standard input")
     for one in (listing, check):
@@ -104,12 +119,12 @@ def main(argv: Sequence[str]) -> int:
     try:
         arguments = parser.parse_args(argv)
         if arguments.run is None:
-            parser.error("what is to be done? make, list, rotate, retire or check")
+            parser.error("what is to be done? make, list, rotate, retire, check or bundle")
     except SystemExit as stop:
         return int(stop.code or 0)
     try:
         code: int = arguments.run(arguments)
-    except KeysError as error:
+    except (KeysError, ConfigError) as error:
         print(f"handover keys: {error}", file=sys.stderr)
         return 2
     return code
@@ -138,6 +153,22 @@ def _make(arguments: argparse.Namespace) -> int:
     if not arguments.passphrase_stdin:
         _make_ground(folder, names)
         print("\n" + typing_help("make", names[0] if len(names) == 1 else "NAME"))
+    return 0
+
+
+def _bundle(arguments: argparse.Namespace) -> int:
+    name: str = arguments.name
+    key_path(Path(), name)  # a name that can be a file's
+    config = arguments.config or Path(f"{name}.toml")
+    out = arguments.out or Path(f"{name}-bundle.tar.gz")
+    try:
+        entries = make_bundle(name, config, out)
+    except OSError as error:
+        raise KeysError(f"{error.filename or out}: {error.strerror}. Nothing was written") from None
+    print(f"{out} written, readable by you alone:")
+    for entry in entries:
+        print(f"  {entry.name}")
+    print(_BUNDLED.format(name=name, archive=out.name, config=Path(entries[0].name).name))
     return 0
 
 

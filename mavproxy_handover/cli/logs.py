@@ -5,13 +5,14 @@
 from __future__ import annotations
 
 import json
+import shutil
 import sys
 from collections.abc import Sequence
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import Final
 
-from mavproxy_handover.store.flights import Flight, delete, flights, to_go
+from mavproxy_handover.store.flights import Flight, Room, delete, flights, to_go
 from mavproxy_handover.tools.command_line import CommandParser
 
 __all__ = ["main"]
@@ -27,6 +28,7 @@ def main(argv: Sequence[str]) -> int:
         examples=(
             ("handover logs", "the flights on this machine, the oldest first"),
             ("handover logs prune --keep-days 30 --dry-run", "what would be deleted"),
+            ("handover logs prune --keep-free 5", "the oldest go until 5 GB of the disk are free"),
         ),
         codes={0: "done", 1: "a folder could not be deleted", 2: "wrong usage, or no such folder"},
         description="List the folders of flights, the oldest first; with `prune`, delete what is older or more than is "
@@ -37,6 +39,7 @@ def main(argv: Sequence[str]) -> int:
     parser.add_argument("--json", action="store_true", help="list: for programs")
     parser.add_argument("--keep-days", type=_number, default=90.0, metavar="D", help="prune: as long (90)")
     parser.add_argument("--keep-gb", type=_number, default=20.0, metavar="G", help="prune: and no more than that (20)")
+    parser.add_argument("--keep-free", type=_number, default=0.0, metavar="G", help="prune: so many GB stay free (0)")
     parser.add_argument("--dry-run", action="store_true", help="prune: only say what would go")
     try:
         arguments = parser.parse_args(argv)
@@ -48,7 +51,8 @@ def main(argv: Sequence[str]) -> int:
         print(f"handover logs: {error.filename}: {error.strerror}", file=sys.stderr)
         return 2
     if arguments.what == "prune":
-        gone = to_go(found, datetime.now(timezone.utc), arguments.keep_days, arguments.keep_gb * 1e9)
+        room = Room(arguments.keep_free * 1e9, shutil.disk_usage(arguments.logs).free)
+        gone = to_go(found, datetime.now(timezone.utc), arguments.keep_days, arguments.keep_gb * 1e9, room)
         return _prune(gone, dry=arguments.dry_run)
     _list(found, as_json=arguments.json)
     return 0

@@ -18,7 +18,7 @@ from mavproxy_handover.config.files import ConfigError
 from mavproxy_handover.link.forms import Kind, LinkError, parse_device
 from mavproxy_handover.tools.resources import DEPLOY
 
-__all__ = ["CONFIGURATION", "KEYS", "LINE", "STATE", "Item", "Uplink", "below", "files", "uplink"]
+__all__ = ["CONFIGURATION", "KEYS", "LINE", "STATE", "TABLES", "Item", "Uplink", "below", "files", "uplink"]
 
 _TEMPLATES: Final = DEPLOY / "install"
 #: kind -> its configuration
@@ -32,7 +32,7 @@ STATE: Final = PurePosixPath("/var/lib/handover")
 #: name of the autopilot's line, whatever port it is plugged into
 LINE: Final = PurePosixPath("/dev/handover-autopilot")
 #: routing tables of the two uplinks; usual machines use no such numbers
-_TABLES: Final = {"wifi": 101, "lte": 102}
+TABLES: Final = {"wifi": 101, "lte": 102}
 #: `/dev/serial/by-id` of a USB device, as udev makes it
 _BY_ID: Final = re.compile(r"usb-(?P<serial>[A-Za-z0-9_.:#+=@-]+)-if(?P<interface>[0-9a-f]{2})(-port(?P<port>\d+))?")
 _INTERFACE: Final = re.compile(r"[A-Za-z0-9_.-]{1,15}")
@@ -42,6 +42,8 @@ _TTY: Final = re.compile(r"(?P<kind>tty[A-Za-z]+)\d+")
 #: service may not use drivers that were not listed when it started (DeviceAllow=)
 _MODULES: Final = {"ttyACM": "cdc_acm", "ttyUSB": "usbserial"}
 _MODULE: Final = "Wants=modprobe@{0}.service\nAfter=modprobe@{0}.service"
+#: a start of the computer waits for the clock, and not for ever
+_CLOCK: Final = PurePosixPath("/etc/systemd/system/systemd-time-wait-sync.service.d/10-handover.conf")
 #: prefix length of a network with one address
 _ALONE: Final = 32
 
@@ -125,6 +127,8 @@ def files(
     rules = _rules(kind, ours, radios)
     if rules:
         found.append(Item(PurePosixPath(f"/etc/udev/rules.d/70-handover-{kind}.rules"), rules))
+    if kind == "companion":
+        found.append(Item(_CLOCK, _template("clock.conf")))
     found += [_network(each) for each in uplinks]
     return found
 
@@ -201,7 +205,7 @@ def _network(way: Uplink) -> Item:
 
     Unbound sockets use Wi-Fi, and LTE if there is no Wi-Fi.
     """
-    table = _TABLES[way.role]
+    table = TABLES[way.role]
     rules, routes = [f"OutgoingInterface={way.interface}"], []
     if way.address is not None:
         rules.append(f"From={way.address.ip}")

@@ -26,10 +26,11 @@ from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime, timezone
+from math import inf
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
-__all__ = ["LATEST", "Flight", "begin", "delete", "flights", "latest_flight", "to_go"]
+__all__ = ["LATEST", "Flight", "Room", "begin", "delete", "flights", "latest_flight", "to_go"]
 
 LATEST: Final = "latest"
 #: lock file, and file with the facts about the run
@@ -164,10 +165,23 @@ def _is_held(path: Path) -> bool:
     return False
 
 
-def to_go(found: Iterable[Flight], now: datetime, keep_days: float, keep_bytes: float) -> list[Flight]:
+class Room(NamedTuple):
+    """Bytes that stay free on the disk, and those that are free now."""
+
+    keep: float = 0.0
+    free: float = inf
+
+
+NO_ROOM: Final = Room()
+
+
+def to_go(
+    found: Iterable[Flight], now: datetime, keep_days: float, keep_bytes: float, room: Room = NO_ROOM
+) -> list[Flight]:
     """Folders that may be deleted, never a locked one.
 
-    First those that ended more than `keep_days` ago, then the oldest, until the rest has at most `keep_bytes`.
+    First those that ended more than `keep_days` ago, then the oldest, until the rest has at most `keep_bytes` and the
+    disk has its `room`.
     """
     gone: list[Flight] = []
     kept: list[Flight] = []
@@ -175,12 +189,14 @@ def to_go(found: Iterable[Flight], now: datetime, keep_days: float, keep_bytes: 
         old = (now - flight.ended).total_seconds() > keep_days * _DAY_S
         (gone if old and not flight.held else kept).append(flight)
     size = sum(flight.size for flight in kept)
+    free = room.free + sum(flight.size for flight in gone)
     for flight in kept:
-        if size <= keep_bytes:
+        if size <= keep_bytes and free >= room.keep:
             break
         if not flight.held:
             gone.append(flight)
             size -= flight.size
+            free += flight.size
     return gone
 
 

@@ -433,6 +433,7 @@ def test_everything_lies_below_the_root_with_its_mode_and_is_taken_back(
         "etc/systemd/system/handover-companion.service",
         "etc/systemd/system/handover-logs.service",
         "etc/systemd/system/handover-logs.timer",
+        "etc/systemd/system/systemd-time-wait-sync.service.d/10-handover.conf",
         "etc/sysusers.d/handover.conf",
         "etc/tmpfiles.d/handover.conf",
         "etc/udev/rules.d/70-handover-companion.rules",
